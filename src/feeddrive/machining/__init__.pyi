@@ -8,3 +8,17 @@ from feeddrive.machining.load import SpindleLoad as SpindleLoad
 from feeddrive.machining.load import axis_load as axis_load
 from feeddrive.machining.load import machine_load as machine_load
 from feeddrive.machining.load import spindle_load as spindle_load
+from feeddrive.machining.lobe_theory import ZeroOrder as ZeroOrder
+from feeddrive.machining.lobe_theory import semi_discretisation as semi_discretisation
+from feeddrive.machining.lobe_theory import zero_order as zero_order
+from feeddrive.machining.lobes import CutStability as CutStability
+from feeddrive.machining.lobes import Lobes as Lobes
+from feeddrive.machining.lobes import cut_stability as cut_stability
+from feeddrive.machining.lobes import lobes as lobes
+from feeddrive.machining.regeneration import Regeneration as Regeneration
+from feeddrive.machining.regeneration import arc as arc
+from feeddrive.machining.regeneration import regeneration as regeneration
+from feeddrive.machining.tool_point import ToolMode as ToolMode
+from feeddrive.machining.tool_point import ToolPoint as ToolPoint
+from feeddrive.machining.tool_point import tool_modes as tool_modes
+from feeddrive.machining.tool_point import tool_point as tool_point

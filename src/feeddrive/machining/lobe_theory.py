@@ -85,7 +85,7 @@ def _lines(tool: Any) -> tuple[np.ndarray, np.ndarray, list[int]]:
         frequency = frequency[frequency > 0.0]
         kept = tool.directions()
         return frequency, tool.response(frequency)[np.ix_(range(frequency.size), kept, kept)], kept
-    given = (tool,) if isinstance(tool, FRF) else tuple(tool)
+    given: list[Any] = [tool] if isinstance(tool, FRF) else list(tool)
     if not given or len(given) > 2 or not all(isinstance(each, FRF) for each in given):
         raise ParameterError("zero_order takes a ToolPoint, an FRF along the feed, or a pair of FRFs: feed and normal")
     for each in given:
@@ -119,9 +119,9 @@ def semi_discretisation(
 ) -> np.ndarray:
     """All multipliers µ of a cut by semi-discretization, the largest first; speed in rpm, axial depth in m.
 
-    The tooth period is cut into `steps`; over each the coefficients are their means, and the delayed value is the mean of
-    its ends (order 0) or a straight line (order 1).  The error falls with steps²; the usual 40 are 6 % off in |µ| where a
-    mode swings 5 times between two teeth, and ω τ / steps <= 0.05 is needed for 2e-4.
+    The tooth period is cut into `steps`; over each the coefficients are their means, and the delayed value is the mean
+    of its ends (order 0) or a straight line (order 1).  The error falls with steps²; the usual 40 are 6 % off in |µ|
+    where a mode swings 5 times between two teeth, and ω τ / steps <= 0.05 is needed for 2e-4.
     Straight edges only, as in the source; without process damping.  Raises ParameterError for others.
     Source: Insperger & Stépán 2002 and 2004, Semi-discretization method for delayed systems.
     """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -60,7 +60,7 @@ class CutStability(Result):
 
     @property
     def kind(self) -> str:
-        """How it becomes unstable at the limit: "hopf", a beat beside the teeth; "flip", every second tooth; or "none"."""
+        """The border at the limit: "hopf", a beat beside the teeth; "flip", every second tooth; or "none"."""
         return kind_of(self.limit_multiplier) if np.isfinite(self.limit) else "none"
 
     def sentence(self) -> str:
@@ -186,7 +186,9 @@ def lobes(
     point, cut = as_tool_point(tool), regeneration(cutter, **changes)
     speeds = np.atleast_1d(np.asarray(spindle_speeds, float))
     if not speeds.size or not np.all(np.isfinite(speeds) & (speeds > 0.0)):
-        raise ParameterError("spindle_speeds must be one or more numbers > 0, in rpm: a spindle that stands does not mill")
+        raise ParameterError(
+            "spindle_speeds must be one or more numbers > 0, in rpm: a spindle that stands does not mill"
+        )
     first, most = _range(point, cut, deepest)
     found: list[tuple[float, complex, float]] = []
     ranges: list[tuple[float, float, float]] = []
@@ -230,8 +232,8 @@ def as_tool_point(tool: Dynamics | Any) -> ToolPoint:
         return tool
     if isinstance(tool, FRF):
         raise ParameterError(
-            "lobes need modes, not a measured response: zero_order takes it as it is; for the exact limits fit modes to "
-            "it (identification.fit_modes) and give them as tool_modes(ToolMode(...), ...)"
+            "lobes need modes, not a measured response: zero_order takes it as it is; for the exact limits fit modes "
+            "to it (identification.fit_modes) and give them as tool_modes(ToolMode(...), ...)"
         )
     return tool_point(tool)
 
@@ -271,7 +273,7 @@ def _borders(
         return float(np.log(np.abs(passage.multipliers([depth])[0])))
 
     def root(low: float, high: float) -> float:
-        near = brentq(lambda a: growth(coarse, a), low, high, xtol=1e-5 * high)
+        near = _root(lambda a: growth(coarse, a), low, high, 1e-5)
         exact = fine.flips()
         exact = exact[np.abs(exact - near) < 1e-3 * near]
         if exact.size and kind_of(complex(coarse.multipliers([near])[0])) == "flip":
@@ -279,7 +281,7 @@ def _borders(
         for reach in (1e-3, 0.02, 0.1):
             ends = (near * (1.0 - reach), near * (1.0 + reach))
             if growth(fine, ends[0]) * growth(fine, ends[1]) < 0.0:
-                return float(brentq(lambda a: growth(fine, a), *ends, xtol=1e-12 * high, rtol=_DIGITS))
+                return _root(lambda a: growth(fine, a), *ends, _DIGITS)
         raise ParameterError(
             f"at {speed:g} rpm the limit near {1e3 * near:.4g} mm is lost between two grids of points: leave out modes "
             f"that are far above the teeth"
@@ -298,7 +300,7 @@ def _borders(
             now = float(np.log(np.abs(multiplier)))
             last, before = past[-1]
             if len(past) > 1 and before < 0.0 and now < before > past[-2][1]:
-                top = minimize_scalar(
+                top: Any = minimize_scalar(
                     lambda a: -growth(coarse, a), bounds=(past[-2][0], float(depth)), method="bounded",
                     options={"xatol": 1e-4 * last},
                 )  # fmt: skip
@@ -312,6 +314,11 @@ def _borders(
                 if not every:
                     return
             past = [past[-1], (float(depth), now)]
+
+
+def _root(growth: Callable[[float], float], low: float, high: float, digits: float) -> float:
+    found: Any = brentq(growth, low, high, xtol=digits * high, rtol=np.float64(max(digits, 1e-14)))
+    return float(found)
 
 
 def _at(passage: ToothPassage, point: ToolPoint, limit: float) -> tuple[float, complex, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,14 +25,14 @@ class Piece(NamedTuple):
 
 @dataclass(frozen=True)
 class Regeneration:
-    """What a tool with equally spaced teeth answers to a motion r = (feed t, normal n) of tool against work, per depth a.
+    """What a tool with equally spaced teeth answers to a motion r = (feed t, normal n) of tool against work.
 
         F     = -a H(φ) (r(t) - r(t - τ)) - a P(φ) r'(t),   τ = 60/(teeth · rpm)
         H(φ)  = Σ over engaged edges of [[s (Kt c + Kn s), c (Kt c + Kn s)], [s (Kn c - Kt s), c (Kn c - Kt s)]]
         P(φ)  = Σ over engaged edges of process_damping/V_c · [[s², s c], [s c, c²]],   s = sin v, c = cos v
 
-    of edges at v = φ + 2πj/teeth; on helical edges v runs from the tip back by `lag` · a, and H and P are the means over
-    the depth.  t, n, v as in `HelicalCutter`: clockwise seen from the spindle, v from -t... entry 0 in up milling.
+    a is the axial depth, v = φ + 2πj/teeth; on helical edges v runs from the tip back by `lag` · a, and H and P are the
+    means over the depth.  t, n and v are those of `HelicalCutter`; up milling begins at v = 0.
 
     tangential, radial   Kt and Kn, force per area of chip, N/m²
     entry, leave         angles between which a tooth is in the work, rad
@@ -70,9 +71,13 @@ class Regeneration:
                 f"multiply by 1e6, {1e6 * self.tangential:g} N/m2"
             )
         if self.lag < 0.0 or self.process_damping < 0.0:
-            raise ParameterError(f"lag = {self.lag:g} rad/m and process_damping = {self.process_damping:g} must be >= 0")
+            raise ParameterError(
+                f"lag = {self.lag:g} rad/m and process_damping = {self.process_damping:g} must be >= 0"
+            )
         if self.process_damping > 0.0 and not self.diameter > 0.0:
-            raise ParameterError("process_damping acts on the cutting speed: give the diameter of the tool in m as well")
+            raise ParameterError(
+                "process_damping acts on the cutting speed: give the diameter of the tool in m as well"
+            )
 
     @property
     def pitch(self) -> float:
@@ -92,9 +97,9 @@ class Regeneration:
         for angle in (self.entry, self.leave, self.entry + lag, self.leave + lag):
             borders.add(angle % self.pitch)
         ends = sorted(borders)
-        kept = [ends[0]] + [b for a, b in zip(ends, ends[1:], strict=False) if b - a > _APART]
+        kept = [ends[0]] + [b for a, b in pairwise(ends) if b - a > _APART]
         kept[-1] = self.pitch
-        for begin, end in zip(kept, kept[1:], strict=False):
+        for begin, end in pairwise(kept):
             middle = 0.5 * (begin + end)
             yield Piece(begin, end, any(upper > lower for _, lower, upper in self._edges(middle, lag)))
 

@@ -58,9 +58,7 @@ class ToolPoint(Result):
         n, m = self.A.shape[0], other.A.shape[0]
         A = np.zeros((n + m, n + m))
         A[:n, :n], A[n:, n:] = self.A, other.A
-        return ToolPoint(
-            A, np.vstack([self.B, other.B]), np.hstack([self.C, other.C]), max(self.missed, other.missed)
-        )
+        return ToolPoint(A, np.vstack([self.B, other.B]), np.hstack([self.C, other.C]), max(self.missed, other.missed))
 
     def turned(self, angle: float) -> ToolPoint:
         """The same seen from a feed that is turned by an angle in rad, counterclockwise, from t towards n."""
@@ -124,8 +122,9 @@ def tool_point(
         G(jω) = G_d(e^(jωT)) / [(1 - e^(-jωT))/(jωT)]
 
     It has the poles of the model, ln(z)/T, and a rest from hold and dead time that a few fast poles stand for; their
-    residues are fitted to G up to 0.4/T, by least squares.  `missed` says how well; images of the sampling, of the order of (fT)², are
-    left out.  A `MillingCut` of the machine is taken out, since its force is what the lobes add, and names the axes.
+    residues are fitted to G up to 0.4/T, by least squares.  `missed` says how well; images of the sampling, of the
+    order of (fT)², are left out.  A `MillingCut` of the machine is taken out, since its force is what the lobes add,
+    and names the axes.
     Raises UnstableError for a loop that is unstable without a cut, ParameterError for a fit that misses by 1 %.
     """
     if isinstance(system, StateSpace):
@@ -209,8 +208,8 @@ def _continuous(model: StateSpace, lowest: float) -> ToolPoint:
     missed = float(np.max(np.abs(basis @ residues - flat)) / np.max(size))
     if missed > _WORST:
         raise ParameterError(
-            f"the response of the machine at the tool is not that of its poles: a fit misses it by {100.0 * missed:.3g} "
-            f"% of its largest compliance; sample faster, or give the modes themselves (tool_modes)"
+            f"the response of the machine at the tool is not that of its poles: a fit misses it by "
+            f"{100.0 * missed:.3g} % of its largest compliance; sample faster, or give the modes by tool_modes"
         )
     return _realized(poles, residues.reshape(-1, q, q), missed)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import expm, schur
@@ -24,15 +24,15 @@ def _differences(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     x = -np.cos(np.pi * j / n)
     c = np.where((j == 0) | (j == n), 2.0, 1.0) * (-1.0) ** j
     apart = x[:, None] - x[None, :] + np.eye(n + 1)
-    D = np.outer(c, 1.0 / c) / apart
-    D -= np.diag(D.sum(axis=1))
+    derivative = np.outer(c, 1.0 / c) / apart
+    derivative -= np.diag(derivative.sum(axis=1))
     # Clenshaw-Curtis: the integrals of T_k against the values at the points
     k = np.arange(0, n + 1, 2)
     moments = np.zeros(n + 1)
     moments[k] = 2.0 / (1.0 - k.astype(float) ** 2)
     values = np.cos(np.outer(j, np.pi * (n - j) / n))
     weights = np.linalg.solve(values, moments)
-    return x, D, weights
+    return x, derivative, weights
 
 
 class _Passage(NamedTuple):
@@ -67,7 +67,8 @@ class ToothPassage:
         self.cut, self.speed, self.period, self.share = cut, speed, cut.period(speed), share
         self.A, self.B, self.C = tool.moving()
         self.directions = tool.directions()
-        self._T, self._U = schur(self.A, output="complex")
+        found = schur(self.A, output="complex")
+        self._T, self._U = np.asarray(found[0], complex), np.asarray(found[1], complex)
         self._kept: list[_Passage] | None = None
 
     def _passages(self, depth: float) -> list[_Passage]:
@@ -84,7 +85,7 @@ class ToothPassage:
             none = np.zeros((0, 0))
             return _Passage(piece, length, np.zeros(0), np.zeros(0), (none, none), (none, none),
                             (np.zeros((d, 0)), expm(self.A * length)))  # fmt: skip
-        poles = np.diag(self._T)
+        poles: Any = np.diag(self._T)
         vibrations = float(np.max(np.abs(poles.imag))) * length / (2.0 * np.pi)
         turns = (piece.end - piece.begin) / np.pi
         stiff = float(np.max(np.abs(poles.real))) * length
@@ -95,8 +96,8 @@ class ToothPassage:
                 f"50 are resolved: begin at {self.speed * vibrations / 50.0:.4g} rpm, or leave out modes above "
                 f"{50.0 / length:.4g} Hz, which the damping of the process holds there"
             )
-        x, D, weights = _differences(n)
-        D = D * (2.0 / length)
+        x, derivative, weights = _differences(n)
+        D = derivative * (2.0 / length)
         q = self.B.shape[1]
         into = self._U.conj().T @ self.B
         X = np.zeros((d, n, n * q + d), complex)
@@ -108,7 +109,7 @@ class ToothPassage:
             right[:, n * q + k] = -D[1:, 0]
             right += np.tensordot(self._T[k, k + 1 :], X[k + 1 :], axes=1)
             X[k] = np.linalg.solve(D[1:, 1:] - poles[k] * eye, right)
-        y = np.tensordot(self._U, X, axes=1)  # of all states, by the forces and the state in Schur's coordinates
+        y: Any = np.tensordot(self._U, X, axes=1)  # of all states, by the forces and the state in Schur's coordinates
         y[:, :, n * q :] = y[:, :, n * q :] @ self._U.conj().T
         y = y.real
 
@@ -178,8 +179,8 @@ class ToothPassage:
     def flips(self) -> np.ndarray:
         """All axial depths in m, rising, at which a multiplier is -1; of straight edges only.
 
-        y(τ) = -y(0) and r(t - τ) = -r(t) make the motion a linear function G of the force, f = -a (2 H + P d/dt) G f: the
-        depths are the eigenvalues of a matrix, and none is missed, however narrow the tongue above it is.
+        y(τ) = -y(0) and r(t - τ) = -r(t) make the motion a linear function G of the force, f = -a (2 H + P d/dt) G f:
+        the depths are the eigenvalues of a matrix, and none is missed, however narrow the tongue above it is.
         """
         if self.cut.lag:
             return np.zeros(0)
@@ -212,7 +213,7 @@ class ToothPassage:
         return np.sort(-1.0 / real)
 
     def frequency(self, depth: float, tool: ToolPoint) -> float:
-        """Hz at which the vibration of the largest multiplier is strongest: |arg µ|/2πτ + k/τ, k of the largest velocity."""
+        """Hz of the chatter of the largest multiplier: |arg µ|/2πτ + k/τ with the k of the largest velocity."""
         maps, forces = self._maps(np.array([depth]))
         values, vectors = np.linalg.eig(maps[0])
         values = values + 0j

@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from feeddrive.loop.gradient import Gradient
     from feeddrive.loop.linearize import StateSpace
     from feeddrive.loop.simulate import Batch, Run
+    from feeddrive.machining.lobes import Lobes
     from feeddrive.tuning.delay_map import DelayMap
     from feeddrive.tuning.iterative_feedforward import Iteration
     from feeddrive.tuning.placement import Placement
@@ -160,6 +161,12 @@ def stability(found: Stability) -> Any:
 def stiffness(found: Stiffness) -> Any:
     """The stiffness in N/m over frequency in Hz."""
     return frame(found.frequency, {"stiffness": found.magnitude}, "frequency")
+
+
+def lobes(found: Lobes) -> Any:
+    """Limit in m, chatter frequency in Hz and whether the border is a flip, over the spindle speed in rpm."""
+    columns = {"depth": found.depth, "chatter_frequency": found.frequency, "flip": found.flip}
+    return frame(found.spindle_speed, columns, "spindle_speed")
 
 
 def log(log: Log) -> Any:
