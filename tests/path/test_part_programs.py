@@ -419,6 +419,8 @@ def test_a_program_streams(tmp_path: Path):
         ("G0 X#0", (1, 4), "whole number from 1"),
         ("G123", (1, 1), "no such code"),
         ("G38.2 Z-1 F1", (1, 1), "probe"),
+        ("G1 X1 F1\n M98 P100", (2, 2), "o100 call"),
+        ("\N{ZERO WIDTH NO-BREAK SPACE}G0 X1.2.3", (1, 4), "one decimal point"),
         ("G0 X1 (never closed", (1, 7), "no closing parenthesis"),
         ("o1 call", (1, 1), "no subroutine o1"),
         ("o1 sub\no1 call\no1 endsub\no1 call", (2, 1), "50 deep"),
@@ -439,6 +441,17 @@ def test_wrong_programs_are_refused_at_their_place(text: str, place: tuple[int, 
         list(read_program(path, most_again=2000))
     assert (caught.value.line, caught.value.column) == place
     assert str(path) in str(caught.value)
+
+
+def test_text_of_two_bytes_a_character_is_named(tmp_path: Path):
+    for code in ("utf-16", "utf-8-sig"):
+        program(tmp_path, "").write_text("F100 G1 X1\no1 repeat [2]\nX2\nX1\no1 endrepeat\n", encoding=code)
+        found = read_program(tmp_path / "program.ngc")
+        if code == "utf-16":
+            with pytest.raises(ProgramError, match=r"line 1, column 1: .* \(UTF-16\): save it as plain text"):
+                list(found)
+        else:
+            assert sum(isinstance(each, Straight) for each in found) == 5
 
 
 def test_axes_and_travel_of_the_machine(tmp_path: Path):

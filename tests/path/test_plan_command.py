@@ -202,7 +202,8 @@ def refused(folder: Path, text: str, **given: Any) -> str:
         ("G1 X400 F100\n", "line 1, column 4: X: axis X would go to 400 mm in machine coordinates, its travel is"),
         ("G0 X290\nG3 X290 Y40 I0 J20 F100\n", "line 2, column 4: X: axis X would go to 310 mm in machine coordinates"),
         ("G1 Z1 F100\n", "line 1, column 4: Z: "),
-        ("G64 P0.00005\nG1 X1 F100\n", "line 1: P: the tolerance of 5e-05 mm is smaller than the resolution of axis X"),
+        ("G64 P0.00005\nG1 X1 F100\n", "line 1, column 5: P: the tolerance of 5e-05 mm is smaller than the resol"),
+        ("N1 G64 P1001\nG1 X1 F100\n", "line 1, column 8: P: the tolerance of 1001 mm is more than 1000 mm"),
         ("G1 X1\n", "F"),
         ("G1 X1 F0\n", "feed"),
     ],
@@ -220,7 +221,7 @@ def test_a_tolerance_below_rounding_is_refused_without_a_resolution_too(mm: str,
         assert plan(part(tmp_path, text), limits=file, sample_time=1e-2).blocks == 1
         return
     said = refused(tmp_path, text, machine=None, limits=file, sample_time=1e-2)
-    assert "line 2: P: the tolerance of" in said
+    assert "line 2, column 5: P: the tolerance of" in said
     assert "is smaller than the rounding of positions, 1e-09 mm: give a larger one" in said
 
 

@@ -22,8 +22,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from feeddrive.language.block import Block, Number, Rule, parameter
-from feeddrive.language.errors import ParameterError, ProgramError
+from feeddrive.language.errors import ParameterError
 from feeddrive.path.program.frame import FARTHEST
+from feeddrive.path.program.lines import BlockError, located
 from feeddrive.path.program.moves import Move, PathMode
 from feeddrive.path.proof.prove import DERIVATIVES
 
@@ -31,6 +32,8 @@ LETTERS, ROTARY = "XYZABCUVW", "ABC"
 """Axes of a part program, and those of them that turn: in rad where the others are in m."""
 ROUNDING = 1e-12
 """m: positions are proven to follow each other within it; no tolerance is smaller."""
+LARGEST = 1.0
+"""m: no tolerance of a path is larger."""
 FEED, NONE, STANDSTILL = "feed", "no limit above half", "standstill"
 
 
@@ -109,18 +112,20 @@ class MachineLimits:
         return re.sub(r"\baxis (\d+)", lambda found: f"axis {self.letters[int(found[1])]}", text)
 
     def resolved(self, moves: Iterable[Move]) -> Iterator[Move]:
-        """The moves, of which no tolerance is smaller than what an axis resolves, nor than rounding.
+        """The moves, of which no tolerance is smaller than what an axis resolves, nor than rounding, nor absurd.
 
         Raises ProgramError at the line of a tolerance that is.
         """
         for move in moves:
-            too_small = self.too_small(move.tolerance) if isinstance(move, PathMode) else ""
-            if too_small:
-                raise ProgramError(move.source.file, move.source.number, 0, "P", too_small)
+            unfit = self.unfit(move.tolerance) if isinstance(move, PathMode) else ""
+            if unfit:
+                raise located(move.source, BlockError(unfit, "P"))
             yield move
 
-    def too_small(self, tolerance: float) -> str:
-        """Why a tolerance of the path, m, is smaller than what an axis resolves, or than rounding; else nothing."""
+    def unfit(self, tolerance: float) -> str:
+        """Why a tolerance of the path, m, is smaller than what an axis resolves or than rounding, or too large."""
+        if tolerance > LARGEST:
+            return f"the tolerance of {1e3 * tolerance:.4g} mm is more than {1e3 * LARGEST:g} mm: give a smaller one"
         known = {letter: float(each.resolution or 0.0) for letter, each in self.axes.items() if letter not in ROTARY}
         coarse = max(known, key=lambda letter: known[letter], default="")
         found = known.get(coarse, 0.0)

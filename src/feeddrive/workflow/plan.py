@@ -82,9 +82,9 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     """
     machine = None if request.machine is None else read_machine(request.machine)
     limits = planned_limits(machine, request.limits)
-    too_small = "" if request.tolerance is None else limits.too_small(request.tolerance)
-    if too_small:
-        raise ParameterError(f"--tolerance: {too_small}")
+    unfit = "" if request.tolerance is None else limits.unfit(request.tolerance)
+    if unfit:
+        raise ParameterError(f"--tolerance: {unfit}")
     sample_time = request.sample_time
     if sample_time is None:
         assert machine is not None

@@ -157,6 +157,8 @@ def _code(letter: str, value: float, text: str, start: int | None) -> tuple[Step
     at = _place(text, letter, value) if start is None else start
     if code is None:
         written = f"{letter.upper()}{value:g}"
+        if written in REFUSED:
+            raise BlockError(REFUSED[written], written, at)
         known = nearest(written, [name_of(letter, each) for each in table])
         raise BlockError(f"there is no such code here{known}", written, at)
     name = name_of(letter, number)

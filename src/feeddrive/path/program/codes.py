@@ -125,6 +125,7 @@ REFUSED: dict[str, str] = {
     "G5.2": "the interpreter of LinuxCNC prints no points of a NURBS: use G5 or G5.1",
     "G5.3": "the interpreter of LinuxCNC prints no points of a NURBS: use G5 or G5.1",
     "G33.1": "rigid tapping follows the real spindle: take it out of what is planned",
+    **dict.fromkeys(("M98", "M99"), "subprograms are o-words here: o100 sub .. o100 endsub, and o100 call"),
     "M66": "what an input reads is not known before: take it out of what is planned",
     **dict.fromkeys(
         ("G38.2", "G38.3", "G38.4", "G38.5"),

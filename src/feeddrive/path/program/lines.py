@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
 from io import BufferedReader
 from pathlib import Path
 from typing import NamedTuple
@@ -86,6 +87,8 @@ class LineReader:
             return None
         self._number += 1
         self._last = self._offset
+        if self._offset == 0:
+            raw = self._marked(raw)
         if len(raw) > LONGEST_LINE:
             raise ProgramError(
                 self.name,
@@ -96,6 +99,16 @@ class LineReader:
             )
         self._offset += len(raw)
         return Line(self.name, self._number, raw.decode("utf-8", "replace").rstrip("\r\n"))
+
+    def _marked(self, raw: bytes) -> bytes:
+        """The first line without the mark that editors put before UTF-8; with that of UTF-16 it is refused."""
+        if raw.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+            reason = "the file has two bytes for each character (UTF-16): save it as plain text (UTF-8)"
+            raise ProgramError(self.name, 1, 1, "", reason)
+        if raw.startswith(BOM_UTF8):
+            self._offset += len(BOM_UTF8)
+            return raw[len(BOM_UTF8) :]
+        return raw
 
     def close(self) -> None:
         """End reading."""
