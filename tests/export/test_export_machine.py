@@ -49,7 +49,7 @@ def rich() -> Machine:
         axis = dataclasses.replace(loop.axis, substeps=2, encoder_load=encoder, actuator=late)
         loops[name] = dataclasses.replace(loop, axis=axis)
     cutter = dataclasses.replace(HelicalCutter.beltran2013(), axial_depth=2e-4)
-    cut = MillingCut(cutter=cutter, spindle_speed=12000.0, cut_from=0.02, remembered=22)
+    cut = MillingCut(cutter=cutter, spindle_speed=12000.0, cut_from=0.02, surfaces=1, direction=0.3, remembered=24)
     row = 40.0 * np.sin(np.arange(60.0))
     push = DynamometerForce(components=(ForceRecord(axis="x", row=row), ForceRecord(axis="y", row=-row)), interval=1e-3)
     return Machine.of(loops, (*file.couplings, cut, push))

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
+from feeddrive.blocks.coupling.cut_sections import CutSections
 from feeddrive.blocks.coupling.dynamometer_force import DynamometerForce
 from feeddrive.blocks.coupling.force_record import ForceRecord
 from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.coupling.structure_mode import StructureMode
 from feeddrive.blocks.cutting.helical_cutter import HelicalCutter
+from feeddrive.blocks.cutting.mechanistic_cutter import MechanisticCutter
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import BUNDLED, machine_toml, read_machine
 from feeddrive.language import tree
@@ -41,8 +43,11 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     """Every kind of coupling, with parts in parts: all numbers, structures and tables come back."""
     x, y = read_machine("gantry").loops.values()
     cut = MillingCut(cutter=HelicalCutter.beltran2013(), spindle_speed=6000.0, cut_to=1.5, remembered=600)
+    sections = CutSections(start=[0.0, 0.5], axial_depth=[0.0, 1e-3], spindle_speed=[0.0, 6000.0])
+    tool = MechanisticCutter(teeth=3, diameter=0.01, axial_depth=1e-3, Ktc=6e8, Kte=2e4, runout_offset=1e-5)
+    other = MillingCut(cutter=tool, spindle_speed=6000.0, sections=sections, direction=0.5)
     rows = (ForceRecord(axis="y", row=[0.0, 3.5, -1e-3]), ForceRecord(axis="x", row=[1.0, 2.0]))
-    couplings = (*read_machine("gantry").couplings, cut, DynamometerForce(components=rows, interval=0.01))
+    couplings = (*read_machine("gantry").couplings, cut, other, DynamometerForce(components=rows, interval=0.01))
     machine = Machine.of({"x": x, "y": y}, couplings)
     path = tmp_path / "written.toml"
     path.write_text(machine_toml(machine, 'a "quoted" name', remark="two\nlines"), encoding="utf-8")

@@ -74,7 +74,7 @@ def dry() -> Machine:
     for name, loop in coupled().loops().items():
         friction = Stribeck(coulomb=60.0, breakaway=90.0, stribeck_velocity=0.003, viscous=500.0)
         axes[name] = replace(loop, axis=replace(loop.axis, friction_load=friction))
-    cut = MillingCut(cutter=HelicalCutter.beltran2013(), spindle_speed=6000.0, remembered=64)
+    cut = MillingCut(cutter=HelicalCutter.beltran2013(), spindle_speed=6000.0, surfaces=1, direction=0.0, remembered=64)
     cut = replace(cut, cutter=replace(cut.cutter, axial_depth=1e-3))
     return Machine.of(axes, (*MODES, cut))
 
@@ -345,5 +345,5 @@ def test_what_does_not_fit_is_refused():
         machine.loop("z")
     with pytest.raises(ParameterError, match=r"no signal 'force'; did you mean y.force or x.force"):
         simulate(machine, PATH, record=["force"])
-    with pytest.raises(ParameterError, match=r"remembered = 8 .* at least 51"):
+    with pytest.raises(ParameterError, match=r"remembered = 8 .* at least 52"):
         Machine.of(loops_, (replace(dry().couplings[-1], remembered=8),))

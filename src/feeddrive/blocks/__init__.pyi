@@ -17,6 +17,7 @@ from feeddrive.blocks.controller.pole_placement import PolePlacement as PolePlac
 from feeddrive.blocks.controller.stock_biquad import StockBiquad as StockBiquad
 from feeddrive.blocks.controller.stock_pid import StockPid as StockPid
 from feeddrive.blocks.coupling.cross_coupled import CrossCoupled as CrossCoupled
+from feeddrive.blocks.coupling.cut_sections import CutSections as CutSections
 from feeddrive.blocks.coupling.dynamometer_force import DynamometerForce as DynamometerForce
 from feeddrive.blocks.coupling.force_record import ForceRecord as ForceRecord
 from feeddrive.blocks.coupling.geometry import Geometry as Geometry
@@ -25,6 +26,7 @@ from feeddrive.blocks.coupling.mode_shape import ModeShape as ModeShape
 from feeddrive.blocks.coupling.straightness import Straightness as Straightness
 from feeddrive.blocks.coupling.structure_mode import StructureMode as StructureMode
 from feeddrive.blocks.cutting.helical_cutter import HelicalCutter as HelicalCutter
+from feeddrive.blocks.cutting.mechanistic_cutter import MechanisticCutter as MechanisticCutter
 from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator as DisturbanceCompensator
 from feeddrive.blocks.feedforward.friction_feedforward import FrictionFeedforward as FrictionFeedforward
 from feeddrive.blocks.feedforward.inertia import Inertia as Inertia

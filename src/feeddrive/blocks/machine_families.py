@@ -72,10 +72,30 @@ class Coupling(Block, ABC):
         return iter(())
 
 
+class Edge(NamedTuple):
+    """What the edges of a tool are, with those of all its teeth alike and helical."""
+
+    teeth: int
+    slices: int  # an edge is cut into so many pieces, each with one contact
+    diameter: Number  # m
+    axial_depth: Number  # m
+    helix_angle: Number  # rad
+    entry: Number  # rad
+    exit: Number  # rad
+    cutting: tuple[Number, Number, Number]  # Ktc, Krc, Kac: force along, towards the axis, along it, N/m2
+    rubbing: tuple[Number, Number, Number] | None = None  # Kte, Kre, Kae of the edge itself, N/m; None: none
+    run_out: tuple[Number, Number] | None = None  # offset of the tool's axis in m, and the angle of it in rad
+
+
 class Cutter(Block, ABC):
     """A milling tool: the force of the workpiece on it.  Traced, so that both loads and couplings can use it."""
 
     teeth: int = choice("cutting edges, equally spaced", least=1, most=100)
+    slices: int = choice("pieces of an edge, each in contact or not", default=5, least=1, most=200)
+
+    @abstractmethod
+    def edge(self) -> Edge:
+        """Its edges, for a chip that follows from the motion of the tool."""
 
     @abstractmethod
     def forces(self, angle: Number, chip_load: Number) -> tuple[Number, Number, Number]:

@@ -86,9 +86,15 @@ def choice(
     return field(default=default, metadata={"declaration": declaration})
 
 
-def table(unit: str, meaning: str, *, default: Any = MISSING) -> Any:
-    """Declare a row of numbers, held as a float64 array of one dimension."""
-    return field(default=default, metadata={"declaration": Declaration(role="table", unit=unit, meaning=meaning)})
+def table(
+    unit: str, meaning: str, *, default: Any = MISSING, above: float | None = None, least: float | None = None,
+    below: float | None = None, most: float | None = None,
+) -> Any:  # fmt: skip
+    """Declare a row of numbers, held as a float64 array of one dimension; each keeps the bounds."""
+    declaration = Declaration(
+        role="table", unit=unit, meaning=meaning, above=above, least=least, below=below, most=most
+    )
+    return field(default=default, metadata={"declaration": declaration})
 
 
 def part(meaning: str, *, default: Any = MISSING, inline: bool = False) -> Any:
@@ -351,6 +357,9 @@ def _checked_table(where: str, declaration: Declaration, value: Any) -> np.ndarr
         raise ParameterError(f"{where} ({declaration.meaning}) must be a row of at least two numbers")
     if not np.all(np.isfinite(row)):
         raise ParameterError(f"{where} ({declaration.meaning}) holds a number that is not finite")
+    if declaration.bounds():
+        for i, number in enumerate(row.tolist()):
+            check_bounds(f"{where}[{i}]", declaration, number)
     row.flags.writeable = False
     return row
 

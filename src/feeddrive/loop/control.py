@@ -11,7 +11,7 @@ from feeddrive.language import ops, tree
 from feeddrive.language.block import Block, Number, Rule, parameter, part
 from feeddrive.language.errors import StructureError
 from feeddrive.language.graph import Symbol
-from feeddrive.language.ring import History, Ring
+from feeddrive.language.ring import History, Ring, Track
 from feeddrive.loop.guard import Guard
 
 
@@ -273,13 +273,13 @@ def _answered(law: Law, before: Any, found: Any) -> tuple[Any, Any]:
 
 
 def _check_forgetful(memory: Any, path: str) -> None:
-    """Check that a reset can forget: a `History` counts what it was given since, a ring alone keeps all its cells."""
+    """Check that a reset can forget: a `History` or a `Track` counts what it was given, a ring keeps all."""
     if isinstance(memory, Ring):
         raise StructureError(
             f"{path} is a ring, which the reset of the guard does not clear: what it holds from before a trip would "
             f"act after it, with a jump of the force. Keep the past of a signal in a History, or leave the guard out"
         )
-    if isinstance(memory, tuple) and not isinstance(memory, History):
+    if isinstance(memory, tuple) and not isinstance(memory, History | Track):
         names = getattr(memory, "_fields", None) or range(len(memory))
         for name, each in zip(names, memory, strict=True):
             _check_forgetful(each, f"{path}.{name}")

@@ -261,11 +261,11 @@ def linearize(
 def _ages(state: Mapping[str, Any], name: str, size: int) -> np.ndarray:
     """Of each cell of a ring the place in the linear model.
 
-    In a history that is the age of the cell, since the newest one is another cell in each sample.
+    In a history or a track that is the age of the cell, since the newest one is another cell in each sample.
     """
     cells = np.arange(size)
-    history = name.rpartition(".")[0]
-    if name.endswith(".ring") and f"{history}.head" in state and f"{history}.filled" in state:
+    history = name.rpartition(".ring")[0] or name.rpartition(".values.")[0] or name.rpartition(".rates.")[0]
+    if f"{history}.head" in state and f"{history}.filled" in state:
         return (int(state[f"{history}.head"]) - 1 - cells) % size
     return cells
 

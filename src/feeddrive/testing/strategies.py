@@ -35,6 +35,7 @@ _USUAL: dict[str, tuple[float, float]] = {
     "rad": (1e-3, 7.0),
     "rad/s": (1.0, 2e3),
     "rpm": (100.0, 6e3),
+    "N/m2": (1e7, 5e9),
     "J/m3": (1e8, 1e10),
     "": (1e-2, 2.0),
 }
@@ -55,6 +56,9 @@ def _blocks(draw: st.DrawFn, cls: type[Block]) -> Any:
         given = {
             name: None if may_be_absent(cls, name) and draw(_EITHER) else draw(value) for name, value in values.items()
         }
+        rows = [name for name, value in given.items() if isinstance(value, np.ndarray)]
+        length = min((given[name].size for name in rows), default=0)
+        given |= {name: given[name][:length] for name in rows}  # the rows of a block belong together
         try:
             return cls(**given)
         except FeeddriveError:
@@ -125,7 +129,9 @@ def _choices(declared: Declaration, hint: Any) -> st.SearchStrategy[Any]:
 
 def _rows(declared: Declaration) -> st.SearchStrategy[np.ndarray]:
     high = _USUAL.get(declared.unit, (1e-3, 1e3))[1]
-    return st.lists(st.floats(-high, high), min_size=2, max_size=5).map(np.array)
+    each = numbers(declared) if declared.bounds() else st.floats(-high, high)
+    row = st.lists(each, min_size=2, max_size=5)
+    return row.map(sorted).map(np.array) if declared.unit == "s" else row.map(np.array)  # times follow each other
 
 
 def _parts(hint: Any) -> st.SearchStrategy[Any]:

@@ -5,31 +5,45 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
+from feeddrive.blocks.coupling.cut_sections import CutSections, Settings
+from feeddrive.blocks.cutting.engagement import Cut, Rubbing, cut, fits_slices
 from feeddrive.blocks.machine_families import Coupling, Cutter
 from feeddrive.blocks.signals import Motion
 from feeddrive.language import ops
 from feeddrive.language.block import Number, Rule, choice, parameter, part
-from feeddrive.language.errors import StructureError
-from feeddrive.language.ring import History
+from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.language.ring import Track
 
 
 class MillingCut(Coupling):
-    """Cutting forces on three axes; the chip is the relative motion of tool and table over the last tooth period τ.
+    """Cutting forces on three axes; a tooth cuts what the tool has moved since earlier teeth stood where it stands.
 
-        τ         = 60 / (teeth spindle_speed)
-        Δ         = r(t) - r(t - τ),  r = (x, y) of the tool against the workpiece, actual, in the middle of the substep
-        chip_load = |Δ|,  t = Δ / |Δ|,  n = z x t
-        angle     = start_angle + 2π (spindle_speed / 60) t
-        F_x, F_y  = F_feed t + F_normal n,   F_z = -F_axial
+        τ        = 60 / (teeth spindle_speed)
+        step_m   = r(t) - r(t - mτ),  r = (x, y) of the tool against the workpiece, actual, m = 1 .. surfaces
+        h        = max(0, min over m of step_m · e_r),  of each slice of each edge; without it no edge force either
+        angle    = start_angle + 2π (spindle_speed / 60) t
+        F_x, F_y = F_feed t + F_normal n,   F_z = -F_axial
 
-    F_feed, F_normal and F_axial come from the cutter.  Each tooth cuts the surface left by the tooth before, so that
-    vibration changes the chip and the chip excites vibration (regeneration).  At the start the chip is 0 and grows over
-    the first tooth period, as if the tool had stood still before.  A table moves the workpiece: where `moves` says
-    "table", r is -x (or -y) of the axis, and the force on the axis is the opposite one.
-    It acts for cut_from <= t < cut_to; the spindle always turns.
-    When not to use it: with substeps longer than a tenth of τ; where vibration lifts a tooth out of the cut: the force
-    is linear in Δ, and only the surface of the last tooth counts.
-    Source: forces Beltrán-Carbajal et al. 2013, eqs. (4)-(8); regeneration Altintas & Budak 1995, eq. (2).
+    F_feed, F_normal and F_axial are the coefficients of the cutter on this chip, integrated over each engaged slice;
+    t is the direction of the feed, n = z x t.  Vibration changes the chip and the chip excites vibration
+    (regeneration); where it lifts a tooth out of the work the chip of a later tooth is that of several steps, so that
+    at least three surfaces count.  A motion that repeats itself with τ has the chip of the feed, and its force to the
+    last digits.
+
+    r is taken at the predicted middle of a substep, r(t - mτ) by cubic Hermite from the positions and velocities at the
+    ends of the substeps and predicted in the same way.  The force is the mean over the substep of a straight tooth that
+    enters, of a helical one where its slice turns by less than the spindle in a substep.
+
+    Without `direction` the feed has the direction of the motion over the last turn of the spindle, which vibration of
+    the size of the feed turns: give a direction, or sections with it, where the tool may chatter.
+    At the start the tool has stood outside the work: the chip is 0 and grows over the first tooth periods.  A table
+    moves the workpiece: where `moves` says "table", r is minus the position of the axis, and the force on the axis is
+    the opposite one.  It acts for cut_from <= t < cut_to, and by `sections` with another depth, width, speed or
+    direction in each; the spindle always turns.  After a change of the speed the delay is at once that of the new one.
+    With process_damping C the flank rubs: F = -C a (ṙ · e_r) / (cutting speed) along e_r on each engaged element a.
+    When not to use it: with substeps longer than a tenth of τ; for a motion along the spindle, which changes no chip.
+    Source: forces Budak, Altintas & Armarego 1996; regeneration Altintas & Budak 1995, eq. (2); several surfaces Tlusty
+    & Ismail 1981.
     """
 
     cutter: Cutter = part("the tool")
@@ -38,26 +52,42 @@ class MillingCut(Coupling):
     along_y: str = choice("axis that moves the tool along y", default="y")
     along_z: str | None = choice("axis that moves the tool along z; absent: none", default=None)
     moves: str = choice("what the axes move", options=("tool", "table"), default="tool")
+    direction: Number | None = parameter(
+        "rad", "direction of the feed, from x towards y; absent: that of the motion", default=None
+    )
     start_angle: Number = parameter("rad", "angle of the spindle at t = 0", default=0)
     cut_from: Number = parameter("s", "when the cut begins", default=0)
     cut_to: Number | None = parameter("s", "when it ends; absent: never", default=None)
-    remembered: int = choice("substeps of motion that are stored; they must cover τ", default=4096, least=2)
+    surfaces: int = choice("earlier surfaces that a tooth may meet", default=3, least=1, most=32)
+    process_damping: Number | None = parameter(
+        "N/m", "damping of the flank at a cutting speed of 1 m/s, per m of depth; absent: none", least=0, default=None
+    )
+    sections: CutSections | None = part("what changes in the course of a program", default=None)
+    remembered: int = choice("substeps of motion that are stored; they must cover the surfaces", default=4096, least=4)
 
     class State(NamedTuple):
-        """The past positions of the tool relative to the workpiece along x and y, m."""
+        """The past motion of tool against workpiece along x and y (m, m/s); section, and turns of the spindle."""
 
-        x: History
-        y: History
+        path: Track
+        section: Any = None
+        turns: Any = None
 
     def check(self) -> None:
-        """Each direction has its own axis."""
+        """Each direction has its own axis; the tool reaches to the bottom of each section."""
         if len(set(self.axes())) < len(self.axes()):
             raise StructureError(
                 f"milling_cut: x, y and z must be moved by different axes, not {', '.join(self.axes())}"
             )
+        flute = getattr(self.cutter, "flute_length", None)
+        for i, depth in enumerate(self._depths()):
+            if isinstance(flute, float) and depth > flute:
+                raise ParameterError(
+                    f"milling_cut.sections.axial_depth[{i}] = {depth:g} m is more than cutter.flute_length = "
+                    f"{flute:g} m: at most {flute:g} m, in two cuts or with a longer tool"
+                )
 
     def rules(self) -> Iterator[Rule]:
-        """The end comes after the beginning."""
+        """The end comes after the beginning; slices are short."""
         begin, end = self.cut_from, self.cut_to
         if end is not None:
             yield Rule(
@@ -65,59 +95,123 @@ class MillingCut(Coupling):
                 "the cut ends after it begins",
                 lambda: f"milling_cut.cut_to = {end:g} s must be > milling_cut.cut_from = {begin:g} s; absent: never",
             )
+        edge, depths = self.cutter.edge(), self._depths()
+        yield fits_slices("milling_cut.cutter", edge._replace(axial_depth=max(depths)) if depths else edge)
+
+    def _depths(self) -> list[float]:
+        """Of the sections, m."""
+        return [] if self.sections is None else self.sections.rows().get("axial_depth", [])
 
     def axes(self) -> tuple[str, ...]:
         """Of the tool or of the table."""
         return (self.along_x, self.along_y, *(() if self.along_z is None else (self.along_z,)))
 
     def period(self) -> Number:
-        """τ in s."""
-        return 60.0 / (self.cutter.teeth * self.spindle_speed)
+        """τ in s, the longest of all sections that cut."""
+        return 60.0 / (self.cutter.teeth * self._speeds()[0])
+
+    def _speeds(self) -> list[Any]:
+        """Of the sections that cut, in rpm, the least first."""
+        rows = {} if self.sections is None else self.sections.rows()
+        if self.sections is not None and "spindle_speed" in rows:
+            pairs = zip(rows["spindle_speed"], self.sections.cutting(), strict=True)
+            return sorted(speed for speed, cuts in pairs if cuts) or [self.spindle_speed]
+        return [self.spindle_speed]
 
     def substep_rules(self, h: Number) -> Iterator[Rule]:
-        """The stored substeps cover the tooth period."""
-        period = self.period()
+        """The stored substeps cover the tooth periods, and a substep is a short part of one."""
+        period, turn = self.period(), 60.0 / self._speeds()[-1]
+        told = self.direction is not None or (self.sections is not None and self.sections.direction is not None)
+        count = self.surfaces if told else max(self.surfaces, self.cutter.teeth)
         yield Rule(
-            period / h <= float(self.remembered - 1),
-            "the substeps that the cut stores are not shorter than the tooth period",
+            float(count) * period / h <= float(self.remembered - 2),
+            "the substeps that the cut stores are not shorter than the tooth periods that it looks back",
             lambda: (
-                f"milling_cut.remembered = {self.remembered} substeps of {h:g} s are shorter than the tooth period of "
-                f"{period:g} s: at least {-int(-(period / h) // 1) + 1}"
+                f"milling_cut.remembered = {self.remembered} substeps of {h:g} s are shorter than {count} tooth "
+                f"period(s) of {period:g} s: at least {-int(-(count * period / h) // 1) + 2}"
+            ),
+        )
+        yield Rule(
+            turn >= 4.0 * h,
+            "the spindle turns by at most a quarter of a turn in a substep",
+            lambda: (
+                f"milling_cut.spindle_speed: a turn of {turn:g} s has to have at least 4 substeps of {h:g} s: slow the "
+                f"spindle, or take a shorter sample time or more substeps"
             ),
         )
 
     def start(self, prepared: Any, motions: Mapping[str, Motion]) -> State:
         """The tool has been at rest at its present position."""
-        x, y = self._relative(motions)
-        return self.State(History.start(self.remembered, x), History.start(self.remembered, y))
+        place, _ = self._relative(motions)
+        nothing = ops.zero(place[0])
+        varies = self.sections is not None and self.sections.spindle_speed is not None
+        return self.State(
+            Track.start(self.remembered, place), None if self.sections is None else nothing, nothing if varies else None
+        )
 
     def step(
         self, prepared: Any, state: State, motions: Mapping[str, Motion], time: Number, h: Number
     ) -> tuple[State, dict[str, tuple[Number, Number]]]:
         """The equations above."""
-        x, y = self._relative(motions)
-        state = self.State(state.x.push(x), state.y.push(y))
-        ago = self.period() / h
-        dx, dy = x - state.x.ago(ago), y - state.y.ago(ago)
-        chip = ops.sqrt(dx * dx + dy * dy)
-        safe = ops.where(chip > 0.0, chip, 1.0)
-        turns = (self.spindle_speed / 60.0) * time
-        angle = self.start_angle + 2.0 * ops.pi * (turns - ops.floor(turns))
-        feed, normal, axial = self.cutter.forces(angle, 1.0)  # N per metre of chip
+        state, (along, across), found = self.forces(state, motions, time, h)
         acts = time >= self.cut_from
         if self.cut_to is not None:
             acts = ops.both(acts, time < self.cut_to)
-        # chip · direction is (dx, dy) itself, which is smooth where the chip vanishes
         on = ops.where(acts, 1.0, 0.0) * (1.0 if self.moves == "tool" else -1.0)
-        found = {
-            self.along_x: (0.0, on * (feed * dx - normal * dy)),
-            self.along_y: (0.0, on * (feed * dy + normal * dx)),
+        forces = {
+            self.along_x: (0.0, on * (found.feed * along - found.normal * across)),
+            self.along_y: (0.0, on * (found.feed * across + found.normal * along)),
         }
         if self.along_z is not None:
-            found[self.along_z] = 0.0, -(on * (axial * (safe * ops.where(chip > 0.0, 1.0, 0.0))))
-        return state, found
+            forces[self.along_z] = 0.0, -(on * found.axial)
+        return state, forces
 
-    def _relative(self, motions: Mapping[str, Motion]) -> tuple[Any, Any]:
-        """Of the tool against the workpiece."""
-        x, y = motions[self.along_x].position_load, motions[self.along_y].position_load
-        return (x, y) if self.moves == "tool" else (-x, -y)
+    def forces(
+        self, state: State, motions: Mapping[str, Motion], time: Number, h: Number
+    ) -> tuple[State, tuple[Any, Any], Cut]:
+        """The state after a substep, the direction of the feed, and the forces on the tool whether it acts or not."""
+        place, velocity = self._relative(motions)
+        path = state.path.push([x - 0.5 * h * v for x, v in zip(place, velocity, strict=True)], velocity)
+        section, now = self._section(state.section, time)
+        rate = now.spindle_speed / 60.0
+        turns = rate * time if state.turns is None else state.turns + 0.5 * rate * h
+        angle = self.start_angle + 2.0 * ops.pi * (turns - ops.floor(turns))
+        ago = 1.0 / (self.cutter.teeth * rate * h)
+        steps = [self._moved(place, path, float(m) * ago, h) for m in range(1, self.surfaces + 1)]
+        if now.direction is None:
+            x, y = self._moved(place, path, float(self.cutter.teeth) * ago, h)
+            length = ops.sqrt(x * x + y * y)
+            safe = ops.where(length > 0.0, length, 1.0)
+            along, across = ops.where(length > 0.0, x / safe, 1.0), y / safe
+        else:
+            along, across = ops.cos(now.direction), ops.sin(now.direction)
+        rubbing = None
+        if self.process_damping is not None:
+            x, y = velocity
+            speed = ops.pi * now.edge.diameter * ops.maximum(rate, 1e-9)
+            rubbing = Rubbing(x * along + y * across, y * along - x * across, self.process_damping / speed)
+        found = cut(
+            now.edge, angle, 2.0 * ops.pi * rate * h,
+            [(x * along + y * across, y * along - x * across) for x, y in steps], rubbing,
+        )  # fmt: skip
+        after = None if state.turns is None else state.turns + rate * h
+        return self.State(path, section, after), (along, across), found
+
+    def _section(self, before: Any, time: Number) -> tuple[Any, Settings]:
+        usual = Settings(self.cutter.edge(), self.spindle_speed, self.direction)
+        if self.sections is None:
+            return None, usual
+        section = self.sections.section(before, time)
+        return section, self.sections.settings(section, usual)
+
+    def _moved(self, place: tuple[Any, Any], path: Track, ago: Any, h: Any) -> tuple[Any, Any]:
+        """How far the tool has moved along x and y in so many substeps."""
+        x, y = path.ago(ago, h, 0.5)
+        return place[0] - x, place[1] - y
+
+    def _relative(self, motions: Mapping[str, Motion]) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
+        """Position and velocity of the tool against the workpiece."""
+        x, y = motions[self.along_x], motions[self.along_y]
+        if self.moves == "tool":
+            return (x.position_load, y.position_load), (x.velocity_load, y.velocity_load)
+        return (-x.position_load, -y.position_load), (-x.velocity_load, -y.velocity_load)

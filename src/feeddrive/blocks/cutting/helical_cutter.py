@@ -5,7 +5,8 @@ from __future__ import annotations
 import warnings
 from typing import Any
 
-from feeddrive.blocks.machine_families import Cutter
+from feeddrive.blocks.cutting.engagement import arc, lag
+from feeddrive.blocks.machine_families import Cutter, Edge
 from feeddrive.language import ops
 from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.errors import ParameterError
@@ -33,8 +34,9 @@ class HelicalCutter(Cutter):
     (helix_angle = 0) the chip is that of the tip over the whole length: the limit of the equations.
 
     The mean over a turn conserves energy: mean torque · ω = specific_energy · volume removed per second.
-    When not: for chatter, since the chip does not depend on vibration; for run-out and unequal pitch; for a worn or
-    rubbing edge, which has a force without a chip.
+    `slices` counts in a `MillingCut` only, where the chip follows from the motion of the tool.
+    When not: for run-out and unequal pitch; for a worn or rubbing edge, which has a force without a chip: take
+    `MechanisticCutter`.
     Source: Beltrán-Carbajal et al. 2013, eq. (4) and the symbols around it, reconstructed after Kline's model; the
     ratios are not in the paper.
     """
@@ -84,6 +86,14 @@ class HelicalCutter(Cutter):
             radial_ratio=0.3, axial_ratio=0.2,
         )  # fmt: skip
 
+    def edge(self) -> Edge:
+        """Ktc = specific_energy, Krc and Kac by the ratios; the edge itself has no force."""
+        entry, leave = arc(self.milling, self.radial_depth, self.diameter)
+        cutting = (
+            self.specific_energy, self.radial_ratio * self.specific_energy, self.axial_ratio * self.specific_energy,
+        )  # fmt: skip
+        return Edge(self.teeth, self.slices, self.diameter, self.axial_depth, self.helix_angle, entry, leave, cutting)
+
     def forces(self, angle: Number, chip_load: Number) -> tuple[Number, Number, Number]:
         """The equations above; `angle` of the spindle in rad, any number of turns."""
         sines, areas, cosines = self._sums(angle)
@@ -99,34 +109,25 @@ class HelicalCutter(Cutter):
 
     def _sums(self, angle: Number) -> tuple[Any, ...]:
         """Changes of S, W and -cos over the engaged parts of all teeth, divided by the lag."""
-        entry, leave = self._engaged()
-        lag = 2.0 * self.axial_depth * ops.tan(self.helix_angle) / self.diameter
+        edge = self.edge()
+        entry, leave, turn = edge.entry, edge.exit, lag(edge)
         # an edge that winds around the tool more than once: whole turns cut the whole chip, the rest follows below
-        turns = ops.floor(lag / (2.0 * ops.pi))
-        rest = lag - 2.0 * ops.pi * turns
-        whole = self.teeth * turns * (leave - entry) / ops.maximum(lag, _SMALL)
+        turns = ops.floor(turn / (2.0 * ops.pi))
+        rest = turn - 2.0 * ops.pi * turns
+        whole = self.teeth * turns * (leave - entry) / ops.maximum(turn, _SMALL)
         sums = [whole * piece for piece in _pieces(entry, leave - entry)]
         for tooth in range(self.teeth):
             share = angle / (2.0 * ops.pi) + float(tooth) / float(self.teeth)
             tip = 2.0 * ops.pi * (share - ops.floor(share))
             # the rest of the edge reaches back by less than a turn: into this passage of the chip and the one before
             for begin, end in ((entry, leave), (entry - 2.0 * ops.pi, leave - 2.0 * ops.pi)):
-                for i, piece in enumerate(_engagement(tip, rest, lag, begin, end)):
+                for i, piece in enumerate(_engagement(tip, rest, turn, begin, end)):
                     sums[i] = sums[i] + piece
         return tuple(sums)
 
-    def _engaged(self) -> tuple[Any, Any]:
-        """Entry and exit of the chip, rad."""
-        if self.radial_depth is None:
-            return 0.0, ops.pi
-        share = self.radial_depth / self.diameter
-        # arccos(1 - 2 share) over the half angle, which keeps its digits at both ends
-        arc = 2.0 * ops.atan2(ops.sqrt(share), ops.sqrt(ops.maximum(1.0 - share, 0.0)))
-        return (0.0, arc) if self.milling == "up" else (ops.pi - arc, ops.pi)
 
-
-def _engagement(tip: Any, rest: Any, lag: Any, begin: Any, end: Any) -> tuple[Any, ...]:
-    """Changes of S, W and -cos over the part of the edge (tip - rest, tip) inside (begin, end), each over `lag`.
+def _engagement(tip: Any, rest: Any, turn: Any, begin: Any, end: Any) -> tuple[Any, ...]:
+    """Changes of S, W and -cos over the part of the edge (tip - rest, tip) inside (begin, end), each over `turn`.
 
     The length is computed as the whole edge less the parts outside, not as a difference of its ends, which would lose
     all digits at a small lag.  A straight edge cuts with its whole length or not at all.
@@ -134,8 +135,8 @@ def _engagement(tip: Any, rest: Any, lag: Any, begin: Any, end: Any) -> tuple[An
     before, after = ops.maximum(0.0, begin - (tip - rest)), ops.maximum(0.0, tip - end)
     length = ops.clip(rest - before - after, 0.0, rest)
     inside = ops.both(tip >= begin, tip < end)
-    straight = lag < _SMALL
-    share = ops.where(straight, ops.where(inside, 1.0, 0.0), length / ops.where(straight, 1.0, lag))
+    straight = turn < _SMALL
+    share = ops.where(straight, ops.where(inside, 1.0, 0.0), length / ops.where(straight, 1.0, turn))
     return tuple(share * piece for piece in _pieces(ops.clip(tip - rest, begin, end), length))
 
 

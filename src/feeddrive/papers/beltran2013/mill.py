@@ -150,7 +150,7 @@ def cutting(axis: str, case: Case) -> Load:
 def machine(case: Case, *, dry: bool = True) -> Machine:
     """The three axes, with the cut between them where its chip is the actual motion."""
     cut = MillingCut(
-        cutter=tool(case), spindle_speed=SPINDLE, along_z="z", remembered=256
+        cutter=tool(case), spindle_speed=SPINDLE, along_z="z", remembered=512
     )  # fmt: skip
     return Machine.of({axis: loop(axis, case, dry=dry) for axis in AXES}, (cut,) if case.chip == "actual" else ())
 

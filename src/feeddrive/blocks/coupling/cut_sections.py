@@ -1,0 +1,102 @@
+"""What changes from section to section of a program that cuts."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+from feeddrive.blocks.machine_families import Edge
+from feeddrive.language import ops
+from feeddrive.language.block import Block, Number, table
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.graph import Symbol
+
+
+class Settings(NamedTuple):
+    """What holds in a section."""
+
+    edge: Edge
+    spindle_speed: Any  # rpm
+    direction: Any  # rad; None: that of the motion
+
+
+class CutSections(Block):
+    """Depth, engagement, spindle speed and direction of the feed by sections of time, constant in each.
+
+    A row that is absent leaves what the cut and its cutter say.  Section i holds for start[i] <= t < start[i+1], the
+    last one to the end, the first one also before; a section is not shorter than a substep.  An axial_depth of 0 m is
+    a section out of the work.
+    `entry` and `exit` are those of the chip: 0 .. π in a slot, 0 .. arccos(1 - 2 width / diameter) in up milling.
+    Raises ParameterError, with the section, for what no tool can cut.
+    """
+
+    start: Number = table("s", "when each section begins; the first one holds before it, too", least=0)
+    axial_depth: Number | None = table("m", "depth of cut of each section; 0 out of the work", least=0, default=None)
+    entry: Number | None = table("rad", "angle at which the chip begins", least=0, below=3.1416, default=None)
+    exit: Number | None = table("rad", "angle at which it ends", above=0, below=3.1416, default=None)
+    spindle_speed: Number | None = table("rpm", "turns of the spindle", least=0, default=None)
+    direction: Number | None = table("rad", "direction of the feed, from x towards y", default=None)
+
+    def check(self) -> None:
+        """Sections follow each other, and each can be cut."""
+        rows = self.rows()
+        if not rows:
+            return  # a trace
+        start = rows.pop("start")
+        for name, row in rows.items():
+            if len(row) != len(start):
+                raise ParameterError(
+                    f"cut_sections.{name} has {len(row)} values for {len(start)} sections: one for each start"
+                )
+        for i, (before, after) in enumerate(pairwise(start), 1):
+            if after <= before:
+                raise ParameterError(
+                    f"cut_sections.start[{i}] = {after:g} s must be > start[{i - 1}] = {before:g} s: sections follow "
+                    f"each other"
+                )
+        if ("entry" in rows) != ("exit" in rows):
+            raise ParameterError("cut_sections.entry and .exit (rad) belong together: give both or neither")
+        for i, (entry, leave) in enumerate(zip(rows.get("entry", ()), rows.get("exit", ()), strict=True)):
+            if leave <= entry:
+                raise ParameterError(
+                    f"cut_sections.exit[{i}] = {leave:g} rad, of the section that begins at {start[i]:g} s, must be "
+                    f"above its entry of {entry:g} rad: a tooth goes from entry to exit"
+                )
+        for i, (speed, cuts) in enumerate(zip(rows.get("spindle_speed", ()), self.cutting(), strict=False)):
+            if speed == 0.0 and cuts:
+                raise ParameterError(
+                    f"cut_sections.spindle_speed[{i}] = 0 rpm, of the section that begins at {start[i]:g} s, must be "
+                    f"> 0 rpm where the tool cuts (axial_depth > 0 m): start the spindle before, or cut later"
+                )
+
+    def rows(self) -> dict[str, list[float]]:
+        """The rows that are there, as numbers; none in a trace."""
+        names = ("start", "axial_depth", "entry", "exit", "spindle_speed", "direction")
+        found: dict[str, Any] = {name: row for name in names if (row := getattr(self, name)) is not None}
+        if isinstance(self.start, Symbol):
+            return {}
+        return {name: row.tolist() for name, row in found.items()}
+
+    def cutting(self) -> list[bool]:
+        """Of each section: the tool is in the work."""
+        rows = self.rows()
+        return [depth > 0.0 for depth in rows.get("axial_depth", [1.0] * len(rows["start"]))]
+
+    def section(self, before: Any, time: Number) -> Any:
+        """The section at a time in s, at most one after that of the substep before."""
+        start: Any = self.start
+        after = before + 1.0
+        there = ops.both(after < float(ops.length(start)), time >= ops.gather(start, after))
+        return ops.where(there, after, before)
+
+    def settings(self, section: Any, usual: Settings) -> Settings:
+        """What holds in a section."""
+        changing = ("axial_depth", "entry", "exit", "spindle_speed", "direction")
+        rows: dict[str, Any] = {name: row for name in changing if (row := getattr(self, name)) is not None}
+        found = {name: ops.gather(row, section) for name, row in rows.items()}
+        changed = {name: found[name] for name in ("axial_depth", "entry", "exit") if name in found}
+        return Settings(
+            usual.edge._replace(**changed),
+            found.get("spindle_speed", usual.spindle_speed),
+            found.get("direction", usual.direction),
+        )

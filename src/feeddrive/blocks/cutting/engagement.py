@@ -1,0 +1,204 @@
+"""The engaged part of helical edges: entry and exit of the chip, and the force from what the tool moved since each cut.
+
+The angle of an edge is v: from the normal n = spindle axis x feed t towards t, clockwise seen from the spindle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from feeddrive.blocks.machine_families import Edge
+from feeddrive.language import ops
+from feeddrive.language.block import Number, Rule
+
+LEAST_CHIP = 1e-12  # m; below it are the roundings of positions, and no chip
+LEAST_ANGLE = 1e-6  # rad; a straight edge enters and leaves over it at least
+
+
+def arc(milling: str, radial_depth: Number | None, diameter: Number) -> tuple[Any, Any]:
+    """Entry and exit of the chip in rad of a cut of this width in m; a slot without a width.
+
+    up 0 .. a,   down π - a .. π,   a = arccos(1 - 2 radial_depth / diameter)
+    symmetric π/2 ∓ arcsin(radial_depth / diameter)
+    """
+    if radial_depth is None:
+        return 0.0, ops.pi
+    share = radial_depth / diameter
+    if milling == "symmetric":
+        half = ops.atan2(share, ops.sqrt(ops.maximum(1.0 - share * share, 0.0)))
+        return 0.5 * ops.pi - half, 0.5 * ops.pi + half
+    # arccos(1 - 2 share) over the half angle, which keeps its digits at both ends
+    angle = 2.0 * ops.atan2(ops.sqrt(share), ops.sqrt(ops.maximum(1.0 - share, 0.0)))
+    return (0.0, angle) if milling == "up" else (ops.pi - angle, ops.pi)
+
+
+class Cut(NamedTuple):
+    """Force on the tool along feed, normal and spindle axis in N, the spindle's torque in N m."""
+
+    feed: Any
+    normal: Any
+    axial: Any
+    torque: Any
+
+
+class Rubbing(NamedTuple):
+    """What damps an edge in the cut: its velocity along t and n (m/s), and damping / cutting speed (N s/m2)."""
+
+    along: Any
+    across: Any
+    damping: Any
+
+
+def lag(edge: Edge) -> Any:
+    """The turn from the tip of an edge to its top, rad."""
+    return 2.0 * edge.axial_depth * ops.tan(edge.helix_angle) / edge.diameter
+
+
+def fits_slices(kind: str, edge: Edge) -> Rule:
+    """What the closed forms ask for: no slice reaches around what is not engaged."""
+    turn, slices = lag(edge), edge.slices
+    return Rule(
+        turn <= 0.5 * ops.pi * float(slices),
+        "a slice of the edge turns by at most a quarter of a turn",
+        lambda: (
+            f"{kind}.slices = {slices}: an edge that turns by {float(turn):.3g} rad over its depth of "
+            f"{float(edge.axial_depth):g} m needs at least {-int(-(float(turn) / (0.5 * ops.pi)) // 1)}"
+        ),
+    )
+
+
+def cut(
+    edge: Edge, angle: Number, sweep: Number, steps: Sequence[tuple[Any, Any]], rubbing: Rubbing | None = None
+) -> Cut:
+    """The force of all teeth at an angle of the spindle in rad, in the mean over the angle `sweep` around it.
+
+    steps  the motion of the tool along t and n in m since the first, second, ... tooth before stood at this angle
+
+    A slice of an edge cuts the least chip over the surfaces that earlier teeth left, and nothing where that is not
+    above 0, its edge forces included:
+
+        h(v) = min over m of (step_m + o(angle) - o(angle - 2π m/teeth)) · e(v),    e = (sin v, cos v)
+
+    with the run-out o as a motion of the tool's centre, which it is to first order in offset / diameter.  Over the
+    engaged part of a slice h sin v, h cos v and h are integrated in closed form, with what an edge
+    turns through where that is more than its own lag: then a straight edge enters in the mean over the sweep.
+    """
+    slices, teeth = float(edge.slices), float(edge.teeth)
+    turn = lag(edge)
+    width = ops.maximum(turn / slices, ops.maximum(sweep, LEAST_ANGLE))
+    tip = angle + 0.5 * (slices * width - turn)
+    moved = _with_run_out(edge, angle, steps)
+    arms = _Arms.of(edge)
+    sine, cosine = ops.sin(tip), ops.cos(tip)
+    back = ops.sin(width), ops.cos(width)
+    begin = (tip - 0.5 * (edge.entry + edge.exit)) / (2.0 * ops.pi) + 0.5
+    step = width / (2.0 * ops.pi)
+    total = [ops.zero(sine)] * 9
+    for tooth in range(edge.teeth):
+        s, c = _turned(sine, cosine, *_of_tooth(tooth, edge.teeth))
+        place = begin + float(tooth) / teeth
+        before = arms.end(s, c, place)
+        for slice_ in range(1, edge.slices + 1):
+            s, c = s * back[1] - c * back[0], c * back[1] + s * back[0]
+            after = arms.end(s, c, place - float(slice_) * step)
+            total = [a + b for a, b in zip(total, _slice(after, before, moved), strict=True)]
+            before = after
+    return _forces(edge, total, edge.axial_depth / (slices * width), rubbing)
+
+
+class _End(NamedTuple):
+    """An end of a slice, held to the engaged part: its angle, sin, cos, sin cos and sin²."""
+
+    angle: Any
+    sine: Any
+    cosine: Any
+    both: Any
+    square: Any
+
+
+class _Arms(NamedTuple):
+    """Entry and exit: half the angle between them, their sines and cosines."""
+
+    half: Any
+    entry: tuple[Any, Any]
+    exit: tuple[Any, Any]
+
+    @classmethod
+    def of(cls, edge: Edge) -> _Arms:
+        """Of the engaged part of a turn."""
+        begin, end = edge.entry, edge.exit
+        return cls(0.5 * (end - begin), (ops.sin(begin), ops.cos(begin)), (ops.sin(end), ops.cos(end)))
+
+    def end(self, sine: Any, cosine: Any, turns: Any) -> _End:
+        """An end with these, at `turns` from the middle of what is not engaged."""
+        angle = 2.0 * ops.pi * (turns - ops.floor(turns)) - ops.pi
+        below, above = angle < -self.half, angle > self.half
+        held = ops.where(below, -self.half, ops.where(above, self.half, angle))
+        s = ops.where(below, self.entry[0], ops.where(above, self.exit[0], sine))
+        c = ops.where(below, self.entry[1], ops.where(above, self.exit[1], cosine))
+        return _End(held, s, c, s * c, s * s)
+
+
+def _slice(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> list[Any]:
+    """2∫h sin v, 2∫h cos v, ∫h, ∫sin v, ∫cos v, ∫1, 2∫sin², 2∫sin cos, 2∫cos² over a slice, or 0 out of the cut."""
+    angle, ds, dc = high.angle - low.angle, high.sine - low.sine, low.cosine - high.cosine
+    both, mixed = high.both - low.both, high.square - low.square
+    sines, cosines = angle - both, angle + both
+    (x, y), *others = moved
+    chip = x * dc + y * ds
+    for other_x, other_y in others:
+        other = other_x * dc + other_y * ds
+        less = other < chip
+        chip = ops.where(less, other, chip)
+        x, y = ops.where(less, other_x, x), ops.where(less, other_y, y)
+    # an edge that has its ends on both sides of the middle of what is not engaged has a negative angle here
+    cuts = ops.both(angle > 0.0, chip > LEAST_CHIP * angle)
+    found = (x * sines + y * mixed, x * mixed + y * cosines, chip, dc, ds, angle, sines, mixed, cosines)
+    return [ops.where(cuts, value, 0.0) for value in found]
+
+
+def _forces(edge: Edge, total: list[Any], depth: Any, rubbing: Rubbing | None) -> Cut:
+    """The forces from the sums over all slices; `depth` is the height of edge in m that a rad of it stands for."""
+    sine, cosine, chip, dc, ds, angle, sines, mixed, cosines = total
+    tangential, radial, axial = edge.cutting
+    along, across = 0.5 * sine, 0.5 * cosine
+    feed = tangential * across + radial * along
+    normal = tangential * along - radial * across
+    lift, turned = axial * chip, tangential * chip
+    if edge.rubbing is not None:
+        tangential, radial, axial = edge.rubbing
+        feed = feed + (tangential * ds + radial * dc)
+        normal = normal + (tangential * dc - radial * ds)
+        lift, turned = lift + axial * angle, turned + tangential * angle
+    if rubbing is not None:
+        x, y, damping = rubbing
+        feed = feed + 0.5 * damping * (x * sines + y * mixed)
+        normal = normal - 0.5 * damping * (x * mixed + y * cosines)
+    return Cut(-(depth * feed), depth * normal, depth * lift, 0.5 * edge.diameter * (depth * turned))
+
+
+def _with_run_out(edge: Edge, angle: Any, steps: Sequence[tuple[Any, Any]]) -> list[tuple[Any, Any]]:
+    """The motions of the axis that a tooth turns about, with the tool's own offset from it."""
+    if edge.run_out is None:
+        return list(steps)
+    offset, place = edge.run_out
+    sine, cosine = ops.sin(angle + place), ops.cos(angle + place)
+    found: list[tuple[Any, Any]] = []
+    for earlier, (x, y) in enumerate(steps, 1):
+        s, c = _turned(sine, cosine, *_of_tooth(-earlier, edge.teeth))
+        found.append((x + offset * (sine - s), y + offset * (cosine - c)))
+    return found
+
+
+def _turned(sine: Any, cosine: Any, s: float, c: float) -> tuple[Any, Any]:
+    """Sine and cosine of the sum of two angles."""
+    if s == 0.0 and c == 1.0:
+        return sine, cosine
+    return sine * c + cosine * s, cosine * c - sine * s
+
+
+def _of_tooth(tooth: int, teeth: int) -> tuple[float, float]:
+    """Sine and cosine of the angle between teeth."""
+    angle = 2.0 * ops.pi * (float(tooth % teeth) / float(teeth))
+    return (0.0, 1.0) if tooth % teeth == 0 else (float(ops.sin(angle)), float(ops.cos(angle)))
