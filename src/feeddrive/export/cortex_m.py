@@ -14,7 +14,7 @@ from feeddrive.export.layout import Layout
 from feeddrive.export.layout_run import LayoutRun
 from feeddrive.export.manifest import readme, write_bundle
 from feeddrive.language.errors import ParameterError
-from feeddrive.loop.routine import Variable
+from feeddrive.loop.routine import Variable, target_name
 
 
 def cortex_m_files(design: Design, core: Core) -> dict[str, str]:
@@ -60,6 +60,7 @@ def _readme(design: Design, core: Core) -> str:
         "cortex_m.md.j2", design, core=core, flags=f"{core.flags} -mthumb -mfloat-abi=hard {FLAGS}",
         rate=f"{1.0 / routine.sample_time:g}", period=f"{1e6 * routine.sample_time:g}",
         packages=" ".join(PACKAGES.values()), real=design.layout.precision, act=_act(design),
+        off=" || ".join(f"outputs.{target_name(f'{port}enabled')} < 0.5f" for port in routine.origin.ports()),
         given=_named(routine.inputs), taken=_named(routine.outputs),
     )  # fmt: skip
 
@@ -69,10 +70,13 @@ def _named(variables: Sequence[Variable]) -> str:
 
 
 def _act(design: Design) -> str:
-    """The C line that passes the command to the drive, in the drive's unit if the machine file has a motor."""
-    units = {v.name: v.unit for v in design.routine.outputs}
-    name = "command" if "command" in units else "force"
-    return f"{f'write_drive(outputs.{name});':<40}/* {units[name]} */"
+    """The C lines that pass the commands to the drives, in the drive's unit if the machine file has a motor."""
+    units, lines = {v.path: v.unit for v in design.routine.outputs}, list[str]()
+    for port in design.routine.origin.ports():
+        path = f"{port}command" if f"{port}command" in units else f"{port}force"
+        drive = f"write_drive{f'_{port[:-1]}' if port else ''}(outputs.{target_name(path)});"
+        lines.append(f"{drive:<40}/* {units[path]} */")
+    return "\n    ".join(lines)
 
 
 def count_program(layout: Layout) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from feeddrive.analysis.contour_control import matched_dynamics
 from feeddrive.analysis.margins import margins
 from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.export.c.statements import CALLS, FUNCTIONS, INFIX
@@ -55,7 +56,7 @@ class Design:
 
     @property
     def together(self) -> bool:
-        """Whether it is the plant of all axes."""
+        """Whether it is that of all axes."""
         return not isinstance(self.routine.origin, Loop)
 
     @property
@@ -67,15 +68,19 @@ class Design:
     def title(self) -> str:
         """One line that describes the design."""
         if self.together:
-            couplings = ", ".join(each.kind for each in self.machine.couplings)
+            held = [each for each in self.machine.couplings if self.what == PLANT or each.controls]
+            couplings = ", ".join(each.kind for each in held)
             coupled = f", coupled by {couplings}" if couplings else ""
-            return f"Plant of the axes {self.axis} of '{self.machine.name}'{coupled}"
+            whole = "Plant" if self.what == PLANT else "Controls"
+            return f"{whole} of the axes {self.axis} of '{self.machine.name}'{coupled}"
         kind = self.loop.control.law.kind if self.what == CONTROL else self.loop.axis.plant.kind
         return f"{self.what.capitalize()} of axis {self.axis} of '{self.machine.name}': {kind}"
 
     @property
     def system(self) -> System:
         """What is simulated: the loop, or all axes of the machine if it is coupled."""
+        if self.together:
+            return self.routine.origin
         return self.machine.machine() if self.machine.coupled(self.axis) else self.loop
 
     @property
@@ -100,8 +105,15 @@ class Design:
         """Warnings before this moves an axis: gaps in the machine file, and a loop close to instability."""
         if self.what == PLANT:
             return ()
-        said, control = self.loop.control.guard, self.loop.control
-        held, found = float(weight(self.loop.axis)), []
+        if not self.together:
+            return tuple(self._said_of(self.loop))
+        found = [f"axis {axis}: {said}" for axis, loop in self.system.loops().items() for said in self._said_of(loop)]
+        return (*found, *matched_dynamics(self.machine.machine()).remarks())
+
+    def _said_of(self, loop: Loop) -> list[str]:
+        """Warnings about one axis."""
+        said, control = loop.control.guard, loop.control
+        held, found = float(weight(loop.axis)), list[str]()
         assert said is not None, "what is exported has a guard"
         if held != 0.0 and float(said.safe_force) == 0.0:
             found.append(
@@ -111,19 +123,19 @@ class Design:
         if said.following_error_limit is None:
             found.append("the guard has no following_error_limit: a loop that runs away does not trip")
         found += [f"the guard has {name} = false: {then}" for name, then in said.left_out().items()]
-        found += self._robustness()
+        found += self._robustness(loop.name)
         if control.force_limit is None:
             found.append("the control has no force_limit: only the drive bounds the force")
-        return tuple(found)
+        return found
 
-    def _robustness(self) -> list[str]:
+    def _robustness(self, axis: str) -> list[str]:
         """A warning if the loop is close to instability."""
         if period_of(self.system) > MOST:
             return []
         nyquist = 0.5 / self.routine.sample_time
         frequency = np.geomspace(1e-4 * nyquist, nyquist, 2000)
         try:
-            found = margins(loop_gain(self.system, frequency, axis=self.axis))
+            found = margins(loop_gain(self.system, frequency, axis=axis))
         except NoSlopeError as error:
             return [f"whether the loop is stable was not decided: {error}"]
         if found.sensitivity_peak <= LARGEST_MS:
@@ -136,24 +148,30 @@ class Design:
 
 def read_design(
     source: MachineLike, axis: str | None = None, *, name: str | None = None, what: str = CONTROL,
-    precision: str = "double",
+    precision: str = "double", together: bool = False,
 ) -> Design:  # fmt: skip
     """The design of a machine file, or of a bundled machine.
 
     name  prefix of all names on the target; absent: `axis_x`, or `plant_x` for an axis
     axis  of a control one is needed if the file has several; of a plant without one all axes and their couplings
     what  "control" or "plant"
+    together  the controls of all axes as one design, with what runs between them
 
     Raises FileError and ParameterError as `read_machine`, ParameterError for a name that a target cannot have and for
     the plant of a coupled axis alone, StructureError for a control without a guard and for a part that uses other
     operations than `ops`, and both as `check_exportable`.
     """
     machine = read_machine(source)
-    together = what == PLANT and axis is None and len(machine.loops) > 1
+    together = len(machine.loops) > 1 and (together or (what == PLANT and axis is None))
     own = ", ".join(machine.loops) if together else machine.named(axis)
-    prefix = name or ("plant" if together else f"{'axis' if what == CONTROL else 'plant'}_{own}")
+    alone = f"{'axis' if what == CONTROL else 'plant'}_{own}"
+    prefix = name or (("plant" if what == PLANT else "axes") if together else alone)
     check_name(prefix, "--name" if name else "the name of the axis")
-    if together:
+    if together and what == CONTROL:
+        for loop in machine.loops.values():
+            require_guard(loop)
+        routine = controller_routine(machine.machine(), prefix)
+    elif together:
         routine = machine_routine(machine.machine(), prefix)
     elif what == PLANT:
         if machine.coupled(own):
@@ -162,11 +180,22 @@ def read_design(
             )
         routine = plant_routine(machine.loops[own], prefix)
     else:
+        _require_uncorrected(machine, own)
         require_guard(machine.loops[own])
         routine = controller_routine(machine.loops[own], prefix)
     made = layout(routine, precision)
     check_exportable(made)
     return Design(machine, own, what, made)
+
+
+def _require_uncorrected(machine: MachineFile, axis: str) -> None:
+    """Raise ParameterError if the control of an axis is corrected by what runs between the controls."""
+    for i, each in enumerate(machine.couplings):
+        if each.controls and axis in each.axes():
+            raise ParameterError(
+                f"{machine.file.name}: couplings.{i} ({each.kind}) corrects the control of axis '{axis}', which alone "
+                f"would be another: leave out --axis, and all controls are exported as one"
+            )
 
 
 def require_alone(design: Design, target: str) -> None:

@@ -20,6 +20,7 @@ from feeddrive.language.errors import NoSlopeError, ParameterError, nearest
 class Target:
     """A target: the function that writes it, its options, and its precisions; the first one is the default.
 
+    together  it can hold the controls of several axes as one
     linear  for axes that move along a line only: it uses mm, or the units of a motor with its lead
     """
 
@@ -28,6 +29,7 @@ class Target:
     options: tuple[str, ...] = ()
     precisions: tuple[str, ...] = ("double",)
     plants: bool = False
+    together: bool = False
     fixed: Mapping[str, Any] = field(default_factory=dict[str, Any])
     linear: bool = False
 
@@ -35,12 +37,12 @@ class Target:
 _HERE = __name__.rpartition(".")[0]
 _BOTH = ("double", "float")
 TARGETS: dict[str, Target] = {
-    "c": Target("c.bundle", "write_c", ("single_header",), _BOTH, plants=True),
+    "c": Target("c.bundle", "write_c", ("single_header",), _BOTH, plants=True, together=True),
     "linuxcnc": Target("linuxcnc.bundle", "write_linuxcnc", ("joint",), linear=True),
     "linuxcnc-pid": Target("linuxcnc_pid", "write_linuxcnc_pid", ("joint", "route", "units"), linear=True),
     "fmu2": Target("fmu.fmu", "write_fmu", plants=True, fixed={"version": 2}),
     "fmu3": Target("fmu.fmu", "write_fmu", plants=True, fixed={"version": 3}),
-    "cortex-m": Target("cortex_m", "write_cortex_m", ("core",), ("float", "double")),
+    "cortex-m": Target("cortex_m", "write_cortex_m", ("core",), ("float", "double"), together=True),
     "st": Target("structured_text.bundle", "write_structured_text", precisions=_BOTH),
     "parameters": Target("parameters.bundle", "write_parameters", ("makers", "lead", "gear"), linear=True),
 }
@@ -55,6 +57,7 @@ def write_export(
     name: str | None = None,
     precision: str | None = None,
     plant: bool = False,
+    together: bool = False,
     **options: Any,
 ) -> tuple[Design, Path]:
     """Write the control of an axis, or with `plant` the axis, for a target; returns design and README.
@@ -70,7 +73,7 @@ def write_export(
     Raises ParameterError for an unknown target or an option of another target, and as `read_design` and
     the function of the target do; UnstableError for a loop that is unstable with the axis of its machine file.
     """
-    design, place, write = _planned(source, target, out, axis, name, precision, plant, options)
+    design, place, write = _planned(source, target, out, axis, name, precision, plant, together, options)
     return design, write(design, place)
 
 
@@ -83,16 +86,21 @@ def write_all(
     name: str | None = None,
     precision: str | None = None,
     plant: bool = False,
+    together: bool = False,
     **options: Any,
 ) -> list[tuple[Design, Path]]:
     """As `write_export`; without an `axis` the controls of all axes of a machine file that has several.
 
-    Each then has a directory of its own, `out`/AXIS, and with a `name` the prefix NAME_AXIS.  All are checked before
+    With `together`, or if a coupling runs between the controls, they are one.  Else each has a directory of its own,
+    `out`/AXIS, and with a `name` the prefix NAME_AXIS.  All are checked before
     the first is written.
     """
-    axes = list(read_machine(source).loops)
-    if axis is not None or plant or len(axes) == 1:
-        return [write_export(source, target, out, axis=axis, name=name, precision=precision, plant=plant, **options)]
+    machine = read_machine(source)
+    axes = list(machine.loops)
+    together = together or (axis is None and not plant and any(each.controls for each in machine.couplings))
+    if axis is not None or plant or together or len(axes) == 1:
+        return [write_export(source, target, out, axis=axis, name=name, precision=precision, plant=plant,
+                             together=together, **options)]  # fmt: skip
     if options.get("joint") is not None:
         raise ParameterError("--joint belongs to one axis: name the axis by --axis, or leave both out")
     planned = []
@@ -101,7 +109,7 @@ def write_all(
         if "joint" in _chosen(target).options:
             options["joint"] = i
         prefix = None if name is None else f"{name}_{own}"
-        planned.append(_planned(source, target, place, own, prefix, precision, False, options))
+        planned.append(_planned(source, target, place, own, prefix, precision, False, False, options))
     return [(design, write(design, place)) for design, place, write in planned]
 
 
@@ -117,7 +125,7 @@ def write_again(design: Design, target: str, out: Path, options: Mapping[str, An
 
 def _planned(
     source: MachineLike, target: str, out: str | Path | None, axis: str | None, name: str | None, precision: str | None,
-    plant: bool, options: Mapping[str, Any],
+    plant: bool, together: bool, options: Mapping[str, Any],
 ) -> tuple[Design, Path, Callable[[Design, Path], Path]]:  # fmt: skip
     """A checked design, where it goes, and the function that writes it."""
     chosen = _chosen(target)
@@ -133,10 +141,19 @@ def _planned(
     if plant and not chosen.plants:
         fits = ", ".join(each for each, found in TARGETS.items() if found.plants)
         raise ParameterError(f"--plant means nothing for the target {target}; an axis can be exported to {fits}")
+    if together and (axis is not None or plant):
+        raise ParameterError("--together is for the controls of all axes: leave out --axis and --plant")
+    if together and not chosen.together:
+        fits = ", ".join(each for each, found in TARGETS.items() if found.together)
+        raise ParameterError(
+            f"--target = '{target}' holds the control of one axis; the controls of several axes as one, as a contour "
+            f"control between them needs it, can be exported to {fits}"
+        )
     if precision is not None and precision not in chosen.precisions:
         raise ParameterError(f"--precision = '{precision}': the target {target} has {', '.join(chosen.precisions)}")
     what = PLANT if plant else CONTROL
-    design = read_design(source, axis, name=name, what=what, precision=precision or chosen.precisions[0])
+    design = read_design(source, axis, name=name, what=what, precision=precision or chosen.precisions[0],
+                         together=together)  # fmt: skip
     if chosen.linear and any(loop.axis.rotary for loop in design.system.loops().values()):
         fits = ", ".join(each for each, found in TARGETS.items() if not found.linear)
         raise ParameterError(

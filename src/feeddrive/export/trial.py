@@ -12,7 +12,7 @@ from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.loop.guard import Guard
 from feeddrive.loop.routine import Routine, Variable
-from feeddrive.loop.routine_trace import controller_of
+from feeddrive.loop.routine_trace import on_target
 
 _DRAWS = 5  # until a change is one that the block allows
 BROKEN = (np.nan, np.inf, -np.inf, 1e300, -1e200, 5e-324, 1e-310)  # readings that no encoder should give, and some do
@@ -36,8 +36,21 @@ def trial(routine: Routine, count: int, seed: int = 0, *, changes: int = 50, bro
     At `changes` samples up to three parameters change by up to 25 %, within their bounds and the checks of their block.
     """
     random = np.random.default_rng(seed)
-    T = routine.sample_time
-    guard = routine.loop.control.guard or Guard()
+    pairs = zip(routine.origin.ports(), routine.origin.loops().values(), strict=True)
+    rows: dict[str, np.ndarray] = {}
+    for port, loop in pairs:
+        wandering = _wandering(loop.control.guard or Guard(), routine.sample_time, count, random)
+        rows |= {f"{port}{name}": row for name, row in wandering.items()}
+    inputs = np.column_stack([rows[variable.path] for variable in routine.inputs])
+    for column in range(inputs.shape[1]):
+        for place in np.flatnonzero(random.random(count) < broken):
+            inputs[place : place + random.integers(1, 5), column] = random.choice(np.array(BROKEN))
+    places = sorted({int(k) for k in np.linspace(0, count, changes + 2)[1:-1]} - {0})
+    return Trial(inputs, _changes(routine, places, random))
+
+
+def _wandering(guard: Guard, T: float, count: int, random: np.random.Generator) -> dict[str, np.ndarray]:
+    """The inputs of one axis by name."""
     far = 1e-3 if guard.following_error_limit is None else float(guard.following_error_limit)
     fast = 1.0 if guard.velocity_limit is None else float(guard.velocity_limit)
 
@@ -62,12 +75,7 @@ def trial(routine: Routine, count: int, seed: int = 0, *, changes: int = 50, bro
     }
     for name in ("reading", "reading_motor", "reading_load"):
         rows[name] = position + error + jitter * random.normal(0.0, 1.0, count)
-    inputs = np.column_stack([rows[variable.name] for variable in routine.inputs])
-    for column in range(inputs.shape[1]):
-        for place in np.flatnonzero(random.random(count) < broken):
-            inputs[place : place + random.integers(1, 5), column] = random.choice(np.array(BROKEN))
-    places = sorted({int(k) for k in np.linspace(0, count, changes + 2)[1:-1]} - {0})
-    return Trial(inputs, _changes(routine, places, random))
+    return rows
 
 
 def _ends(guard: Guard) -> tuple[tuple[float, Any], tuple[float, Any]]:
@@ -76,7 +84,7 @@ def _ends(guard: Guard) -> tuple[tuple[float, Any], tuple[float, Any]]:
 
 def _changes(routine: Routine, places: list[int], random: np.random.Generator) -> dict[int, dict[str, float]]:
     """Parameters that change by up to 25 % and pass the check of their block."""
-    both = controller_of(routine.loop)
+    both = on_target(routine.origin)
     first = {variable.path: variable for variable in routine.parameters}
     found: dict[int, dict[str, float]] = {}
     for sample in places:

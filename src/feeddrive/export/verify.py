@@ -19,6 +19,7 @@ from feeddrive.export.trial import Trial, trial
 from feeddrive.files.atomic_io import files_of, read_whole
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.table import Result, Table
+from feeddrive.loop.routine import target_name
 from feeddrive.loop.routine_run import run
 from feeddrive.version import __version__
 
@@ -194,7 +195,9 @@ def _design(directory: Path, manifest: Manifest) -> Design:
     file = directory / MACHINE_FILE
     if not file.is_file():
         raise FileError(f"{file}: is missing; export again")
-    found = read_design(file, manifest.axis, name=manifest.name, precision=manifest.precision)
+    together = "," in manifest.axis
+    axis = None if together else manifest.axis
+    found = read_design(file, axis, name=manifest.name, precision=manifest.precision, together=together)
     if not _PLAIN.fullmatch(manifest.source):  # it is printed in comments of the code
         raise FileError(f"{directory / FILE}: the machine file cannot have been '{manifest.source!r}': export again")
     text = found.machine.file
@@ -218,10 +221,12 @@ def _compared(
     bits &= ~(np.isnan(found) & np.isnan(wanted))
     with np.errstate(invalid="ignore"):
         apart = np.where(bits, np.abs(found - wanted), 0.0).max(axis=0)
-    trip = wanted[:, names.index("trip")]
-    limit = design.routine.loop.control.force_limit
-    trips = int(np.sum((trip[1:] > 0.0) & (trip[:-1] == 0.0)))
-    limited = 0 if limit is None else int(np.sum(np.abs(wanted[:, 0]) >= 0.75 * float(limit)))
+    trips = limited = 0
+    for port, loop in zip(design.routine.origin.ports(), design.routine.origin.loops().values(), strict=True):
+        trip, force = (wanted[:, names.index(target_name(f"{port}{name}"))] for name in ("trip", "force"))
+        limit = loop.control.force_limit
+        trips += int(np.sum((trip[1:] > 0.0) & (trip[:-1] == 0.0)))
+        limited += 0 if limit is None else int(np.sum(np.abs(force) >= 0.75 * float(limit)))
     double = design.layout.precision == "double"
     return Verified(
         name=design.name, target=manifest.target, precision=design.layout.precision, machine=design.machine.name,

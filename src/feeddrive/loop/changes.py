@@ -15,7 +15,7 @@ from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.loop.control import Control
 from feeddrive.loop.engine.native import Native
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.machine import System
+from feeddrive.loop.machine import Machine, System
 from feeddrive.loop.runner import Prepared, recorded
 from feeddrive.loop.work import Work
 
@@ -77,7 +77,7 @@ def _changed(loop: System, change: Any) -> System:
         found = dataclasses.replace(loop, control=change)
     elif isinstance(change, Mapping):
         for name, value in change.items():
-            if not isinstance(name, str) or not _CONTROL.match(tree.name_of(loop, name)):
+            if not isinstance(name, str) or not _on_controller(loop, tree.name_of(loop, name)):
                 raise ParameterError(
                     f"'{name}' is no parameter of the control, such as axis.x.control.law.Kv: the axis "
                     "does not change live"
@@ -95,6 +95,14 @@ def _changed(loop: System, change: Any) -> System:
             raise ParameterError("the control holds arrays of variants: a batch of variants cannot be changed live")
         control.check_live(before.control, before.place_of("control"))
     return found
+
+
+def _on_controller(loop: System, name: str) -> bool:
+    """Whether a parameter is one of a control, or of what runs between the controls of a machine."""
+    first, _, rest = name.partition(".")
+    if first == "couplings" and isinstance(loop, Machine):
+        return loop.couplings[int(rest.partition(".")[0])].controls
+    return bool(_CONTROL.match(name))
 
 
 class Course:

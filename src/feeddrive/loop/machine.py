@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from functools import reduce
 from typing import Any, NamedTuple, TypeAlias
 
 from feeddrive.blocks.coupling.geometry import Geometry
 from feeddrive.blocks.machine_families import Coupling
-from feeddrive.blocks.signals import Motion, Noise, Setpoint
-from feeddrive.language import ops
+from feeddrive.blocks.signals import Motion, Noise
 from feeddrive.language.block import Block, Number, Rule, parameter, part
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
+from feeddrive.loop.controls import Controls, Given
 from feeddrive.loop.core import Acting, Shared, acting
 from feeddrive.loop.hold import JointHold
 from feeddrive.loop.joint import Joint, named
@@ -173,39 +172,11 @@ class Machine(Block):
             motions[name] = Motion(at, at, speed, speed)
         states = {name: each.axis for name, each in found.items()}
         begun = self.joint().start(Joint.Prepared(prepared.cores, prepared.couplings), states, motions)
-        return self.State(named(found), begun.shared, begun.couplings, self.listening(setpoint))
+        return self.State(named(found), begun.shared, begun.couplings, self.controls().listen(setpoint))
 
-    def listening(self, setpoint: Mapping[str, Setpoint]) -> tuple[Any, ...]:
-        """The state of what runs on the controller between the axes."""
-        return tuple(each.listen(_of(each, setpoint)) for each in self.couplings if each.controls)
-
-    def commanded(
-        self, prepared: Any, states: Mapping[str, Any], coordination: tuple[Any, ...],
-        judged: Mapping[str, Control.Judged],
-    ) -> tuple[dict[str, Any], tuple[Any, ...], dict[str, Control.Command]]:  # fmt: skip
-        """The second half of a sample on the controller: what runs between the controls, and their commands.
-
-        While an axis does not run, nothing is added to the others.
-        """
-        setpoints = {name: each.setpoint for name, each in judged.items()}
-        positions = {name: each.load for name, each in judged.items()}
-        added: dict[str, Any] = {}
-        remembered: list[Any] = []
-        for coupling, held in zip((each for each in self.couplings if each.controls), coordination, strict=True):
-            held, found = coupling.correct(held, _of(coupling, setpoints), _of(coupling, positions))
-            verdicts = [judged[name].verdict for name in coupling.axes() if judged[name].verdict is not None]
-            runs = reduce(ops.both, (each.usual for each in verdicts)) if verdicts else None
-            for name, velocity in found.items():
-                velocity = velocity if runs is None else ops.where(runs, velocity, 0.0)
-                added[name] = added[name] + velocity if name in added else velocity
-            remembered.append(held)
-        controls: dict[str, Any] = {}
-        commands: dict[str, Control.Command] = {}
-        for (name, each), made in zip(self.axes().items(), prepared, strict=True):
-            controls[name], commands[name] = each.control.answer(
-                made, states[name], judged[name], self.sample_time, added.get(name)
-            )
-        return controls, tuple(remembered), commands
+    def controls(self) -> Controls:
+        """The controls of all axes and what runs between them."""
+        return Controls({name: each.control for name, each in self.axes().items()}, self.couplings)
 
     def sample(
         self, prepared: Prepared, state: State, inputs: Mapping[str, Number], noise: Noise, time: Number
@@ -218,18 +189,17 @@ class Machine(Block):
         moved: dict[str, Axis.State] = {name: held.axis for name, held in states.items()}
         before = Joint.State(named(moved), state.shared, state.couplings)
         found: dict[str, Any] = {}
-        judged: dict[str, Control.Judged] = {}
+        given: dict[str, Given] = {}
         at: dict[str, Acting] = {}
         for i, (name, each) in enumerate(axes.items()):
             setpoint, load, enable, probe = inputs_of(inputs, f"{name}.")
             motion = joint.motion(name, before)
             moved[name], motor, reading = each.axis.read(moved[name], motion, noise_of(noise, i), T)
             motor, reading = probe.read(motor, reading)
-            held = states[name].control
-            judged[name] = each.control.judge(prepared.control[i], held, setpoint, motor, reading, enable)
+            given[name] = Given(setpoint, motor, reading, enable)
             found[name] = setpoint, motion, motor, reading, probe, load
         held = {name: each.control for name, each in states.items()}
-        controls, coordination, commands = self.commanded(prepared.control, held, state.coordination, judged)
+        controls, between, commands = self.controls().step(prepared.control, held, state.coordination, given, T)
         for name, (*_, probe, load) in found.items():
             force = probe.acting(commands[name].applied)
             at[name], moved[name] = acting(columns[name], moved[name], force, load)
@@ -242,7 +212,7 @@ class Machine(Block):
             position = {name: row[1].position_load for name, row in found.items()}
             signals |= {f"{_TOOL}.{way}": at for way, at in self.geometry.tool(position).items()}
         held = {name: Loop.State(controls[name], axis) for name, axis in zip(axes, after.axis, strict=True)}
-        return self.State(named(held), after.shared, after.couplings, coordination), signals
+        return self.State(named(held), after.shared, after.couplings, between), signals
 
 
 System: TypeAlias = Loop | Machine  # what is traced to a program
@@ -251,11 +221,6 @@ System: TypeAlias = Loop | Machine  # what is traced to a program
 def each_controlled(coupling: Coupling) -> tuple[str, ...]:
     """The axes whose controls a coupling corrects."""
     return coupling.axes() if coupling.controls else ()
-
-
-def _of(coupling: Coupling, values: Mapping[str, Any]) -> dict[str, Any]:
-    """What belongs to the axes of a coupling."""
-    return {name: values[name] for name in coupling.axes()}
 
 
 def noise_of(noise: Noise, place: int) -> Noise:

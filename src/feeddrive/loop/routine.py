@@ -112,7 +112,7 @@ class Routine:
 
     conditions what `configure` and `retune` demand of the parameters: the bounds of each, in their order, then what
                blocks demand between them
-    origin    the loop, with its guard; of the physics of several axes their machine
+    origin    the loop, with its guard; of several axes together their machine
     prepared  the named numbers that the blocks call prepared, and `prepared_leaves` their places among the leaves of
               what `prepare` returns
     tables    rows of numbers: dotted name, node, numbers
@@ -163,10 +163,14 @@ class Routine:
 
 def off_outputs(routine: Routine) -> dict[str, float]:
     """The outputs of a control that has no parameters to run with: the safe force of the machine file, switched off."""
-    guard, motor = routine.loop.control.guard, routine.loop.axis.actuator.motor
-    held = 0.0 if guard is None else float(guard.safe_force)
-    command = {} if motor is None else {"command": held / float(motor.force_per_unit())}
-    return {"force": held, **command, "trip": 0.0, "enabled": 0.0}
+    found: dict[str, float] = {}
+    for loop, port in zip(routine.origin.loops().values(), routine.origin.ports(), strict=True):
+        guard, motor = loop.control.guard, loop.axis.actuator.motor
+        held = 0.0 if guard is None else float(guard.safe_force)
+        command = {} if motor is None else {"command": held / float(motor.force_per_unit())}
+        off = {"force": held, **command, "trip": 0.0, "enabled": 0.0}
+        found |= {target_name(f"{port}{name}"): value for name, value in off.items()}
+    return found
 
 
 def target_name(path: str) -> str:

@@ -11,7 +11,6 @@ from typing import Any, cast
 
 import numpy as np
 
-from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
 from feeddrive.language.block import Number
 from feeddrive.language.errors import ParameterError
@@ -19,9 +18,8 @@ from feeddrive.language.graph import Graph
 from feeddrive.language.ring import Ring
 from feeddrive.loop.engine.native import Native, native
 from feeddrive.loop.engine.plan import plan
-from feeddrive.loop.loop import SETPOINT
 from feeddrive.loop.routine import Routine
-from feeddrive.loop.routine_trace import controller_of
+from feeddrive.loop.routine_trace import on_target
 from feeddrive.loop.trace import Carried, Program, concrete, leaf, node, numbers
 
 Changes = Mapping[int, Mapping[str, float]]
@@ -36,19 +34,18 @@ class ControllerRun:
             raise ParameterError(f"{routine.name} is an axis; its answers are those of `simulate`")
         self.routine = routine
         self.T = np.float64(routine.sample_time)
-        self._both = controller_of(routine.loop)
+        self._both = on_target(routine.origin)
         self._prepare()
-        given = dict(zip((v.name for v in routine.inputs), map(np.float64, first), strict=True))
-        setpoint = Setpoint(*(given[each] for each in SETPOINT))
+        given = dict(zip((v.path for v in routine.inputs), map(np.float64, first), strict=True))
         with np.errstate(all="ignore"):
-            self.state = self._plain.control.start(self._made, setpoint, *_readings(given))
+            self.state = self._plain.start(self._made, given)
         self._native = self._compiled()
         self._load()
 
     def _prepare(self) -> None:
         self._plain = concrete(self._both)
         with np.errstate(all="ignore"):
-            self._made = self._plain.control.prepare(self.T)
+            self._made = self._plain.prepare(self.T)
         self._numbers = {**dict(tree.leaves(self._plain)), **dict(numbers(self._made, "prepared")), "T": self.T}
 
     def _compiled(self) -> Native:
@@ -72,13 +69,9 @@ class ControllerRun:
         names = [name for name, _ in tree.leaves(self.state)]
         begun = tree.leaves(self.state)
         before = tree.rebuild(self.state, (leaf(graph, f"state.{name}", value) for name, value in begun))
-        given = {v.name: symbol(v.name, inputs) for v in self.routine.inputs}
+        given = {v.path: symbol(v.path, inputs) for v in self.routine.inputs}
         T = cast(Number, symbol("T", constants))
-        setpoint = Setpoint(*(given[each] for each in SETPOINT))
-        after, command = both.control.step(made, before, setpoint, *_readings(given), given["enable"], T)
-        values = {"force": command.applied, "trip": command.trip, "enabled": command.running}
-        if both.motor is not None:
-            values["command"] = command.applied / both.motor.force_per_unit()
+        after, values = both.step(made, before, given, T)
         carried = zip(names, tree.leaves(before), tree.leaves(after), strict=True)
         program = Program(
             graph=graph,
@@ -87,7 +80,7 @@ class ControllerRun:
             states=tuple(
                 Carried(name, node(graph, first), node(graph, value)) for name, (_, first), (_, value) in carried
             ),
-            outputs={v.name: graph.symbol(values[v.name]).index for v in self.routine.outputs},
+            outputs={v.path: graph.symbol(values[v.path]).index for v in self.routine.outputs},
             sample=None,
             tables={name: row.index for name, row in rows.items()},
         )
@@ -125,13 +118,13 @@ class ControllerRun:
     def retune(self, changes: Mapping[str, float]) -> None:
         """Other parameters, by path, from the next sample on. Raises ParameterError as the blocks do."""
         self._unload()
-        before, made = self._plain.control, self._made
+        before, made = self._plain, self._made
         changed = tree.vary(self._both, changes)
         tree.check_sampled(changed, float(self.T))
         self._both = changed
         self._prepare()
         with np.errstate(all="ignore"):
-            self.state = self._plain.control.retune(self.state, before, made, self._made)
+            self.state = self._plain.retune(self.state, before, made, self._made)
         self._load()
 
 
@@ -147,9 +140,3 @@ def run(routine: Routine, inputs: np.ndarray, changes: Changes | None = None) ->
         held.retune((changes or {})[place])
         start = place
     return np.vstack([*pieces, held.step(inputs[start:])])
-
-
-def _readings(given: Mapping[str, Any]) -> tuple[Any, Any]:
-    """Of motor and load; a single encoder gives both."""
-    single = given.get("reading")
-    return (given["reading_motor"], given["reading_load"]) if single is None else (single, single)

@@ -11,9 +11,9 @@ from typing import Any, cast
 import numpy as np
 
 from feeddrive.blocks.machine_families import Coupling
-from feeddrive.blocks.signals import Motion, Noise, Setpoint
+from feeddrive.blocks.signals import Motion, Noise
 from feeddrive.language import ops, tree
-from feeddrive.language.block import Block, Number, Rule, label, part
+from feeddrive.language.block import Block, Number, Rule, part
 from feeddrive.language.declaration import Declaration
 from feeddrive.language.errors import StructureError
 from feeddrive.language.graph import Graph, Symbol, reachable
@@ -21,28 +21,15 @@ from feeddrive.language.naming import Name, Names
 from feeddrive.language.ring import Ring, gathered, spread
 from feeddrive.language.units import turning_text
 from feeddrive.loop.axis import Axis
-from feeddrive.loop.control import Control
+from feeddrive.loop.controls import Controlled, Controller, Controllers, Drive, controller_of, motors
 from feeddrive.loop.core import Acting, acting, advance
 from feeddrive.loop.joint import Joint, named
-from feeddrive.loop.loop import SETPOINT, Loop, quantity, unit_of
+from feeddrive.loop.loop import Loop, quantity, unit_of
 from feeddrive.loop.machine import Machine, System, noise_of, turning_ports
 from feeddrive.loop.routine import MEANINGS, Condition, Function, Retune, Routine, Variable, meaning_of, target_name
 
 LONGEST_RING = 256  # cells
 _ABSENT = re.compile(r"; absent[^;]*$")  # what is there is not absent
-
-
-class Controller(Block):
-    """The control of an axis, and the motor that turns its force into the drive's unit."""
-
-    control: Control = part("all that runs on the controller")
-    motor: Any = part("what makes the force", default=None)
-    name: str = label("name of the axis", default="x")
-
-    def place_of(self, field: str) -> str:
-        """As in the loop from which it comes."""
-        own = f"axis.{self.name}"
-        return {"control": f"{own}.control", "motor": f"{own}.actuator.motor"}.get(field, field)
 
 
 class Physics(Block):
@@ -60,34 +47,41 @@ class Physics(Block):
         yield from self.joint().rules(T)
 
 
-def controller_of(loop: Loop) -> Controller:
-    """The part of a loop that runs on a target."""
-    return Controller(control=loop.control, motor=loop.axis.actuator.motor, name=loop.name)
+def on_target(system: System) -> Controller | Controllers:
+    """The part of a loop, or of all loops of a machine, that runs on a target."""
+    if isinstance(system, Loop):
+        return controller_of(system)
+    axes = {
+        name: Controlled(control=each.control, actuator=Drive(motor=each.axis.actuator.motor),
+                         encoders=each.axis.encoders())
+        for name, each in system.axes().items()
+    }  # fmt: skip
+    return Controllers(axis=named(axes), couplings=tuple(each if each.controls else None for each in system.couplings))
 
 
-def controller_routine(loop: Loop, name: str) -> Routine:
-    """The control of a loop. Raises StructureError if a part leaves the language of `ops`."""
-    traced = _Traced(controller_of(loop), loop)
-    given = [*SETPOINT, *(("reading_motor", "reading_load") if loop.axis.encoders() == 2 else ("reading",)), "enable"]
-    inputs = {each: traced.given(each) for each in given}
+def controller_routine(system: System, name: str) -> Routine:
+    """The control of a loop, or of all axes of a machine, whose inputs and outputs have the axis before them.
+
+    Raises StructureError if a part leaves the language of `ops`.
+    """
+    block = on_target(system)
+    traced = _Traced(block, system)
+    inputs = {each: traced.given(each) for each in block.inputs()}
     T, both = traced.T, traced.symbolic
     with traced.words:
-        made = both.control.prepare(T)
-        begun = both.control.start(made, _setpoint(inputs), *_readings(inputs))
+        made = both.prepare(T)
+        begun = both.start(made, inputs)
         _check_rings(begun, name)
         names = [each for each, _ in spread(begun)]
         before = gathered(begun, (traced.graph.input(f"state.{each}") for each in names))
-        after, command = both.control.step(
-            made, before, _setpoint(inputs), *_readings(inputs), cast(Number, inputs["enable"]), T
-        )
-        outputs = {"force": ("N", MEANINGS["force"][1], command.applied)}
-        motor = loop.axis.actuator.motor
-        if motor is not None:
-            scaled = command.applied / both.motor.force_per_unit()
-            outputs["command"] = (motor.unit, "the same in the unit of the drive", scaled)
-        outputs["trip"] = ("", MEANINGS["trip"][1], command.trip)
-        outputs["enabled"] = ("", MEANINGS["enabled"][1], command.running)
-    return traced.routine(name, loop, made, inputs, names, begun, after, outputs, _retune(loop.control, made, begun))
+        after, found = both.step(made, before, inputs, T)
+    units = {f"{port}command": motor.unit for port, motor in motors(block) if motor is not None}
+    outputs = {
+        each: (units[each], "the same in the unit of the drive", value) if each in units
+        else (*MEANINGS[quantity(each)], value)
+        for each, value in found.items()
+    }  # fmt: skip
+    return traced.routine(name, system, made, inputs, names, begun, after, outputs, _retune(block, made, begun))
 
 
 def _check_rings(state: Any, name: str) -> None:
@@ -98,16 +92,6 @@ def _check_rings(state: Any, name: str) -> None:
                 f"{name}: {path} is a ring of {value.length} cells, more than the {LONGEST_RING} that an export may "
                 f"hold: give its block a shorter memory"
             )
-
-
-def _setpoint(inputs: Mapping[str, Any]) -> Setpoint:
-    return Setpoint(*(inputs[each] for each in SETPOINT))
-
-
-def _readings(inputs: Mapping[str, Any]) -> tuple[Any, Any]:
-    """Of motor and load; a single encoder gives both."""
-    single = inputs.get("reading")
-    return (inputs["reading_motor"], inputs["reading_load"]) if single is None else (single, single)
 
 
 def plant_routine(loop: Loop, name: str, seed: int = 0) -> Routine:
@@ -212,7 +196,8 @@ class _Traced:
         self.owners = tuple(_owners(self.symbolic))
         self.turning = turning_ports(loop)
         self.worded = turning_text if self.turning else str
-        self.words = Names(self.graph, {id(each): path for path, each in self.owners})
+        runs = isinstance(block, Controller | Controllers)  # its own text only hands on
+        self.words = Names(self.graph, {id(each): path for path, each in self.owners if path or not runs})
 
     def given(self, name: str) -> Any:
         """An input."""
@@ -282,7 +267,7 @@ class _Traced:
             tables=self.tables,
             names=self.words.found,
             makers=self.words.makers,
-            memory="controller" if isinstance(self.block, Controller) else "plant",
+            memory="controller" if isinstance(self.block, Controller | Controllers) else "plant",
             said={name: self.worded(text) for name, text in (*_said(begun), *_said(made, "prepared"))},
             blocks=tuple((path, each) for path, each in _owners(self.block)),
         )
@@ -300,7 +285,7 @@ class _Traced:
 
     def _word(self, name: str) -> str:
         """The name of a parameter on a target; of several axes it begins with that of the axis."""
-        return target_name(name.removeprefix("axis.") if isinstance(self.block, Physics) else name)
+        return target_name(name.removeprefix("axis.") if isinstance(self.block, Physics | Controllers) else name)
 
     def _conditions(self, used: set[str], more: Sequence[tuple[Any, str]]) -> Iterator[Condition]:
         """Bounds of the parameters in use, then what blocks demand of them; what no parameter changes is no condition.
@@ -347,8 +332,8 @@ def _live(
         live = found
 
 
-def _retune(control: Control, made: Any, begun: Any) -> Retune:
-    """`retune` of a control on symbols."""
+def _retune(block: Controller | Controllers, made: Any, begun: Any) -> Retune:
+    """`retune` of what runs on a target, on symbols."""
     graph = Graph()
     leaves: dict[int, tuple[str, int]] = {}
 
@@ -362,12 +347,12 @@ def _retune(control: Control, made: Any, begun: Any) -> Retune:
             leaves[symbol.index] = (kind, i)
             yield symbol
 
-    old = tree.rebuild(control, symbols(control, "old"))
-    new = tree.rebuild(control, symbols(control, "new"))
+    old: Any = tree.rebuild(block, symbols(block, "old"))
+    new: Any = tree.rebuild(block, symbols(block, "new"))
     old_made = tree.rebuild(made, symbols(made, "old_prepared"))
     new_made = tree.rebuild(made, symbols(made, "new_prepared"))
     state = gathered(begun, symbols(spread(begun), "state"))
-    names = Names(graph, {id(each): path for path, each in _owners(new, "control")})
+    names = Names(graph, {id(each): path for path, each in _owners(new) if path})
     with names:
         after = new.retune(state, old, old_made, new_made)
     states = tuple(graph.symbol(value).index for _, value in spread(after))

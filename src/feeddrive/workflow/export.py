@@ -23,6 +23,7 @@ class ExportRequest(Request):
     name: str | None = option("prefix of all names; default: axis_x", default=None)
     precision: str | None = option("double or float; default: double, cortex-m float", default=None)
     plant: bool = option("c, fmu2, fmu3: the axis, to stand in for the machine", default=False)
+    together: bool = option("c, cortex-m: the controls of all axes as one", default=False)
     header_only: bool = option("c: a single header", default=False)
     joint: int | None = option("linuxcnc, linuxcnc-pid: number of the joint", default=None)
     route: str | None = option("linuxcnc-pid: one or two pids", default=None)
@@ -45,7 +46,8 @@ def export(request: ExportRequest, progress: Progress) -> Outcome[tuple[Design, 
     progress.step(f"export for {request.target}")
     written = write_all(
         request.source, request.target, request.out, axis=request.axis, name=request.name,
-        precision=request.precision, plant=request.plant, single_header=request.header_only, joint=request.joint,
+        precision=request.precision, plant=request.plant, together=request.together, single_header=request.header_only,
+        joint=request.joint,
         route=request.route, units=request.units, core=request.core, makers=request.maker, lead=request.lead,
         gear=request.gear,
     )  # fmt: skip

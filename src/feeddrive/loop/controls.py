@@ -1,0 +1,227 @@
+"""The controls of the axes of a machine with what runs between them, and what of them runs on a target."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import reduce
+from typing import Any, NamedTuple
+
+from feeddrive.blocks.machine_families import Coupling
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language import ops
+from feeddrive.language.block import Block, Number, choice, label, part
+from feeddrive.loop.control import Control
+from feeddrive.loop.loop import SETPOINT, Loop
+
+
+class Given(NamedTuple):
+    """What a control is given in a sample: setpoint, the readings of motor and load in m, and enable."""
+
+    setpoint: Setpoint
+    motor: Number
+    load: Number
+    enable: Number
+
+
+class Controls:
+    """The controls of axes by name with what runs between them: all of a machine but its physics.
+
+    for each axis:   its guard looks at setpoint and readings
+    couplings:       correct the velocities that the laws command, from what the guards let through
+    for each axis:   compensation, law, filters, feedforward, limit
+    """
+
+    def __init__(self, controls: Mapping[str, Control], couplings: Sequence[Coupling]) -> None:
+        self.controls, self.couplings = dict(controls), tuple(each for each in couplings if each.controls)
+
+    def listen(self, setpoints: Mapping[str, Setpoint]) -> tuple[Any, ...]:
+        """The state of what runs between the controls."""
+        return tuple(each.listen(_of(each, setpoints)) for each in self.couplings)
+
+    def step(
+        self, prepared: Sequence[Any], states: Mapping[str, Any], between: tuple[Any, ...],
+        given: Mapping[str, Given], T: Number,
+    ) -> tuple[dict[str, Any], tuple[Any, ...], dict[str, Control.Command]]:  # fmt: skip
+        """One sample: the states of the controls and of what runs between them, and the commands by axis."""
+        judged = {
+            name: each.judge(made, states[name], *given[name])
+            for (name, each), made in zip(self.controls.items(), prepared, strict=True)
+        }
+        between, added = self._corrected(between, judged)
+        after: dict[str, Any] = {}
+        commands: dict[str, Control.Command] = {}
+        for (name, each), made in zip(self.controls.items(), prepared, strict=True):
+            after[name], commands[name] = each.answer(made, states[name], judged[name], T, added.get(name))
+        return after, between, commands
+
+    def _corrected(
+        self, between: tuple[Any, ...], judged: Mapping[str, Control.Judged]
+    ) -> tuple[tuple[Any, ...], dict[str, Any]]:
+        """What is added to the velocities; while an axis of a coupling does not run, nothing to the others."""
+        setpoints = {name: each.setpoint for name, each in judged.items()}
+        positions = {name: each.load for name, each in judged.items()}
+        added: dict[str, Any] = {}
+        remembered: list[Any] = []
+        for coupling, held in zip(self.couplings, between, strict=True):
+            after, found = coupling.correct(held, _of(coupling, setpoints), _of(coupling, positions))
+            verdicts = [judged[name].verdict for name in coupling.axes() if judged[name].verdict is not None]
+            runs = reduce(ops.both, (each.usual for each in verdicts)) if verdicts else None
+            for name, velocity in found.items():
+                used = velocity if runs is None else ops.where(runs, velocity, 0.0)
+                added[name] = added[name] + used if name in added else used
+            remembered.append(after)
+        return tuple(remembered), added
+
+
+def _of(coupling: Coupling, values: Mapping[str, Any]) -> dict[str, Any]:
+    """What belongs to the axes of a coupling."""
+    return {name: values[name] for name in coupling.axes()}
+
+
+class Controller(Block):
+    """The control of an axis, and the motor that turns its force into the drive's unit: what runs on a target."""
+
+    control: Control = part("all that runs on the controller")
+    motor: Any = part("what makes the force", default=None)
+    encoders: int = choice("encoders of the axis", options=(1, 2), default=1)
+    name: str = label("name of the axis", default="x")
+
+    def place_of(self, field: str) -> str:
+        """As in the loop from which it comes."""
+        own = f"axis.{self.name}"
+        return {"control": f"{own}.control", "motor": f"{own}.actuator.motor"}.get(field, field)
+
+    def inputs(self) -> tuple[str, ...]:
+        """Names of what it is given in each sample."""
+        return (*SETPOINT, *_readings(self.encoders), "enable")
+
+    def prepare(self, T: Number) -> Any:
+        """What depends on parameters only."""
+        return self.control.prepare(T)
+
+    def start(self, prepared: Any, inputs: Mapping[str, Any]) -> Any:
+        """Where the axis is."""
+        return self.control.start(prepared, *_given(inputs, "")[:3])
+
+    def step(self, prepared: Any, state: Any, inputs: Mapping[str, Any], T: Number) -> tuple[Any, dict[str, Any]]:
+        """One sample: the state, and the outputs by name."""
+        answer = self.control.step(prepared, state, *_given(inputs, ""), T)
+        return answer[0], _outputs(answer[1], self.motor, "")
+
+    def retune(self, state: Any, old: Controller, old_prepared: Any, prepared: Any) -> Any:
+        """The state after a live change."""
+        return self.control.retune(state, old.control, old_prepared, prepared)
+
+    def check_live(self, old: Controller) -> None:
+        """Raise StructureError if more than numbers differ."""
+        self.control.check_live(old.control)
+
+
+class Drive(Block):
+    """The motor of an axis."""
+
+    motor: Any = part("what makes the force", default=None)
+
+
+class Controlled(Block):
+    """The control of an axis among others, with its drive."""
+
+    control: Control = part("all that runs on the controller")
+    actuator: Drive = part("what makes the force")
+    encoders: int = choice("encoders of the axis", options=(1, 2), default=1)
+
+
+class Controllers(Block):
+    """The controls of all axes of a machine, with what runs between them: what runs on a target."""
+
+    axis: Any = part("axes by name")
+    couplings: tuple[Any, ...] = part(
+        "what runs between the controls, by place in the machine; else absent", default=()
+    )
+
+    class State(NamedTuple):
+        """Of the controls by axis, and of what runs between them."""
+
+        axis: Any
+        couplings: tuple[Any, ...]
+
+    def controls(self) -> Controls:
+        """As the machine runs them."""
+        there = [each for each in self.couplings if each is not None]
+        return Controls({name: each.control for name, each in self.axis._asdict().items()}, there)
+
+    def inputs(self) -> tuple[str, ...]:
+        """Names of what they are given in each sample, with the axis before them."""
+        axes: dict[str, Controlled] = self.axis._asdict()
+        return tuple(
+            f"{name}.{each}" for name, axis in axes.items() for each in (*SETPOINT, *_readings(axis.encoders), "enable")
+        )
+
+    def prepare(self, T: Number) -> Any:
+        """What depends on parameters only, by axis."""
+        return type(self.axis)(*(each.control.prepare(T) for each in self.axis))
+
+    def start(self, prepared: Any, inputs: Mapping[str, Any]) -> State:
+        """Where the axes are."""
+        given = {name: _given(inputs, f"{name}.") for name in self.axis._fields}
+        begun = (
+            each.control.start(made, *given[name][:3])
+            for name, each, made in zip(self.axis._fields, self.axis, prepared, strict=True)
+        )
+        setpoints = {name: each.setpoint for name, each in given.items()}
+        return self.State(type(self.axis)(*begun), self.controls().listen(setpoints))
+
+    def step(self, prepared: Any, state: State, inputs: Mapping[str, Any], T: Number) -> tuple[State, dict[str, Any]]:
+        """One sample: the state, and the outputs by name."""
+        given = {name: _given(inputs, f"{name}.") for name in self.axis._fields}
+        answer = self.controls().step(prepared, state.axis._asdict(), state.couplings, given, T)
+        found = {
+            key: value
+            for name, each in self.axis._asdict().items()
+            for key, value in _outputs(answer[2][name], each.actuator.motor, f"{name}.").items()
+        }
+        return self.State(type(self.axis)(**answer[0]), answer[1]), found
+
+    def retune(self, state: State, old: Controllers, old_prepared: Any, prepared: Any) -> State:
+        """The states after a live change; what runs between the controls keeps its own."""
+        rows = zip(self.axis, state.axis, old.axis, old_prepared, prepared, strict=True)
+        return state._replace(axis=type(self.axis)(*(
+            new.control.retune(held, before.control, was, made) for new, held, before, was, made in rows
+        )))  # fmt: skip
+
+    def check_live(self, old: Controllers) -> None:
+        """Raise StructureError if more than numbers differ."""
+        for new, before in zip(self.axis, old.axis, strict=True):
+            new.control.check_live(before.control)
+
+
+def _readings(encoders: int) -> tuple[str, ...]:
+    return ("reading_motor", "reading_load") if encoders == 2 else ("reading",)
+
+
+def _given(inputs: Mapping[str, Any], port: str) -> Given:
+    """Of inputs with a prefix; a single encoder gives both readings."""
+    setpoint = Setpoint(*(inputs[f"{port}{each}"] for each in SETPOINT))
+    single = inputs.get(f"{port}reading")
+    motor, load = (inputs[f"{port}{each}"] for each in _readings(2)) if single is None else (single, single)
+    return Given(setpoint, motor, load, inputs[f"{port}enable"])
+
+
+def _outputs(command: Control.Command, motor: Any, port: str) -> dict[str, Any]:
+    scaled = {} if motor is None else {f"{port}command": command.applied / motor.force_per_unit()}
+    found = {f"{port}force": command.applied, **scaled}
+    return {**found, f"{port}trip": command.trip, f"{port}enabled": command.running}
+
+
+def controller_of(loop: Loop) -> Controller:
+    """The part of a loop that runs on a target."""
+    motor = loop.axis.actuator.motor
+    return Controller(control=loop.control, motor=motor, encoders=loop.axis.encoders(), name=loop.name)
+
+
+def motors(block: Controller | Controllers) -> Iterator[tuple[str, Any]]:
+    """The prefix of the outputs of each axis, and its motor or None."""
+    if isinstance(block, Controller):
+        yield "", block.motor
+    else:
+        yield from ((f"{name}.", each.actuator.motor) for name, each in block.axis._asdict().items())
