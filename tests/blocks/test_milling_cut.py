@@ -354,7 +354,7 @@ def test_native_code_has_the_bits_of_the_source() -> None:
         ({"radial_depth": 0.013}, r"radial_depth = 0.013 m is 0.001 m more than .*diameter = 0.012"),
         ({"entry": 0.2}, "belong together"),
         ({"entry": 0.5, "exit": 0.2}, r"exit = 0.2 rad must be > mechanistic_cutter.entry = 0.5"),
-        ({"entry": 0.5, "exit": 0.6, "radial_depth": 0.003}, "give one of them"),
+        ({"entry": 0.5, "exit": 0.6, "radial_depth": 0.003}, "as well as these: give one"),
         ({"teeth": 0}, r"teeth = 0 .* must be >= 1"),
         ({"axial_depth": 0.2}, r"slices = 5: an edge that turns by 19.2 rad .* needs at least 13"),
     ],
