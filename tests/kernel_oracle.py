@@ -14,6 +14,7 @@ from typing import Any, cast
 import numpy as np
 
 from feeddrive.language.kernels.kernel import Kernel, interpreted
+from feeddrive.language.kernels.module import QUICK, THOROUGH
 
 SPECIAL = [
     math.nan, math.inf, -math.inf, 0.0, -0.0, 5e-324, -5e-324, 2.2e-308, -1e-310, 1e308, -1.7e308, 1.0, -1.0, 0.5, 2.0,
@@ -90,17 +91,19 @@ def outcome(kernel: Callable[..., Any], given: list[Any]) -> Any:
 
 
 def compare(kernel: Kernel[..., Any], draws: Iterable[list[Any]]) -> int:
-    """How many calls ended in an error; interpreter and processor agree on all of them, errors and their lines too."""
-    errors = 0
-    for given in draws:
-        native = outcome(kernel, given)
-        with interpreted():
-            plain = outcome(kernel, given)
-        if plain is OverflowError:
-            native = native[0]
-        assert native == plain, (kernel, given)
-        errors += isinstance(plain, type) or isinstance(plain[0], type)
-    return errors
+    """How many calls ended in an error; interpreter and processor agree on all of them, errors and their lines too.
+
+    The processor with code that was made quickly and thoroughly.
+    """
+    given = list(draws)
+    with interpreted():
+        plain = [outcome(kernel, each) for each in given]
+    for effort in (QUICK, THOROUGH):
+        kernel.unit.make(effort)
+        for each, expected in zip(given, plain, strict=True):
+            native = outcome(kernel, each)
+            assert (native[0] if expected is OverflowError else native) == expected, (kernel, effort, each)
+    return sum(isinstance(each, type) or isinstance(each[0], type) for each in plain)
 
 
 def drawn(kernel: Kernel[..., Any], count: int, seed: int) -> Iterator[list[Any]]:

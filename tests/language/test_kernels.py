@@ -8,6 +8,7 @@ import pickle
 import re
 import threading
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,10 @@ import kernel_constructs
 import numpy as np
 import pytest
 
-from feeddrive.language import machine_code, ops
+from feeddrive.language import ops
 from feeddrive.language.kernels.kernel import Kernel, interpreted
+from feeddrive.language.kernels.module import QUICK, THOROUGH
 from feeddrive.language.kernels.source import KernelError
-from feeddrive.language.recent import Recent
 from kernel_oracle import bits, compare, drawn
 
 CONSTRUCTS = [each for each in vars(kernel_constructs).values() if isinstance(each, Kernel)]
@@ -230,7 +231,7 @@ def test_what_is_not_in_the_language_is_refused(tmp_path: Path):
     for body, (named, remedy) in REFUSED.items():
         kernel = made(tmp_path, f"{head}{body}\n")
         with pytest.raises(KernelError) as error:
-            kernel.file  # noqa: B018
+            kernel.unit.text()
         found = re.fullmatch(r"(.*), line (\d+), kernel 'f': (.+); (.+)", str(error.value))
         assert found, body
         assert found[1] == kernel.source.file
@@ -270,7 +271,7 @@ HEADS = {
 def test_a_kernel_with_another_head_or_end_is_refused(tmp_path: Path):
     for text, (what, remedy) in HEADS.items():
         with pytest.raises(KernelError, match=r", line \d+, kernel 'f'") as error:
-            made(tmp_path, f"@kernel\n{text}\n").file  # noqa: B018
+            made(tmp_path, f"@kernel\n{text}\n").unit.text()
         assert what in str(error.value), text
         assert remedy in str(error.value).rpartition("; ")[2], text
 
@@ -278,12 +279,12 @@ def test_a_kernel_with_another_head_or_end_is_refused(tmp_path: Path):
 def test_a_kernel_stands_at_the_top_of_a_file_without_other_decorators(tmp_path: Path):
     inner = "def g():\n    @kernel\n    def f(x: float) -> float:\n        return x\n    return f\nf = g()\n"
     with pytest.raises(KernelError, match="line 29, kernel 'f': a kernel stands at the top level"):
-        made(tmp_path, inner).file  # noqa: B018
+        made(tmp_path, inner).unit.text()
     with pytest.raises(KernelError, match="is no Python function; decorate a def"):
         made(tmp_path, "f = kernel(sqrt)\n")
     twice = "def d(f):\n    return f\n@kernel\n@d\ndef f(x: float) -> float:\n    return x\n"
     with pytest.raises(KernelError, match="kernel 'f': a second decorator; leave it out"):
-        made(tmp_path, twice).file  # noqa: B018
+        made(tmp_path, twice).unit.text()
 
 
 def test_a_file_that_changed_after_its_import_is_refused(tmp_path: Path):
@@ -336,7 +337,7 @@ def test_arguments_are_checked_before_the_call_in_both_ways():
 
 def test_writing_through_rows_and_called_kernels_counts_as_writing():
     def written(kernel: Any) -> set[str]:
-        places = kernel.file.module.functions[kernel.source].written
+        places = kernel.unit.function(kernel.source).written
         return {kernel.source.signature.names[place] for place in places}
 
     assert written(kernel_constructs.rows) == {"table", "block"}
@@ -425,18 +426,85 @@ def test_code_on_disk_is_used_until_a_constant_or_a_called_kernel_changes(tmp_pa
     below = "@kernel\ndef g(x: float) -> float:\n    return x * K\n\n"
     text = "K = 2.0\n" + below + "@kernel\ndef f(x: float) -> float:\n    return g(x) + 1.0\n"
     for changed, result, files in (
-        (text, 7.0, 1), ("# a comment\n" + text, 7.0, 1), (text.replace("2.0", "4.0"), 13.0, 2),
-        (text.replace("x * K", "x - K"), 2.0, 3),
+        (text, 7.0, 2), ("# a comment\n" + text, 7.0, 2), (text.replace("2.0", "4.0"), 13.0, 3),
+        (text.replace("x * K", "x - K"), 2.0, 4),
     ):  # fmt: skip
-        monkeypatch.setattr(machine_code, "_kept", Recent(8))
         assert made(tmp_path, changed)(3.0) == result
         assert len(list((tmp_path / "cache").iterdir())) == files
 
 
+def two_files(folder: Path, below: str, above: str) -> Any:
+    """A kernel `f` of a file that calls `g` of another one."""
+    stem = made(folder, below, "g").__module__
+    path = folder / f"above_{stem}.py"
+    path.write_text(f"{HEAD}import sys\nfrom {stem} import g\n\n{above}", encoding="utf-8")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec
+    assert spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.f
+
+
+def test_a_kernel_of_another_file_is_compiled_there_alone(tmp_path: Path, monkeypatch: Any):
+    """The caller is linked to it, also when code of the caller on the disk was made with another text below."""
+    monkeypatch.setenv("FEEDDRIVE_CACHE", str(tmp_path / "cache"))
+    monkeypatch.syspath_prepend(tmp_path)
+    small = "    return x * K\n"
+    large = f"    y = x\n    for k in range(1):\n{'        y = y + row[k] / x' + chr(10) * 1}" + "    return y * K\n"
+    above = "@kernel\ndef f(x: float, row: Floats) -> float:\n    return g(x, row) + 1.0\n"
+    for body, factor, result in ((small, 2.0, 7.0), (small, 4.0, 13.0), (large, 2.0, 11.0), (large, 4.0, 21.0)):
+        below = f"K = {factor}\n\n@kernel\ndef g(x: float, row: Floats) -> float:\n{body}"
+        f = two_files(tmp_path, below, above)
+        for effort in (QUICK, THOROUGH):
+            f.unit.make(effort)
+            assert f(3.0, np.array([6.0])) == result
+        with pytest.raises(IndexError) if body is large else nullcontext() as error:
+            f(3.0, np.zeros(0))
+        assert error is None or "kernel 'g'" in error.value.__notes__[0]
+        symbol = f.unit.units[0].symbol(f.source.named["g"].source)
+        assert len(f.unit.units) == 2
+        assert re.search(rf"declare .*@{symbol}\(", f.unit.text(QUICK))
+        assert not re.search(rf"define .*@{symbol}\(", f.unit.text(QUICK))
+
+
+def test_code_that_has_run_long_is_made_again_thoroughly(tmp_path: Path, monkeypatch: Any):
+    """After as much time as that takes, here 7 us a byte, and then the next process takes it from the disk."""
+    monkeypatch.setenv("FEEDDRIVE_CACHE", str(tmp_path / "cache"))
+    text = (
+        "@kernel\ndef f(n: int) -> float:\n    x = 0.0\n    for k in range(n):\n        x = x + k / 3.0\n    return x\n"
+    )
+    kernel = made(tmp_path, text)
+    first = kernel(10)
+    assert kernel.unit.quick
+    size = kernel.unit.code.size
+    kernel.unit.ran(6e-6 * size)
+    assert kernel.unit.quick
+    kernel.unit.ran(2e-6 * size)
+    assert not kernel.unit.quick
+    assert kernel.unit.code.size < size
+    assert kernel(10) == first
+    again = made(tmp_path, text)
+    assert again(10) == first
+    assert not again.unit.quick
+
+
+def test_files_whose_kernels_call_each_other_are_refused(tmp_path: Path, monkeypatch: Any):
+    monkeypatch.syspath_prepend(tmp_path)
+    head = "@kernel\ndef {}(x: float) -> float:\n    return {}\n\n"
+    below = head.format("g", "x") + head.format("h", "f(x)")
+    above = head.format("f", "x") + head.format("e", "g(x)")
+    f = two_files(tmp_path, below, above)
+    f.source.python.__globals__["e"].source.named["g"].python.__globals__["f"] = f
+    with pytest.raises(KernelError, match="files whose kernels call each other; put them into one file"):
+        f(1.0)
+
+
 def test_no_library_is_called():
     """Only what a processor does itself: roots, absolute values and sums with overflow."""
-    text = kernel_constructs.cells.file.module.text("triple")
-    assert set(re.findall(r"declare .* @([\w.]+)\(", text)) == {
+    text = kernel_constructs.cells.unit.text(THOROUGH)
+    declared = re.findall(r"declare .* @([\w.]+)\(", text)
+    assert {each for each in declared if not each.startswith("k")} == {
         "llvm.sqrt.f64", "llvm.fabs.f64", "llvm.floor.f64", "llvm.sadd.with.overflow.i64",
         "llvm.ssub.with.overflow.i64", "llvm.smul.with.overflow.i64",
     }  # fmt: skip

@@ -12,7 +12,7 @@ import stat
 import struct
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from threading import Lock
@@ -30,7 +30,9 @@ class MachineCode(NamedTuple):
 
     key: str  # of the cache
     engine: Any  # owns the code
-    addresses: tuple[int, ...]  # of the entries
+    addresses: dict[str, int]  # of its functions
+    size: int  # of the object, bytes
+    below: tuple[MachineCode, ...] = ()  # that it calls
 
 
 _kept: Recent[MachineCode] = Recent(512)  # who calls the code keeps it alive
@@ -59,28 +61,70 @@ def machine_code(source: str, entries: Sequence[str], *, effort: int, passes: Se
     effort  of the selection of instructions and registers, 0 to 3
     passes  of the optimizer before that, in order, by their names in llvmlite: `sroa` is its `add_sroa_pass`
     """
-    import llvmlite
-    import llvmlite.binding as binding
-
-    triple, processor, features = target()
-    parts = [llvmlite.__version__, processor, features, _ORDER, str(effort), *passes, source]
-    key = hashlib.sha256("\n".join(parts).encode()).hexdigest()
+    key = _key(source, effort, passes)
 
     def made() -> MachineCode:
-        machine = binding.Target.from_triple(triple).create_target_machine(
-            cpu=processor, features=features, opt=effort, jit=True
-        )
-        stored = _stored(key)
-        module = binding.parse_assembly(source if stored is None else _stubs(source, entries))
-        if stored is None and passes:
-            _optimize(module, machine, passes)
-        engine = binding.create_mcjit_compiler(module, machine)
-        engine.set_object_cache(lambda _, code: _store(key, code), lambda _: stored)
-        engine.finalize_object()
-        return MachineCode(key, engine, tuple(engine.get_function_address(name) for name in entries))
+        return _made(key, _stored(key), lambda: source, entries, effort, passes)
 
     with _lock:
         return _kept.get(key, made)
+
+
+def linked_code(
+    content: str, source: Callable[[], str], names: Sequence[str], symbols: Mapping[str, int],
+    below: Sequence[MachineCode], *, effort: int, passes: Sequence[str] = (), stored: bool = False,
+) -> MachineCode | None:  # fmt: skip
+    """The functions `names` of an LLVM module that calls those of others, whose addresses are the `symbols`.
+
+    content  names all that its text depends on, so that it is written only if the code is not on the disk
+    below    is the code in which the others lie
+    stored   gives None where its own is not on the disk
+    """
+    import llvmlite.binding as binding
+
+    key = _key(content, effort, passes)
+    with _lock:
+        found = _stored(key)
+        if stored and found is None:
+            return None
+        for name, address in symbols.items():
+            binding.add_symbol(name, address)
+        made = _made(key, found, source, names, effort, passes)
+    return made._replace(below=tuple(below))
+
+
+def _key(content: str, effort: int, passes: Sequence[str]) -> str:
+    """Under which machine code is kept."""
+    import llvmlite
+
+    _, processor, features = target()
+    parts = [llvmlite.__version__, processor, features, _ORDER, str(effort), *passes, content]
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def _made(
+    key: str, stored: bytes | None, source: Callable[[], str], names: Sequence[str], effort: int, passes: Sequence[str]
+) -> MachineCode:
+    """Machine code, compiled and put on the disk if it is not stored."""
+    import llvmlite.binding as binding
+
+    triple, processor, features = target()
+    machine = binding.Target.from_triple(triple).create_target_machine(
+        cpu=processor, features=features, opt=effort, jit=True
+    )
+    module = binding.parse_assembly(source() if stored is None else _stubs(triple, names))
+    if stored is None and passes:
+        _optimize(module, machine, passes)
+    sizes = [len(stored or b"")]
+
+    def keep(_: Any, code: bytes) -> None:
+        sizes[0] = len(code)
+        _store(key, code)
+
+    engine = binding.create_mcjit_compiler(module, machine)
+    engine.set_object_cache(keep, lambda _: stored)
+    engine.finalize_object()
+    return MachineCode(key, engine, {name: engine.get_function_address(name) for name in names}, sizes[0])
 
 
 def _optimize(module: Any, machine: Any, passes: Sequence[str]) -> None:
@@ -93,9 +137,9 @@ def _optimize(module: Any, machine: Any, passes: Sequence[str]) -> None:
     manager.run(module, binding.create_pass_builder(machine, binding.create_pipeline_tuning_options()))
 
 
-def _stubs(source: str, entries: Sequence[str]) -> str:
+def _stubs(triple: str, names: Sequence[str]) -> str:
     """The module with nothing in its functions: enough when the code comes from the disk."""
-    return "\n".join([source.split("\n", 1)[0], *[f"define void @{name}() {{\n  ret void\n}}" for name in entries]])
+    return "\n".join([f'target triple = "{triple}"', *[f"define void @{each}() {{\n  ret void\n}}" for each in names]])
 
 
 def cache_directory() -> Path | None:

@@ -69,7 +69,7 @@ class Arithmetic(Text):
         called = source_of(remainder.floor_division if kind is ast.FloorDiv else remainder.modulo)
         assert called
         function = self.called(called)
-        made = self.emit(f"call {{ i64, double }} @{function.name}(double {a}, double {b})")
+        made = self.emit(f"call {{ i64, double }} @{function.symbol}(double {a}, double {b})")
         return Value(FLOAT, self.emit(f"extractvalue {{ i64, double }} {made}, 1"))
 
     def overflowing(self, operation: str, a: str, b: str, node: ast.AST) -> Value:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from feeddrive.language.kernels.expressions import Expressions, Variable
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import FLOAT, INT, Source, Type
-from feeddrive.language.kernels.text import Failure, Function, Value, shown
+from feeddrive.language.kernels.text import Function, Value, shown
 
 _LARGEST_LOCAL = 256  # numbers in an array of `zeros`: it lies on the stack
 
@@ -16,8 +16,8 @@ _LARGEST_LOCAL = 256  # numbers in an array of `zeros`: it lies on the stack
 class Assignments(Expressions):
     """Prints what gives a value to a name, a cell or a row."""
 
-    def __init__(self, source: Source, failures: list[Failure], callee: Callable[[Source], Function]) -> None:
-        super().__init__(source, failures, callee)
+    def __init__(self, source: Source, callee: Callable[[Source], Function]) -> None:
+        super().__init__(source, callee)
         self.depth = 0  # loops and branches around a statement
         self.memory: list[str] = []  # of variables, at the start of the function
         self.count_of_slots = 0

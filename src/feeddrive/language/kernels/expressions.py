@@ -11,7 +11,7 @@ from feeddrive.language.kernels.arithmetic import LEAST, Arithmetic
 from feeddrive.language.kernels.elementary import Elementary
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import BOOL, FLOAT, INT, Source, Type, source_of
-from feeddrive.language.kernels.text import REMEDIES, Failure, Function, Value, shown, struct
+from feeddrive.language.kernels.text import REMEDIES, Function, Value, shown, struct
 from feeddrive.language.machine_code import number
 
 
@@ -25,8 +25,8 @@ class Variable(NamedTuple):
 class Expressions(Arithmetic):
     """Prints expressions. Statements (`statements.py`) keep `variables` and `assigned` up to date."""
 
-    def __init__(self, source: Source, failures: list[Failure], callee: Callable[[Source], Function]) -> None:
-        super().__init__(source, failures, callee)
+    def __init__(self, source: Source, callee: Callable[[Source], Function]) -> None:
+        super().__init__(source, callee)
         self.names: frozenset[str] = frozenset()  # all that are local
         self.given: dict[str, Value] = {}  # parameters that keep their value
         self.counters: frozenset[str] = frozenset()  # local whole numbers that are never below 0
@@ -278,10 +278,10 @@ class Expressions(Arithmetic):
         for place in function.written:
             self.stored.add(given[place].root)
         returned = struct(wanted.results)
-        made = self.emit(f"call {returned} @{function.name}({', '.join(operands)})")
+        made = self.emit(f"call {returned} @{function.symbol}({', '.join(operands)})")
         if function.fails:
             status = self.emit(f"extractvalue {returned} {made}, 0")
-            self.go_on_if(self.emit(f"icmp eq i64 {status}, 0"), status)
+            self.hand_up(status)
         return [
             Value(kind, self.emit(f"extractvalue {returned} {made}, {place}"))
             for place, kind in enumerate(wanted.results, start=1)

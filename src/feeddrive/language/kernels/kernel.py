@@ -9,24 +9,18 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cached_property
-from threading import RLock
+from time import perf_counter
 from types import FunctionType
 from typing import Any, Generic, NamedTuple, NoReturn, ParamSpec, TypeVar, cast
 
 import numpy as np
 
-from feeddrive.language.kernels.module import Module
+from feeddrive.language.kernels.module import Unit, unit_of
 from feeddrive.language.kernels.plain import Cells
 from feeddrive.language.kernels.source import BOOL, KernelError, Source, Type
 from feeddrive.language.kernels.text import Failure
-from feeddrive.language.machine_code import MachineCode, machine_code, target
+from feeddrive.language.machine_code import MachineCode
 
-# None of them contracts or reorders arithmetic on floats.
-PASSES = (
-    "always_inliner", "global_dead_code_eliminate",
-    "sroa", "simplify_cfg", "instruction_combine", "new_gvn", "simplify_cfg",
-)  # fmt: skip
-EFFORT = 2  # of the selection of instructions
 _FORMATS = {"float": "d", "int": "q", "bool": "q"}
 _ADDRESS, _COUNT = "P", "q"
 _WORD = 8  # bytes
@@ -34,20 +28,6 @@ _WORD = 8  # bytes
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 _mode: ContextVar[str] = ContextVar("mode", default="native")
-_lock = RLock()
-
-
-class _File:
-    """The kernels of a file, with those that they call in others: one module, compiled together when one is called."""
-
-    def __init__(self, kernels: list[Kernel[..., Any]]) -> None:
-        self.places = {each: place for place, each in enumerate(kernels)}
-        self.module = Module([each.source for each in kernels])
-
-    @cached_property
-    def code(self) -> MachineCode:
-        """The machine code of all of them."""
-        return machine_code(self.module.text(target()[0]), self.module.entries, effort=EFFORT, passes=PASSES)
 
 
 class _Compiled(NamedTuple):
@@ -62,8 +42,9 @@ class _Compiled(NamedTuple):
 class Kernel(Generic[_P, _R]):
     """A function over numbers and arrays that the interpreter and the processor run with the same bits and errors.
 
-    The first call of a kernel compiles all kernels of its file. A call checks types: int is taken for float, no array
-    is copied. `python` is the function that was decorated; `with interpreted():` runs it instead.
+    The first call of a kernel compiles all kernels of its file and of those that they call. A call checks types: int is
+    taken for float, no array is copied. `python` is the function that was decorated; `with interpreted():` runs it
+    instead.
     """
 
     def __init__(self, python: Callable[_P, _R]) -> None:
@@ -72,7 +53,7 @@ class Kernel(Generic[_P, _R]):
         self.python: Callable[_P, _R] = python
         self.source = Source(python)
         self.__name__, self.__doc__, self.__module__ = self.source.name, python.__doc__, python.__module__
-        self._file: _File | None = None
+        self._compiled: _Compiled | None = None
 
     def __repr__(self) -> str:
         return f"<kernel {self.__module__}.{self.__name__}>"
@@ -93,7 +74,9 @@ class Kernel(Generic[_P, _R]):
 
     def _run(self, given: list[Any]) -> _R:
         """The machine code of checked arguments."""
-        compiled, words = self._compiled, list[Any]()
+        unit, compiled, words = self.unit, self._compiled, list[Any]()
+        if compiled is None or compiled.code.below != (unit.code,):
+            compiled = self._compiled = self._bound()
         for value in given:
             if isinstance(value, np.ndarray):
                 words += [value.__array_interface__["data"][0], *value.shape]
@@ -101,36 +84,29 @@ class Kernel(Generic[_P, _R]):
                 words.append(value)
         memory = ctypes.create_string_buffer(max(compiled.given.size, compiled.returned.size, _WORD))
         compiled.given.pack_into(memory, 0, *words)
+        begun = perf_counter()
         status = compiled.call(memory)
+        if unit.quick:
+            unit.ran(perf_counter() - begun)
         if status:
-            _throw(self.file.module.failures[status - 1])
+            _throw(unit.failure(status))
         numbers = compiled.returned.unpack_from(memory)
         kinds = self.source.signature.results
         found = tuple(bool(each) if kind == BOOL else each for each, kind in zip(numbers, kinds, strict=True))
         return cast(_R, found[0] if self.source.signature.single else found if kinds else None)
 
     @property
-    def file(self) -> _File:
-        """The kernels of the file, printed when the first of them is called."""
-        with _lock:
-            if self._file is None:
-                names = self.source.python.__globals__
-                beside = [each for each in names.values() if isinstance(each, Kernel)]
-                found = [each for each in beside if each.source.python.__globals__ is names]
-                made = _File(list(dict.fromkeys([*found, self])))
-                for each in made.places:
-                    each._file = made
-            return cast(_File, self._file)
+    def unit(self) -> Unit:
+        """The kernels of its file."""
+        return unit_of(self.source)
 
-    @cached_property
-    def _compiled(self) -> _Compiled:
-        with _lock:
-            code = self.file.code
-        address = code.addresses[self.file.places[self]]
+    def _bound(self) -> _Compiled:
+        """Its function as the file has it now."""
+        code = self.unit.entry(self.source)
         words = [_FORMATS[kind.element] if not kind.dimensions else _ADDRESS + _COUNT * kind.dimensions
                  for kind in self._types]  # fmt: skip
         results = [_FORMATS[kind.element] for kind in self.source.signature.results]
-        call = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(address)
+        call = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(code.addresses["entry"])
         return _Compiled(code, call, struct.Struct(f"@{''.join(words)}"), struct.Struct(f"@{''.join(results)}"))
 
     @cached_property
@@ -139,7 +115,7 @@ class Kernel(Generic[_P, _R]):
 
     @cached_property
     def _written(self) -> frozenset[int]:
-        return self.file.module.functions[self.source].written
+        return self.unit.function(self.source).written
 
     def _in_order(self, args: tuple[object, ...], named: dict[str, object]) -> list[object]:
         """Arguments by position and by name, in their order."""
@@ -171,7 +147,7 @@ class Kernel(Generic[_P, _R]):
             raise TypeError(f"{what}: give {wanted} with {kind.dimensions}")
         if not array.flags.c_contiguous or not array.flags.aligned:
             raise TypeError(f"{self._named(place)} does not lie in C order: give np.ascontiguousarray(...)")
-        if place in self._written and not array.flags.writeable:
+        if not array.flags.writeable and place in self._written:
             raise ValueError(f"{self._named(place)} is written to and is read-only: give a copy")
         return array
 

@@ -1,12 +1,28 @@
-"""All kernels of a file, and those of other files that they call, as one LLVM module."""
+"""The kernels of a file as one LLVM module: the key of its machine code, its text, and the code itself.
+
+A kernel of another file is called as an external function, linked to the code of that file, so that each is compiled
+once.  First the code is made quickly.  Once it has run for about as long as the passes of the optimizer and a better
+choice of instructions would take, it is made again with them: the bits and the errors stay.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import hashlib
+import linecache
+import re
+import sys
+from collections.abc import Iterable, Sequence
+from functools import cached_property, lru_cache
+from pathlib import Path
+from threading import RLock
+from types import ModuleType
+from typing import NamedTuple, cast
 
-from feeddrive.language.kernels.source import INT, Source
+from feeddrive.language.kernels.elementary import Elementary
+from feeddrive.language.kernels.source import INT, Source, Type, source_of
 from feeddrive.language.kernels.statements import Statements
 from feeddrive.language.kernels.text import Failure, Function, struct
+from feeddrive.language.machine_code import MachineCode, linked_code, target
 
 _INTRINSICS = """
 declare double @llvm.sqrt.f64(double)
@@ -20,65 +36,253 @@ attributes #0 = { nounwind "no-builtins" }
 """
 
 
-class Module:
-    """Printed kernels, each after those that it calls, and the errors behind their statuses."""
+class Effort(NamedTuple):
+    """What is spent on machine code.  No pass contracts or reorders arithmetic on floats."""
 
-    def __init__(self, sources: Sequence[Source]) -> None:
-        self.failures: list[Failure] = []
-        self.functions: dict[Source, Function] = {}
-        self._begun = 0
-        self._open: list[Source] = []  # begun, not yet ended: the chain of calls
-        self.entries = [f"entry{place}" for place in range(len(sources))]
-        self._entries = [self._entry(name, each) for name, each in zip(self.entries, sources, strict=True)]
+    selection: int  # of instructions and registers, as LLVM counts it
+    passes: tuple[str, ...]
+
+
+QUICK = Effort(0, ("sroa", "simplify_cfg"))
+THOROUGH = Effort(2, (
+    "always_inliner", "global_dead_code_eliminate",
+    "sroa", "simplify_cfg", "instruction_combine", "new_gvn", "simplify_cfg",
+))  # fmt: skip
+_SECONDS = 7e-6  # that thorough code takes to make, for each byte of quick code
+_KERNEL, _FAILURE = 10, 13  # bits of a status for the place of a kernel in its file, and of a failure in its kernel
+_IDLE = re.compile(r"\s*(#.*)?$")  # lines of which the code does not depend
+_lock = RLock()
+
+
+class Unit:
+    """The kernels of a file."""
+
+    def __init__(self, sources: Iterable[Source]) -> None:
+        self.sources = tuple(sources)
+        self._places = {each: place for place, each in enumerate(self.sources)}
+        self._functions: dict[Source, Function] = {}
+        self._code: MachineCode | None = None
+        self._effort = QUICK
+        self._spent = 0.0  # s in quick code
+
+    @cached_property
+    def key(self) -> str:
+        """A digest of all that its machine code depends on but the processor: texts, types, constants, called files."""
+        with _lock:
+            if self in _keyed:
+                first = self.sources[0]
+                first.refuse(first.tree, "files whose kernels call each other", "put them into one file")
+            _keyed.append(self)
+            try:
+                parts = [_compiler(), _lines(self.sources[0].file), *map(self._content, self.sources)]
+            finally:
+                _keyed.pop()
+        return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+    def _content(self, source: Source) -> str:
+        """What the text of a kernel depends on."""
+        named = [f"{name}={self._described(value)}" for name, value in sorted(source.named.items())]
+        code = source.python.__code__
+        return "\n".join([source.name, code.co_code.hex(), repr(source.signature), *named])
+
+    def _described(self, value: object) -> str:
+        """What a kernel names, as its text depends on it."""
+        called = source_of(value)
+        if called is not None:
+            return str(self._places[called]) if called in self._places else unit_of(called).symbol(called)
+        if isinstance(value, float):
+            return float(value).hex()
+        if isinstance(value, int):
+            return f"{type(value).__name__} {value!r}"
+        if isinstance(value, Elementary):
+            return value.name
+        if isinstance(value, ModuleType):
+            return value.__name__
+        return f"{getattr(value, '__module__', '')}.{getattr(value, '__qualname__', type(value).__name__)}"
+
+    def symbol(self, source: Source) -> str:
+        """The name of the function of a kernel, the same in all files."""
+        return f"k{self.key[:32]}.{self._places[source]}"
+
+    @cached_property
+    def number(self) -> int:
+        """In the statuses of its kernels."""
+        return int(self.key[:10], 16)
+
+    # text
 
     def function(self, source: Source) -> Function:
-        """The function of a kernel, printed when it is first asked for."""
-        found = self.functions.get(source)
-        if found is not None:
-            return found
-        if source in self._open:
-            names = " -> ".join(each.name for each in [*self._open[self._open.index(source) :], source])
-            source.refuse(source.tree, f"recursion: {names}", "write a loop, with a stack in an array of the caller")
-        self._open.append(source)
-        self._begun += 1
-        made = Statements(source, self.failures, self.function).function(f'"k{self._begun}.{source.name}"')
-        self._open.pop()
-        return self.functions.setdefault(source, made)
+        """The function of a kernel, printed when it is first asked for, after those that it calls."""
+        with _lock:
+            found = self._functions.get(source)
+            if found is not None:
+                return found
+            if source in _open:
+                names = " -> ".join(each.name for each in [*_open[_open.index(source) :], source])
+                remedy = "write a loop, with a stack in an array of the caller"
+                source.refuse(source.tree, f"recursion: {names}", remedy)
+            _open.append(source)
+            try:
+                number = self.number << _KERNEL | self._places[source]
+                printer = Statements(source, lambda called: unit_of(called).function(called))
+                made = printer.function(self.symbol(source), number << _FAILURE)
+            finally:
+                _open.pop()
+            return self._functions.setdefault(source, made)
 
-    def text(self, triple: str) -> str:
+    def text(self, effort: Effort = QUICK) -> str:
         """The module, with its triple in the first line."""
-        angles, left = dict[str, str](), [each for function in self.functions.values() for each in function.elementary]
+        own = [self.function(each) for each in self.sources]
+        declared, copied = list[str](), dict[str, Function]()
+        left, seen = [each for function in own for each in function.called], set(self.sources)
         while left:
-            each = left.pop()
+            source = left.pop()
+            if source in seen:
+                continue
+            seen.add(source)
+            function = unit_of(source).function(source)
+            if source.part or (effort == THOROUGH and function.small):
+                copied[function.symbol] = function
+                left += function.called
+            else:
+                declared.append(f"declare {function.head}\n")
+        angles = dict[str, str]()
+        wanted = [each for function in (*own, *copied.values()) for each in function.elementary]
+        while wanted:
+            each = wanted.pop()
             if each.name not in angles:
                 angles[each.name], called = each.printed()
-                left += called
-        functions = [each.text for each in self.functions.values()]
-        printed = [f'target triple = "{triple}"', *functions, *angles.values(), *self._entries]
-        return "\n".join(printed) + _INTRINSICS
+                wanted += called
+        defined = [f"define {each.text}" for each in own] + [f"define internal {each.text}" for each in copied.values()]
+        return "\n".join([f'target triple = "{target()[0]}"', *declared, *defined, *angles.values(), _INTRINSICS])
 
-    def _entry(self, name: str, source: Source) -> str:
-        """A function that takes its arguments from words of 64 bits in memory, and leaves its results there."""
-        function, signature = self.function(source), source.signature
-        lines, operands = list[str](), list[str]()
-        words = [each for given in signature.parameters for each in (given, *[INT] * given.dimensions)]
-        for place, kind in enumerate(words):
-            loaded = kind.llvm.replace("i1", "i64")
-            lines.append(f"%p{place} = getelementptr i64, ptr %words, i64 {place}")
-            lines.append(f"%w{place} = load {loaded}, ptr %p{place}")
-            if loaded != kind.llvm:
-                lines.append(f"%t{place} = trunc i64 %w{place} to i1")
-            operands.append(f"{kind.llvm} %{'w' if loaded == kind.llvm else 't'}{place}")
-        returned = struct(signature.results)
-        lines.append(f"%made = call {returned} @{function.name}({', '.join(operands)})")
-        for at, kind in enumerate(signature.results):
-            value = f"%r{at}"
-            lines.append(f"{value} = extractvalue {returned} %made, {at + 1}")
-            if kind.llvm == "i1":
-                lines.append(f"%e{at} = zext i1 {value} to i64")
-                value = f"%e{at}"
-            lines.append(f"%o{at} = getelementptr i64, ptr %words, i64 {at}")
-            lines.append(f"store {kind.llvm.replace('i1', 'i64')} {value}, ptr %o{at}")
-        lines.append(f"%status = extractvalue {returned} %made, 0")
-        lines.append("ret i64 %status")
-        return "\n  ".join([f"define i64 @{name}(ptr %words) #0 {{", *lines]) + "\n}\n"
+    # machine code
+
+    @property
+    def code(self) -> MachineCode:
+        """The machine code: what the disk has, else made quickly."""
+        if self._code is None:
+            with _lock:
+                if self._code is None:
+                    found = self._linked(THOROUGH, stored=True)
+                    self._effort = QUICK if found is None else THOROUGH
+                    self._code = self._linked(QUICK) if found is None else found
+        assert self._code
+        return self._code
+
+    def entry(self, source: Source) -> MachineCode:
+        """The function `entry` by which Python calls a kernel, linked to the code that the file has now."""
+        parameters, results = source.signature.parameters, source.signature.results
+        with _lock:
+            code = self.code
+            address = code.addresses[self.symbol(source)]
+            text = entry(parameters, results)
+            made = linked_code(text, lambda: text, ["entry"], {"kernel": address}, [code], effort=QUICK.selection)
+        assert made
+        return made
+
+    @property
+    def quick(self) -> bool:
+        """Whether its code was made quickly."""
+        return self._effort is QUICK
+
+    def ran(self, seconds: float) -> None:
+        """Counts the time in quick code, and ends it when it is as much as thorough code takes to make."""
+        self._spent += seconds
+        if self._spent > _SECONDS * sum(each.code.size for each in self.units if each.quick):
+            self.make(THOROUGH)
+
+    def make(self, effort: Effort) -> None:
+        """Makes its code and that of the files that it calls with an effort, where it has another one."""
+        with _lock:
+            for each in self.units:
+                if each._code is None or each._effort != effort:
+                    each._code, each._effort = each._linked(effort), effort
+
+    @cached_property
+    def units(self) -> tuple[Unit, ...]:
+        """The files whose kernels it calls, each after those that it calls itself, and it as the last."""
+        found = dict[Unit, None]()
+        for source in self.sources:
+            for each in _kernels(source):
+                if each not in self._places:
+                    found |= dict.fromkeys(unit_of(each).units)
+        return *found, self
+
+    def failure(self, status: int) -> Failure:
+        """The error of a status that is not 0."""
+        number, place = status >> _FAILURE + _KERNEL, status >> _FAILURE & (1 << _KERNEL) - 1
+        unit = next(each for each in self.units if each.number == number)
+        return unit.function(unit.sources[place]).failures[(status & (1 << _FAILURE) - 1) - 1]
+
+    def _linked(self, effort: Effort, stored: bool = False) -> MachineCode | None:
+        """The machine code of an effort, linked to that of other files; None if it is to be on the disk and is not."""
+        own = list(map(self.symbol, self.sources))
+        below = [each.code for each in self.units[:-1]]
+        symbols = {name: address for each in below for name, address in each.addresses.items()}
+        return linked_code(
+            self.key, lambda: self.text(effort), own, symbols, below,
+            effort=effort.selection, passes=effort.passes, stored=stored,
+        )  # fmt: skip
+
+
+_open: list[Source] = []  # printing begun, not yet ended: the chain of calls
+_keyed: list[Unit] = []  # the same for keys
+
+
+def entry(parameters: Iterable[Type], results: Sequence[Type]) -> str:
+    """A module that calls a kernel with arguments from words of 64 bits in memory, and leaves its results there."""
+    words = [each for given in parameters for each in (given, *[INT] * given.dimensions)]
+    lines, operands, returned = list[str](), list[str](), struct(results)
+    for at, kind in enumerate(words):
+        loaded = kind.llvm.replace("i1", "i64")
+        lines.append(f"%p{at} = getelementptr i64, ptr %words, i64 {at}")
+        lines.append(f"%w{at} = load {loaded}, ptr %p{at}")
+        if loaded != kind.llvm:
+            lines.append(f"%t{at} = trunc i64 %w{at} to i1")
+        operands.append(f"{kind.llvm} %{'w' if loaded == kind.llvm else 't'}{at}")
+    lines.append(f"%made = call {returned} @kernel({', '.join(operands)})")
+    for at, kind in enumerate(results):
+        value = f"%r{at}"
+        lines.append(f"{value} = extractvalue {returned} %made, {at + 1}")
+        if kind.llvm == "i1":
+            lines.append(f"%e{at} = zext i1 {value} to i64")
+            value = f"%e{at}"
+        lines.append(f"%o{at} = getelementptr i64, ptr %words, i64 {at}")
+        lines.append(f"store {kind.llvm.replace('i1', 'i64')} {value}, ptr %o{at}")
+    lines.append(f"%status = extractvalue {returned} %made, 0")
+    declared = f"declare {returned} @kernel({', '.join(each.llvm for each in words)})"
+    head = [f'target triple = "{target()[0]}"', declared, "define i64 @entry(ptr %words) nounwind {"]
+    return "\n".join([*head, *lines, "ret i64 %status", "}", ""])
+
+
+def unit_of(source: Source) -> Unit:
+    """The file of a kernel, with all kernels that stand there when it is first asked for."""
+    with _lock:
+        found = cast("Unit | None", source.unit)
+        if found is None:
+            names = source.python.__globals__
+            beside = [each for each in map(source_of, names.values()) if each and each.python.__globals__ is names]
+            found = Unit(dict.fromkeys([*beside, source]))
+            for each in found.sources:
+                each.unit = found
+    return found
+
+
+def _kernels(source: Source) -> list[Source]:
+    """The kernels that another one names."""
+    return [each for each in map(source_of, source.named.values()) if each]
+
+
+def _lines(file: str) -> str:
+    """The text of a file without comments that have lines of their own."""
+    linecache.checkcache(file)
+    return "".join(each for each in linecache.getlines(file) if not _IDLE.match(each))
+
+
+@lru_cache(maxsize=1)
+def _compiler() -> str:
+    """A digest of the files that print kernels."""
+    here = Path(__file__).parent
+    texts = [each.read_text(encoding="utf-8") for each in sorted([*here.glob("*.py"), *here.parent.glob("*.py")])]
+    return hashlib.sha256("\n".join([sys.version, *texts]).encode()).hexdigest()

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import ast
 import builtins
+import inspect
 import linecache
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property, lru_cache
 from types import FunctionType, ModuleType
-from typing import Annotated, NamedTuple, NoReturn, TypeAlias, TypeVar, cast
+from typing import Annotated, Any, NamedTuple, NoReturn, TypeAlias, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +56,7 @@ _TYPES: dict[object, Type] = {
     float: FLOAT, int: INT, bool: BOOL,
     Floats: Type("float", 1), Floats2: Type("float", 2), Floats3: Type("float", 3), Ints: Type("int", 1),
 }  # fmt: skip
+_STARS = inspect.CO_VARARGS | inspect.CO_VARKEYWORDS
 _KNOWN = "float, int, bool, Floats, Floats2, Floats3 or Ints"
 
 
@@ -74,6 +76,12 @@ def _functions(text: str) -> dict[tuple[str, int], ast.FunctionDef]:
     return {(node.name, min([node.lineno, *[each.lineno for each in node.decorator_list]])): node for node in found}
 
 
+@lru_cache(maxsize=1024)
+def _parsed(annotation: str) -> ast.expr:
+    """The expression of an annotation."""
+    return ast.parse(annotation, mode="eval").body
+
+
 class Source:
     """A Python function as the compiler reads it."""
 
@@ -81,6 +89,8 @@ class Source:
         self.python = python
         self.name = python.__name__
         self.file = python.__code__.co_filename
+        self.unit: Any = None  # all kernels of its file, once they are asked for (`module.py`)
+        self.part = False  # of kernels, which the compiler alone calls
 
     @cached_property
     def tree(self) -> ast.FunctionDef:
@@ -97,23 +107,35 @@ class Source:
         given = [each.arg for each in [*tree.args.posonlyargs, *tree.args.args]] if tree else []
         if tree is None or given != [*code.co_varnames[: code.co_argcount]]:
             self.refuse(place, "its text is not in the file", "start Python again if the file has changed")
+        if len(tree.decorator_list) > 1:
+            self.refuse(tree, "a second decorator", "leave it out: a kernel has @kernel alone")
         return tree
 
     @cached_property
     def signature(self) -> Signature:
-        """Types of parameters and results."""
-        given, tree = self.tree.args, self.tree
-        if len(tree.decorator_list) > 1:
-            self.refuse(tree, "a second decorator", "leave it out: a kernel has @kernel alone")
-        if given.vararg or given.kwarg or given.kwonlyargs or given.posonlyargs or given.defaults:
-            self.refuse(tree, "defaults, * or / among the parameters", "write plain parameters and give all of them")
-        parameters: list[Type] = []
-        for each in given.args:
-            if each.annotation is None:
-                self.refuse(each, f"the parameter '{each.arg}' has no type", f"annotate it as {_KNOWN}")
-            parameters.append(self._type(each.annotation))
-        results, single = self._results(tree.returns)
-        return Signature(tuple(each.arg for each in given.args), tuple(parameters), results, single)
+        """Types of parameters and results, for which the file need not be parsed."""
+        code, annotations = self.python.__code__, self.python.__annotations__
+        if code.co_flags & _STARS or code.co_kwonlyargcount or code.co_posonlyargcount or self.python.__defaults__:
+            what = "defaults, * or / among the parameters"
+            self.refuse(self.tree, what, "write plain parameters and give all of them")
+        names = code.co_varnames[: code.co_argcount]
+        if not {*names, "return"} <= annotations.keys() or not all(isinstance(x, str) for x in annotations.values()):
+            return self._annotated([each.annotation for each in self.tree.args.args], self.tree.returns)
+        try:
+            return self._annotated([_parsed(annotations[name]) for name in names], _parsed(annotations["return"]))
+        except KernelError:  # the line is that of the file
+            return self._annotated([each.annotation for each in self.tree.args.args], self.tree.returns)
+
+    def _annotated(self, given: Sequence[ast.expr | None], returns: ast.expr | None) -> Signature:
+        """Types of annotations."""
+        names, parameters = self.python.__code__.co_varnames, list[Type]()
+        for place, each in enumerate(given):
+            if each is None:
+                what = f"the parameter '{names[place]}' has no type"
+                self.refuse(self.tree.args.args[place], what, f"annotate it as {_KNOWN}")
+            parameters.append(self._type(each))
+        results, single = self._results(returns)
+        return Signature(names[: len(given)], tuple(parameters), results, single)
 
     def _type(self, node: ast.expr) -> Type:
         """The type that an annotation names."""
@@ -142,12 +164,34 @@ class Source:
     def lookup(self, node: ast.expr) -> object:
         """What a name outside of the function stands for, also within a module; None if it is not there."""
         if isinstance(node, ast.Name):
-            names = self.python.__globals__
-            return names[node.id] if node.id in names else getattr(builtins, node.id, None)
+            return self.named[node.id] if node.id in self.named else self._outside(node.id)
         if isinstance(node, ast.Attribute):
             module = self.lookup(node.value)
-            return getattr(module, node.attr, None) if isinstance(module, ModuleType) else None
+            if not isinstance(module, ModuleType):
+                return None
+            name = f"{module.__name__}.{node.attr}"
+            return self.named[name] if name in self.named else getattr(module, node.attr, None)
         return None
+
+    @cached_property
+    def named(self) -> dict[str, object]:
+        """What the names of its code stand for, those in modules too, when it is first asked: it stays so."""
+        names = self.python.__code__.co_names
+        found = {each: self._outside(each) for each in names}
+        left, seen = list(found.values()), set[int]()
+        while left:
+            module = left.pop()
+            if isinstance(module, ModuleType) and id(module) not in seen:
+                seen.add(id(module))
+                inner = {f"{module.__name__}.{each}": vars(module)[each] for each in names if each in vars(module)}
+                found |= inner
+                left += inner.values()
+        return found
+
+    def _outside(self, name: str) -> object:
+        """What a name outside of the function stands for."""
+        names = self.python.__globals__
+        return names[name] if name in names else getattr(builtins, name, None)
 
     def refuse(self, node: ast.AST, what: str, remedy: str) -> NoReturn:
         """The error that something is not in the language."""
@@ -160,7 +204,9 @@ _Python = TypeVar("_Python", bound=Callable[..., object])
 
 def readable(function: _Python) -> _Python:
     """Marks a function that only the compiler calls, as a part of kernels."""
-    vars(function)["source"] = Source(cast(FunctionType, function))
+    source = Source(cast(FunctionType, function))
+    source.part = True
+    vars(function)["source"] = source
     return function
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from feeddrive.language.kernels.assignments import Assignments
 from feeddrive.language.kernels.source import INT, Source
-from feeddrive.language.kernels.text import INLINED, REMEDIES, Failure, Function, Value, shown, struct
+from feeddrive.language.kernels.text import REMEDIES, Function, Value, shown, struct
 
 
 class _Loop(NamedTuple):
@@ -22,16 +22,16 @@ class _Loop(NamedTuple):
 class Statements(Assignments):
     """Prints the body of a kernel."""
 
-    def __init__(self, source: Source, failures: list[Failure], callee: Callable[[Source], Function]) -> None:
-        super().__init__(source, failures, callee)
+    def __init__(self, source: Source, callee: Callable[[Source], Function]) -> None:
+        super().__init__(source, callee)
         self.loops: list[_Loop] = []
 
-    def function(self, name: str) -> Function:
-        """The whole kernel as a function `name` of LLVM."""
+    def function(self, symbol: str, number: int) -> Function:
+        """The whole kernel as a function of LLVM; `number` is added to the places of its failures."""
         tree, signature = self.source.tree, self.source.signature
-        stored = {each.id for each in ast.walk(tree) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)}
-        self.names = frozenset(stored.union(signature.names))
-        self.counters = counters(tree).difference(signature.names)
+        stored, upward = assigned(tree)
+        self.names = frozenset([*stored, *signature.names])
+        self.counters = upward.difference(signature.names)
         parameters: list[str] = []
         for place, (parameter, kind) in enumerate(zip(signature.names, signature.parameters, strict=True)):
             sizes = tuple(f"%a{place}.{level}" for level in range(kind.dimensions))
@@ -47,16 +47,18 @@ class Statements(Assignments):
             self.refuse(tree.body[-1], "a path ends without a return", "return on every path, or raise")
         self.leave([]) if self.reached() else self.add("unreachable")
         returned = struct(signature.results)
-        if self.failed:
-            self.begin("fail")
-            status = self.phi("i64", self.failed)
-            made = self.emit(f"insertvalue {returned} poison, i64 {status}, 0")
-            self.add(f"ret {returned} {made}")
-        size = len(self.lines) + self.size
-        attributes = "#0 alwaysinline" if size <= INLINED else "#0"
-        head = f"define internal {returned} @{name}({', '.join(parameters)}) {attributes} {{\nentry:"
-        text = "\n".join([head, *self.memory, *self.lines, "}", ""])
-        return Function(name, text, self.written(signature.names), bool(self.failed), size, self.elementary)
+        for label, ends, added in (("fail", self.failed, number), ("handed", self.handed, 0)):
+            if ends:
+                self.begin(label)
+                status = self.phi("i64", ends)
+                status = self.emit(f"add i64 {status}, {added}") if added else status
+                made = self.emit(f"insertvalue {returned} poison, i64 {status}, 0")
+                self.add(f"ret {returned} {made}")
+        size, fails = len(self.lines) + self.size, bool(self.failed or self.handed)
+        written, head = self.written(signature.names), f"{returned} @{symbol}({', '.join(parameters)})"
+        made = Function(symbol, head, "", written, self.failures, fails, size, [*self.kernels], self.elementary)
+        first = f"{head} #0{' alwaysinline' if made.small else ''} {{\nentry:"
+        return made._replace(text="\n".join([first, *self.memory, *self.lines, "}", ""]))
 
     def block_of(self, body: Iterable[ast.stmt]) -> None:
         """Statements one after the other."""
@@ -258,11 +260,29 @@ _PRINTERS: dict[type[ast.AST], Callable[..., None]] = {
 }
 
 
-def counters(tree: ast.FunctionDef) -> frozenset[str]:
-    """Names that only loops assign, which count up from a written number >= 0: as an index they need no test for it."""
-    places = [each for each in ast.walk(tree) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)]
-    upward = {id(each.target) for each in ast.walk(tree) if isinstance(each, ast.For) and _upward(each.iter)}
-    return frozenset(each.id for each in places) - {each.id for each in places if id(each) not in upward}
+def assigned(tree: ast.FunctionDef) -> tuple[set[str], set[str]]:
+    """Names that are assigned, and those that only loops assign, which count up from a written number >= 0.
+
+    As an index the latter need no test for it.
+    """
+    found, others, left = set[str](), set[str](), list[ast.AST](tree.body)
+    while left:
+        node = left.pop()
+        if isinstance(node, ast.For) and isinstance(node.target, ast.Name):
+            found.add(node.target.id)
+            if not _upward(node.iter):
+                others.add(node.target.id)
+            left += node.body
+            left += node.orelse
+        elif isinstance(node, (ast.Assign, ast.AugAssign)):
+            for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
+                for each in target.elts if isinstance(target, ast.Tuple) else [target]:
+                    if isinstance(each, ast.Name):
+                        others.add(each.id)
+        elif isinstance(node, (ast.If, ast.While)):
+            left += node.body
+            left += node.orelse
+    return found | others, found - others
 
 
 def _upward(call: ast.expr) -> bool:

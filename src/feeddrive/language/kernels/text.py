@@ -60,41 +60,52 @@ class Value(NamedTuple):
 class Function(NamedTuple):
     """A printed kernel."""
 
-    name: str
-    text: str
+    symbol: str
+    head: str  # types of results and parameters, as a declaration has them
+    text: str  # of its definition, from the types of its results on
     written: frozenset[int]  # places of the parameters into whose arrays it writes
+    failures: list[Failure]  # behind its own statuses
     fails: bool  # whether its status can be other than 0
     size: int  # lines, with those of the functions that are put into it
+    called: list[Source]
     elementary: list[Elementary]  # sin and the like that it calls
+
+    @property
+    def small(self) -> bool:
+        """Whether it is put in the place of its calls."""
+        return self.size <= _INLINED
 
 
 # Functions of at most so many lines are put in the place of their calls, which makes code a tenth faster; more of
 # them costs more time to compile than it gains.
-INLINED = 250
+_INLINED = 250
 
 
 class Text:
     """Writes the lines of one function, block after block.
 
-    A function returns {status, results...}.  Status 0 is success; any other is the place of a
-    `Failure` in a list, from 1.
+    A function returns {status, results...}.  Status 0 is success; any other is the place of a `Failure` in the list of
+    a kernel, from 1, and the number of that kernel in the bits above.
     """
 
-    def __init__(self, source: Source, failures: list[Failure], callee: Callable[[Source], Function]) -> None:
+    def __init__(self, source: Source, callee: Callable[[Source], Function]) -> None:
         self.source = source
         self.callee = callee  # the function of another kernel
-        self.failures = failures
+        self.failures: list[Failure] = []
         self.lines: list[str] = []
         self.block = "entry"
         self.count = 0
-        self.failed: list[tuple[str, str]] = []  # status and block from which it comes
+        self.failed: list[tuple[str, str]] = []  # place of a failure, and block from which it comes
+        self.handed: list[tuple[str, str]] = []  # status of a called kernel, and block from which it comes
+        self.kernels: dict[Source, None] = {}  # that it calls
         self.elementary: list[Elementary] = []  # sin and the like that it calls
         self.size = 0  # lines of functions that are put in the place of calls
 
     def called(self, source: Source) -> Function:
         """The function of a kernel that is called."""
         found = self.callee(source)
-        self.size += found.size if found.size <= INLINED else 0
+        self.kernels[source] = None
+        self.size += found.size if found.small else 0
         return found
 
     def emit(self, text: str) -> str:
@@ -132,23 +143,28 @@ class Text:
 
     def check(self, good: str, kind: type[Exception], text: str, node: ast.AST) -> None:
         """Goes on if `good`, else ends with the error."""
-        self.go_on_if(good, str(self.failure(kind, text, node)))
+        self.failed.append((str(self.failure(kind, text, node)), self.block))
+        self.go_on_if(good, "fail")
 
     def failure(self, kind: type[Exception], text: str, node: ast.AST) -> int:
-        """The status of an error at a line."""
+        """The place of an error at a line."""
         self.failures.append(Failure(kind, text, self.source, getattr(node, "lineno", 0)))
         return len(self.failures)
 
-    def go_on_if(self, good: str, status: str) -> None:
-        """Goes on if `good`, else ends with the status."""
-        self.failed.append((status, self.block))
+    def hand_up(self, status: str) -> None:
+        """Goes on if the status of a called kernel is 0, else ends with it."""
+        self.handed.append((status, self.block))
+        self.go_on_if(self.emit(f"icmp eq i64 {status}, 0"), "handed")
+
+    def go_on_if(self, good: str, other: str) -> None:
+        """Goes on if `good`, else in another block, which is the rarer one."""
         after = self.label()
-        self.lines.append(f"  br i1 {good}, label %{after}, label %fail, !prof !0")
+        self.lines.append(f"  br i1 {good}, label %{after}, label %{other}, !prof !0")
         self.begin(after)
 
-    def end_with(self, status: str) -> None:
-        """Ends with the status."""
-        self.failed.append((status, self.block))
+    def end_with(self, failure: str) -> None:
+        """Ends with the place of an error."""
+        self.failed.append((failure, self.block))
         self.jump("fail")
 
     def refuse(self, node: ast.AST, what: str, remedy: str) -> NoReturn:

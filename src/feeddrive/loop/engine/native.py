@@ -24,7 +24,7 @@ class Native:
         self.plan = plan
         self._code = machine_code(source, [_ENTRY], effort=0 if quick else 2)
         self.key = self._code.key
-        self._call = _SIGNATURE(self._code.addresses[0])
+        self._call = _SIGNATURE(self._code.addresses[_ENTRY])
 
     def run(
         self,
