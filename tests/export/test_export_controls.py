@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from feeddrive.blocks.compensation.pitch_compensation import PitchCompensation
 from feeddrive.blocks.coupling.cross_coupled import CrossCoupled
 from feeddrive.blocks.reference.circle import Circle
 from feeddrive.export.targets import write_all, write_export
@@ -27,8 +29,13 @@ PATH = {"x": Circle(radius=0.02, feed=0.1, turns=0.5, phase=0), "y": Circle(radi
 
 
 def crossed(gain: float = 60.0) -> Machine:
-    """The bundled table under cross-coupled control."""
-    return read_machine("xy_table").machine(CrossCoupled(contour_axes=("x", "y"), contour_gain=gain))
+    """The bundled table under cross-coupled control, with pitch errors of x taken out."""
+    machine = read_machine("xy_table").machine(CrossCoupled(contour_axes=("x", "y"), contour_gain=gain))
+    pitch = PitchCompensation(
+        forward=np.array([0.0, 4e-6, 6e-6]), backward=np.array([-3e-6, 1e-6, 4e-6]), table_start=-0.03, spacing=0.03
+    )
+    x = machine.loop("x")
+    return machine.with_loops({"x": replace(x, control=replace(x.control, compensation=(pitch,)))})
 
 
 def written(place: Path, machine: Machine) -> Path:

@@ -3,7 +3,7 @@
 A block is final: it implements the abstract methods and overrides no method with a body but the empty hooks `prepare`,
 `start` of forces and feedforward, `modes`, `start` and `step` of couplings, `retune`, `period`, `check`, `rules`,
 `sampled_rules`, `substep_rules`, `fed`, `lag`, `settled`, `suits`, `fits`, `begin`, `goes_beside`, `stretches`,
-`position_gain`, and `listen` and `correct` of couplings.
+`position_gain`, `moved`, and `listen` and `correct` of couplings.
 
     prepare(T)   numbers that depend on parameters only, computed once per run; returns a named tuple
     start(...)   the steady state of a block at rest
@@ -151,9 +151,6 @@ class Sensor(Block, ABC):
         """The new state and the reading in m, from the true position (m) and velocity (m/s) at t = kT."""
 
 
-_MODEL = ("mass", "viscous")  # parameters by which a law is told of the axis
-
-
 class Law(Block, ABC):
     """A feedback law: one paper's controller, one file. A command is a force in N at the load.
 
@@ -176,7 +173,7 @@ class Law(Block, ABC):
         if cls.tunables:
             return cls.tunables
         bare = [spec.name for spec in dataclasses.fields(cls) if spec.default is dataclasses.MISSING]  # type: ignore[arg-type]
-        return tuple(name for name in bare if declarations(cls)[name].above == 0.0 and name not in _MODEL)
+        return tuple(name for name in bare if declarations(cls)[name].above == 0.0 and name not in ("mass", "viscous"))
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
@@ -301,10 +298,7 @@ class Prefilter(Block, ABC):
 
 
 class Observer(Block, ABC):
-    """Estimates what is not measured, from the reading and `applied`; part of a law or of a compensation.
-
-    `tunables` are its parameters to be tuned, positive.
-    """
+    """Estimates what is not measured, from reading and `applied`; `tunables` are what to tune, positive."""
 
     tunables: ClassVar[tuple[str, ...]] = ()
 
@@ -366,6 +360,10 @@ class Compensation(Block, ABC):
     def retune(self, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Any:
         """The state after a live change from the block `old` to this one, without a bump (empty hook)."""
         return state
+
+    def moved(self, state: Any) -> Any:
+        """What was added to the set position for the sake of the reading alone, m (empty hook)."""
+        return 0.0
 
     def settled(self) -> Compensation:
         """The block after a long time, with blended parts fully active, for linear models (empty hook)."""

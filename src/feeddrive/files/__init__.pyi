@@ -1,6 +1,9 @@
 """Files people touch: TOML in and out, measured logs, runs, result directories."""
 
 from feeddrive.files.blocks_to_toml import to_toml as to_toml
+from feeddrive.files.comp_file import comp_text as comp_text
+from feeddrive.files.comp_file import read_comp_file as read_comp_file
+from feeddrive.files.comp_file import write_comp_file as write_comp_file
 from feeddrive.files.frf import encoders as encoders
 from feeddrive.files.frf import read_controllers as read_controllers
 from feeddrive.files.frf import read_frf as read_frf

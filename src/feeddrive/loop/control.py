@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import reduce
+from operator import add
 from typing import Any, NamedTuple
 
 from feeddrive.blocks.families import FEEDS, Compensation, Feedforward, Filter, Law, Nothing, Prefilter
 from feeddrive.blocks.signals import Reading, Setpoint
-from feeddrive.language import ops, tree
+from feeddrive.language import matrix, ops, tree
 from feeddrive.language.block import Block, Number, Rule, parameter, part
 from feeddrive.language.errors import StructureError
 from feeddrive.language.graph import Symbol
@@ -186,6 +188,13 @@ class Control(Block):
         memory, command = self._run(prepared, live, verdict.setpoint, reading, T, added)
         guard, outcome = self.guard.command(judged.guard, verdict, state.applied, command.applied, command.requested)
         return self.State(memory, outcome.applied, outcome.requested, guard), command._replace(**outcome._asdict())
+
+    def moved(self, state: State) -> Number:
+        """What compensation last added to the set position for the sake of the reading alone, m; the rest is motion."""
+        pairs = zip(self.compensation, state.memory.compensation, strict=True)
+        shifts = [each.moved(held) for each, held in pairs]
+        shifts = [each for each in shifts if not matrix.is_zero(each)]
+        return reduce(add, shifts) if shifts else 0.0
 
     def check_live(self, old: Control, place: str = "control") -> None:
         """Raise StructureError, with the first place, if this control differs from `old` by more than numbers."""

@@ -47,7 +47,8 @@ class Controls:
             name: each.judge(made, states[name], *given[name])
             for (name, each), made in zip(self.controls.items(), prepared, strict=True)
         }
-        between, added = self._corrected(between, judged)
+        moved = {name: each.moved(states[name]) for name, each in self.controls.items()} if self.couplings else {}
+        between, added = self._corrected(between, judged, moved)
         after: dict[str, Any] = {}
         commands: dict[str, Control.Command] = {}
         for (name, each), made in zip(self.controls.items(), prepared, strict=True):
@@ -55,11 +56,14 @@ class Controls:
         return after, between, commands
 
     def _corrected(
-        self, between: tuple[Any, ...], judged: Mapping[str, Control.Judged]
+        self, between: tuple[Any, ...], judged: Mapping[str, Control.Judged], moved: Mapping[str, Any]
     ) -> tuple[tuple[Any, ...], dict[str, Any]]:
-        """What is added to the velocities; while an axis of a coupling does not run, nothing to the others."""
+        """What is added to the velocities; while an axis of a coupling does not run, nothing to the others.
+
+        `moved` is what compensation added to the set positions for the sake of the readings: no contour error.
+        """
         setpoints = {name: each.setpoint for name, each in judged.items()}
-        positions = {name: each.load for name, each in judged.items()}
+        positions = {name: each.load - moved[name] if moved else each.load for name, each in judged.items()}
         added: dict[str, Any] = {}
         remembered: list[Any] = []
         for coupling, held in zip(self.couplings, between, strict=True):

@@ -34,7 +34,7 @@ class ControllerRun:
             raise ParameterError(f"{routine.name} is an axis; its answers are those of `simulate`")
         self.routine = routine
         self.T = np.float64(routine.sample_time)
-        self._both = on_target(routine.origin)
+        self._both: Any = on_target(routine.origin)
         self._prepare()
         given = dict(zip((v.path for v in routine.inputs), map(np.float64, first), strict=True))
         with np.errstate(all="ignore"):

@@ -1,0 +1,76 @@
+"""Compensation of the errors of a screw and of backlash by a table over the travel."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from feeddrive.blocks.families import Compensation
+from feeddrive.blocks.signals import Reading, Setpoint
+from feeddrive.language import ops
+from feeddrive.language.block import Number, parameter, table
+from feeddrive.language.errors import ParameterError
+
+
+class PitchCompensation(Compensation):
+    """Pitch errors and backlash, taken out of the set position by two tables: one for each direction of motion.
+
+        side(k)  = side(k-1) + 2 T v_set / reversal_distance, held to -1 .. 1
+        shift    = (forward + backward)/2 + side (forward - backward)/2,   both at x_set
+        x_r += shift,   v_r += (shift(k) - shift(k-1)) / T
+
+    Tables are interpolated linearly between entries at table_start, table_start + spacing, ... and held beyond their
+    ends.  An entry is what must be added: nominal less reached position.  Backlash is the difference of the two tables;
+    after a reversal it comes in over `reversal_distance` of the set path, so that nothing jumps.  Before the first
+    motion the mean of both counts.
+
+    When to use: an encoder on the motor, an error that repeats, known from a laser, a step gauge or a run
+    (`learned_pitch`).  When not: for what the encoder of the law sees anyway; for backlash inside the position loop of
+    a load encoder.
+    Source: the screw error compensation of controls, ISO 230-2 for the errors; the blend over a distance is this
+    library's.
+    """
+
+    forward: Any = table("m", "correction of motion towards larger positions, along the travel")
+    backward: Any = table("m", "the same of motion towards smaller positions")
+    table_start: Number = parameter("m", "position of the first entry")
+    spacing: Number = parameter("m", "distance between entries", above=0)
+    reversal_distance: Number = parameter("m", "set path over which a reversal comes in", above=0, default=1e-5)
+
+    class State(NamedTuple):
+        """The direction, -1 to 1, and what was added to the set position in the last sample (m)."""
+
+        side: Number
+        shift: Number
+
+    def check(self) -> None:
+        """The tables have the same length."""
+        if ops.length(self.forward) != ops.length(self.backward):
+            raise ParameterError(
+                f"pitch_compensation: forward has {ops.length(self.forward)} entries and backward "
+                f"{ops.length(self.backward)}: both need one for each position, spacing apart from table_start on"
+            )
+
+    def _shift(self, side: Number, position: Number) -> Number:
+        place = (position - self.table_start) / self.spacing
+        forward, backward = ops.interpolate(self.forward, place), ops.interpolate(self.backward, place)
+        return 0.5 * (forward + backward) + side * (0.5 * (forward - backward))
+
+    def start(self, prepared: object, setpoint: Setpoint, reading: Reading) -> State:
+        """Between both directions."""
+        side = ops.zero(setpoint.position)
+        return self.State(side, self._shift(side, setpoint.position))
+
+    def step(
+        self, prepared: object, state: State, setpoint: Setpoint, reading: Reading, T: Number
+    ) -> tuple[State, Setpoint, Number]:
+        """The equations above; no force."""
+        side = ops.clip(state.side + 2.0 * T * setpoint.velocity / self.reversal_distance, -1.0, 1.0)
+        shift = self._shift(side, setpoint.position)
+        moved = setpoint._replace(
+            position=setpoint.position + shift, velocity=setpoint.velocity + (shift - state.shift) / T
+        )
+        return self.State(side, shift), moved, 0.0
+
+    def moved(self, state: State) -> Number:
+        """The shift of the last sample."""
+        return state.shift

@@ -1,0 +1,148 @@
+"""Pitch errors and backlash of an axis from positions that were measured over its travel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from feeddrive.blocks.compensation.pitch_compensation import PitchCompensation
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.simulate import Run
+
+_MOST = 65_536  # entries of a table that an export may hold
+_LEAST_SPEED = 1e-6  # m/s: slower is standing
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LearnedPitch(Result):
+    """A pitch compensation, and what it leaves: RMS of the errors before and after it, m, and samples by direction."""
+
+    compensation: PitchCompensation
+    before: float
+    after: float
+    samples: tuple[int, int]
+
+    @property
+    def backlash(self) -> float:
+        """Mean difference of the two tables, m."""
+        return float(np.mean(self.compensation.forward - self.compensation.backward))
+
+    def table(self) -> Table:
+        """The figures, in um."""
+        block = self.compensation
+        peak = max(float(np.max(np.abs(each))) for each in (block.forward, block.backward))
+        rows = [
+            ["entries", f"{len(block.forward)}"],
+            ["from", f"{1e3 * float(block.table_start):g} mm, every {1e3 * float(block.spacing):g} mm"],
+            ["largest entry", f"{1e6 * peak:.3g} um"],
+            ["backlash, mean", f"{1e6 * self.backlash:.3g} um"],
+            ["error before, RMS", f"{1e6 * self.before:.3g} um"],
+            ["left, RMS", f"{1e6 * self.after:.3g} um"],
+        ]
+        return Table(f"Pitch compensation learned from {sum(self.samples)} samples", ["", ""], rows)
+
+
+def learned_pitch(
+    nominal: np.ndarray,
+    reached: np.ndarray,
+    velocity: np.ndarray,
+    *,
+    spacing: float,
+    reversal_distance: float = 1e-5,
+    settle: float = 0.0,
+) -> LearnedPitch:
+    """Tables of what to add to the set position, by least squares over all samples of a direction.
+
+    nominal   m: what the control takes the position to be, its reading
+    reached   m: where the table or the tool really was: a laser, a load encoder, `tool.x` of a run
+    velocity  m/s: of the set motion; its sign tells the direction, samples that stand count for none
+    spacing   m between entries, from the lowest position on
+    settle    m of travel after each reversal that are left out, while backlash and friction turn over
+
+    The piecewise linear function of each direction is fitted as a whole, so that entries do not depend on where samples
+    lie between them.  Raises ParameterError for rows of unequal length, numbers that are not finite, and a stretch of
+    the travel without a sample, which would be a guess.
+    """
+    rows = [np.asarray(each, dtype=np.float64) for each in (nominal, reached, velocity)]
+    if len({each.shape for each in rows}) != 1 or rows[0].ndim != 1:
+        raise ParameterError(f"nominal, reached and velocity need one length, not {[each.shape for each in rows]}")
+    if not all(np.all(np.isfinite(each)) for each in rows):
+        raise ParameterError("nominal, reached and velocity hold numbers that are not finite: leave those samples out")
+    if not spacing > 0.0:
+        raise ParameterError(f"spacing = {spacing:g} m must be > 0")
+    nominal, reached, velocity = rows
+    moves = np.abs(velocity) > _LEAST_SPEED
+    way = np.where(moves, np.sign(velocity), 0.0)
+    if settle > 0.0:
+        way[_turning(nominal, way, settle)] = 0.0
+    if not np.any(way > 0.0) or not np.any(way < 0.0):
+        raise ParameterError("the motion goes one way only: both directions are needed, there and back")
+    low, high = float(np.min(nominal[way != 0.0])), float(np.max(nominal[way != 0.0]))
+    count = max(2, round(np.ceil((high - low) / spacing * (1.0 - 1e-9))) + 1)
+    if count > _MOST:
+        raise ParameterError(f"{count} entries are more than {_MOST}: take a larger spacing than {spacing:g} m")
+    added = nominal - reached
+    tables, left = [], []
+    for sign in (1.0, -1.0):
+        chosen = way == sign
+        found = _hats((nominal[chosen] - low) / spacing, added[chosen], count, "forward" if sign > 0 else "backward")
+        tables.append(found)
+        left.append(added[chosen] - np.interp(nominal[chosen], low + spacing * np.arange(count), found))
+    block = PitchCompensation(
+        forward=tables[0], backward=tables[1], table_start=low, spacing=spacing, reversal_distance=reversal_distance
+    )
+    before, after = added[way != 0.0], np.concatenate(left)
+    sizes = int(np.sum(way > 0.0)), int(np.sum(way < 0.0))
+    return LearnedPitch(block, _rms(before), _rms(after), sizes)
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values * values)))
+
+
+def _turning(nominal: np.ndarray, way: np.ndarray, settle: float) -> np.ndarray:
+    """Samples within a distance after a reversal."""
+    found = np.zeros(len(way), bool)
+    last, since = 0.0, np.inf
+    for k in range(len(way)):
+        if way[k] not in (0.0, last):
+            last, since = way[k], 0.0
+        elif k:
+            since += abs(nominal[k] - nominal[k - 1])
+        found[k] = since < settle
+    return found
+
+
+def _hats(place: np.ndarray, values: np.ndarray, count: int, named: str) -> np.ndarray:
+    """Entries at 0, 1, ... of the piecewise linear function that fits best: normal equations of three diagonals."""
+    from scipy.linalg import solveh_banded
+
+    below = np.clip(np.floor(place).astype(int), 0, count - 2)
+    share = place - below
+    missing = np.setdiff1d(np.arange(count - 1), below)
+    if missing.size:
+        raise ParameterError(
+            f"the {named} motion has no sample between entries {missing[0]} and {missing[0] + 1}: measure the whole "
+            f"travel both ways, or take a larger spacing"
+        )
+    diagonal = np.bincount(below, (1.0 - share) ** 2, count) + np.bincount(below + 1, share**2, count)
+    beside = np.bincount(below + 1, share * (1.0 - share), count)
+    right = np.bincount(below, (1.0 - share) * values, count) + np.bincount(below + 1, share * values, count)
+    diagonal += 1e-12 * np.max(diagonal)  # an entry that hardly a sample sees
+    return np.asarray(solveh_banded(np.stack([beside, diagonal]), right))
+
+
+def learned_from(run: Run, axis: str, *, spacing: float, reached: str = "", settle: float = 0.0) -> LearnedPitch:
+    """The compensation of an axis from a run of its machine, there and back over the travel.
+
+    reached  the signal that says where it really was; absent: `tool.AXIS` of a machine with geometry errors, else the
+             true position of the table
+    Raises ParameterError as `learned_pitch`, and for a signal that the run does not have.
+    """
+    own = f"{axis}." if f"{axis}.set_velocity" in run.signals else ""
+    signal = reached or (f"tool.{axis}" if f"tool.{axis}" in run.signals else f"{own}position_load")
+    return learned_pitch(
+        run[f"{own}reading_load"], run[signal], run[f"{own}set_velocity"], spacing=spacing, settle=settle
+    )

@@ -1,0 +1,153 @@
+"""Pitch errors and backlash: learned from a run, taken out by the control, written for LinuxCNC."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from feeddrive.blocks.compensation.pitch_compensation import PitchCompensation
+from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.blocks.coupling.cross_coupled import CrossCoupled
+from feeddrive.blocks.force.backlash import Backlash
+from feeddrive.blocks.friction.coulomb import Coulomb
+from feeddrive.blocks.plant.lead_error import LeadError
+from feeddrive.blocks.plant.two_mass import TwoMass
+from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
+from feeddrive.blocks.sensor.encoder import Encoder
+from feeddrive.files.comp_file import comp_text, read_comp_file, write_comp_file
+from feeddrive.identification.pitch import learned_from, learned_pitch
+from feeddrive.language.errors import FileError, ParameterError
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.control import Control
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.machine import Machine
+from feeddrive.loop.simulate import Run, simulate
+
+ERROR = LeadError(row=np.array([0.0, 4e-6, -2e-6, 5e-6, 1e-6]), start=0.0, spacing=0.025)
+PLANT = TwoMass(mass_motor=60.0, mass_load=60.0, stiffness=8e7, damping=4000.0, viscous_motor=300.0, viscous_load=50.0)
+MOVE = SnapLimitedMove(
+    distance=0.1, velocity=0.1, acceleration=2.0, jerk=100.0, snap=2e4, back=True, dwell_between=0.05, dwell_after=0.3
+)
+
+
+def screw(compensation: tuple[PitchCompensation, ...] = ()) -> Loop:
+    """A screw with a lead error and 8 um of backlash, under the encoder of its motor, on a guideway with friction."""
+    law = CascadePPI(Kv=60.0, Kp=3e4, Tn=0.01)
+    physics = Axis(
+        plant=PLANT, forces=(Backlash(gap=8e-6, lead_error=ERROR),), friction_load=Coulomb(coulomb=40.0),
+        encoder_motor=Encoder(resolution=1e-9), substeps=8,
+    )  # fmt: skip
+    return Loop(control=Control(law=law, compensation=compensation), axis=physics, sample_time=2.5e-4)
+
+
+def errors(run: Run) -> np.ndarray:
+    """Table less set position at constant speed, once the servo error of the start is gone, m."""
+    x, v = run["set_position"], run["set_velocity"]
+    steady = (np.abs(v) > 0.0999) & (x > 0.035) & (x < 0.065)
+    return (run["position_load"] - x)[steady]
+
+
+def test_what_a_run_teaches_takes_the_error_out():
+    before = simulate(screw(), MOVE)
+    learned = learned_from(before, "x", spacing=0.005, settle=0.002)
+    assert learned.backlash == pytest.approx(8e-6, rel=0.05)  # the spring under friction adds 2 · 40 N / 8e7 N/m
+    found = simulate(screw((learned.compensation,)), MOVE)
+    assert np.sqrt(np.mean(errors(before) ** 2)) > 4e-6
+    assert np.sqrt(np.mean(errors(found) ** 2)) < 0.05e-6  # servo errors and what lies between entries
+    assert learned.after < 0.2 * learned.before  # with the turns of the friction in it
+    for sign, row in ((1.0, learned.compensation.forward), (-1.0, learned.compensation.backward)):
+        at = learned.compensation.table_start + 0.005 * np.arange(len(row))
+        wanted = sign * 4.5e-6 - np.interp(at, 0.025 * np.arange(5), ERROR.row)
+        inside = (at > 0.01) & (at < 0.09)
+        assert np.max(np.abs(row - wanted)[inside]) < 0.6e-6  # m: entries of 5 mm on corners of 25 mm
+
+
+def test_tables_made_from_themselves_come_back():
+    """Positions with exactly the error of two tables, at random places: the tables, to rounding."""
+    random = np.random.default_rng(3)
+    forward, backward = random.normal(0.0, 1e-6, 9), random.normal(0.0, 1e-6, 9)
+    x = random.uniform(-0.1, 0.3, 4000)
+    x[:2] = -0.1, 0.3
+    way = np.where(random.random(4000) < 0.5, 1.0, -1.0)
+    way[:2] = 1.0, -1.0
+    knots = np.linspace(-0.1, 0.3, 9)
+    added = np.where(way > 0, np.interp(x, knots, forward), np.interp(x, knots, backward))
+    learned = learned_pitch(x, x - added, 0.1 * way, spacing=0.05)
+    assert np.max(np.abs(learned.compensation.forward - forward)) < 1e-15
+    assert np.max(np.abs(learned.compensation.backward - backward)) < 1e-15
+    assert learned.after < 1e-16
+
+
+def test_a_reversal_comes_in_over_its_distance_without_a_jump():
+    block = PitchCompensation(
+        forward=np.full(2, 4e-6), backward=np.full(2, -4e-6), table_start=0.0, spacing=1.0, reversal_distance=2e-5
+    )
+    run = simulate(screw((block,)), replace(MOVE, distance=0.01))
+    plain = simulate(screw(), replace(MOVE, distance=0.01))
+    extra = run["reading_load"] - plain["reading_load"]
+    turned = np.flatnonzero(run["set_velocity"] < -1e-3)[0]
+    assert extra[turned - 40] == pytest.approx(4e-6, abs=2e-7)
+    assert extra[-1] == pytest.approx(-4e-6, abs=2e-7)
+    assert np.max(np.abs(np.diff(run["force"]))) < 2.0 * np.max(np.abs(np.diff(plain["force"])))
+
+
+def test_cross_coupled_control_does_not_fight_it():
+    """What the compensation adds is no contour error: equal ramps of both axes, with and without the coupling."""
+    row = np.array([0.0, 50e-6])
+    one_sided = PitchCompensation(forward=row, backward=row, table_start=0.0, spacing=0.1)
+    loops = {"x": screw((one_sided,)), "y": screw()}
+    move = replace(MOVE, back=False)
+    found = [
+        simulate(Machine.of(loops, couplings), {"x": move, "y": move}, record=["x.reading_load", "x.set_position"])
+        for couplings in ((), (CrossCoupled(contour_axes=("x", "y"), contour_gain=100.0),))
+    ]
+    added = [run["x.reading_load"][-1] - run["x.set_position"][-1] for run in found]
+    assert added[0] == pytest.approx(50e-6, abs=2e-7)
+    assert added[1] == pytest.approx(50e-6, abs=2e-7)
+
+
+def test_linuxcnc_reads_nominal_forward_reverse(tmp_path):
+    block = PitchCompensation(
+        forward=np.array([0.0, 3e-6, 5e-6]), backward=np.array([-2e-6, 1e-6, 2e-6]), table_start=-0.1, spacing=0.05
+    )
+    assert comp_text(block).splitlines()[1] == "-50.000000000 -50.003000000 -50.001000000"  # reached positions
+    assert comp_text(block, file_type=1).splitlines()[1] == "-50.000000000 0.003000000 0.001000000"
+    for kind in (0, 1):
+        again = read_comp_file(write_comp_file(block, tmp_path / "x.comp", file_type=kind), file_type=kind)
+        assert np.max(np.abs(again.forward - block.forward)) < 1e-12  # m: nine digits of a mm
+        assert np.max(np.abs(again.backward - block.backward)) < 1e-12
+        assert (again.table_start, again.spacing) == pytest.approx((-0.1, 0.05), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("0 0 0\n1 0\n2 0 0\n", r"x\.comp:2: '1 0' is no row of three numbers"),
+        ("0 0 0\n1 nan 0\n", "no row of three numbers"),
+        ("0 0 0\n2 0 0\n1 0 0\n", r"x\.comp:3: nominal 1 does not lie above 2"),
+        ("0 0 0\n1 0 0\n3 0 0\n", "give rows at one spacing"),
+        ("0 0 0\n", "needs two at least"),
+    ],
+)
+def test_a_wrong_file_names_its_line(tmp_path, text: str, said: str):
+    (tmp_path / "x.comp").write_text(text)
+    with pytest.raises(FileError, match=said):
+        read_comp_file(tmp_path / "x.comp")
+
+
+def test_what_cannot_be_learned_is_refused():
+    x = np.linspace(0.0, 0.1, 200)
+    there = np.ones(200)
+    with pytest.raises(ParameterError, match="one way only"):
+        learned_pitch(x, x, there, spacing=0.01)
+    both = np.concatenate([x, x[:100]])
+    with pytest.raises(ParameterError, match="no sample between entries"):
+        learned_pitch(both, both, np.concatenate([there, -there[:100]]), spacing=0.01)
+    with pytest.raises(ParameterError, match="not finite"):
+        learned_pitch(x, np.full(200, np.nan), there, spacing=0.01)
+    with pytest.raises(ParameterError, match="forward has 2 entries and backward 3"):
+        PitchCompensation(forward=np.zeros(2), backward=np.zeros(3), table_start=0.0, spacing=1.0)
+    with pytest.raises(ParameterError, match="LinuxCNC reads 256"):
+        comp_text(PitchCompensation(forward=np.zeros(300), backward=np.zeros(300), table_start=0.0, spacing=1e-3))
