@@ -37,6 +37,7 @@ _AHEAD = 0.05  # m, way of a cluster that is held
 _SHORT, _LONG = 6.0, 60.0  # steps of a cluster, at least: a whole one, and one whose end is not known
 _BENT = 0.2  # rad; next to an arc, where no bump is made, only sharper corners
 _SMOOTH = 1e-9  # rad, and of the curvature: less is no corner
+_FIRST, _MOST = 1e5, 100.0  # knots for which there is room at first, and for how many times those that are expected
 _SAME = 1e-12  # of r' .. r''' times the length, next to a spline
 
 
@@ -328,7 +329,8 @@ class Joiner:
         """The sections, and the joints behind the segments that are done; None if a spline cannot go on."""
         n, axes = segments.origin.shape
         joint = Joint(np.zeros(n), np.zeros(n, np.int64))
-        many = 2 * n + int(np.sum(segments.length) / LARGEST_STEP) + 50
+        expected = 2.0 * n + float(np.sum(segments.length)) / LARGEST_STEP + 50.0
+        many = int(min(expected, 2.0 * n + _FIRST))
         begun = self._begun
         while True:
             most = (1 + _CUTS) * n + many
@@ -349,6 +351,8 @@ class Joiner:
                 )  # fmt: skip
                 break
             except IndexError:
+                if many > _MOST * expected:
+                    raise
                 many *= 2  # knots than thought
         if known < 0:
             return None
@@ -387,5 +391,5 @@ def _room(lines: int, knots: int, axes: int, far: np.ndarray) -> list[np.ndarray
         np.zeros((3, axes)), np.zeros(lines, np.int64),
         *(np.zeros(lines + 1) for _ in range(2)), np.zeros(lines, np.int64), np.zeros((lines, axes)), far,
         *(np.zeros(knots) for _ in range(4)), np.zeros((knots, axes)), *(np.zeros(knots, np.int64) for _ in range(3)),
-        np.zeros((knots, axes, 4)), np.zeros((knots, axes, 8)), np.zeros((7, axes, 8)),
+        np.zeros((knots, axes, 4)), np.zeros((knots, axes, 8)), np.zeros((7, axes, max(8, axes))),
     ]  # fmt: skip
