@@ -16,7 +16,7 @@ from feeddrive.files.handover import write_csv as write_csv
 from feeddrive.files.handover import write_mat as write_mat
 from feeddrive.files.job import Job as Job
 from feeddrive.files.job import read_job as read_job
-from feeddrive.files.job import read_request as read_request
+from feeddrive.files.job_log import read_request as read_request
 from feeddrive.files.log import Log as Log
 from feeddrive.files.log import write_log as write_log
 from feeddrive.files.machine import MachineFile as MachineFile

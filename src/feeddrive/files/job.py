@@ -28,55 +28,20 @@ from pathlib import Path
 from typing import Any, ClassVar, TypeAlias
 
 from feeddrive.blocks.families import Load, Reference
+from feeddrive.blocks.machine_families import Coupling
 from feeddrive.files.blocks_from_toml import read_block
-from feeddrive.files.columns import ROLES, Column
-from feeddrive.files.formats import OpenedFile
+from feeddrive.files.job_log import LogRequest, log_request, optional_text, whole
 from feeddrive.files.job_program import PlannedProgram, read_planned
-from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile, found, read_machine
-from feeddrive.files.read_log import read_log, unit_at_the_end
 from feeddrive.files.toml_file import Section, TomlFile, read_toml
-from feeddrive.language import tree, units
-from feeddrive.language.errors import FeeddriveError, FileError, LogError, ParameterError, nearest, plain
+from feeddrive.language import tree
+from feeddrive.language.errors import FeeddriveError, FileError, ParameterError, nearest, plain
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine, System
 
-_KEYS = ("title", "machine", "axis", "seed", "rule", "duration", "reference", "load", "others", "law", "log", "program")
-
-
-@dataclass(frozen=True)
-class LogRequest:
-    """The log to read, and the roles of its columns."""
-
-    path: Path
-    channels: Mapping[str, Column]
-    optional: Mapping[str, Column]
-    skip_samples: int
-    sample_time: float | None = None
-
-    def read(self) -> Log:
-        """The log, with those optional channels that it has.
-
-        Raises FileError or LogError as `read_log`, and for an injected force without a unit.
-        """
-        file = OpenedFile(self.path)
-        log = read_log(file, self.channels, optional=self.optional, sample_time=self.sample_time)
-        named = self.named("load_force")
-        told = named is None or named.unit or named.factor is not None or file.columns.units.get(named.name)
-        if named is None or told or "load_force" not in log.channels or unit_at_the_end(named.name, "load_force"):
-            return log
-        raise LogError(
-            f"{self.path}: '{named.name}' (load_force) states no unit, and injected signals are logged in N, in V or "
-            f"in percent: state it, as load_force = {{ column = '{named.name}', unit = 'N' }}, or give factor = the N "
-            f"at the table for each unit of it; a signal that is added to the drive's command, in the command's unit, "
-            f"is excitation = '{named.name}'"
-        )
-
-    def named(self, role: str) -> Column | None:
-        """The column that has a role."""
-        return self.channels.get(role) or self.optional.get(role)
+_KEYS = ("title", "machine", "axis", "seed", "rule", "duration", "reference", "load", "others", "law", "log", "program", "process")
 
 
 @dataclass(frozen=True)
@@ -93,7 +58,7 @@ class Job(Result):
 
     loops     the axis of the rows, by row
     machines  by row all axes with their couplings, if the axis is coupled or `others` move; else empty
-    program   in words, if the references are those of a part program; else empty
+    program   the planned part program that gives the references, if one does
     """
 
     title: str
@@ -109,13 +74,14 @@ class Job(Result):
     file: TomlFile
     others: Mapping[str, Other] = field(default_factory=dict[str, Other])
     machines: Mapping[str, Machine] = field(default_factory=dict[str, Machine])
-    program: str = ""
+    program: PlannedProgram | None = None
 
     instead: ClassVar[str] = "fd.run(job) runs a job; its loops stand by row in job.loops"
 
     def table(self) -> Table:
         """One row for each law, today's first."""
-        work = self.program or (self.reference.kind if self.reference is not None else "-")
+        work = self.reference.kind if self.reference is not None else "-"
+        work = self.program.said if self.program is not None else work
         work = f"log {self.log.path.name}" if self.log is not None else work
         rows = [
             [name, loop.control.law.kind, ", ".join(each.kind for each in loop.control.filters) or "-"]
@@ -147,11 +113,7 @@ def read_job(path: JobLike, log: str | Path | None = None) -> Job:
     root = file.root()
     root.refuse_unknown(_KEYS)
     machine = _machine(root, place)
-    axis = _optional_text(root, "axis")
-    try:
-        name = machine.named(axis)
-    except FeeddriveError as error:
-        raise root.error(f"axis: {error}", "axis") from None
+    name = _axis(root, machine)
     given = [each for each in ("reference", "log", "program") if root.optional(each) is not None]
     if len(given) != 1:
         told = f", not {' and '.join(f'[{each}]' for each in given)}: each gives the reference" if given else ""
@@ -159,20 +121,20 @@ def read_job(path: JobLike, log: str | Path | None = None) -> Job:
     others = _others(root, machine, name)
     program, others = _program(root, place, machine, others, name)
     root = replace(root, turning=machine.loops[name].axis.rotary)
-    together = machine.machine() if others or machine.coupled(name) else None
+    together = machine.machine(*_cuts(root, program, machine)) if others or program or machine.coupled(name) else None
     rows = _laws(root, machine.loops[name], together)
-    request = _log(root, place, log)
+    request = log_request(root, place, log)
     if request is not None and together is not None:
         raise root.error(
             "log: a log is replayed on one axis alone, here several run together: give a [reference]", "log"
         )
     load = root.optional("load")
     return Job(
-        title=_optional_text(root, "title") or place.stem,
-        rule=_optional_text(root, "rule") or "",
+        title=optional_text(root, "title") or place.stem,
+        rule=optional_text(root, "rule") or "",
         machine=machine,
-        axis=axis,
-        seed=_whole(root, "seed", 0),
+        axis=name,
+        seed=whole(root, "seed", 0),
         duration=_duration(root),
         reference=_reference(root, program, name),
         load=None if load is None else read_block(Load, load),  # type: ignore[type-abstract]
@@ -181,8 +143,33 @@ def read_job(path: JobLike, log: str | Path | None = None) -> Job:
         file=file,
         others=others,
         machines={row: each for row, each in rows.items() if isinstance(each, Machine)},
-        program="" if program is None else program.said,
+        program=program,
     )
+
+
+def _axis(root: Section, machine: MachineFile) -> str:
+    """The axis of the rows: the one that is named, the only one, or of a part program the first one."""
+    axis = optional_text(root, "axis")
+    if axis is None and root.optional("program") is not None:
+        return next(iter(machine.loops))
+    try:
+        return machine.named(axis)
+    except FeeddriveError as error:
+        raise root.error(f"axis: {error}", "axis") from None
+
+
+def _cuts(root: Section, program: PlannedProgram | None, machine: MachineFile) -> tuple[Coupling, ...]:
+    """The cuts of the process, as couplings of the machine."""
+    process = root.optional("process")
+    if process is None:
+        return ()
+    if program is None:
+        raise root.error("[process] says what a part program cuts, and there is no [program]", "process")
+    try:
+        loop = next(iter(machine.loops.values()))
+        return program.couplings(float(loop.sample_time) / loop.axis.substeps)
+    except FeeddriveError as error:
+        raise process.error(str(error)) from None
 
 
 def _reference(root: Section, program: PlannedProgram | None, axis: str) -> Reference | None:
@@ -207,13 +194,13 @@ def _program(
     for name, other in others.items():
         if other.reference is not None and len(name) == 1:
             raise root.error(f"others.{name}.reference: the program gives the motions of all axes: leave it out")
-    found = read_planned(section, place, machine)
+    found = read_planned(section, place, machine, root.optional("process"))
     moving = {name: each for name, each in found.references.items() if name != axis}
     return found, {**others, **{name: Other(each, others.get(name, Other()).load) for name, each in moving.items()}}
 
 
 def _machine(root: Section, place: Path) -> MachineFile:
-    name = _optional_text(root, "machine")
+    name = optional_text(root, "machine")
     if name is None:
         raise root.error('machine is missing: machine = "file.toml", or the name of a bundled machine')
     beside = place.parent / name
@@ -249,20 +236,37 @@ def _laws(root: Section, today: Loop, machine: Machine | None) -> dict[str, Syst
     whole: System = today if machine is None else machine
     found = {"today": whole}
     for section in root.listed("law"):
-        section.refuse_unknown(("name", "control", "set"))
-        name = _optional_text(section, "name")
+        section.refuse_unknown(("name", "control", "axis", "set"))
+        name = optional_text(section, "name")
         if not name or name in found:
             raise section.error(
                 f"{section.dotted('name')} must be a text that no other row has, and not 'today'", "name"
             )
-        control, changes = section.optional("control"), section.optional("set")
-        if (control is None) == (changes is None):
-            raise section.error(f"row '{name}' needs either a section [law.control] or set = {{ ... }}")
-        if control is not None:
-            other = _replaced(control, today)
-            found[name] = other if machine is None else machine.with_loops({today.name: other})
-        else:
+        controls, changes = _controls(section, today, machine), section.optional("set")
+        if bool(controls) == (changes is not None):
+            raise section.error(
+                f"row '{name}' needs either set = {{ ... }} or sections: [law.control] for the axis of the rows, "
+                "[law.axis.NAME.control] for others"
+            )
+        if changes is not None:
             found[name] = _varied(section, changes, whole)
+        else:
+            found[name] = controls[today.name] if machine is None else machine.with_loops(controls)
+    return found
+
+
+def _controls(section: Section, today: Loop, machine: Machine | None) -> dict[str, Loop]:
+    """The axes of a row that have a control of their own in it."""
+    loops = {today.name: today} if machine is None else machine.loops()
+    control = section.optional("control")
+    found = {} if control is None else {today.name: _replaced(control, today)}
+    for name, axis in section.named("axis").items() if section.optional("axis") is not None else ():
+        if name not in loops:
+            raise section.error(f"{axis.dotted()}: there is no axis '{name}' in the rows{nearest(name, loops)}", "axis")
+        if name in found:
+            raise section.error(f"axis '{name}' is given twice: by [law.control] and by [{axis.dotted()}]", "axis")
+        axis.refuse_unknown(("control",))
+        found[name] = _replaced(replace(axis.section("control"), turning=loops[name].axis.rotary), loops[name])
     return found
 
 
@@ -301,90 +305,6 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> Any:
             yield from _flat(value, f"{name}.")
         else:
             yield name, value
-
-
-def read_request(path: str | Path, log: str | Path | None = None) -> LogRequest:
-    """The section [log] of a TOML file, that of a job or one that `Guess.toml` wrote: the roles of a log's columns.
-
-    `log` replaces the log's file.  Raises FileError or ParameterError with file, line, key and what to do.
-    """
-    root = read_toml(path).root()
-    request = _log(root, Path(path), log)
-    if request is None:
-        raise root.error("section [log] is missing; print(guess_roles(read_log(file)).toml()) shows one")
-    return request
-
-
-def _log(root: Section, place: Path, given: str | Path | None) -> LogRequest | None:
-    section = root.optional("log")
-    if section is None:
-        if given is not None:
-            raise root.error("a log was given, but the job has no section [log] that assigns its columns")
-        return None
-    step = [key for key in section.values if key == "sample_time" or key.startswith("sample_time_")]
-    section.refuse_unknown(("file", "channels", "optional", "skip_samples", "sample_time", *step))
-    name = _optional_text(section, "file")
-    if given is None and name is None:
-        raise section.error('log.file is missing: file = "run.csv", or give the log on the command line')
-    path = Path(given) if given is not None else place.parent / str(name)
-    return LogRequest(
-        path,
-        _channels(section, "channels"),
-        _channels(section, "optional"),
-        _whole(section, "skip_samples", 0),
-        _step(section, step[0]) if step else None,
-    )
-
-
-def _step(section: Section, key: str) -> float:
-    """The sample time of a log without a column of time, in s or in the unit that the key names."""
-    value = section.values[key]
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < 1e9:
-        raise section.error(f"{section.dotted(key)} must be a time > 0", key)
-    try:
-        return units.scaled(value, 1.0 if key == "sample_time" else units.factor(key.removeprefix("sample_time_"), "s"))
-    except ParameterError as error:
-        raise section.error(f"{section.dotted(key)}: {error}", key) from None
-
-
-def _channels(section: Section, name: str) -> dict[str, Column]:
-    channels = section.optional(name)
-    if channels is None:
-        return {}
-    channels.refuse_unknown(ROLES)
-    return {role: _column(channels, role, value) for role, value in channels.values.items()}
-
-
-def _column(channels: Section, role: str, value: Any) -> Column:
-    """A column's name, or { column = "x", unit = "mm" }, or { column = "x", factor = 1e-3 }."""
-    if isinstance(value, str):
-        return Column(name=value)
-    wanted = 'must be the name of a column, or { column = "name", unit = "mm" }, or { column = "name", factor = 0.001 }'
-    if not isinstance(value, dict) or not isinstance(value.get("column"), str):
-        raise channels.error(f"{channels.dotted(role)} {wanted}", role)
-    channels.section(role).refuse_unknown(("column", "unit", "factor"))
-    unit, factor = value.get("unit", ""), value.get("factor")
-    number = factor is None or (isinstance(factor, (int, float)) and not isinstance(factor, bool))
-    if not isinstance(unit, str) or not number:
-        raise channels.error(f"{channels.dotted(role)} {wanted}", role)
-    try:
-        return Column(name=value["column"], unit=unit, factor=None if factor is None else float(factor)).checked(role)
-    except (ParameterError, OverflowError) as error:
-        raise channels.error(f"{channels.dotted(role)}: {error}", role) from None
-
-
-def _optional_text(section: Section, name: str) -> str | None:
-    value = section.values.get(name)
-    if value is not None and not isinstance(value, str):
-        raise section.error(f'{section.dotted(name)} must be a text in quotes ("...")', name)
-    return value
-
-
-def _whole(section: Section, name: str, default: int) -> int:
-    value = section.values.get(name, default)
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 2**53:
-        raise section.error(f"{section.dotted(name)} must be a whole number, 0 <= {name} < 2^53", name)
-    return value
 
 
 def _duration(root: Section) -> float | None:

@@ -1,7 +1,7 @@
 """The section [program] of a job: a part program, planned, as the reference of all axes that it moves.
 
 [program]
-file = "part.ngc"                  # beside the job
+file = "part.ngc"                  # beside the job, or a bundled one: circle_diamond_square.ngc
 tools = "tool.tbl"                 # optional, as offsets, tables_inch, skip_deleted of `feeddrive plan`
 limits = "limits.toml"             # in place of [axis.x.limits] of the machine file
 
@@ -16,24 +16,27 @@ average_ms = 4                     # of each of four averages
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from feeddrive.blocks.machine_families import Coupling
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.files.columns import Column
 from feeddrive.files.formats import OpenedFile
-from feeddrive.files.machine import MachineFile, planned_limits
+from feeddrive.files.job_process import Cut, Process, read_process
+from feeddrive.files.machine import BUNDLED, MachineFile, planned_limits
 from feeddrive.files.read_log import read_log
 from feeddrive.files.toml_file import Section
 from feeddrive.language import units
 from feeddrive.language.errors import FeeddriveError, NotPlannedError, ParameterError
 from feeddrive.loop.simulate import samples
+from feeddrive.path.planned import Planned, planned_of
 from feeddrive.path.program.reading import read_program
-from feeddrive.path.setpoints import Setpoints
+from feeddrive.path.setpoints import Samples, Setpoints, Standstill
 from feeddrive.path.smoothing import reach, smoothed
 
 FILES = ("file", "tools", "offsets", "limits", "recorded")
@@ -47,20 +50,38 @@ MOST = 4_000_000
 class PlannedProgram:
     """A part program as references of axes, by their names in the machine file.
 
-    said  in words, for reports
+    said     in words, for reports
+    file     of the program; None for recorded setpoints, which have none of what follows
+    planned  what it came to
+    line     of the program by sample, shape (samples,)
+    cuts     what the tools do over time, by the section [process]
+    process  that section
     """
 
     references: Mapping[str, Recorded]
     said: str
+    file: Path | None = None
+    planned: Planned | None = None
+    line: np.ndarray | None = None
+    cuts: tuple[Cut, ...] = ()
+    process: Process | None = None
+
+    def couplings(self, substep: float) -> tuple[Coupling, ...]:
+        """The cuts as couplings of a machine with substeps of so many s. Raises ParameterError without x and y."""
+        return () if self.process is None else self.process.couplings(self.cuts, tuple(self.references), substep)
 
 
-def read_planned(section: Section, place: Path, machine: MachineFile) -> PlannedProgram:
-    """The program of a section, planned within the limits of the machine and proven.
+def read_planned(
+    section: Section, place: Path, machine: MachineFile, process: Section | None = None
+) -> PlannedProgram:
+    """The program of a section, planned within the limits of the machine and proven, with what it cuts.
 
-    Raises ParameterError or FileError as the section and its files are wrong, ProgramError at a line of the program,
+    Raises ParameterError or FileError as the sections and their files are wrong, ProgramError at a line of the program,
     NotPlannedError if it is too long or its proof does not hold.
     """
     if "recorded" in section.values:
+        if process is not None:
+            raise process.error("[process] goes with a part program, whose lines it speaks of, not with recorded = ...")
         return _recorded(section, place, machine)
     section.refuse_unknown((*FILES, *_FLAGS))
     files = {name: _file(section, place, name) for name in FILES}
@@ -74,13 +95,17 @@ def read_planned(section: Section, place: Path, machine: MachineFile) -> Planned
         raise type(error)(f"{section.where()}: {error}") from None
     T = float(next(iter(machine.loops.values())).sample_time)
     kept: list[np.ndarray] = []
+    lines: list[np.ndarray] = []
     moves = read_program(
         program, axes=limits.travel, tools=files["tools"], offsets=files["offsets"], tables_inch=inch, skip_deleted=skip
     )
     with closing(moves):
-        setpoints = Setpoints(moves, limits, T)
-        for samples in setpoints:
+        said = read_process(process, program)
+        setpoints = Setpoints(moves if said is None else said.spindle.noted(moves), limits, T)
+
+        def keep(samples: Samples, stops: Sequence[Standstill]) -> None:
             kept.append(samples.values)
+            lines.append(np.where(np.isinf(samples.feed), -samples.line, samples.line).astype(np.int32))
             if setpoints.samples > MOST:
                 raise NotPlannedError(
                     f"{section.where()}: {program.name} lasts longer than {MOST * T:.6g} s, {MOST:,} samples, which a "
@@ -92,11 +117,17 @@ def read_planned(section: Section, place: Path, machine: MachineFile) -> Planned
                     f"{limits.named(str(setpoints.prover.proof().faults[0]))}. This is a fault of feeddrive, not of "
                     "the program"
                 )
-    rows = np.concatenate(kept)
+
+        planned = planned_of(setpoints, program.name, machine.name, keep)
+    rows, line = np.concatenate(kept), np.concatenate(lines)
     names = {name.upper(): name for name in machine.loops}
     references = {names[letter]: _reference(rows[:, i], T) for i, letter in enumerate(limits.letters)}
-    said = f"part program {program.name}, {setpoints.blocks:,} blocks in {setpoints.time:.6g} s, planned and proven"
-    return PlannedProgram(references, said)
+    cuts = () if said is None else said.cuts(np.arange(len(line)) * T, np.abs(line), line < 0)
+    return PlannedProgram(
+        references,
+        f"part program {program.name}, {planned.blocks:,} blocks in {planned.cycle_time:.6g} s, planned and proven",
+        program, planned, np.abs(line), cuts, said,
+    )  # fmt: skip
 
 
 def _reference(rows: np.ndarray, T: float) -> Recorded:
@@ -158,7 +189,10 @@ def _file(section: Section, place: Path, name: str) -> Path | None:
     value = section.values.get(name)
     if value is not None and not isinstance(value, str):
         raise section.error(f'{section.dotted(name)} must be a text in quotes ("...")', name)
-    return None if value is None else place.parent / value
+    if value is None:
+        return None
+    bundled = BUNDLED / "programs" / value
+    return bundled if not (place.parent / value).exists() and bundled.is_file() else place.parent / value
 
 
 def _flag(section: Section, name: str) -> bool:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,7 +12,7 @@ import numpy as np
 from feeddrive.language.table import Result, Table
 from feeddrive.path.limits import MachineLimits
 from feeddrive.path.proof.prove import DERIVATIVES, Proof
-from feeddrive.path.setpoints import Samples, Standstill
+from feeddrive.path.setpoints import Samples, Setpoints, Standstill
 
 _STRETCHES = 8192
 _PER = ("s", "s2", "s3", "s4")
@@ -150,3 +151,24 @@ class Planned(Result):
         held = "every limit is proven" if self.proof.count == 0 else f"{self.proof.count} violations"
         title = f"{self.program}: {self.cycle_time:.6g} s, {self.blocks} blocks, {self.stop_count} stops; {held}"
         return Table(title, heads, rows)
+
+
+def planned_of(
+    setpoints: Setpoints, program: str, machine: str, take: Callable[[Samples, Sequence[Standstill]], None] | None = None
+) -> Planned:
+    """What all samples of a program come to; each piece of them, with the stops in it, is given to `take`."""
+    recorder = Recorder(len(setpoints.limits.axes))
+    few: list[Standstill] = []
+    reasons: Counter[str] = Counter()
+    for samples in setpoints:
+        recorder.add(samples)
+        stops, setpoints.stops = setpoints.stops, []
+        reasons.update(each.reason for each in stops)
+        few += stops[: FEW - len(few)]
+        if take is not None:
+            take(samples, stops)
+    return Planned(
+        program, machine, setpoints.limits, setpoints.sample_time, setpoints.samples, setpoints.time, setpoints.blocks,
+        setpoints.runs, setpoints.prover.proof(), tuple(few), sum(reasons.values()), dict(reasons), setpoints.seconds,
+        recorder.course(setpoints.sample_time),
+    )  # fmt: skip

@@ -16,7 +16,7 @@ from feeddrive.files.columns import OWN_UNIT, ROLES, Column, is_time
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.frf import names_frequency, read_controllers, read_frfs
 from feeddrive.files.guess import Guess, guess_roles, write_roles
-from feeddrive.files.job import LogRequest, read_request
+from feeddrive.files.job_log import LogRequest, read_request
 from feeddrive.files.log import Log, LogLike
 from feeddrive.files.read_log import read_log, time_units, unit_at_the_end
 from feeddrive.files.readers.ast_xml import is_ast

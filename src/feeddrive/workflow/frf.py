@@ -15,7 +15,7 @@ from feeddrive.files.columns import Column, unit_of
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.frf import write_frf
 from feeddrive.files.guess import guess_roles, unit_in_name
-from feeddrive.files.job import LogRequest
+from feeddrive.files.job_log import LogRequest
 from feeddrive.files.log import Log, LogLike
 from feeddrive.files.read_log import read_log
 from feeddrive.identification.excitation.estimate_frf import estimate_frf

@@ -6,8 +6,7 @@ What is written: `files/plan_files.py`.
 from __future__ import annotations
 
 import contextlib
-from collections import Counter
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from time import monotonic
@@ -19,10 +18,10 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.path.limits import MachineLimits
 from feeddrive.path.override import read_steps
-from feeddrive.path.planned import FEW, Planned, Recorder
+from feeddrive.path.planned import Planned, planned_of
 from feeddrive.path.program.moves import Move, PathMode
 from feeddrive.path.program.reading import FrontEnd, read_program
-from feeddrive.path.setpoints import Setpoints, Standstill
+from feeddrive.path.setpoints import Samples, Setpoints, Standstill
 from feeddrive.report import build_plan
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, called, option
@@ -94,34 +93,25 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     with contextlib.closing(_moves(request, limits, progress)) as moves:  # whatever ends it, the program is closed
         setpoints = Setpoints(moves, limits, sample_time, override)
         if request.out is None:
-            return _outcome(_planned(setpoints, *names, None), None)
+            return _outcome(planned_of(setpoints, *names), None)
         with new_directory(request.out) as folder:
             with setpoint_files(folder, limits, sample_time, request.program.name) as writer:
-                found = _planned(setpoints, *names, writer)
+                found = planned_of(setpoints, *names, _into(writer))
             write_plan(folder, found)
             progress.step("report")
             (folder / "report.html").write_text(build_plan(found), encoding="utf-8")
     return _outcome(found, request.out)
 
 
-def _planned(setpoints: Setpoints, program: str, machine: str, writer: SetpointWriter | None) -> Planned:
-    """All samples, into files if there are some."""
-    recorder = Recorder(len(setpoints.limits.axes))
-    few: list[Standstill] = []
-    reasons: Counter[str] = Counter()
-    for samples in setpoints:
-        recorder.add(samples)
-        stops, setpoints.stops = setpoints.stops, []
-        reasons.update(each.reason for each in stops)
-        few += stops[: FEW - len(few)]
-        if writer is not None and samples.proven:
+def _into(writer: SetpointWriter) -> Callable[[Samples, Sequence[Standstill]], None]:
+    """What writes the samples that are proven."""
+
+    def write(samples: Samples, stops: Sequence[Standstill]) -> None:
+        if samples.proven:
             writer.add(samples)
             writer.stops(stops)
-    return Planned(
-        program, machine, setpoints.limits, setpoints.sample_time, setpoints.samples, setpoints.time, setpoints.blocks,
-        setpoints.runs, setpoints.prover.proof(), tuple(few), sum(reasons.values()), dict(reasons), setpoints.seconds,
-        recorder.course(setpoints.sample_time),
-    )  # fmt: skip
+
+    return write
 
 
 def _moves(request: PlanRequest, limits: MachineLimits, progress: Progress) -> Generator[Move]:

@@ -1,0 +1,293 @@
+"""The section [process] of a job with a part program: which tool cuts how deep and how wide, and how fast it turns.
+
+[process.tool.1]                   # of `T1 M6` in the program; a program without T uses the only one
+kind = "mechanistic_cutter"
+teeth = 4
+
+The program says in comments what the lines after them cut, in mm, until the next such comment:
+
+(finishing: ap=4 ae=0.3 down)      ap along the spindle; ae across the feed with up or down, without ae a slot
+(cut off)                          nothing
+
+or the job does, for lines by their numbers, over any comment:
+
+[[process.section]]
+first_line = 12
+last_line = 20
+axial_depth_mm = 4
+radial_depth_mm = 0.3
+milling = "down"
+spindle_speed = 8000               # in place of S of the program
+
+Traverses (G0) never cut.  Lines count as they stand in the file, in a subroutine too.
+"""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from feeddrive.blocks.coupling.cut_sections import CutSections
+from feeddrive.blocks.coupling.milling_cut import MillingCut
+from feeddrive.blocks.cutting.engagement import arc
+from feeddrive.blocks.machine_families import Cutter
+from feeddrive.files.blocks_from_toml import read_block
+from feeddrive.files.toml_file import Section
+from feeddrive.language.block import Block, Number, Rule, choice, parameter
+from feeddrive.language.errors import ParameterError, ProgramError
+from feeddrive.path.program.moves import Arc, Move, Spindle, Spline, Straight, ToolChange
+
+_COMMENT = re.compile(r"\(([^()]*)\)|;(.*)")
+_WORD = re.compile(r"\b(ap|ae)\s*=\s*(\S*)", re.IGNORECASE)
+_NUMBER = re.compile(r"\d*\.?\d+|\d+\.")
+_SIDE = re.compile(r"\b(up|down|slot)\b", re.IGNORECASE)
+_OFF = re.compile(r"\s*cut\s+off\s*", re.IGNORECASE)
+_MM = 1e-3
+_SURFACES = 3  # that a tooth may meet
+
+
+class CutSection(Block):
+    """Lines of a part program that cut, and how."""
+
+    first_line: int = choice("first line of the part program", least=1, most=10**9)
+    last_line: int = choice("last line of it", least=1, most=10**9)
+    axial_depth: Number = parameter("m", "depth of cut along the spindle", above=0)
+    radial_depth: Number | None = parameter(
+        "m", "width of cut across the feed; absent: a slot, the whole diameter", above=0, default=None
+    )
+    milling: str = choice("whether the chip starts thin (up) or ends thin (down)", options=("up", "down"), default="up")
+    spindle_speed: Number | None = parameter("rpm", "turns of the spindle; absent: S of the program", above=0, default=None)
+
+    def rules(self) -> Iterator[Rule]:
+        """The last line is not before the first."""
+        yield Rule(
+            self.last_line >= self.first_line,
+            "the last line is not before the first",
+            lambda: f"section.last_line = {self.last_line} must be >= section.first_line = {self.first_line}",
+        )
+
+
+class Cut(NamedTuple):
+    """What the tool does from a time on: `tool` by number, depths in m (0: it does not cut), side, speed in rpm."""
+
+    begin: float
+    line: int
+    tool: int
+    axial_depth: float
+    radial_depth: float | None
+    milling: str
+    spindle_speed: float
+
+
+_AIR = (0.0, None, "up")
+
+
+@dataclass(frozen=True)
+class Process:
+    """The section [process] and what the comments of the program say.
+
+    comments  depth, width and side from a line on, in order
+    """
+
+    section: Section
+    program: str
+    tools: Mapping[int, Cutter]
+    sections: tuple[CutSection, ...]
+    comments: tuple[tuple[int, tuple[float, float | None, str]], ...]
+    spindle: SpindleOfLines
+
+    def cuts(self, times: np.ndarray, line: np.ndarray, traverse: np.ndarray) -> tuple[Cut, ...]:
+        """What is cut over time, from the line of each sample and whether it is a traverse.
+
+        Raises ProgramError at a line that cuts without a spindle, with an unknown tool, or as the tool cannot.
+        """
+        changes = np.flatnonzero((np.diff(line) != 0) | (np.diff(traverse.astype(np.int8)) != 0)) + 1
+        found: list[Cut] = []
+        for first in (0, *changes.tolist()) if len(line) else ():
+            cut = self._cut(float(times[first]), int(line[first]), bool(traverse[first]))
+            if not found or cut[2:] != found[-1][2:]:
+                found.append(cut)
+        return tuple(found)
+
+    def _cut(self, begin: float, line: int, traverse: bool) -> Cut:
+        own = next((each for each in self.sections if each.first_line <= line <= each.last_line), None)
+        depth, width, side = self._said(line) if own is None else (own.axial_depth, own.radial_depth, own.milling)
+        speed, tool = self.spindle.at(line)
+        if own is not None and own.spindle_speed is not None:
+            speed = float(own.spindle_speed)
+        if traverse or not depth:
+            return Cut(begin, line, tool or next(iter(self.tools)), *_AIR, abs(speed or 0.0))
+        if speed is None or tool is None:
+            raise self._error(
+                line, "it is run more than once, with different tools or spindle speeds, while it cuts: the line of a "
+                "sample does not tell them apart. Write it out, or give the speed in a [[process.section]]"
+            )  # fmt: skip
+        if speed == 0.0:
+            raise self._error(line, "the tool cuts while the spindle stands: S and M3 come before it")
+        if speed < 0.0:
+            raise self._error(line, "the tool cuts while the spindle turns counterclockwise (M4): its teeth need M3")
+        if tool == 0 and len(self.tools) == 1:
+            tool = next(iter(self.tools))
+        if tool not in self.tools:
+            there = ", ".join(f"[process.tool.{each}]" for each in self.tools)
+            raise self._error(line, f"tool {tool} cuts, of which the job says nothing: it has {there}")
+        self._fits(line, self.tools[tool], float(depth), None if width is None else float(width))
+        return Cut(begin, line, tool, float(depth), None if width is None else float(width), side, speed)
+
+    def _fits(self, line: int, cutter: Cutter, depth: float, width: float | None) -> None:
+        """The engagement is one that the tool can have."""
+        edge = cutter.edge()
+        flute, diameter = getattr(cutter, "flute_length", None), float(edge.diameter)
+        if flute is not None and depth > flute:
+            raise self._error(
+                line, f"a depth of cut of {1e3 * depth:g} mm is more than the tool's flute_length of {1e3 * flute:g} mm: "
+                "cut in two passes, or take a longer tool"
+            )  # fmt: skip
+        if width is not None and width > diameter:
+            raise self._error(
+                line, f"a width of cut of {1e3 * width:g} mm is more than the tool's diameter of {1e3 * diameter:g} mm: "
+                "at most the diameter, or no ae for a slot"
+            )  # fmt: skip
+
+    def couplings(self, cuts: Sequence[Cut], axes: Sequence[str], substep: float) -> tuple[MillingCut, ...]:
+        """A cut on the axes for each tool that cuts, with what it does over time as its sections; substeps in s.
+
+        Raises ParameterError for a machine without x and y.
+        """
+        if "x" not in axes or "y" not in axes:
+            raise ParameterError(f"a cut needs axes x and y, the program moves {', '.join(axes)}")
+        return tuple(
+            self._coupling(number, cuts, "z" if "z" in axes else None, substep)
+            for number in self.tools
+            if any(each.tool == number and each.axial_depth > 0.0 for each in cuts)
+        )
+
+    def _coupling(self, number: int, cuts: Sequence[Cut], along_z: str | None, substep: float) -> MillingCut:
+        cutter = self.tools[number]
+        diameter = float(cutter.edge().diameter)
+        rows: list[tuple[float, float, float, float, float]] = []
+        speed = next(each.spindle_speed for each in cuts if each.tool == number and each.axial_depth > 0.0)
+        for each in cuts:
+            here = each.tool == number and each.axial_depth > 0.0
+            speed = each.spindle_speed if here else speed  # in the air the speed does not matter
+            entry, leave = arc(each.milling, each.radial_depth if here else None, diameter)
+            row = (each.begin, each.axial_depth if here else 0.0, float(entry), float(leave), speed)
+            if not rows or row[1:] != rows[-1][1:]:
+                rows.append(row)
+        if len(rows) == 1:
+            rows.append((rows[0][0] + 1.0, *rows[0][1:]))
+        start, depth, entries, exits, speeds = (np.array(column) for column in zip(*rows, strict=True))
+        longest = 60.0 / (cutter.teeth * float(np.min(speeds)))
+        return MillingCut(
+            cutter=cutter, spindle_speed=float(speeds[0]), along_z=along_z,
+            sections=CutSections(start=start, axial_depth=depth, entry=entries, exit=exits, spindle_speed=speeds),
+            remembered=int((_SURFACES + 1) * longest / substep) + 8, surfaces=_SURFACES,
+        )  # fmt: skip
+
+    def _said(self, line: int) -> tuple[float, float | None, str]:
+        """By the last comment before a line."""
+        place = bisect_right(self.comments, line, key=lambda each: each[0])
+        return self.comments[place - 1][1] if place else _AIR
+
+    def _error(self, line: int, reason: str) -> ProgramError:
+        return ProgramError(self.program, line, 0, "", reason)
+
+
+class SpindleOfLines:
+    """Speed of the spindle (rpm, negative counterclockwise) and tool while each line of a program moves."""
+
+    def __init__(self) -> None:
+        self._found: dict[int, tuple[float | None, int | None]] = {}
+        self._speed, self._tool = 0.0, 0
+
+    def noted(self, moves: Iterable[Move]) -> Iterator[Move]:
+        """The moves, as they pass."""
+        for move in moves:
+            if isinstance(move, Spindle):
+                self._speed = move.spindle_speed * move.direction
+            elif isinstance(move, ToolChange):
+                self._tool = move.number
+            elif isinstance(move, Straight | Arc | Spline):
+                now = self._speed, self._tool
+                before = self._found.setdefault(move.source.number, now)
+                if before != now:  # the same line again, otherwise
+                    self._found[move.source.number] = None, None
+            yield move
+
+    def at(self, line: int) -> tuple[float | None, int | None]:
+        """At a line; None for what it was not each time."""
+        return self._found.get(line, (0.0, 0))
+
+
+def read_process(section: Section | None, program: Path) -> Process | None:
+    """The section [process] of a job, if it has one, with the comments of its program.
+
+    Raises ParameterError for keys, ProgramError at a comment that cannot be meant.
+    """
+    if section is None:
+        return None
+    section.refuse_unknown(("tool", "section"))
+    tools: dict[int, Cutter] = {}
+    for name, each in section.named("tool").items():
+        if not name.isdecimal() or not 0 < int(name) < 10**6:
+            raise section.error(f"process.tool.{name}: a tool has a number of the program, as [process.tool.1]", "tool")
+        tools[int(name)] = read_block(Cutter, each)  # type: ignore[type-abstract]
+    sections = tuple(read_block(CutSection, each) for each in section.listed("section"))
+    _apart(section, sections)
+    return Process(section, program.name, tools, sections, tuple(_comments(program)), SpindleOfLines())
+
+
+def _apart(section: Section, sections: Sequence[CutSection]) -> None:
+    """No line belongs to two sections."""
+    ordered = sorted(sections, key=lambda each: each.first_line)
+    for one, other in zip(ordered, ordered[1:], strict=False):
+        if other.first_line <= one.last_line:
+            raise section.error(
+                f"two of [[process.section]] hold line {other.first_line}: lines {one.first_line} to {one.last_line} "
+                f"and {other.first_line} to {other.last_line}", "section"
+            )  # fmt: skip
+
+
+def _comments(program: Path) -> Iterator[tuple[int, tuple[float, float | None, str]]]:
+    with program.open(encoding="latin-1") as file:
+        for number, text in enumerate(file, 1):
+            if "(" not in text and ";" not in text:
+                continue
+            for found in _COMMENT.finditer(text):
+                said = found[1] if found[1] is not None else found[2]
+                if _OFF.fullmatch(said):
+                    yield number, _AIR
+                elif _WORD.search(said):
+                    yield number, _engagement(said, program.name, number, found.start() + 1)
+
+
+def _engagement(said: str, program: str, line: int, column: int) -> tuple[float, float | None, str]:
+    """Depth and width in m and the side of a comment such as `ap=4 ae=0.3 down`."""
+
+    def wrong(reason: str) -> ProgramError:
+        return ProgramError(program, line, column, f"({said})", f"{reason}: as in (ap=4 ae=0.3 down), in mm")
+
+    words: dict[str, float] = {}
+    for found in _WORD.finditer(said):
+        name, value = found[1].lower(), found[2].rstrip(",")
+        if name in words:
+            raise wrong(f"{name} is given twice")
+        if not _NUMBER.fullmatch(value) or not 0.0 < float(value) < 1e6:
+            raise wrong(f"{name}={value} must be a number of mm > 0")
+        words[name] = float(value) * _MM
+    if "ap" not in words:
+        raise wrong("ae has no ap, the depth along the spindle, beside it")
+    sides = {each.lower() for each in _SIDE.findall(said)}
+    if "ae" not in words:
+        if sides - {"slot"}:
+            raise wrong(f"{' and '.join(sorted(sides))} has no ae, the width across the feed, beside it")
+        return words["ap"], None, "up"
+    if len(sides) != 1 or "slot" in sides:
+        raise wrong("with ae it is either up or down milling, one of the words")
+    return words["ap"], words["ae"], sides.pop()
