@@ -54,6 +54,7 @@ class PlannedProgram:
     file     of the program; None for recorded setpoints, which have none of what follows
     planned  what it came to
     line     of the program by sample, shape (samples,)
+    counted  the samples that cut, or without a [process] all that are at a feed, shape (samples,)
     cuts     what the tools do over time, by the section [process]
     process  that section
     """
@@ -63,6 +64,7 @@ class PlannedProgram:
     file: Path | None = None
     planned: Planned | None = None
     line: np.ndarray | None = None
+    counted: np.ndarray | None = None
     cuts: tuple[Cut, ...] = ()
     process: Process | None = None
 
@@ -122,12 +124,20 @@ def read_planned(
     rows, line = np.concatenate(kept), np.concatenate(lines)
     names = {name.upper(): name for name in machine.loops}
     references = {names[letter]: _reference(rows[:, i], T) for i, letter in enumerate(limits.letters)}
-    cuts = () if said is None else said.cuts(np.arange(len(line)) * T, np.abs(line), line < 0)
+    times = np.arange(len(line)) * T
+    cuts = () if said is None else said.cuts(times, np.abs(line), line < 0)
     return PlannedProgram(
         references,
         f"part program {program.name}, {planned.blocks:,} blocks in {planned.cycle_time:.6g} s, planned and proven",
-        program, planned, np.abs(line), cuts, said,
+        program, planned, np.abs(line), line > 0 if said is None else _cutting(cuts, times), cuts, said,
     )  # fmt: skip
+
+
+def _cutting(cuts: Sequence[Cut], times: np.ndarray) -> np.ndarray:
+    """Whether the tool is in the work at each time."""
+    begins = np.array([each.begin for each in cuts])
+    depths = np.array([each.axial_depth for each in cuts])
+    return depths[np.searchsorted(begins, times + 1e-9, side="right") - 1] > 0.0
 
 
 def _reference(rows: np.ndarray, T: float) -> Recorded:

@@ -26,6 +26,8 @@ from feeddrive.language.units import turning_text
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run
+from feeddrive.machining.part_run import PartRun
+from feeddrive.path.planned import Planned
 from feeddrive.plot import style
 
 if TYPE_CHECKING:
@@ -229,6 +231,7 @@ class Entry:
     no_model: str = ""
     replay: Replay | None = None
     together: Run | None = None  # all axes of a machine in the same run
+    part: PartRun | None = None  # its figures along a part program
 
     def counted(self, signal: str) -> np.ndarray:
         """The samples of a signal that count, in SI."""
@@ -294,6 +297,8 @@ class Study:
     extras    tables of its own, first in the result
     pictures  pictures of its own, before all others
     quoted texts of the machine file, among the facts
+    planned   the part program that all laws ran, if one
+    cuts      what cut while which lines ran, in cells
     """
 
     title: str
@@ -307,3 +312,5 @@ class Study:
     extras: Sequence[ShownTable] = ()
     pictures: Sequence[Shown] = ()
     quoted: Sequence[str] = ()
+    planned: Planned | None = None
+    cuts: Sequence[ShownTable] = ()

@@ -10,9 +10,10 @@ from feeddrive.language import tree
 from feeddrive.language.declaration import Declaration
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Table, shown
-from feeddrive.report import sentences
+from feeddrive.report import part_page, sentences
 from feeddrive.report.figures import chosen, figures
 from feeddrive.report.page import Entry, ShownTable, Study, render
+from feeddrive.report.part_page import ran
 from feeddrive.report.sentences import decibel, number, percent
 
 
@@ -23,7 +24,8 @@ def build(study: Study) -> str:
     """
     if not study.entries:
         raise ParameterError("a report needs at least one law")
-    drawn = [*study.pictures, *figures(study)]
+    along = ran(study)
+    drawn = [*study.pictures, *part_page.pictures(study), *figures(study)]
     replay = next((entry.replay for entry in study.entries if entry.replay is not None), None)
     rule = [("Rule of comparison", study.rule)] if study.rule else []
     return render(
@@ -31,14 +33,14 @@ def build(study: Study) -> str:
         rotary=study.entries[0].loop.axis.rotary,
         quoted=(study.title, *study.quoted, *(each.name for each in study.entries)),
         title=study.title,
-        lead=sentences.result(study),
+        lead=part_page.lead(study) if along else sentences.result(study),
         links=[
             ("result", "Result"),
             ("facts", "What was run"),
             *((f"figure-{each.key}", each.title) for each in drawn),
             ("repeat", "How to repeat it"),
         ],
-        tables=[*([prediction(replay)] if replay is not None else []), *study.extras, errors(study)],
+        tables=[*([prediction(replay)] if replay is not None else []), *part_page.tables(study), *study.extras, *([] if along else [errors(study)])],
         limits=limits(study),
         robustness=frequency(study),
         remarks=sentences.remarks(study),

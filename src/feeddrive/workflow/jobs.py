@@ -24,10 +24,13 @@ from feeddrive.loop.lifting import MOST, compliance, loop_gain, period_of, track
 from feeddrive.loop.loop import Loop, Signals
 from feeddrive.loop.machine import Machine, System
 from feeddrive.loop.simulate import Run, samples, simulate
+from feeddrive.machining.part_run import PartRun
 from feeddrive.report import Entry, Study
 from feeddrive.report.page import RESPONSE_LINES, ShownTable
 from feeddrive.report.sentences import block_sentence, described
+from feeddrive.report.part_page import laws_table
 from feeddrive.workflow.job_log import load_said, measured_signals, of_channels, of_injected, placed, without_answer
+from feeddrive.workflow.job_program import along_program, cut_table, out_of_the_work
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,7 +58,9 @@ class JobResult(Result):
         return self.job.title, self.job.rule, *self.job.machine.quoted, *(row.name for row in self.rows)
 
     def table(self) -> Table:
-        """Following error, force, margins and least dynamic stiffness by law."""
+        """Following error, force, margins and least dynamic stiffness by law; of a part program the contour."""
+        if self.parts:
+            return laws_table(self.job.title, self.parts)
         heads = ["law", "RMS um", "peak um", "force N", "PM deg", "Ms", "N/um"]
         lines: list[list[str]] = []
         for row in self.rows:
@@ -100,14 +105,21 @@ class JobResult(Result):
             versions=self.versions,
             notes=self.remarks,
             quoted=(job.rule, *job.machine.quoted),
-            extras=[] if (others := self.others()) is None else [ShownTable(others)],
+            extras=[] if self.parts or (others := self.others()) is None else [ShownTable(others)],
+            planned=None if job.program is None else job.program.planned,
+            cuts=cut_table(job, self.rows[0]),
         )
+
+    @property
+    def parts(self) -> dict[str, PartRun]:
+        """The figures along a part program by law; empty without a program."""
+        return {row.name: row.part for row in self.rows if row.part is not None}
 
     def others(self) -> Table | None:
         """Errors and force of the other axes, of a job that runs several together; None for any other."""
         rows: list[list[str]] = []
         for row in self.rows:
-            if row.together is None:
+            if row.together is None or row.part is not None:
                 continue
             for axis in (each for each in self.job.machines[row.name].axes() if each != row.loop.name):
                 run = _of_axis(row.together, axis)
@@ -153,6 +165,8 @@ def numbers(row: Entry) -> dict[str, float | None]:
     if row.stiffness is not None:
         found["stiffness_least_N_per_m"] = row.stiffness.minimum
         found["stiffness_least_frequency_Hz"] = row.stiffness.minimum_frequency
+    if row.part is not None:
+        found |= row.part.numbers()
     if row.replay is not None:
         found["position_residual_rms_m"] = row.replay.rms("position_load")
         found["position_residual_peak_m"] = float(np.max(np.abs(row.replay.residual("position_load"))))
@@ -196,9 +210,10 @@ def _row(job: Job, name: str, loop: Loop, measured: Mapping[str, np.ndarray] | N
     """One law, analyzed and simulated; errors name the job and the law."""
     where = f"{job.file.name}: law '{name}'"
     whole: System = job.machines.get(name, loop)
+    idle = out_of_the_work(job, whole)
     why = ""
     try:
-        require_stable(whole, velocity=velocity, where=where)
+        require_stable(idle, velocity=velocity, where=where)
     except NoSlopeError as error:
         why = str(error)
     try:
@@ -213,19 +228,20 @@ def _row(job: Job, name: str, loop: Loop, measured: Mapping[str, np.ndarray] | N
             run = _simulated(job, loop, name)
         nyquist = 0.5 / loop.sample_time
         frequency = np.geomspace(min(1.0, 0.01 * nyquist), nyquist, RESPONSE_LINES)
-        known = not why and period_of(whole) <= MOST
-        gain = loop_gain(whole, frequency, velocity=velocity, axis=loop.name) if known else None
+        known = not why and period_of(idle) <= MOST
+        gain = loop_gain(idle, frequency, velocity=velocity, axis=loop.name) if known else None
         return Entry(
             name=name,
             description=described(loop.control),
             run=run,
             loop=loop,
             loop_gain=gain,
-            compliance=compliance(whole, frequency, velocity=velocity, axis=loop.name) if not why else None,
-            tracking=tracking(whole, frequency, velocity=velocity, axis=loop.name) if not why else None,
+            compliance=compliance(idle, frequency, velocity=velocity, axis=loop.name) if not why else None,
+            tracking=tracking(idle, frequency, velocity=velocity, axis=loop.name) if not why else None,
             no_model=why,
             replay=again,
             together=together,
+            part=None if together is None or not isinstance(whole, Machine) else along_program(job, whole, together),
         )
     except FeeddriveError as error:
         raise type(error)(f"{where}: {error}") from None

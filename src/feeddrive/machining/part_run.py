@@ -1,0 +1,270 @@
+"""A part program on a machine, as one law ran it: errors and their lines, what the motors give, the cutting force."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from feeddrive.analysis.replay import observe
+from feeddrive.blocks.families import Observer
+from feeddrive.blocks.force.gravity import Gravity
+from feeddrive.language import matrix
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.machine import Machine
+from feeddrive.loop.simulate import Run
+from feeddrive.machining.contour import ContourError, Worst, contour_error
+from feeddrive.machining.load import MachineLoad, SpindleLoad, machine_load
+
+_AFTER = 0.05  # s after a reversal in which its glitch stands
+_MOVES = 1e-3  # m/s along the path: another axis moves while one reverses
+_BEGUN = 0.2  # s in which an observer begins
+_LISTED = 8
+
+
+class AxisRun(NamedTuple):
+    """One axis under a part program, in SI; `line` and `time` are those of the largest following error.
+
+    following_rms, following_peak  m, over all samples
+    glitch, glitches               m, the largest contour error in the 50 ms after a reversal; how many reversals
+    """
+
+    following_rms: float
+    following_peak: float
+    line: int
+    time: float
+    glitch: float
+    glitches: int
+
+
+class Estimated(NamedTuple):
+    """An observer that listens on an axis, against all that acts beside the drive: cut, friction, weight.
+
+    error, true  N, RMS of estimate - truth and of the truth without its mean; the estimate's own lag is taken out
+    slow         N, RMS of the error where both are means over a turn of the spindle; None without a spindle
+    lag          s
+    """
+
+    error: float
+    true: float
+    slow: float | None
+    lag: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PartRun(Result):
+    """A law under a part program.
+
+    contour    of all moving axes, in space
+    counted    the samples that the figures of the contour count: those that cut, or all but traverses, shape (n,)
+    axes       by name
+    load       of the motors, and of the spindle where something cuts
+    cutting    N, force of the cut on the axes (x, y, z as they are there), shape (n, N); None without a cut
+    estimates  by observer and axis
+    """
+
+    name: str
+    contour: ContourError
+    counted: np.ndarray
+    axes: Mapping[str, AxisRun]
+    load: MachineLoad
+    cutting: np.ndarray | None
+    estimates: Mapping[str, Mapping[str, Estimated]]
+
+    @property
+    def contour_rms(self) -> float:
+        """m, along the path that counts."""
+        share = self.contour.weights * self.counted
+        return float(np.sqrt(np.sum(share * self.contour.error**2) / max(float(np.sum(share)), 1e-300)))
+
+    @property
+    def contour_peak(self) -> float:
+        """m, the largest that counts."""
+        return float(np.max(np.abs(self.contour.error[self.counted]), initial=0.0))
+
+    def contour_within(self, share: float = 0.95) -> float:
+        """m, kept on this share of the path that counts."""
+        sizes, weights = np.abs(self.contour.error[self.counted]), self.contour.weights[self.counted]
+        order = np.argsort(sizes)
+        reached = np.cumsum(weights[order])
+        if not len(order) or reached[-1] == 0.0:
+            return 0.0
+        return float(sizes[order[min(int(np.searchsorted(reached, share * reached[-1])), len(order) - 1)]])
+
+    def worst(self, count: int = _LISTED) -> list[Worst]:
+        """The places of the largest contour errors that count, each on a piece of path of its own."""
+        error = np.where(self.counted, np.abs(self.contour.error), 0.0)
+        found: list[Worst] = []
+        reach = 2e-3 * float(self.contour.along[-1])
+        line = self.contour.line
+        while len(found) < count and np.max(error, initial=0.0) > 0.0:
+            i = int(np.argmax(error))
+            at = self.contour
+            found.append(
+                Worst(
+                    float(at.time[i]), float(at.along[i]), float(at.error[i]), at.position[i],
+                    None if line is None else int(line[i]),
+                )
+            )  # fmt: skip
+            error[np.abs(at.along - at.along[i]) <= reach] = 0.0
+        return found
+
+    @property
+    def cutting_rms(self) -> float | None:
+        """N, of the resultant of the cut on all axes, while it cuts; None without a cut."""
+        if self.cutting is None or not np.any(self.counted):
+            return None
+        return _rms(np.linalg.norm(self.cutting[self.counted], axis=1))
+
+    @property
+    def duty(self) -> float | None:
+        """The largest share of a motor's continuous force that an axis needs in the RMS; None if none is stated."""
+        shares = [each.of_continuous for each in self.load.axes.values() if each.of_continuous is not None]
+        return max(shares, default=None)
+
+    def numbers(self) -> dict[str, float | None]:
+        """All figures by name, in SI."""
+        found: dict[str, float | None] = {
+            "contour_error_rms_m": self.contour_rms,
+            "contour_error_95_percent_m": self.contour_within(),
+            "contour_error_peak_m": self.contour_peak,
+        }
+        for axis, each in self.axes.items():
+            found |= {
+                f"{axis}.following_error_rms_m": each.following_rms,
+                f"{axis}.following_error_peak_m": each.following_peak,
+                f"{axis}.following_error_peak_line": float(each.line),
+                f"{axis}.reversals": float(each.glitches),
+                f"{axis}.reversal_glitch_m": each.glitch,
+            }
+        for axis, motor in self.load.axes.items():
+            found |= {
+                f"{axis}.drive_force_rms_N": motor.rms,
+                f"{axis}.drive_force_peak_N": motor.peak,
+                f"{axis}.force_rms_of_continuous": motor.of_continuous,
+                f"{axis}.force_peak_of_peak": motor.of_peak,
+                f"{axis}.work_J": motor.work,
+                f"{axis}.drawn_without_recovery_J": motor.drawn,
+            }
+        found["energy_J"] = self.load.energy()
+        found["energy_without_recovery_J"] = self.load.energy(recovers=False)
+        if self.load.spindle is not None:
+            found["spindle_power_mean_W"] = self.load.spindle.power
+            found["spindle_power_peak_W"] = self.load.spindle.peak
+            found["spindle_energy_J"] = self.load.spindle.energy
+        if self.cutting is not None:
+            found["cutting_force_rms_N"] = self.cutting_rms
+            found["cutting_force_peak_N"] = float(np.max(np.linalg.norm(self.cutting, axis=1)))
+        for observer, axes in self.estimates.items():
+            for axis, each in axes.items():
+                found[f"{axis}.{observer}.disturbance_error_rms_N"] = each.error
+                found[f"{axis}.{observer}.disturbance_error_over_a_turn_rms_N"] = each.slow
+                found[f"{axis}.disturbance_deviation_N"] = each.true
+        return found
+
+    def table(self) -> Table:
+        """A row for each axis."""
+        title = (
+            f"{self.name}: contour error {1e6 * self.contour_peak:.4g} um at most, {1e6 * self.contour_rms:.4g} um RMS, "
+            f"{1e6 * self.contour_within():.4g} um on 95 % of the path that counts"
+        )
+        heads = ["axis", "following RMS um", "peak um", "in line", "force RMS N", "peak N", "reversal um"]
+        rows = [
+            [name, f"{1e6 * each.following_rms:.4g}", f"{1e6 * each.following_peak:.4g}", str(each.line),
+             f"{self.load.axes[name].rms:.4g}", f"{self.load.axes[name].peak:.4g}", f"{1e6 * each.glitch:.4g}" if each.glitches else "-"]
+            for name, each in self.axes.items()
+        ]  # fmt: skip
+        return Table(title, heads, rows)
+
+
+def part_run(
+    run: Run,
+    machine: Machine,
+    axes: Iterable[str],
+    line: np.ndarray,
+    *,
+    counted: np.ndarray | None = None,
+    cuts: bool = False,
+    turn: float | None = None,
+    spindle: SpindleLoad | None = None,
+    observers: Mapping[str, Mapping[str, Observer]] | None = None,
+) -> PartRun:
+    """The figures of a run of a machine along a part program.
+
+    run        of a machine, with all signals
+    machine    that ran
+    axes       that the program moves
+    line       of the program by sample, shape (n,); the run may be longer
+    counted    which samples count for the contour, shape (n,); default: all
+    cuts       whether the machine has a cut, whose force is then `load_force`
+    turn       s, of the spindle at its slowest; None without one
+    spindle    power of the spindle, if it is known
+    observers  that listen, by name and axis: `observe` of the readings and forces of the run
+
+    Raises ParameterError for lines that are not those of the run, and as `contour_error`.
+    """
+    names, loops = tuple(axes), machine.loops()
+    n = min(run.samples, len(line))
+    if abs(run.samples - len(line)) > 2:
+        raise ParameterError(f"the run has {run.samples} samples, the program {len(line)}: they do not belong together")
+    lines = np.append(line[:n], np.full(run.samples - n, line[n - 1]))
+    mask = np.ones(run.samples, bool) if counted is None else np.append(counted[:n], np.zeros(run.samples - n, bool))
+    contour = contour_error(run, axes=names, line=lines)
+    speed = np.sqrt(sum(run[f"{axis}.set_velocity"] ** 2 for axis in names))
+    found = {axis: _axis(run, axis, lines, contour, mask, speed) for axis in names}
+    cutting = np.column_stack([run[f"{axis}.load_force"] for axis in names]) if cuts else None
+    estimates = {
+        name: {axis: _estimated(run, loops[axis], axis, each, turn) for axis, each in by.items() if axis in names}
+        for name, by in (observers or {}).items()
+    }
+    return PartRun(run.name, contour, mask, found, machine_load(run, machine, spindle=spindle), cutting, estimates)
+
+
+def _axis(
+    run: Run, axis: str, line: np.ndarray, contour: ContourError, mask: np.ndarray, speed: np.ndarray
+) -> AxisRun:
+    error = run[f"{axis}.following_error"]
+    worst = int(np.argmax(np.abs(error)))
+    velocity = run[f"{axis}.set_velocity"]
+    turns = np.flatnonzero((np.sign(velocity[1:]) * np.sign(velocity[:-1]) <= 0.0) & (velocity[:-1] != 0.0))
+    turns = turns[(speed[turns] > _MOVES) & mask[turns]]
+    after = max(1, round(_AFTER / run.sample_time))
+    heights = [float(np.max(np.abs(contour.error[i : i + after]))) for i in turns]
+    return AxisRun(
+        _rms(error), float(np.abs(error[worst])), int(line[worst]), float(run.time[worst]),
+        max(heights, default=0.0), len(heights),
+    )  # fmt: skip
+
+
+def _estimated(run: Run, loop: Loop, axis: str, observer: Observer, turn: float | None) -> Estimated:
+    """An observer that listens, against the force of cut, friction and weight in the same run."""
+    encoder = getattr(observer, "encoder", "load")
+    T, before = run.sample_time, float(run[f"{axis}.force"][0])
+    seen = observe(observer, run[f"{axis}.reading_{encoder}"], run[f"{axis}.force"], T, before=before)
+    true = disturbance_of(run, loop, axis)
+    late, skip = round(seen.lag / T), round(_BEGUN / T)
+    off = (seen.disturbance[late:] - true[: len(true) - late])[skip:]
+    slow = None
+    if turn is not None:
+        width = max(1, round(turn / T))
+        total = np.cumsum(np.insert(off, 0, 0.0))
+        slow = _rms((total[width:] - total[:-width]) / width)
+    return Estimated(_rms(off), float(np.std(true[skip:])), slow, seen.lag)
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
+
+
+def disturbance_of(run: Run, loop: Loop, axis: str) -> np.ndarray:
+    """N, all that acts on an axis beside its drive over each sample: cut, friction, weight; shape (n,)."""
+    mechanics = loop.axis.mechanics()
+    along = mechanics.rigid_motion()
+    viscous = float(matrix.dot([matrix.dot(row, along) for row in mechanics.damping], along))
+    weight = sum(float(each.force) for each in loop.axis.forces if isinstance(each, Gravity))
+    dry = run[f"{axis}.friction_motor"] + run[f"{axis}.friction_load"]
+    return run[f"{axis}.load_force"] + weight + np.append(dry[1:], dry[-1]) - viscous * run[f"{axis}.velocity_load"]
