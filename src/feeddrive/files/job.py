@@ -17,7 +17,7 @@ kind = "step_force"
 kind = "linear_move" # axes without one stand still; [others.y.load] is a force on the table
 [[law]]                            # rows of the comparison; today's control is always the first
 name = "twice the gain"
-set = { "axis.x.control.law.Kv" = 80 }   # changes by path, in SI; or a whole [law.control]
+set = { "axis.x.control.law.Kv" = 80 }   # changes by path, in SI; or a whole [law.control], [law.axis.y.control]
 """
 
 from __future__ import annotations
@@ -118,6 +118,8 @@ def read_job(path: JobLike, log: str | Path | None = None) -> Job:
     if len(given) != 1:
         told = f", not {' and '.join(f'[{each}]' for each in given)}: each gives the reference" if given else ""
         raise root.error(f"a job needs one of the sections [reference], [log] and [program]{told}")
+    if root.optional("process") is not None and given[0] != "program":
+        raise root.error("[process] says what a part program cuts, and there is no [program]", "process")
     others = _others(root, machine, name)
     program, others = _program(root, place, machine, others, name)
     root = replace(root, turning=machine.loops[name].axis.rotary)
@@ -161,10 +163,8 @@ def _axis(root: Section, machine: MachineFile) -> str:
 def _cuts(root: Section, program: PlannedProgram | None, machine: MachineFile) -> tuple[Coupling, ...]:
     """The cuts of the process, as couplings of the machine."""
     process = root.optional("process")
-    if process is None:
+    if process is None or program is None:
         return ()
-    if program is None:
-        raise root.error("[process] says what a part program cuts, and there is no [program]", "process")
     try:
         loop = next(iter(machine.loops.values()))
         return program.couplings(float(loop.sample_time) / loop.axis.substeps)

@@ -18,10 +18,11 @@ from typing import Any, TypeAlias
 
 from feeddrive.blocks.coupling.geometry import Geometry
 from feeddrive.blocks.families import Load, Reference
-from feeddrive.blocks.machine_families import Coupling
+from feeddrive.blocks.machine_families import Coupling, Cutter
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.blocks_from_toml import Hint, defaults, hints, members, options_of_type
 from feeddrive.files.columns import ROLES
+from feeddrive.files.job_process import CutSection
 from feeddrive.files.job_program import FILES
 from feeddrive.language.block import Block, declarations
 from feeddrive.language.declaration import Declaration
@@ -232,22 +233,52 @@ def job_schema() -> Schema:
     program: Schema = {
         "type": "object",
         "description": "a part program, planned, which moves all axes that it names",
-        "required": ["file"],
+        "oneOf": [{"required": ["file"]}, {"required": ["recorded", "columns"]}],
         "properties": {
             **dict.fromkeys(FILES, _TEXT),
+            "columns": {"type": "object", "additionalProperties": _TEXT, "description": "of recorded setpoints by axis"},
             "tables_inch": {"type": "boolean", "description": "tools and offsets are in inches"},
             "skip_deleted": {"type": "boolean", "description": "leave out lines that begin with /"},
         },
-        "patternProperties": {f"^(sample_time|average){_SUFFIX}$": _POSITIVE},
+        "patternProperties": {f"^(sample_time|average)({_SUFFIX})?$": _POSITIVE},
+        "additionalProperties": False,
+    }
+    process: Schema = {
+        "type": "object",
+        "description": "what the part program cuts",
+        "required": ["tool"],
+        "properties": {
+            "tool": {
+                "type": "object",
+                "description": "tools by their numbers in the program: [process.tool.1]",
+                "patternProperties": {"^[0-9]+$": blocks.part(Hint((Cutter,)))},
+                "additionalProperties": False,
+            },
+            "section": {
+                "type": "array",
+                "items": blocks.block(CutSection),
+                "description": "what lines cut, over what comments say: (ap=4 ae=0.3 down)",
+            },
+        },
         "additionalProperties": False,
     }
     law: Schema = {
         "type": "object",
         "required": ["name"],
-        "oneOf": [{"required": ["control"]}, {"required": ["set"]}],
+        "oneOf": [{"anyOf": [{"required": ["control"]}, {"required": ["axis"]}]}, {"required": ["set"]}],
         "properties": {
             "name": {**_TEXT, "minLength": 1, "description": "of the row"},
             "control": blocks.block(Control),
+            "axis": {
+                "type": "object",
+                "description": "controls of axes by name: [law.axis.y.control]",
+                "additionalProperties": {
+                    "type": "object",
+                    "required": ["control"],
+                    "properties": {"control": blocks.block(Control)},
+                    "additionalProperties": False,
+                },
+            },
             "set": {
                 "type": "object",
                 "description": 'changes of today\'s control by path: { "axis.x.control.law.Kv" = 80 }',
@@ -279,6 +310,7 @@ def job_schema() -> Schema:
             },
             "log": log,
             "program": program,
+            "process": process,
             "law": {"type": "array", "items": law, "description": "rows of the comparison after today's control"},
         },
         "additionalProperties": False,

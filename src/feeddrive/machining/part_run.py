@@ -47,12 +47,14 @@ class Estimated(NamedTuple):
     error, true  N, RMS of estimate - truth and of the truth without its mean; the estimate's own lag is taken out
     slow         N, RMS of the error where both are means over a turn of the spindle; None without a spindle
     lag          s
+    disturbance  N, the estimate, shape (n,)
     """
 
     error: float
     true: float
     slow: float | None
     lag: float
+    disturbance: np.ndarray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -65,6 +67,7 @@ class PartRun(Result):
     load       of the motors, and of the spindle where something cuts
     cutting    N, force of the cut on the axes (x, y, z as they are there), shape (n, N); None without a cut
     estimates  by observer and axis
+    disturbances  N, all that acts on an axis beside its drive, where observers listen, by axis
     """
 
     name: str
@@ -74,6 +77,7 @@ class PartRun(Result):
     load: MachineLoad
     cutting: np.ndarray | None
     estimates: Mapping[str, Mapping[str, Estimated]]
+    disturbances: Mapping[str, np.ndarray]
 
     @property
     def contour_rms(self) -> float:
@@ -217,11 +221,14 @@ def part_run(
     speed = np.sqrt(sum(run[f"{axis}.set_velocity"] ** 2 for axis in names))
     found = {axis: _axis(run, axis, lines, contour, mask, speed) for axis in names}
     cutting = np.column_stack([run[f"{axis}.load_force"] for axis in names]) if cuts else None
+    heard = {axis for by in (observers or {}).values() for axis in by if axis in names}
+    true = {axis: disturbance_of(run, loops[axis], axis) for axis in names if axis in heard}
     estimates = {
-        name: {axis: _estimated(run, loops[axis], axis, each, turn) for axis, each in by.items() if axis in names}
+        name: {axis: _estimated(run, axis, each, true[axis], turn) for axis, each in by.items() if axis in names}
         for name, by in (observers or {}).items()
     }
-    return PartRun(run.name, contour, mask, found, machine_load(run, machine, spindle=spindle), cutting, estimates)
+    acting = {axis: each.astype(np.float32) for axis, each in true.items()}
+    return PartRun(run.name, contour, mask, found, machine_load(run, machine, spindle=spindle), cutting, estimates, acting)
 
 
 def _axis(
@@ -240,12 +247,11 @@ def _axis(
     )  # fmt: skip
 
 
-def _estimated(run: Run, loop: Loop, axis: str, observer: Observer, turn: float | None) -> Estimated:
+def _estimated(run: Run, axis: str, observer: Observer, true: np.ndarray, turn: float | None) -> Estimated:
     """An observer that listens, against the force of cut, friction and weight in the same run."""
     encoder = getattr(observer, "encoder", "load")
     T, before = run.sample_time, float(run[f"{axis}.force"][0])
     seen = observe(observer, run[f"{axis}.reading_{encoder}"], run[f"{axis}.force"], T, before=before)
-    true = disturbance_of(run, loop, axis)
     late, skip = round(seen.lag / T), round(_BEGUN / T)
     off = (seen.disturbance[late:] - true[: len(true) - late])[skip:]
     slow = None
@@ -253,7 +259,7 @@ def _estimated(run: Run, loop: Loop, axis: str, observer: Observer, turn: float 
         width = max(1, round(turn / T))
         total = np.cumsum(np.insert(off, 0, 0.0))
         slow = _rms((total[width:] - total[:-width]) / width)
-    return Estimated(_rms(off), float(np.std(true[skip:])), slow, seen.lag)
+    return Estimated(_rms(off), float(np.std(true[skip:])), slow, seen.lag, seen.disturbance.astype(np.float32))
 
 
 def _rms(values: np.ndarray) -> float:

@@ -25,7 +25,7 @@ def lead(study: Study) -> list[str]:
     """The results in sentences, most important first."""
     found = ran(study)
     first = found[0][1]
-    best = min((part for _, part in found), key=lambda part: part.contour_within())
+    best = min((part for _, part in found), key=lambda part: part.contour_rms)
     said: list[str] = []
     if study.planned is not None:
         said.append(f"The program takes {study.planned.cycle_time:.4g} s. {_limited(study.planned)}")
@@ -45,7 +45,8 @@ def lead(study: Study) -> list[str]:
 
 def _contour(part: PartRun) -> str:
     return (
-        f"{number(1e6 * part.contour_within())} µm on 95 % of the path, {number(1e6 * part.contour_peak)} µm at most"
+        f"{number(1e6 * part.contour_rms)} µm RMS, {number(1e6 * part.contour_within())} µm on 95 % of the path, "
+        f"{number(1e6 * part.contour_peak)} µm at most"
     )
 
 
@@ -182,6 +183,33 @@ def pictures(study: Study) -> Iterator[Shown]:
     found = ran(study)
     if not found:
         return
+    parts = {entry.name: part for entry, part in found}
+    first = found[0][1]
+    if len(parts) > 1:
+        yield Shown(
+            "laws",
+            "Contour error by law",
+            "The root of the mean square, what is kept on 95 % of the path, and the largest, of the path that counts.",
+            "Contour error of each law.",
+            lambda: plot.part_laws(parts),
+        )
+    if first.cutting is not None:
+        yield Shown(
+            "cut",
+            "Force of the cut",
+            f"On each axis with '{first.name}', from the chip that the actual motion of the axes leaves.",
+            "Force of the cut on each axis over time.",
+            lambda: plot.part_cutting(first),
+        )
+    for axis in list(first.disturbances)[:1] if first.estimates and first.cutting is not None else ():
+        yield Shown(
+            "estimates",
+            "The force and what observers see of it",
+            f"Cut, friction and weight on axis {axis} where the cut is largest, and three observers in the same run of "
+            f"'{first.name}': none follows the teeth.",
+            "Estimates of the force on an axis over time.",
+            lambda: plot.part_estimates(first, axis),
+        )
     planned = study.planned
     if planned is not None:
         yield Shown(

@@ -293,9 +293,9 @@ COMMANDS: dict[str, Listed] = {
     ),
     "demo": Listed(
         "run_job",
-        "Run the bundled example: a real ball-screw axis under today's control and under three better ones.",
+        "Run a bundled example: a real ball-screw axis under today's control and three better ones; a mill at work.",
         "Simulate",
-        ("--out demo",),
+        ("--out demo", "mill --out demo_mill"),
     ),
     "reproduce": Listed(
         "reproduce",

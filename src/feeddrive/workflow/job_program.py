@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from typing import TypeAlias
 
 import numpy as np
 
@@ -26,7 +27,10 @@ def out_of_the_work(job: Job, system: System) -> System:
     return dataclasses.replace(system, couplings=system.couplings[: len(job.machine.couplings)])
 
 
-def along_program(job: Job, machine: Machine, run: Run) -> PartRun | None:
+Listening: TypeAlias = Mapping[str, Mapping[str, Observer]]
+
+
+def along_program(job: Job, machine: Machine, run: Run, observers: Listening) -> PartRun | None:
     """The figures of a run along the job's part program; None for other jobs."""
     program = job.program
     if program is None or program.line is None:
@@ -34,13 +38,17 @@ def along_program(job: Job, machine: Machine, run: Run) -> PartRun | None:
     speeds = [each.spindle_speed for each in program.cuts if each.axial_depth > 0.0]
     return part_run(
         run, machine, program.references, program.line, counted=program.counted, cuts=bool(speeds),
-        turn=60.0 / min(speeds) if speeds else None, observers=_listening(job) if speeds else None,
+        turn=60.0 / min(speeds) if speeds else None, observers=observers,
     )  # fmt: skip
 
 
-def _listening(job: Job) -> dict[str, dict[str, Observer]]:
-    """The observers of the catalogue that recover a disturbance, by kind and axis, at the start values of a tuning."""
+def listening(job: Job) -> Listening:
+    """The observers of the catalogue that recover a disturbance, by kind and axis, at the start values of a tuning;
+    none for a job that does not cut.
+    """
     found: dict[str, dict[str, Observer]] = {}
+    if job.program is None or not job.program.cuts:
+        return found
     for axis, loop in job.machine.loops.items():
         for candidate in candidates(loop)[0]:
             for block in candidate.loop.control.compensation if candidate.name.startswith(PLAIN) else ():

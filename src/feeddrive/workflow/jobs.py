@@ -30,7 +30,7 @@ from feeddrive.report.page import RESPONSE_LINES, ShownTable
 from feeddrive.report.sentences import block_sentence, described
 from feeddrive.report.part_page import laws_table
 from feeddrive.workflow.job_log import load_said, measured_signals, of_channels, of_injected, placed, without_answer
-from feeddrive.workflow.job_program import along_program, cut_table, out_of_the_work
+from feeddrive.workflow.job_program import Listening, along_program, cut_table, listening, out_of_the_work
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -196,17 +196,20 @@ def run_laws(job: Job, progress: Progress | None = None) -> JobResult:
     elif log is not None:
         job = without_answer(job, log)
     velocity = _velocity(job.reference, measured, next(iter(job.loops.values())).sample_time)
-    rows = []
+    rows: list[Entry] = []
+    observers = listening(job)
     for name, loop in job.loops.items():
         if progress is not None:
             progress.step(name)
-        rows.append(_row(job, name, loop, measured, velocity))
+        rows.append(_row(job, name, loop, measured, velocity, observers))
     if measured is not None and rows[0].replay is not None:
         said += of_injected(rows[0].loop, measured, rows[0].replay)
     return JobResult(job, tuple(rows), log, velocity, (*said, *_remarks(rows)), versions())
 
 
-def _row(job: Job, name: str, loop: Loop, measured: Mapping[str, np.ndarray] | None, velocity: float) -> Entry:
+def _row(
+    job: Job, name: str, loop: Loop, measured: Mapping[str, np.ndarray] | None, velocity: float, observers: Listening
+) -> Entry:
     """One law, analyzed and simulated; errors name the job and the law."""
     where = f"{job.file.name}: law '{name}'"
     whole: System = job.machines.get(name, loop)
@@ -241,7 +244,7 @@ def _row(job: Job, name: str, loop: Loop, measured: Mapping[str, np.ndarray] | N
             no_model=why,
             replay=again,
             together=together,
-            part=None if together is None or not isinstance(whole, Machine) else along_program(job, whole, together),
+            part=along_program(job, whole, together, observers) if isinstance(whole, Machine) and together else None,
         )
     except FeeddriveError as error:
         raise type(error)(f"{where}: {error}") from None

@@ -103,10 +103,13 @@ class Field:
         return value
 
 
-def argument(meaning: str, *, kw_only: Literal[False] = False) -> Any:
+def argument(
+    meaning: str, *, default: Any = MISSING, options: tuple[str, ...] = (), kw_only: Literal[False] = False
+) -> Any:
     """Declare what has a place and no name on the command line: the file or the machine that it is about."""
-    declared = Declaration(role="argument", unit="", meaning=meaning)
-    return dataclasses.field(kw_only=kw_only, metadata={"declared": declared, "unit": "", "short": "", "flag": ""})
+    declared = Declaration(role="argument", unit="", meaning=meaning, options=options)
+    metadata = {"declared": declared, "unit": "", "short": "", "flag": ""}
+    return dataclasses.field(default=default, kw_only=kw_only, metadata=metadata)
 
 
 def option(

@@ -2,9 +2,9 @@
 
 report.html          for people
 summary.json         every figure in SI, by law; versions, seed, digest of the log
-runs/LAW.parquet     all signals over time, with units; the same as runs/LAW.csv
+runs/LAW.parquet     all signals over time, with units; the same as runs/LAW.csv, where it is not longer than 100,000 rows
 measured.parquet     the measured channels, for a job with a log
-job.toml             the job as it was given, with the machine beside it:  feeddrive run job.toml
+job.toml             the job as it was given, with machine and part program beside it:  feeddrive run job.toml
 """
 
 from __future__ import annotations
@@ -27,6 +27,9 @@ from feeddrive.workflow.jobs import JobResult, numbers, run_laws
 from feeddrive.workflow.request import OUT, Request, argument, option, stem
 
 
+_TEXT = 100_000  # rows: a longer run is not written as text
+
+
 class RunRequest(Request):
     """Which job is run, on which log."""
 
@@ -39,14 +42,19 @@ class RunRequest(Request):
         return Path("results") / stem(self.job)
 
 
-class DemoRequest(Request):
-    """Where the results of the demo go."""
+DEMOS = {"axis": "emps", "mill": "circle_diamond_square"}
+"""The bundled job of each demo."""
 
+
+class DemoRequest(Request):
+    """Which demo, and where its results go."""
+
+    what: str = argument("What is shown", default="axis", options=tuple(DEMOS))
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:
         """By the name of what it is about."""
-        return Path("results") / "demo"
+        return Path("results") / ("demo" if self.what == "axis" else f"demo_{self.what}")
 
 
 @command(RunRequest)
@@ -69,8 +77,8 @@ def run(request: RunRequest, progress: Progress) -> Outcome[JobResult]:
 
 @command(DemoRequest)
 def demo(request: DemoRequest, progress: Progress) -> Outcome[JobResult]:
-    """Run the bundled example: a real ball-screw axis under today's control and under three better ones."""
-    return run.run(RunRequest("emps", out=request.out), progress)
+    """Run a bundled example: a real ball-screw axis under today's control and three better ones; a mill at work."""
+    return run.run(RunRequest(DEMOS[request.what], out=request.out), progress)
 
 
 def write_results(result: JobResult, out: str | Path) -> Path:
@@ -85,29 +93,38 @@ def write_results(result: JobResult, out: str | Path) -> Path:
         (folder / "summary.json").write_text(figures, encoding="utf-8")
         (folder / "job.toml").write_text(repeatable(result), encoding="utf-8")
         (folder / "machine.toml").write_text(result.job.machine.file.text, encoding="utf-8")
+        if (program := program_of(result)) is not None:
+            (folder / program.name).write_bytes(program.read_bytes())
         runs = folder / "runs"
         runs.mkdir()
         for name, row in zip(file_names(result.rows), result.rows, strict=True):
             metadata = {"law": row.name, "seed": result.job.seed, **result.versions}
             run = row.run if row.together is None else row.together
             write_run_parquet(runs / f"{name}.parquet", run.time, run.signals, run.units, run.sample_time, metadata)
-            write_run_csv(runs / f"{name}.csv", run.time, run.signals, run.units)
+            if run.samples <= _TEXT:
+                write_run_csv(runs / f"{name}.csv", run.time, run.signals, run.units)
         if result.log is not None:
             write_log(folder / "measured.parquet", result.log)
     return Path(out) / "report.html"
 
 
+def program_of(result: JobResult) -> Path | None:
+    """The file of the part program of a job, if it has one that is copied with it."""
+    return None if result.job.program is None else result.job.program.file
+
+
 def repeatable(result: JobResult) -> str:
-    """The job as it was given, but for its machine, the copy beside it, and its log or program, by whole paths."""
+    """The job as it was given, but for machine and part program, the copies beside it, and other files by whole paths."""
     job = result.job
     text = re.sub(r"(?m)^machine\s*=.*$", lambda _: 'machine = "machine.toml"', job.file.text, count=1)
     if job.log is not None:
         path = json.dumps(str(job.log.path.resolve()))
         return re.sub(r"(?m)^file\s*=.*$", lambda _: f"file = {path}", text, count=1)
-    folder = Path(job.file.name).parent
+    folder, program = Path(job.file.name).parent, program_of(result)
 
     def whole(found: re.Match[str]) -> str:
-        return f"{found[1]} = {json.dumps(str((folder / found[2]).resolve()))}"
+        copied = program is not None and found[1] == "file"
+        return f"{found[1]} = {json.dumps(program.name if copied else str((folder / found[2]).resolve()))}"
 
     return re.sub(rf'(?m)^({"|".join(FILES)})\s*=\s*"([^"\n]*)"', whole, text) if job.program else text
 
@@ -126,6 +143,13 @@ def summary(result: JobResult) -> dict[str, Any]:
         "remarks": list(result.remarks),
         "laws": {row.name: {**numbers(row), "control": _control(row)} for row in result.rows},
     }
+    if job.program is not None and job.program.planned is not None:
+        planned = job.program.planned
+        found["program"] = {
+            "file": planned.program, "cycle_time_s": planned.cycle_time, "blocks": planned.blocks,
+            "stops": planned.stop_count, "seconds_by_limit": dict(planned.seconds),
+            "cuts": [each._asdict() for each in job.program.cuts],
+        }  # fmt: skip
     if result.log is not None:
         found["log"] = {key: result.log.provenance[key] for key in ("sha256", "format")}
         found["log"]["rows"] = len(result.log)
