@@ -26,17 +26,23 @@ from feeddrive.tuning.trials import iterate_trials
 LAWS = ("P-PI", "GPI, 3 Taylor states", "DADSC", "pole placement")
 LEARNED = "P-PI, learned feedforward"
 TRIALS = 6
-HEAD = '''# A test piece with the laws of the papers on all axes; written by benchmarks/part_program_laws.py.
+RULE = (
+    "Equal robustness, but for today's row: each law is tuned on each axis alone for the least rope-snap "
+    "error with Ms <= 2, a delay margin of two samples and at most 1.05 times the force that the tuned "
+    "P-PI makes of the noise of its readings. The learned feedforward is that of the tuned P-PI after six "
+    "repetitions of the program."
+)
+HEAD = """# A test piece with the laws of the papers on all axes; written by benchmarks/part_program_laws.py.
 title = "Circle, diamond and square: what does a better law buy?"
 machine = "machining_center"
 axis = "x"
 seed = 1
-rule = "Equal robustness, but for today's row: each law is tuned on each axis alone for the least rope-snap error with Ms <= 2, a delay margin of two samples and at most 1.05 times the force that the tuned P-PI makes of the noise of its readings. The learned feedforward is that of the tuned P-PI after six repetitions of the program."
+rule = "RULE"
 
 [program]
 file = "circle_diamond_square.ngc"
-'''
-PROCESS = '''
+"""
+PROCESS = """
 [process.tool.1]                # carbide, in 7075-T6; the program says in comments how deep and wide it cuts
 kind = "mechanistic_cutter"
 teeth = 4
@@ -50,7 +56,7 @@ Kac_N_per_mm2 = 222
 Kte_N_per_mm = 27.7
 Kre_N_per_mm = 26.6
 Kae_N_per_mm = 0.7
-'''
+"""
 
 
 def main() -> None:
@@ -66,7 +72,8 @@ def main() -> None:
         print(found.table())
         for each in found.competitors[1:]:
             rows.setdefault(each.name, {})[axis] = each.loop.control
-    given.out.write_text(HEAD)
+    head = HEAD.replace("RULE", RULE)
+    given.out.write_text(head)
     job = read_job(given.out)
     assert job.program is not None
     for axis, control in rows["P-PI"].items():
@@ -77,7 +84,7 @@ def main() -> None:
         print(axis, learned.table())
         rows.setdefault(LEARNED, {})[axis] = learned.loop.control
     order = ["P-PI", LEARNED, *LAWS[1:]]
-    given.out.write_text(HEAD + PROCESS + "".join(_row(name, rows[name]) for name in order))
+    given.out.write_text(head + PROCESS + "".join(_row(name, rows[name]) for name in order))
 
 
 def _row(name: str, controls: dict[str, Control]) -> str:

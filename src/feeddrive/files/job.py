@@ -41,7 +41,21 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine, System
 
-_KEYS = ("title", "machine", "axis", "seed", "rule", "duration", "reference", "load", "others", "law", "log", "program", "process")
+_KEYS = (
+    "title",
+    "machine",
+    "axis",
+    "seed",
+    "rule",
+    "duration",
+    "reference",
+    "load",
+    "others",
+    "law",
+    "log",
+    "program",
+    "process",
+)
 
 
 @dataclass(frozen=True)

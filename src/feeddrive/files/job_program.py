@@ -27,7 +27,7 @@ from feeddrive.blocks.machine_families import Coupling
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.files.columns import Column
 from feeddrive.files.formats import OpenedFile
-from feeddrive.files.job_process import Cut, Process, read_process
+from feeddrive.files.job_cuts import Cut, Process, read_process
 from feeddrive.files.machine import BUNDLED, MachineFile, planned_limits
 from feeddrive.files.read_log import read_log
 from feeddrive.files.toml_file import Section
@@ -73,9 +73,7 @@ class PlannedProgram:
         return () if self.process is None else self.process.couplings(self.cuts, tuple(self.references), substep)
 
 
-def read_planned(
-    section: Section, place: Path, machine: MachineFile, process: Section | None = None
-) -> PlannedProgram:
+def read_planned(section: Section, place: Path, machine: MachineFile, process: Section | None = None) -> PlannedProgram:
     """The program of a section, planned within the limits of the machine and proven, with what it cuts.
 
     Raises ParameterError or FileError as the sections and their files are wrong, ProgramError at a line of the program,
@@ -105,7 +103,7 @@ def read_planned(
         said = read_process(process, program)
         setpoints = Setpoints(moves if said is None else said.spindle.noted(moves), limits, T)
 
-        def keep(samples: Samples, stops: Sequence[Standstill]) -> None:
+        def keep(samples: Samples, _: Sequence[Standstill]) -> None:
             kept.append(samples.values)
             lines.append(np.where(np.isinf(samples.feed), -samples.line, samples.line).astype(np.int32))
             if setpoints.samples > MOST:

@@ -22,7 +22,7 @@ from feeddrive.blocks.machine_families import Coupling, Cutter
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.blocks_from_toml import Hint, defaults, hints, members, options_of_type
 from feeddrive.files.columns import ROLES
-from feeddrive.files.job_process import CutSection
+from feeddrive.files.job_cuts import CutSection
 from feeddrive.files.job_program import FILES
 from feeddrive.language.block import Block, declarations
 from feeddrive.language.declaration import Declaration
@@ -236,7 +236,11 @@ def job_schema() -> Schema:
         "oneOf": [{"required": ["file"]}, {"required": ["recorded", "columns"]}],
         "properties": {
             **dict.fromkeys(FILES, _TEXT),
-            "columns": {"type": "object", "additionalProperties": _TEXT, "description": "of recorded setpoints by axis"},
+            "columns": {
+                "type": "object",
+                "additionalProperties": _TEXT,
+                "description": "of recorded setpoints by axis",
+            },
             "tables_inch": {"type": "boolean", "description": "tools and offsets are in inches"},
             "skip_deleted": {"type": "boolean", "description": "leave out lines that begin with /"},
         },

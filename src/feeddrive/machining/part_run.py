@@ -173,14 +173,14 @@ class PartRun(Result):
     def table(self) -> Table:
         """A row for each axis."""
         title = (
-            f"{self.name}: contour error {1e6 * self.contour_peak:.4g} um at most, {1e6 * self.contour_rms:.4g} um RMS, "
-            f"{1e6 * self.contour_within():.4g} um on 95 % of the path that counts"
+            f"{self.name}: contour error {1e6 * self.contour_peak:.4g} um at most, {1e6 * self.contour_rms:.4g} um "
+            f"RMS, {1e6 * self.contour_within():.4g} um on 95 % of the path that counts"
         )
         heads = ["axis", "following RMS um", "peak um", "in line", "force RMS N", "peak N", "reversal um"]
         rows = [
             [name, f"{1e6 * each.following_rms:.4g}", f"{1e6 * each.following_peak:.4g}", str(each.line),
-             f"{self.load.axes[name].rms:.4g}", f"{self.load.axes[name].peak:.4g}", f"{1e6 * each.glitch:.4g}" if each.glitches else "-"]
-            for name, each in self.axes.items()
+             f"{motor.rms:.4g}", f"{motor.peak:.4g}", f"{1e6 * each.glitch:.4g}" if each.glitches else "-"]
+            for name, each, motor in ((name, each, self.load.axes[name]) for name, each in self.axes.items())
         ]  # fmt: skip
         return Table(title, heads, rows)
 
@@ -228,12 +228,12 @@ def part_run(
         for name, by in (observers or {}).items()
     }
     acting = {axis: each.astype(np.float32) for axis, each in true.items()}
-    return PartRun(run.name, contour, mask, found, machine_load(run, machine, spindle=spindle), cutting, estimates, acting)
+    return PartRun(
+        run.name, contour, mask, found, machine_load(run, machine, spindle=spindle), cutting, estimates, acting
+    )
 
 
-def _axis(
-    run: Run, axis: str, line: np.ndarray, contour: ContourError, mask: np.ndarray, speed: np.ndarray
-) -> AxisRun:
+def _axis(run: Run, axis: str, line: np.ndarray, contour: ContourError, mask: np.ndarray, speed: np.ndarray) -> AxisRun:
     error = run[f"{axis}.following_error"]
     worst = int(np.argmax(np.abs(error)))
     velocity = run[f"{axis}.set_velocity"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -153,9 +153,11 @@ class Planned(Result):
         return Table(title, heads, rows)
 
 
-def planned_of(
-    setpoints: Setpoints, program: str, machine: str, take: Callable[[Samples, Sequence[Standstill]], None] | None = None
-) -> Planned:
+Take: TypeAlias = Callable[[Samples, Sequence[Standstill]], None]
+"""What is given each piece of the samples, with the stops in it."""
+
+
+def planned_of(setpoints: Setpoints, program: str, machine: str, take: Take | None = None) -> Planned:
     """What all samples of a program come to; each piece of them, with the stops in it, is given to `take`."""
     recorder = Recorder(len(setpoints.limits.axes))
     few: list[Standstill] = []

@@ -55,7 +55,10 @@ def part_cutting(part: PartRun) -> Any:
     names = part.contour.axes
     figure, axes = style.picture(len(names), height=0.9 + 1.15 * len(names))
     for i, (ax, name) in enumerate(zip(axes, names, strict=True)):
-        ax.plot(*envelope(part.contour.time, part.cutting[:, i], POINTS // 2), **style.curve(i) | {"linewidth": 0.8, "linestyle": "-"})
+        ax.plot(
+            *envelope(part.contour.time, part.cutting[:, i], POINTS // 2),
+            **style.curve(i) | {"linewidth": 0.8, "linestyle": "-"},
+        )
         style.labels(ax, "time (s)" if i == len(names) - 1 else None, f"on {name} (N)")
     figure.align_ylabels(axes)
     return figure

@@ -47,4 +47,75 @@ PICTURES = {
     "loop.linearize:StateSpace": "complex_plane:poles",
     "loop.simulate:Batch": "distributions:batch",
     "loop.simulate:Run": "over_time:run",
+    "machining.lobes:Lobes": "lobes:lobes",
     "machining.part_run:PartRun": "part_run:part_run",
+    "path.planned:Planned": "planned:planned",
+    "tuning.delay_map:DelayMap": "tuning:delay_map",
+    "tuning.iterative_feedforward:Iteration": "tuning:iteration",
+    "tuning.placement:Placement": "complex_plane:placement",
+    "tuning.recipes:Recipe": "over_frequency:recipe",
+    "tuning.trajectory_prefilter:PrefilterFit": "tuning:prefilter_fit",
+    "tuning.trial:Trial": "tuning:trial",
+    "tuning.trials:Trials": "tuning:trials",
+    "tuning.tuned:CascadeLoops": "over_frequency:cascade_loops",
+    "tuning.tuned:Tuned": "over_frequency:tuned",
+}
+
+# the same for the functions of `frames.py`
+FRAMES = {
+    "analysis.effort:Effort": "effort",
+    "analysis.friction_map:FrictionMap": "friction_map",
+    "analysis.margin_intervals:MarginIntervals": "margin_intervals",
+    "analysis.margins:Margins": "margins",
+    "analysis.measured_loop:MeasuredLoop": "loop_gain",
+    "analysis.replay:Observation": "observation",
+    "analysis.replay:Replay": "replay",
+    "analysis.spectrum:Spectrum": "spectrum",
+    "analysis.stability:Encirclement": "loop_gain",
+    "analysis.stability:Stability": "stability",
+    "analysis.stiffness:Stiffness": "stiffness",
+    "certificate.certificate:Certificate": "certificate",
+    "cosimulation.simulate_with_fmu:Cosimulation": "cosimulation",
+    "files.log:Log": "log",
+    "identification.cogging:CoggingFit": "cogging",
+    "identification.excitation.excitation:Excitation": "excitation",
+    "identification.excitation.frequency_estimate:FrequencyEstimate": "frequency_estimate",
+    "identification.friction_curve:FrictionCurve": "friction_curve",
+    "identification.motion.control_law:ControlFit": "control_fit",
+    "identification.motion.delay:DelayFit": "delay_fit",
+    "identification.motion.identify:Identified": "identified",
+    "identification.motion.output_error:Refinement": "refinement",
+    "identification.motion.rigid:RigidFit": "rigid_fit",
+    "identification.regression:Residuals": "residuals",
+    "identification.regression:Validation": "validation",
+    "identification.response.agreement:Agreement": "agreement",
+    "identification.response.fit_axis:AxisFits": "axis_fits",
+    "identification.response.modal_fit:ModalFit": "modal_fit",
+    "identification.response.plant_fit:PlantFit": "plant_fit",
+    "identification.steady_runs:SteadyRuns": "steady_runs",
+    "loop.frequency_response:FRF": "frf",
+    "loop.gradient:Gradient": "gradient",
+    "loop.linearize:StateSpace": "state_space",
+    "loop.simulate:Batch": "batch",
+    "loop.simulate:Run": "run",
+    "machining.lobes:Lobes": "lobes",
+    "tuning.delay_map:DelayMap": "delay_map",
+    "tuning.iterative_feedforward:Iteration": "iteration",
+    "tuning.placement:Placement": "placement",
+    "tuning.recipes:Recipe": "recipe",
+    "tuning.trajectory_prefilter:PrefilterFit": "prefilter_fit",
+    "tuning.trial:Trial": "trial",
+    "tuning.trials:Trials": "trials",
+    "tuning.tuned:Tuned": "tuned",
+}
+
+
+def register(kind: type) -> None:
+    """Import and register what draws and frames a type of result, or the nearest of its bases that is listed."""
+    for base in kind.__mro__:
+        name = f"{base.__module__.removeprefix('feeddrive.')}:{base.__qualname__}"
+        if name in PICTURES and base not in picture_of.registry:
+            module, function = PICTURES[name].split(":")
+            picture_of.register(base, getattr(import_module(f"feeddrive.plot.{module}"), function))
+        if name in FRAMES and base not in frame_of.registry:
+            frame_of.register(base, getattr(import_module("feeddrive.plot.frames"), FRAMES[name]))

@@ -51,7 +51,9 @@ def _contour(part: PartRun) -> str:
 
 
 def _place(part: PartRun, position: Sequence[float]) -> str:
-    return " ".join(f"{axis.upper()} {1e3 * x:.2f}" for axis, x in zip(part.contour.axes, position, strict=True)) + " mm"
+    return (
+        " ".join(f"{axis.upper()} {1e3 * x:.2f}" for axis, x in zip(part.contour.axes, position, strict=True)) + " mm"
+    )
 
 
 def _limited(planned: Planned) -> str:
@@ -115,10 +117,10 @@ def _laws(found: Sequence[tuple[Entry, PartRun]]) -> ShownTable:
 def _axes(found: Sequence[tuple[Entry, PartRun]]) -> ShownTable:
     names = list(found[0][1].axes)
     heads = ["law", *(head for axis in names for head in (f"{axis} RMS µm", "peak µm", "in line"))]
-    rows = [
-        [entry.name, *(cell for axis in names for cell in _axis(part, axis))] for entry, part in found
-    ]
-    return ShownTable(Table("Following error of each axis over the whole program, and the line of its peak.", heads, rows))
+    rows = [[entry.name, *(cell for axis in names for cell in _axis(part, axis))] for entry, part in found]
+    return ShownTable(
+        Table("Following error of each axis over the whole program, and the line of its peak.", heads, rows)
+    )
 
 
 def _axis(part: PartRun, axis: str) -> list[str]:
@@ -144,13 +146,25 @@ def _near(part: PartRun, time: float) -> float:
 
 
 def _motors(found: Sequence[tuple[Entry, PartRun]]) -> ShownTable:
-    heads = ["law", "axis", "force RMS N", "of continuous", "peak N", "of peak", "work J", "drawn without recovery J", ""]
+    heads = [
+        "law",
+        "axis",
+        "force RMS N",
+        "of continuous",
+        "peak N",
+        "of peak",
+        "work J",
+        "drawn without recovery J",
+        "",
+    ]
     rows = [
         [entry.name if i == 0 else "", axis, number(load.rms), _share(load.of_continuous), number(load.peak),
          _share(load.of_peak), number(load.work), number(load.drawn), load.verdict]
         for entry, part in found for i, (axis, load) in enumerate(part.load.axes.items())
     ]  # fmt: skip
-    return ShownTable(Table("Motors over the whole program: what they give, and whether they can for ever.", heads, rows))
+    return ShownTable(
+        Table("Motors over the whole program: what they give, and whether they can for ever.", heads, rows)
+    )
 
 
 def _share(share: float | None) -> str:
@@ -158,16 +172,25 @@ def _share(share: float | None) -> str:
 
 
 def _observers(found: Sequence[tuple[Entry, PartRun]]) -> ShownTable:
-    heads = ["law", "observer", "axis", "what acts, RMS N", "error RMS N", "error over a turn N", "delay ms"]
-    rows = [
-        [entry.name, observer.replace("_", " "), axis, number(each.true), number(each.error), number(each.slow),
-         number(1e3 * each.lag)]
-        for entry, part in found for observer, axes in part.estimates.items() for axis, each in axes.items()
-    ]  # fmt: skip
+    axes = list(found[0][1].disturbances)
+    heads = [
+        "law",
+        "observer",
+        "delay ms",
+        *(h for axis in axes for h in (f"{axis}: acts N", "error N", "over a turn N")),
+    ]
+    rows: list[list[str]] = []
+    for entry, part in found:
+        for i, (observer, by) in enumerate(part.estimates.items()):
+            delay = number(1e3 * next(iter(by.values())).lag)
+            cells = [
+                cell for axis in axes for cell in (number(by[axis].true), number(by[axis].error), number(by[axis].slow))
+            ]
+            rows.append([entry.name if i == 0 else "", observer.replace("_", " "), delay, *cells])
     said = (
-        "Cut, friction and weight as observers estimate them from readings and commands of the run, each with the start "
-        "values of its tuning. What acts: without its mean. The delay of an estimate is taken out of its error; over a "
-        "turn: the same in the mean over a turn of the spindle, without the teeth."
+        "Cut, friction and weight as observers estimate them from readings and commands of the run, each with the "
+        "start values of its tuning, RMS. What acts: without its mean. The delay of an estimate is taken out of its "
+        "error; over a turn: the same in the mean over a turn of the spindle, without the teeth."
     )
     return ShownTable(Table(said, heads, rows))
 
@@ -175,7 +198,13 @@ def _observers(found: Sequence[tuple[Entry, PartRun]]) -> ShownTable:
 def _causes(planned: Planned) -> ShownTable:
     most = sorted(planned.seconds.items(), key=lambda each: -each[1])[:_CAUSES]
     rows = [[name, f"{seconds:.4g}", percent(seconds / planned.cycle_time)] for name, seconds in most]
-    return ShownTable(Table("Cycle time by what limits it: the limit used most, the feed, a standstill.", ["limit", "s", "of the time"], rows))
+    return ShownTable(
+        Table(
+            "Cycle time by what limits it: the limit used most, the feed, a standstill.",
+            ["limit", "s", "of the time"],
+            rows,
+        )
+    )
 
 
 def pictures(study: Study) -> Iterator[Shown]:
@@ -208,15 +237,15 @@ def pictures(study: Study) -> Iterator[Shown]:
             f"Cut, friction and weight on axis {axis} where the cut is largest, and three observers in the same run of "
             f"'{first.name}': none follows the teeth.",
             "Estimates of the force on an axis over time.",
-            lambda: plot.part_estimates(first, axis),
+            lambda axis=axis: plot.part_estimates(first, axis),
         )
     planned = study.planned
     if planned is not None:
         yield Shown(
             "limits",
             "What limits the speed, and when",
-            "A row for each limit; it is filled where this limit is used most, and its share of the cycle time stands at "
-            "its right.",
+            "A row for each limit; it is filled where this limit is used most, and its share of the cycle time stands "
+            "at its right.",
             "Which limit is used most, over time.",
             lambda: plot.plan_causes(planned),
         )

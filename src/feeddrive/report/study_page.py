@@ -40,7 +40,12 @@ def build(study: Study) -> str:
             *((f"figure-{each.key}", each.title) for each in drawn),
             ("repeat", "How to repeat it"),
         ],
-        tables=[*([prediction(replay)] if replay is not None else []), *part_page.tables(study), *study.extras, *([] if along else [errors(study)])],
+        tables=[
+            *([prediction(replay)] if replay is not None else []),
+            *part_page.tables(study),
+            *study.extras,
+            *([] if along else [errors(study)]),
+        ],
         limits=limits(study),
         robustness=frequency(study),
         remarks=sentences.remarks(study),

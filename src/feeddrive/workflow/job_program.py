@@ -1,4 +1,4 @@
-"""What a job with a part program adds to a row: the figures along the program, observers that listen, what cuts when."""
+"""What a job with a part program adds to a row: figures along the program, observers that listen, what cuts when."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from feeddrive.blocks.families import Observer
 from feeddrive.files.job import Job
-from feeddrive.files.job_process import Cut
+from feeddrive.files.job_cuts import Cut
 from feeddrive.language.table import Table
 from feeddrive.loop.machine import Machine, System
 from feeddrive.loop.simulate import Run
@@ -79,4 +79,12 @@ def cut_table(job: Job, row: Entry) -> list[ShownTable]:
 def _said(cut: Cut) -> list[str]:
     width = "slot" if cut.radial_depth is None else f"{1e3 * cut.radial_depth:g}"
     side = "–" if cut.radial_depth is None else cut.milling
-    return [str(cut.line), f"{cut.begin:.4g}", str(cut.tool), f"{1e3 * cut.axial_depth:g}", width, side, f"{cut.spindle_speed:g}"]
+    return [
+        str(cut.line),
+        f"{cut.begin:.4g}",
+        str(cut.tool),
+        f"{1e3 * cut.axial_depth:g}",
+        width,
+        side,
+        f"{cut.spindle_speed:g}",
+    ]

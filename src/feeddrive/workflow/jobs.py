@@ -27,8 +27,8 @@ from feeddrive.loop.simulate import Run, samples, simulate
 from feeddrive.machining.part_run import PartRun
 from feeddrive.report import Entry, Study
 from feeddrive.report.page import RESPONSE_LINES, ShownTable
-from feeddrive.report.sentences import block_sentence, described
 from feeddrive.report.part_page import laws_table
+from feeddrive.report.sentences import block_sentence, described
 from feeddrive.workflow.job_log import load_said, measured_signals, of_channels, of_injected, placed, without_answer
 from feeddrive.workflow.job_program import Listening, along_program, cut_table, listening, out_of_the_work
 

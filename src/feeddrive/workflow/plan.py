@@ -6,7 +6,7 @@ What is written: `files/plan_files.py`.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from time import monotonic
@@ -18,7 +18,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.path.limits import MachineLimits
 from feeddrive.path.override import read_steps
-from feeddrive.path.planned import Planned, planned_of
+from feeddrive.path.planned import Planned, Take, planned_of
 from feeddrive.path.program.moves import Move, PathMode
 from feeddrive.path.program.reading import FrontEnd, read_program
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
@@ -103,7 +103,7 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     return _outcome(found, request.out)
 
 
-def _into(writer: SetpointWriter) -> Callable[[Samples, Sequence[Standstill]], None]:
+def _into(writer: SetpointWriter) -> Take:
     """What writes the samples that are proven."""
 
     def write(samples: Samples, stops: Sequence[Standstill]) -> None:

@@ -2,7 +2,8 @@
 
 report.html          for people
 summary.json         every figure in SI, by law; versions, seed, digest of the log
-runs/LAW.parquet     all signals over time, with units; the same as runs/LAW.csv, where it is not longer than 100,000 rows
+runs/LAW.parquet     all signals over time, with units
+runs/LAW.csv         the same as text, of runs up to 100,000 rows
 measured.parquet     the measured channels, for a job with a log
 job.toml             the job as it was given, with machine and part program beside it:  feeddrive run job.toml
 """
@@ -25,7 +26,6 @@ from feeddrive.report import Entry, build
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.jobs import JobResult, numbers, run_laws
 from feeddrive.workflow.request import OUT, Request, argument, option, stem
-
 
 _TEXT = 100_000  # rows: a longer run is not written as text
 
@@ -114,7 +114,7 @@ def program_of(result: JobResult) -> Path | None:
 
 
 def repeatable(result: JobResult) -> str:
-    """The job as it was given, but for machine and part program, the copies beside it, and other files by whole paths."""
+    """The job as it was given, but for the copies of machine and part program beside it, other files by whole paths."""
     job = result.job
     text = re.sub(r"(?m)^machine\s*=.*$", lambda _: 'machine = "machine.toml"', job.file.text, count=1)
     if job.log is not None:

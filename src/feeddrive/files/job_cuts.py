@@ -28,6 +28,7 @@ import re
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -62,7 +63,9 @@ class CutSection(Block):
         "m", "width of cut across the feed; absent: a slot, the whole diameter", above=0, default=None
     )
     milling: str = choice("whether the chip starts thin (up) or ends thin (down)", options=("up", "down"), default="up")
-    spindle_speed: Number | None = parameter("rpm", "turns of the spindle; absent: S of the program", above=0, default=None)
+    spindle_speed: Number | None = parameter(
+        "rpm", "turns of the spindle; absent: S of the program", above=0, default=None
+    )
 
     def rules(self) -> Iterator[Rule]:
         """The last line is not before the first."""
@@ -146,13 +149,13 @@ class Process:
         flute, diameter = getattr(cutter, "flute_length", None), float(edge.diameter)
         if flute is not None and depth > flute:
             raise self._error(
-                line, f"a depth of cut of {1e3 * depth:g} mm is more than the tool's flute_length of {1e3 * flute:g} mm: "
-                "cut in two passes, or take a longer tool"
+                line, f"a depth of cut of {1e3 * depth:g} mm is more than the tool's flute_length of "
+                f"{1e3 * flute:g} mm: cut in two passes, or take a longer tool"
             )  # fmt: skip
         if width is not None and width > diameter:
             raise self._error(
-                line, f"a width of cut of {1e3 * width:g} mm is more than the tool's diameter of {1e3 * diameter:g} mm: "
-                "at most the diameter, or no ae for a slot"
+                line, f"a width of cut of {1e3 * width:g} mm is more than the tool's diameter of "
+                f"{1e3 * diameter:g} mm: at most the diameter, or no ae for a slot"
             )  # fmt: skip
 
     def couplings(self, cuts: Sequence[Cut], axes: Sequence[str], substep: float) -> tuple[MillingCut, ...]:
@@ -246,7 +249,7 @@ def read_process(section: Section | None, program: Path) -> Process | None:
 def _apart(section: Section, sections: Sequence[CutSection]) -> None:
     """No line belongs to two sections."""
     ordered = sorted(sections, key=lambda each: each.first_line)
-    for one, other in zip(ordered, ordered[1:], strict=False):
+    for one, other in pairwise(ordered):
         if other.first_line <= one.last_line:
             raise section.error(
                 f"two of [[process.section]] hold line {other.first_line}: lines {one.first_line} to {one.last_line} "

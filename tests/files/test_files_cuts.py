@@ -40,6 +40,12 @@ Ktc_N_per_mm2 = 767
 """
 
 
+REFERENCE = """[reference]
+kind = "linear_move"
+distance_mm = 1
+travel_time = 1"""
+
+
 def written(tmp_path: Path, program: str = PROGRAM, job: str = JOB) -> Path:
     """A job and its program."""
     (tmp_path / "p.ngc").write_text(program, encoding="utf-8")
@@ -49,9 +55,15 @@ def written(tmp_path: Path, program: str = PROGRAM, job: str = JOB) -> Path:
 
 def test_comments_tell_what_the_lines_after_them_cut(tmp_path: Path) -> None:
     job = read_job(written(tmp_path))
-    assert job.program is not None and job.axis == "x"
-    cuts = [(each.line, each.axial_depth, each.radial_depth, each.milling, each.spindle_speed) for each in job.program.cuts]
-    assert [each for each in cuts if each[1] > 0.0] == [(6, 0.004, 0.0025, "down", 6000.0), (11, 0.002, None, "up", 8000.0)]
+    assert job.program is not None
+    assert job.axis == "x"
+    cuts = [
+        (each.line, each.axial_depth, each.radial_depth, each.milling, each.spindle_speed) for each in job.program.cuts
+    ]
+    assert [each for each in cuts if each[1] > 0.0] == [
+        (6, 0.004, 0.0025, "down", 6000.0),
+        (11, 0.002, None, "up", 8000.0),
+    ]
     # lines 6 and 7 are one section; the traverse in line 8 and line 13 after (cut off) do not cut
     assert [each[0] for each in cuts if each[1] == 0.0 and each[0] > 6] == [8, 13]
     (cut,) = job.machines["today"].couplings
@@ -59,7 +71,8 @@ def test_comments_tell_what_the_lines_after_them_cut(tmp_path: Path) -> None:
     assert [value for value in depth if value > 0.0] == [0.004, 0.002]
     assert set(speed) == {6000.0, 8000.0}
     counted, line = job.program.counted, job.program.line
-    assert counted is not None and line is not None
+    assert counted is not None
+    assert line is not None
     assert set(line[counted]) == {6, 7, 11}
 
 
@@ -76,7 +89,7 @@ spindle_speed = 5000
     assert job.program is not None
     found = {each.line: each for each in job.program.cuts if each.axial_depth > 0.0}
     assert (found[6].axial_depth, found[6].spindle_speed) == (0.004, 6000.0)
-    assert (found[7].axial_depth, found[7].radial_depth, found[7].milling, found[7].spindle_speed) == (0.001, 0.006, "up", 5000.0)
+    assert found[7][3:] == (0.001, 0.006, "up", 5000.0)
 
 
 @pytest.mark.parametrize(
@@ -103,7 +116,7 @@ def test_what_cannot_be_cut_is_named_with_its_line(tmp_path: Path, old: str, new
     ("old", "new", "said"),
     [
         ("[process.tool.1]", "[process.tool.one]", r"j\.toml.*a tool has a number of the program"),
-        ("[program]\nfile = \"p.ngc\"", "[reference]\nkind = \"linear_move\"\ndistance_mm = 1\ntravel_time = 1", "there is no .program."),
+        ('[program]\nfile = "p.ngc"', REFERENCE, "there is no .program."),
         ("teeth = 4", "teeth = 0", r"j\.toml.*teeth"),
         ("Ktc_N_per_mm2 = 767", "Ktc = 767", r"Ktc.*N_per_mm2"),
         ("diameter_mm = 12", "diameter_mm = 12\ncolour = 1", r"key 'process\.tool\.1\.colour' is not known"),
@@ -149,6 +162,6 @@ Kp = 5e4
     assert loops["x"].control == job.machine.loops["x"].control
     with pytest.raises(ParameterError, match=r"there is no axis 'b' in the rows"):
         read_job(written(tmp_path, job=JOB + row.replace("axis.y", "axis.b")))
+    twice = row.replace("axis.y", "axis.x") + row.split("\n", 2)[2].replace("law.axis.y.control", "law.control")
     with pytest.raises(ParameterError, match=r"axis 'x' is given twice"):
-        twice = row.replace("axis.y", "axis.x") + row.split("\n", 2)[2].replace("law.axis.y.control", "law.control")
         read_job(written(tmp_path, job=JOB + twice))
