@@ -30,7 +30,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -185,7 +185,8 @@ class Process:
                 rows.append(row)
         if len(rows) == 1:
             rows.append((rows[0][0] + 1.0, *rows[0][1:]))
-        start, depth, entries, exits, speeds = (np.array(column) for column in zip(*rows, strict=True))
+        columns: Any = [np.array(column) for column in zip(*rows, strict=True)]
+        start, depth, entries, exits, speeds = columns
         longest = 60.0 / (cutter.teeth * float(np.min(speeds)))
         return MillingCut(
             cutter=cutter, spindle_speed=float(speeds[0]), along_z=along_z,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from feeddrive import plot
 from feeddrive.language.table import Table
@@ -50,7 +50,7 @@ def _contour(part: PartRun) -> str:
     )
 
 
-def _place(part: PartRun, position: Sequence[float]) -> str:
+def _place(part: PartRun, position: Iterable[float]) -> str:
     return (
         " ".join(f"{axis.upper()} {1e3 * x:.2f}" for axis, x in zip(part.contour.axes, position, strict=True)) + " mm"
     )

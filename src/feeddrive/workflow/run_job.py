@@ -123,8 +123,8 @@ def repeatable(result: JobResult) -> str:
     folder, program = Path(job.file.name).parent, program_of(result)
 
     def whole(found: re.Match[str]) -> str:
-        copied = program is not None and found[1] == "file"
-        return f"{found[1]} = {json.dumps(program.name if copied else str((folder / found[2]).resolve()))}"
+        copied = program.name if program is not None and found[1] == "file" else None
+        return f"{found[1]} = {json.dumps(copied or str((folder / found[2]).resolve()))}"
 
     return re.sub(rf'(?m)^({"|".join(FILES)})\s*=\s*"([^"\n]*)"', whole, text) if job.program else text
 
