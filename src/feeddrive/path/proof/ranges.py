@@ -145,39 +145,58 @@ def slopes(kind: int, length: float, shape: Floats2, x0: float, x1: float, out: 
         return sqrt(kappa * kappa * ring + 2.0 * kappa * sqrt(along1 * along1 + along2 * along2) + norm)
     xi = middle / length
     rho = radius / length
-    moved = zeros(8)
     tilt = 0.0
     bend = 0.0
+    scale1 = 1.0 / length
+    scale2 = scale1 / length
+    scale3 = scale2 / length
+    scale4 = scale3 / length
     for i in range(n):
         # Taylor coefficients about the middle, by repeated synthetic division
-        moved[0] = 0.0
-        for k in range(1, 8):
-            moved[k] = shape[i, k]
-        for k in range(7):
-            for back in range(7 - k):
-                j = 6 - back
-                moved[j] = moved[j] + xi * moved[j + 1]
+        _, c1, c2, c3, c4, c5, c6, c7 = shape[i]
+        c6 = c6 + xi * c7
+        c5 = c5 + xi * c6
+        c4 = c4 + xi * c5
+        c3 = c3 + xi * c4
+        c2 = c2 + xi * c3
+        c1 = c1 + xi * c2
+        c6 = c6 + xi * c7
+        c5 = c5 + xi * c6
+        c4 = c4 + xi * c5
+        c3 = c3 + xi * c4
+        c2 = c2 + xi * c3
+        c1 = c1 + xi * c2
+        c6 = c6 + xi * c7
+        c5 = c5 + xi * c6
+        c4 = c4 + xi * c5
+        c3 = c3 + xi * c4
+        c2 = c2 + xi * c3
+        c6 = c6 + xi * c7
+        c5 = c5 + xi * c6
+        c4 = c4 + xi * c5
+        c3 = c3 + xi * c4
+        c6 = c6 + xi * c7
+        c5 = c5 + xi * c6
+        c4 = c4 + xi * c5
+        c6 = c6 + xi * c7
+        c5 = c5 + xi * c6
+        c6 = c6 + xi * c7
         # r^(m)(middle + δ) = Σ_k k!/(k-m)! c_k δ^(k-m) / length^m
-        scale = 1.0
-        for m in range(1, 5):
-            scale = scale / length
-            half = 0.0
-            for back in range(7 - m):
-                k = 7 - back
-                weight = 1.0
-                for j in range(m):
-                    weight = weight * (k - j)
-                half = (half + weight * abs(moved[k])) * rho
-            weight = 1.0
-            for j in range(m):
-                weight = weight * (m - j)
-            out[i, m - 1, 0] = (weight * moved[m] - half) * scale
-            out[i, m - 1, 1] = (weight * moved[m] + half) * scale
+        s2, s3, s4, s5, s6, s7 = abs(c2), abs(c3), abs(c4), abs(c5), abs(c6), abs(c7)
+        half = (((7.0 * s7 * rho + 6.0 * s6) * rho + 5.0 * s5) * rho + 4.0 * s4) * rho
+        half = ((half + 3.0 * s3) * rho + 2.0 * s2) * rho
+        out[i, 0] = (c1 - half) * scale1, (c1 + half) * scale1
+        half = ((((42.0 * s7 * rho + 30.0 * s6) * rho + 20.0 * s5) * rho + 12.0 * s4) * rho + 6.0 * s3) * rho
+        out[i, 1] = (2.0 * c2 - half) * scale2, (2.0 * c2 + half) * scale2
+        half = (((210.0 * s7 * rho + 120.0 * s6) * rho + 60.0 * s5) * rho + 24.0 * s4) * rho
+        out[i, 2] = (6.0 * c3 - half) * scale3, (6.0 * c3 + half) * scale3
+        half = ((840.0 * s7 * rho + 360.0 * s6) * rho + 120.0 * s5) * rho
+        out[i, 3] = (24.0 * c4 - half) * scale4, (24.0 * c4 + half) * scale4
         # |r'|² about the middle: value, slope, and a bound of half the second derivative
         p = max(-out[i, 0, 0], out[i, 0, 1])
         q = max(-out[i, 1, 0], out[i, 1, 1])
-        norm = norm + moved[1] * moved[1]
-        tilt = tilt + 4.0 * moved[1] * moved[2]
+        norm = norm + c1 * c1
+        tilt = tilt + 4.0 * c1 * c2
         bend = bend + q * q + p * max(-out[i, 2, 0], out[i, 2, 1])
     norm = (norm + abs(tilt) * rho) / (length * length)
     return sqrt(norm + bend * radius * radius)
@@ -250,6 +269,15 @@ def largest_share(out: Floats2, limits: Floats, slack: float) -> tuple[float, in
 
 
 @kernel
+def _stands(r: Floats2) -> bool:
+    """Whether an axis does not move."""
+    most = 0.0
+    for k in range(4):
+        most = max(most, max(abs(r[k, 0]), abs(r[k, 1])))
+    return most == 0.0
+
+
+@kernel
 def share_of_limits(
     v0: float, v1: float, a0: float, a1: float, j0: float, j1: float, s: float,
     r: Floats3, norm: float, limits: Floats2, feed: float, slack: float,
@@ -261,6 +289,8 @@ def share_of_limits(
     where = -1
     products(v0, v1, a0, a1, j0, j1, u)
     for i in range(len(limits)):
+        if _stands(r[i]):
+            continue
         for k in range(4):
             out[k] = 0.0, 0.0, 0.0
         add_ranges(u, s, r[i], 0.0, out)

@@ -18,7 +18,7 @@ from feeddrive.path.proof.prove import DERIVATIVES, faults_of
 from feeddrive.path.schedule.spans import GRADE, POINTS, graded, in_time, instants, points, states, tops
 from feeddrive.path.schedule.spline import quickest
 
-SHARES = (1.0 - 1e-4, 0.98, 0.98, 0.95)  # of the limits, at points: the rest is for what lies between them
+SHARES = (1.0 - 1e-4, 0.98, 0.975, 0.94)  # of the limits, at points: the rest is for what lies between them
 _FINE = 7.0  # spans in the time of half a ramp
 _HALF = 4  # time pieces of it: all of a ramp as short as can be
 _FINEST = 0.02  # of the mean duration of time pieces; some have no more than what rounding leaves
@@ -27,9 +27,10 @@ _NEAR_REST = 0.8  # of the first phase from rest, and of the last one to rest, s
 _RESTS = 1e-9  # of the largest speed: it rests
 _TOGETHER = 6  # spans whose last one ends exactly where the spline does
 _STEPS = 40
-_PENALTIES = (1.0, 0.15, 1e-3)  # at first, where each round begins, and at last
+_PENALTIES = (0.4, 0.1, 3e-3)  # at first, where each round begins, and at last
 _ROUNDS = 8  # of proofs
 _TIGHTER = 0.01  # of a limit where the proof of it fails: twice that, then twice as much in each round
+_ASIDE = 16  # spans on either side of such a place that are moved anew
 _HELD = 0.3  # of the time of what is lifted waits for what follows
 _HUMP = 15  # time pieces of a ramp up, a plateau and a ramp down
 _LEAST = 100  # time pieces that are lifted at once, but at the end of a run
@@ -129,20 +130,25 @@ class _Path:
             return None  # time pieces that have no way but for rounding
         n = len(time) - 1
         looked = self._points(time, knots)
-        m = len(looked.span)
-        room = np.zeros(m), np.zeros(m), np.zeros(n + 3), np.zeros(n + 3), np.zeros(n + 3), np.zeros((n + 3, 4))
         begins, goes_on, ends = _PENALTIES
-        if quickest(*looked, coefficient, begins, goes_on, _STEPS, *room):
+        if _quicker(looked, coefficient, begins, goes_on, 0, n):
             return None
         ends_of = np.array([[motion.speed[0], motion.acceleration[0], motion.jerk[0]], end])
+        found = Motion(np.zeros(n), np.zeros(n, np.int64), *(np.zeros(n) for _ in range(5)))
+        more = np.zeros((n + 1, 3)), np.zeros((2 * _TOGETHER, 4)), np.zeros((4, 5))
+        tried, new = coefficient.copy(), [(0, n)]
         for number in range(1, _ROUNDS + 1):
-            tried = coefficient.copy()
-            if quickest(*looked, tried, goes_on, ends, _STEPS, *room):
-                return None
-            found = Motion(np.zeros(n), np.zeros(n, np.int64), *(np.zeros(n) for _ in range(5)))
-            more = np.zeros((n + 1, 3)), np.zeros((2 * _TOGETHER, 4)), np.zeros((4, 5))
+            for first, last in new:
+                if _quicker(looked, tried, goes_on, ends, first, last):
+                    if last - first == n:
+                        return None
+                    # farther from there something has to give way
+                    tried, new = coefficient.copy(), [(0, n)]
+                    if _quicker(looked, tried, goes_on, ends, 0, n):
+                        return None
+                    break
             in_time(knots, tried, self._begin, ends_of, _TOGETHER, *found, *more)
-            faults = faults_of(self._pieces, found, self._limits)
+            faults = np.concatenate([self._faults(found, first, last) for first, last in new])
             if not len(faults):
                 return found if np.sum(found.duration) < np.sum(motion.duration) else None
             for _, where, _, which, _ in faults:
@@ -155,7 +161,15 @@ class _Path:
                 else:
                     columns = slice(*((0, 2), (2, 5), (5, 9))[number_of - 1])
                     looked.r[near, axis, columns] *= 1.0 + _TIGHTER * 2.0**number
+            new = _around(faults[:, 1].astype(int), n)
         return None
+
+    def _faults(self, motion: Motion, first: int, last: int) -> np.ndarray:
+        """Of what has changed with spans from `first` to before `last`, as of `faults_of`."""
+        first, last = max(first - 2 * _TOGETHER, 0), last + 2 * _TOGETHER
+        faults = faults_of(self._pieces, _some(motion, first, last), self._limits)
+        faults[:, 1] += first
+        return faults
 
     def _spline(self, motion: Motion, end: np.ndarray, spans: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Times of knots, knots and coefficients of u'²(u) near a motion, with its states at the ends."""
@@ -198,6 +212,26 @@ class _Path:
             time, *made, np.zeros((axes, 5)),
         )  # fmt: skip
         return _Points(*(each[:count] for each in made))
+
+
+def _quicker(looked: _Points, coefficient: np.ndarray, begins: float, ends: float, first: int, last: int) -> int:
+    """`quickest` on spans from `first` to before `last`; three coefficients at each end of them stay."""
+    some = slice(*np.searchsorted(looked.span, [first, last]))
+    part = _Points(looked.span[some] - first, *(each[some] for each in looked[1:]))
+    m, n = len(part.span), last - first + 3
+    room = np.zeros(m), np.zeros(m), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, 4))
+    return quickest(*part, coefficient[first : last + 3], begins, ends, _STEPS, *room)
+
+
+def _around(spans: np.ndarray, n: int) -> list[tuple[int, int]]:
+    """Spans to be looked at again when limits at some are lowered: `_ASIDE` on either side of each, of n."""
+    found = list[tuple[int, int]]()
+    for k in np.unique(spans).tolist():
+        first, last = max(k - _ASIDE, 0), min(k + 1 + _ASIDE, n)
+        if found and first <= found[-1][1]:
+            first = found.pop()[0]
+        found.append((first, last))
+    return found
 
 
 def _sections(motion: Motion, rests: np.ndarray, top: np.ndarray, length: np.ndarray) -> list[tuple[int, int]]:

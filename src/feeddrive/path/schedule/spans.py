@@ -14,7 +14,7 @@ from feeddrive.path.schedule.spline import at, basis
 
 GRADE = 0.1  # by how much the duration of a span may change over its duration
 _NEAR = 0.998  # of a limit may be used near the ends
-POINTS = 3  # of a span on one piece of the path
+POINTS = 2  # of a span on one piece of the path
 
 
 @kernel
@@ -90,7 +90,9 @@ def points(
     knots: Floats, time: Floats,
     span: Ints, row: Floats3, r: Floats3, most: Floats, full: Ints, weight: Floats, away: Floats, d: Floats2,
 ) -> int:  # fmt: skip
-    """What `quickest` looks at: begin, middle and end of what lies of each span on each piece; how many points.
+    """What `quickest` looks at: begin and end of what lies of each span on each piece; how many points.
+
+    At the end only the snap, which differs from that at the begin behind it.
 
     begin   u where each piece of the path begins
     top     speed that feed and velocities allow on it
@@ -110,8 +112,8 @@ def points(
             while p + 1 < len(length) and begin[p + 1] <= x:
                 p = p + 1
             e = min(ends, begin[p + 1]) if p + 1 < len(length) else ends
-            for place in range(3):
-                here = x if place == 0 else (0.5 * (x + e) if place == 1 else e)
+            for place in range(POINTS):
+                here = x if place == 0 else e
                 span[count] = k
                 basis(knots, k, here, row[count])
                 derivatives(kind[p], length[p], shape[p], min(max(here - begin[p], 0.0), length[p]), d)
@@ -119,8 +121,8 @@ def points(
                 a_share = _NEAR if near else shares[1]
                 j_share = _NEAR if near else shares[2]
                 s_share = _NEAR if near else shares[3]
-                full[count] = 1 if place < 2 else 0
-                away[count] = (0.5 if place == 1 else 0.25) * (e - x)
+                full[count] = 1 if place == 0 else 0
+                away[count] = 0.5 * (e - x)
                 for i in range(axes):
                     for c in range(2):
                         r[count, i, c] = d[i, c + 1] / (limits[i, 1] * a_share)

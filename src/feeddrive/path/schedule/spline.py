@@ -24,7 +24,7 @@ _LOOSE = 1.03  # times the share of a point that breaks a limit: what it may tak
 _TOUCHES = 1.0 - 1e-6  # a share as large is taken for one that breaks a limit: its penalty would be too steep
 _INWARDS = 0.3  # the least penalty while one does
 _NEARER = 0.1  # of the way to a limit is left by a step at least
-_FALL = 0.4  # of the penalty in a step
+_FALL = 0.25  # of the penalty in a step
 _HALVINGS = 12  # of a step
 _NOT_FORWARD = 1e300  # the share where u'² is not above 0
 
@@ -81,15 +81,17 @@ def shares(z: Floats, r: Floats2, most: float, full: bool) -> float:
     """The largest share of a limit at a point; r1 .. r4 in shares of the limits, see `lifted`."""
     if z[0] <= 0.0:
         return _NOT_FORWARD
-    root = sqrt(z[0])
-    found = z[0] / most if full else 0.0
+    z0, z1, z2, z3 = z
+    root = sqrt(z0)
+    found = z0 / most if full else 0.0
     for i in range(len(r)):
+        a1, a2, j1, j2, j3, s1, s2, s3, s4 = r[i]
         if full:
-            found = max(found, abs(r[i, 1] * z[0] + 0.5 * r[i, 0] * z[1]))
-            found = max(found, abs(root * (r[i, 4] * z[0] + 1.5 * r[i, 3] * z[1] + 0.5 * r[i, 2] * z[2])))
-        snap = r[i, 8] * z[0] * z[0] + 3.0 * r[i, 7] * z[0] * z[1]
-        snap = snap + r[i, 6] * (0.75 * z[1] * z[1] + 2.0 * z[0] * z[2])
-        found = max(found, abs(snap + r[i, 5] * (0.25 * z[1] * z[2] + 0.5 * z[0] * z[3])))
+            found = max(found, abs(a2 * z0 + 0.5 * a1 * z1))
+            found = max(found, abs(root * (j3 * z0 + 1.5 * j2 * z1 + 0.5 * j1 * z2)))
+        snap = s4 * z0 * z0 + 3.0 * s3 * z0 * z1
+        snap = snap + s2 * (0.75 * z1 * z1 + 2.0 * z0 * z2)
+        found = max(found, abs(snap + s1 * (0.25 * z1 * z2 + 0.5 * z0 * z3)))
     return found
 
 
@@ -106,15 +108,12 @@ def _expanded(
     bend: Floats2,
 ) -> int:
     """Slope and bend of the time and the penalties at a point, by z .. z'''.  `weight` of penalties, m of `away`."""
-    z0 = z[0]
-    z1 = z[1]
-    z2 = z[2]
-    z3 = z[3]
+    z0, z1, z2, z3 = z
     root = sqrt(z0)
-    s0 = -0.5 * away / (z0 * root)
-    s1 = 0.0
-    s2 = 0.0
-    s3 = 0.0
+    d0 = -0.5 * away / (z0 * root)
+    d1 = 0.0
+    d2 = 0.0
+    d3 = 0.0
     b00 = 0.75 * away / (z0 * z0 * root)
     b01 = 0.0
     b02 = 0.0
@@ -127,27 +126,30 @@ def _expanded(
     b33 = 0.0
     if full:
         gap = most * loose - z0
-        s0 = s0 + weight / gap
+        d0 = d0 + weight / gap
         b00 = b00 + weight / (gap * gap)
     for i in range(len(r)):
+        a1, a2, j1, j2, j3, s1, s2, s3, s4 = r[i]
+        if a1 == 0.0 and a2 == 0.0 and s3 == 0.0 and s4 == 0.0:
+            continue  # it stands
         if full:
-            g0 = r[i, 1]
-            g1 = 0.5 * r[i, 0]
+            g0 = a2
+            g1 = 0.5 * a1
             first, second = _penalty(g0 * z0 + g1 * z1, loose)
-            s0 = s0 + weight * first * g0
-            s1 = s1 + weight * first * g1
+            d0 = d0 + weight * first * g0
+            d1 = d1 + weight * first * g1
             h0 = weight * second * g0
             b00 = b00 + h0 * g0
             b01 = b01 + h0 * g1
             b11 = b11 + weight * second * g1 * g1
-            inner = r[i, 4] * z0 + 1.5 * r[i, 3] * z1 + 0.5 * r[i, 2] * z2
-            g0 = root * r[i, 4] + 0.5 * inner / root
-            g1 = 1.5 * root * r[i, 3]
-            g2 = 0.5 * root * r[i, 2]
+            inner = j3 * z0 + 1.5 * j2 * z1 + 0.5 * j1 * z2
+            g0 = root * j3 + 0.5 * inner / root
+            g1 = 1.5 * root * j2
+            g2 = 0.5 * root * j1
             first, second = _penalty(root * inner, loose)
-            s0 = s0 + weight * first * g0
-            s1 = s1 + weight * first * g1
-            s2 = s2 + weight * first * g2
+            d0 = d0 + weight * first * g0
+            d1 = d1 + weight * first * g1
+            d2 = d2 + weight * first * g2
             h0 = weight * second * g0
             h1 = weight * second * g1
             b00 = b00 + h0 * g0
@@ -156,18 +158,18 @@ def _expanded(
             b11 = b11 + h1 * g1
             b12 = b12 + h1 * g2
             b22 = b22 + weight * second * g2 * g2
-        snap = r[i, 8] * z0 * z0 + 3.0 * r[i, 7] * z0 * z1
-        snap = snap + r[i, 6] * (0.75 * z1 * z1 + 2.0 * z0 * z2)
-        snap = snap + r[i, 5] * (0.25 * z1 * z2 + 0.5 * z0 * z3)
-        g0 = 2.0 * r[i, 8] * z0 + 3.0 * r[i, 7] * z1 + 2.0 * r[i, 6] * z2 + 0.5 * r[i, 5] * z3
-        g1 = 3.0 * r[i, 7] * z0 + 1.5 * r[i, 6] * z1 + 0.25 * r[i, 5] * z2
-        g2 = 2.0 * r[i, 6] * z0 + 0.25 * r[i, 5] * z1
-        g3 = 0.5 * r[i, 5] * z0
+        snap = s4 * z0 * z0 + 3.0 * s3 * z0 * z1
+        snap = snap + s2 * (0.75 * z1 * z1 + 2.0 * z0 * z2)
+        snap = snap + s1 * (0.25 * z1 * z2 + 0.5 * z0 * z3)
+        g0 = 2.0 * s4 * z0 + 3.0 * s3 * z1 + 2.0 * s2 * z2 + 0.5 * s1 * z3
+        g1 = 3.0 * s3 * z0 + 1.5 * s2 * z1 + 0.25 * s1 * z2
+        g2 = 2.0 * s2 * z0 + 0.25 * s1 * z1
+        g3 = 0.5 * s1 * z0
         first, second = _penalty(snap, loose)
-        s0 = s0 + weight * first * g0
-        s1 = s1 + weight * first * g1
-        s2 = s2 + weight * first * g2
-        s3 = s3 + weight * first * g3
+        d0 = d0 + weight * first * g0
+        d1 = d1 + weight * first * g1
+        d2 = d2 + weight * first * g2
+        d3 = d3 + weight * first * g3
         h0 = weight * second * g0
         h1 = weight * second * g1
         h2 = weight * second * g2
@@ -181,10 +183,10 @@ def _expanded(
         b22 = b22 + h2 * g2
         b23 = b23 + h2 * g3
         b33 = b33 + weight * second * g3 * g3
-    slope[0] = s0
-    slope[1] = s1
-    slope[2] = s2
-    slope[3] = s3
+    slope[0] = d0
+    slope[1] = d1
+    slope[2] = d2
+    slope[3] = d3
     bend[0] = b00, b01, b02, b03
     bend[1] = b01, b11, b12, b13
     bend[2] = b02, b12, b22, b23
@@ -195,11 +197,13 @@ def _expanded(
 @kernel
 def at(row: Floats2, coefficient: Floats, k: int, z: Floats) -> int:
     """z, z', z'', z''' from the four coefficients of span k and their `basis`."""
+    c0 = coefficient[k]
+    c1 = coefficient[k + 1]
+    c2 = coefficient[k + 2]
+    c3 = coefficient[k + 3]
     for m in range(4):
-        z[m] = (
-            row[m, 0] * coefficient[k] + row[m, 1] * coefficient[k + 1]
-            + row[m, 2] * coefficient[k + 2] + row[m, 3] * coefficient[k + 3]
-        )  # fmt: skip
+        a, b, c, d = row[m]
+        z[m] = a * c0 + b * c1 + c * c2 + d * c3
     return 0
 
 
@@ -212,26 +216,74 @@ def _system(
     z = zeros(4)
     by = zeros(4)
     bend = zeros(4, 4)
-    half = zeros(4, 4)
     for c in range(len(coefficient)):
         slope[c] = 0.0
-        for d in range(4):
-            band[c, d] = 0.0
-    for p in range(len(span)):
+        band[c] = 0.0, 0.0, 0.0, 0.0
+    m = len(span)
+    p = 0
+    while p < m:
+        # all points of a span have the same four coefficients
         k = int(span[p])
-        at(row[p], coefficient, k, z)
-        _expanded(z, r[p], most[p], full[p] == 1, loose[p], mu * weight[p], away[p], by, bend)
-        B = row[p]
-        for a in range(4):
-            slope[k + a] = slope[k + a] + by[0] * B[0, a] + by[1] * B[1, a] + by[2] * B[2, a] + by[3] * B[3, a]
-            for m in range(4):
-                half[m, a] = bend[m, 0] * B[0, a] + bend[m, 1] * B[1, a] + bend[m, 2] * B[2, a] + bend[m, 3] * B[3, a]
-        for a in range(4):
-            for b in range(a + 1):
-                band[k + a, a - b] = (
-                    band[k + a, a - b]
-                    + B[0, a] * half[0, b] + B[1, a] * half[1, b] + B[2, a] * half[2, b] + B[3, a] * half[3, b]
-                )  # fmt: skip
+        s0 = s1 = s2 = s3 = 0.0
+        h00 = h10 = h11 = h20 = h21 = h22 = h30 = h31 = h32 = h33 = 0.0
+        while p < m and int(span[p]) == k:
+            at(row[p], coefficient, k, z)
+            _expanded(z, r[p], most[p], full[p] == 1, loose[p], mu * weight[p], away[p], by, bend)
+            a0, a1, a2, a3 = row[p, 0]
+            b0, b1, b2, b3 = row[p, 1]
+            c0, c1, c2, c3 = row[p, 2]
+            d0, d1, d2, d3 = row[p, 3]
+            t0, t1, t2, t3 = by
+            s0 = s0 + t0 * a0 + t1 * b0 + t2 * c0 + t3 * d0
+            s1 = s1 + t0 * a1 + t1 * b1 + t2 * c1 + t3 * d1
+            s2 = s2 + t0 * a2 + t1 * b2 + t2 * c2 + t3 * d2
+            s3 = s3 + t0 * a3 + t1 * b3 + t2 * c3 + t3 * d3
+            # a row of the bend by z .. z''' times the basis, then the basis times that
+            t0, t1, t2, t3 = bend[0]
+            e0 = t0 * a0 + t1 * b0 + t2 * c0 + t3 * d0
+            e1 = t0 * a1 + t1 * b1 + t2 * c1 + t3 * d1
+            e2 = t0 * a2 + t1 * b2 + t2 * c2 + t3 * d2
+            e3 = t0 * a3 + t1 * b3 + t2 * c3 + t3 * d3
+            t0, t1, t2, t3 = bend[1]
+            f0 = t0 * a0 + t1 * b0 + t2 * c0 + t3 * d0
+            f1 = t0 * a1 + t1 * b1 + t2 * c1 + t3 * d1
+            f2 = t0 * a2 + t1 * b2 + t2 * c2 + t3 * d2
+            f3 = t0 * a3 + t1 * b3 + t2 * c3 + t3 * d3
+            t0, t1, t2, t3 = bend[2]
+            g0 = t0 * a0 + t1 * b0 + t2 * c0 + t3 * d0
+            g1 = t0 * a1 + t1 * b1 + t2 * c1 + t3 * d1
+            g2 = t0 * a2 + t1 * b2 + t2 * c2 + t3 * d2
+            g3 = t0 * a3 + t1 * b3 + t2 * c3 + t3 * d3
+            t0, t1, t2, t3 = bend[3]
+            i0 = t0 * a0 + t1 * b0 + t2 * c0 + t3 * d0
+            i1 = t0 * a1 + t1 * b1 + t2 * c1 + t3 * d1
+            i2 = t0 * a2 + t1 * b2 + t2 * c2 + t3 * d2
+            i3 = t0 * a3 + t1 * b3 + t2 * c3 + t3 * d3
+            h00 = h00 + a0 * e0 + b0 * f0 + c0 * g0 + d0 * i0
+            h10 = h10 + a1 * e0 + b1 * f0 + c1 * g0 + d1 * i0
+            h11 = h11 + a1 * e1 + b1 * f1 + c1 * g1 + d1 * i1
+            h20 = h20 + a2 * e0 + b2 * f0 + c2 * g0 + d2 * i0
+            h21 = h21 + a2 * e1 + b2 * f1 + c2 * g1 + d2 * i1
+            h22 = h22 + a2 * e2 + b2 * f2 + c2 * g2 + d2 * i2
+            h30 = h30 + a3 * e0 + b3 * f0 + c3 * g0 + d3 * i0
+            h31 = h31 + a3 * e1 + b3 * f1 + c3 * g1 + d3 * i1
+            h32 = h32 + a3 * e2 + b3 * f2 + c3 * g2 + d3 * i2
+            h33 = h33 + a3 * e3 + b3 * f3 + c3 * g3 + d3 * i3
+            p = p + 1
+        slope[k] = slope[k] + s0
+        slope[k + 1] = slope[k + 1] + s1
+        slope[k + 2] = slope[k + 2] + s2
+        slope[k + 3] = slope[k + 3] + s3
+        band[k, 0] = band[k, 0] + h00
+        band[k + 1, 0] = band[k + 1, 0] + h11
+        band[k + 1, 1] = band[k + 1, 1] + h10
+        band[k + 2, 0] = band[k + 2, 0] + h22
+        band[k + 2, 1] = band[k + 2, 1] + h21
+        band[k + 2, 2] = band[k + 2, 2] + h20
+        band[k + 3, 0] = band[k + 3, 0] + h33
+        band[k + 3, 1] = band[k + 3, 1] + h32
+        band[k + 3, 2] = band[k + 3, 2] + h31
+        band[k + 3, 3] = band[k + 3, 3] + h30
     return 0
 
 
