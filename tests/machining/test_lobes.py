@@ -19,7 +19,7 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.machining.lobe_theory import semi_discretisation, zero_order
-from feeddrive.machining.lobes import cut_stability, kind_of, lobes
+from feeddrive.machining.lobes import cut_stability, kind_of, stability_lobes
 from feeddrive.machining.regeneration import Regeneration, arc, regeneration
 from feeddrive.machining.tool_point import ToolMode, ToolPoint, tool_modes, tool_point
 from feeddrive.machining.tooth_passage import ToothPassage
@@ -74,7 +74,7 @@ EXACT = 3e-9
 
 @pytest.mark.parametrize("name", CUTS)
 def test_the_limits_of_the_benchmark(name: str) -> None:
-    found = lobes(TOOL, CUTS[name], SPEEDS)
+    found = stability_lobes(TOOL, CUTS[name], SPEEDS)
     assert found.depth == pytest.approx(1e-3 * np.array(LIMITS[name]), rel=EXACT)
     assert tuple(np.flatnonzero(found.flip)) == FLIPS[name]
     hopf = found.multiplier[~found.flip]
@@ -168,7 +168,7 @@ def test_helical_edges_average_the_direction_over_the_depth() -> None:
 
 
 def test_process_damping_raises_the_limit() -> None:
-    found = lobes(TOOL, SLOT, [5000.0], diameter=0.01, process_damping=2e4)
+    found = stability_lobes(TOOL, SLOT, [5000.0], diameter=0.01, process_damping=2e4)
     assert 1e3 * found.depth[0] == pytest.approx(0.5412063535, rel=EXACT)
 
 
@@ -205,7 +205,7 @@ def steel(teeth: int, entry: float = 0.0, leave: float = float(np.pi)) -> Regene
     ],
 )  # fmt: skip
 def test_the_drive_as_the_flexible_mode(cut: Regeneration, least: float, limits: tuple[float, ...]) -> None:
-    found = lobes(DRIVE, cut, (200.0, 300.0, 400.0, 600.0, 900.0))
+    found = stability_lobes(DRIVE, cut, (200.0, 300.0, 400.0, 600.0, 900.0))
     assert 1e3 * found.depth == pytest.approx(np.array(limits), rel=2e-8)  # 10 points fewer than the mode needs
     assert np.all((found.frequency > 17.43) & (found.frequency < 60.0))  # where Re G < 0
     assert 1e3 * zero_order(DRIVE, cut).least == pytest.approx(least, rel=1e-5)
@@ -214,7 +214,7 @@ def test_the_drive_as_the_flexible_mode(cut: Regeneration, least: float, limits:
 def test_a_table_mode_in_series_adds_its_compliance() -> None:
     both = DRIVE + tool_modes(ToolMode(60.0, 0.03, 1500.0))
     limits = 33.5192138261, 20.2647246355, 32.60605376, 16.6060376145
-    found = lobes(both, steel(3), (300.0, 900.0, 1100.0, 2000.0))
+    found = stability_lobes(both, steel(3), (300.0, 900.0, 1100.0, 2000.0))
     assert 1e3 * found.depth == pytest.approx(np.array(limits), rel=2e-8)
 
 
@@ -229,8 +229,8 @@ def test_the_sampled_law() -> None:
     for dead_time, limit in ((0.0, 28.8209), (2.5e-4, 29.1009)):
         point = tool_point(sampled(dead_time))
         assert point.missed < 1e-5
-        assert 1e3 * lobes(point, steel(3), [500.0]).depth[0] == pytest.approx(limit, rel=1e-5)
-    assert 1e3 * lobes(DRIVE, steel(3), [500.0]).depth[0] == pytest.approx(28.1419200657, rel=EXACT)
+        assert 1e3 * stability_lobes(point, steel(3), [500.0]).depth[0] == pytest.approx(limit, rel=1e-5)
+    assert 1e3 * stability_lobes(DRIVE, steel(3), [500.0]).depth[0] == pytest.approx(28.1419200657, rel=EXACT)
 
 
 CUTTER = HelicalCutter(
@@ -291,7 +291,7 @@ def test_vibration_in_time_dies_out_below_and_grows_above(name: str, speed: floa
 
 def test_a_narrow_tongue_below_the_border_is_found() -> None:
     # at 10000 rpm in half down milling a flip opens at 2.1047 mm and closes before the next step of the scan
-    found = lobes(TOOL, CUTS["down 0.5"], [10000.0], islands=True, deepest=4e-3)
+    found = stability_lobes(TOOL, CUTS["down 0.5"], [10000.0], islands=True, deepest=4e-3)
     passage = ToothPassage(TOOL, CUTS["down 0.5"], 10000.0)
     assert passage.flips()[0] == pytest.approx(2.1046896988e-3, rel=EXACT)
     assert found.islands
@@ -301,7 +301,7 @@ def test_a_narrow_tongue_below_the_border_is_found() -> None:
 
 
 def test_what_is_shown() -> None:
-    found = lobes(TOOL, SLOT, np.linspace(9000.0, 15000.0, 7), speed=10000.0, depth=5e-4)
+    found = stability_lobes(TOOL, SLOT, np.linspace(9000.0, 15000.0, 7), speed=10000.0, depth=5e-4)
     assert found.own is not None
     assert not found.own.stable
     assert "chatters at" in found.own.sentence()
@@ -324,16 +324,16 @@ def test_what_is_shown() -> None:
         ("give the diameter", lambda: Regeneration(2, 6e8, 2e8, process_damping=1e4)),
         ("at most the diameter", lambda: arc(0.012, 0.01)),
         ("must be one of up, down, center", lambda: arc(0.005, 0.01, "sideways")),
-        ("spindle that stands", lambda: lobes(TOOL, SLOT, [0.0])),
+        ("spindle that stands", lambda: stability_lobes(TOOL, SLOT, [0.0])),
         ("spindle that stands", lambda: cut_stability(TOOL, SLOT, 0.0, 1e-3)),
         ("depth = 0 m must be > 0", lambda: cut_stability(TOOL, SLOT, 5000.0, 0.0)),
-        ("deepest = -1 m must be > 0", lambda: lobes(TOOL, SLOT, [5000.0], deepest=-1.0)),
-        ("begin at", lambda: lobes(TOOL, SLOT, [100.0])),
-        ("fit_modes", lambda: lobes(FRF(np.array([1.0]), np.array([1j])), SLOT, [5000.0])),
+        ("deepest = -1 m must be > 0", lambda: stability_lobes(TOOL, SLOT, [5000.0], deepest=-1.0)),
+        ("begin at", lambda: stability_lobes(TOOL, SLOT, [100.0])),
+        ("fit_modes", lambda: stability_lobes(FRF(np.array([1.0]), np.array([1j])), SLOT, [5000.0])),
         ("the lobes need m/N", lambda: zero_order(FRF(np.array([1.0]), np.array([1j]), unit="m/s/N"), SLOT)),
         ("at least one mode", lambda: tool_modes()),
         ("frequency = 0 Hz", lambda: ToolMode(0.0, 0.01, 1.0)),
-        ("in no direction", lambda: lobes(tool_modes(ToolMode(9.0, 0.1, 1.0, feed=0.0)), SLOT, [5000.0])),
+        ("in no direction", lambda: stability_lobes(tool_modes(ToolMode(9.0, 0.1, 1.0, feed=0.0)), SLOT, [5000.0])),
         ("no axis 'w'", lambda: tool_point(sampled(), along=("w",))),
         ("straight edges", lambda: semi_discretisation(TOOL, dataclasses.replace(SLOT, lag=9.0), 5000.0, 1e-3)),
     ],
@@ -346,7 +346,7 @@ def test_wrong_input_is_named(said: str, call: object) -> None:
 
 def test_a_tool_point_that_does_not_rest_is_refused() -> None:
     with pytest.raises(UnstableError, match="unstable without any cut"):
-        lobes(ToolPoint(np.array([[0.0, 1.0], [-1.0, 0.1]]), TOOL.B, TOOL.C), SLOT, [5000.0])
+        stability_lobes(ToolPoint(np.array([[0.0, 1.0], [-1.0, 0.1]]), TOOL.B, TOOL.C), SLOT, [5000.0])
 
 
 def test_zero_order_takes_a_measured_response() -> None:

@@ -14,7 +14,7 @@ from feeddrive.machining.lobe_theory import zero_order as zero_order
 from feeddrive.machining.lobes import CutStability as CutStability
 from feeddrive.machining.lobes import Lobes as Lobes
 from feeddrive.machining.lobes import cut_stability as cut_stability
-from feeddrive.machining.lobes import lobes as lobes
+from feeddrive.machining.lobes import stability_lobes as stability_lobes
 from feeddrive.machining.regeneration import Regeneration as Regeneration
 from feeddrive.machining.regeneration import arc as arc
 from feeddrive.machining.regeneration import regeneration as regeneration

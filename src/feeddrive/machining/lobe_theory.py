@@ -129,7 +129,7 @@ def semi_discretisation(
     if cut.lag or cut.process_damping or order not in (0, 1) or steps < 2:
         raise ParameterError(
             "semi_discretisation is for straight edges without process damping, order 0 or 1 and 2 steps or more: take "
-            "lobes for all else"
+            "stability_lobes for all else"
         )
     A, B, C = tool.moving()
     d, q = A.shape[0], B.shape[1]

@@ -159,7 +159,7 @@ def kind_of(multiplier: complex) -> str:
     return "flip" if multiplier.real < 0.0 else "fold"
 
 
-def lobes(
+def stability_lobes(
     tool: Dynamics | Any,
     cutter: Any,
     spindle_speeds: Sequence[float] | np.ndarray,
@@ -212,7 +212,7 @@ def cut_stability(
 ) -> CutStability:
     """Whether one cut chatters: |µ| at a spindle speed in rpm and an axial depth in m, and the limit at this speed.
 
-    Raises as `lobes` does, and for a depth that is not above 0.
+    Raises as `stability_lobes` does, and for a depth that is not above 0.
     """
     if not (depth > 0.0 and np.isfinite(depth)):
         raise ParameterError(f"depth = {depth:g} m must be > 0: the axial depth of the cut")

@@ -291,6 +291,12 @@ COMMANDS: dict[str, Listed] = {
         "Simulate",
         ("job.toml",),
     ),
+    "lobes": Listed(
+        "lobes",
+        "Find the depths of a milling cut without chatter over the spindle speed; say whether this machine's cut does.",
+        "Simulate",
+        ("mine.toml --speeds 2000:12000:200 --mode 922:0.011:0.04",),
+    ),
     "demo": Listed(
         "run_job",
         "Run a bundled example: a real ball-screw axis under today's control and three better ones; a mill at work.",

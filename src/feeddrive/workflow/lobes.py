@@ -1,0 +1,239 @@
+"""`feeddrive lobes`: whether the cut of a machine chatters, and the depths and speeds at which it does not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from feeddrive.files.atomic_io import new_directory
+from feeddrive.files.job import Job, JobLike, read_job
+from feeddrive.files.machine import MachineFile, MachineLike, found, read_machine
+from feeddrive.files.run_files import write_parquet
+from feeddrive.files.toml_file import read_toml
+from feeddrive.language.errors import FileError, ParameterError
+from feeddrive.language.progress import Progress
+from feeddrive.language.table import Table
+from feeddrive.loop.machine import Machine
+from feeddrive.machining.lobe_theory import ZeroOrder, zero_order
+from feeddrive.machining.lobes import Lobes, stability_lobes
+from feeddrive.machining.regeneration import Regeneration, regeneration
+from feeddrive.machining.tool_point import ToolMode, cut_of, tool_modes, tool_point
+from feeddrive.report.page import Shown, definitions, header, page, picture, table
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.request import OUT, Request, argument, called, option, stem
+
+_SPEEDS = 120  # unless the caller says how many
+_MOST = 5000  # speeds that may be asked for
+
+
+class LobesRequest(Request):
+    """A machine with a milling cut among its couplings, the spindle speeds, and modes of the tool if they are known."""
+
+    machine: MachineLike | JobLike = argument("A machine file or a job (TOML) with a milling_cut among its couplings")
+    speeds: str | None = option(
+        "spindle speeds in rpm, as 2000:12000:200, first:last:count; from a half to double of the cut's if left out",
+        default=None,
+    )
+    mode: tuple[str, ...] = option(
+        "a mode of tool or work, as 922:0.011:0.04, Hz:damping ratio:kg, in both directions; with :x or :y behind it "
+        "in one; may be repeated",
+        default=(),
+    )
+    rigid: bool = option("the drives count as rigid: the modes alone give way", default=False)
+    direction: float | None = option(
+        "of the feed, from x towards y; that of the cut, or 0, if left out", unit="rad", entered="deg", default=None
+    )
+    depth: float | None = option(
+        "axial depth of the cut; that of the cutter if left out", unit="m", entered="mm", above=0, default=None
+    )
+    deepest: float | None = option("axial depth up to which limits are looked for", unit="m", entered="mm", above=0,
+                                   default=None)  # fmt: skip
+    process_damping: float | None = option(
+        "force per depth and per vibration velocity over cutting speed; it depends on the wear of the edge",
+        unit="N/m", least=0, default=None,
+    )  # fmt: skip
+    islands: bool = option("look for stable depths above the limit as well", default=False)
+    out: Path | None = option(OUT, short="-o", default=None)
+
+    def check(self) -> None:
+        """Raise ParameterError for rigid drives without a mode."""
+        if self.rigid and not self.mode:
+            raise ParameterError("--rigid leaves nothing that gives way: name the modes of the tool with --mode")
+
+    def usual_out(self) -> Path:
+        """By the name of what it is about."""
+        return Path("results") / f"lobes_{stem(self.machine)}"
+
+
+@command(LobesRequest)
+def lobes(request: LobesRequest, progress: Progress) -> Outcome[Lobes]:
+    """Find the depths of a milling cut without chatter over the spindle speed; say whether the machine's cut chatters.
+
+    Raises ParameterError for a machine without a cut, for speeds that are none, and as `stability_lobes`.
+    """
+    machine = _machine(request.machine)
+    try:
+        cut = cut_of(machine)
+    except ParameterError as error:
+        raise ParameterError(f"{called(request.machine)}: {error}") from None
+    teeth = _teeth(request, cut)
+    own = float(cut.spindle_speed)
+    depth = request.depth if request.depth is not None else float(cut.cutter.axial_depth)
+    speeds = _speeds(request.speeds, own)
+    modes = [mode for text in request.mode for mode in _modes(text)]
+    progress.step("the machine at the tool")
+    tool = tool_modes(*modes) if request.rigid else tool_point(machine)
+    if modes and not request.rigid:
+        tool = tool + tool_modes(*modes)
+    turn = request.direction if request.direction is not None else float(getattr(cut, "direction", None) or 0.0)
+    tool = tool.turned(turn) if turn else tool
+    result = stability_lobes(
+        tool, teeth, speeds, deepest=request.deepest, islands=request.islands, speed=own, depth=depth,
+        progress=progress,
+    )  # fmt: skip
+    simple = zero_order(tool, teeth, speeds)
+    files: dict[str, str | Path] = {}
+    if request.out is not None:
+        progress.step("report")
+        facts = {
+            "Machine": called(request.machine),
+            "Cut": f"{teeth.teeth} teeth, Kt {1e-6 * teeth.tangential:.5g}, Kn {1e-6 * teeth.radial:.5g} N/mm2, engaged "
+            f"{math.degrees(teeth.entry):.4g} to {math.degrees(teeth.leave):.4g} deg",
+            "Feed": f"{math.degrees(turn):.4g} deg from x towards y",
+            "Gives way": ", ".join(([] if request.rigid else ["the drives under control"]) + list(request.mode)),
+        }
+        files["Report"] = write_lobes(result, simple, request.out, facts)
+    assert result.own is not None
+    return Outcome(result, [result.table()], _remarks(result), result.own.sentence() + ".", files=files)
+
+
+def _machine(source: MachineLike | JobLike) -> Machine:
+    """All axes with their couplings, of a machine file or of a job."""
+    if isinstance(source, MachineFile):
+        return source.machine()
+    if not isinstance(source, Job) and _is_job(source):
+        source = read_job(source)
+    if isinstance(source, Job):
+        return next(iter(source.machines.values()), source.machine.machine())
+    return read_machine(source).machine()
+
+
+def _is_job(path: str | Path) -> bool:
+    """A file that names a machine instead of holding axes; or a name that is bundled as a job only."""
+    try:
+        place = found(path, "machines")
+    except FileError:
+        try:
+            place = found(path, "jobs")
+        except FileError:
+            return False
+    return not isinstance(read_toml(place).content.get("axis"), dict)
+
+
+def _teeth(request: LobesRequest, cut: object) -> Regeneration:
+    """The regeneration of the cut, with the process damping of the request or of the cut."""
+    damping = request.process_damping
+    if damping is None:
+        damping = float(getattr(cut, "process_damping", None) or 0.0)
+    return regeneration(cut.cutter, process_damping=damping)  # type: ignore[attr-defined]
+
+
+def _speeds(text: str | None, own: float) -> np.ndarray:
+    """`first:last:count` in rpm. Raises ParameterError."""
+    if text is None:
+        return np.linspace(0.5 * own, 2.0 * own, _SPEEDS)
+    try:
+        first, last, *rest = text.split(":")
+        low, high, count = float(first), float(last), int(rest[0]) if rest else _SPEEDS
+        if len(rest) > 1 or not 0.0 < low < high < math.inf or not 2 <= count <= _MOST:
+            raise ValueError
+    except ValueError:
+        raise ParameterError(
+            f"--speeds {text}: must be first:last:count in rpm, as 2000:12000:200, with 0 < first < last and 2 to "
+            f"{_MOST} of them"
+        ) from None
+    return np.linspace(low, high, count)
+
+
+def _modes(text: str) -> list[ToolMode]:
+    """`Hz:damping ratio:kg`, in both directions, or with :x or :y in one. Raises ParameterError."""
+    numbers = text.split(":")
+    direction = numbers.pop() if numbers[-1] in ("x", "y") else ""
+    try:
+        frequency, damping, mass = (float(each) for each in numbers)
+        shapes = {"x": [(1.0, 0.0)], "y": [(0.0, 1.0)], "": [(1.0, 0.0), (0.0, 1.0)]}[direction]
+        return [ToolMode(frequency, damping, mass, *shape) for shape in shapes]
+    except (ValueError, ParameterError) as error:
+        why = f": {error}" if isinstance(error, ParameterError) else ""
+        raise ParameterError(
+            f"--mode {text}: must be Hz:damping ratio:kg, as 922:0.011:0.04, or with :x or :y behind it{why}"
+        ) from None
+
+
+def _remarks(result: Lobes) -> list[str]:
+    """What must be known of the limits."""
+    said: list[str] = []
+    if np.any(result.flip):
+        said.append("At flip borders every second tooth cuts deeper: the zero-order theory does not know them.")
+    if result.missed > 1e-3:
+        said.append(
+            f"The response of the machine at the tool is matched to {100.0 * result.missed:.2g} % of its largest "
+            f"compliance: limits are as uncertain."
+        )
+    if result.islands:
+        n = len({speed for speed, _, _ in result.islands})
+        said.append(f"At {n} speeds deeper cuts are stable again above the limit: the table holds the first limit.")
+    return said
+
+
+def write_lobes(result: Lobes, simple: ZeroOrder, out: Path, facts: Mapping[str, str]) -> Path:
+    """Write `report.html`, `lobes.csv` and `lobes.parquet`; the path of the report. Raises FileError."""
+    columns = {
+        "spindle_speed": result.spindle_speed,
+        "depth": result.depth,
+        "chatter_frequency": result.frequency,
+        "flip": result.flip.astype(float),
+        "zero_order_depth": simple.depth,
+    }
+    units = {"spindle_speed": "rpm", "depth": "m", "chatter_frequency": "Hz", "flip": "", "zero_order_depth": "m"}
+    heads = ",".join(f"{name} [{units[name]}]" if units[name] else name for name in columns)
+    rows = (",".join(repr(float(value)) for value in row) for row in zip(*columns.values(), strict=True))
+    with new_directory(out) as folder:
+        write_parquet(folder / "lobes.parquet", columns, {"units": units, **facts})
+        (folder / "lobes.csv").write_text("\n".join([heads, *rows]) + "\n", encoding="utf-8")
+        (folder / "report.html").write_text(build(result, facts), encoding="utf-8")
+    return out / "report.html"
+
+
+def build(result: Lobes, facts: Mapping[str, str]) -> str:
+    """The page. Pure: the same limits give the same text."""
+    title = "Will the cut chatter?"
+    assert result.own is not None
+    shown, own = result.table(), result.own.table()
+    remarks = "".join(f"<li>{each}</li>" for each in _remarks(result))
+    noted = f'<div class="remarks"><h3>Remarks</h3><ul>{remarks}</ul></div>' if remarks else ""
+    drawn = Shown(
+        "lobes", "Depth without chatter over the spindle speed",
+        "Shaded: stable. Dotted: speeds at which a tooth passes every k swings of a mode. Below: what is heard at the "
+        "limit; dashed are the own frequencies of what gives way.",
+        "Limits of the axial depth and chatter frequency over the spindle speed.", result.plot,
+    )  # fmt: skip
+    parts = [
+        header("feeddrive lobes", title, [_capital(own.title), _capital(shown.title)],
+               [("limits", "Limits"), ("figure-lobes", drawn.title), ("facts", "The cut")]),
+        f'<section id="limits">\n<h2>Limits</h2>\n{_html(own)}{_html(shown)}{noted}\n</section>\n',
+        f'<section id="pictures">\n<h2>Picture</h2>\n{picture(drawn)}</section>\n',
+        f'<section id="facts">\n<h2>The cut</h2>\n{definitions(facts.items())}\n</section>\n',
+    ]  # fmt: skip
+    return page(title, parts)
+
+
+def _html(shown: Table) -> str:
+    return table(shown.title, shown.heads, shown.rows)
+
+
+def _capital(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}."
