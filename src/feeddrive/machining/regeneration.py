@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from feeddrive.blocks.machine_families import Cutter
 from feeddrive.language.errors import ParameterError
 
 _STRAIGHT = 1e-7  # rad of lag below which an edge counts as straight: the mean over it is then its value at the tip
@@ -185,15 +186,16 @@ def arc(radial_depth: float, diameter: float, milling: str = "up") -> tuple[floa
     return (0.0, turn) if milling == "up" else (float(np.pi) - turn, float(np.pi))
 
 
-def regeneration(cutter: Any, **changes: float) -> Regeneration:
-    """The regeneration of a `Cutter`; `changes` replace fields, as process_damping = 2e4."""
+def regeneration(cutter: Cutter | Regeneration, **changes: float) -> Regeneration:
+    """The regeneration of a cutter's edges; `changes` replace fields, as process_damping = 2e4."""
     if isinstance(cutter, Regeneration):
-        return replace(cutter, **changes) if changes else cutter  # type: ignore[arg-type]
-    width = cutter.radial_depth
-    entry, leave = (0.0, float(np.pi)) if width is None else arc(float(width), float(cutter.diameter), cutter.milling)
-    energy = float(cutter.specific_energy)
-    found = Regeneration(
-        teeth=cutter.teeth, tangential=energy, radial=float(cutter.radial_ratio) * energy, entry=entry, leave=leave,
-        lag=2.0 * float(np.tan(cutter.helix_angle)) / float(cutter.diameter), diameter=float(cutter.diameter),
-    )  # fmt: skip
+        found = cutter
+    else:
+        edge = cutter.edge()
+        diameter = float(edge.diameter)
+        found = Regeneration(
+            teeth=edge.teeth, tangential=float(edge.cutting[0]), radial=float(edge.cutting[1]),
+            entry=float(edge.entry), leave=float(edge.exit),
+            lag=2.0 * float(np.tan(float(edge.helix_angle))) / diameter, diameter=diameter,
+        )  # fmt: skip
     return replace(found, **changes) if changes else found  # type: ignore[arg-type]

@@ -18,6 +18,7 @@ from feeddrive.loop.machine import Machine, check_system
 
 _WORST = 0.01  # of the largest compliance: a fit that misses by more is refused
 _FAST = (1.0, 2.0, 4.0, 8.0, 16.0)  # real poles at these multiples of the sampling rate stand for hold and dead time
+_DISTINCT = 1e8  # of the condition of the shapes: beyond it two poles are one, and each line is solved for itself
 _KNEE = 0.03  # of the sampling rate: above it the fit counts less, since images of the sampling show there
 
 
@@ -62,12 +63,18 @@ class ToolPoint(Result):
 
     def turned(self, angle: float) -> ToolPoint:
         """The same seen from a feed that is turned by an angle in rad, counterclockwise, from t towards n."""
-        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        # rounded, so that a quarter turn leaves nothing of the other direction
+        cosine, sine = round(float(np.cos(angle)), 15), round(float(np.sin(angle)), 15)
+        turn = np.array([[cosine, sine], [-sine, cosine]])
         return ToolPoint(self.A, self.B @ turn.T, turn @ self.C, self.missed)
 
     def response(self, frequency: np.ndarray) -> np.ndarray:
         """C (jω - A)⁻¹ B in m/N at frequencies in Hz, shape (n, 2, 2)."""
         s = 2j * np.pi * np.atleast_1d(np.asarray(frequency, float))
+        poles, shapes = np.linalg.eig(self.A)
+        if np.linalg.cond(shapes) < _DISTINCT:
+            into = np.linalg.solve(shapes, self.B)
+            return ((self.C @ shapes)[None] / (s[:, None] - poles)[:, None, :]) @ into
         inside = s[:, None, None] * np.eye(self.A.shape[0]) - self.A
         return self.C @ np.linalg.solve(inside, np.broadcast_to(self.B.astype(complex), (s.size, *self.B.shape)))
 

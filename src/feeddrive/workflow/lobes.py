@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.job import Job, JobLike, read_job
 from feeddrive.files.machine import MachineFile, MachineLike, found, read_machine
@@ -81,14 +82,14 @@ def lobes(request: LobesRequest, progress: Progress) -> Outcome[Lobes]:
         raise ParameterError(f"{called(request.machine)}: {error}") from None
     teeth = _teeth(request, cut)
     own = float(cut.spindle_speed)
-    depth = request.depth if request.depth is not None else float(cut.cutter.axial_depth)
+    depth = request.depth if request.depth is not None else float(cut.cutter.edge().axial_depth)
     speeds = _speeds(request.speeds, own)
     modes = [mode for text in request.mode for mode in _modes(text)]
     progress.step("the machine at the tool")
     tool = tool_modes(*modes) if request.rigid else tool_point(machine)
     if modes and not request.rigid:
         tool = tool + tool_modes(*modes)
-    turn = request.direction if request.direction is not None else float(getattr(cut, "direction", None) or 0.0)
+    turn = request.direction if request.direction is not None else float(cut.direction or 0.0)
     tool = tool.turned(turn) if turn else tool
     result = stability_lobes(
         tool, teeth, speeds, deepest=request.deepest, islands=request.islands, speed=own, depth=depth,
@@ -100,8 +101,8 @@ def lobes(request: LobesRequest, progress: Progress) -> Outcome[Lobes]:
         progress.step("report")
         facts = {
             "Machine": called(request.machine),
-            "Cut": f"{teeth.teeth} teeth, Kt {1e-6 * teeth.tangential:.5g}, Kn {1e-6 * teeth.radial:.5g} N/mm2, engaged "
-            f"{math.degrees(teeth.entry):.4g} to {math.degrees(teeth.leave):.4g} deg",
+            "Cut": f"{teeth.teeth} teeth, Kt {1e-6 * teeth.tangential:.5g}, Kn {1e-6 * teeth.radial:.5g} N/mm2, "
+            f"engaged {math.degrees(teeth.entry):.4g} to {math.degrees(teeth.leave):.4g} deg",
             "Feed": f"{math.degrees(turn):.4g} deg from x towards y",
             "Gives way": ", ".join(([] if request.rigid else ["the drives under control"]) + list(request.mode)),
         }
@@ -133,12 +134,15 @@ def _is_job(path: str | Path) -> bool:
     return not isinstance(read_toml(place).content.get("axis"), dict)
 
 
-def _teeth(request: LobesRequest, cut: object) -> Regeneration:
+def _teeth(request: LobesRequest, cut: MillingCut) -> Regeneration:
     """The regeneration of the cut, with the process damping of the request or of the cut."""
     damping = request.process_damping
     if damping is None:
-        damping = float(getattr(cut, "process_damping", None) or 0.0)
-    return regeneration(cut.cutter, process_damping=damping)  # type: ignore[attr-defined]
+        damping = float(cut.process_damping or 0.0)
+    try:
+        return regeneration(cut.cutter, process_damping=damping)
+    except ParameterError as error:
+        raise ParameterError(f"{called(request.machine)}, the cutter of its milling_cut: {error}") from None
 
 
 def _speeds(text: str | None, own: float) -> np.ndarray:
