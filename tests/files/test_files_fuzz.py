@@ -336,6 +336,7 @@ def test_damaged_logs_take_no_memory(tmp_path: Path, every: int) -> None:
 
 BUNDLED = [("machine", path) for path in sorted((machine.BUNDLED / "machines").glob("*.toml"))]
 BUNDLED += [("job", path) for path in sorted((machine.BUNDLED / "jobs").glob("*.toml"))]
+THREE_AXES = ("mill", "machining_center", "circle_diamond_square")
 
 
 def damaged_text(text: str, draw: random.Random) -> str:
@@ -381,7 +382,9 @@ VALUES = [
 
 @pytest.mark.parametrize(
     ("kind", "source"),
-    all_but([each for each in BUNDLED if each[1].stem != "mill"], BUNDLED, "three axes, 3 s; all others are quick"),
+    all_but(
+        [each for each in BUNDLED if each[1].stem not in THREE_AXES], BUNDLED, "three axes, 3 s; all others are quick"
+    ),
     ids=lambda value: value.stem if isinstance(value, Path) else value,
 )
 def test_damaged_machines_and_jobs(tmp_path: Path, kind: str, source: Path) -> None:
