@@ -1,9 +1,9 @@
 """The families of blocks: their abstract interfaces, which every block of a family implements.
 
 A block is final: it implements the abstract methods and overrides no method with a body but the empty hooks `prepare`,
-`start` of forces and feedforward, `modes`, `start` and `step` of couplings, `retune`, `period`, `check`, `rules`,
-`sampled_rules`, `substep_rules`, `fed`, `lag`, `settled`, `suits`, `fits`, `begin`, `goes_beside`, `stretches`,
-`position_gain`, `moved`, and `listen` and `correct` of couplings.
+`start` of forces and feedforward, `start` and `step` of couplings with `modes`, `springs`, `follows`, `listen` and
+`correct`, `retune`, `period`, `check`, `rules`, `sampled_rules`, `substep_rules`, `fed`, `lag`, `settled`, `suits`,
+`fits`, `begin`, `goes_beside`, `stretches`, `position_gain` and `moved`.
 
     prepare(T)   numbers that depend on parameters only, computed once per run; returns a named tuple
     start(...)   the steady state of a block at rest

@@ -20,12 +20,20 @@ class SharedMode(NamedTuple):
     shapes: Mapping[str, tuple[Number, Number]]  # by axis: shape at the motor's and at the load's body
 
 
+class SharedSpring(NamedTuple):
+    """A spring and a damper between tables: stretch = Σ share · x_load, force on each table = -share · (k s + c s')."""
+
+    stiffness: Number  # N/m
+    damping: Number  # N s/m
+    shares: Mapping[str, Number]  # by axis
+
+
 class Coupling(Block, ABC):
     """What acts between the axes of a machine: structure modes that they share, or forces at common substeps; or what
     runs on the controller between their controls.
 
-    A coupling implements `modes`, or `step` with `start` and `prepare`, or both; with `controls` it implements `listen`
-    and `correct`, which run on the controller once a sample.
+    A coupling implements `modes`, `springs`, or `step` with `start` and `prepare`, or several of them; with `controls`
+    it implements `listen` and `correct`, which run on the controller once a sample.
     """
 
     controls: ClassVar[bool] = False
@@ -37,6 +45,14 @@ class Coupling(Block, ABC):
     def modes(self) -> tuple[SharedMode, ...]:
         """Modes that move with these axes in one exact hold (empty hook)."""
         return ()
+
+    def springs(self) -> tuple[SharedSpring, ...]:
+        """Springs between tables, which then move in one exact hold (empty hook)."""
+        return ()
+
+    def follows(self) -> dict[str, str]:
+        """By axis the one whose word of a part program moves it too (empty hook)."""
+        return {}
 
     def prepare(self, h: Number) -> Any:
         """What depends on parameters and the substep h only (empty hook)."""

@@ -122,6 +122,7 @@ def read_planned(section: Section, place: Path, machine: MachineFile, process: S
     rows, line = np.concatenate(kept), np.concatenate(lines)
     names = {name.upper(): name for name in machine.loops}
     references = {names[letter]: _reference(rows[:, i], T) for i, letter in enumerate(limits.letters)}
+    references |= {name: references[leader] for name, leader in machine.followers().items() if leader in references}
     times = np.arange(len(line)) * T
     cuts = () if said is None else said.cuts(times, np.abs(line), line < 0)
     return PlannedProgram(

@@ -117,6 +117,10 @@ class MachineFile(Result):
                 return f"axis '{axis}' is coupled with {others} by couplings.{i} ({each.kind})"
         return ""
 
+    def followers(self) -> dict[str, str]:
+        """By axis the one whose word of a part program moves it too: second drives of gantries."""
+        return {name: leader for each in self.couplings for name, leader in each.follows().items()}
+
     def machine(self, *couplings: Coupling) -> Machine:
         """All axes as one machine, with the couplings of the file and these.
 

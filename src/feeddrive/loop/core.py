@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from feeddrive.blocks.families import Friction, Mechanics
-from feeddrive.blocks.machine_families import SharedMode
+from feeddrive.blocks.machine_families import SharedMode, SharedSpring
 from feeddrive.blocks.signals import Motion
 from feeddrive.language import matrix, ops
 from feeddrive.language.block import Number
@@ -45,16 +45,19 @@ class Push(NamedTuple):
 class Core:
     """Axes whose linear mechanics move as one.
 
-    The coordinates are those of the axes, one after the other, and then the shared modes.  A mode η adds shape · η to
-    the position of each body that it moves, and a force on the body acts on it with the same shape:
+    The coordinates are those of the axes, one after the other, and then the shared modes; springs lie between tables.
+    A mode η adds shape · η to the position of each body that it moves, and a force on the body acts on it with the same
+    shape:
 
         mass η'' + damping η' + stiffness η = Σ shape · f
 
     A single axis without modes gives the same results as without this class.
     """
 
-    def __init__(self, axes: Mapping[str, Axis], modes: Sequence[SharedMode] = ()) -> None:
-        self.axes, self.modes = dict(axes), tuple(modes)
+    def __init__(
+        self, axes: Mapping[str, Axis], modes: Sequence[SharedMode] = (), springs: Sequence[SharedSpring] = ()
+    ) -> None:
+        self.axes, self.modes, self.springs = dict(axes), tuple(modes), tuple(springs)
         self._plain = {name: axis.plant.mechanics() for name, axis in self.axes.items()}
         self._places: dict[str, range] = {}
         for name, plain in self._plain.items():
@@ -90,7 +93,20 @@ class Core:
             for friction, row in ((axis.friction_motor, rows.motor), (axis.friction_load, rows.load)):
                 if friction is not None:
                     total = matrix.add(total, axis.viscous(friction, row))
-        return Mechanics(tuple(map(tuple, mass)), total, tuple(map(tuple, stiffness)), ())
+        stiff: Any = tuple(map(tuple, stiffness))
+        for spring in self.springs:
+            stretch = self._stretch(spring)
+            stiff = matrix.add(stiff, _outer(spring.stiffness, stretch))
+            total = matrix.add(total, _outer(spring.damping, stretch))
+        return Mechanics(tuple(map(tuple, mass)), total, stiff, ())
+
+    def _stretch(self, spring: SharedSpring) -> Row:
+        """The stretch of a spring over all coordinates."""
+        rows = [matrix.scale(share, (self._rows(name).load,)) for name, share in spring.shares.items()]
+        first, *rest = rows
+        for each in rest:
+            first = matrix.add(first, each)
+        return first[0]
 
     def _rows(self, name: str) -> Rows:
         """Where the drive, the motor's and the load's body of an axis are, over all coordinates.
@@ -214,6 +230,11 @@ class Core:
             )
             lag = lags.stop
         return held, Shared(tuple(end[self._own : n]), tuple(end[n + self._own : 2 * n])), steps
+
+
+def _outer(factor: Number, row: Row) -> matrix.Matrix:
+    """factor · rowᵀ row."""
+    return matrix.multiply([[x] for x in matrix.scale(factor, (row,))[0]], (row,))
 
 
 def acting(columns: Columns | Hold, state: Axis.State, command: Number, load: Number | None) -> tuple[Acting, Any]:

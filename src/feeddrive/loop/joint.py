@@ -43,20 +43,21 @@ class Joint:
         self._where = {name: place for place, core in enumerate(self.cores) for name in core.axes}
 
     def _cores(self) -> list[Core]:
-        """Groups of axes that share modes, in the order of the axes."""
-        groups: list[tuple[list[str], list[Any]]] = [([name], []) for name in self.axes]
+        """Groups of axes that share modes or springs, in the order of the axes."""
+        groups: list[tuple[list[str], list[Any], list[Any]]] = [([name], [], []) for name in self.axes]
         for coupling in self.couplings:
-            modes = coupling.modes()
-            if modes:
+            modes, springs = coupling.modes(), coupling.springs()
+            if modes or springs:
                 joined = [group for group in groups if set(group[0]) & set(coupling.axes())]
                 first = joined[0]
                 for other in joined[1:]:
-                    first[0].extend(other[0])
-                    first[1].extend(other[1])
+                    for mine, theirs in zip(first, other, strict=True):
+                        mine.extend(theirs)
                     groups.remove(other)
                 first[1].extend(modes)
-        axes = ({name: axis for name, axis in self.axes.items() if name in names} for names, _ in groups)
-        return [Core(own, modes) for own, (_, modes) in zip(axes, groups, strict=True)]
+                first[2].extend(springs)
+        axes = ({name: axis for name, axis in self.axes.items() if name in names} for names, *_ in groups)
+        return [Core(own, modes, springs) for own, (_, modes, springs) in zip(axes, groups, strict=True)]
 
     def substeps(self) -> int:
         """Of every axis: they are the same."""
@@ -66,8 +67,13 @@ class Joint:
         """What couplings and shared modes ask for at the substeps."""
         h = T / self.substeps()
         for core in self.cores:
-            if core.modes:
-                yield from slow_enough(core.mechanics(), None, h, f"the modes under {', '.join(core.axes)}")
+            if core.modes or core.springs:
+                yield from slow_enough(
+                    core.mechanics(),
+                    None,
+                    h,
+                    f"the {'modes' if core.modes else 'springs'} under {', '.join(core.axes)}",
+                )
         for coupling in self.couplings:
             yield from coupling.substep_rules(h)
 

@@ -216,6 +216,7 @@ def _coupling(block: Any, x: Inputs) -> Answers:
     motions = {name: x.motion() for name in block.axes()}
     start = state = block.start(prepared, motions)
     outputs: list[Any] = [tuple((mode.mass, mode.damping, mode.stiffness) for mode in block.modes())]
+    outputs.append(tuple((spring.stiffness, spring.damping) for spring in block.springs()))
     for step in range(STEPS):
         state, forces = block.step(prepared, state, motions, x.time + float(step) * x.T, x.T)
         outputs.append(tuple(forces.values()))

@@ -1,0 +1,44 @@
+"""The beam between two drives of one axis: a gantry."""
+
+from __future__ import annotations
+
+from feeddrive.blocks.machine_families import Coupling, SharedSpring
+from feeddrive.language.block import Number, choice, parameter
+from feeddrive.language.errors import StructureError
+
+
+class CrossBeam(Coupling):
+    """Two drives move one axis; the beam between them resists when one runs ahead, with its guides as a spring.
+
+        f = stiffness (x_axis - x_follower) + damping (x_axis' - x_follower'),   on both tables, against each other
+
+    Both drives have a plant, a control and an encoder of their own; half of the beam is part of the mass of each.  The
+    word of a part program that moves `axis` moves both.  They move in one exact hold, so that the beam may be as stiff
+    as it is.  What is left between their tables is the skew, in m; over their distance it is an angle.
+    When not to use it: for a slide on the beam whose mass changes the share of the two drives, which is constant here;
+    for a beam that is guided so softly that its turning has a mass of its own: then add a structure mode.
+    """
+
+    axis: str = choice("axis whose word of a part program moves both drives", default="y")
+    follower: str = choice("its second drive", default="y2")
+    stiffness: Number = parameter("N/m", "force against skew, at the tables", above=0)
+    damping: Number = parameter("N s/m", "damping of the skew", least=0, default=0)
+
+    def check(self) -> None:
+        """Two different axes."""
+        if self.axis == self.follower:
+            raise StructureError(
+                f"cross_beam: axis and follower are both '{self.axis}': a beam lies between two drives"
+            )
+
+    def axes(self) -> tuple[str, ...]:
+        """Both drives."""
+        return (self.axis, self.follower)
+
+    def springs(self) -> tuple[SharedSpring, ...]:
+        """The equation above."""
+        return (SharedSpring(self.stiffness, self.damping, {self.axis: 1.0, self.follower: -1.0}),)
+
+    def follows(self) -> dict[str, str]:
+        """The second drive follows the first."""
+        return {self.follower: self.axis}
