@@ -25,10 +25,13 @@ from feeddrive.language.block import enforce
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
+from feeddrive.loop.engine.plan import lazy_branches, plan
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
+from feeddrive.loop.runner import Prepared
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.loop.trace import concrete
+from feeddrive.loop.work import Work
 
 CHIP = 1e-4  # m
 # Al 7075-T6, carbide, 4 teeth, 12 mm, 30 degrees of helix, 6 mm deep
@@ -340,6 +343,17 @@ def test_native_code_has_the_bits_of_the_source() -> None:
             for name in ("x.position_load", "y.load_force", "y.velocity_load"):
                 assert float(signals[name]) == run[name][k], f"{name} at sample {k}"
     assert np.ptp(run["y.velocity_load"]) > 1e-3
+
+
+def test_a_single_run_computes_the_edges_in_the_work_alone() -> None:
+    """A branch for each tooth that is in the work, and in it one for each that is not in contact all along."""
+    made, _ = machine("y", replace(TOOL, teeth=3, slices=4), 6000.0, 50)
+    prepared = Prepared(made, Work(made, {"x": STILL, "y": STILL}).first())
+    planned = plan(prepared.program(load=False, enable=False).keeping(["x.load_force", "y.load_force"]))
+    together = {branch for branch in lazy_branches(planned) if branch.select in planned.together}
+    assert len({branch.select for branch in together}) == 2 * 3
+    sizes = sorted(len(inner) for inner in lazy_branches(planned).values())
+    assert sizes[-1] > 100, "the slices of a tooth"
 
 
 @pytest.mark.parametrize(

@@ -336,16 +336,17 @@ def test_what_is_the_same_for_all_variants_is_gathered_for_each():
 
 @pytest.mark.parametrize("name", LOOPS)
 def test_a_choice_computes_only_the_side_that_is_chosen(name: str, monkeypatch):
-    """Computing branches only when they are taken changes no bit, however cheap the branches."""
+    """Computing branches only when they are taken, alone or many by one truth, changes no bit."""
     loop, load = LOOPS[name]
     given_enable = given(loop, 2001)
     plain = simulate(loop, REFERENCE, load=load, enable=given_enable, duration=0.1, seed=1)
-    for least in (1, 10**9):
+    for least, fewest in ((1, 1), (1, 10**9), (10**9, 2)):
         monkeypatch.setattr(lazy_branches, "LEAST_COST", least)
+        monkeypatch.setattr(lazy_branches, "FEWEST", fewest)
         monkeypatch.setattr(runner, "_natives", Recent(8))
         other = simulate(loop, REFERENCE, load=load, enable=given_enable, duration=0.1, seed=1)
         for signal in Signals._fields:
-            assert np.array_equal(plain[signal], other[signal]), (least, signal)
+            assert np.array_equal(plain[signal], other[signal]), (least, fewest, signal)
 
 
 @pytest.mark.parametrize("name", LOOPS)

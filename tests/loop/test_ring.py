@@ -27,7 +27,7 @@ from feeddrive.language import ops, tree
 from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.graph import Graph, Symbol
-from feeddrive.language.ring import History, Ring
+from feeddrive.language.ring import History, Ring, Track
 from feeddrive.loop import routine_run
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
@@ -381,3 +381,22 @@ def test_a_history_forgets_at_a_reset_in_simulation_and_in_c():
     assert np.array_equal(answers[0][on:], answers[1][on:])
     fresh = routine_run.run(routine, inputs[off:])
     assert np.array_equal(answers[1][off:], fresh[:, 0]), "as if the loop had never run before"
+
+
+def test_a_track_is_read_by_hermite():
+    """A sine with its slope: whole ages exactly, between them within (ωh)⁴/384; and half a step ahead of there."""
+    h, w = 0.05, 3.0
+    track = Track.start(16, (np.float64(7.0), np.float64(0.0)))
+    assert track.ago(3.5, h) == (7.0, 0.0)
+    for k in range(40):
+        track = track.push((np.sin(w * h * k), 2.0), (w * np.cos(w * h * k), 0.0))
+    for age in (0.0, 1.0, 5.0, 15.0):
+        assert track.ago(age, h)[0] == pytest.approx(np.sin(w * h * (39 - age)), abs=1e-15)
+    for age in (0.5, 3.3, 13.9):
+        true = np.sin(w * h * (39 - age))
+        assert abs(track.ago(age, h)[0] - true) < 1.01 * (w * h) ** 4 / 384.0
+        ahead = track.ago(age, h, 0.5)[0] - track.ago(age, h)[0]
+        assert ahead == pytest.approx(0.5 * h * w * np.cos(w * h * (39 - age)), abs=0.5 * (w * h) ** 4 / 24.0)
+        assert track.ago(age, h)[1] == 2.0
+    old = track.settled()
+    assert old.ago(11.2, h) == (7.0, 0.0)

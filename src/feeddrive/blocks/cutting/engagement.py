@@ -94,16 +94,26 @@ def cut(
     back = ops.sin(width), ops.cos(width)
     begin = (tip - 0.5 * (edge.entry + edge.exit)) / (2.0 * ops.pi) + 0.5
     step = width / (2.0 * ops.pi)
+    short = slices * width <= ops.pi - arms.half  # the edge does not reach around what is not engaged
+    begin_of_work = 0.5 - 0.5 * arms.half / ops.pi  # in turns from the middle of what is not engaged
     total = [ops.zero(sine)] * 9
     for tooth in range(edge.teeth):
         s, c = _turned(sine, cosine, *_of_tooth(tooth, edge.teeth))
         place = begin + float(tooth) / teeth
         before = arms.end(s, c, place)
+        tip_end, own = before, [ops.zero(sine)] * len(total)
         for slice_ in range(1, edge.slices + 1):
             s, c = s * back[1] - c * back[0], c * back[1] + s * back[0]
             after = arms.end(s, c, place - float(slice_) * step)
-            total = [a + b for a, b in zip(total, _slice(after, before, moved), strict=True)]
+            own = [a + b for a, b in zip(own, _slice(after, before, moved), strict=True)]
             before = after
+        # in a single run an edge out of the work costs nothing, one that is in contact all along that of one slice
+        past = place - begin_of_work
+        works = past - ops.floor(past) < arms.half / ops.pi + slices * step
+        whole = ops.both(short, _in_contact(before, tip_end, moved))
+        at_once = _slice(before, tip_end, moved[:1])
+        own = [ops.where(whole, a, b) for a, b in zip(at_once, own, strict=True)]
+        total = [a + ops.where(works, b, 0.0) for a, b in zip(total, own, strict=True)]
     return _forces(edge, total, edge.axial_depth / (slices * width), rubbing)
 
 
@@ -138,6 +148,21 @@ class _Arms(NamedTuple):
         s = ops.where(below, self.entry[0], ops.where(above, self.exit[0], sine))
         c = ops.where(below, self.entry[1], ops.where(above, self.exit[1], cosine))
         return _End(held, s, c, s * c, s * s)
+
+
+def _in_contact(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> Any:
+    """Whether an edge cuts the surface of the tooth before all along.
+
+    The chip is a sine over the angle: what is not below 0 at two ends less than π apart is not below 0 between them.
+    """
+    (x, y), *others = moved
+    signs = [(x, y), *((other_x - x, other_y - y) for other_x, other_y in others)]
+    found: Any = True
+    for a, b in signs:
+        for end in (low, high):
+            above = a * end.sine + b * end.cosine >= 0.0
+            found = above if found is True else ops.both(found, above)
+    return found
 
 
 def _slice(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> list[Any]:

@@ -104,7 +104,7 @@ class Printer:
         """One operation."""
         node = self.plan.graph.nodes[index]
         name, inner = node[0], arguments(node)
-        if name in ("input", "table", "ring"):
+        if name in ("input", "table", "ring") or (index in self.plan.together and index in self.names):
             return
         vector = self.varies(index)
         kind = self.type(vector)
@@ -141,7 +141,7 @@ class Printer:
             suffix = f"v{self.plan.lanes}f64" if vector else "f64"
             self.names[index] = self.emit(f"call {kind} @llvm.{_INTRINSIC[name]}.{suffix}({kind} {values[0]})")
         elif name == "select":
-            self.names[index] = self.select(index, inner, vector)
+            self.select(index, inner, vector)
         elif name == "power_of_two":
             self.names[index] = self.power_of_two(values[0], vector)
         elif name == "exponent":
@@ -153,29 +153,35 @@ class Printer:
         else:
             raise AssertionError(f"no text for the operation '{name}'")
 
-    def select(self, index: int, inner: tuple[int, ...], vector: bool) -> str:
+    def select(self, index: int, inner: tuple[int, ...], vector: bool) -> None:
         """A choice between two values, by one truth for all lanes or one for each."""
-        if Branch(index, 1) in self.branches or Branch(index, 2) in self.branches:
-            return self.branch(index, inner)
+        group = self.plan.together.get(index, (index,))
+        if Branch(group[0], 1) in self.branches or Branch(group[0], 2) in self.branches:
+            self.branch(group)
+            return
         kind = self.type(vector, "i1" if self.plan.kinds.truth[index] else "double")
         each = vector and self.varies(inner[0])
         condition = f"{self.type(each, 'i1')} {self.names[inner[0]]}"
         a, b = self.value(inner[1], vector), self.value(inner[2], vector)
-        return self.emit(f"select {condition}, {kind} {a}, {kind} {b}")
+        self.names[index] = self.emit(f"select {condition}, {kind} {a}, {kind} {b}")
 
-    def branch(self, index: int, inner: tuple[int, ...]) -> str:
-        """A choice of which only the branch that is taken is computed."""
-        labels = {branch: f"branch{index}.{branch}" for branch in (1, 2)}
-        self.lines.append(f"  br i1 {self.names[inner[0]]}, label %{labels[1]}, label %{labels[2]}")
-        ends: list[str] = []
+    def branch(self, group: tuple[int, ...]) -> None:
+        """Choices by one truth of which only the branch that is taken is computed."""
+        first, nodes = group[0], self.plan.graph.nodes
+        labels = {branch: f"branch{first}.{branch}" for branch in (1, 2)}
+        self.lines.append(f"  br i1 {self.names[arguments(nodes[first])[0]]}, label %{labels[1]}, label %{labels[2]}")
+        ends: dict[int, list[str]] = {index: [] for index in group}
         for branch in (1, 2):
             self.begin(labels[branch])
-            for one in self.branches.get(Branch(index, branch), ()):
+            for one in self.branches.get(Branch(first, branch), ()):
                 self.node(one)
-            ends.append(f"[ {self.names[inner[branch]]}, %{self.block} ]")
-            self.lines.append(f"  br label %after{index}")
-        self.begin(f"after{index}")
-        return self.emit(f"phi {'i1' if self.plan.kinds.truth[index] else 'double'} {', '.join(ends)}")
+            for index in group:
+                ends[index].append(f"[ {self.names[arguments(nodes[index])[branch]]}, %{self.block} ]")
+            self.lines.append(f"  br label %after{first}")
+        self.begin(f"after{first}")
+        for index in group:
+            kind = "i1" if self.plan.kinds.truth[index] else "double"
+            self.names[index] = self.emit(f"phi {kind} {', '.join(ends[index])}")
 
     def power_of_two(self, k: str, vector: bool) -> str:
         """2ᵏ by writing k + 1023 where a double keeps its exponent."""

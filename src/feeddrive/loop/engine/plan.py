@@ -9,8 +9,8 @@ speed.  Cheap branches are always computed: a mispredicted branch costs about tw
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from feeddrive.language import mathematics, ops
@@ -73,6 +73,7 @@ class Plan:
     kinds: Kinds
     lanes: int
     arithmetic: str
+    together: Mapping[int, tuple[int, ...]]  # of a choice all that one truth decides with it, in a single run
 
     @property
     def memory(self) -> list[str]:
@@ -104,7 +105,7 @@ def plan(program: Program, *, lanes: int = 1, varying: Collection[str] = (), ari
         [(state.before, state.after) for state in moved],
     )
     ends = [state.after for state in moved]
-    return Plan(
+    made = Plan(
         graph=graph,
         constants=tuple((name, place[node]) for name, node in program.constants.items()),
         inputs=tuple((name, place[node]) for name, node in program.inputs.items()),
@@ -113,23 +114,62 @@ def plan(program: Program, *, lanes: int = 1, varying: Collection[str] = (), ari
         tables=tuple((name, place[node]) for name, node in program.tables.items()),
         rings=tuple((graph.nodes[index][1], index, graph.nodes[index][2]) for index in rings),
         sample=sample,
-        order=_ordered(graph, needed, ends, single=lanes == 1),
+        order=(),
         kinds=kinds,
         lanes=lanes,
         arithmetic=arithmetic,
+        together=_together(graph, needed, kinds) if lanes == 1 else {},
     )
+    made = _in_order(made, needed, ends)
+    if made.together:
+        branches = {branch.select for branch in lazy_branches(made)}
+        worth = {index: group for index, group in made.together.items() if group[0] in branches}
+        if len(worth) < len(made.together):  # what is cheap is chosen where it was traced
+            made = _in_order(replace(made, together=worth), needed, ends)
+    return made
 
 
-def _ordered(graph: Graph, needed: list[int], ends: list[int], *, single: bool) -> tuple[int, ...]:
+def _in_order(made: Plan, needed: list[int], ends: list[int]) -> Plan:
+    return replace(made, order=_ordered(made.graph, needed, ends, made.together, single=made.lanes == 1))
+
+
+def _together(graph: Graph, needed: list[int], kinds: Kinds) -> dict[int, tuple[int, ...]]:
+    """For each choice all choices by the same truth that can be made where the first of them is made.
+
+    Several results that only one side needs, such as the forces of a tooth in the work, are then one branch.  What they
+    choose from was traced before the first of them, so that none of them waits for another one.
+    """
+    open_: dict[int, list[int]] = {}
+    groups: list[list[int]] = []
+    for index in needed:
+        node = graph.nodes[index]
+        if node[0] == "select" and kinds.moving[index]:
+            group = open_.get(node[1])
+            if group is None or max(arguments(node)) >= group[0]:
+                group = open_[node[1]] = []
+                groups.append(group)
+            group.append(index)
+    return {index: tuple(group) for group in groups if len(group) >= FEWEST for index in group}
+
+
+def _ordered(
+    graph: Graph, needed: list[int], ends: list[int], together: Mapping[int, tuple[int, ...]], *, single: bool
+) -> tuple[int, ...]:
     """The order of evaluation: that of the trace with lanes; of a single run the longest chains first.
 
     The longest chains are those of the next states with the most operations in a row, with all that they need.  A
     single run waits for such a chain from sample to sample: a processor that meets it early fills the waiting with the
     rest.  With lanes there is enough to fill it, and the order of the trace keeps fewer numbers alive.
 
-    A ring is written in place, after all reads of its previous contents.
+    A ring is written in place, after all reads of its previous contents.  Choices that are made together follow each
+    other.
     """
     before = reads_first(graph, needed)
+
+    def inner(index: int) -> Sequence[int]:
+        group = together.get(index)
+        return arguments(graph.nodes[index]) if group is None else _chosen_from(graph, group)
+
     if not single and not before:
         return tuple(needed)
     depth: dict[int, int] = {}
@@ -141,7 +181,7 @@ def _ordered(graph: Graph, needed: list[int], ends: list[int], *, single: bool) 
         waiting = [end]
         while waiting:
             last = waiting[-1]
-            missing = [i for i in (*arguments(graph.nodes[last]), *before.get(last, ())) if i not in order]
+            missing = [i for i in (*inner(last), *before.get(last, ())) if i not in order]
             if missing:
                 if before and last in waited and missing[0] in waited:
                     raise StructureError(
@@ -151,8 +191,13 @@ def _ordered(graph: Graph, needed: list[int], ends: list[int], *, single: bool) 
                 waiting.append(missing[0])
             else:
                 waited.discard(last)
-                order[waiting.pop()] = None
+                order |= dict.fromkeys(together.get(waiting.pop(), (last,)))
     return tuple(order)
+
+
+def _chosen_from(graph: Graph, group: Sequence[int]) -> list[int]:
+    """What some choices need."""
+    return [i for index in group for i in arguments(graph.nodes[index])]
 
 
 def reads_first(graph: Graph, needed: Collection[int]) -> dict[int, list[int]]:
@@ -208,11 +253,12 @@ def _inside(place: Symbol, length: int) -> Symbol:
 
 
 LEAST_COST = 32  # in additions; a polynomial of one quarter of the sine's period is below it
+FEWEST = 4  # choices by one truth that are made together: fewer share little
 _COSTS = {"input": 0, "div": 10, "sqrt": 10, "uniform": 30, "gather": 5} | dict.fromkeys(ELEMENTARY, 40)
 
 
 class Branch(NamedTuple):
-    """One branch of a `select` node: 1 for true, 2 for false."""
+    """One branch of a `select` node, or of several that are made together, by the first: 1 for true, 2 for false."""
 
     select: int
     branch: int
@@ -257,11 +303,17 @@ def _places(plan: Plan) -> dict[int, Branch | None]:
         if not moving[index]:
             continue
         # what reads or writes a ring has its place in the order of these
-        places[index] = None if nodes[index][0] in ("get", "put") else _common(needs[index], places)
-        inner = arguments(nodes[index])
-        for position, argument in enumerate(inner):
-            chosen = nodes[index][0] == "select" and position > 0 and inner[1] != inner[2]
-            needs.setdefault(argument, []).append(Branch(index, position) if chosen else places[index])
+        group = plan.together.get(index, (index,))
+        if group[-1] in places and index != group[-1]:
+            continue
+        wanted = [branch for each in group for branch in needs[each]]
+        place = None if nodes[index][0] in ("get", "put") else _common(wanted, places)
+        for each in group:
+            places[each] = place
+            inner = arguments(nodes[each])
+            for position, argument in enumerate(inner):
+                chosen = nodes[each][0] == "select" and position > 0 and inner[1] != inner[2]
+                needs.setdefault(argument, []).append(Branch(group[0], position) if chosen else place)
     return places
 
 
