@@ -1,5 +1,7 @@
 """The machine that cuts: stability of the cut, contour error, circle test, reversal, load and surface."""
 
+from feeddrive.machining.chatter_signs import ChatterSigns as ChatterSigns
+from feeddrive.machining.chatter_signs import chatter_signs as chatter_signs
 from feeddrive.machining.contour import ContourError as ContourError
 from feeddrive.machining.contour import contour_error as contour_error
 from feeddrive.machining.load import AxisLoad as AxisLoad

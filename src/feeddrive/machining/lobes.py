@@ -143,7 +143,8 @@ class Lobes(Result):
     def table(self) -> Table:
         """The best pockets and the least limit."""
         rows = []
-        for i in [*self.pockets(), int(np.argmin(self.depth))]:
+        least = int(np.argmin(self.depth))
+        for i in [*(each for each in self.pockets() if each != least), least]:
             there = np.isfinite(self.depth[i])
             limit = f"{1e3 * self.depth[i]:.5g}" if there else f"over {1e3 * self.deepest:.4g}"
             kind = kind_of(self.multiplier[i]) if there else "none"

@@ -17,6 +17,7 @@ from feeddrive.plot.identification import residuals as residuals
 from feeddrive.plot.identification import rigid_fit as rigid_fit
 from feeddrive.plot.identification import steady_runs as steady_runs
 from feeddrive.plot.identification import validation as validation
+from feeddrive.plot.lobes import chatter_signs as chatter_signs
 from feeddrive.plot.lobes import lobes as lobes
 from feeddrive.plot.over_frequency import bode as bode
 from feeddrive.plot.over_frequency import closed_loop as closed_loop

@@ -1,4 +1,4 @@
-"""Pictures of chatter: the lobes over the spindle speed."""
+"""Pictures of chatter: the lobes over the spindle speed; its signs in a signal."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from feeddrive.language.table import shown
 from feeddrive.plot import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from feeddrive.machining.chatter_signs import ChatterSigns
     from feeddrive.machining.lobes import CutStability, Lobes
 
 _SHADE = "#d9efe8"  # the third color of the style, thinned
@@ -84,3 +86,36 @@ def _own(ax: Axes, own: CutStability) -> None:
     ax.annotate(said, (own.speed, 1e3 * own.depth), xytext=(-8 if right else 8, 5), textcoords="offset points",
                 ha="right" if right else "left", fontsize=style.SMALL, color=color,
                 bbox={"facecolor": style.PAPER, "edgecolor": "none", "pad": 0.8, "alpha": 0.85})  # fmt: skip
+
+
+def chatter_signs(found: ChatterSigns) -> Any:
+    """Spectrum with the harmonics of the teeth apart from the rest; each sample once per tooth over the one before."""
+    figure, _ = style.picture(1, height=3.6)
+    figure.clear()
+    left, right = (style.dressed(ax) for ax in figure.subplots(1, 2, gridspec_kw={"width_ratios": (1.7, 1.0)}))
+    lines = found.spectrum
+    unit, factor = shown(lines.unit)
+    top = min(float(lines.frequency[-1]), 8.0 * max(found.passing, found.chatter if found.dots != 1 else 0.0))
+    chosen = (lines.frequency > 0.0) & (lines.frequency <= top)
+    for i, (mask, name) in enumerate(((found.harmonic, "harmonics of the teeth"), (~found.harmonic, "all else"))):
+        amplitude = np.where(mask & chosen, factor * lines.amplitude, np.nan)
+        left.vlines(lines.frequency, 0.0, amplitude, color=style.color(i), linewidth=style.LINE, label=name)
+    if found.dots != 1:
+        peak = factor * float(lines.amplitude[np.searchsorted(lines.frequency, found.chatter)])
+        left.annotate(f"{found.chatter:.4g} Hz", (found.chatter, peak), xytext=(4, 2), textcoords="offset points",
+                      fontsize=style.SMALL, color=style.color(1))  # fmt: skip
+    left.set_xlim(0.0, top)
+    left.set_ylim(0.0, 1.12 * factor * float(np.max(lines.amplitude[chosen])))
+    style.labels(left, "frequency (Hz)", f"{lines.name.replace('_', ' ')} ({style.written(unit)})")
+    values = factor * found.samples
+    right.plot(values[:-1], values[1:], ".", color=style.color(0 if found.dots == 1 else 1), markersize=4)
+    said = {1: "one dot: stable", 2: "two dots: flip", 0: "a ring: Hopf chatter"}[found.dots]
+    style.note(right, said)
+    middle, spread = float(np.mean(values)), 1.3 * float(np.ptp(values))
+    room = max(0.5 * spread, 0.5 * factor * found.swing if found.dots == 1 else 0.0) or 1.0
+    right.set_xlim(middle - room, middle + room)
+    right.set_ylim(middle - room, middle + room)
+    right.set_aspect("equal")
+    style.labels(right, f"once per tooth ({style.written(unit)})", f"a tooth later ({style.written(unit)})")
+    style.legend(figure, left)
+    return figure

@@ -47,6 +47,7 @@ PICTURES = {
     "loop.linearize:StateSpace": "complex_plane:poles",
     "loop.simulate:Batch": "distributions:batch",
     "loop.simulate:Run": "over_time:run",
+    "machining.chatter_signs:ChatterSigns": "lobes:chatter_signs",
     "machining.lobes:Lobes": "lobes:lobes",
     "machining.part_run:PartRun": "part_run:part_run",
     "path.planned:Planned": "planned:planned",
