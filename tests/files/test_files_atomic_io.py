@@ -187,6 +187,13 @@ def test_an_interrupted_directory_leaves_nothing(tmp_path: Path, interruption: t
     assert listing(tmp_path) == ["out", "out/.feeddrive", "out/old"]
 
 
+def test_a_file_of_a_directory_that_cannot_be_written_is_named_as_it_would_be(tmp_path: Path) -> None:
+    with pytest.raises(FileError) as caught, new_directory(tmp_path / "out") as folder:
+        raise FileError(f"{folder / 'setpoints.parquet'}: cannot be written: no space left on device")
+    assert str(caught.value) == f"{tmp_path / 'out' / 'setpoints.parquet'}: cannot be written: no space left on device"
+    assert listing(tmp_path) == []
+
+
 def test_a_failing_rename_brings_the_old_directory_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with new_directory(tmp_path / "out") as folder:
         (folder / "old").write_text("")

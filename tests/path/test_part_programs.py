@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from feeddrive.language.errors import ParameterError, ProgramError
+from feeddrive.language.errors import FileError, ParameterError, ProgramError
 from feeddrive.path.program.codes import G_CODES, M_CODES, REFUSED, name_of
 from feeddrive.path.program.commands import Command, canonical_text, read_command
 from feeddrive.path.program.moves import Arc, Feed, Message, Move, PathMode, Spline, Straight, Switch, Synchronized
@@ -441,6 +441,12 @@ def test_wrong_programs_are_refused_at_their_place(text: str, place: tuple[int, 
         list(read_program(path, most_again=2000))
     assert (caught.value.line, caught.value.column) == place
     assert str(path) in str(caught.value)
+
+
+def test_a_device_is_no_program():
+    """One that never ends had been counted line by line."""
+    with pytest.raises(FileError, match=r"/dev/zero: is a device or pipe"):
+        read_program("/dev/zero")
 
 
 def test_text_of_two_bytes_a_character_is_named(tmp_path: Path):

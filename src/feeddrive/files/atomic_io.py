@@ -28,6 +28,7 @@ _WHAT_TO_DO = {
     errno.EDQUOT: "free some space or choose another disk",
     errno.EACCES: "change its permissions or choose another place",
     errno.EPERM: "change its permissions or choose another place",
+    errno.EFBIG: "raise the limit of file sizes (ulimit -f) or choose another disk",
     errno.EROFS: "choose a place that can be written",
     errno.ENAMETOOLONG: "choose a shorter name",
     errno.ENOENT: "check the name",
@@ -147,6 +148,10 @@ def new_directory(path: str | Path) -> Generator[Path]:
         finished = True
     except OSError as error:
         raise refusal(_seen(error.filename, temporary, target) or path, "written", error) from None
+    except FileError as error:
+        if str(temporary) not in str(error):  # of a file in it
+            raise
+        raise FileError(str(error).replace(str(temporary), str(target))) from None
     finally:
         if not finished:
             shutil.rmtree(temporary, ignore_errors=True)

@@ -57,6 +57,8 @@ class LineReader:
         try:
             if self._path.is_dir():
                 raise FileError(f"{self.name}: this is a folder, a part program is a file")
+            if self._path.exists() and not self._path.is_file():
+                raise FileError(f"{self.name}: is a device or pipe, not a file; copy it to a file first")
             return self._path.open("rb")
         except OSError as error:
             raise FileError(f"{self.name}: cannot be read: {error.strerror or error}") from None
