@@ -2,6 +2,13 @@
 
 from feeddrive.machining.chatter_signs import ChatterSigns as ChatterSigns
 from feeddrive.machining.chatter_signs import chatter_signs as chatter_signs
+from feeddrive.machining.circle_causes import CircleCauses as CircleCauses
+from feeddrive.machining.circle_causes import circle_causes as circle_causes
+from feeddrive.machining.circle_test import CirclePath as CirclePath
+from feeddrive.machining.circle_test import CircleTest as CircleTest
+from feeddrive.machining.circle_test import circle_of_run as circle_of_run
+from feeddrive.machining.circle_test import circle_path as circle_path
+from feeddrive.machining.circle_test import circle_test as circle_test
 from feeddrive.machining.contour import ContourError as ContourError
 from feeddrive.machining.contour import contour_error as contour_error
 from feeddrive.machining.load import AxisLoad as AxisLoad

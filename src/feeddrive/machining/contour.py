@@ -221,11 +221,11 @@ def contour_error(
     run = actual if isinstance(actual, Run) else None
     if isinstance(actual, Run):
         chosen = _axes(actual, axes)
-        position = _columns(actual, chosen, signal)
+        position = tool_columns(actual, chosen, signal)
         time, step = actual.time, actual.sample_time
         if path is None:
-            path, velocity = _columns(actual, chosen, "set_position"), _columns(actual, chosen, "set_velocity")
-            acceleration = _columns(actual, chosen, "set_acceleration")
+            path, velocity = tool_columns(actual, chosen, "set_position"), tool_columns(actual, chosen, "set_velocity")
+            acceleration = tool_columns(actual, chosen, "set_acceleration")
     else:
         position = np.asarray(actual, dtype=np.float64)
         if position.ndim != 2:
@@ -308,7 +308,8 @@ def _axes(run: Run, axes: Sequence[str] | None) -> tuple[str, ...]:
     return tuple(axes)
 
 
-def _columns(run: Run, axes: Sequence[str], signal: str) -> np.ndarray:
+def tool_columns(run: Run, axes: Sequence[str], signal: str) -> np.ndarray:
+    """Positions of axes, m, shape (n, N): the tool point where the run has it, or a signal of each axis."""
     if signal == "tool":
         there = all(f"tool.{name}" in run.signals for name in axes)
         names = [f"tool.{name}" if there else f"{name}.position_load" for name in axes]

@@ -1,0 +1,367 @@
+"""The circular test of ISO 230-4: full circles at constant feed, and what their radial deviations say of a machine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import linprog
+
+from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.simulate import Run
+from feeddrive.machining.contour import tool_columns
+
+POINTS = 3600  # of a circle, evenly in angle
+_EVEN = 0.05  # a rate of the angle that differs more from the usual one is no circle at the feed
+_SETTLED = 0.005  # within which it begins and ends
+_OVER = np.radians(2.0)  # over which the rate is taken
+_OPEN = 0.1  # of G: the gap between begin and end of a turn that is no closed circle
+_SMALL = 1e-6  # m: of such a gap, which is always allowed
+_SAME_FEED = 0.02
+_ROUND = 1e-4  # m: a nominal radius that nobody stated is a multiple of it
+
+DIRECTIONS = {1: "CCW", -1: "CW"}
+
+
+@dataclass(frozen=True, eq=False)
+class CirclePath:
+    """One full circle at constant feed, evenly in angle.
+
+    x, y       m, shape (n,), in the direction of the motion
+    direction  1 counter-clockwise, -1 clockwise, seen on the plane of the axes
+    feed       m/s
+    radius     nominal, m
+    center     of the set-up, m; None if it is not known
+    axes       their names
+    source     what was measured: "tool", or "encoder": figures of encoders do not see what lies behind them
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    direction: int
+    feed: float
+    radius: float
+    center: tuple[float, float] | None = None
+    axes: tuple[str, str] = ("x", "y")
+    source: str = "tool"
+
+    @property
+    def name(self) -> str:
+        """Direction and feed, as people write them."""
+        return f"{DIRECTIONS[self.direction]} {60e3 * self.feed:.4g} mm/min"
+
+
+class Zone(NamedTuple):
+    """Two concentric circles around a path: center and radii, m."""
+
+    center: np.ndarray
+    least: float
+    most: float
+
+    @property
+    def width(self) -> float:
+        """The radial gap, m."""
+        return self.most - self.least
+
+
+class Figures(NamedTuple):
+    """The quantities of one circle, or of two of one feed in both directions, m.
+
+    name      of the circle, or the feed of both
+    G         circular deviation: gap of the two nearest concentric circles; of both directions G(b)
+    F_max, F_min  radial deviations from the nominal radius, about `center`
+    D         mean radius of the least-squares circle less the nominal one; of both directions ISO's D
+    center    of the radial deviations
+    both      whether it is of both directions
+    """
+
+    name: str
+    G: float
+    F_max: float
+    F_min: float
+    D: float
+    center: np.ndarray
+    both: bool
+
+
+def circle_fit(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
+    """Center and radius (m) with the least Σ (|p - c| - R)², by Gauss-Newton steps from the center of gravity."""
+    center = np.array([np.mean(x), np.mean(y)])
+    for _ in range(50):
+        dx, dy = x - center[0], y - center[1]
+        r = np.hypot(dx, dy)
+        if not np.all(r > 0.0):
+            break
+        design = np.column_stack([-dx / r, -dy / r, -np.ones(len(x))])
+        step = np.linalg.lstsq(design, np.mean(r) - r, rcond=None)[0][:2]
+        center = center + step
+        if np.max(np.abs(step)) <= 1e-16 + 1e-13 * np.mean(r):
+            break
+    return center, float(np.mean(np.hypot(x - center[0], y - center[1])))
+
+
+def minimum_zone(x: np.ndarray, y: np.ndarray) -> Zone:
+    """The two nearest concentric circles around a path: min (s - l) with l <= r - u·δc <= s, repeated.
+
+    Linear programs on the outermost and innermost points; those that a solution cuts off join until none does.
+    """
+    center, _ = circle_fit(x, y)
+    best = _zone(x, y, center)
+    for _ in range(8):
+        dx, dy = x - center[0], y - center[1]
+        r = np.hypot(dx, dy)
+        ux, uy = dx / r, dy / r
+        middle = float(np.mean(r))
+        order = np.argsort(r)
+        chosen = set(order[:40].tolist()) | set(order[-40:].tolist()) | set(range(0, len(x), max(1, len(x) // 72)))
+        scale = max(float(np.ptp(r)), 1e-12)
+        step = np.zeros(2)
+        for _ in range(10):
+            rows = np.array(sorted(chosen))
+            u, e, one = np.column_stack([ux[rows], uy[rows]]), (r[rows] - middle) / scale, np.ones((len(rows), 1))
+            zero = np.zeros_like(one)
+            # unknown: δc (as a part of `scale`), s, l
+            bounds = np.vstack([np.hstack([-u, -one, zero]), np.hstack([u, zero, one])])
+            found = linprog([0, 0, 1, -1], bounds, np.concatenate([-e, e]), bounds=(None, None), method="highs")
+            if found.x is None:
+                return best
+            step = scale * found.x[:2]
+            left = r - ux * step[0] - uy * step[1] - middle
+            slack = 1e-6 * scale  # ten times what the linear program leaves
+            beyond = np.flatnonzero((left > scale * found.x[2] + slack) | (left < scale * found.x[3] - slack))
+            if not len(beyond):
+                break
+            chosen |= set(beyond[np.argsort(-np.abs(left[beyond]))][:40].tolist())
+        center = center + step
+        best = min(best, _zone(x, y, center), key=lambda each: each.width)
+        if np.max(np.abs(step)) < 1e-6 * scale:
+            break
+    return best
+
+
+def _zone(x: np.ndarray, y: np.ndarray, center: np.ndarray) -> Zone:
+    r = np.hypot(x - center[0], y - center[1])
+    return Zone(center, float(np.min(r)), float(np.max(r)))
+
+
+def circle_path(
+    x: np.ndarray,
+    y: np.ndarray,
+    *,
+    sample_time: float | None = None,
+    time: np.ndarray | None = None,
+    radius: float | None = None,
+    center: tuple[float, float] | None = None,
+    axes: tuple[str, str] = ("x", "y"),
+    source: str = "tool",
+    points: int = POINTS,
+    name: str = "circle",
+) -> CirclePath:
+    """The last full turn at constant feed of a motion, resampled evenly in angle about its least-squares center.
+
+    x, y         m, shape (n,), of the whole motion: run-in, turns, run-out
+    sample_time  s; or the time of each row, s
+    radius       nominal, m; default: that of the fit, rounded to 0.1 mm
+    center       of the set-up, m, if it is known
+
+    Raises LogError for fewer than a full turn at constant feed and for a turn that does not close, ParameterError for
+    rows that do not fit.
+    """
+    x, y = (np.asarray(each, dtype=np.float64) for each in (x, y))
+    if time is None:
+        if sample_time is None:
+            raise ParameterError(f"{name}: a circle needs its sample_time or the time of each row, s")
+        time = sample_time * np.arange(len(x))
+    if x.ndim != 1 or x.shape != y.shape or x.shape != np.shape(time) or len(x) < 16:
+        raise ParameterError(f"{name}: {axes[0]}, {axes[1]} and time need equal rows, 16 or more, not "
+                             f"{np.size(x)}, {np.size(y)} and {np.size(time)}")  # fmt: skip
+    if not (np.all(np.isfinite(x)) and np.all(np.isfinite(y))):
+        raise ParameterError(f"{name}: a position is not finite")
+    middle, _ = circle_fit(x, y)
+    begin, end = _at_feed(x, y, np.asarray(time), middle, name)
+    middle, fitted = circle_fit(x[begin:end], y[begin:end])
+    angle = np.unwrap(np.arctan2(y[begin:end] - middle[1], x[begin:end] - middle[0]))
+    direction = 1 if angle[-1] > angle[0] else -1
+    turned = direction * angle
+    if turned[-1] - turned[0] < 2.0 * np.pi:
+        raise LogError(f"{name}: only {np.degrees(turned[-1] - turned[0]):.4g}° are at constant feed: a full circle is "
+                       "needed, 360° without run-in and run-out; command 1.5 turns or more")  # fmt: skip
+    r = np.hypot(x[begin:end] - middle[0], y[begin:end] - middle[1])
+    first = int(np.searchsorted(turned, turned[-1] - 2.0 * np.pi, side="right")) - 1
+    first = max(first, 0)
+    gap = float(r[-1] - np.interp(turned[-1] - 2.0 * np.pi, turned, r))
+    if abs(gap) > max(_OPEN * float(np.ptp(r[first:])), _SMALL):
+        raise LogError(f"{name}: the circle is not closed: after a turn the radius differs by {1e6 * gap:.3g} um. Let "
+                       "it settle for another turn, or look for drift")  # fmt: skip
+    wanted = turned[-1] - 2.0 * np.pi + 2.0 * np.pi * (np.arange(points) + 0.5) / points
+    places = np.maximum.accumulate(turned[first:])
+    even = _averaged(places, r[first:], wanted) if len(places) > 4 * points else np.interp(wanted, places, r[first:])
+    span = float(time[begin:end][-1] - time[begin:end][first])
+    feed = fitted * float(turned[-1] - turned[first]) / span
+    nominal = _ROUND * round(fitted / _ROUND) if radius is None else radius
+    if radius is not None and abs(fitted - radius) > 0.05 * radius:
+        raise ParameterError(f"{name}: the circle has a radius of {1e3 * fitted:.4g} mm, and radius = "
+                             f"{1e3 * radius:.4g} mm was stated")  # fmt: skip
+    drawn = direction * wanted
+    return CirclePath(
+        middle[0] + even * np.cos(drawn),
+        middle[1] + even * np.sin(drawn),
+        direction,
+        feed,
+        nominal,
+        center,
+        axes,
+        source,
+    )
+
+
+def _at_feed(x: np.ndarray, y: np.ndarray, time: np.ndarray, middle: np.ndarray, name: str) -> tuple[int, int]:
+    """First row and end of the longest stretch in which the angle changes at an even rate."""
+    angle = np.unwrap(np.arctan2(y - middle[1], x - middle[0]))
+    whole = abs(float(angle[-1] - angle[0]))
+    if whole < 2.0 * np.pi:
+        raise LogError(f"{name}: the motion turns by {np.degrees(whole):.4g}° about its center: no full circle")
+    turned = np.abs(angle - angle[0])
+    far = np.searchsorted(np.maximum.accumulate(turned), turned + _OVER)
+    inside = far < len(x)
+    rate = np.zeros(len(x))
+    rows = np.flatnonzero(inside)
+    rate[rows] = (turned[far[rows]] - turned[rows]) / (time[far[rows]] - time[rows])
+    # the usual rate: the median over the angle, which a dwell does not change
+    weights = np.abs(np.diff(angle, append=angle[-1]))
+    order = np.argsort(rate)
+    usual = rate[order[np.searchsorted(np.cumsum(weights[order]), 0.5 * np.sum(weights))]]
+    even = inside & (np.abs(rate - usual) <= _EVEN * usual)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], even, [False]]).astype(int)))
+    begins, ends = edges[::2], edges[1::2]
+    if not len(begins):
+        raise LogError(f"{name}: no stretch of the motion has a constant feed")
+    longest = int(np.argmax(turned[np.minimum(ends, len(x) - 1)] - turned[begins]))
+    stretch = slice(begins[longest], ends[longest])
+    there = begins[longest] + np.flatnonzero(np.abs(rate[stretch] - usual) <= _SETTLED * usual)
+    return int(there[0]), int(there[-1]) + 1
+
+
+def _averaged(places: np.ndarray, r: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """The mean radius between the middles of wanted angles, where there are many rows for each."""
+    step = wanted[1] - wanted[0]
+    edges = np.searchsorted(places, np.append(wanted - 0.5 * step, wanted[-1] + 0.5 * step))
+    sums = np.concatenate([[0.0], np.cumsum(r)])
+    count = np.diff(edges)
+    return np.where(count > 0, np.diff(sums[edges]) / np.maximum(count, 1), np.interp(wanted, places, r))
+
+
+def circle_of_run(
+    run: Run, axes: tuple[str, str] = ("x", "y"), *, radius: float | None = None,
+    center: tuple[float, float] | None = None, signal: str = "tool", points: int = POINTS,
+) -> CirclePath:  # fmt: skip
+    """The circle of a simulated run; `signal` as in `contour_error`, readings are labelled as those of encoders."""
+    position = tool_columns(run, axes, signal)
+    return circle_path(
+        position[:, 0], position[:, 1], sample_time=run.sample_time, radius=radius, center=center, axes=axes,
+        source="encoder" if signal.startswith("reading") else "tool", points=points, name=run.name,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CircleTest(Result):
+    """The figures of some circles of one radius, and of the pairs of both directions.
+
+    circles  that were measured
+    figures  of each, and then of each feed that was run in both directions
+    about    what the radial deviations F are about: "least squares" or "set-up"
+    """
+
+    circles: tuple[CirclePath, ...]
+    figures: tuple[Figures, ...]
+    about: str
+
+    @property
+    def radius(self) -> float:
+        """Nominal, m."""
+        return self.circles[0].radius
+
+    @property
+    def largest(self) -> Figures:
+        """Those with the largest circular deviation, of both directions where there are some."""
+        both = [each for each in self.figures if each.both]
+        return max(both or self.figures, key=lambda each: each.G)
+
+    def table(self) -> Table:
+        """One row for each circle and each pair, in um."""
+        first = self.circles[0]
+        label = "" if first.source == "tool" else "; FROM ENCODERS, which do not see the tool"
+        title = (
+            f"circular test after ISO 230-4: R {1e3 * self.radius:.5g} mm in {''.join(first.axes)}; F about the "
+            f"{self.about} center{label}"
+        )
+        rows = [
+            ["both " + each.name if each.both else each.name, f"{1e6 * each.G:.4g}{' (b)' if each.both else ''}",
+             f"{1e6 * each.F_max:+.4g}", f"{1e6 * each.F_min:+.4g}", f"{1e6 * each.D:+.4g}",
+             f"{1e6 * each.center[0]:+.4g}", f"{1e6 * each.center[1]:+.4g}"]
+            for each in self.figures
+        ]  # fmt: skip
+        return Table(title, ["circle", "G um", "F max um", "F min um", "D um", "center x um", "center y um"], rows)
+
+
+def circle_test(circles: Sequence[CirclePath], *, about: str = "least squares") -> CircleTest:
+    """G, F and D of circles, and G(b) and D of both directions at one feed.
+
+    G is the minimum zone, in which the radius is free; F and D are about the nominal radius.
+
+    about  center of F: "least squares" of each circle, or "set-up", which all circles must state then
+
+    Raises ParameterError for no circle, circles of different radii, planes or sources, and for another `about`.
+    """
+    if not circles:
+        raise ParameterError("a circular test needs at least one circle")
+    if about not in ("least squares", "set-up"):
+        raise ParameterError(f"about = {about!r} must be one of least squares, set-up")
+    first = circles[0]
+    for each in circles[1:]:
+        if abs(each.radius - first.radius) > 1e-9 or each.axes != first.axes or each.source != first.source:
+            raise ParameterError(
+                f"the circles of one test have one radius, plane and source: {first.name} has "
+                f"{1e3 * first.radius:.5g} mm in {''.join(first.axes)} by {first.source}, {each.name} "
+                f"{1e3 * each.radius:.5g} mm in {''.join(each.axes)} by {each.source}"
+            )
+    if about == "set-up" and any(each.center is None for each in circles):
+        raise ParameterError("F about the set-up center needs the center of each circle")
+    figures = [_figures([each], about) for each in circles]
+    for i, each in enumerate(circles):
+        others = [other for other in circles[i + 1 :] if other.direction == -each.direction and same_feed(each, other)]
+        figures += [_figures([each, other], about) for other in others[:1]]
+    return CircleTest(tuple(circles), tuple(figures), about)
+
+
+def same_feed(one: CirclePath, other: CirclePath) -> bool:
+    """Whether two feeds differ by 2 % at most."""
+    return abs(one.feed - other.feed) <= _SAME_FEED * max(one.feed, other.feed)
+
+
+def _figures(circles: list[CirclePath], about: str) -> Figures:
+    x, y = (np.concatenate([getattr(each, name) for each in circles]) for name in ("x", "y"))
+    center, mean = circle_fit(x, y)
+    first = circles[0]
+    if about == "set-up" and first.center is not None:
+        center = np.array(first.center)
+    r = np.hypot(x - center[0], y - center[1])
+    both = len(circles) == 2
+    return Figures(
+        name=first.name.split(" ", 1)[1] if both else first.name,
+        G=minimum_zone(x, y).width,
+        F_max=float(np.max(r)) - first.radius,
+        F_min=float(np.min(r)) - first.radius,
+        D=mean - first.radius,
+        center=center,
+        both=both,
+    )
+
+
+def about_origin(circle: CirclePath) -> CirclePath:
+    """The circle in coordinates in which its set-up center, or else its least-squares center, is 0."""
+    center = circle_fit(circle.x, circle.y)[0] if circle.center is None else np.array(circle.center)
+    return replace(circle, x=circle.x - center[0], y=circle.y - center[1], center=(0.0, 0.0))
