@@ -81,6 +81,19 @@ class Run(Result):
             raise ParameterError(f"the run has no signal '{signal}'; it has {', '.join(self.signals)}")
         return self.signals[signal]
 
+    def axis(self, name: str) -> Run:
+        """The run of one axis of a machine, with the names that a single axis has.
+
+        Raises ParameterError for an axis that it does not have.
+        """
+        own = {quantity(signal): signal for signal in self.signals if signal == f"{name}.{quantity(signal)}"}
+        if not own:
+            there = dict.fromkeys(signal.rpartition(".")[0] for signal in self.signals)
+            raise ParameterError(f"the run has no axis '{name}'; it has {', '.join(filter(None, there))}")
+        turning = frozenset({""} if f"{name}." in self.turning else ())
+        signals = {short: self.signals[signal] for short, signal in own.items()}
+        return Run(f"{self.name}, axis {name}", signals, self.sample_time, self.samples, self.first, turning)
+
     @property
     def units(self) -> dict[str, str]:
         """SI unit of every signal."""

@@ -8,6 +8,9 @@ from feeddrive.tuning.iterative_feedforward import begin_compensation as begin_c
 from feeddrive.tuning.iterative_feedforward import compensated as compensated
 from feeddrive.tuning.iterative_feedforward import next_iteration as next_iteration
 from feeddrive.tuning.limits import Limits as Limits
+from feeddrive.tuning.machine_trials import MachineTrials as MachineTrials
+from feeddrive.tuning.machine_trials import iterate_machine as iterate_machine
+from feeddrive.tuning.machine_trials import tune_prefilters as tune_prefilters
 from feeddrive.tuning.operating_point import OperatingPoint as OperatingPoint
 from feeddrive.tuning.operating_point import measured_point as measured_point
 from feeddrive.tuning.operating_point import modelled_point as modelled_point

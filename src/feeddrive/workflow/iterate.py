@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from feeddrive.analysis.contour_control import matched_dynamics
 from feeddrive.blocks.families import Reference
 from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
 from feeddrive.blocks.feedforward.inertia import Inertia
@@ -11,7 +12,7 @@ from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.formats import OpenedFile
-from feeddrive.files.job import JobLike, read_job
+from feeddrive.files.job import Job, JobLike, read_job
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.errors import ParameterError
@@ -19,6 +20,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.iterative_feedforward import Iteration, begin_compensation, next_iteration
+from feeddrive.tuning.machine_trials import MachineTrials, iterate_machine, tune_prefilters
 from feeddrive.tuning.trial import Trial, measured_trial
 from feeddrive.tuning.trials import iterate_trials
 from feeddrive.workflow.channels import mapped
@@ -58,6 +60,7 @@ class IterateRequest(Request):
     unit: tuple[str, ...] = option(UNIT, default=())
     channels: Path | None = option("which column is what (TOML), as `feeddrive channels` writes it", default=None)
     trials: int = option("simulated trials", default=6)
+    prefilter: bool = option("of all axes of a job: trajectory prefilters instead of the feedforward", default=False)
     job: tuple[JobLike, ...] = option("job whose reference the trials run; several take turns", default=())
     seed: int = option("of the noise of simulated trials", default=0)
     out: Path | None = option("File for the section (TOML)", short="-o", default=None)
@@ -86,11 +89,17 @@ class IterateRequest(Request):
 
 
 @command(IterateRequest)
-def iterate(request: IterateRequest, progress: Progress) -> Outcome[Iteration]:
+def iterate(request: IterateRequest, progress: Progress) -> Outcome[Iteration | MachineTrials]:
     """Learn mass, viscous and dry friction to feed forward from the error of a trial: a log, or simulated ones.
 
-    The outcome has the next parameters and the section for the machine file.
+    The outcome has the next parameters and the section for the machine file.  With a job that runs several axes, such
+    as a part program, and without an axis, all that move learn from the same runs, and the contour error is reported.
     """
+    together = _together(request)
+    if together is not None:
+        return _all_axes(request, together, progress)
+    if request.prefilter:
+        raise ParameterError("--prefilter is for the axes of a job that run together: name it by --job, without --axis")
     loop, axis = _loop(request)
     found, tables, remarks = (_simulated if request.controller is None else _measured)(request, loop, progress)
     key = f"axis.{axis}.control.feedforward"
@@ -132,6 +141,47 @@ def _simulated(request: IterateRequest, loop: Loop, progress: Progress) -> tuple
     return found.iterations[-1], [found.table()], [] if request.job else [text]
 
 
+def _together(request: IterateRequest) -> Job | None:
+    """The job whose axes learn together, if that is asked."""
+    if request.axis is not None or request.controller is not None or len(request.job) != 1:
+        return None
+    job = read_job(request.job[0])
+    return job if len(job.others) > 0 and len(read_machine(request.machine).loops) > 1 else None
+
+
+def _all_axes(request: IterateRequest, job: Job, progress: Progress) -> Outcome[Iteration | MachineTrials]:
+    """Runs of a job on all axes of the machine."""
+    file = read_machine(request.machine)
+    machine = file.machine()
+    paths = {file.named(job.axis): job.reference, **{name: each.reference for name, each in job.others.items()}}
+    missing = [name for name in machine.axes() if paths.get(name) is None]
+    if missing:
+        raise ParameterError(f"{called(request.job[0])}: gives axis {', '.join(missing)} of {file.file.name} no motion")
+    references = {name: path for name, path in paths.items() if path is not None}
+    if request.prefilter:
+        found = tune_prefilters(machine, references, request.trials, seed=request.seed, progress=progress)
+    else:
+        found = iterate_machine(
+            machine, references, request.trials, form=request.form.replace("-", "_"), gamma=request.gamma,
+            columns=request.wanted, least_mass=request.least_mass, seed=request.seed, progress=progress,
+        )  # fmt: skip
+    texts: list[str] = []
+    for axis, block in found.learned.items():
+        key = f"axis.{axis}.control.{'prefilter' if request.prefilter else 'feedforward'}"
+        text = to_toml(block, key, rotary=file.loops[axis].axis.rotary)
+        texts.append(text if request.prefilter else text.replace(f"[{key}]", f"[[{key}]]", 1))
+    section = "\n".join(texts)
+    files: dict[str, Path] = {}
+    if request.out is not None:
+        progress.step("writing")
+        write_whole(request.out, section)
+        files["Written"] = request.out
+    said = [*found.remarks, *matched_dynamics(found.machine).remarks()]
+    if not request.prefilter:
+        said += [each for axis in found.learned for each in _replaced(file.loops[axis], f"The section of axis {axis}")]
+    return Outcome(found, [found.table()], said, section=section, files=files)
+
+
 def _remarks(found: Iteration, request: IterateRequest) -> list[str]:
     """What to know before the section is used."""
     said = [f"{name} is frozen: {reason}." for name, reason in found.frozen.items()]
@@ -141,11 +191,13 @@ def _remarks(found: Iteration, request: IterateRequest) -> list[str]:
         said.append("Whether the force was limited is not known: name its column with --force.")
     if found.gamma > 0.5:
         said.append("This step trusts the gains of the controller; where they are known roughly, take --gamma 0.5.")
-    there = read_machine(request.machine).loop(request.axis).control.feedforward
-    replaced = [block.kind for block in there if isinstance(block, (Inertia, DisturbanceCompensator))]
-    if replaced:
-        said.append(f"The section takes the place of {' and '.join(replaced)} in the machine file.")
-    return said
+    return [*said, *_replaced(read_machine(request.machine).loop(request.axis), "The section")]
+
+
+def _replaced(loop: Loop, section: str) -> list[str]:
+    """Which blocks of the machine file a section stands for."""
+    there = [each.kind for each in loop.control.feedforward if isinstance(each, (Inertia, DisturbanceCompensator))]
+    return [f"{section} takes the place of {' and '.join(there)} in the machine file."] if there else []
 
 
 def _loop(request: IterateRequest) -> tuple[Loop, str]:
