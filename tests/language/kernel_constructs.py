@@ -326,3 +326,49 @@ def several_names(x: float, row: Floats, i: int) -> float:
     a = b = row[i] = x + 1.0
     a, b, c = b, a, 1.0
     return a * b + c
+
+
+@kernel
+def forgotten(row: Floats, table: Floats2, x: float, y: float, n: int, i: int) -> tuple[float, float, int, float]:
+    """What is computed already is taken again, but not where a path has changed what it was computed from."""
+    a = x + y
+    b = a
+    k = n
+    if x > y:
+        a = y
+        b = row[k]
+    elif x + y > 0.0:
+        k = i
+    c = a + (x + y) + row[k]
+    for m in range(3):
+        b = b + a
+        if (b > c and row[m] > x + b) or row[i] < 0.0:
+            a = a - row[m]
+            continue
+        while k < 6:
+            k = k + 1
+            if row[m] + a > c:
+                break
+            a = a + table[m, 1]
+        else_side = table[i, 2] if x > 0.0 else row[n]
+        c = c + else_side + table[i, 2]
+    view = table[0]
+    for m in range(len(table)):
+        c = c + view[1]
+        view = table[m]
+    return a, b, k, c + view[1] + (x + y)
+
+
+@kernel
+def branches_forget(x: float, y: float, n: int, i: int) -> tuple[float, int, float]:
+    a = x
+    k = n
+    if x > y:
+        a = y
+    elif x < 0.0:
+        k = i
+    elif y > 1.0:
+        return a, k, x + y
+    else:
+        a = x + y
+    return a, k, x + y

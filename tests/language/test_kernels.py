@@ -426,8 +426,8 @@ def test_code_on_disk_is_used_until_a_constant_or_a_called_kernel_changes(tmp_pa
     below = "@kernel\ndef g(x: float) -> float:\n    return x * K\n\n"
     text = "K = 2.0\n" + below + "@kernel\ndef f(x: float) -> float:\n    return g(x) + 1.0\n"
     for changed, result, files in (
-        (text, 7.0, 2), ("# a comment\n" + text, 7.0, 2), (text.replace("2.0", "4.0"), 13.0, 3),
-        (text.replace("x * K", "x - K"), 2.0, 4),
+        (text, 7.0, 1), ("# a comment\n" + text, 7.0, 1), (text.replace("2.0", "4.0"), 13.0, 2),
+        (text.replace("x * K", "x - K"), 2.0, 3),
     ):  # fmt: skip
         assert made(tmp_path, changed)(3.0) == result
         assert len(list((tmp_path / "cache").iterdir())) == files
@@ -469,7 +469,7 @@ def test_a_kernel_of_another_file_is_compiled_there_alone(tmp_path: Path, monkey
 
 
 def test_code_that_has_run_long_is_made_again_thoroughly(tmp_path: Path, monkeypatch: Any):
-    """After as much time as that takes, here 7 us a byte, and then the next process takes it from the disk."""
+    """After as much time as that takes, here 10 us a byte, and then the next process takes it from the disk."""
     monkeypatch.setenv("FEEDDRIVE_CACHE", str(tmp_path / "cache"))
     text = (
         "@kernel\ndef f(n: int) -> float:\n    x = 0.0\n    for k in range(n):\n        x = x + k / 3.0\n    return x\n"
@@ -478,7 +478,7 @@ def test_code_that_has_run_long_is_made_again_thoroughly(tmp_path: Path, monkeyp
     first = kernel(10)
     assert kernel.unit.quick
     size = kernel.unit.code.size
-    kernel.unit.ran(6e-6 * size)
+    kernel.unit.ran(9e-6 * size)
     assert kernel.unit.quick
     kernel.unit.ran(2e-6 * size)
     assert not kernel.unit.quick

@@ -40,6 +40,7 @@ class Assignments(Expressions):
             [value.text, *value.sizes], held.slots, [value.type.llvm, *["i64"] * len(value.sizes)], strict=True
         ):
             self.add(f"store {kind} {operand}, ptr {slot}")
+            self.facts[f"load {kind}, ptr {slot}"] = operand
         if value.root:
             self.taken_from.setdefault(name, set()).add(value.root)
         if self.assigned is not None:
@@ -76,7 +77,7 @@ class Assignments(Expressions):
             if len(row.sizes) != 1:
                 self.refuse(node, f"'{shown(node)}' is of type {row.type}", "assign a tuple or a row of an array")
             (wanted,) = counts
-            good = self.emit(f"icmp eq i64 {row.sizes[0]}, {wanted}")
+            good = self.value(f"icmp eq i64 {row.sizes[0]}, {wanted}")
             self.check(good, ValueError, f"a row of another length for {wanted} names", target)
             return [self.entry(row, place) for place in range(wanted)]
         if counts - {len(found)}:
@@ -86,7 +87,7 @@ class Assignments(Expressions):
     def entry(self, row: Value, place: int) -> Value:
         """A number of a row whose length is known."""
         kind = Type(row.type.element)
-        address = self.emit(f"getelementptr inbounds {kind.llvm}, ptr {row.text}, i64 {place}")
+        address = self.value(f"getelementptr inbounds {kind.llvm}, ptr {row.text}, i64 {place}")
         return Value(kind, self.emit(f"load {kind.llvm}, ptr {address}"))
 
     def put(self, target: ast.expr, value: Value) -> None:
@@ -120,10 +121,10 @@ class Assignments(Expressions):
         if any(each.type != kind for each in values):
             self.refuse(target, f"'{shown(target)}' has cells of type {kind}", "write 0.0 for 0, or float(...)")
         self.stored.add(row.root)
-        good = self.emit(f"icmp eq i64 {row.sizes[0]}, {len(values)}")
+        good = self.value(f"icmp eq i64 {row.sizes[0]}, {len(values)}")
         self.check(good, ValueError, f"{len(values)} numbers for a row of another length", target)
         for place, value in enumerate(values):
-            address = self.emit(f"getelementptr inbounds {kind.llvm}, ptr {row.text}, i64 {place}")
+            address = self.value(f"getelementptr inbounds {kind.llvm}, ptr {row.text}, i64 {place}")
             self.add(f"store {kind.llvm} {value.text}, ptr {address}")
 
     def local_array(self, node: ast.Assign, call: ast.Call) -> None:
@@ -144,9 +145,7 @@ class Assignments(Expressions):
             self.refuse(node, f"'{shown(node)}'", remedy)
         place = f"%z{len(self.variables)}"
         self.memory.append(f"  {place} = alloca [{count} x double]")
-        for at in range(count):
-            address = self.emit(f"getelementptr inbounds double, ptr {place}, i64 {at}")
-            self.add(f"store double 0.0, ptr {address}")
+        self.add(f"store [{count} x double] zeroinitializer, ptr {place}")
         self.store(target.id, Value(Type("float", len(sizes)), place, tuple(map(str, sizes)), target.id), node)
 
     def change(self, node: ast.AugAssign) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 from feeddrive.language.kernels.arithmetic import LEAST, Arithmetic
@@ -20,6 +20,12 @@ class Variable(NamedTuple):
 
     type: Type
     slots: tuple[str, ...]
+
+    @property
+    def loads(self) -> list[str]:
+        """What gives its value."""
+        kinds = [self.type.llvm, *["i64"] * (len(self.slots) - 1)]
+        return [f"load {kind}, ptr {slot}" for kind, slot in zip(kinds, self.slots, strict=True)]
 
 
 class Expressions(Arithmetic):
@@ -102,9 +108,8 @@ class Expressions(Arithmetic):
 
     def load(self, name: str, held: Variable) -> Value:
         """The value of a variable."""
-        text = self.emit(f"load {held.type.llvm}, ptr {held.slots[0]}")
-        sizes = tuple(self.emit(f"load i64, ptr {slot}") for slot in held.slots[1:])
-        return Value(held.type, text, sizes, name if held.type.dimensions else "")
+        text, *sizes = map(self.value, held.loads)
+        return Value(held.type, text, tuple(sizes), name if held.type.dimensions else "")
 
     def attribute(self, node: ast.Attribute) -> Value:
         """A constant of a module."""
@@ -118,7 +123,7 @@ class Expressions(Arithmetic):
     def unary(self, node: ast.UnaryOp) -> Value:
         """-x, +x, not x."""
         if isinstance(node.op, ast.Not):
-            return Value(BOOL, self.emit(f"xor i1 {self.truth(node.operand)}, true"))
+            return Value(BOOL, self.value(f"xor i1 {self.truth(node.operand)}, true"))
         if isinstance(node.op, ast.Invert):
             self.refuse(node, f"'{shown(node)}'", "write -x - 1")
         value = self.number(node.operand)
@@ -127,7 +132,7 @@ class Expressions(Arithmetic):
         if value.literal is not None and value.literal != LEAST:
             return Value(INT, str(-value.literal), literal=-value.literal)
         if value.type == FLOAT:
-            return Value(FLOAT, self.emit(f"fneg double {value.text}"))
+            return Value(FLOAT, self.value(f"fneg double {value.text}"))
         return self.overflowing("ssub", "0", value.text, node)
 
     def binary(self, node: ast.BinOp) -> Value:
@@ -140,7 +145,7 @@ class Expressions(Arithmetic):
     def compare(self, node: ast.Compare) -> Value:
         """A < b, also in a chain, of which the rest is not computed after the first that is false."""
         left, ends = self.expression(node.left), list[tuple[str, str]]()
-        after = self.label()
+        after, before = self.label(), self.facts
         for place, (op, other) in enumerate(zip(node.ops, node.comparators, strict=True)):
             right = self.expression(other)
             found = self.compared(op, left, right, node)
@@ -148,12 +153,14 @@ class Expressions(Arithmetic):
                 onward = self.label()
                 ends.append(("false", self.block))
                 self.choose(found, onward, after)
+                before = dict(self.facts) if len(ends) == 1 else before
                 self.begin(onward)
                 left = right
             elif ends:
                 ends.append((found, self.block))
                 self.jump(after)
                 self.begin(after)
+                self.facts = before
                 return Value(BOOL, self.phi("i1", ends))
             else:
                 return Value(BOOL, found)
@@ -161,16 +168,18 @@ class Expressions(Arithmetic):
 
     def logic(self, node: ast.BoolOp) -> Value:
         """And, or; what follows is not computed where the first decides."""
-        ends, after = list[tuple[str, str]](), self.label()
+        ends, after, before = list[tuple[str, str]](), self.label(), self.facts
         for each in node.values[:-1]:
             found, onward = self.truth(each), self.label()
             conjunction = isinstance(node.op, ast.And)
             ends.append(("false" if conjunction else "true", self.block))
             self.choose(found, *((onward, after) if conjunction else (after, onward)))
+            before = dict(self.facts) if len(ends) == 1 else before
             self.begin(onward)
         ends.append((self.truth(node.values[-1]), self.block))
         self.jump(after)
         self.begin(after)
+        self.facts = before
         return Value(BOOL, self.phi("i1", ends))
 
     def choice(self, node: ast.IfExp) -> Value:
@@ -180,11 +189,14 @@ class Expressions(Arithmetic):
         self.choose(self.truth(node.test), *labels)
         values: list[Value] = []
         ends: list[tuple[str, str]] = []
+        before = self.facts
         for label, each in zip(labels, (node.body, node.orelse), strict=True):
+            self.facts = dict(before)
             self.begin(label)
             values.append(self.expression(each))
             ends.append((values[-1].text, self.block))
             self.jump(after)
+        self.facts = before
         self.begin(after)
         if values[0].type != values[1].type or values[0].type.dimensions:
             types = f"{values[0].type} and {values[1].type}"
@@ -202,30 +214,42 @@ class Expressions(Arithmetic):
         if len(indices) > len(array.sizes):
             self.refuse(node, f"'{shown(node)}' has {len(indices)} indices for {array.type}", "leave the last ones out")
         wholes = [self.whole(each) for each in indices]
-        offset = ""
-        for level, size in enumerate(array.sizes):
-            if offset:
-                offset = self.emit(f"mul nsw i64 {offset}, {size}")
-            if level < len(wholes):
-                inside = self.inside(wholes[level], size, node)
-                offset = self.emit(f"add nsw i64 {offset}, {inside}") if offset else inside
-        address = self.emit(f"getelementptr inbounds {array.type.cell}, ptr {array.text}, i64 {offset}")
+        places = [self.counted(index, size) for index, size in zip(wholes, array.sizes, strict=False)]
+        self.check_indices(zip(places, array.sizes, strict=False), node)
+        offset = places[0]
+        for level, size in enumerate(array.sizes[1:], start=1):
+            offset = self.value(f"mul nsw i64 {offset}, {size}")
+            if level < len(places):
+                offset = self.value(f"add nsw i64 {offset}, {places[level]}")
+        address = self.value(f"getelementptr inbounds {array.type.cell}, ptr {array.text}, i64 {offset}")
         rest = array.sizes[len(wholes) :]
         return Value(Type(array.type.element, len(rest)), address, rest, array.root)
 
-    def inside(self, index: Value, size: str, node: ast.AST) -> str:
-        """An index counted from the start, within the size."""
-        place = index.text
+    def counted(self, index: Value, size: str) -> str:
+        """An index counted from the start."""
         if index.sure:
-            pass
-        elif index.literal is None:
-            behind = self.emit(f"icmp slt i64 {place}, 0")
-            shifted = self.emit(f"add i64 {place}, {size}")
-            place = self.emit(f"select i1 {behind}, i64 {shifted}, i64 {place}")
-        else:
-            place = self.emit(f"add i64 {place}, {size}")
-        self.check(self.emit(f"icmp ult i64 {place}, {size}"), IndexError, "index out of range", node)
-        return place
+            return index.text
+        if index.literal is None:
+            behind = self.value(f"icmp slt i64 {index.text}, 0")
+            shifted = self.value(f"add i64 {index.text}, {size}")
+            return self.value(f"select i1 {behind}, i64 {shifted}, i64 {index.text}")
+        return str(index.literal + int(size)) if size.isdigit() else self.value(f"add i64 {index.text}, {size}")
+
+    def check_indices(self, places: Iterable[tuple[str, str]], node: ast.AST) -> None:
+        """Ends with one error if one of several indices is not within its size; what is known is not asked."""
+        left: list[str] = []
+        for place, size in places:
+            if not (place.isdigit() and size.isdigit() and int(place) < int(size)):
+                good = self.value(f"icmp ult i64 {place}, {size}")
+                if not self.known(good):
+                    left.append(good)
+        both = left[0] if left else ""
+        for each in left[1:]:
+            both = self.value(f"and i1 {both}, {each}")
+        if both:
+            self.check(both, IndexError, "index out of range", node)
+        for each in left:
+            self.learn(each)
 
     def subscript(self, node: ast.Subscript) -> Value:
         """The number in a cell, or a row: a view of the same memory."""
@@ -280,10 +304,10 @@ class Expressions(Arithmetic):
         returned = struct(wanted.results)
         made = self.emit(f"call {returned} @{function.symbol}({', '.join(operands)})")
         if function.fails:
-            status = self.emit(f"extractvalue {returned} {made}, 0")
+            status = self.value(f"extractvalue {returned} {made}, 0")
             self.hand_up(status)
         return [
-            Value(kind, self.emit(f"extractvalue {returned} {made}, {place}"))
+            Value(kind, self.value(f"extractvalue {returned} {made}, {place}"))
             for place, kind in enumerate(wanted.results, start=1)
         ]
 
@@ -304,17 +328,17 @@ class Expressions(Arithmetic):
     def sqrt(self, node: ast.Call) -> Value:
         """The root, rounded correctly; of a negative number an error."""
         x = self.as_float(self.number(self.one(node)))
-        self.check(self.emit(f"fcmp uge double {x}, {number(0.0)}"), ValueError, "math domain error", node)
-        return Value(FLOAT, self.emit(f"call double @llvm.sqrt.f64(double {x})"))
+        self.check(self.value(f"fcmp uge double {x}, {number(0.0)}"), ValueError, "math domain error", node)
+        return Value(FLOAT, self.value(f"call double @llvm.sqrt.f64(double {x})"))
 
     def absolute(self, node: ast.Call) -> Value:
         """|x|."""
         x = self.number(self.one(node))
         if x.type == FLOAT:
-            return Value(FLOAT, self.emit(f"call double @llvm.fabs.f64(double {x.text})"))
+            return Value(FLOAT, self.value(f"call double @llvm.fabs.f64(double {x.text})"))
         opposite = self.overflowing("ssub", "0", x.text, node).text
-        negative = self.emit(f"icmp slt i64 {x.text}, 0")
-        return Value(INT, self.emit(f"select i1 {negative}, i64 {opposite}, i64 {x.text}"))
+        negative = self.value(f"icmp slt i64 {x.text}, 0")
+        return Value(INT, self.value(f"select i1 {negative}, i64 {opposite}, i64 {x.text}"))
 
     def extreme(self, node: ast.Call) -> Value:
         """The least or largest: a later one only if it is really less or more, which matters for NaN and -0.0."""
@@ -331,7 +355,7 @@ class Expressions(Arithmetic):
         if x.type == INT:
             return x
         if x.type == BOOL and function is int:
-            return Value(INT, self.emit(f"zext i1 {x.text} to i64"))
+            return Value(INT, self.value(f"zext i1 {x.text} to i64"))
         if x.type != FLOAT:
             self.refuse(node, f"'{shown(node)}' is given {x.type}", "give a number")
         return self.rounded(x.text, function, node)

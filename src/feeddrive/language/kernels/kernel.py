@@ -9,7 +9,7 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cached_property
-from time import perf_counter
+from time import thread_time
 from types import FunctionType
 from typing import Any, Generic, NamedTuple, NoReturn, ParamSpec, TypeVar, cast
 
@@ -75,7 +75,7 @@ class Kernel(Generic[_P, _R]):
     def _run(self, given: list[Any]) -> _R:
         """The machine code of checked arguments."""
         unit, compiled, words = self.unit, self._compiled, list[Any]()
-        if compiled is None or compiled.code.below != (unit.code,):
+        if compiled is None or compiled.code is not unit.code:
             compiled = self._compiled = self._bound()
         for value in given:
             if isinstance(value, np.ndarray):
@@ -84,10 +84,12 @@ class Kernel(Generic[_P, _R]):
                 words.append(value)
         memory = ctypes.create_string_buffer(max(compiled.given.size, compiled.returned.size, _WORD))
         compiled.given.pack_into(memory, 0, *words)
-        begun = perf_counter()
-        status = compiled.call(memory)
         if unit.quick:
-            unit.ran(perf_counter() - begun)
+            begun = thread_time()
+            status = compiled.call(memory)
+            unit.ran(thread_time() - begun)
+        else:
+            status = compiled.call(memory)
         if status:
             _throw(unit.failure(status))
         numbers = compiled.returned.unpack_from(memory)
@@ -98,15 +100,15 @@ class Kernel(Generic[_P, _R]):
     @property
     def unit(self) -> Unit:
         """The kernels of its file."""
-        return unit_of(self.source)
+        return self.source.unit or unit_of(self.source)
 
     def _bound(self) -> _Compiled:
         """Its function as the file has it now."""
-        code = self.unit.entry(self.source)
+        code, address = self.unit.entry(self.source)
         words = [_FORMATS[kind.element] if not kind.dimensions else _ADDRESS + _COUNT * kind.dimensions
                  for kind in self._types]  # fmt: skip
         results = [_FORMATS[kind.element] for kind in self.source.signature.results]
-        call = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(code.addresses["entry"])
+        call = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(address)
         return _Compiled(code, call, struct.Struct(f"@{''.join(words)}"), struct.Struct(f"@{''.join(results)}"))
 
     @cached_property

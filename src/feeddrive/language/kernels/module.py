@@ -11,7 +11,7 @@ import hashlib
 import linecache
 import re
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from functools import cached_property, lru_cache
 from pathlib import Path
 from threading import RLock
@@ -19,7 +19,7 @@ from types import ModuleType
 from typing import NamedTuple, cast
 
 from feeddrive.language.kernels.elementary import Elementary
-from feeddrive.language.kernels.source import INT, Source, Type, source_of
+from feeddrive.language.kernels.source import INT, Source, source_of
 from feeddrive.language.kernels.statements import Statements
 from feeddrive.language.kernels.text import Failure, Function, struct
 from feeddrive.language.machine_code import MachineCode, linked_code, target
@@ -48,8 +48,9 @@ THOROUGH = Effort(2, (
     "always_inliner", "global_dead_code_eliminate",
     "sroa", "simplify_cfg", "instruction_combine", "new_gvn", "simplify_cfg",
 ))  # fmt: skip
-_SECONDS = 7e-6  # that thorough code takes to make, for each byte of quick code
+_SECONDS = 1e-5  # in quick code for each of its bytes, somewhat more than thorough code takes to make
 _KERNEL, _FAILURE = 10, 13  # bits of a status for the place of a kernel in its file, and of a failure in its kernel
+_ENTRY = "entry{}"
 _IDLE = re.compile(r"\s*(#.*)?$")  # lines of which the code does not depend
 _lock = RLock()
 
@@ -154,7 +155,10 @@ class Unit:
                 angles[each.name], called = each.printed()
                 wanted += called
         defined = [f"define {each.text}" for each in own] + [f"define internal {each.text}" for each in copied.values()]
-        return "\n".join([f'target triple = "{target()[0]}"', *declared, *defined, *angles.values(), _INTRINSICS])
+        entries = [_entry(place, each, self.symbol(each)) for place, each in enumerate(self.sources)]
+        return "\n".join(
+            [f'target triple = "{target()[0]}"', *declared, *defined, *angles.values(), *entries, _INTRINSICS]
+        )
 
     # machine code
 
@@ -170,16 +174,10 @@ class Unit:
         assert self._code
         return self._code
 
-    def entry(self, source: Source) -> MachineCode:
-        """The function `entry` by which Python calls a kernel, linked to the code that the file has now."""
-        parameters, results = source.signature.parameters, source.signature.results
-        with _lock:
-            code = self.code
-            address = code.addresses[self.symbol(source)]
-            text = entry(parameters, results)
-            made = linked_code(text, lambda: text, ["entry"], {"kernel": address}, [code], effort=QUICK.selection)
-        assert made
-        return made
+    def entry(self, source: Source) -> tuple[MachineCode, int]:
+        """The machine code of all, and where the function lies by which Python calls a kernel."""
+        code = self.code
+        return code, code.addresses[_ENTRY.format(self._places[source])]
 
     @property
     def quick(self) -> bool:
@@ -217,9 +215,9 @@ class Unit:
 
     def _linked(self, effort: Effort, stored: bool = False) -> MachineCode | None:
         """The machine code of an effort, linked to that of other files; None if it is to be on the disk and is not."""
-        own = list(map(self.symbol, self.sources))
+        own = [*map(self.symbol, self.sources), *map(_ENTRY.format, range(len(self.sources)))]
         below = [each.code for each in self.units[:-1]]
-        symbols = {name: address for each in below for name, address in each.addresses.items()}
+        symbols = {name: place for each in below for name, place in each.addresses.items() if name.startswith("k")}
         return linked_code(
             self.key, lambda: self.text(effort), own, symbols, below,
             effort=effort.selection, passes=effort.passes, stored=stored,
@@ -230,9 +228,10 @@ _open: list[Source] = []  # printing begun, not yet ended: the chain of calls
 _keyed: list[Unit] = []  # the same for keys
 
 
-def entry(parameters: Iterable[Type], results: Sequence[Type]) -> str:
-    """A module that calls a kernel with arguments from words of 64 bits in memory, and leaves its results there."""
-    words = [each for given in parameters for each in (given, *[INT] * given.dimensions)]
+def _entry(place: int, source: Source, symbol: str) -> str:
+    """A function that takes arguments of a kernel from words of 64 bits in memory, and leaves its results there."""
+    words = [each for given in source.signature.parameters for each in (given, *[INT] * given.dimensions)]
+    results = source.signature.results
     lines, operands, returned = list[str](), list[str](), struct(results)
     for at, kind in enumerate(words):
         loaded = kind.llvm.replace("i1", "i64")
@@ -241,7 +240,7 @@ def entry(parameters: Iterable[Type], results: Sequence[Type]) -> str:
         if loaded != kind.llvm:
             lines.append(f"%t{at} = trunc i64 %w{at} to i1")
         operands.append(f"{kind.llvm} %{'w' if loaded == kind.llvm else 't'}{at}")
-    lines.append(f"%made = call {returned} @kernel({', '.join(operands)})")
+    lines.append(f"%made = call {returned} @{symbol}({', '.join(operands)})")
     for at, kind in enumerate(results):
         value = f"%r{at}"
         lines.append(f"{value} = extractvalue {returned} %made, {at + 1}")
@@ -251,9 +250,7 @@ def entry(parameters: Iterable[Type], results: Sequence[Type]) -> str:
         lines.append(f"%o{at} = getelementptr i64, ptr %words, i64 {at}")
         lines.append(f"store {kind.llvm.replace('i1', 'i64')} {value}, ptr %o{at}")
     lines.append(f"%status = extractvalue {returned} %made, 0")
-    declared = f"declare {returned} @kernel({', '.join(each.llvm for each in words)})"
-    head = [f'target triple = "{target()[0]}"', declared, "define i64 @entry(ptr %words) nounwind {"]
-    return "\n".join([*head, *lines, "ret i64 %status", "}", ""])
+    return "\n".join([f"define i64 @{_ENTRY.format(place)}(ptr %words) #0 {{", *lines, "ret i64 %status", "}", ""])
 
 
 def unit_of(source: Source) -> Unit:

@@ -17,6 +17,7 @@ class _Loop(NamedTuple):
     onward: str
     out: str
     outcomes: list[frozenset[str] | None]
+    facts: dict[str, str]  # at the start of each turn that are so after the loop too
 
 
 class Statements(Assignments):
@@ -31,7 +32,7 @@ class Statements(Assignments):
         tree, signature = self.source.tree, self.source.signature
         stored, upward = assigned(tree)
         self.names = frozenset([*stored, *signature.names])
-        self.counters = upward.difference(signature.names)
+        self.counters = frozenset(upward.difference(signature.names))
         parameters: list[str] = []
         for place, (parameter, kind) in enumerate(zip(signature.names, signature.parameters, strict=True)):
             sizes = tuple(f"%a{place}.{level}" for level in range(kind.dimensions))
@@ -86,7 +87,7 @@ class Statements(Assignments):
 
     def dead(self) -> None:
         """What follows is not reached."""
-        self.assigned = None
+        self.assigned, self.facts = None, {}
         self.begin(self.label())
 
     def branch(self, node: ast.If) -> None:
@@ -94,13 +95,21 @@ class Statements(Assignments):
         yes, no, after = self.label(), self.label(), self.label()
         self.choose(self.truth(node.test), yes, no)
         before, outcomes = self.assigned, list[frozenset[str] | None]()
+        known, facts = self.facts, list[dict[str, str]]()
         for label, body in ((yes, node.body), (no, node.orelse)):
-            self.assigned = before
+            self.assigned, self.facts = before, dict(known)
             self.begin(label)
             self.inner(body)
             self.jump(after)
             outcomes.append(self.assigned)
+            facts += [self.facts] if self.reached() else []
         self.assigned = self.merged(outcomes)
+        if len(facts) == 1:
+            self.facts = facts[0]
+        else:
+            self.facts = {
+                fact: value for fact, value in known.items() if all(each.get(fact) == value for each in facts)
+            }
         self.begin(after)
 
     def repeat(self, node: ast.While) -> None:
@@ -109,8 +118,9 @@ class Statements(Assignments):
         endless = isinstance(node.test, ast.Constant) and node.test.value is True
         self.jump(head)
         self.begin(head)
+        changed = self.forget(node)
         self.choose(self.truth(node.test), body, after)
-        loop = _Loop(head, after, [None if endless else self.assigned])
+        loop = _Loop(head, after, [None if endless else self.assigned], self.lasting(changed))
         self.begin(body)
         self.turn(node, loop)
         self.after(loop)
@@ -133,6 +143,7 @@ class Statements(Assignments):
             left = self.slot(self.turns(start.text, stop.text, step))
         self.jump(head)
         self.begin(head)
+        changed = self.forget(node)
         value, rest = self.emit(f"load i64, ptr {number}"), ""
         if left:
             rest = self.emit(f"load i64, ptr {left}")
@@ -140,7 +151,7 @@ class Statements(Assignments):
         else:
             more = self.emit(f"icmp {'slt' if step > 0 else 'sgt'} i64 {value}, {stop.text}")
         self.choose(more, body, after)
-        loop = _Loop(onward, after, [self.assigned])
+        loop = _Loop(onward, after, [self.assigned], self.lasting(changed))
         self.begin(body)
         self.store(target.id, Value(INT, value), target)
         self.turn(node, loop)
@@ -172,9 +183,20 @@ class Statements(Assignments):
         self.loops.pop()
         self.jump(loop.onward)
 
+    def forget(self, loop: ast.While | ast.For) -> set[str]:
+        """Loads of what a loop changes, of which nothing is known at the start of its turns."""
+        held = [self.variables[name] for name in assigned(loop)[0] if name in self.variables]
+        changed = {load for each in held for load in each.loads}
+        self.facts = self.lasting(changed)
+        return changed
+
+    def lasting(self, changed: set[str]) -> dict[str, str]:
+        """What is known but for the values of some variables."""
+        return {fact: value for fact, value in self.facts.items() if fact not in changed}
+
     def after(self, loop: _Loop) -> None:
         """What follows a loop."""
-        self.assigned = self.merged(loop.outcomes)
+        self.assigned, self.facts = self.merged(loop.outcomes), loop.facts
         self.begin(loop.out)
 
     def leave_loop(self, node: ast.Break) -> None:
@@ -260,12 +282,12 @@ _PRINTERS: dict[type[ast.AST], Callable[..., None]] = {
 }
 
 
-def assigned(tree: ast.FunctionDef) -> tuple[set[str], set[str]]:
+def assigned(tree: ast.FunctionDef | ast.While | ast.For) -> tuple[set[str], set[str]]:
     """Names that are assigned, and those that only loops assign, which count up from a written number >= 0.
 
     As an index the latter need no test for it.
     """
-    found, others, left = set[str](), set[str](), list[ast.AST](tree.body)
+    found, others, left = set[str](), set[str](), list[ast.AST]([tree])
     while left:
         node = left.pop()
         if isinstance(node, ast.For) and isinstance(node.target, ast.Name):
@@ -282,6 +304,8 @@ def assigned(tree: ast.FunctionDef) -> tuple[set[str], set[str]]:
         elif isinstance(node, (ast.If, ast.While)):
             left += node.body
             left += node.orelse
+        elif isinstance(node, ast.FunctionDef):
+            left += node.body
     return found | others, found - others
 
 

@@ -93,6 +93,7 @@ class Text:
         self.callee = callee  # the function of another kernel
         self.failures: list[Failure] = []
         self.lines: list[str] = []
+        self.facts: dict[str, str] = {}  # what is computed already on every path to here, and the value that has it
         self.block = "entry"
         self.count = 0
         self.failed: list[tuple[str, str]] = []  # place of a failure, and block from which it comes
@@ -114,6 +115,13 @@ class Text:
         name = f"%v{self.count}"
         self.lines.append(f"  {name} = {text}")
         return name
+
+    def value(self, text: str) -> str:
+        """The value of an operation that gives the same wherever it stands: computed once on a path."""
+        found = self.facts.get(text)
+        if found is None:
+            found = self.facts[text] = self.emit(text)
+        return found
 
     def add(self, text: str) -> None:
         """A line that defines nothing."""
@@ -142,9 +150,19 @@ class Text:
         return self.emit(f"phi {kind} {', '.join(f'[ {value}, %{block} ]' for value, block in ends)}")
 
     def check(self, good: str, kind: type[Exception], text: str, node: ast.AST) -> None:
-        """Goes on if `good`, else ends with the error."""
-        self.failed.append((str(self.failure(kind, text, node)), self.block))
-        self.go_on_if(good, "fail")
+        """Goes on if `good`, else ends with the error; not asked again where it is known."""
+        if not self.known(good):
+            self.failed.append((str(self.failure(kind, text, node)), self.block))
+            self.go_on_if(good, "fail")
+            self.learn(good)
+
+    def known(self, good: str) -> bool:
+        """Whether something is true on every path to here."""
+        return f"true {good}" in self.facts
+
+    def learn(self, good: str) -> None:
+        """From here on it is true."""
+        self.facts[f"true {good}"] = good
 
     def failure(self, kind: type[Exception], text: str, node: ast.AST) -> int:
         """The place of an error at a line."""
