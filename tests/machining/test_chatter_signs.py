@@ -98,7 +98,7 @@ def machine(depth: float) -> Machine:
     return Machine.of({"x": loop, "y": loop}, (MillingCut(cutter=cutter, spindle_speed=TURNS, direction=0.0),))
 
 
-@pytest.mark.slow("compiles two machines with a cut, and simulates 10 s of milling")
+@pytest.mark.slow(reason="compiles two machines with a cut, and simulates 10 s of milling")
 def test_the_machine_chatters_above_the_limit_and_calms_down_below_as_predicted() -> None:
     point = tool_point(machine(1e-3))
     (coupling,) = machine(1e-3).couplings

@@ -12,6 +12,7 @@ from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.cutting.helical_cutter import HelicalCutter
 from feeddrive.blocks.plant.rigid import Rigid
+from feeddrive.files.machine import read_machine
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
@@ -165,6 +166,15 @@ def test_helical_edges_average_the_direction_over_the_depth() -> None:
         H = helical.matrices(piece, np.array([angle]), depth)[0][0]
         assert np.max(np.abs(H - total / z.size)) < 2e-5 * 6e8  # one slice of 2e5 at each end of an edge
         assert piece.cutting == bool(np.any(total))
+
+
+def test_a_mode_between_feed_and_normal_is_one_direction() -> None:
+    # one of the two eigenvalues of the zero-order theory is 0 at all frequencies; turned by 30 degrees it is one mode
+    slanted = tool_modes(dataclasses.replace(MODE, feed=np.cos(np.pi / 6.0), normal=-np.sin(np.pi / 6.0)))
+    along = dataclasses.replace(CUTS["up 0.5"], entry=np.pi / 6.0, leave=4.0 * np.pi / 6.0)
+    alone = zero_order(TOOL, CUTS["up 0.5"], SPEEDS)
+    assert zero_order(slanted, along, SPEEDS).depth == pytest.approx(alone.depth, rel=1e-6)
+    assert abs(ToothPassage(slanted, along, 10000.0).multipliers([0.2135340337e-3])[0]) == pytest.approx(1.0, abs=1e-8)
 
 
 def test_process_damping_raises_the_limit() -> None:
@@ -335,6 +345,7 @@ def test_what_is_shown() -> None:
         ("frequency = 0 Hz", lambda: ToolMode(0.0, 0.01, 1.0)),
         ("in no direction", lambda: stability_lobes(tool_modes(ToolMode(9.0, 0.1, 1.0, feed=0.0)), SLOT, [5000.0])),
         ("no axis 'w'", lambda: tool_point(sampled(), along=("w",))),
+        ("axis 'c' turns", lambda: tool_point(read_machine("rotary_table").machine())),
         ("straight edges", lambda: semi_discretisation(TOOL, dataclasses.replace(SLOT, lag=9.0), 5000.0, 1e-3)),
     ],
 )  # fmt: skip

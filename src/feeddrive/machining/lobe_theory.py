@@ -51,8 +51,8 @@ def zero_order(tool: ToolPoint | FRF | Any, cutter: Any, spindle_speeds: Any = (
     depth, chatter = np.full(speeds.size, np.nan), np.full(speeds.size, np.nan)
     least = np.inf
     for branch in _tracked(eigenvalues).T:
-        L = -1.0 / branch
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"):  # an eigenvalue may be 0: modes that all lie in one direction
+            L = -1.0 / branch
             a = np.where(L.real > 0.0, np.abs(L) ** 2 / (2.0 * L.real), np.nan)
             turn = -np.angle(1.0 - L / a)
         if np.all(np.isnan(a)):

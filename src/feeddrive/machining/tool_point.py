@@ -155,6 +155,8 @@ def tool_point(
         for name in names:
             if name is not None and name not in ports:
                 raise ParameterError(f"along: there is no axis '{name}'; there are {', '.join(ports)}")
+            if name is not None and system.loops()[name].axis.rotary:
+                raise ParameterError(f"axis '{name}' turns: feed and normal of a cut are axes in m, name them by along")
         kept = [i for i, name in enumerate(names) if name is not None]
         axes = [ports[name] for name in names if name is not None]
         inputs, outputs = [f"{port}load_force" for port in axes], [f"{port}position_load" for port in axes]
