@@ -139,16 +139,7 @@ class Guard(Block):
 
     def rules(self) -> Iterator[Rule]:
         """The travel has a length."""
-        least, most = self.travel_least, self.travel_most
-        if least is not None and most is not None:
-            yield Rule(
-                least < most,
-                "travel_least is below travel_most",
-                lambda: (
-                    f"guard.travel_least = {least:g} m must be < guard.travel_most = {most:g} m: between them the axis "
-                    f"may move; leave one out for a travel without that end"
-                ),
-            )
+        yield from travel_rules("guard", self.travel_least, self.travel_most)
 
     def left_out(self) -> dict[str, str]:
         """What is `false`, and what then happens."""
@@ -292,3 +283,16 @@ def _size(setpoint: Setpoint) -> Number:
     """The sum of the sizes: NaN or too large if one of the five numbers is."""
     size_x, size_v, size_a, size_j, size_s = (ops.absolute(each) for each in setpoint)
     return size_x + size_v + size_a + size_j + size_s
+
+
+def travel_rules(of: str, least: Number | None, most: Number | None) -> Iterator[Rule]:
+    """The ends of a travel, m, as parameters of a guard or of limits, leave a way between them."""
+    if least is not None and most is not None:
+        yield Rule(
+            least < most,
+            "travel_least is below travel_most",
+            lambda: (
+                f"{of}.travel_least = {least:g} m must be < {of}.travel_most = {most:g} m: between them the axis "
+                f"may move; leave one out for a travel without that end"
+            ),
+        )

@@ -23,6 +23,7 @@ import numpy as np
 
 from feeddrive.language.block import Block, Number, Rule, parameter
 from feeddrive.language.errors import ParameterError
+from feeddrive.loop.guard import travel_rules
 from feeddrive.path.program.frame import FARTHEST
 from feeddrive.path.program.lines import BlockError, located
 from feeddrive.path.program.moves import Move, PathMode
@@ -52,13 +53,7 @@ class AxisLimits(Block):
 
     def rules(self) -> Iterator[Rule]:
         """The travel has two ends and a length."""
-        least, most = self.travel_least, self.travel_most
-        if least is not None and most is not None:
-            yield Rule(
-                least < most,
-                "travel_least is below travel_most",
-                lambda: f"limits.travel_least = {least:g} m must be < limits.travel_most = {most:g} m",
-            )
+        yield from travel_rules("limits", self.travel_least, self.travel_most)
 
 
 @dataclass(frozen=True)
