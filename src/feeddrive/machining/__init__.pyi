@@ -27,6 +27,9 @@ from feeddrive.machining.lobes import stability_lobes as stability_lobes
 from feeddrive.machining.regeneration import Regeneration as Regeneration
 from feeddrive.machining.regeneration import arc as arc
 from feeddrive.machining.regeneration import regeneration as regeneration
+from feeddrive.machining.reversal import Reversals as Reversals
+from feeddrive.machining.reversal import reversals as reversals
+from feeddrive.machining.reversal import stick_time as stick_time
 from feeddrive.machining.tool_point import ToolMode as ToolMode
 from feeddrive.machining.tool_point import ToolPoint as ToolPoint
 from feeddrive.machining.tool_point import tool_modes as tool_modes

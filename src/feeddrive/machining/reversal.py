@@ -1,0 +1,163 @@
+"""Quadrant glitches: what dry friction makes of a path where an axis reverses, seen in zooms of each reversal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.simulate import Run
+from feeddrive.machining.contour import ContourError, contour_error
+
+_BASE = 0.2  # of the way from the reversal before: where the circle has come to rest again
+_STUCK = 1e-12  # m/s
+
+
+class Reversal(NamedTuple):
+    """One reversal of the set velocity of an axis.
+
+    axis, side  as "x" and "+": at its most positive or its most negative place
+    time        of the reversal of the set velocity, s
+    base        outward contour error before it, m
+    height, peak_time  the largest outward contour error above the base, m, and when after the reversal, s
+    width       time for which it is above half of its height, s
+    stick_begin, stick_time  when after the reversal the axis stands, and for how long, s, to a sample; 0 if it does not
+    rows        of the samples from the reversal to the next one of any axis
+    """
+
+    axis: str
+    side: str
+    time: float
+    base: float
+    height: float
+    peak_time: float
+    width: float
+    stick_begin: float
+    stick_time: float
+    rows: slice
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Reversals(Result):
+    """The reversals of a run along a curved path.
+
+    outward  contour error away from the center of the curvature, m, shape (n,)
+    """
+
+    name: str
+    reversals: tuple[Reversal, ...]
+    time: np.ndarray
+    outward: np.ndarray
+
+    def table(self) -> Table:
+        """One row for each reversal."""
+        rows = [
+            [f"{each.axis} {each.side}", f"{each.time:.5g}", f"{1e6 * each.height:.4g}", f"{1e3 * each.peak_time:.4g}",
+             f"{1e3 * each.width:.4g}", f"{1e3 * each.stick_begin:.4g}", f"{1e3 * each.stick_time:.4g}",
+             f"{1e6 * each.base:.4g}"]
+            for each in self.reversals
+        ]  # fmt: skip
+        highest = max((abs(each.height) for each in self.reversals), default=0.0)
+        heads = ["reversal", "at s", "height um", "after ms", "width ms", "stands from ms", "for ms", "base um"]
+        return Table(f"{self.name}: quadrant glitches up to {1e6 * highest:.4g} um", heads, rows)
+
+
+def reversals(run: Run, contour: ContourError | None = None, *, begin: float = 0.0) -> Reversals:
+    """The reversals of the two axes of a run along a curved path, such as a circle.
+
+    contour  the contour error of the run, if it is there already
+    begin    reversals before this time are left out, s: of the run-in
+
+    The base is the mean of the last fifth of the way from the reversal before, or from the begin of the run.
+    Raises ParameterError for a run of other than two axes, or without velocities.
+    """
+    found = contour_error(run) if contour is None else contour
+    if not found.signed:
+        raise ParameterError(f"reversals are those of a plane path: give the contour error of two axes, not of "
+                             f"{', '.join(found.axes)}")  # fmt: skip
+    v = np.column_stack([run[f"{axis}.set_velocity"] for axis in found.axes])
+    a = np.column_stack([run[f"{axis}.set_acceleration"] for axis in found.axes])
+    left_turn = v[:, 0] * a[:, 1] - v[:, 1] * a[:, 0] >= 0.0
+    outward = np.where(left_turn, -found.error, found.error)
+    places: list[tuple[float, int, int]] = []
+    for i in range(2):
+        moves = np.flatnonzero(v[:, i] != 0.0)
+        turned = np.flatnonzero(np.sign(v[moves[1:], i]) != np.sign(v[moves[:-1], i]))
+        for before, after in zip(moves[turned], moves[turned + 1], strict=True):
+            share = v[before, i] / (v[before, i] - v[after, i])
+            time = float(found.time[before] + share * (found.time[after] - found.time[before]))
+            if time >= begin:
+                places.append((time, int(after), i))
+    places.sort()
+    ends = [row for _, row, _ in places[1:]] + [len(outward)]
+    starts = [0] + [row for _, row, _ in places[:-1]]
+    rows = [
+        _reversal(run, found, outward, place, start, end)
+        for place, start, end in zip(places, starts, ends, strict=True)
+    ]
+    return Reversals(found.name, tuple(rows), found.time, outward)
+
+
+def _reversal(
+    run: Run, contour: ContourError, outward: np.ndarray, place: tuple[float, int, int], start: int, end: int
+) -> Reversal:
+    time, row, i = place
+    axis = contour.axes[i]
+    before = outward[row - max(1, int(_BASE * (row - start))) : row]
+    base = float(np.mean(before))
+    course = outward[row:end] - base
+    top = int(np.argmax(course))
+    height = float(course[top])
+    above = course >= 0.5 * height
+    first, last = top, top
+    while first > 0 and above[first - 1]:
+        first -= 1
+    while last + 1 < len(above) and above[last + 1]:
+        last += 1
+    step = run.sample_time
+    near = slice(max(0, row - (end - row) // 4), end)
+    stuck = np.flatnonzero(np.abs(run[f"{axis}.velocity_load"][near]) <= _STUCK) + near.start
+    # one stand: the samples that follow each other from the first one on
+    length = 0 if not len(stuck) else int(np.argmax(np.append(np.diff(stuck) > 1, True))) + 1
+    return Reversal(
+        axis=axis,
+        side="+" if float(run[f"{axis}.set_acceleration"][row]) < 0.0 else "-",
+        time=time,
+        base=base,
+        height=height,
+        peak_time=float(contour.time[row + top]) - time,
+        width=(last - first + 1) * step,
+        stick_begin=float(contour.time[stuck[0]]) - time if length else 0.0,
+        stick_time=length * step,
+        rows=slice(row, end),
+    )
+
+
+def stick_time(
+    acceleration: float, *, mass: float, coulomb: float, breakaway: float, Kv: float, Kp: float, Tn: float | None = None
+) -> float:
+    """How long an axis under P-PI stands at a reversal, s, to about 0.5 %: the root of
+
+        Kp A (t + (Kv + 1/Tn) t²/2 + Kv t³/(6 Tn)) = F_c + F_s - m A,   A = V²/R
+
+    acceleration of the set position at the reversal, m/s²; the share of velocity feedforward hardly matters.  0 where
+    the axis does not stand, F_c + F_s <= m A.  Raises ParameterError for numbers that are not > 0.
+    """
+    given = {"acceleration": acceleration, "mass": mass, "Kv": Kv, "Kp": Kp} | ({} if Tn is None else {"Tn": Tn})
+    for name, value in given.items():
+        if not 0.0 < value < float("inf"):
+            raise ParameterError(f"{name} = {value:g} must be finite and > 0")
+    wanted = (coulomb + breakaway - mass * acceleration) / (Kp * acceleration)
+    if wanted <= 0.0:
+        return 0.0
+    rate = 0.0 if Tn is None else 1.0 / Tn
+
+    def left(t: float) -> float:
+        return t + (Kv + rate) * t * t / 2.0 + Kv * rate * t**3 / 6.0 - wanted
+
+    found: Any = brentq(left, 0.0, wanted, xtol=1e-15)  # the left side is at least t
+    return float(found)
