@@ -15,7 +15,8 @@ from typer.testing import CliRunner
 import feeddrive as fd
 from feeddrive.cli import commands
 from feeddrive.export.linuxcnc.session import session
-from feeddrive.files.machine import planned_limits
+from feeddrive.files.machine import machine_toml, planned_limits, read_machine
+from feeddrive.language import tree
 from feeddrive.language.errors import CancelledError, FeeddriveError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.path import setpoints
@@ -276,6 +277,18 @@ def test_a_machine_without_limits_says_what_to_add(tmp_path: Path) -> None:
     assert "a part program moves axes with the names x y z u v w, and a b c" in refused(tmp_path, PART, machine=other)
     with pytest.raises(ParameterError, match="--machine is missing"):
         PlanRequest(Path("part.ngc"))
+
+
+def test_axes_that_follow_differently_are_said(tmp_path: Path) -> None:
+    """Kv 40 and 38 without feedforward leave a line at 45 deg by V/2 (1/38 - 1/40)."""
+    machine = read_machine("xy_table").machine()
+    names = {f"axis.{axis}.control.law.velocity_feedforward": 0.0 for axis in "xy"} | {"axis.y.control.law.Kv": 38.0}
+    limits = read_machine("xy_table").limits
+    (tmp_path / "slow.toml").write_text(machine_toml(tree.vary(machine, names), "slow", limits=limits))
+    found = plan.run(PlanRequest(program=part(tmp_path), machine=tmp_path / "slow.toml"))
+    assert any("x Kv 40, y 38: 65.8 um off a 45 deg line at 100 mm/s" in each for each in found.remarks)
+    same = plan.run(PlanRequest(program=part(tmp_path), machine="xy_table"))
+    assert not any("45 deg" in each for each in same.remarks)
 
 
 def test_a_hold_is_a_stop_with_its_place(tmp_path: Path) -> None:

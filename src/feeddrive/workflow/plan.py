@@ -11,10 +11,11 @@ from dataclasses import replace
 from pathlib import Path
 from time import monotonic
 
+from feeddrive.analysis.contour_control import matched_dynamics
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.machine import MachineFile, planned_limits, read_machine
 from feeddrive.files.plan_files import PLAN, SETPOINTS, STREAMER, SetpointWriter, setpoint_files, write_plan
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.errors import NoSlopeError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.path.limits import MachineLimits
 from feeddrive.path.override import read_steps
@@ -93,14 +94,22 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     with contextlib.closing(_moves(request, limits, progress)) as moves:  # whatever ends it, the program is closed
         setpoints = Setpoints(moves, limits, sample_time, override)
         if request.out is None:
-            return _outcome(planned_of(setpoints, *names), None)
+            return _outcome(planned_of(setpoints, *names), None, machine)
         with new_directory(request.out) as folder:
             with setpoint_files(folder, limits, sample_time, request.program.name) as writer:
                 found = planned_of(setpoints, *names, _into(writer))
             write_plan(folder, found)
             progress.step("report")
             (folder / "report.html").write_text(build_plan(found), encoding="utf-8")
-    return _outcome(found, request.out)
+    return _outcome(found, request.out, machine)
+
+
+def _differing(machine: MachineFile, letters: str) -> list[str]:
+    """What it costs that axes follow differently; nothing of a law without a linear model."""
+    names = [name for name, each in machine.loops.items() if name.upper() in letters and not each.axis.rotary]
+    with contextlib.suppress(NoSlopeError):
+        return matched_dynamics(machine.machine(), names).remarks()
+    return []
 
 
 def _into(writer: SetpointWriter) -> Take:
@@ -159,7 +168,7 @@ def _lines_of(program: Path) -> int:
     return 0
 
 
-def _outcome(found: Planned, out: Path | None) -> Outcome[Planned]:
+def _outcome(found: Planned, out: Path | None, machine: MachineFile | None) -> Outcome[Planned]:
     remarks = [f"{count} x {reason}" for reason, count in sorted(found.stop_reasons.items(), key=lambda each: -each[1])]
     causes = sorted(found.seconds.items(), key=lambda each: -each[1])
     told = ", ".join(f"{name} {100.0 * seconds / max(found.cycle_time, 1e-9):.3g} %" for name, seconds in causes[:6])
@@ -169,5 +178,6 @@ def _outcome(found: Planned, out: Path | None) -> Outcome[Planned]:
     if out is not None:
         files = {"Plan": out / PLAN, "Report": out / "report.html"}
         files |= {"Setpoints": out / SETPOINTS, "For LinuxCNC's streamer": out / STREAMER} if proven else {}
+    differ = [] if machine is None else _differing(machine, found.limits.letters)
     faults = [] if proven else [found.limits.named(str(found.proof.faults[0]))]
-    return Outcome(found, [found.table()], [*said, *faults], files=files, failure=None if proven else FAULT)
+    return Outcome(found, [found.table()], [*said, *faults, *differ], files=files, failure=None if proven else FAULT)
