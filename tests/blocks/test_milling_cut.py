@@ -217,7 +217,7 @@ def test_a_stable_cut_moves_as_under_the_force_of_the_static_chip(
         weight = np.where(np.arange(len(wave)) == 0, 1.0, 2.0)
         found.append([float(np.sum(weight * (wave * np.exp(1j * turns * place)).real)) / steps * 1e6 for place in at])
         # the force on the axis is that of the static chip in the mean over a sample, to rounding
-        middles = np.pi * (np.arange(steps) + 0.5) / steps
+        middles: Any = np.pi * (np.arange(steps) + 0.5) / steps
         still = cut(edge, middles, np.pi / steps, [(CHIP, 0.0)])
         force = run[f"{axis}.load_force"][-steps - 1 - (len(position) - 1) % steps :][:steps]
         rigid = still.feed if axis == "x" else still.normal
@@ -314,7 +314,7 @@ def test_sections_are_cuts_of_their_own() -> None:
         assert np.max(np.abs(run[f"{axis}.load_force"] - there)[first]) < 1e-6 * np.max(np.abs(there))
     other = replace(cutter, axial_depth=2e-3, entry=2.0, exit=3.1)
     late = run.time > 0.022
-    angle = 2.0 * np.pi * (100.0 * 0.012 + 150.0 * (run.time[late] + 0.5 * made.sample_time - 0.012))
+    angle: Any = 2.0 * np.pi * (100.0 * 0.012 + 150.0 * (run.time[late] + 0.5 * made.sample_time - 0.012))
     along, across = (CHIP * 2.0 / 3.0 * each for each in (np.cos(0.7), -np.sin(0.7)))
     still = cut(other.edge(), angle, 0.0, [(along, across)])
     force = still.feed * np.cos(1.0) - still.normal * np.sin(1.0)

@@ -11,6 +11,8 @@ from feeddrive.machining.circle_test import circle_path as circle_path
 from feeddrive.machining.circle_test import circle_test as circle_test
 from feeddrive.machining.contour import ContourError as ContourError
 from feeddrive.machining.contour import contour_error as contour_error
+from feeddrive.machining.cutting_force import CuttingForces as CuttingForces
+from feeddrive.machining.cutting_force import cutting_forces as cutting_forces
 from feeddrive.machining.load import AxisLoad as AxisLoad
 from feeddrive.machining.load import MachineLoad as MachineLoad
 from feeddrive.machining.load import SpindleLoad as SpindleLoad

@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from feeddrive.loop.gradient import Gradient
     from feeddrive.loop.linearize import StateSpace
     from feeddrive.loop.simulate import Batch, Run
+    from feeddrive.machining.cutting_force import CuttingForces
     from feeddrive.machining.lobes import Lobes
     from feeddrive.tuning.delay_map import DelayMap
     from feeddrive.tuning.iterative_feedforward import Iteration
@@ -172,6 +173,12 @@ def lobes(found: Lobes) -> Any:
 def log(log: Log) -> Any:
     """One column a channel, over time in s."""
     return frame(log.time, log.channels, "time")
+
+
+def cutting_forces(found: CuttingForces) -> Any:
+    """Forces, torque, power and angle of the spindle over time in s."""
+    names = ("angle", "spindle_speed", "feed", "normal", "axial", "torque", "power")
+    return frame(found.time, {name: getattr(found, name) for name in names}, "time")
 
 
 def agreement(found: Agreement) -> Any:

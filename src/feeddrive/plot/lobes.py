@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from feeddrive.machining.chatter_signs import ChatterSigns
+    from feeddrive.machining.cutting_force import CuttingForces
     from feeddrive.machining.lobes import CutStability, Lobes
 
 _SHADE = "#d9efe8"  # the third color of the style, thinned
@@ -86,6 +87,33 @@ def _own(ax: Axes, own: CutStability) -> None:
     ax.annotate(said, (own.speed, 1e3 * own.depth), xytext=(-8 if right else 8, 5), textcoords="offset points",
                 ha="right" if right else "left", fontsize=style.SMALL, color=color,
                 bbox={"facecolor": style.PAPER, "edgecolor": "none", "pad": 0.8, "alpha": 0.85})  # fmt: skip
+
+
+def cutting_forces(found: CuttingForces) -> Any:
+    """Forces over the angle of the spindle in the last turn that cuts; force across the spindle and power over time."""
+    figure, axes = style.picture(3, height=6.0, share=False)
+    turns = found.angle / (2.0 * np.pi)
+    cuts = np.flatnonzero(found.torque != 0.0)
+    if cuts.size:
+        last = np.floor(turns[cuts[-1]])
+        turn = (turns >= last - 1.0) & (turns < last) if last >= 1.0 else np.ones(turns.size, dtype=bool)
+        degrees = 360.0 * (turns[turn] - np.floor(turns[turn][0]))
+        for i, name in enumerate(("feed", "normal", "axial")):
+            axes[0].plot(degrees, getattr(found, name)[turn], **style.curve(i), label=name)
+        style.note(axes[0], f"the turn from {found.time[turn][0]:.4g} s on")
+    axes[0].set_xlim(0.0, 360.0)
+    axes[0].set_xticks(range(0, 361, 60))
+    style.labels(axes[0], "angle of the spindle (°)", "force on the\ntool (N)")
+    style.row_legend(axes[0])
+    for ax, name, unit in ((axes[1], "resultant", "force across\nthe spindle (N)"), (axes[2], "power", "power (W)")):
+        values = getattr(found, name)
+        ax.plot(*style.envelope(found.time, values), **style.curve(0))
+        ax.set_xlim(found.time[0], found.time[-1])
+        mean = f"{np.mean(values[cuts]):.4g}" if cuts.size else "0"
+        style.note(ax, f"mean {mean} while it cuts, peak {np.max(np.abs(values)):.4g}")
+        style.labels(ax, "time (s)" if name == "power" else None, unit)
+    figure.align_ylabels(axes)
+    return figure
 
 
 def chatter_signs(found: ChatterSigns) -> Any:

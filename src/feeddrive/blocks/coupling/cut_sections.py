@@ -30,12 +30,12 @@ class CutSections(Block):
     Raises ParameterError, with the section, for what no tool can cut.
     """
 
-    start: Number = table("s", "when each section begins; the first one holds before it, too", least=0)
-    axial_depth: Number | None = table("m", "depth of cut of each section; 0 out of the work", least=0, default=None)
-    entry: Number | None = table("rad", "angle at which the chip begins", least=0, below=3.1416, default=None)
-    exit: Number | None = table("rad", "angle at which it ends", above=0, below=3.1416, default=None)
-    spindle_speed: Number | None = table("rpm", "turns of the spindle", least=0, default=None)
-    direction: Number | None = table("rad", "direction of the feed, from x towards y", default=None)
+    start: Any = table("s", "when each section begins; the first one holds before it, too", least=0)
+    axial_depth: Any = table("m", "depth of cut of each section; 0 out of the work", least=0, default=None)
+    entry: Any = table("rad", "angle at which the chip begins", least=0, below=3.1416, default=None)
+    exit: Any = table("rad", "angle at which it ends", above=0, below=3.1416, default=None)
+    spindle_speed: Any = table("rpm", "turns of the spindle", least=0, default=None)
+    direction: Any = table("rad", "direction of the feed, from x towards y", default=None)
 
     def check(self) -> None:
         """Sections follow each other, and each can be cut."""
