@@ -39,7 +39,9 @@ def lead(study: Study) -> list[str]:
         )
     place = next(iter(best.worst(1)), None)
     if place is not None:
-        said.append(f"Its worst place is {_place(best, place.position)}, in line {place.line} of the program.")
+        said.append(
+            f"The worst place of '{best.name}' is {_place(best, place.position)}, in line {place.line} of the program."
+        )
     return said
 
 
@@ -221,6 +223,24 @@ def pictures(study: Study) -> Iterator[Shown]:
             "The root of the mean square, what is kept on 95 % of the path, and the largest, of the path that counts.",
             "Contour error of each law.",
             lambda: plot.part_laws(parts),
+        )
+    best = min(parts.values(), key=lambda part: part.contour_rms)
+    for key, part in {"path": first, **({} if best is first else {"bestpath": best})}.items():
+        yield Shown(
+            key,
+            f"The path with '{part.name}'",
+            "Gray: the path that counts. Color and width: the contour error, drawn normal to the path and enlarged.",
+            f"The path with the contour error of {part.name}, enlarged.",
+            lambda part=part: plot.part_path(part),
+        )
+    worst = next(iter(first.worst(1)), None)
+    if worst is not None:
+        yield Shown(
+            "worst",
+            f"The worst place of '{first.name}'",
+            f"{_place(first, worst.position)}, line {worst.line}, {worst.time:.4g} s: the contour error of each law.",
+            "Contour error of each law around the worst place of the first one.",
+            lambda: plot.part_zoom(parts, worst.time),
         )
     if first.cutting is not None:
         yield Shown(

@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
-from typing import TypeAlias
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from feeddrive.blocks.coupling.milling_cut import MillingCut
+from feeddrive.blocks.cutting.engagement import arc
 from feeddrive.blocks.families import Observer
+from feeddrive.blocks.machine_families import Cutter
 from feeddrive.files.job import Job
 from feeddrive.files.job_cuts import Cut
+from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.table import Table
 from feeddrive.loop.machine import Machine, System
 from feeddrive.loop.simulate import Run
 from feeddrive.machining.part_run import PartRun, part_run
+from feeddrive.machining.regeneration import regeneration
+from feeddrive.machining.tool_point import tool_point
+from feeddrive.machining.tooth_passage import ToothPassage
 from feeddrive.report.page import Entry, ShownTable
-from feeddrive.report.sentences import number
+from feeddrive.report.sentences import block_sentence, number
 from feeddrive.tuning.candidates import PLAIN, candidates
 
 
@@ -58,33 +65,106 @@ def listening(job: Job) -> Listening:
     return found
 
 
-def cut_table(job: Job, row: Entry) -> list[ShownTable]:
-    """What cuts while which lines run, with the force of the first row."""
+class Chatter(NamedTuple):
+    """Whether one kind of cut chatters under a law: |µ| is the factor of a vibration from tooth to tooth.
+
+    cut        the first section of this kind
+    growth     None if it is not known, for the reason in `why`
+    frequency  Hz of a chatter; None if there is none
+    """
+
+    law: str
+    cut: Cut
+    growth: float | None
+    frequency: float | None = None
+    why: str = ""
+
+
+def chatter(job: Job, rows: Sequence[Entry]) -> tuple[Chatter, ...]:
+    """Each kind of cut under the first law and the one that keeps the contour best, with the feed along x."""
+    program = job.program
+    ran = [row for row in rows if row.part is not None]
+    if program is None or program.process is None or not ran:
+        return ()
+    kinds = {each[2:]: each for each in reversed(program.cuts) if each.axial_depth > 0.0}
+    best = min(ran, key=lambda row: row.part.contour_rms if row.part is not None else np.inf)
+    found: list[Chatter] = []
+    for row in dict.fromkeys((ran[0].name, best.name)):
+        idle = out_of_the_work(job, job.machines[row])
+        for cut in sorted(kinds.values()) if isinstance(idle, Machine) else ():
+            try:
+                found.append(_chatters(row, idle, cut, program.process.tools[cut.tool]))
+            except FeeddriveError as error:
+                found.append(Chatter(row, cut, None, why=str(error)))
+    return tuple(found)
+
+
+def _chatters(law: str, idle: Machine, cut: Cut, cutter: Cutter) -> Chatter:
+    point = tool_point(idle, along=("x", "y"))
+    entry, leave = arc(cut.milling, cut.radial_depth, cutter.edge().diameter)
+    edges = regeneration(cutter, entry=float(entry), leave=float(leave))
+    passage = ToothPassage(point, edges, cut.spindle_speed)
+    growth = float(np.abs(passage.multipliers([cut.axial_depth])[0]))
+    return Chatter(law, cut, growth, passage.frequency(cut.axial_depth, point) if growth >= 1.0 else None)
+
+
+def chatter_remarks(found: Sequence[Chatter]) -> list[str]:
+    """The verdict in sentences."""
+    said = [
+        f"'{each.law}': the cut from line {each.cut.line} chatters at {number(each.frequency)} Hz: a vibration grows "
+        f"{number(each.growth, 4)} times from tooth to tooth; `feeddrive lobes` shows depths and speeds at which it "
+        "does not."
+        for each in found if each.frequency is not None
+    ]  # fmt: skip
+    said += [
+        f"'{each.law}': whether the cut from line {each.cut.line} chatters is not known: {each.why}."
+        for each in found if each.growth is None
+    ]  # fmt: skip
+    known = [each for each in found if each.growth is not None]
+    if known and not any(each.frequency for each in known):
+        most = max(known, key=lambda each: each.growth or 0.0)
+        said.append(
+            f"No cut chatters: a vibration is at most multiplied by {number(most.growth, 4)} from tooth to tooth "
+            f"('{most.law}', from line {most.cut.line}), by the modes of the axes; tool and holder are taken as rigid."
+        )
+    return said
+
+
+def cut_table(job: Job, row: Entry, verdicts: Sequence[Chatter]) -> list[ShownTable]:
+    """What cuts while which lines run, with the force of the first row and the verdict on chatter."""
     program = job.program
     if program is None or row.part is None or row.part.cutting is None:
         return []
     ends: Mapping[int, float] = {i: each.begin for i, each in enumerate(program.cuts[1:])}
     time = row.part.contour.time
     force = np.linalg.norm(row.part.cutting, axis=1)
+    laws = list(dict.fromkeys(each.law for each in verdicts))
+    growth = {(each.law, each.cut[2:]): each.growth for each in verdicts}
     rows: list[list[str]] = []
     for i, each in enumerate(program.cuts):
         if each.axial_depth > 0.0:
             here = force[(time >= each.begin) & (time < ends.get(i, np.inf))]
-            rows.append([*_said(each), number(float(np.sqrt(np.mean(here**2)))), number(float(np.max(here)))])
-    heads = ["from line", "at s", "tool", "depth ap mm", "width ae mm", "milling", "rpm", "force RMS N", "peak N"]
-    title = f"What the program cuts, and the resultant force on the tool with '{row.name}'."
+            forces = [number(float(np.sqrt(np.mean(here**2)))), number(float(np.max(here)))]
+            rows.append([*_said(each), *forces, *(number(growth.get((law, each[2:])), 3) for law in laws)])
+    heads = ["from line", "at s", "tool", "depth ap mm", "width ae mm", "milling", "rpm", "force RMS N", "peak N",
+             *(f"|µ| '{law}'" for law in laws)]  # fmt: skip
+    title = (
+        f"What the program cuts, the resultant force on the tool with '{row.name}', and |µ|, the factor of a vibration "
+        "from tooth to tooth with the feed along x: from 1 on the cut chatters."
+    )
     return [ShownTable(Table(title, heads, rows))]
+
+
+def cut_sentence(cut: MillingCut) -> str:
+    """A cut of a program, in words, for reports."""
+    regenerative = f"regenerative, over {cut.surfaces} earlier surfaces"
+    return f"milling cut on {', '.join(cut.axes())}, {regenerative} ({block_sentence(cut.cutter)})"
 
 
 def _said(cut: Cut) -> list[str]:
     width = "slot" if cut.radial_depth is None else f"{1e3 * cut.radial_depth:g}"
     side = "–" if cut.radial_depth is None else cut.milling
     return [
-        str(cut.line),
-        f"{cut.begin:.4g}",
-        str(cut.tool),
-        f"{1e3 * cut.axial_depth:g}",
-        width,
-        side,
+        str(cut.line), f"{cut.begin:.4g}", str(cut.tool), f"{1e3 * cut.axial_depth:g}", width, side,
         f"{cut.spindle_speed:g}",
-    ]
+    ]  # fmt: skip

@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from feeddrive.analysis.contour_control import matched_dynamics
 from feeddrive.analysis.effort import fastest_mode, substeps_needed
 from feeddrive.analysis.replay import replay
 from feeddrive.analysis.stability import require_stable
+from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.families import Reference
 from feeddrive.blocks.reference.linear_move import LinearMove
 from feeddrive.files.job import Job, Other
@@ -30,7 +32,17 @@ from feeddrive.report.page import RESPONSE_LINES, ShownTable
 from feeddrive.report.part_page import laws_table
 from feeddrive.report.sentences import block_sentence, described
 from feeddrive.workflow.job_log import load_said, measured_signals, of_channels, of_injected, placed, without_answer
-from feeddrive.workflow.job_program import Listening, along_program, cut_table, listening, out_of_the_work
+from feeddrive.workflow.job_program import (
+    Chatter,
+    Listening,
+    along_program,
+    chatter,
+    chatter_remarks,
+    cut_sentence,
+    cut_table,
+    listening,
+    out_of_the_work,
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,6 +58,7 @@ class JobResult(Result):
     velocity: float
     remarks: tuple[str, ...]
     versions: Mapping[str, str]
+    chatter: tuple[Chatter, ...] = ()
 
     @property
     def rotary(self) -> bool:
@@ -107,7 +120,7 @@ class JobResult(Result):
             quoted=(job.rule, *job.machine.quoted),
             extras=[] if self.parts or (others := self.others()) is None else [ShownTable(others)],
             planned=None if job.program is None else job.program.planned,
-            cuts=cut_table(job, self.rows[0]),
+            cuts=cut_table(job, self.rows[0], self.chatter),
         )
 
     @property
@@ -204,7 +217,22 @@ def run_laws(job: Job, progress: Progress | None = None) -> JobResult:
         rows.append(_row(job, name, loop, measured, velocity, observers))
     if measured is not None and rows[0].replay is not None:
         said += of_injected(rows[0].loop, measured, rows[0].replay)
-    return JobResult(job, tuple(rows), log, velocity, (*said, *_remarks(rows)), versions())
+    if observers and progress is not None:
+        progress.step("chatter")
+    verdicts = chatter(job, rows)
+    remarks = (*said, *chatter_remarks(verdicts), *_matched(job), *_remarks(rows))
+    return JobResult(job, tuple(rows), log, velocity, remarks, versions(), verdicts)
+
+
+def _matched(job: Job) -> list[str]:
+    """What axes that differ cost on a path; nothing where they match."""
+    machine = next(iter(job.machines.values()), None)
+    if machine is None or job.program is None or len(job.program.references) < 2:
+        return []
+    try:
+        return list(matched_dynamics(machine, tuple(job.program.references)).remarks())
+    except FeeddriveError:
+        return []  # its linear model is not known, which is remarked of the law
 
 
 def _row(
@@ -346,7 +374,12 @@ def _couplings(job: Job) -> dict[str, str]:
     moving = {axis: "stands" for axis in job.machine.loops if axis != job.axis}
     said = "as the program says" if job.program else ""
     moving |= {axis: said or block_sentence(each.reference) for axis, each in job.others.items() if each.reference}
-    couplings = "; ".join(map(block_sentence, job.machine.couplings)) or "none"
+    cuts = [each for each in next(iter(job.machines.values())).couplings if each not in job.machine.couplings]
+    listed = [
+        *map(block_sentence, job.machine.couplings),
+        *(cut_sentence(c) for c in cuts if isinstance(c, MillingCut)),
+    ]
+    couplings = "; ".join(listed) or "none"
     return {"Couplings": couplings, "Other axes": "; ".join(f"{axis}: {text}" for axis, text in moving.items())}
 
 

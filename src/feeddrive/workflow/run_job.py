@@ -65,7 +65,7 @@ def run(request: RunRequest, progress: Progress) -> Outcome[JobResult]:
     LogError for a log that does not fit the job.
     """
     job = read_job(request.job, request.log)
-    progress = progress.counted(len(job.loops) + 1)
+    progress = progress.counted(len(job.loops) + (1 if job.program is None or not job.program.cuts else 2))
     found = run_laws(job, progress)
     files: dict[str, Path] = {}
     if request.out is not None:
@@ -149,6 +149,7 @@ def summary(result: JobResult) -> dict[str, Any]:
             "file": planned.program, "cycle_time_s": planned.cycle_time, "blocks": planned.blocks,
             "stops": planned.stop_count, "seconds_by_limit": dict(planned.seconds),
             "cuts": [each._asdict() for each in job.program.cuts],
+            "chatter": [{**each._asdict(), "cut": each.cut.line} for each in result.chatter],
         }  # fmt: skip
     if result.log is not None:
         found["log"] = {key: result.log.provenance[key] for key in ("sha256", "format")}
