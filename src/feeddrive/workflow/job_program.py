@@ -91,7 +91,9 @@ def chatter(job: Job, rows: Sequence[Entry]) -> tuple[Chatter, ...]:
     found: list[Chatter] = []
     for row in dict.fromkeys((ran[0].name, best.name)):
         idle = out_of_the_work(job, job.machines[row])
-        for cut in sorted(kinds.values()) if isinstance(idle, Machine) else ():
+        if not isinstance(idle, Machine):
+            continue
+        for cut in sorted(kinds.values()):
             try:
                 found.append(_chatters(row, idle, cut, program.process.tools[cut.tool]))
             except FeeddriveError as error:
