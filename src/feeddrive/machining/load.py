@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.signal import lfilter
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Result, Table
@@ -198,6 +197,8 @@ def axis_load(
     if continuous_force is not None and time_constant is not None:
         stays = np.exp(-sample_time / time_constant)
         heating = -np.expm1(-sample_time / time_constant) * (force / continuous_force) ** 2
+        from scipy.signal import lfilter  # a second of imports, which reading a plan need not wait for
+
         heat = np.concatenate([[0.0], lfilter([1.0], [1.0, -stays], heating)])
         left = np.exp(-np.arange(len(heat)) * (sample_time / time_constant))
         # a cycle that repeats begins as warm as it ends
