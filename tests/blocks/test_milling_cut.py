@@ -14,7 +14,7 @@ from feeddrive.blocks.coupling.cut_sections import CutSections
 from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.coupling.mode_shape import ModeShape
 from feeddrive.blocks.coupling.structure_mode import StructureMode
-from feeddrive.blocks.cutting.engagement import arc, cut, lag
+from feeddrive.blocks.cutting.engagement import arc, arc_on_circle, cut, lag, trochoid_chip
 from feeddrive.blocks.cutting.helical_cutter import HelicalCutter
 from feeddrive.blocks.cutting.mechanistic_cutter import MechanisticCutter, oblique
 from feeddrive.blocks.load.milling_force import MillingForce
@@ -147,6 +147,24 @@ def test_arcs_of_engagement() -> None:
         pytest.approx(0.5 * np.pi - np.arcsin(0.75)),
         pytest.approx(0.5 * np.pi + np.arcsin(0.75)),
     )
+
+
+def test_arcs_of_engagement_on_a_circle() -> None:
+    """R 5 mm, 2 mm wide, degrees: inside and outside of circles, which approach the straight wall."""
+    for radius, concave, convex in ((0.02, 58.6677485024, 47.1563569564), (0.01, 63.8961188627, 40.5358021113)):
+        assert np.rad2deg(arc_on_circle(0.002, 0.01, radius, concave=True)) == pytest.approx(concave, abs=6e-11)
+        assert np.rad2deg(arc_on_circle(0.002, 0.01, radius, concave=False)) == pytest.approx(convex, abs=6e-11)
+    assert np.rad2deg(arc("up", 0.002, 0.01)[1]) == pytest.approx(53.1301023542, abs=6e-11)
+
+
+def test_the_chip_of_a_trochoid() -> None:
+    """R 5 mm, 0.2 mm, two teeth, µm; it begins before 0 and ends after π."""
+    golden = {
+        0.0: 3.9015503898, 0.02: 7.8494534351, 0.5: 97.8391349377, 0.5 * np.pi: 200.0, 2.0: 183.5284161456,
+        3.0: 32.6071224974, np.pi: 4.1055526274, -0.0197498214: 0.0, np.pi + 0.0202593357: 0.0,
+    }  # fmt: skip
+    for angle, chip in golden.items():
+        assert 1e6 * trochoid_chip(angle, 2e-4, 0.005, 2) == pytest.approx(chip, abs=2e-8)
 
 
 def test_coefficients_from_an_orthogonal_cut() -> None:
@@ -365,6 +383,11 @@ def test_a_single_run_computes_the_edges_in_the_work_alone() -> None:
             {"axial_depth": 0.02, "flute_length": 0.015},
             r"axial_depth = 0.02 m is 0.005 m more than .*flute_length = 0.015",
         ),
+        (
+            {"Ktc": 7.96e14},
+            r"Ktc = 7.96e\+14 N/m2 is that of no material .*if it was 7.96e\+08 N/m2, leave the unit out",
+        ),
+        ({"diameter": 12.0}, r"diameter = 12 m \(of the tool\) must be > 0 m and <= 1 m"),
         ({"radial_depth": 0.013}, r"radial_depth = 0.013 m is 0.001 m more than .*diameter = 0.012"),
         ({"entry": 0.2}, "belong together"),
         ({"entry": 0.5, "exit": 0.2}, r"exit = 0.2 rad must be > mechanistic_cutter.entry = 0.5"),

@@ -33,6 +33,46 @@ def arc(milling: str, radial_depth: Number | None, diameter: Number) -> tuple[An
     return (0.0, angle) if milling == "up" else (ops.pi - angle, ops.pi)
 
 
+def arc_on_circle(radial_depth: Number, diameter: Number, path_radius: Number, *, concave: bool) -> Any:
+    """The arc in rad over which a tooth cuts while the center of the tool moves on a circle of this radius in m.
+
+        concave wall: cos ψ = ((r_c + R - a_e)² - r_c² - R²) / (2 r_c R)
+        convex wall:  cos ψ = (r_c² + R² - (r_c - R + a_e)²) / (2 r_c R)
+
+    a_e = radial_depth, R = diameter / 2, r_c = path_radius.  Inside a corner a tool is in the work longer than along a
+    straight wall of the same width, around a corner shorter.
+    """
+    radius = 0.5 * diameter
+    if concave:
+        wall = path_radius + radius - radial_depth
+        cosine = (wall * wall - path_radius * path_radius - radius * radius) / (2.0 * path_radius * radius)
+    else:
+        wall = path_radius - radius + radial_depth
+        cosine = (path_radius * path_radius + radius * radius - wall * wall) / (2.0 * path_radius * radius)
+    return ops.atan2(ops.sqrt(ops.maximum(1.0 - cosine * cosine, 0.0)), cosine)
+
+
+def trochoid_chip(angle: Number, chip_load: Number, radius: Number, teeth: int) -> Any:
+    """The chip in m of a tooth on its true path, a trochoid; chip_load · sin angle is its first order.
+
+        R sin δ = (c - ρδ) cos v,   h = R (1 - cos δ) + (c - ρδ) sin v,   ρ = c teeth / 2π, the feed of a rad
+
+    angle      v of the tooth, rad
+    chip_load  c, feed of a tooth, m
+    radius     R of the tool, m
+
+    It differs most at entry and exit, by c²/2R, where a tooth is in the work a little before 0 and after π.
+    """
+    feed = chip_load * float(teeth) / (2.0 * ops.pi)
+    sine, cosine = ops.sin(angle), ops.cos(angle)
+    delta = chip_load * cosine / radius
+    for _ in range(4):  # Newton; the first guess is right to chip_load / radius
+        left = radius * ops.sin(delta) - (chip_load - feed * delta) * cosine
+        delta = delta - left / (radius * ops.cos(delta) + feed * cosine)
+    half = ops.sin(0.5 * delta)
+    return 2.0 * radius * half * half + (chip_load - feed * delta) * sine
+
+
 class Cut(NamedTuple):
     """Force on the tool along feed, normal and spindle axis in N, the spindle's torque in N m."""
 

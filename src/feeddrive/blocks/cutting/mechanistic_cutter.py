@@ -11,8 +11,8 @@ from feeddrive.language import ops
 from feeddrive.language.block import Number, Rule, choice, parameter
 from feeddrive.language.errors import ParameterError
 
-_LEAST_CUTTING = 1e6  # N/m2: foam is above it, and 600 N/mm2 written as 600 N/m2 far below
-_LEAST_EDGE = 100.0  # N/m: 27.7 N/mm written as 27.7 N/m is below it
+_CUTTING = 1e6, 1e11  # N/m2: foam and the hardest alloys are within, 600 N/mm2 written as 600 N/m2 is not
+_EDGE = 100.0, 1e6  # N/m: 27.7 N/mm written as 27.7 N/m is not within
 
 
 class MechanisticCutter(Cutter):
@@ -39,7 +39,7 @@ class MechanisticCutter(Cutter):
     Source: Budak, Altintas & Armarego 1996; run-out Kline & DeVor 1983.
     """
 
-    diameter: Number = parameter("m", "of the tool", above=0)
+    diameter: Number = parameter("m", "of the tool", above=0, most=1)
     axial_depth: Number = parameter("m", "depth of cut along the spindle", above=0)
     flute_length: Number | None = parameter(
         "m", "length of the edges; absent: they are long enough", above=0, default=None
@@ -114,9 +114,9 @@ class MechanisticCutter(Cutter):
             )
         yield fits_slices("mechanistic_cutter", self.edge())
         for name in ("Ktc", "Krc", "Kac"):
-            yield _material(name, getattr(self, name), "N/m2", "N_per_mm2", "N/mm2", _LEAST_CUTTING)
+            yield _material(name, getattr(self, name), "N/m2", "N_per_mm2", "N/mm2", _CUTTING)
         for name in ("Kte", "Kre", "Kae"):
-            yield _material(name, getattr(self, name), "N/m", "N_per_mm", "N/mm", _LEAST_EDGE)
+            yield _material(name, getattr(self, name), "N/m", "N_per_mm", "N/mm", _EDGE)
 
     def edge(self) -> Edge:
         """The parameters above."""
@@ -144,18 +144,22 @@ class MechanisticCutter(Cutter):
         return cut(self.edge(), angle, 0.0, steps)
 
 
-def _material(name: str, value: Any, unit: str, key: str, other: str, least: float) -> Rule:
-    """A coefficient is 0 or not below what foam has."""
-    absent = ops.equal(value, 0.0)
-    return Rule(
-        ops.either(absent, value >= least),
-        f"{name} is that of a material",
-        lambda: (
-            f"mechanistic_cutter.{name} = {value:g} {unit} is that of no material (at least {least:g} {unit}); if "
-            f"{value:g} is in {other}, write {name}_{key} = {value:g} in the file, "
-            f"{name}={value:g}e{6 if other == 'N/mm2' else 3} in Python"
-        ),
-    )
+def _material(name: str, value: Any, unit: str, key: str, other: str, bounds: tuple[float, float]) -> Rule:
+    """A coefficient is 0 or within what materials have, from foam to the hardest alloy."""
+    least, most = bounds
+    factor = 1e6 if other == "N/mm2" else 1e3
+
+    def refusal() -> str:
+        shown = f"mechanistic_cutter.{name} = {value:g} {unit} is that of no material ({least:g} .. {most:g} {unit}"
+        if value < least:
+            remedy = (
+                f"if {value:g} is in {other}, write {name}_{key} = {value:g} in the file, {name}={value * factor:g}"
+            )
+            return f"{shown} or 0); {remedy} in Python"
+        return f"{shown} or 0); if it was {value / factor:g} {unit}, leave the unit out of the key"
+
+    within = ops.both(value >= least, value <= most)
+    return Rule(ops.either(ops.equal(value, 0.0), within), f"{name} is that of a material", refusal)
 
 
 class Oblique(NamedTuple):
