@@ -364,3 +364,13 @@ def test_zero_order_takes_a_measured_response() -> None:
     f = np.linspace(700.0, 1200.0, 5001)
     measured = FRF(f, TOOL.response(f)[:, 0, 0], unit="m/N")
     assert zero_order(measured, SLOT, SPEEDS).depth == pytest.approx(zero_order(TOOL, SLOT, SPEEDS).depth, rel=1e-3)
+
+
+@pytest.mark.parametrize(("name", "speed"), [("ball_screw", 500.0), ("linear_motor", 200.0)])
+def test_poles_that_hardly_move_the_tool_need_no_points(name: str, speed: float) -> None:
+    # a pole of the control near 2 or 3.6 kHz, damped by 45 % and more, swings up to 200 times while a tooth cuts
+    point = tool_point(read_machine(name).machine())
+    grown = [
+        abs(ToothPassage(point, steel(4, 0.0, 2.0), speed, share=share).multipliers([3e-3])[0]) for share in (0.6, 1.0)
+    ]
+    assert grown[0] == pytest.approx(grown[1], rel=1e-8)

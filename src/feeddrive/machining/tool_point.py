@@ -19,6 +19,7 @@ from feeddrive.loop.machine import Machine, check_system
 _WORST = 0.01  # of the largest compliance: a fit that misses by more is refused
 _FAST = (1.0, 2.0, 4.0, 8.0, 16.0)  # real poles at these multiples of the sampling rate stand for hold and dead time
 _DISTINCT = 1e8  # of the condition of the shapes: beyond it two poles are one, and each line is solved for itself
+_MOVES = 0.01  # of the largest peak of a pole: what moves the tool by less may be damped quickly
 _KNEE = 0.03  # of the sampling rate: above it the fit counts less, since images of the sampling show there
 
 
@@ -88,6 +89,17 @@ class ToolPoint(Result):
     def directions(self) -> list[int]:
         """0 for t, 1 for n: along which anything gives way."""
         return [i for i in range(self.C.shape[0]) if np.any(self.C[i]) and np.any(self.B[:, i])]
+
+    def fastest(self) -> float:
+        """The fastest swing that counts, rad/s: a pole damped by 30 % or more that hardly moves the tool does not."""
+        found: Any = np.linalg.eig(self.A)
+        poles, shapes = found
+        counts = np.ones(poles.size, bool)
+        if np.linalg.cond(shapes) < _DISTINCT:
+            into = np.linalg.norm(np.linalg.solve(shapes, self.B), axis=1)
+            peak = np.linalg.norm(self.C @ shapes, axis=0) * into / np.maximum(np.abs(poles.real), 1e-300)
+            counts = (-poles.real < 0.3 * np.abs(poles)) | (peak > _MOVES * peak.max())
+        return float(np.max(np.abs(poles.imag[counts]), initial=0.0))
 
     def table(self) -> Table:
         """The modes: frequency and damping of the poles, and the stiffness along t and n at rest."""

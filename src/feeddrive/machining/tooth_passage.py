@@ -66,6 +66,7 @@ class ToothPassage:
         """`share` of the points is taken: 0.6 for 1 % of |µ|, to find a place to begin."""
         self.cut, self.speed, self.period, self.share = cut, speed, cut.period(speed), share
         self.A, self.B, self.C = tool.moving()
+        self.fastest = tool.fastest()
         self.directions = tool.directions()
         found = schur(self.A, output="complex")
         self._T, self._U = np.asarray(found[0], complex), np.asarray(found[1], complex)
@@ -86,9 +87,9 @@ class ToothPassage:
             return _Passage(piece, length, np.zeros(0), np.zeros(0), (none, none), (none, none),
                             (np.zeros((d, 0)), expm(self.A * length)))  # fmt: skip
         poles: Any = np.diag(self._T)
-        vibrations = float(np.max(np.abs(poles.imag))) * length / (2.0 * np.pi)
+        vibrations = self.fastest * length / (2.0 * np.pi)
         turns = (piece.end - piece.begin) / np.pi
-        stiff = float(np.max(np.abs(poles.real))) * length
+        stiff = float(np.max(np.abs(poles))) * length
         n = int(self.share * (12.0 + 8.0 * (vibrations + turns) + min(2.0 * np.sqrt(stiff), _LAYER)))
         if n > _MOST:
             raise ParameterError(
