@@ -10,20 +10,24 @@ import pytest
 from feeddrive.blocks.compensation.pitch_compensation import PitchCompensation
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.coupling.cross_coupled import CrossCoupled
+from feeddrive.blocks.coupling.geometry import Geometry
 from feeddrive.blocks.force.backlash import Backlash
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.plant.lead_error import LeadError
 from feeddrive.blocks.plant.two_mass import TwoMass
+from feeddrive.blocks.reference.circle import Circle
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.files.comp_file import comp_text, read_comp_file, write_comp_file
-from feeddrive.identification.pitch import learned_from, learned_pitch
+from feeddrive.identification.pitch import learned_from, learned_from_circles, learned_pitch
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import Run, simulate
+from feeddrive.machining.circle_causes import circle_causes
+from feeddrive.machining.circle_test import CirclePath, circle_of_run, circle_test
 
 ERROR = LeadError(row=np.array([0.0, 4e-6, -2e-6, 5e-6, 1e-6]), start=0.0, spacing=0.025)
 PLANT = TwoMass(mass_motor=60.0, mass_load=60.0, stiffness=8e7, damping=4000.0, viscous_motor=300.0, viscous_load=50.0)
@@ -62,6 +66,37 @@ def test_what_a_run_teaches_takes_the_error_out():
         wanted = sign * 4.5e-6 - np.interp(at, 0.025 * np.arange(5), ERROR.row)
         inside = (at > 0.01) & (at < 0.09)
         assert np.max(np.abs(row - wanted)[inside]) < 0.6e-6  # m: entries of 5 mm on corners of 25 mm
+
+
+def circle(machine: Machine, feed: float) -> CirclePath:
+    given = {"radius": 0.02, "feed": feed, "turns": 1.5}
+    paths = {"x": Circle(**given, phase=0), "y": Circle(**given, phase=90)}
+    return circle_of_run(simulate(machine, paths, record=[*(f"{a}.set_position" for a in "xy"), "tool.x", "tool.y"]))
+
+
+def test_a_circle_test_teaches_scale_and_backlash():
+    """Gaps of 8 and 5 um, to which 40 N of friction on 80 N/um add 1 um; scales of 30 and -20 ppm."""
+
+    def machine(blocks: dict[str, tuple[PitchCompensation, ...]]) -> Machine:
+        loops = {name: screw(blocks.get(name, ())) for name in "xy"}
+        for name, gap in (("x", 8e-6), ("y", 5e-6)):
+            loops[name] = replace(loops[name], axis=replace(loops[name].axis, forces=(Backlash(gap=gap),)))
+        return Machine.of(loops, geometry=Geometry(scale_x=3e-5, scale_y=-2e-5))
+
+    before = [circle(machine({}), feed) for feed in (0.02, 0.05)]
+    causes = circle_causes(before)
+    learned = learned_from_circles(causes, {"x": (-0.1, 0.1), "y": (-0.1, 0.1)})
+    for axis, gap, scale in (("x", 9e-6, 3e-5), ("y", 6e-6, -2e-5)):
+        forward, backward = learned[axis].forward, learned[axis].backward
+        assert np.mean(forward - backward) == pytest.approx(gap, rel=0.02)
+        assert (forward[1] - forward[0]) / 0.2 == pytest.approx(-scale, rel=0.05)
+    after = circle(machine({name: (block,) for name, block in learned.items()}), 0.05)
+    figures = [circle_test([each]).figures[0] for each in (before[1], after)]
+    assert figures[1].G < 0.65 * figures[0].G  # what is left are the spikes while the gap is crossed
+    with pytest.raises(ParameterError, match="do not separate"):
+        learned_from_circles(circle_causes(before[:1]), {"x": (-0.1, 0.1), "y": (-0.1, 0.1)})
+    with pytest.raises(ParameterError, match="axis 'y' needs its two ends"):
+        learned_from_circles(causes, {"x": (-0.1, 0.1)})
 
 
 def test_tables_made_from_themselves_come_back():

@@ -25,6 +25,7 @@ from feeddrive.identification.motion.rigid import RigidFit as RigidFit
 from feeddrive.identification.motion.rigid import identify_rigid as identify_rigid
 from feeddrive.identification.pitch import LearnedPitch as LearnedPitch
 from feeddrive.identification.pitch import learned_from as learned_from
+from feeddrive.identification.pitch import learned_from_circles as learned_from_circles
 from feeddrive.identification.pitch import learned_pitch as learned_pitch
 from feeddrive.identification.response.fit_axis import fit_axis as fit_axis
 from feeddrive.identification.response.modal_fit import fit_modes as fit_modes

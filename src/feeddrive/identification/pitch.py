@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from feeddrive.blocks.compensation.pitch_compensation import PitchCompensation
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.simulate import Run
+from feeddrive.machining.circle_causes import CircleCauses
 
 _MOST = 65_536  # entries of a table that an export may hold
 _LEAST_SPEED = 1e-6  # m/s: slower is standing
@@ -146,3 +148,29 @@ def learned_from(run: Run, axis: str, *, spacing: float, reached: str = "", sett
     return learned_pitch(
         run[f"{own}reading_load"], run[signal], run[f"{own}set_velocity"], spacing=spacing, settle=settle
     )
+
+
+def learned_from_circles(
+    causes: CircleCauses, travel: Mapping[str, tuple[float, float]], *, reversal_distance: float = 1e-5
+) -> dict[str, PitchCompensation]:
+    """Scale and backlash of the axes of a circle test as compensations, by axis: -scale x ± backlash/2.
+
+    travel  m: from where to where the tables reach, by axis
+    Raises ParameterError for a cause that the circles cannot tell apart from others, with what to run, and for an axis
+    without a travel.
+    """
+    names = [each.name.removeprefix("backlash ") for each in causes.causes if each.name.startswith("backlash ")]
+    for name in ("scale, mean", "scale, difference", *(f"backlash {axis}" for axis in names)):
+        if not np.isfinite(causes[name].error):
+            raise ParameterError(f"the circles do not separate '{name}': {causes[name].note}")
+    mean, half = causes["scale, mean"].value, causes["scale, difference"].value
+    found: dict[str, PitchCompensation] = {}
+    for axis, scale in zip(names, (mean + half, mean - half), strict=True):
+        if axis not in travel or not travel[axis][0] < travel[axis][1]:
+            raise ParameterError(f"travel: axis '{axis}' needs its two ends in m, the lower one first")
+        ends, gap = np.array(travel[axis], dtype=np.float64), causes[f"backlash {axis}"].value
+        found[axis] = PitchCompensation(
+            forward=-scale * ends + 0.5 * gap, backward=-scale * ends - 0.5 * gap, table_start=float(ends[0]),
+            spacing=float(ends[1] - ends[0]), reversal_distance=reversal_distance,
+        )  # fmt: skip
+    return found
