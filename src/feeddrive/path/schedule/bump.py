@@ -25,8 +25,10 @@ from feeddrive.path.schedule.room import cube_root
 LENGTH, FASTEST, ACCELERATION, JERK, SNAP, HEAD, TAIL, NUMBERS = 0, 1, 2, 3, 4, 5, 10, 15
 WIDE, SHORT, JERK_SHARE, SNAP_SHARE = 1, 2, 3, 4  # of its head and of its tail, behind the speed there
 ROWS = 40  # of its motion at most
-_HALVINGS = 8  # of the speed in a corner
-_PEAK_HALVINGS = 45
+_TRIES = 9  # of the speed in a corner
+_NEAR = 0.005  # of it
+_PEAKS = 60  # tried for a stretch
+_FULL = 1e-9  # of its way need not be used by ramps
 
 
 @kernel
@@ -81,6 +83,78 @@ def _box(v: float, wide: float, short: float, out: Floats2) -> int:
 
 
 @kernel
+def _ramps(stretch: Floats, peak: float) -> tuple[float, float, float, float, float, float]:
+    """Widths of the ramps of a stretch to a peak and from there."""
+    v0 = stretch[HEAD]
+    v1 = stretch[TAIL]
+    A = stretch[ACCELERATION]
+    a, b, c = boxcars(
+        peak - v0, A, stretch[HEAD + JERK_SHARE] * stretch[JERK], stretch[HEAD + SNAP_SHARE] * stretch[SNAP]
+    )
+    d, e, f = boxcars(
+        peak - v1, A, stretch[TAIL + JERK_SHARE] * stretch[JERK], stretch[TAIL + SNAP_SHARE] * stretch[SNAP]
+    )
+    return a, b, c, d, e, f
+
+
+@kernel
+def _used(stretch: Floats, peak: float) -> float:
+    """The way of both ramps."""
+    a, b, c, d, e, f = _ramps(stretch, peak)
+    return 0.5 * ((stretch[HEAD] + peak) * (a + b + c) + (stretch[TAIL] + peak) * (d + e + f))
+
+
+@kernel
+def _peak(stretch: Floats) -> float:
+    """The highest speed of a stretch, 0: it has no motion."""
+    length = stretch[LENGTH]
+    low = max(stretch[HEAD], stretch[TAIL])
+    high = stretch[FASTEST]
+    if low > high:
+        return 0.0
+    used = _used(stretch, high)
+    if used <= length:
+        return high
+    over = used - length
+    under = -length
+    if low > 0.0:
+        used = _used(stretch, low)
+        under = used - length
+        if under > 0.0:
+            return 0.0
+    # the regula falsi, with an end that stays twice at half its weight
+    side = 0
+    for _ in range(_PEAKS):
+        if high - low <= 1e-12 * high or under >= -_FULL * length:
+            break
+        peak = low - under * (high - low) / (over - under)
+        if peak <= low or peak >= high:
+            peak = 0.5 * (low + high)
+        used = _used(stretch, peak)
+        if used > length:
+            high = peak
+            over = used - length
+            under = 0.5 * under if side > 0 else under
+            side = 1
+        else:
+            low = peak
+            under = used - length
+            over = 0.5 * over if side < 0 else over
+            side = -1
+    return low
+
+
+@kernel
+def _duration(stretch: Floats, peak: float) -> float:
+    """How long the motion on a stretch with this peak takes, bumps included, s; 0: there is none."""
+    if peak <= 0.0:
+        return 0.0
+    a, b, c, d, e, f = _ramps(stretch, peak)
+    total = a + b + c + d + e + f + (stretch[LENGTH] - _used(stretch, peak)) / peak
+    return total + stretch[HEAD + WIDE] + stretch[TAIL + WIDE] + 0.5 * (stretch[HEAD + SHORT] + stretch[TAIL + SHORT])
+
+
+@kernel
 def straight(stretch: Floats, out: Floats2) -> int:
     """The quickest motion on a stretch, in rows of duration, x and u' .. u'''' at their begin; how many, 0: none.
 
@@ -88,45 +162,18 @@ def straight(stretch: Floats, out: Floats2) -> int:
     node, w and s of the bump there (0: none, the stretch begins or ends with the node), shares of jerk and snap of the
     ramp to it.
     """
+    return _rows(stretch, _peak(stretch), out)
+
+
+@kernel
+def _rows(stretch: Floats, peak: float, out: Floats2) -> int:
+    """The same with a given peak, 0: none."""
     length = stretch[LENGTH]
     v0 = stretch[HEAD]
     v1 = stretch[TAIL]
-    A = stretch[ACCELERATION]
-    low = max(v0, v1)
-    high = stretch[FASTEST]
-    if low > high:
+    if peak <= 0.0:
         return 0
-    a = b = c = d = e = f = used = 0.0
-    peak = high
-    for again in range(_PEAK_HALVINGS):
-        if again > 0:
-            peak = 0.5 * (low + high)
-        a, b, c = boxcars(
-            peak - v0, A, stretch[HEAD + JERK_SHARE] * stretch[JERK], stretch[HEAD + SNAP_SHARE] * stretch[SNAP]
-        )
-        d, e, f = boxcars(
-            peak - v1, A, stretch[TAIL + JERK_SHARE] * stretch[JERK], stretch[TAIL + SNAP_SHARE] * stretch[SNAP]
-        )
-        used = 0.5 * ((v0 + peak) * (a + b + c) + (v1 + peak) * (d + e + f))
-        if used <= length:
-            if again == 0 or high - peak <= 1e-9 * peak:
-                break
-            low = peak
-        else:
-            high = peak
-            if high <= low * (1.0 + 1e-12):
-                break
-    if used > length:
-        peak = low
-        a, b, c = boxcars(
-            peak - v0, A, stretch[HEAD + JERK_SHARE] * stretch[JERK], stretch[HEAD + SNAP_SHARE] * stretch[SNAP]
-        )
-        d, e, f = boxcars(
-            peak - v1, A, stretch[TAIL + JERK_SHARE] * stretch[JERK], stretch[TAIL + SNAP_SHARE] * stretch[SNAP]
-        )
-        used = 0.5 * ((v0 + peak) * (a + b + c) + (v1 + peak) * (d + e + f))
-        if used > length or peak <= 0.0:
-            return 0
+    a, b, c, d, e, f = _ramps(stretch, peak)
     base = zeros(20, 6)
     h0 = stretch[HEAD + WIDE] + 0.5 * stretch[HEAD + SHORT]
     h1 = stretch[TAIL + WIDE] + 0.5 * stretch[TAIL + SHORT]
@@ -267,13 +314,16 @@ def bump(
     fastest = min(min(one[FASTEST], two[FASTEST]), cube_root(79.2 * jerk * near * near))
     best = quickest
     ours = 0.0
-
+    reached = 0.0
     for shape in range(4):
         share = 1.0 if shape == 0 else (0.93 if shape == 1 else (0.85 if shape == 2 else 0.7))
-        low = 0.0
+        low = reached  # slower ramps need a higher speed in the corner
         high = fastest
+        above = 1.0  # the largest share of a limit there, 1: not known
+        more = 1.0  # that of one before, whose third power is
+        farther = 0.0
         v = fastest
-        for _ in range(_HALVINGS):
+        for again in range(_TRIES):
             short = 4.0 * one[JERK] / one[SNAP]
             w, short = width(near / v, short)
             one[TAIL] = v
@@ -284,42 +334,61 @@ def bump(
             for k in range(5):
                 two[HEAD + k] = one[TAIL + k]
             good = False
-            time = time0 = time1 = both = 0.0
-            n = straight(one, rows0)
+            excess = 1.0  # the largest share of a limit, 1: not known
+            both = 2.0 * w + short
+            peak0 = _peak(one)
+            peak1 = _peak(two)
+            time0 = _duration(one, peak0)
+            time1 = _duration(two, peak1)
+            time = time0 + time1 - both
+            n = 0
             m = 0
-            if n > 0:
-                m = straight(two, rows1)
-            if m > 0:
-                time0 = lasting(rows0, n)
-                time1 = lasting(rows1, m)
-                both = 2.0 * w + short
-                time = time0 + time1 - both
-                if time >= best:
-                    break  # slower ones take longer
-                good = both <= time0 - lasts and both <= (0.5 * time1 if half else time1)
+            slower = time0 > 0.0 and time1 > 0.0 and time >= best
+            if time0 > 0.0 and time1 > 0.0 and not slower:
+                n = _rows(one, peak0, rows0)
+                m = _rows(two, peak1, rows1)
+                good = n > 0 and m > 0
+                good = good and both <= time0 - lasts and both <= (0.5 * time1 if half else time1)
             if good:
                 most, away = together(
                     rows0, n, one[LENGTH], direction0, most0, rows1, m, direction1, most1, both, limits, feed
                 )  # fmt: skip
                 good = most <= 1.0 + 1e-10 and away <= tolerance
+                excess = most
             if good and lasts > 0.0:
                 most, away = together(
                     before, len(before), before_length, before_direction, before_most,
                     rows0, n, direction0, most0, lasts, limits, before_feed,
                 )  # fmt: skip
                 good = most <= 1.0 + 1e-10 and away <= before_tolerance
-            if good:
-                low = v
-                best = time
-                ours = time
-                for k in range(5):
-                    found[k] = one[TAIL + k]
-
+                excess = most
+            if slower or good:
+                low = v  # smaller ones are slower, too
+                if good:
+                    reached = v
+                    best = time
+                    ours = time
+                    for k in range(5):
+                        found[k] = one[TAIL + k]
             else:
+                farther = high * high * high
+                more = above
                 high = v
-            if high - low <= 0.01 * high:
+                above = excess
+            if high - low <= _NEAR * high:
                 break
+            # the jerk of a bump is as v³, that of ramps does not change: a chord of v³ by two that are too fast
             v = 0.5 * (low + high)
+            if above > 1.0 and more > above:
+                cubes = high * high * high
+                cubes = cubes - (above - 1.0) * (farther - cubes) / (more - above)
+                if cubes > 0.0:
+                    v = min(max(cube_root(cubes), (1.0 + 0.9 * _NEAR) * low), v)
+            elif above > 1.0 and again == 0:
+                v = high / cube_root(above)
+                if v <= 0.9 * low:
+                    break
+                v = max(v, 0.5 * (low + high)) if v <= low else v
     n = 0
     m = 0
     if ours > 0.0:

@@ -53,11 +53,13 @@ class _Run(NamedTuple):
     """A part whose end is not fixed yet, and how it overlaps with the part before.
 
     whole  it is a run along one line, and its head and its tail are made together
+    seen   what corners at both of its ends see of such a run
     """
 
     part: Part
     tolerance: float  # of the corner in which it ends, m
     whole: _Stretch | None
+    seen: _End | None = None
     lasts: float = 0.0  # s
     corner: float = 0.0  # tolerance of that corner
 
@@ -108,8 +110,12 @@ class Crossings:
         count = straight(numbers, made)
         if not count:
             return None
-        part = Part(pieces, from_rows(made[:count], 0), True)
-        return _Run(part, section.tolerance, _Stretch(0, count, numbers))
+        made = made[:count]
+        length, feed = float(pieces.length[0]), float(pieces.feed[0])
+        direction, most = pieces.shape[0, :, 1] / length, np.zeros((len(self._limits), 4))
+        most[:, 0] = np.abs(direction)
+        seen = _End(made, float(np.sum(made[:, 0])), length, feed, direction, most)
+        return _Run(Part(pieces, from_rows(made, 0), True), section.tolerance, _Stretch(0, count, numbers), seen)
 
     def _fix(self, run: _Run) -> list[Part]:
         """The motion of a run is fixed: what leaves."""
@@ -123,7 +129,7 @@ class Crossings:
 
     def _stopped(self, one: _Run, two: _Run) -> tuple[_Run, _Run]:
         """Both as they are, and how long they overlap."""
-        end, begin = _end(one.part, True), _end(two.part, False)
+        end, begin = one.seen or _end(one.part, True), two.seen or _end(two.part, False)
         feed = max(end.feed, begin.feed)
         # of a run that is a single part the other half is for its other end
         share = 0.5 if two.part.ends else 1.0
@@ -142,7 +148,7 @@ class Crossings:
         tail = one.whole or self._tail(one.part)
         head = two.whole or self._head(two.part)
         if tail is not None and head is not None:
-            end, begin = _end(one.part, True), _end(two.part, False)
+            end, begin = one.seen or _end(one.part, True), two.seen or _end(two.part, False)
             return self._bump(one, end, tail, two, begin, head, best[1].lasts, max(end.feed, begin.feed)) or best
         # next to an arc a line leaves room for what the bend takes of its axis
         for share in _SLOWED if (tail is None) != (head is None) else ():
@@ -164,13 +170,15 @@ class Crossings:
             return None
         k = len(run.part.pieces.length) - 1 if at == TAIL else 0
         part = run.part._replace(motion=_spliced(stretch, run.part.motion, k, made[:count]))
-        return run._replace(part=part, whole=_Stretch(0, count, numbers) if run.whole else None)
+        if not run.whole:
+            return run._replace(part=part)
+        return run._replace(part=part, whole=_Stretch(0, count, numbers), seen=_made(run.seen, made[:count]))
 
     def _holds(self, run: _Run) -> bool:
         """Whether a run that was made anew may still overlap with the one before as it does."""
         if run.lasts == 0.0 or self._fixed is None:
             return True
-        end, begin = _end(self._fixed, True), _end(run.part, False)
+        end, begin = _end(self._fixed, True), run.seen or _end(run.part, False)
         share, away = together(
             end.rows, len(end.rows), end.length, end.direction, end.most,
             begin.rows, len(begin.rows), begin.direction, begin.most,
@@ -198,11 +206,15 @@ class Crossings:
         if not count0:
             return None
         n = len(one.part.pieces.length) - 1
-        made0, made1 = _spliced(tail, motion0, n, rows0[:count0]), _spliced(head, motion1, 0, rows1[:count1])
+        rows0, rows1 = rows0[:count0], rows1[:count1]
+        made0, made1 = _spliced(tail, motion0, n, rows0), _spliced(head, motion1, 0, rows1)
         whole = _Stretch(0, count1, numbers1) if two.whole else None
         lasts = 2.0 * float(found[WIDE]) + float(found[SHORT])
-        run = two._replace(part=two.part._replace(motion=made1), whole=whole, lasts=lasts, corner=one.tolerance)
-        return one._replace(part=one.part._replace(motion=made0)), run
+        run = two._replace(
+            part=two.part._replace(motion=made1), whole=whole, seen=_made(two.seen, rows1), lasts=lasts,
+            corner=one.tolerance,
+        )  # fmt: skip
+        return one._replace(part=one.part._replace(motion=made0), seen=_made(one.seen, rows0)), run
 
     def _tail(self, part: Part) -> _Stretch | None:
         """From the first node on the last piece to the stop."""
@@ -245,18 +257,26 @@ def _time(motion: Motion, stretch: _Stretch | None = None) -> float:
 
 def _spliced(stretch: _Stretch, motion: Motion, k: int, new: np.ndarray) -> Motion:
     """A motion with a stretch on piece k made anew, in rows as of `straight`."""
+    if stretch.first == 0 and stretch.last == len(motion.duration):
+        return from_rows(new, k, float(motion.x[0]))
     parts = zip(motion, from_rows(new, k, float(motion.x[stretch.first])), strict=True)
     return Motion(*(np.concatenate([old[: stretch.first], made, old[stretch.last :]]) for old, made in parts))
 
 
+def _made(seen: _End | None, new: np.ndarray) -> _End | None:
+    """The same with another motion."""
+    return seen._replace(rows=new, lasts=float(np.sum(new[:, 0]))) if seen else None
+
+
 def _end(part: Part, last: bool) -> _End:
     """Of a part on its last or its first piece."""
-    pieces, motion = part.pieces, part.motion
+    pieces, on = part.pieces, part.motion
     k = len(pieces.length) - 1 if last else 0
-    inside = motion.piece == k
-    if not last and not inside.all():
-        inside[np.flatnonzero(inside)[-1]] = False  # it may go on to the next piece
-    on = Motion(*(each[inside] for each in motion))
+    if k or not last:
+        inside = on.piece == k
+        if not last and not inside.all():
+            inside[np.flatnonzero(inside)[-1]] = False  # it may go on to the next piece
+        on = Motion(*(each[inside] for each in on))
     kind, length, shape = int(pieces.kind[k]), float(pieces.length[k]), pieces.shape[k]
     most, direction = np.zeros((len(shape), 4)), shape[:, 1] / length
     if kind == LINE:

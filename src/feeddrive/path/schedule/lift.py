@@ -15,7 +15,7 @@ import numpy as np
 from feeddrive.path.motion import Motion, Part, cubic, way
 from feeddrive.path.pieces import LINE, Pieces, one_after_the_other, part_of_pieces
 from feeddrive.path.proof.prove import DERIVATIVES, faults_of
-from feeddrive.path.schedule.spans import GRADE, POINTS, graded, in_time, instants, points, states, tops
+from feeddrive.path.schedule.spans import GRADE, POINTS, graded, in_time, instants, points, ramp_gain, states, tops
 from feeddrive.path.schedule.spline import quickest
 
 SHARES = (1.0 - 1e-4, 0.98, 0.975, 0.94)  # of the limits, at points: the rest is for what lies between them
@@ -34,6 +34,7 @@ _ASIDE = 16  # spans on either side of such a place that are moved anew
 _HELD = 0.3  # of the time of what is lifted waits for what follows
 _HUMP = 15  # time pieces of a ramp up, a plateau and a ramp down
 _LEAST = 100  # time pieces that are lifted at once, but at the end of a run
+_LITTLE = 0.007  # of the time around a ramp: a straight path must save as much; lifting gets 0.7 of that at most
 _TOP = 0.995  # of the speed that feed and velocities allow: a plateau there stays
 
 
@@ -78,6 +79,8 @@ class Lifter:
         while waiting:
             first, last = waiting.pop()
             begins, ends = bool(rests[first]), bool(rests[last])
+            if path.gain(motion, first, last) < _LITTLE * _around_time(motion, first, last):
+                continue
             lifted = path.lifted(_some(motion, first, last), begins, ends, spans if first == 0 else 0)
             if lifted is not None:
                 found += [_some(motion, come, first), lifted]
@@ -103,6 +106,13 @@ class _Path:
         self._begin = np.concatenate([[0.0], np.cumsum(pieces.length)])
         self.top = np.zeros(n)
         tops(pieces.kind, pieces.length, pieces.shape, pieces.feed, limits, self.top, np.zeros((axes, 4)))
+
+    def gain(self, motion: Motion, first: int, last: int) -> float:
+        """What may be saved in a section, s: of a ramp as of `ramp_gain`, else not known and infinite."""
+        if last - first > _HUMP // 2:
+            return np.inf
+        pieces, room = self._pieces, np.zeros((len(self._limits), 5))
+        return ramp_gain(pieces.kind, pieces.length, pieces.shape, self._limits, *motion, first, last, room)
 
     def lifted(self, motion: Motion, begins: bool, ends: bool, spans: int) -> Motion | None:
         """A quicker motion between the same states, proven, or None; it may begin or end at rest.
@@ -232,6 +242,13 @@ def _around(spans: np.ndarray, n: int) -> list[tuple[int, int]]:
             first = found.pop()[0]
         found.append((first, last))
     return found
+
+
+def _around_time(motion: Motion, first: int, last: int) -> float:
+    """The time of a section, and half of that of the plateaus before and behind it, s."""
+    beside = [m for m in (first - 1, last) if 0 <= m < len(motion.duration)]
+    flat = [m for m in beside if motion.acceleration[m] == 0.0 and motion.jerk[m] == 0.0 and motion.snap[m] == 0.0]
+    return float(np.sum(motion.duration[first:last]) + 0.5 * np.sum(motion.duration[flat]))
 
 
 def _sections(motion: Motion, rests: np.ndarray, top: np.ndarray, length: np.ndarray) -> list[tuple[int, int]]:

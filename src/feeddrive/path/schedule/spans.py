@@ -9,6 +9,7 @@ from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
 from feeddrive.path.motion import cubic, way
 from feeddrive.path.pieces import derivatives
+from feeddrive.path.schedule.ramp import boxcars
 from feeddrive.path.schedule.room import bounds, cap
 from feeddrive.path.schedule.spline import at, basis
 
@@ -24,6 +25,56 @@ def tops(kind: Ints, length: Floats, shape: Floats3, feed: Floats, limits: Float
         norm = bounds(kind[p], length[p], shape[p], most)
         out[p] = cap(most, norm, feed[p], limits, 1e30)
     return 0
+
+
+@kernel
+def ramp_gain(
+    kind: Ints, length: Floats, shape: Floats3, limits: Floats2,
+    duration: Floats, piece: Ints, x: Floats, speed: Floats, acceleration: Floats, jerk: Floats, snap: Floats,
+    first: int, last: int, r: Floats2,
+) -> float:  # fmt: skip
+    """The time, s, that a ramp of time pieces `first` to before `last` would save if its path were straight.
+
+    On a line in the direction of either end, the more favorable one, it takes L1 + L2 + L3 between the same speeds; the
+    way that this saves is gone at the higher one.  1e300 if it is more than one ramp.
+    """
+    lasts = 0.0
+    for m in range(first, last):
+        if m > first and acceleration[m] == 0.0 and jerk[m] == 0.0:
+            return 1e300
+        lasts = lasts + duration[m]
+    m = last - 1
+    v = cubic(speed[m], acceleration[m], jerk[m], snap[m], duration[m])
+    rise = abs(v - speed[first])
+    p = int(piece[first])
+    here = x[first]
+    a = 0.0
+    j = 0.0
+    s = 0.0
+    for _ in range(2):
+        derivatives(kind[p], length[p], shape[p], min(here, length[p]), r)
+        slowest = 1e300
+        for i in range(len(limits)):
+            if r[i, 1] != 0.0:
+                slowest = min(slowest, limits[i, 1] / abs(r[i, 1]))
+        a = max(a, slowest)
+        slowest = 1e300
+        for i in range(len(limits)):
+            if r[i, 1] != 0.0:
+                slowest = min(slowest, limits[i, 2] / abs(r[i, 1]))
+        j = max(j, slowest)
+        slowest = 1e300
+        for i in range(len(limits)):
+            if r[i, 1] != 0.0:
+                slowest = min(slowest, limits[i, 3] / abs(r[i, 1]))
+        s = max(s, slowest)
+        p = int(piece[m])
+        here = x[m] + way(speed[m], acceleration[m], jerk[m], snap[m], duration[m])
+        while here > length[p] and p + 1 < len(length):
+            here = here - length[p]
+            p = p + 1
+    b, c, d = boxcars(rise, a, j, s)
+    return (lasts - b - c - d) * 0.5 * rise / max(v, speed[first])
 
 
 @kernel
