@@ -12,7 +12,7 @@ import feeddrive as fd
 from feeddrive.cli.commands import app
 from feeddrive.files.machine import found
 from feeddrive.language.errors import FeeddriveError
-from feeddrive.machining import Regeneration, ToolMode, arc, stability_lobes, tool_modes
+from feeddrive.machining import Regeneration, ToolMode, stability_lobes, tool_modes
 
 CUT = """
 [[couplings]]
@@ -73,7 +73,7 @@ def test_the_drives_and_the_modes_give_way_together(mine: Path) -> None:
     found = fd.workflow.lobes(mine, speeds="9000:11000:2", mode=("922:0.011:0.03993",))
     point = fd.machining.tool_point(fd.read_machine(mine).machine())
     both = point + tool_modes(ToolMode(922, 0.011, 0.03993), ToolMode(922, 0.011, 0.03993, 0.0, 1.0))
-    cut = Regeneration(2, 6e8, 2e8, *arc(5e-3, 10e-3))
+    cut = Regeneration(2, 6e8, 2e8, 0.0, 0.5 * np.pi)
     assert found.depth[0] == pytest.approx(stability_lobes(both, cut, [9000]).depth[0], rel=1e-9)
     assert found.own is not None
     assert found.own.speed == 10000.0

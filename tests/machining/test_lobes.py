@@ -10,6 +10,7 @@ import pytest
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.coupling.milling_cut import MillingCut
+from feeddrive.blocks.cutting.engagement import arc
 from feeddrive.blocks.cutting.helical_cutter import HelicalCutter
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.files.machine import read_machine
@@ -21,7 +22,7 @@ from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.machining.lobe_theory import semi_discretisation, zero_order
 from feeddrive.machining.lobes import cut_stability, kind_of, stability_lobes
-from feeddrive.machining.regeneration import Regeneration, arc, regeneration
+from feeddrive.machining.regeneration import Regeneration, regeneration
 from feeddrive.machining.tool_point import ToolMode, ToolPoint, tool_modes, tool_point
 from feeddrive.machining.tooth_passage import ToothPassage
 
@@ -33,7 +34,7 @@ SLOT = Regeneration(teeth=2, tangential=6e8, radial=2e8)
 
 
 def engaged(share: float, milling: str) -> Regeneration:
-    entry, leave = arc(share, 1.0, milling)
+    entry, leave = arc(milling, share, 1.0)
     return dataclasses.replace(SLOT, entry=entry, leave=leave)
 
 
@@ -207,9 +208,9 @@ def steel(teeth: int, entry: float = 0.0, leave: float = float(np.pi)) -> Regene
 @pytest.mark.parametrize(
     ("cut", "least", "limits"),
     [
-        (steel(5, *arc(0.75, 1.0, "center")), 16.74065501,
+        (steel(5, *arc("symmetric", 0.75, 1.0)), 16.74065501,
          (18.5081507463, 21.0100842095, 16.9620561827, 21.5395461392, 34.7493894895)),
-        (steel(4, *arc(0.5, 1.0, "up")), 12.30736941,
+        (steel(4, *arc("up", 0.5, 1.0)), 12.30736941,
          (13.1550963876, 15.6442898141, 14.1302268857, 13.5856560747, 19.6243185316)),
         (steel(3), 23.87514236, (25.2903849232, 24.5568828063, 30.0165542824, 24.1768202307, 27.3321869413)),
     ],
@@ -332,8 +333,6 @@ def test_what_is_shown() -> None:
         ("multiply by 1e6", lambda: Regeneration(2, 600.0, 200.0)),
         ("leaves the work after", lambda: Regeneration(2, 6e8, 2e8, 1.0, 0.5)),
         ("give the diameter", lambda: Regeneration(2, 6e8, 2e8, process_damping=1e4)),
-        ("at most the diameter", lambda: arc(0.012, 0.01)),
-        ("must be one of up, down, center", lambda: arc(0.005, 0.01, "sideways")),
         ("spindle that stands", lambda: stability_lobes(TOOL, SLOT, [0.0])),
         ("spindle that stands", lambda: cut_stability(TOOL, SLOT, 0.0, 1e-3)),
         ("depth = 0 m must be > 0", lambda: cut_stability(TOOL, SLOT, 5000.0, 0.0)),

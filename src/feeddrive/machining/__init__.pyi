@@ -27,7 +27,6 @@ from feeddrive.machining.lobes import Lobes as Lobes
 from feeddrive.machining.lobes import cut_stability as cut_stability
 from feeddrive.machining.lobes import stability_lobes as stability_lobes
 from feeddrive.machining.regeneration import Regeneration as Regeneration
-from feeddrive.machining.regeneration import arc as arc
 from feeddrive.machining.regeneration import regeneration as regeneration
 from feeddrive.machining.reversal import Reversals as Reversals
 from feeddrive.machining.reversal import reversals as reversals

@@ -165,27 +165,6 @@ def _rows(a: Any, b: Any, c: Any, d: Any) -> np.ndarray:
     return np.stack([np.stack([a, b], axis=-1), np.stack([c, d], axis=-1)], axis=-2)
 
 
-def arc(radial_depth: float, diameter: float, milling: str = "up") -> tuple[float, float]:
-    """Entry and exit in rad of a cut of some width (m): "up" begins thin, "down" ends thin, "center" is a face cut.
-
-        up 0 ... arccos(1 - 2 a_e/D),   down arccos(2 a_e/D - 1) ... π,   center π/2 ∓ arcsin(a_e/D)
-
-    Raises ParameterError for a width that is not within the tool, and another word.
-    """
-    share = radial_depth / diameter if diameter > 0.0 else float("nan")
-    if not 0.0 < share <= 1.0:
-        raise ParameterError(
-            f"radial_depth = {radial_depth:g} m must be > 0 and at most the diameter of the tool, {diameter:g} m"
-        )
-    if milling == "center":
-        half = float(np.arcsin(share))
-        return 0.5 * float(np.pi) - half, 0.5 * float(np.pi) + half
-    if milling not in ("up", "down"):
-        raise ParameterError(f"milling = {milling!r} must be one of up, down, center")
-    turn = 2.0 * float(np.arctan2(np.sqrt(share), np.sqrt(1.0 - share)))
-    return (0.0, turn) if milling == "up" else (float(np.pi) - turn, float(np.pi))
-
-
 def regeneration(cutter: Cutter | Regeneration, **changes: float) -> Regeneration:
     """The regeneration of a cutter's edges; `changes` replace fields, as process_damping = 2e4."""
     if isinstance(cutter, Regeneration):
