@@ -68,12 +68,18 @@ class Pause(NamedTuple):
 
 def rows(motion: Motion) -> np.ndarray:
     """Duration, x, speed, acceleration, jerk and snap as the columns of one array, without the index of the piece."""
-    return np.column_stack([motion.duration, *motion[2:]])
+    found = np.empty((len(motion.duration), 6))
+    found[:, 0] = motion.duration
+    for k, each in enumerate(motion[2:]):
+        found[:, k + 1] = each
+    return found
 
 
 def from_rows(new: np.ndarray, piece: int, x: float = 0.0) -> Motion:
     """The motion of such rows from x on, on one piece of the path."""
-    return Motion(new[:, 0].copy(), np.full(len(new), piece), new[:, 1] + x, *(each.copy() for each in new[:, 2:].T))
+    duration, place, *state = new.T.copy()
+    place += x
+    return Motion(duration, np.full(len(new), piece), place, *state)
 
 
 @kernel

@@ -296,9 +296,8 @@ class Prover:
             pieces.kind, pieces.length, pieces.origin, pieces.shape, pieces.feed, *motion, self._limits, self._widened,
             anywhere, ends, alone, self._state, self._place, self._faults, self._use, self._jumps, *self._room,
         )  # fmt: skip
-        begins = self._time + np.concatenate([[0.0], np.cumsum(motion.duration)])
-        self._note(found, spans, pieces.line, begins)
-        self._time = float(begins[-1])
+        self._note(found, spans, pieces.line, motion.duration, self._time)
+        self._time += float(motion.duration.sum())
 
     def _together(self, part: Part, entering: Entering, corner: np.ndarray, time: float) -> None:
         """Two runs that overlap: on one piece each, equally long, from the corner; limits of the sum, and distance."""
@@ -317,18 +316,21 @@ class Prover:
             int(two.kind[0]), float(two.length[0]), two.shape[0], rows(entering.motion),
             self._limits, self._widened, float(max(one.feed[0], two.feed[0])), self._faults, self._use, *self._both,
         )  # fmt: skip
-        self._note(found, spans, one.line, time + np.concatenate([[0.0], np.cumsum(part.motion.duration)]))
+        self._note(found, spans, one.line, part.motion.duration, time)
         self._missed = max(self._missed, away / entering.tolerance)
         if not away <= entering.tolerance * (1.0 + self._widened):
             self._refuse(one, time, -7, away / entering.tolerance)
 
     def _refuse(self, pieces: Pieces, time: float, which: int, share: float) -> None:
         self._faults[0] = 0.0, 0.0, 0.0, which, share
-        self._note(1, 0, pieces.line, np.array([time]))
+        self._note(1, 0, pieces.line, np.zeros(0), time)
 
-    def _note(self, found: int, spans: int, line: np.ndarray, begins: np.ndarray) -> None:
+    def _note(self, found: int, spans: int, line: np.ndarray, duration: np.ndarray, time: float) -> None:
+        """The faults of a motion that begins at `time` in the run."""
         rows = self._faults[: min(found, _KEPT - len(self._said))]
-        self._said += [_fault(row, line, begins) for row in rows]
+        if len(rows):
+            begins = time + np.concatenate([[0.0], np.cumsum(duration)])
+            self._said += [_fault(row, line, begins) for row in rows]
         self._count += found
         self._spans += spans
 
