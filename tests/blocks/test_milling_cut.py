@@ -201,7 +201,7 @@ def machine(axis: str, cutter: MechanisticCutter, speed: float, steps: int, **gi
 
 
 def moved(made: Machine, feed: float, teeth: int, record: list[str]) -> Run:
-    cutting = made.couplings[1]
+    cutting = made.couplings[-1]
     assert isinstance(cutting, MillingCut)
     begun = {"x": (0.0, feed), "y": (0.0, 0.0)}
     duration = float(cutting.period()) * teeth
@@ -338,6 +338,26 @@ def test_sections_are_cuts_of_their_own() -> None:
     force = still.feed * np.cos(1.0) - still.normal * np.sin(1.0)
     # the state sums the angle over 200 and 300 steps, and a section begins up to a substep late
     assert np.max(np.abs(run["x.load_force"][late] - force)) < 0.03 * np.max(np.abs(force))
+
+
+def test_the_chip_is_what_was_fed_since_the_last_tooth_when_the_speed_changes() -> None:
+    """4000 to 9000 rpm within the cut, with a constant feed: the angle stood a tooth before as the turns say."""
+    tool = replace(TOOL, teeth=2, slices=1, helix_angle=0, radial_depth=None, Kte=0, Kre=0, Kae=0)
+    change = 0.02
+    sections = CutSections(start=[0.0, change], spindle_speed=[4000.0, 9000.0])
+    made, feed = machine("y", tool, 4000.0, 300, sections=sections, remembered=1000)
+    made = replace(made, couplings=made.couplings[1:])
+    run = moved(made, feed, 5, ["x.load_force"])
+    time: Any = run.time + 0.5 * made.sample_time
+    slow, fast = 4000.0 / 60.0, 9000.0 / 60.0
+    turns = np.where(time < change, slow * time, slow * change + fast * (time - change))
+    then = turns - 0.5
+    before = np.where(then < slow * change, then / slow, change + (then - slow * change) / fast)
+    expected = cut(tool.edge(), 2.0 * np.pi * turns, 2.0 * np.pi * fast * made.sample_time,
+                   [(feed * (time - before), 0.0)]).feed  # fmt: skip
+    late = (run.time > change + made.sample_time) & (run.time < change + 0.01)
+    assert np.max(np.abs(run["x.load_force"] - expected)[late]) < 1e-6 * np.max(np.abs(expected[late]))
+    assert np.ptp((time - before)[late]) > 0.003  # s: from 7.5 ms to 3.3 ms
 
 
 def test_native_code_has_the_bits_of_the_source() -> None:

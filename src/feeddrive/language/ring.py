@@ -228,6 +228,13 @@ class Track(NamedTuple):
             found.append(old + gained * (new - old) + (from_new * fast + from_old * slow))
         return tuple(found)
 
+    def rates_ago(self, count: Any) -> tuple[Any, ...]:
+        """The rates that were given with the values before there; 0 before the first ones."""
+        older = minimum(
+            floor(clip(count, 0.0, float(self.values[0].length - 1))) + 1.0, float(self.values[0].length - 1)
+        )
+        return tuple(where(older < self.filled, rate.get(self.head - 1.0 - older), 0.0) for rate in self.rates)
+
 
 def settled(state: Any) -> Any:
     """A state with every history in it settled."""

@@ -14,6 +14,8 @@ from feeddrive.language.block import Number, Rule, choice, parameter, part
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.ring import Track
 
+_SLOWEST = 1e-6  # 1/s; a spindle that turns slower stands
+
 
 class MillingCut(Coupling):
     """Cutting forces on three axes; a tooth cuts what the tool has moved since earlier teeth stood where it stands.
@@ -39,7 +41,8 @@ class MillingCut(Coupling):
     At the start the tool has stood outside the work: the chip is 0 and grows over the first tooth periods.  A table
     moves the workpiece: where `moves` says "table", r is minus the position of the axis, and the force on the axis is
     the opposite one.  It acts for cut_from <= t < cut_to, and by `sections` with another depth, width, speed or
-    direction in each; the spindle always turns.  After a change of the speed the delay is at once that of the new one.
+    direction in each; the spindle always turns.  Where its speed changes, τ is the time since the spindle stood a tooth
+    before, found in the ring of its turns.
     With process_damping C the flank rubs: F = -C a (ṙ · e_r) / (cutting speed) along e_r on each engaged element a.
     When not to use it: with substeps longer than a tenth of τ; for a motion along the spindle, which changes no chip.
     Source: forces Budak, Altintas & Armarego 1996; regeneration Altintas & Budak 1995, eq. (2); several surfaces Tlusty
@@ -66,11 +69,11 @@ class MillingCut(Coupling):
     remembered: int = choice("substeps of motion that are stored; they must cover the surfaces", default=4096, least=4)
 
     class State(NamedTuple):
-        """The past motion of tool against workpiece along x and y (m, m/s); section, and turns of the spindle."""
+        """Past of tool against workpiece along x, y (m, m/s), and of the turns where their speed changes; section."""
 
         path: Track
         section: Any = None
-        turns: Any = None
+        turns: Any = None  # of the spindle at the end of the last substep
 
     def check(self) -> None:
         """Each direction has its own axis; the tool reaches to the bottom of each section."""
@@ -144,10 +147,11 @@ class MillingCut(Coupling):
         """The tool has been at rest at its present position."""
         place, _ = self._relative(motions)
         nothing = ops.zero(place[0])
-        varies = self.sections is not None and self.sections.spindle_speed is not None
-        return self.State(
-            Track.start(self.remembered, place), None if self.sections is None else nothing, nothing if varies else None
-        )
+        if self.sections is None:
+            return self.State(Track.start(self.remembered, place))
+        if self.sections.spindle_speed is None:
+            return self.State(Track.start(self.remembered, place), nothing)
+        return self.State(Track.start(self.remembered, (*place, nothing)), nothing, nothing)
 
     def step(
         self, prepared: Any, state: State, motions: Mapping[str, Motion], time: Number, h: Number
@@ -171,15 +175,17 @@ class MillingCut(Coupling):
     ) -> tuple[State, tuple[Any, Any], Cut]:
         """The state after a substep, the direction of the feed, and the forces on the tool whether it acts or not."""
         place, velocity = self._relative(motions)
-        path = state.path.push([x - 0.5 * h * v for x, v in zip(place, velocity, strict=True)], velocity)
+        ends: list[Any] = [x - 0.5 * h * v for x, v in zip(place, velocity, strict=True)]
         section, now = self._section(state.section, time)
         rate = now.spindle_speed / 60.0
-        turns = rate * time if state.turns is None else state.turns + 0.5 * rate * h
+        if state.turns is None:
+            path, turns = state.path.push(ends, velocity), rate * time
+        else:
+            path, turns = state.path.push([*ends, state.turns], [*velocity, rate]), state.turns + 0.5 * rate * h
         angle = self.start_angle + 2.0 * ops.pi * (turns - ops.floor(turns))
-        ago = 1.0 / (self.cutter.teeth * rate * h)
-        steps = [self._moved(place, path, float(m) * ago, h) for m in range(1, self.surfaces + 1)]
+        steps = [self._moved(place, path, self._ago(m, path, turns, rate, h), h) for m in range(1, self.surfaces + 1)]
         if now.direction is None:
-            x, y = self._moved(place, path, float(self.cutter.teeth) * ago, h)
+            x, y = self._moved(place, path, self._ago(self.cutter.teeth, path, turns, rate, h), h)
             length = ops.sqrt(x * x + y * y)
             safe = ops.where(length > 0.0, length, 1.0)
             along, across = ops.where(length > 0.0, x / safe, 1.0), y / safe
@@ -204,9 +210,21 @@ class MillingCut(Coupling):
         section = self.sections.section(before, time)
         return section, self.sections.settings(section, usual)
 
+    def _ago(self, teeth: int, path: Track, turns: Any, rate: Any, h: Any) -> Any:
+        """Substeps since the spindle stood so many teeth before, by Newton's method where its speed changes."""
+        if len(path.values) == 2:
+            return float(teeth) / (self.cutter.teeth * rate * h)
+        turned = float(teeth) / float(self.cutter.teeth)
+        ago = turned / (ops.maximum(rate, _SLOWEST) * h)
+        for _ in range(2):  # the turns are straight lines between changes of the speed
+            then = path.rates_ago(ago)[2]
+            then = ops.where(then > _SLOWEST, then, ops.maximum(rate, _SLOWEST))
+            ago = ago + (path.ago(ago, h, 0.5)[2] - (turns - turned)) / (then * h)
+        return ago
+
     def _moved(self, place: tuple[Any, Any], path: Track, ago: Any, h: Any) -> tuple[Any, Any]:
         """How far the tool has moved along x and y in so many substeps."""
-        x, y = path.ago(ago, h, 0.5)
+        x, y = path.ago(ago, h, 0.5)[:2]
         return place[0] - x, place[1] - y
 
     def _relative(self, motions: Mapping[str, Motion]) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
