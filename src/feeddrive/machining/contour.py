@@ -18,6 +18,7 @@ from feeddrive.machining.curve import CORNER, Curve, curve_through, feet, length
 WORST = 5  # places that the table names
 _SLOW = 1e-6  # m/s: below it a path has no direction
 _NEAR = 1e-3  # of a path: two places that lie closer are one
+_LARGE = 0.5  # of a worst error: what is larger around it belongs to it
 
 
 class Worst(NamedTuple):
@@ -114,7 +115,10 @@ class ContourError(Result):
         return float(sizes[order[min(int(place), len(order) - 1)]])
 
     def worst(self, count: int = WORST, apart: float | None = None) -> list[Worst]:
-        """The largest errors at places `apart` (m of path length; default: a thousandth of the path), largest first."""
+        """The largest errors, largest first: peaks that fall to half between them.
+
+        apart  least path length between two of them, m; default: a thousandth of the path
+        """
         reach = _NEAR * float(self.curve.along[-1]) if apart is None else apart
         left = np.abs(self.error)
         found: list[Worst] = []
@@ -122,8 +126,13 @@ class ContourError(Result):
             i = int(np.argmax(left))
             line = None if self.line is None else int(self.line[i])
             found.append(Worst(float(self.time[i]), float(self.along[i]), float(self.error[i]), self.position[i], line))
-            # a standstill is one place, and so is all of its neighborhood on the path
-            left[np.abs(self.along - self.along[i]) <= reach] = 0.0
+            # one place is its neighborhood on the path, and all around it where the error stays large
+            away = np.abs(self.along - self.along[i]) > reach
+            calm = np.flatnonzero(away & (np.abs(self.error) < _LARGE * abs(self.error[i])))
+            k = int(np.searchsorted(calm, i))
+            begin, end = calm[k - 1] + 1 if k else 0, calm[k] if k < len(calm) else len(left)
+            left[begin:end] = 0.0
+            left[~away] = 0.0
         return found
 
     def corners(self, least: float = np.radians(5.0), reach: float | None = None) -> list[Corner]:

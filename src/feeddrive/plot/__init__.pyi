@@ -2,8 +2,16 @@
 
 from feeddrive.plot.certificate import certificate as certificate
 from feeddrive.plot.certificate import certificate_discs as certificate_discs
+from feeddrive.plot.circle import axis_load as axis_load
+from feeddrive.plot.circle import circle_causes as circle_causes
+from feeddrive.plot.circle import circle_test as circle_test
+from feeddrive.plot.circle import circle_unrolled as circle_unrolled
+from feeddrive.plot.circle import reversals as reversals
 from feeddrive.plot.complex_plane import nyquist as nyquist
 from feeddrive.plot.complex_plane import poles as poles
+from feeddrive.plot.contour import contour as contour
+from feeddrive.plot.contour import contour_on_path as contour_on_path
+from feeddrive.plot.contour import corner_zoom as corner_zoom
 from feeddrive.plot.distributions import batch as batch
 from feeddrive.plot.distributions import effort as effort
 from feeddrive.plot.distributions import gradient as gradient

@@ -46,6 +46,8 @@ if TYPE_CHECKING:
     from feeddrive.loop.gradient import Gradient
     from feeddrive.loop.linearize import StateSpace
     from feeddrive.loop.simulate import Batch, Run
+    from feeddrive.machining.circle_causes import CircleCauses
+    from feeddrive.machining.contour import ContourError
     from feeddrive.machining.cutting_force import CuttingForces
     from feeddrive.machining.lobes import Lobes
     from feeddrive.tuning.delay_map import DelayMap
@@ -350,3 +352,20 @@ def cosimulation(found: Cosimulation) -> Any:
     figures = [row.figures() for row in found.rows]
     names = np.array([row.name for row in found.rows])
     return frame(names, {key: np.array([each[key] for each in figures]) for key in figures[0]}, "law")
+
+
+def contour(found: ContourError) -> Any:
+    """A row for each sample: path length, error, lag, and the actual position of each axis."""
+    columns = {"along_m": found.along, "error_m": found.error, "lag_m": found.lag, "at_corner": found.at_corner}
+    columns |= {f"{axis}_m": found.position[:, i] for i, axis in enumerate(found.axes)}
+    lines = {} if found.line is None else {"line": found.line}
+    return frame(found.time, {**columns, **lines}, "time_s")
+
+
+def circle_causes(found: CircleCauses) -> Any:
+    """A row for each cause; the unit of the value stands beside it."""
+    rows = found.causes
+    columns = {
+        name: [getattr(each, name) for each in rows] for name in ("value", "error", "unit", "effect", "share", "note")
+    }
+    return frame([each.name for each in rows], columns, "cause")

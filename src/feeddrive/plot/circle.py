@@ -1,0 +1,217 @@
+"""Pictures of a circular test: the circle plot, unrolled with its reversals, ranked causes; glitches and loads."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from feeddrive.machining.circle_test import CirclePath, CircleTest
+from feeddrive.plot import style
+from feeddrive.plot.style import envelope
+
+if TYPE_CHECKING:
+    from feeddrive.machining.circle_causes import CircleCauses
+    from feeddrive.machining.load import AxisLoad
+    from feeddrive.machining.reversal import Reversals
+
+_DIVISIONS = 4  # between the nominal circle and the edge of the picture
+_RING = 6.0  # divisions from the center to the nominal circle
+_STEPS = (1.0, 2.0, 5.0, 10.0)
+_NEAR = 10.0  # degrees of a zoom around a reversal
+_QUADRANTS = ((0.0, "+{}"), (90.0, "+{}"), (180.0, "-{}"), (270.0, "-{}"))
+
+
+def _deviation(circle: CirclePath, center: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Polar angle in degrees, 0 to 360, and radial deviation from nominal in µm, in the order of the motion."""
+    dx, dy = circle.x - center[0], circle.y - center[1]
+    return np.degrees(np.arctan2(dy, dx)) % 360.0, 1e6 * (np.hypot(dx, dy) - circle.radius)
+
+
+def _rows(test: CircleTest) -> list[tuple[CirclePath, np.ndarray, np.ndarray]]:
+    centers = [each.center for each in test.figures if not each.both]
+    return [(each, *_deviation(each, center)) for each, center in zip(test.circles, centers, strict=True)]
+
+
+def circle_test(test: CircleTest, division: float | None = None, said: str = "") -> Any:
+    """The circle plot: radial deviations enlarged on the nominal circle, both directions, with a box of figures.
+
+    division  µm of a division; default: the smallest of 1, 2, 5, 10 ... with which all is seen.  Give the same for all
+              plots that are to be compared
+    said      date, place, state of compensation: a line for the box
+    """
+    rows = _rows(test)
+    most = max(float(np.max(np.abs(r))) for _, _, r in rows)
+    each = _division(most / _DIVISIONS) if division is None else division
+    figure, (ax,) = style.picture(1, height=6.2)
+    around = np.linspace(0.0, 2.0 * np.pi, 721)
+    for k in range(-_DIVISIONS, _DIVISIONS + 1):
+        x, y = (_RING + k) * np.cos(around), (_RING + k) * np.sin(around)
+        if k:
+            ax.plot(x, y, color=style.GRID, linewidth=0.8)
+        else:
+            ax.plot(x, y, color=style.INK, linewidth=1.2, linestyle=(0, (6, 3)), label="nominal")
+    feeds = sorted({round(c.feed, 6) for c, _, _ in rows})
+    for circle, angle, r in rows:
+        place = _RING + r / each
+        x, y = place * np.cos(np.radians(angle)), place * np.sin(np.radians(angle))
+        look = {"color": style.color(0 if circle.direction > 0 else 1),
+                "linestyle": style.DASHES[min(len(feeds) - 1 - feeds.index(round(circle.feed, 6)), 3)]}  # fmt: skip
+        ax.plot(np.append(x, x[0]), np.append(y, y[0]), linewidth=1.2, label=circle.name, **look)
+        ax.plot(x[:1], y[:1], "o", color=look["color"], markersize=5.0)
+        k = len(x) // 8 + (0 if circle.direction > 0 else 3)
+        ax.annotate("", (x[k + 12], y[k + 12]), (x[k], y[k]),
+                    arrowprops={"arrowstyle": "-|>", "color": look["color"], "linewidth": 1.6})  # fmt: skip
+    edge = _RING + _DIVISIONS + 0.5
+    for angle, text in _QUADRANTS:
+        name = text.format(test.circles[0].axes[int(angle / 90.0) % 2].upper())
+        at = (edge * np.cos(np.radians(angle)), edge * np.sin(np.radians(angle)))
+        ax.annotate(name, at, ha="center", va="center", fontsize=style.TEXT, color=style.MUTED)
+    ax.set_aspect("equal")
+    ax.set_xlim(-edge - 0.6, edge + 0.6)
+    ax.set_ylim(-edge - 0.6, edge + 0.6)
+    ax.set_axis_off()
+    ax.set_anchor("W")
+    ax.annotate(_box(test, each, said), (1.02, 0.5), xycoords="axes fraction", ha="left", va="center",
+                fontsize=style.SMALL, color=style.INK, linespacing=1.5)  # fmt: skip
+    style.legend(figure, ax, 3)
+    return figure
+
+
+def _box(test: CircleTest, division: float, said: str) -> str:
+    first = test.circles[0]
+    lines = [f"{division:g} µm per division", f"R {1e3 * test.radius:.5g} mm, {''.join(first.axes)} plane"]
+    lines += [
+        f"{'both ' if each.both else ''}{each.name}: {'G(b)' if each.both else 'G'} {1e6 * each.G:.4g} µm"
+        for each in test.figures
+    ]
+    most = test.largest
+    lines += [f"F {1e6 * most.F_min:+.4g} … {1e6 * most.F_max:+.4g} µm ({test.about})", f"D {1e6 * most.D:+.4g} µm"]
+    lines += ["readings of encoders"] if first.source == "encoder" else []
+    return "\n".join([*lines, *([style.caption(said) or ""] if said else [])])
+
+
+def _division(wanted: float) -> float:
+    """1, 2, 5 times a power of ten µm, the smallest that is not below; 0.01 at least."""
+    power = 10.0 ** np.floor(np.log10(max(wanted, 0.01)))
+    return float(power * next(step for step in _STEPS if step * power >= max(wanted, 0.01) * (1.0 - 1e-9)))
+
+
+def circle_unrolled(test: CircleTest) -> Any:
+    """The deviations over the angle with the reversals marked, and ten degrees around each of them."""
+    from feeddrive.plot.picture import Picture
+
+    figure = Picture(figsize=(style.WIDTH, 5.6), layout="constrained", facecolor=style.PAPER)
+    grid = figure.add_gridspec(2, 4, height_ratios=(1.3, 1.0))
+    whole = style.dressed(figure.add_subplot(grid[0, :]))
+    zooms = [style.dressed(figure.add_subplot(grid[1, k])) for k in range(4)]
+    names = test.circles[0].axes
+    for i, (circle, angle, r) in enumerate(_rows(test)):
+        order = np.argsort(angle)
+        whole.plot(*envelope(angle[order], r[order]), label=circle.name, **style.curve(i))
+        for ax, (at, _) in zip(zooms, _QUADRANTS, strict=True):
+            off = (angle - at + 180.0) % 360.0 - 180.0
+            near = np.flatnonzero(np.abs(off) <= _NEAR)
+            near = near[np.argsort(off[near])]
+            ax.plot(off[near], r[near], **style.curve(i))
+    rate = max(each.feed / each.radius for each in test.circles)
+    for k, (ax, (at, text)) in enumerate(zip(zooms, _QUADRANTS, strict=True)):
+        whole.axvline(at, color=style.MUTED, linewidth=0.9, linestyle=(0, (4, 3)))
+        ax.axvline(0.0, color=style.MUTED, linewidth=0.9, linestyle=(0, (4, 3)))
+        ax.set_xlim(-_NEAR, _NEAR)
+        style.note(ax, f"{text.format(names[k % 2])}, {names[k % 2]} reverses", x=0.5, align="center")
+        style.labels(ax, "angle (deg)", "deviation (µm)" if k == 0 else "")
+    style.note(whole, f"10 deg are {1e3 * np.radians(10.0) / rate:.3g} ms at the highest feed")
+    whole.set_xlim(0.0, 360.0)
+    whole.set_xticks(np.arange(0.0, 361.0, 45.0))
+    style.labels(whole, "angle (deg)", "radial deviation (µm)")
+    style.legend(figure, whole, 4)
+    return figure
+
+
+def circle_causes(found: CircleCauses, most: int = 12) -> Any:
+    """What each cause draws at most, the largest first, with its standard error, and what cannot be told apart."""
+    shown = [each for each in found.ranked if each.effect > 0.0][:most]
+    figure, (ax,) = style.picture(height=1.0 + 0.34 * max(len(shown), 1))
+    widest = max((1e6 * each.effect for each in shown), default=1.0)
+    for row, each in enumerate(shown):
+        known = np.isfinite(each.error)
+        look: dict[str, Any] = {"color": style.color(0)} if known else {"color": style.GRID, "hatch": "///",
+                                                                        "edgecolor": style.MUTED}  # fmt: skip
+        ax.barh(-row, 1e6 * each.effect, height=0.62, linewidth=0.6, **look)
+        if known and each.value:
+            error = 1e6 * each.effect * each.error / abs(each.value)
+            ax.plot(
+                [1e6 * each.effect - error, 1e6 * each.effect + error], [-row, -row], color=style.INK, linewidth=1.4
+            )
+        share = f", {100.0 * each.share:.2g} % of G" if each.share > 5e-4 else ""
+        note = f"; {each.note}" if each.note else ""
+        ax.annotate(f"{1e6 * each.effect:.3g} µm{share}{note}", (1e6 * each.effect, -row), xytext=(5, 0),
+                    textcoords="offset points", va="center", fontsize=style.SMALL, color=style.MUTED)  # fmt: skip
+    ax.set_yticks([-row for row in range(len(shown))], [each.name for each in shown])
+    ax.set_xlim(0.0, 1.75 * widest)
+    ax.set_ylim(0.5 - max(len(shown), 1), 0.6)
+    ax.grid(visible=False, axis="y")
+    style.labels(ax, "largest radial deviation (µm)", "")
+    style.note(ax, f"not explained: {1e6 * found.residual:.3g} µm RMS; bars: standard error; {_runs(found)}")
+    return figure
+
+
+def _runs(found: CircleCauses) -> str:
+    return f"{len(found.left)} circle{'s' if len(found.left) > 1 else ''}"
+
+
+def reversals(found: Reversals) -> Any:
+    """The outward error after each of the last four reversals, over the time since it; gray: where the axis stands."""
+    from feeddrive.plot.picture import Picture
+
+    figure = Picture(figsize=(style.WIDTH, 4.8), layout="constrained", facecolor=style.PAPER)
+    axes = [style.dressed(ax) for ax in figure.subplots(2, 2, sharey=True).flat]
+    chosen = found.reversals[-4:]
+    for ax, each in zip(axes, chosen, strict=False):
+        length = each.rows.stop - each.rows.start
+        rows = slice(max(0, each.rows.start - length // 5), each.rows.start + max(2, (3 * length) // 4))
+        ax.axvspan(1e3 * each.stick_begin, 1e3 * (each.stick_begin + each.stick_time), color=style.GRID)
+        ax.plot(1e3 * (found.time[rows] - each.time), 1e6 * found.outward[rows], **style.curve(0))
+        ax.axhline(1e6 * each.base, color=style.MUTED, linewidth=0.9, linestyle=(0, (4, 3)))
+        style.note(ax, f"{each.axis} at {each.side}: {1e6 * each.height:.3g} µm at {1e3 * each.peak_time:.3g} ms, "
+                       f"stands {1e3 * each.stick_time:.3g} ms")  # fmt: skip
+        style.labels(ax, "since the reversal (ms)", "outward (µm)")
+    for ax in axes[len(chosen) :]:
+        ax.set_axis_off()
+    return figure
+
+
+def axis_load(load: AxisLoad) -> Any:
+    """Motor force over time with its limits and the running RMS; below it the heat from cold, if it is known."""
+    figure, axes = style.picture(1 if load.heat is None else 2, height=3.0 if load.heat is None else 4.6)
+    time = load.sample_time * np.arange(len(load.force))
+    ax = axes[0]
+    ax.plot(*envelope(time, load.force), **style.curve(0) | {"linewidth": 0.8}, label="motor")
+    running = np.sqrt(np.cumsum(load.force**2) / np.arange(1, len(time) + 1))
+    ax.plot(*envelope(time, running), **style.curve(1), label="RMS so far")
+    top = 1.1 * load.peak
+    for level, name, dash in (
+        (load.continuous_force, "continuous", (0, (5, 2))), (load.peak_force, "peak", (0, (1.5, 1.5))),
+    ):  # fmt: skip
+        if level is not None and level < 2.0 * top:
+            top = max(top, 1.1 * level)
+            for sign in (1.0, -1.0):
+                ax.axhline(sign * level, color=style.ALERT, linewidth=1.0, linestyle=dash,
+                           label=f"{name} {level:.4g} N" if sign > 0 else None)  # fmt: skip
+    ax.set_ylim(-top, top)
+    style.labels(ax, None if load.heat is not None else "time (s)", "force (N)")
+    if load.heat is not None:
+        heat = axes[1]
+        heat.plot(load.sample_time * np.arange(len(load.heat)), 100.0 * load.heat, **style.curve(2))
+        for level, name in ((80.0, "warns"), (100.0, "trips")):
+            if level < 3.0 * 100.0 * float(np.max(load.heat)):
+                heat.axhline(level, color=style.ALERT, linewidth=1.0, linestyle=(0, (5, 2)))
+                heat.annotate(name, (0.0, level), xytext=(3, 2), textcoords="offset points", fontsize=style.SMALL,
+                              color=style.MUTED)  # fmt: skip
+        style.labels(heat, "time (s)", "heat (%)")
+        style.note(
+            heat, f"repeated for ever at most {100.0 * (load.heat_repeated or 0.0):.3g} % of the continuous heat"
+        )
+    style.legend(figure, ax)
+    return figure
