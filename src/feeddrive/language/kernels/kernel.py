@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import linecache
 import struct
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cached_property
@@ -17,13 +17,15 @@ import numpy as np
 
 from feeddrive.language.kernels.module import Unit, unit_of
 from feeddrive.language.kernels.plain import Cells
-from feeddrive.language.kernels.source import BOOL, KernelError, Source, Type
+from feeddrive.language.kernels.source import BOOL, FLOAT, KernelError, Source, Type
 from feeddrive.language.kernels.text import Failure
 from feeddrive.language.machine_code import MachineCode
 
 _FORMATS = {"float": "d", "int": "q", "bool": "q"}
 _ADDRESS, _COUNT = "P", "q"
 _WORD = 8  # bytes
+_CELLS: dict[str, np.dtype[Any]] = {"float": np.dtype(np.float64), "int": np.dtype(np.int64)}
+_DATA = object.__basicsize__  # in numpy's PyArrayObject the address of the first cell stands behind the object's head
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -37,6 +39,9 @@ class _Compiled(NamedTuple):
     call: Callable[[Any], int]
     given: struct.Struct
     returned: struct.Struct
+    size: int  # of the memory of both, bytes
+    cells: tuple[object, ...]  # of each parameter: float, what the cells of an array are, None for other numbers
+    dimensions: tuple[int, ...]  # of each parameter
 
 
 class Kernel(Generic[_P, _R]):
@@ -69,20 +74,27 @@ class Kernel(Generic[_P, _R]):
         given = self._in_order(args, kwargs) if kwargs else args
         if len(given) != len(self._types):
             raise TypeError(f"{self.__name__}() takes {len(self._types)} arguments, not {len(given)}")
-        checked = [self._checked(place, value) for place, value in enumerate(given)]
-        return self._interpret(checked) if mode == "interpreted" else self._run(checked)
+        if mode == "interpreted":
+            return self._interpret([self._checked(place, value) for place, value in enumerate(given)])
+        return self._run(given)
 
-    def _run(self, given: list[Any]) -> _R:
-        """The machine code of checked arguments."""
+    def _run(self, given: Sequence[Any]) -> _R:
+        """The machine code of arguments, which are checked."""
         unit, compiled, words = self.unit, self._compiled, list[Any]()
         if compiled is None or compiled.code is not unit.code:
             compiled = self._compiled = self._bound()
-        for value in given:
-            if isinstance(value, np.ndarray):
-                words += [value.__array_interface__["data"][0], *value.shape]
-            else:
-                words.append(value)
-        memory = ctypes.create_string_buffer(max(compiled.given.size, compiled.returned.size, _WORD))
+        for place, (cell, dimensions, value) in enumerate(zip(compiled.cells, compiled.dimensions, given, strict=True)):
+            if not dimensions:
+                plain = cell is float and type(value) is float
+                words.append(value if plain else self._checked(place, value))
+                continue
+            if not (
+                type(value) is np.ndarray and value.dtype is cell and value.ndim == dimensions and value.flags.carray
+            ):
+                self._checked(place, value)
+            words.append(_address(value))
+            words += value.shape
+        memory = ctypes.create_string_buffer(compiled.size)
         compiled.given.pack_into(memory, 0, *words)
         if unit.quick:
             begun = thread_time()
@@ -92,10 +104,11 @@ class Kernel(Generic[_P, _R]):
             status = compiled.call(memory)
         if status:
             _throw(unit.failure(status))
-        numbers = compiled.returned.unpack_from(memory)
-        kinds = self.source.signature.results
-        found = tuple(bool(each) if kind == BOOL else each for each, kind in zip(numbers, kinds, strict=True))
-        return cast(_R, found[0] if self.source.signature.single else found if kinds else None)
+        found, signature = compiled.returned.unpack_from(memory), self.source.signature
+        if BOOL in signature.results:
+            kinds = zip(found, signature.results, strict=True)
+            found = tuple(bool(each) if kind == BOOL else each for each, kind in kinds)
+        return cast(_R, found[0] if signature.single else found or None)
 
     @property
     def unit(self) -> Unit:
@@ -109,7 +122,11 @@ class Kernel(Generic[_P, _R]):
                  for kind in self._types]  # fmt: skip
         results = [_FORMATS[kind.element] for kind in self.source.signature.results]
         call = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(address)
-        return _Compiled(code, call, struct.Struct(f"@{''.join(words)}"), struct.Struct(f"@{''.join(results)}"))
+        given, returned = struct.Struct(f"@{''.join(words)}"), struct.Struct(f"@{''.join(results)}")
+        cells = [_CELLS[kind.element] if kind.dimensions else float if kind == FLOAT else None for kind in self._types]
+        dimensions = [kind.dimensions for kind in self._types]
+        size = max(given.size, returned.size, _WORD)
+        return _Compiled(code, call, given, returned, size, tuple(cells), tuple(dimensions))
 
     @cached_property
     def _types(self) -> tuple[Type, ...]:
@@ -143,7 +160,7 @@ class Kernel(Generic[_P, _R]):
         if not isinstance(value, np.ndarray):
             raise TypeError(f"{self._named(place)} is {type(value).__name__}: give a numpy array")
         array = cast("np.ndarray[Any, Any]", value)
-        wanted = np.dtype(np.float64 if kind.element == "float" else np.int64)
+        wanted = _CELLS[kind.element]
         if array.dtype != wanted or array.ndim != kind.dimensions:
             what = f"{self._named(place)} is an array of {array.dtype} with {array.ndim} indices"
             raise TypeError(f"{what}: give {wanted} with {kind.dimensions}")
@@ -164,6 +181,11 @@ class Kernel(Generic[_P, _R]):
             return cast(Callable[..., _R], self.python)(*plain)
         finally:
             _mode.reset(token)
+
+
+def _address(array: np.ndarray) -> int:
+    """Where the first cell of an array lies; numpy's own ways to say it take as long as a small kernel."""
+    return ctypes.c_size_t.from_address(id(array) + _DATA).value
 
 
 def _throw(failure: Failure) -> NoReturn:
