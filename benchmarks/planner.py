@@ -127,15 +127,15 @@ def first() -> None:
 def child() -> None:
     """One fresh process."""
     programs = [list(moves(points, 1e-5, 0.1)) for points in (curve(1e-3, 60), zigzag(2e-2, 4))]
-    begun = time.process_time()
-    prover = Prover(LIMITS)
+    begun, faults = time.process_time(), 0
     for given in programs:
-        sampler = Sampler(1e-3)
+        prover, sampler = Prover(LIMITS), Sampler(1e-3)
         for each in planned(given, "XYZ", LIMITS):
             if not isinstance(each, Pause):
                 prover.prove(each)
                 sampler.sample(each)
-    print(f"{time.process_time() - begun:.2f} s of processor time, {prover.proof().count} faults")
+        faults += prover.proof().count
+    print(f"{time.process_time() - begun:.2f} s of processor time, {faults} faults")
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from feeddrive.language import ops
-from feeddrive.language.kernels.kernel import Kernel, interpreted
+from feeddrive.language.kernels.kernel import Kernel, _address, interpreted
 from feeddrive.language.kernels.module import QUICK, THOROUGH
 from feeddrive.language.kernels.source import KernelError
 from kernel_oracle import bits, compare, drawn
@@ -333,6 +333,13 @@ def test_arguments_are_checked_before_the_call_in_both_ways():
     refused(ValueError, "'row' is written to and is read-only", cells, row, table, block, whole, 0, 0, 0)
     assert raises(np.float64(0.5), n=np.int64(2)) == raises(n=2, x=0.5) == 0.5
     assert raises(1, 2) == 1.0
+
+
+def test_the_address_of_an_array_is_that_of_its_first_cell(tmp_path: Path):
+    """As numpy says it: of whole arrays, views, those of a file and those of no cell."""
+    mapped = np.memmap(tmp_path / "cells", dtype=np.float64, mode="w+", shape=(4, 2))
+    for each in (np.ones((4, 3)), np.ones((4, 3))[2:], np.ones(7)[3:5], mapped, mapped[1:], np.zeros((0, 3))):
+        assert _address(each) == each.__array_interface__["data"][0]
 
 
 def test_writing_through_rows_and_called_kernels_counts_as_writing():

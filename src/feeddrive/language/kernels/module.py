@@ -43,7 +43,7 @@ class Effort(NamedTuple):
     passes: tuple[str, ...]
 
 
-QUICK = Effort(0, ("sroa", "simplify_cfg"))
+QUICK = Effort(0, ("sroa",))
 THOROUGH = Effort(2, (
     "always_inliner", "global_dead_code_eliminate",
     "sroa", "simplify_cfg", "instruction_combine", "new_gvn", "simplify_cfg",

@@ -69,6 +69,23 @@ class Signature(NamedTuple):
     single: bool  # one number is returned as it is, several as a tuple
 
 
+def _alone(lines: Sequence[str], first: int) -> ast.FunctionDef | None:
+    """The function that begins at a line, if it ends where the first letter of a line next stands at its margin.
+
+    Where that is not its end, in a text over several lines or in brackets, what stands before cannot be parsed.
+    """
+    begun, last = False, first - 1
+    for line in lines[first - 1 :]:
+        if begun and line[0] not in " \t\f\r\n#)":
+            break
+        begun, last = begun or line.startswith("def "), last + 1
+    try:
+        found = ast.parse("\n" * (first - 1) + "".join(lines[first - 1 : last])).body
+    except SyntaxError:
+        return None
+    return found[0] if len(found) == 1 and isinstance(found[0], ast.FunctionDef) else None
+
+
 @lru_cache(maxsize=64)
 def _functions(text: str) -> dict[tuple[str, int], ast.FunctionDef]:
     """The functions of a file at its top level, by name and first line (that of the decorator)."""
@@ -101,11 +118,13 @@ class Source:
             self.refuse(place, "a kernel stands at the top level of its file", "move it there, without a closure")
         linecache.checkcache(self.file)
         try:
-            tree = _functions("".join(linecache.getlines(self.file))).get((self.name, code.co_firstlineno))
+            tree = _alone(linecache.getlines(self.file), code.co_firstlineno)
+            if tree is None:
+                tree = _functions("".join(linecache.getlines(self.file))).get((self.name, code.co_firstlineno))
         except SyntaxError:
             tree = None
         given = [each.arg for each in [*tree.args.posonlyargs, *tree.args.args]] if tree else []
-        if tree is None or given != [*code.co_varnames[: code.co_argcount]]:
+        if tree is None or (tree.name, given) != (self.name, [*code.co_varnames[: code.co_argcount]]):
             self.refuse(place, "its text is not in the file", "start Python again if the file has changed")
         if len(tree.decorator_list) > 1:
             self.refuse(tree, "a second decorator", "leave it out: a kernel has @kernel alone")
