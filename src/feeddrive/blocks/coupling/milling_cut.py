@@ -43,7 +43,8 @@ class MillingCut(Coupling):
     the opposite one.  It acts for cut_from <= t < cut_to, and by `sections` with another depth, width, speed or
     direction in each; the spindle always turns.  Where its speed changes, τ is the time since the spindle stood a tooth
     before, found in the ring of its turns.
-    With process_damping C the flank rubs: F = -C a (ṙ · e_r) / (cutting speed) along e_r on each engaged element a.
+    With process_damping C the flank rubs: F = -C a (ṙ · e_r) / (cutting speed) along e_r on each engaged element a, ṙ
+    predicted from the last two.
     When not to use it: with substeps longer than a tenth of τ; for a motion along the spindle, which changes no chip.
     Source: forces Budak, Altintas & Armarego 1996; regeneration Altintas & Budak 1995, eq. (2); several surfaces Tlusty
     & Ismail 1981.
@@ -193,7 +194,8 @@ class MillingCut(Coupling):
             along, across = ops.cos(now.direction), ops.sin(now.direction)
         rubbing = None
         if self.process_damping is not None:
-            x, y = velocity
+            before = path.rates_ago(0.0)  # a straight line from there leads to the middle of the substep
+            x, y = (v + 0.5 * (v - old) for v, old in zip(velocity, before, strict=False))
             speed = ops.pi * now.edge.diameter * ops.maximum(rate, 1e-9)
             rubbing = Rubbing(x * along + y * across, y * along - x * across, self.process_damping / speed)
         found = cut(
