@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -69,7 +71,7 @@ def test_what_a_run_teaches_takes_the_error_out():
 
 
 def circle(machine: Machine, feed: float) -> CirclePath:
-    given = {"radius": 0.02, "feed": feed, "turns": 1.5}
+    given: dict[str, Any] = {"radius": 0.02, "feed": feed, "turns": 1.5}
     paths = {"x": Circle(**given, phase=0), "y": Circle(**given, phase=90)}
     return circle_of_run(simulate(machine, paths, record=[*(f"{a}.set_position" for a in "xy"), "tool.x", "tool.y"]))
 
@@ -143,7 +145,7 @@ def test_cross_coupled_control_does_not_fight_it():
     assert added[1] == pytest.approx(50e-6, abs=2e-7)
 
 
-def test_linuxcnc_reads_nominal_forward_reverse(tmp_path):
+def test_linuxcnc_reads_nominal_forward_reverse(tmp_path: Path):
     block = PitchCompensation(
         forward=np.array([0.0, 3e-6, 5e-6]), backward=np.array([-2e-6, 1e-6, 2e-6]), table_start=-0.1, spacing=0.05
     )
@@ -166,7 +168,7 @@ def test_linuxcnc_reads_nominal_forward_reverse(tmp_path):
         ("0 0 0\n", "needs two at least"),
     ],
 )
-def test_a_wrong_file_names_its_line(tmp_path, text: str, said: str):
+def test_a_wrong_file_names_its_line(tmp_path: Path, text: str, said: str):
     (tmp_path / "x.comp").write_text(text)
     with pytest.raises(FileError, match=said):
         read_comp_file(tmp_path / "x.comp")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -95,7 +97,7 @@ def test_the_largest_gain_is_the_largest_kv_less_kv():
 
 def round_and_round(machine: Machine) -> tuple[float, float]:
     """Radius error and lag along the path in the mean over a turn, m, of a circle of 20 mm at 0.1 m/s."""
-    given = {"radius": 0.02, "feed": 0.1, "turns": 2.0, "run_up_time": 0.1}
+    given: dict[str, Any] = {"radius": 0.02, "feed": 0.1, "turns": 2.0, "run_up_time": 0.1}
     run = simulate(machine, {"x": Circle(**given, phase=90), "y": Circle(**given, phase=0)}, duration=2.0)
     turn = round(0.4 * np.pi / machine.sample_time)
     last = slice(run.samples - turn, run.samples)
@@ -181,7 +183,7 @@ def test_what_axes_differ_in_shows_on_a_line():
         matched_dynamics(crossed(axis(), axis()), feed=0.0)
 
 
-def test_a_file_holds_it_and_names_what_does_not_fit(tmp_path):
+def test_a_file_holds_it_and_names_what_does_not_fit(tmp_path: Path):
     machine = read_machine("xy_table").machine(CrossCoupled(contour_axes=("x", "y"), contour_gain=30.0))
     path = tmp_path / "table.toml"
     path.write_text(machine_toml(machine, "table"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -49,7 +50,7 @@ def portal() -> Machine:
     return Machine.of({"x": file.loops["x"], "y": y, "y2": y2}, (*file.couplings, BEAM))
 
 
-def test_one_word_of_a_part_program_moves_both(tmp_path):
+def test_one_word_of_a_part_program_moves_both(tmp_path: Path):
     machine = portal()
     limits = read_machine("gantry").limits
     (tmp_path / "portal.toml").write_text(machine_toml(machine, "portal", limits=limits))

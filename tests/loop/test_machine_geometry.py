@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -50,7 +52,7 @@ def test_the_tool_point_is_part_of_the_linear_model():
         assert abs(tool / alone - share) < 1e-12  # rounding of two solutions of one linear system
 
 
-def test_a_file_holds_it(tmp_path):
+def test_a_file_holds_it(tmp_path: Path):
     _, machine = with_errors()
     path = tmp_path / "table.toml"
     path.write_text(machine_toml(machine, "table"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -62,7 +63,7 @@ def test_prefilters_of_all_axes():
     assert all(row[-1] < row[0] for row in found.error.values())
 
 
-def test_the_command_takes_a_job_of_several_axes(tmp_path):
+def test_the_command_takes_a_job_of_several_axes(tmp_path: Path):
     (tmp_path / "job.toml").write_text(
         'machine = "xy_table"\naxis = "x"\n[reference]\nkind = "snap_limited_move"\ndistance_mm = 20\nvelocity = 0.1\n'
         "acceleration = 2\njerk = 100\nsnap = 2e4\nback = true\n[others.y.reference]\nkind = "

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, choice, parameter, table
 
@@ -15,7 +17,7 @@ class Straightness(Block):
 
     along: str = choice("direction of the motion", options=("x", "y", "z"))
     across: str = choice("direction of the error", options=("x", "y", "z"))
-    row: Number = table("m", "errors along the travel")
+    row: Any = table("m", "errors along the travel")
     start: Number = parameter("m", "position of the first entry")
     spacing: Number = parameter("m", "distance between entries", above=0)
 

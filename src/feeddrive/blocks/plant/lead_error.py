@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, parameter, table
 
@@ -12,7 +14,7 @@ class LeadError(Block):
     e is interpolated linearly between entries at start, start + spacing, ... and held beyond the ends of the row.
     """
 
-    row: Number = table("m", "errors along the travel")
+    row: Any = table("m", "errors along the travel")
     start: Number = parameter("m", "position of the first entry")
     spacing: Number = parameter("m", "distance between entries", above=0)
 
