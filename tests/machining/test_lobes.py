@@ -373,3 +373,29 @@ def test_poles_that_hardly_move_the_tool_need_no_points(name: str, speed: float)
         abs(ToothPassage(point, steel(4, 0.0, 2.0), speed, share=share).multipliers([3e-3])[0]) for share in (0.6, 1.0)
     ]
     assert grown[0] == pytest.approx(grown[1], rel=1e-8)
+
+
+@pytest.mark.slow(reason="400 exponentials and products of large maps")
+def test_semi_discretisation_extrapolated_meets_the_exact_multiplier() -> None:
+    first, second, third = (abs(semi_discretisation(TOOL, SLOT, 5000.0, 5e-4, steps=k)[0]) for k in (100, 200, 400))
+    # Richardson twice: the errors of second and fourth order cancel
+    found = (16.0 * (4.0 * third - second) - (4.0 * second - first)) / 45.0
+    assert found == pytest.approx(1.0739755867, abs=2e-10)
+
+
+@pytest.mark.slow(reason="scans sixteen random cuts in small steps")
+@pytest.mark.parametrize("seed", range(16))
+def test_a_finer_scan_finds_no_lower_limit(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    random = np.random.default_rng(seed)
+    modes = [
+        ToolMode(random.uniform(200, 1500), 10 ** random.uniform(-2.2, -1.2), 10 ** random.uniform(-2, 0), *shape)
+        for shape in random.normal(size=(random.integers(1, 4), 2))
+    ]
+    entry, leave = arc(str(random.choice(["up", "down"])), random.uniform(0.05, 1.0), 1.0)
+    teeth, helix = int(random.integers(1, 6)), random.uniform(0.3, 0.8) if random.random() < 0.3 else 0.0
+    radial = 6e8 * random.uniform(0.1, 0.6)
+    cut = Regeneration(teeth, 6e8, radial, entry, leave, lag=200.0 * float(np.tan(helix)))
+    speed = random.uniform(0.4, 2.5) * 60.0 * modes[0].frequency / teeth
+    usual = stability_lobes(tool_modes(*modes), cut, [speed])
+    monkeypatch.setattr("feeddrive.machining.lobes._RATIO", 1.03)
+    assert stability_lobes(tool_modes(*modes), cut, [speed]).depth == pytest.approx(usual.depth, rel=1e-6)
