@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 
 from feeddrive.path.motion import Part
 from feeddrive.path.pieces import ARC, LINE, POLYNOMIAL, Pieces, derivatives
 from feeddrive.path.plan import planned
 from feeddrive.path.program.lines import Line
-from feeddrive.path.program.moves import Arc, Feed, Move, PathMode, Point, Straight
+from feeddrive.path.program.moves import Arc, Feed, Move, PathMode, Point, Spline, Straight
 from feeddrive.path.proof.prove import Prover
 
 # m/s, m/s², m/s³, m/s⁴ of each of three axes
@@ -172,3 +175,56 @@ def check_random(number: int, seed: int, most: int = 30) -> tuple[int, int]:
     miss = np.abs(pieces.origin[-1] + r[:, 0] - end).max()
     assert miss <= 1e-12 * (1.0 + np.abs(end).max()), f"program {number} of seed {seed}, {kind}: ends {miss} m away"
     return len(moves) - 2, proof.spans
+
+
+def check_all_axes(number: int, seed: int) -> None:
+    """Plans and proves program `number` of a seed with splines, and moves of up to nine axes; raises as `check_random`.
+
+    Limits of each axis over decades; a helix may turn other axes, and chords of curves are in any of them.
+    """
+    draw = np.random.default_rng([seed, number])
+    letters = "XYZ" + "".join(letter for letter in "ABCUVW" if draw.random() < 0.4)
+    columns = ["XYZABCUVW".index(letter) for letter in letters]
+    limits = 10.0 ** (draw.uniform(-2.0, 0.5, (len(letters), 1)) + np.array([0.0, 1.0, 3.0, 5.0]))
+    limits[:, 1:] *= 10.0 ** draw.uniform(-1.0, 1.5, (len(letters), 3))
+    mode = str(draw.choice(["exact_path", "exact_stop", *["continuous"] * 4]))
+    tolerance = 10.0 ** draw.uniform(-6.0, -3.3) if mode == "continuous" and draw.random() < 0.8 else 0.0
+    feed, size = 10.0 ** draw.uniform(-4.0, 0.0), 10.0 ** draw.uniform(-5.0, -1.0)
+    found: list[Move] = [PathMode(_LINE, mode, tolerance), Feed(_LINE, feed, feed)]
+    here = np.zeros(9)
+
+    def near(moved: np.ndarray) -> np.ndarray:
+        return here + size * moved * draw.normal(size=9)
+
+    inside = np.isin(np.arange(9), columns)
+    for _ in range(int(draw.integers(1, 12))):
+        some, plane = inside & (draw.random(9) < 0.6), np.arange(9) < 2
+        kind = draw.random()
+        if kind < 0.4:
+            *points, end = (near(plane) for _ in range(3 if kind < 0.3 else 2))
+            found.append(Spline(_LINE, tuple(here), tuple(end), tuple(map(tuple, points))))
+        elif kind < 0.5:
+            turn = _arc(draw, here[:3], size)
+            end = np.where(np.arange(9) < 3, np.array(turn.end), near(some))
+            found.append(replace(turn, start=tuple(here), end=tuple(end)))
+        elif kind < 0.9:
+            end = near(some)
+            found.append(Straight(_LINE, tuple(here), tuple(end), bool(draw.random() < 0.1)))
+        else:
+            curve = here + size * some * (np.cos(0.05 * np.arange(40)[:, None] + np.arange(9)) - np.cos(np.arange(9)))
+            found += [Straight(_LINE, tuple(a), tuple(b), False) for a, b in pairwise(curve)]
+            end = curve[-1]
+        here = end
+    prover, stands = Prover(limits), None
+    for each in planned(found, letters, limits):
+        if isinstance(each, Part):
+            prover.prove(each)
+            stands = each
+    proof = prover.proof()
+    assert proof.count == 0, f"program {number} of seed {seed}, {letters}: {proof.faults[0]}"
+    if stands is not None:
+        pieces, r = stands.pieces, np.zeros((len(letters), 5))
+        length = float(pieces.length[-1])
+        derivatives(int(pieces.kind[-1]), length, pieces.shape[-1], length, r)
+        miss = np.abs(pieces.origin[-1] + r[:, 0] - here[columns]).max()
+        assert miss <= 1e-12 * (1.0 + np.abs(here).max()), f"program {number} of seed {seed}: ends {miss} m away"

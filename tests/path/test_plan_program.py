@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from paths import LIMITS, check_random, random_curve, random_limits
+from paths import LIMITS, check_all_axes, check_random, random_curve, random_limits
 from scipy.spatial import KDTree
 
 from feeddrive.language.errors import ProgramError
@@ -343,6 +343,17 @@ def test_random_programs_of_six_kinds_hold() -> None:
 def test_many_random_programs_of_six_kinds_hold() -> None:
     for number in range(1000):
         check_random(number, 2)
+
+
+def test_random_splines_and_moves_of_nine_axes_hold() -> None:
+    for number in range(8):
+        check_all_axes(number, 7)
+
+
+@pytest.mark.slow(reason="two hundred random programs of up to 400 moves; the quick test has eight")
+def test_many_random_splines_and_moves_of_nine_axes_hold() -> None:
+    for number in range(200):
+        check_all_axes(number, 8)
 
 
 def test_lifting_leaves_time_pieces_alone_that_have_no_way() -> None:
