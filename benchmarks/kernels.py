@@ -71,7 +71,9 @@ def run_times(rounds: int) -> None:
     from rounds import machine, measure, ratio, table
 
     from feeddrive.language.kernels.kernel import interpreted
+    from feeddrive.language.kernels.module import THOROUGH
 
+    kernel_plan.plan_and_sample.unit.make(THOROUGH)
     paths = [arguments(seed) for seed in range(3)]
     candidates: dict[str, Any] = {"kernels": lambda: [kernel_plan.plan_and_sample(*each) for each in paths]}
     source = Path(__file__).with_name("kernel_plan.c").read_text(encoding="utf-8")
