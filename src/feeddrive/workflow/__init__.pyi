@@ -5,6 +5,7 @@ from feeddrive.workflow.certify import read_certificate as read_certificate
 from feeddrive.workflow.certify import write_certificate as write_certificate
 from feeddrive.workflow.channels import channels as channels
 from feeddrive.workflow.check import check as check
+from feeddrive.workflow.circle import circle as circle
 from feeddrive.workflow.cogging import cogging as cogging
 from feeddrive.workflow.command import Outcome as Outcome
 from feeddrive.workflow.compare import compare as compare

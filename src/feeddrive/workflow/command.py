@@ -309,6 +309,12 @@ COMMANDS: dict[str, Listed] = {
         "Simulate",
         ("gordon2013",),
     ),
+    "circle": Listed(
+        "circle",
+        "Circular test after ISO 230-4 with its causes: from logs of x and y, or on a simulated machine.",
+        "Simulate",
+        ("ccw.csv cw.csv --x x:mm --y y:mm --out circles", "xy_table --radius 20"),
+    ),
     "cosimulate": Listed(
         "cosimulate",
         "Run the laws of a job against somebody else's model of the machine: an FMU in place of the plant.",

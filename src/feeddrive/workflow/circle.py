@@ -1,0 +1,216 @@
+"""`feeddrive circle`: the circular test of measured circles, or of a simulated machine.
+
+report.html    the circle plot, unrolled circles, ranked causes
+circle.json    every figure in SI
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from feeddrive.blocks.reference.circle import Circle
+from feeddrive.blocks.reference.recorded import Recorded
+from feeddrive.files.atomic_io import new_directory
+from feeddrive.files.formats import OpenedFile
+from feeddrive.files.machine import MachineFile, read_machine
+from feeddrive.files.read_log import read_log
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.progress import Progress
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.simulate import simulate
+from feeddrive.machining.circle_causes import Cause, CircleCauses, circle_causes
+from feeddrive.machining.circle_test import CirclePath, CircleTest, circle_of_run, circle_path, circle_test
+from feeddrive.report import build_circle
+from feeddrive.workflow.channels import column
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.request import OUT, Request, argument, option
+
+_TURNS = 2.2  # of a simulated circle: run-in and run-out take a part of the first and the last one
+_RADIUS, _FEEDS = 0.02, (0.02, 0.1)  # m, m/s, of a simulated machine
+
+
+class CircleRequest(Request):
+    """Which circles, what their columns are, and what is known of them."""
+
+    sources: tuple[Path, ...] = argument(
+        "Logs of one circle each (MAT, CSV, Parquet), best in both directions at two feeds; or one machine file "
+        "(TOML), or the name of a bundled machine, which then runs the circles"
+    )
+    x: str = option("column of the first axis, as x:mm; of a machine its axis", default="x")
+    y: str = option("column of the second axis; of a machine its axis", default="y")
+    time: str | None = option("column of the time, name:unit", default=None)
+    sample_time: float | None = option("of logs without a clock", unit="s", default=None, above=0.0)
+    encoders: bool = option("the columns are readings of encoders, which do not see the tool", default=False)
+    radius: float | None = option(
+        "nominal; of a log that of the fit to 0.1 mm if left out, of a machine 20 mm", unit="m", entered="mm",
+        default=None, above=0.0,
+    )  # fmt: skip
+    feed: tuple[float, ...] = option(
+        "of the circles of a machine; may be repeated", unit="m/s", entered="mm/min", default=(), above=0.0
+    )
+    pitch_x: float | None = option("pitch of the screw of x, to look for its error", unit="m", entered="mm",
+                                   default=None, above=0.0)  # fmt: skip
+    pitch_y: float | None = option("pitch of the screw of y", unit="m", entered="mm", default=None, above=0.0)
+    said: str = option("a line for the circle plot: date, place, compensation on or off", default="")
+    out: Path | None = option(OUT, short="-o", default=None)
+
+    def usual_out(self) -> Path:
+        """By the name of what it is about."""
+        return Path("results") / f"circle_{self.sources[0].stem}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MeasuredCircle(Result):
+    """The figures of a circular test, and what draws them."""
+
+    test: CircleTest
+    causes: CircleCauses
+
+    def table(self) -> Table:
+        """The figures."""
+        return self.test.table()
+
+
+@command(CircleRequest)
+def circle(request: CircleRequest, progress: Progress) -> Outcome[MeasuredCircle]:
+    """Circular test after ISO 230-4 with a split of its causes: from logs of x and y, or on the simulated machine.
+
+    Raises LogError for a log without a full circle at constant feed, and ParameterError for circles that do not fit
+    each other.
+    """
+    machine = _machine(request.sources)
+    if machine is None:
+        circles = [_measured(path, request) for path in _reported(request.sources, progress)]
+    else:
+        circles = _simulated(machine, request, progress)
+    test = circle_test(circles)
+    pitch = {axis: value for axis, value in zip(circles[0].axes, (request.pitch_x, request.pitch_y), strict=True)
+             if value is not None}  # fmt: skip
+    progress.step("causes")
+    found = MeasuredCircle(test, circle_causes(circles, pitch=pitch))
+    files: dict[str, Path] = {}
+    if request.out is not None:
+        with new_directory(request.out) as folder:
+            (folder / "report.html").write_text(build_circle(test, found.causes, request.said), encoding="utf-8")
+            (folder / "circle.json").write_text(json.dumps(_summary(found), indent=1) + "\n", encoding="utf-8")
+        files = {"Report": request.out / "report.html", "Figures": request.out / "circle.json"}
+    return Outcome(found, [test.table(), found.causes.table()], _remarks(found), files=files)
+
+
+def _reported(paths: tuple[Path, ...], progress: Progress) -> Iterator[Path]:
+    """Each path, reported."""
+    for path in paths:
+        progress.step(f"reading {path.name}")
+        yield path
+
+
+def _machine(sources: tuple[Path, ...]) -> MachineFile | None:
+    """The machine file that is given instead of logs."""
+    first = sources[0]
+    is_machine = first.suffix.lower() == ".toml" or (not first.suffix and not first.exists())
+    if not is_machine:
+        return None
+    if len(sources) > 1:
+        raise ParameterError(f"{first} is a machine: give it alone, or logs")
+    return read_machine(first)
+
+
+def _measured(path: Path, request: CircleRequest) -> CirclePath:
+    """The circle of a log."""
+    file = OpenedFile(path)
+    # one after the other as the position of a table: that role has the unit of a length
+    kept = {} if request.time is None else {"time": column(request.time, "time")}
+    logs = [
+        read_log(file, {"position_load": column(text, "position_load"), **kept}, sample_time=request.sample_time)
+        for text in (request.x, request.y)
+    ]
+    names = tuple(text.split(":")[0].split("*")[0] for text in (request.x, request.y))
+    return circle_path(
+        logs[0]["position_load"], logs[1]["position_load"], time=logs[0].time, radius=request.radius,
+        axes=(names[0], names[1]), source="encoder" if request.encoders else "tool", name=path.name,
+    )  # fmt: skip
+
+
+def _simulated(file: MachineFile, request: CircleRequest, progress: Progress) -> list[CirclePath]:
+    """Circles in both directions at all feeds, about the middle of the travel where it is stated."""
+    machine = file.machine()
+    axes = (request.x, request.y)
+    for name in axes:
+        if name not in machine.loops():
+            raise ParameterError(f"the machine has no axis '{name}'; it has {', '.join(machine.loops())}: --x, --y")
+        if machine.loops()[name].axis.rotary:
+            raise ParameterError(f"axis '{name}' turns: a circular test needs two straight axes, --x and --y")
+    radius = _RADIUS if request.radius is None else request.radius
+    feeds = request.feed or _FEEDS
+    center = tuple(_middle(file, name, radius) for name in axes)
+    found: list[CirclePath] = []
+    signal = "reading_load" if request.encoders else "tool"
+    for feed in feeds:
+        for direction in ("counterclockwise", "clockwise"):
+            progress.step(f"{direction} at {60e3 * feed:.4g} mm/min")
+            motion = {
+                name: Circle(radius=radius, feed=feed, turns=_TURNS, phase=phase, direction=direction, center=at,
+                             run_up_time=min(0.3, np.pi * radius / feed))
+                for name, phase, at in zip(axes, (0, 90), center, strict=True)
+            }  # fmt: skip
+            still = {name: Recorded(position=np.zeros(2), sample_time=float(loop.sample_time))
+                     for name, loop in machine.loops().items() if name not in axes}  # fmt: skip
+            run = simulate(machine, {**motion, **still}, name=file.name)
+            found.append(circle_of_run(run, axes, radius=radius, center=(center[0], center[1]), signal=signal))
+    return found
+
+
+def _middle(file: MachineFile, name: str, radius: float) -> float:
+    """The middle of an axis's travel, m; 0 where none is stated."""
+    limits = file.limits.get(name)
+    if limits is None or limits.travel_least is None or limits.travel_most is None:
+        return 0.0
+    least, most = float(limits.travel_least), float(limits.travel_most)
+    if most - least < 2.0 * radius:
+        raise ParameterError(
+            f"radius = {1e3 * radius:g} mm: axis '{name}' travels {1e3 * (most - least):g} mm, a circle needs "
+            f"{2e3 * radius:g} mm: give a smaller --radius"
+        )
+    return 0.5 * (least + most)
+
+
+def _remarks(found: MeasuredCircle) -> list[str]:
+    first = found.test.circles[0]
+    said = [] if first.source == "tool" else ["Readings of encoders do not see what lies between them and the tool."]
+    there = {each.direction for each in found.test.circles}
+    if len(there) == 1:
+        said.append("One direction only: G(b) and D of both directions need the other one.")
+    notes = list(dict.fromkeys(each.note for each in found.causes.causes if each.note))
+    return [*said, *(f"{note[:1].upper()}{note[1:]}." for note in notes)]
+
+
+def _summary(found: MeasuredCircle) -> dict[str, Any]:
+    """All figures in SI; what cannot be separated is null."""
+    first = found.test.circles[0]
+    return {
+        "radius_m": found.test.radius,
+        "plane": "".join(first.axes),
+        "source": first.source,
+        "center_of_F": found.test.about,
+        "figures": [
+            {"name": each.name, "both_directions": each.both, "G_m": each.G, "F_max_m": each.F_max,
+             "F_min_m": each.F_min, "D_m": each.D, "center_m": each.center.tolist()}
+            for each in found.test.figures
+        ],
+        "causes": [
+            {"name": each.name, "value": _known(each.value, each), "standard_error": _known(each.error, each),
+             "unit": each.unit, "draws_m": each.effect, "note": each.note}
+            for each in found.causes.causes
+        ],
+        "not_explained_rms_m": found.causes.residual,
+    }  # fmt: skip
+
+
+def _known(value: float, cause: Cause) -> float | None:
+    return value if np.isfinite(cause.error) else None
