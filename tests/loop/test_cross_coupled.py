@@ -17,6 +17,7 @@ from feeddrive.blocks.coupling.cross_coupled import CrossCoupled
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.reference.circle import Circle
 from feeddrive.blocks.signals import Setpoint
+from feeddrive.files.job import read_job
 from feeddrive.files.machine import machine_toml, read_machine
 from feeddrive.language.errors import ParameterError, StructureError, UnstableError
 from feeddrive.loop.axis import Axis
@@ -77,13 +78,20 @@ def test_equal_axes_have_kv_along_the_path_and_kv_and_the_gain_across():
 
 
 def test_the_largest_gain_is_the_largest_kv_less_kv():
-    low, high = 40.0, 20_000.0
+    low, high = 6000.0, 6200.0
+    assert stability(axis(Kv=low)).stable
+    assert not stability(axis(Kv=high)).stable
     while high - low > 1e-6 * high:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if stability(axis(Kv=middle)).stable else (low, middle)
     found = contour_gain(crossed(axis(), axis()), directions=4)
     assert found.largest == pytest.approx(low - 40.0, rel=3e-6)  # two bisections
     assert found.stable
+    # across the path of equal axes 1 + L is what the position loop with Kv + 40 leaves of the one with Kv: S80/S40
+    model = [linearize(axis(Kv=Kv), ["reading_load"], ["position_load"]) for Kv in (40.0, 80.0)]
+    f = np.geomspace(0.2, 2000.0, 600)
+    ratio = [1.0 + each.response(f).response for each in model]
+    assert found.peak == pytest.approx(max(1.0, float(np.max(np.abs(ratio[1] / ratio[0])))), rel=1e-3)
     slow = axis(300.0, 500.0)  # the axis whose velocity loop is slowest decides, where the path runs across it
     mixed = contour_gain(crossed(axis(), slow, axis(180.0)), directions=4)
     alone = contour_gain(crossed(slow, slow), directions=1)
@@ -204,3 +212,20 @@ def test_a_file_holds_it_and_names_what_does_not_fit(tmp_path: Path):
     turning = replace(axis(), axis=replace(axis().axis, rotary=True))
     with pytest.raises(StructureError, match="axis 'y' turns"):
         crossed(axis(), turning)
+
+
+def test_a_row_of_a_job_takes_another_gain(tmp_path: Path):
+    """The same motion with and without the coupling, in one comparison; other couplings are no part of the control."""
+    machine = read_machine("xy_table").machine(CrossCoupled(contour_axes=("x", "y"), contour_gain=60.0))
+    (tmp_path / "table.toml").write_text(machine_toml(machine, "table"))
+    job = (
+        'machine = "table.toml"\naxis = "x"\n[reference]\nkind = "circle"\nradius_mm = 10\nfeed_mm_per_s = 50\n'
+        '[others.y.reference]\nkind = "circle"\nradius_mm = 10\nfeed_mm_per_s = 50\nphase = 90\n'
+        '[[law]]\nname = "without"\nset = {{ "couplings.0.{}" = 0.0 }}\n'
+    )
+    (tmp_path / "job.toml").write_text(job.format("contour_gain"))
+    rows = read_job(tmp_path / "job.toml").machines
+    assert [float(each.couplings[0].contour_gain) for each in rows.values()] == [60.0, 0.0]  # type: ignore[attr-defined]
+    (tmp_path / "job.toml").write_text(job.format("gain"))
+    with pytest.raises(ParameterError, match="contour_gain"):
+        read_job(tmp_path / "job.toml")

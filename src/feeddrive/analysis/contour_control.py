@@ -12,7 +12,7 @@ from feeddrive.blocks.coupling.cross_coupled import CrossCoupled
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.lifting import tracking
-from feeddrive.loop.linearize import linearize
+from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.machine import Machine
 
 _SLOW = 1e-2  # Hz: where a lag in s is read from the response; its square is lost in rounding
@@ -103,12 +103,15 @@ class ContourGain(Result):
 
     direction   unit vector of the path along which a gain beyond `largest` is unstable; by axis
     given       the gain that the machine has
+    peak        Ms of the contour loop at the given gain, the largest 1/|1 + L| over all directions, where
+                L = given · n G n/Kv, with three axes the largest singular value on the plane across the path
     """
 
     place: str
     largest: float
     direction: dict[str, float]
     given: float
+    peak: float
 
     @property
     def stable(self) -> bool:
@@ -132,10 +135,11 @@ class ContourGain(Result):
     def table(self) -> Table:
         """Given and largest gain."""
         rows = [["given", f"{self.given:.4g} 1/s"], ["largest", f"{self.largest:.4g} 1/s"],
-                ["gain margin", f"{self.gain_margin:.3g}"]]  # fmt: skip
+                ["gain margin", f"{self.gain_margin:.3g}"], ["Ms across the path", f"{self.peak:.3g}"]]  # fmt: skip
         return Table(self.sentence(), ["gain", ""], rows)
 
 
+_LINES = 600  # of a response
 _MOST = 1e6  # 1/s: no sampled loop is stable beyond
 
 
@@ -162,13 +166,27 @@ def contour_gain(machine: Machine, place: int = 0, *, directions: int = 72) -> C
         closed = model.A - gain * (model.B / gains) @ frame @ model.C
         return bool(np.max(np.abs(np.linalg.eigvals(closed))) < _EDGE)
 
+    given = float(coupling.contour_gain)
+    loop = given * _responses(model) / gains
     found: list[tuple[float, np.ndarray]] = []
+    peak = 1.0
     for tangent in _directions(len(names), directions):
         frame = np.eye(len(names)) - np.outer(tangent, tangent)
         found.append((_largest(lambda gain, frame=frame: stable(gain, frame)), tangent))
+        across = np.linalg.svd(frame)[0][:, :-1]
+        opened = np.eye(len(names) - 1) + across.T @ loop @ across
+        peak = max(peak, float(1.0 / np.min(np.linalg.svd(opened, compute_uv=False))))
     largest, worst = min(found, key=lambda each: each[0])
     shares = dict(zip(names, map(float, worst), strict=True))
-    return ContourGain(f"couplings.{place}", largest, shares, float(coupling.contour_gain))
+    return ContourGain(f"couplings.{place}", largest, shares, given, peak)
+
+
+def _responses(model: StateSpace) -> np.ndarray:
+    """From every input to every output, shape (lines, outputs, inputs)."""
+    nyquist = 0.5 / model.sample_time
+    z = np.exp(2j * np.pi * np.geomspace(1e-4 * nyquist, nyquist, _LINES) * model.sample_time)
+    inner = np.linalg.solve(z[:, None, None] * np.eye(len(model.A)) - model.A, model.B.astype(complex)[None])
+    return model.C @ inner + model.D
 
 
 def _largest(stable) -> float:  # type: ignore[no-untyped-def]

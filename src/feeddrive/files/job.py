@@ -298,6 +298,8 @@ def _replaced(section: Section, today: Loop) -> Loop:
 def _varied(section: Section, changes: Any, whole: System) -> System:
     values = dict(_flat(changes.values))
     places = [each.place_of("control") for each in whole.loops().values()]
+    if isinstance(whole, Machine):
+        places += [f"couplings.{i}" for i, each in enumerate(whole.couplings) if each.controls]
     for name, value in values.items():
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise changes.error(f"'{name}' must be a number in SI, not {value!r}: choices need a whole [law.control]")
