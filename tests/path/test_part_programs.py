@@ -281,6 +281,29 @@ def test_splines_have_their_control_points(tmp_path: Path):
     assert len(third.points) == 1
 
 
+@pytest.mark.parametrize(
+    ("text", "least", "most"),
+    [
+        ("G5 X10 Y0 I0 J20 P0 Q20", 0.0, 0.015),  # 3 s (1-s) 20: 15 at its middle, its control points at 20
+        ("G5.1 X10 Y0 I5 J-20", -0.010, 0.0),
+        ("G5 X10 Y0 I0 J20 P0 Q-20", -20e-3 / 12.0**0.5, 20e-3 / 12.0**0.5),
+        ("G5 X10 Y0 I3 J10 P-3 Q10", 0.0, 0.0075),
+    ],
+)
+def test_a_spline_may_come_to_the_end_of_the_travel_and_no_farther(
+    text: str, least: float, most: float, tmp_path: Path
+):
+    """Its own farthest points count, not its control points; 3 s (1-s) (1-2s) 20 is 20/sqrt(12) at most."""
+    for beyond in (0.0, 1e-6):
+        axes = {"X": None, "Y": (least - 1e-9 + (beyond if least else 0.0), most + 1e-9 - (beyond if most else 0.0))}
+        source = f"F100 {text}\nM2\n"
+        if beyond:
+            with pytest.raises(ProgramError, match=r"axis Y would go to .* its travel is"):
+                moves(tmp_path, source, axes=axes)
+        else:
+            assert any(isinstance(each, Spline) for each in moves(tmp_path, source, axes=axes))
+
+
 def test_order_of_values_parameters_and_messages(tmp_path: Path):
     """Parameters of a block change after its values were read; a debug comment sees them changed."""
     found = moves(tmp_path, "#1=3\n#1=5 #<depth>=[#1*2] G0 X#1 (debug,#1 #<depth>)\n#2=1\n#3=##2\n(debug,%d#3)\nM2\n")

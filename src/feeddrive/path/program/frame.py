@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from itertools import pairwise
 from typing import cast
 
 from feeddrive.language.errors import ParameterError
@@ -162,8 +161,8 @@ class Frame:
         )
         return [sum(each) for each in zip(*parts, strict=True)]
 
-    def _check(self, start: Point, end: Point) -> None:
-        """Refuse a point that the machine cannot reach."""
+    def _check(self, start: Point, end: Point, travel: bool = True) -> None:
+        """Refuse a point that the machine cannot reach; without `travel` one beyond its travel is allowed."""
         if not (-FARTHEST <= min(end) <= max(end) <= FARTHEST and math.isfinite(sum(end))):
             axis = next(axis for axis, value in enumerate(end) if not abs(value) <= FARTHEST)
             raise BlockError(
@@ -179,7 +178,8 @@ class Frame:
                 letter = AXES[axis].upper()
                 there = " ".join(each.upper() for each, here in zip(AXES, self._present, strict=True) if here)
                 raise BlockError(f"the machine has no axis {letter}; it has {there}: take the word out", letter)
-            self._check_travel(axis, value)
+            if travel:
+                self._check_travel(axis, value)
 
     def _check_travel(self, axis: int, value: float) -> None:
         travel = self._travel[axis] if self._travel else None
@@ -244,10 +244,14 @@ class Frame:
         here = self._program_here()
         points = [self._machine((x, y, *here[2:])) for x, y in zip(values[::2], values[1::2], strict=True)]
         start = self._here
-        for _, point in pairwise([start, *points]):  # a Bezier curve lies within the hull of its points
-            self._check(start, point)
+        spline = Spline(command.line, start, points[-1], tuple(points[:-1]))
+        for point in points:
+            self._check(start, point, travel=point is points[-1])
+        for axis in (0, 1):
+            for value in spline.turns(axis):
+                self._check_travel(axis, value)
         self._here = points[-1]
-        return Spline(command.line, start, points[-1], tuple(points[:-1]))
+        return spline
 
     def _program_here(self) -> list[float]:
         """Where the machine stands, in program coordinates; only what a spline does not move is used."""

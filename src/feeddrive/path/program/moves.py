@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 from feeddrive.path.program.arcs import sweep
 from feeddrive.path.program.lines import Line
@@ -62,6 +63,24 @@ class Spline:
     start: Point
     end: Point
     points: tuple[Point, ...]
+
+    def turns(self, axis: int) -> list[float]:
+        """The coordinates at which an axis turns back on the way, m."""
+        at = [point[axis] for point in (self.start, *self.points, self.end)]
+        slope = [b - a for a, b in pairwise(at)]  # B' / degree is their Bezier curve: c + 2 b s + a s²
+        third = len(slope) == 3
+        a, b, c = slope[-1] - 2.0 * slope[1] + slope[0] if third else 0.0, slope[1] - slope[0], slope[0]
+        b = b if third else 0.5 * b
+        far = -b - math.copysign(math.sqrt(max(0.0, b * b - a * c)), b)  # a s without cancellation; Vieta: s1 s2 = c/a
+        places = [far / a if a else 0.0, c / far if far else 0.0]
+        return [_bezier(at, s) for s in places if 0.0 < s < 1.0]
+
+
+def _bezier(at: list[float], s: float) -> float:
+    """De Casteljau's construction."""
+    while len(at) > 1:
+        at = [a + s * (b - a) for a, b in pairwise(at)]
+    return at[0]
 
 
 @dataclass(frozen=True, slots=True)
