@@ -7,14 +7,17 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from feeddrive.path.geometry.joints import Joiner
-from feeddrive.path.geometry.segments import chains
+from feeddrive.path.geometry.joints import SMOOTH, Joiner, Joint
+from feeddrive.path.geometry.segments import Chain, chains
 from feeddrive.path.motion import Part, Pause
 from feeddrive.path.override import Override
+from feeddrive.path.pieces import Section
 from feeddrive.path.program.moves import Move
 from feeddrive.path.schedule.crossing import Crossings
 from feeddrive.path.schedule.lift import Lifter
 from feeddrive.path.schedule.run import Schedule
+
+SHORT = 100  # segments of a chain that is planned in two ways
 
 
 def planned(
@@ -35,8 +38,11 @@ def planned(
     joints: deque[str] = deque()  # modes of the path at those that are not decided
     modes: deque[str] = deque()  # for which runs end that have not left
 
-    def leaving(parts: Iterable[Part]) -> Iterator[Part]:
+    def leaving(parts: Iterable[Part | Pause]) -> Iterator[Part | Pause]:
         for part in parts:
+            if isinstance(part, Pause):
+                yield part
+                continue
             if part.entering is not None:  # both runs have counted it
                 schedule.time -= float(np.sum(part.motion.duration))
             yield part._replace(mode=modes.popleft()) if part.ends else part
@@ -46,23 +52,52 @@ def planned(
             schedule.time += each.duration
             yield each
             continue
-        sections, joint = joiner.join(each)
+        whole = _quicker(each, limits) if lifter and joiner.rests and each.ends else None
+        sections, joint = whole[:2] if whole else joiner.join(each)
         joints.extend(each.modes)
         for stop in joint.stop:
             mode = joints.popleft()
             if stop:
                 modes.append(mode)
-        for section in sections:
-            line = crossings.add_line(section) if lifter and schedule.rests else None
-            if line is not None:
-                yield from leaving(line)
+        yield from leaving(whole[2] if whole else _along(sections, each.ends, schedule, lifter, crossings))
+
+
+def _along(
+    sections: list[Section], ends: bool, schedule: Schedule, lifter: Lifter | None, crossings: Crossings
+) -> Iterator[Part | Pause]:
+    """What is fixed when these sections of a chain are known, all where it `ends`."""
+    for section in sections:
+        line = crossings.add_line(section) if lifter and schedule.rests else None
+        if line is not None:
+            yield from line
+            continue
+        for part in schedule.add(section):
+            if isinstance(part, Pause):
+                yield from crossings.end()
+                yield part
                 continue
-            for part in schedule.add(section):
-                if isinstance(part, Pause):
-                    yield from leaving(crossings.end())
-                    yield part
-                    continue
-                for lifted in lifter.add(part) if lifter else (part,):
-                    yield from leaving(crossings.add(lifted, section.tolerance))
-        if each.ends:
-            yield from leaving(crossings.end())
+            for lifted in lifter.add(part) if lifter else (part,):
+                yield from crossings.add(lifted, section.tolerance)
+    if ends:
+        yield from crossings.end()
+
+
+def _quicker(chain: Chain, limits: np.ndarray) -> tuple[list[Section], Joint, list[Part | Pause]] | None:
+    """A short chain with splines and blends, or with all its corners in time: which is quicker.
+
+    None if it is not short, or if both are the same.
+    """
+    if len(chain.tolerance) > SHORT:
+        return None
+    usual, in_time = Joiner().join(chain), Joiner(SMOOTH, 0.0).join(chain)
+    if np.array_equal(usual[1].stop, in_time[1].stop):
+        return None
+    whole = [
+        (*each, list(_along(each[0], True, Schedule(limits), Lifter(limits), Crossings(limits))))
+        for each in (usual, in_time)
+    ]
+    return min(whole, key=lambda each: _lasts(each[2]))
+
+
+def _lasts(parts: list[Part | Pause]) -> float:
+    return sum(float(np.sum(part.motion.duration)) for part in parts if isinstance(part, Part))

@@ -86,7 +86,14 @@ def _looks_straight(
 
 @kernel
 def clustered(
-    kind: Ints, length: Floats, shape: Floats3, tolerance: Floats, sharpest: float, room: Floats2, inside: Ints
+    kind: Ints,
+    length: Floats,
+    shape: Floats3,
+    tolerance: Floats,
+    sharpest: float,
+    lonely: float,
+    room: Floats2,
+    inside: Ints,
 ) -> int:
     """Which joints are in a cluster, 1 in `inside`; how many.
 
@@ -100,7 +107,8 @@ def clustered(
         if k + 1 == len(length) or tolerance[k] <= 0.0 or kind[k] != 0 or kind[k + 1] != 0:
             continue
         turn = chord(length[k], shape[k], length[k + 1], shape[k + 1])
-        if tolerance[k] <= BLEND * turn * 0.5 * min(length[k], length[k + 1]):
+        most = BLEND * turn * min(length[k], length[k + 1])
+        if tolerance[k] <= 0.5 * most or lonely * tolerance[k] < most:
             continue
         near = NEAR * tolerance[k]
         if turn > 2.0 * sharpest and since > near:

@@ -36,7 +36,7 @@ LONELY = 4.5  # lengths of a blend; between longer lines a corner is passed quic
 _AHEAD = 0.05  # m, way of a cluster that is held
 _SHORT, _LONG = 6.0, 60.0  # steps of a cluster, at least: a whole one, and one whose end is not known
 _BENT = 0.2  # rad; next to an arc, where no bump is made, only sharper corners
-_SMOOTH = 1e-9  # rad, and of the curvature: less is no corner
+SMOOTH = 1e-9  # rad, and of the curvature: less is no corner
 _FIRST, _MOST = 1e5, 100.0  # knots for which there is room at first, and for how many times those that are expected
 _SAME = 1e-12  # of r' .. r''' times the length, next to a spline
 
@@ -115,7 +115,7 @@ def join(
 
     tolerance  of the joint behind each segment, m; negative: stop there; 0: stop unless it is smooth
     sharpest   rad; at a corner beyond it the run stops
-    lonely     lengths of a blend; it stops at a corner of longer segments, too, of arcs from 0.2 rad on
+    lonely     lengths of a blend; it stops at a corner of longer segments, too, of arcs from 0.2 rad on; 0: all lines
     begin      what the blend before has taken of the first segment
     flows      whether the run goes on where the first segment begins
     runs       number of the run of each piece
@@ -134,7 +134,7 @@ def join(
     r = room[6]
     piece = zeros(8)
     count = 0
-    clustered(kind, length, shape, tolerance, sharpest, directions, inside)
+    clustered(kind, length, shape, tolerance, sharpest, lonely, directions, inside)
     run = 0
     ahead = 0.0
     k = 0
@@ -230,7 +230,7 @@ def join(
         elif way == 2:
             away, span, most = blend(
                 kind[k], length[k], shape[k], kind[k + 1], length[k + 1], shape[k + 1],
-                cosine, 0.5 * min(length[k], length[k + 1]), tolerance[k], turn > _SMOOTH,
+                cosine, 0.5 * min(length[k], length[k + 1]), tolerance[k], turn > SMOOTH,
                 a, b, at_joint, half, difference, blended,
             )  # fmt: skip
             if away > 0.0:
@@ -294,6 +294,11 @@ class Joiner:
         self._taken, self._flows = 0.0, False
         self._held: tuple[Pieces, np.ndarray] | None = None  # the last segments of a chain that goes on
         self._begun: _Begun | None = None
+
+    @property
+    def rests(self) -> bool:
+        """Whether the next chain begins a run."""
+        return self._held is None and self._begun is None and not self._flows
 
     def join(self, chain: Chain) -> tuple[list[Section], Joint]:
         """What a chain adds to the runs, and how the joints are passed that are behind these segments."""
