@@ -27,6 +27,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, TypeAlias
 
+from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.blocks.machine_families import Coupling
 from feeddrive.files.blocks_from_toml import read_block
@@ -179,6 +180,12 @@ def _cuts(root: Section, program: PlannedProgram | None, machine: MachineFile) -
     process = root.optional("process")
     if process is None or program is None:
         return ()
+    own = next((i for i, each in enumerate(machine.couplings) if isinstance(each, MillingCut)), None)
+    if own is not None:
+        raise process.error(
+            f"the machine cuts by itself: couplings.{own} of {machine.file.name} is a milling_cut, and both forces would "
+            "act; take it out of the machine, or leave out [process]"
+        )
     try:
         loop = next(iter(machine.loops.values()))
         return program.couplings(float(loop.sample_time) / loop.axis.substeps)

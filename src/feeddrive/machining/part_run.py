@@ -24,6 +24,7 @@ _AFTER = 0.05  # s after a reversal in which its glitch stands
 _MOVES = 1e-3  # m/s along the path: another axis moves while one reverses
 _BEGUN = 0.2  # s in which an observer begins
 _LISTED = 8
+_APART = 3e-3  # m of path: places that lie closer are one
 
 
 class AxisRun(NamedTuple):
@@ -103,7 +104,7 @@ class PartRun(Result):
         """The places of the largest contour errors that count, each on a piece of path of its own."""
         error = np.where(self.counted, np.abs(self.contour.error), 0.0)
         found: list[Worst] = []
-        reach = 2e-3 * float(self.contour.along[-1])
+        reach = max(_APART, 2e-3 * float(self.contour.along[-1]))
         line = self.contour.line
         while len(found) < count and np.max(error, initial=0.0) > 0.0:
             i = int(np.argmax(error))
@@ -160,6 +161,8 @@ class PartRun(Result):
             found["spindle_power_mean_W"] = self.load.spindle.power
             found["spindle_power_peak_W"] = self.load.spindle.peak
             found["spindle_energy_J"] = self.load.spindle.energy
+            found["chip_volume_m3"] = self.load.spindle.volume
+            found["specific_energy_J_per_m3"] = self.load.spindle.specific_energy
         if self.cutting is not None:
             found["cutting_force_rms_N"] = self.cutting_rms
             found["cutting_force_peak_N"] = float(np.max(np.linalg.norm(self.cutting, axis=1)))

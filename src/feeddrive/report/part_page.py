@@ -70,6 +70,16 @@ def tables(study: Study) -> list[ShownTable]:
     if not found:
         return []
     shown = [_laws(found), _axes(found), _places(found), _motors(found)]
+    spindles = [(entry, part.load.spindle) for entry, part in found if part.load.spindle is not None]
+    if spindles:
+        rows = [
+            [entry.name, number(each.power), number(each.peak), number(each.energy),
+             number(None if each.volume is None else 1e9 * each.volume),
+             number(None if each.specific_energy is None else 1e-9 * each.specific_energy)]
+            for entry, each in spindles
+        ]  # fmt: skip
+        heads = ["law", "power mean W", "peak W", "energy J", "chips mm³", "J/mm³"]
+        shown.append(ShownTable(Table("Spindle: what the cut takes from it over the whole program.", heads, rows)))
     if any(part.estimates for _, part in found):
         shown.append(_observers(found))
     return [*shown, *study.cuts, *([] if study.planned is None else [_causes(study.planned)])]

@@ -18,6 +18,8 @@ from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.table import Table
 from feeddrive.loop.machine import Machine, System
 from feeddrive.loop.simulate import Run
+from feeddrive.machining.cutting_force import cutting_forces
+from feeddrive.machining.load import SpindleLoad, spindle_load
 from feeddrive.machining.part_run import PartRun, part_run
 from feeddrive.machining.regeneration import regeneration
 from feeddrive.machining.tool_point import tool_point
@@ -45,8 +47,30 @@ def along_program(job: Job, machine: Machine, run: Run, observers: Listening) ->
     speeds = [each.spindle_speed for each in program.cuts if each.axial_depth > 0.0]
     return part_run(
         run, machine, program.references, program.line, counted=program.counted, cuts=bool(speeds),
-        turn=60.0 / min(speeds) if speeds else None, observers=observers,
+        turn=60.0 / min(speeds) if speeds else None, spindle=_spindle(job, machine, run), observers=observers,
     )  # fmt: skip
+
+
+def _spindle(job: Job, machine: Machine, run: Run) -> SpindleLoad | None:
+    """Power of the spindle over a run, of all tools that cut in it, and the chips that they take off."""
+    program = job.program
+    cuts = [each for each in machine.couplings if isinstance(each, MillingCut) and each not in job.machine.couplings]
+    if program is None or program.process is None or not cuts:
+        return None
+    found = [cutting_forces(run, each) for each in cuts]
+    power = sum((each.power for each in found), np.zeros(run.samples))
+    speed = np.sqrt(sum((run[f"{axis}.set_velocity"] ** 2 for axis in ("x", "y")), np.zeros(run.samples)))
+    begins = np.searchsorted([each.begin for each in program.cuts], run.time + 1e-9, side="right") - 1
+    areas = np.array([_area(each, program.process.tools) for each in program.cuts])
+    volume = float(np.sum(areas[begins] * speed)) * run.sample_time
+    # as a torque at 30/π rpm, 1 rad/s: the power itself
+    return spindle_load(power, 30.0 / np.pi, run.sample_time, volume if volume > 0.0 else None)
+
+
+def _area(cut: Cut, tools: Mapping[int, Cutter]) -> float:
+    """Depth by width of a cut, m²."""
+    width = float(tools[cut.tool].edge().diameter) if cut.radial_depth is None else cut.radial_depth
+    return cut.axial_depth * width if cut.axial_depth > 0.0 else 0.0
 
 
 def listening(job: Job) -> Listening:
