@@ -336,7 +336,7 @@ def test_damaged_logs_take_no_memory(tmp_path: Path, every: int) -> None:
 
 BUNDLED = [("machine", path) for path in sorted((machine.BUNDLED / "machines").glob("*.toml"))]
 BUNDLED += [("job", path) for path in sorted((machine.BUNDLED / "jobs").glob("*.toml"))]
-THREE_AXES = ("mill", "machining_center", "circle_diamond_square")
+THREE_AXES = ("mill", "machining_center", "circle_diamond_square", "circle", "slot")
 
 
 def damaged_text(text: str, draw: random.Random) -> str:

@@ -31,7 +31,7 @@ MACHINE = Draft202012Validator(machine_schema())
 JOB = Draft202012Validator(job_schema())
 MACHINES = sorted((machine.BUNDLED / "machines").glob("*.toml"))
 JOBS = sorted((machine.BUNDLED / "jobs").glob("*.toml"))
-THREE_AXES = ("mill", "machining_center", "circle_diamond_square")
+THREE_AXES = ("mill", "machining_center", "circle_diamond_square", "circle", "slot")
 
 
 MOVE = '[reference]\nkind = "snap_limited_move"\n' + "".join(
@@ -154,7 +154,7 @@ def test_what_the_reader_reads_the_schema_admits(tmp_path: Path, path: Path) -> 
     blocks = [block for members in catalogue().values() for block in members.values()]
     text = path.read_text(encoding="utf-8")
     admitted = refused = 0
-    for _ in range({"mill": 150, "circle_diamond_square": 12}.get(path.stem, 60)):
+    for _ in range({"mill": 150, "circle_diamond_square": 12, "circle": 12, "slot": 12}.get(path.stem, 60)):
         content = tomllib.loads(text)
         table = draw.choice(tables(content))
         if draw.random() < 0.4 and table:

@@ -183,8 +183,8 @@ def _cuts(root: Section, program: PlannedProgram | None, machine: MachineFile) -
     own = next((i for i, each in enumerate(machine.couplings) if isinstance(each, MillingCut)), None)
     if own is not None:
         raise process.error(
-            f"the machine cuts by itself: couplings.{own} of {machine.file.name} is a milling_cut, and both forces would "
-            "act; take it out of the machine, or leave out [process]"
+            f"the machine cuts by itself: couplings.{own} of {machine.file.name} is a milling_cut, and both forces "
+            "would act; take it out of the machine, or leave out [process]"
         )
     try:
         loop = next(iter(machine.loops.values()))

@@ -43,7 +43,8 @@ class AxisRun(NamedTuple):
 
 
 class Estimated(NamedTuple):
-    """An observer that listens on an axis, against all that acts beside the drive: cut, friction, weight.
+    """An observer that listens on an axis, against all that acts beside the drive: cut, friction, weight; without the
+    viscous friction that its own model has.
 
     error, true  N, RMS of estimate - truth and of the truth without its mean; the estimate's own lag is taken out
     slow         N, RMS of the error where both are means over a turn of the spindle; None without a spindle
@@ -256,6 +257,8 @@ def _estimated(run: Run, axis: str, observer: Observer, true: np.ndarray, turn: 
     T, before = run.sample_time, float(run[f"{axis}.force"][0])
     seen = observe(observer, run[f"{axis}.reading_{encoder}"], run[f"{axis}.force"], T, before=before)
     late, skip = round(seen.lag / T), round(_BEGUN / T)
+    # viscous friction that the observer's own model holds is none of its disturbance
+    true = true + float(getattr(observer, "viscous", 0.0)) * run[f"{axis}.velocity_load"]
     off = (seen.disturbance[late:] - true[: len(true) - late])[skip:]
     slow = None
     if turn is not None:
@@ -276,4 +279,4 @@ def disturbance_of(run: Run, loop: Loop, axis: str) -> np.ndarray:
     viscous = float(matrix.dot([matrix.dot(row, along) for row in mechanics.damping], along))
     weight = sum(float(each.force) for each in loop.axis.forces if isinstance(each, Gravity))
     dry = run[f"{axis}.friction_motor"] + run[f"{axis}.friction_load"]
-    return run[f"{axis}.load_force"] + weight + np.append(dry[1:], dry[-1]) - viscous * run[f"{axis}.velocity_load"]
+    return run[f"{axis}.load_force"] + weight + dry - viscous * run[f"{axis}.velocity_load"]

@@ -1,0 +1,95 @@
+"""A part program on a machine: its figures against those that follow from the run itself, and the demo."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from feeddrive.files.job import read_job
+from feeddrive.machining.part_run import disturbance_of
+from feeddrive.workflow.jobs import JobResult, run_laws
+from feeddrive.workflow.run_job import DemoRequest, demo, run
+
+
+@pytest.fixture(scope="module")
+def circle() -> JobResult:
+    """The bundled circle of two axes."""
+    return run_laws(read_job("circle"))
+
+
+def test_the_contour_error_of_a_circle_is_its_distance_from_the_radius(circle: JobResult) -> None:
+    part = circle.parts["today"]
+    away = np.hypot(part.contour.position[:, 0] - 0.1, part.contour.position[:, 1] - 0.1) - 0.02
+    line = part.contour.line
+    assert line is not None
+    planned = np.hypot(part.contour.set_position[:, 0] - 0.1, part.contour.set_position[:, 1] - 0.1) - 0.02
+    # the planner leaves the circle by up to P, 10 um, where two of its blocks join; 1 ms of lag away from there
+    on = np.convolve(np.abs(planned) < 1e-10, np.ones(81), mode="same") == 81
+    turns = np.isin(line, (7, 8)) & on
+    assert np.count_nonzero(turns) > 5000
+    # of a path of third degree between samples of 25 um: its distance from the circle is far below 1 nm
+    np.testing.assert_allclose(np.abs(part.contour.error[turns]), np.abs(away[turns]), atol=1e-9)
+    assert set(np.unique(line[part.counted])) == {4, 6, 7, 8, 9}  # and the dwell, which is no path
+    assert all(each.line in (6, 7, 8, 9) for each in part.worst())
+
+
+def test_learning_dry_friction_takes_the_quadrants_out(circle: JobResult) -> None:
+    """Required of the paper's circle: mass and viscous friction alone leave the quadrant glitches."""
+    today, masses, dry = circle.parts.values()
+    assert masses.contour_rms > 0.85 * today.contour_rms
+    assert dry.contour_rms < 0.3 * today.contour_rms
+    assert all(axis.glitches >= 4 for axis in today.axes.values())
+    assert max(axis.glitch for axis in today.axes.values()) == pytest.approx(today.contour_peak, rel=1e-9)
+
+
+def test_all_that_acts_on_an_axis_moves_it_with_its_drive(circle: JobResult) -> None:
+    """m v' = drive + disturbance in each sample of a rigid axis; friction changes between its four substeps."""
+    row = circle.rows[0]
+    assert row.together is not None
+    loop = circle.job.machines["today"].loops()["x"]
+    acts = disturbance_of(row.together, loop, "x")
+    velocity = row.together["x.velocity_load"]
+    pushed = 120.0 * np.diff(velocity) / row.together.sample_time
+    off = pushed - row.together["x.drive_force"][:-1] - acts[:-1]
+    smooth = np.abs(velocity[:-1]) > 5e-3  # m/s: away from standstill, where friction is what it takes
+    assert np.sqrt(np.mean(off[smooth] ** 2)) < 2e-3 * np.std(acts)
+
+
+@pytest.mark.slow(reason="two reports with all their pictures")
+def test_a_directory_of_results_runs_again_with_its_program(tmp_path: Path) -> None:
+    job = tmp_path / "j.toml"
+    job.write_text('machine = "xy_table"\n[program]\nfile = "p.ngc"\n', encoding="utf-8")
+    (tmp_path / "p.ngc").write_text("G21 G90 G94\nG1 X10 Y5 F3000\nG1 X0\nM2\n", encoding="utf-8")
+    run(job, out=tmp_path / "out")
+    (tmp_path / "p.ngc").unlink()
+    run(tmp_path / "out" / "job.toml", out=tmp_path / "again")
+    first, again = (
+        json.loads((tmp_path / name / "summary.json").read_text(encoding="utf-8")) for name in ("out", "again")
+    )
+    assert first["laws"] == again["laws"]
+    assert first["program"]["cycle_time_s"] == again["program"]["cycle_time_s"]
+    assert first["laws"]["today"]["x.following_error_peak_line"] in (2.0, 3.0)
+
+
+@pytest.mark.slow(reason="the demo of the mill: a program of 40 s under six laws")
+def test_the_demo_of_the_mill_compares_six_laws_in_a_minute(tmp_path: Path) -> None:
+    begin = time.process_time()
+    found = demo.run(DemoRequest("mill", out=tmp_path / "out")).result
+    assert time.process_time() - begin < 60.0  # s of processor time; the bar is of two idle cores
+    parts = found.parts
+    today = parts["today"].contour_rms
+    assert all(part.contour_rms < 0.5 * today for name, part in parts.items() if name != "today")
+    assert min(parts, key=lambda name: parts[name].contour_rms) == "P-PI, learned feedforward"
+    assert all(verdict.growth is not None and verdict.growth < 1.0 for verdict in found.chatter)
+    spindle = parts["today"].load.spindle
+    assert spindle is not None
+    assert spindle.specific_energy is not None
+    # Ktc of 767 N/mm2 takes 0.767 J/mm3; the edges take the rest of thin chips
+    assert 0.767e9 < spindle.specific_energy < 3e9
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    for said in ("Worst places", "No cut chatters", "regenerative, over 3 earlier surfaces", "What limits the speed"):
+        assert said in page
