@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from feeddrive.files.job import read_job
+from feeddrive.files.machine import BUNDLED
 from feeddrive.language.errors import ParameterError, ProgramError
 
 PROGRAM = """G21 G17 G90 G94
@@ -40,6 +41,17 @@ Ktc_N_per_mm2 = 767
 """
 
 
+OWN_CUT = """
+[[couplings]]
+kind = "milling_cut"
+spindle_speed = 6000
+[couplings.cutter]
+kind = "helical_cutter"
+teeth = 2
+diameter_mm = 10
+axial_depth_mm = 5
+specific_energy = 3e9
+"""
 REFERENCE = """[reference]
 kind = "linear_move"
 distance_mm = 1
@@ -165,3 +177,15 @@ Kp = 5e4
     twice = row.replace("axis.y", "axis.x") + row.split("\n", 2)[2].replace("law.axis.y.control", "law.control")
     with pytest.raises(ParameterError, match=r"axis 'x' is given twice"):
         read_job(written(tmp_path, job=JOB + twice))
+
+
+def test_a_tool_of_many_teeth_remembers_a_turn(tmp_path: Path) -> None:
+    """The direction of the feed is that of the motion over the last turn of the spindle."""
+    assert len(read_job(written(tmp_path, job=JOB.replace("teeth = 4", "teeth = 9"))).machines["today"].couplings) == 1
+
+
+def test_a_machine_that_cuts_by_itself_takes_no_process(tmp_path: Path) -> None:
+    machine = (BUNDLED / "machines" / "machining_center.toml").read_text(encoding="utf-8")
+    (tmp_path / "m.toml").write_text(machine + OWN_CUT, encoding="utf-8")
+    with pytest.raises(ParameterError, match=r"the machine cuts by itself: couplings\.0 .* is a milling_cut"):
+        read_job(written(tmp_path, job=JOB.replace('"machining_center"', '"m.toml"')))

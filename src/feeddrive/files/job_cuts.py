@@ -191,7 +191,7 @@ class Process:
         return MillingCut(
             cutter=cutter, spindle_speed=float(speeds[0]), along_z=along_z,
             sections=CutSections(start=start, axial_depth=depth, entry=entries, exit=exits, spindle_speed=speeds),
-            remembered=int((_SURFACES + 1) * longest / substep) + 8, surfaces=_SURFACES,
+            remembered=int((max(_SURFACES, cutter.teeth) + 1) * longest / substep) + 8, surfaces=_SURFACES,
         )  # fmt: skip
 
     def _said(self, line: int) -> tuple[float, float | None, str]:

@@ -120,7 +120,8 @@ def _laws(found: Sequence[tuple[Entry, PartRun]]) -> ShownTable:
     best = [min(range(len(rows)), key=column.__getitem__) for column in columns]
     said = (
         "Contour error: the distance of the tool from the commanded path, whatever its delay along it. What counts is "
-        "the path that cuts, or is moved at a feed. Effort: of the motor that needs the largest share."
+        "the path that cuts, or is moved at a feed. Effort: of the motor that needs the largest share. "
+        "Energy: of the axes and the spindle."
     )
     marks = [*best, *([None] * (len(heads) - 4))]
     return ShownTable(Table(said, heads, rows), marks if len(rows) > 1 else ())
