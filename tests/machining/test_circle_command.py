@@ -37,6 +37,7 @@ def logs(folder: Path) -> list[Path]:
     ]  # fmt: skip
 
 
+@pytest.mark.slow(reason="5 s: a report with three pictures, and a fit of over a hundred columns")
 def test_logs_give_figures_causes_and_a_report(tmp_path: Path) -> None:
     out = tmp_path / "circles"
     given = ["circle", *map(str, logs(tmp_path)), "--x", "X:mm", "--y", "Y:mm", "--out", str(out)]

@@ -13,6 +13,8 @@ from feeddrive.machining.contour import ContourError as ContourError
 from feeddrive.machining.contour import contour_error as contour_error
 from feeddrive.machining.cutting_force import CuttingForces as CuttingForces
 from feeddrive.machining.cutting_force import cutting_forces as cutting_forces
+from feeddrive.machining.elements import Elements as Elements
+from feeddrive.machining.elements import elements as elements
 from feeddrive.machining.load import AxisLoad as AxisLoad
 from feeddrive.machining.load import MachineLoad as MachineLoad
 from feeddrive.machining.load import SpindleLoad as SpindleLoad

@@ -200,8 +200,8 @@ def circle_path(
     places = np.maximum.accumulate(turned[first:])
     even = _averaged(places, r[first:], wanted) if len(places) > 4 * points else np.interp(wanted, places, r[first:])
     span = float(time[begin:end][-1] - time[begin:end][first])
-    feed = fitted * float(turned[-1] - turned[first]) / span
     nominal = _ROUND * round(fitted / _ROUND) if radius is None else radius
+    feed = nominal * float(turned[-1] - turned[first]) / span
     if radius is not None and abs(fitted - radius) > 0.05 * radius:
         raise ParameterError(f"{name}: the circle has a radius of {1e3 * fitted:.4g} mm, and radius = "
                              f"{1e3 * radius:.4g} mm was stated")  # fmt: skip
@@ -301,10 +301,10 @@ class CircleTest(Result):
         rows = [
             ["both " + each.name if each.both else each.name, f"{1e6 * each.G:.4g}{' (b)' if each.both else ''}",
              f"{1e6 * each.F_max:+.4g}", f"{1e6 * each.F_min:+.4g}", f"{1e6 * each.D:+.4g}",
-             f"{1e6 * each.center[0]:+.4g}", f"{1e6 * each.center[1]:+.4g}"]
+             f"{1e3 * each.center[0]:.7g}", f"{1e3 * each.center[1]:.7g}"]
             for each in self.figures
         ]  # fmt: skip
-        return Table(title, ["circle", "G um", "F max um", "F min um", "D um", "center x um", "center y um"], rows)
+        return Table(title, ["circle", "G um", "F max um", "F min um", "D um", "center x mm", "center y mm"], rows)
 
 
 def circle_test(circles: Sequence[CirclePath], *, about: str = "least squares") -> CircleTest:

@@ -1,0 +1,143 @@
+"""Lines and arcs of a path, such as those of a circle-diamond-square part, each with its form errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.table import Result, Table
+from feeddrive.machining.circle_test import circle_fit, minimum_zone
+from feeddrive.machining.contour import ContourError, Corner
+
+_PARTS, _FINEST = 20_000, 2e-5  # of a path, m: stretches in which its curvature is looked at
+_SAME = 0.05  # of a curvature: what differs more is another element
+_STRAIGHT = 1e-2  # 1/m: a curvature that is none
+_SHORTEST = 2e-3  # m, of an element
+_TURN = 0.3  # rad: an arc that turns less is none
+_ENDS = 0.05  # of an element, left out at both ends, where the axes settle behind a corner
+
+
+class Element(NamedTuple):
+    """A line or an arc of the path, and what the tool made of it.
+
+    kind    "line" or "arc"
+    begin, end  path length, m
+    angle   of a line against the first axis, of an arc its turn, rad
+    radius  of an arc, m; 0 of a line
+    form    straightness of a line, the width of the strip around it; roundness of an arc, the gap of two circles, m
+    tilt    of a line against its direction, rad, + counter-clockwise; 0 of an arc
+    size    radius of an arc less that of the path, m; 0 of a line
+    error   the largest contour error, m, unsigned
+    line    of the part program, if known
+    """
+
+    kind: str
+    begin: float
+    end: float
+    angle: float
+    radius: float
+    form: float
+    tilt: float
+    size: float
+    error: float
+    line: int | None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Elements(Result):
+    """The lines and arcs of a path in their order, and its corners."""
+
+    name: str
+    elements: tuple[Element, ...]
+    corners: tuple[Corner, ...]
+
+    def table(self) -> Table:
+        """One row for each element, then one for each corner."""
+        rows = [
+            [f"{i + 1} {each.kind}{'' if each.line is None else f', line {each.line}'}",
+             f"{1e3 * (each.end - each.begin):.4g}", f"{np.degrees(each.angle):.4g}", f"{1e6 * each.form:.4g}",
+             f"{1e6 * each.tilt:.4g} urad" if each.kind == "line" else f"{1e6 * each.size:+.4g} um",
+             f"{1e6 * each.error:.4g}"]
+            for i, each in enumerate(self.elements)
+        ]  # fmt: skip
+        rows += [
+            [f"corner{'' if each.line is None else f', line {each.line}'}", "", f"{np.degrees(each.turn):.4g}", "",
+             f"passed at {1e6 * each.nearest:.4g} um", f"{1e6 * each.error:.4g}"]
+            for each in self.corners
+        ]  # fmt: skip
+        heads = ["element", "mm", "deg", "straight, round um", "tilt, radius", "contour error um"]
+        return Table(f"{self.name}: {len(self.elements)} elements, {len(self.corners)} corners", heads, rows)
+
+
+def elements(contour: ContourError, *, ends: float = _ENDS) -> Elements:
+    """The lines and arcs of the path of a contour error of two axes.
+
+    ends  share of each element that is left out at both ends, 0 to 0.4
+
+    An element is at least 2 mm long; an arc turns by at least 17 degrees.  Straightness and tilt are those of the
+    least-squares line, roundness that of the minimum zone from half a turn on, of a shorter arc about its center.
+    Raises ParameterError for more than two axes and for `ends` beyond its bounds.
+    """
+    if not contour.signed:
+        raise ParameterError(f"elements are those of a plane path, not of {', '.join(contour.axes)}: choose two axes")
+    if not 0.0 <= ends <= 0.4:
+        raise ParameterError(f"ends = {ends:g} must be >= 0 and <= 0.4")
+    curve = contour.curve
+    whole = float(curve.along[-1])
+    marks = np.linspace(0.0, whole, min(_PARTS, max(3, int(whole / _FINEST))) + 1)
+    rows = np.unique(np.searchsorted(curve.along, marks).clip(0, len(curve.along) - 1))
+    node, along = curve.node[rows], curve.along[rows]
+    step = np.diff(node, axis=0)
+    heading = np.unwrap(np.arctan2(step[:, 1], step[:, 0]))
+    length = np.diff(along)
+    bend = np.diff(heading) / (0.5 * (length[1:] + length[:-1]))  # at the nodes between two stretches
+    change = np.abs(np.diff(bend)) > _SAME * np.maximum(np.abs(bend[1:]), np.abs(bend[:-1])) + _STRAIGHT
+    cuts = np.concatenate([[0], np.flatnonzero(change) + 1, [len(bend)]])
+    found: list[Element] = []
+    for first, last in pairwise(cuts.tolist()):
+        begin, end = float(along[first]), float(along[last + 1])
+        if end - begin < _SHORTEST:
+            continue
+        turn = float(heading[last] - heading[first])
+        straight = abs(turn) < _STRAIGHT * (end - begin) + 1e-6
+        if not straight and abs(turn) < _TURN:
+            continue
+        kept = ends * (end - begin)
+        inside = (contour.along >= begin + kept) & (contour.along <= end - kept)
+        if np.count_nonzero(inside) < 8:
+            continue
+        nodes = node[first : last + 2]
+        place = contour.position[inside]
+        line = None if contour.line is None else int(np.median(contour.line[inside]))
+        error = float(np.max(np.abs(contour.error[inside])))
+        if straight:
+            angle, form, tilt = _line(place, nodes[-1] - nodes[0])
+            found.append(Element("line", begin, end, angle, 0.0, form, tilt, 0.0, error, line))
+        else:
+            radius, form, size = _arc(place, nodes, abs(turn))
+            found.append(Element("arc", begin, end, turn, radius, form, 0.0, size, error, line))
+    return Elements(contour.name, tuple(found), tuple(contour.corners()))
+
+
+def _line(place: np.ndarray, along: np.ndarray) -> tuple[float, float, float]:
+    """Angle of a line, straightness and tilt of the places along it."""
+    t = along / np.linalg.norm(along)
+    middle = place - np.mean(place, axis=0)
+    s, off = middle @ t, middle @ np.array([-t[1], t[0]])
+    slope = float(s @ off / (s @ s))
+    tilt = float(np.arctan(slope))
+    return float(np.arctan2(t[1], t[0])), float(np.ptp(off - slope * s)) * float(np.cos(tilt)), tilt
+
+
+def _arc(place: np.ndarray, nodes: np.ndarray, turn: float) -> tuple[float, float, float]:
+    """Radius of an arc, roundness of the places on it, and by how much their radius is larger."""
+    center, radius = circle_fit(nodes[:, 0], nodes[:, 1])
+    if turn >= np.pi:
+        zone = minimum_zone(place[:, 0], place[:, 1])
+        return radius, zone.width, circle_fit(place[:, 0], place[:, 1])[1] - radius
+    r = np.hypot(*(place - center).T)
+    return radius, float(np.ptp(r)), float(np.mean(r)) - radius
