@@ -11,6 +11,7 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
+from weakref import WeakSet
 
 import kernel_beside
 import kernel_constructs
@@ -18,8 +19,9 @@ import numpy as np
 import pytest
 
 from feeddrive.language import ops
+from feeddrive.language.kernels import module
 from feeddrive.language.kernels.kernel import Kernel, _address, interpreted
-from feeddrive.language.kernels.module import QUICK, THOROUGH
+from feeddrive.language.kernels.module import QUICK, THOROUGH, Unit
 from feeddrive.language.kernels.source import KernelError
 from kernel_oracle import bits, compare, drawn
 
@@ -476,21 +478,28 @@ def test_a_kernel_of_another_file_is_compiled_there_alone(tmp_path: Path, monkey
 
 
 def test_code_that_has_run_long_is_made_again_thoroughly(tmp_path: Path, monkeypatch: Any):
-    """After as much time as that takes, here 10 us a byte, and then the next process takes it from the disk."""
+    """After 0.2 s in quick code of all kernels; the next process takes it from the disk, a new kernel is made so."""
     monkeypatch.setenv("FEEDDRIVE_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(Unit, "spent", 0.0)
+    monkeypatch.setattr(module, "_used", WeakSet())
     text = (
         "@kernel\ndef f(n: int) -> float:\n    x = 0.0\n    for k in range(n):\n        x = x + k / 3.0\n    return x\n"
     )
-    kernel = made(tmp_path, text)
-    first = kernel(10)
+    kernel, other = made(tmp_path, text), made(tmp_path, text.replace("3.0", "7.0"))
+    first, second = kernel(10), other(10)
     assert kernel.unit.quick
-    size = kernel.unit.code.size
-    kernel.unit.ran(9e-6 * size)
+    quick = kernel.unit.code.key
+    kernel.unit.ran(0.19)
     assert kernel.unit.quick
-    kernel.unit.ran(2e-6 * size)
+    other.unit.ran(0.02)
     assert not kernel.unit.quick
-    assert kernel.unit.code.size < size
-    assert kernel(10) == first
+    assert not other.unit.quick
+    assert kernel.unit.code.key != quick
+    assert (kernel(10), other(10)) == (first, second)
+    later = made(tmp_path, text.replace("3.0", "5.0"))
+    assert later(10) == 9.0
+    assert not later.unit.quick
+    monkeypatch.setattr(Unit, "spent", 0.0)
     again = made(tmp_path, text)
     assert again(10) == first
     assert not again.unit.quick

@@ -31,7 +31,6 @@ class MachineCode(NamedTuple):
     key: str  # of the cache
     engine: Any  # owns the code
     addresses: dict[str, int]  # of its functions
-    size: int  # of the object, bytes
     below: tuple[MachineCode, ...] = ()  # that it calls
 
 
@@ -115,16 +114,10 @@ def _made(
     module = binding.parse_assembly(source() if stored is None else _stubs(triple, names))
     if stored is None and passes:
         _optimize(module, machine, passes)
-    sizes = [len(stored or b"")]
-
-    def keep(_: Any, code: bytes) -> None:
-        sizes[0] = len(code)
-        _store(key, code)
-
     engine = binding.create_mcjit_compiler(module, machine)
-    engine.set_object_cache(keep, lambda _: stored)
+    engine.set_object_cache(lambda _, code: _store(key, code), lambda _: stored)
     engine.finalize_object()
-    return MachineCode(key, engine, {name: engine.get_function_address(name) for name in names}, sizes[0])
+    return MachineCode(key, engine, {name: engine.get_function_address(name) for name in names})
 
 
 def _optimize(module: Any, machine: Any, passes: Sequence[str]) -> None:

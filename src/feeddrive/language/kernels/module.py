@@ -1,8 +1,8 @@
 """The kernels of a file as one LLVM module: the key of its machine code, its text, and the code itself.
 
 A kernel of another file is called as an external function, linked to the code of that file, so that each is compiled
-once.  First the code is made quickly.  Once it has run for about as long as the passes of the optimizer and a better
-choice of instructions would take, it is made again with them: the bits and the errors stay.
+once.  First the code is made quickly.  When it has run for long, it is made again with passes of the optimizer and a
+better choice of instructions: the bits and the errors stay.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from pathlib import Path
 from threading import RLock
 from types import ModuleType
 from typing import NamedTuple, cast
+from weakref import WeakSet
 
 from feeddrive.language.kernels.elementary import Elementary
 from feeddrive.language.kernels.source import INT, Source, source_of
@@ -48,7 +49,7 @@ THOROUGH = Effort(2, (
     "always_inliner", "global_dead_code_eliminate",
     "sroa", "simplify_cfg", "instruction_combine", "new_gvn", "simplify_cfg",
 ))  # fmt: skip
-_SECONDS = 1e-5  # in quick code for each of its bytes, somewhat more than thorough code takes to make
+_LONG = 0.2  # s in quick code, after which a process makes thorough code
 _KERNEL, _FAILURE = 10, 13  # bits of a status for the place of a kernel in its file, and of a failure in its kernel
 _ENTRY = "entry{}"
 _IDLE = re.compile(r"\s*(#.*)?$")  # lines of which the code does not depend
@@ -58,13 +59,14 @@ _lock = RLock()
 class Unit:
     """The kernels of a file."""
 
+    spent = 0.0  # s of the process in quick code
+
     def __init__(self, sources: Iterable[Source]) -> None:
         self.sources = tuple(sources)
         self._places = {each: place for place, each in enumerate(self.sources)}
         self._functions: dict[Source, Function] = {}
         self._code: MachineCode | None = None
         self._effort = QUICK
-        self._spent = 0.0  # s in quick code
 
     @cached_property
     def key(self) -> str:
@@ -169,8 +171,9 @@ class Unit:
             with _lock:
                 if self._code is None:
                     found = self._linked(THOROUGH, stored=True)
-                    self._effort = QUICK if found is None else THOROUGH
-                    self._code = self._linked(QUICK) if found is None else found
+                    self._effort = QUICK if found is None and Unit.spent <= _LONG else THOROUGH
+                    self._code = self._linked(self._effort) if found is None else found
+                    _used.add(self)
         assert self._code
         return self._code
 
@@ -184,11 +187,17 @@ class Unit:
         """Whether its code was made quickly."""
         return self._effort is QUICK
 
-    def ran(self, seconds: float) -> None:
-        """Counts the time in quick code, and ends it when it is as much as thorough code takes to make."""
-        self._spent += seconds
-        if self._spent > _SECONDS * sum(each.code.size for each in self.units if each.quick):
-            self.make(THOROUGH)
+    @staticmethod
+    def ran(seconds: float) -> None:
+        """Counts the time in quick code; when it has become long, all code is made thoroughly.
+
+        All at once, so that a long program stops once, and its memory grows near its start: LLVM takes 30 MB.
+        """
+        Unit.spent += seconds
+        if Unit.spent > _LONG:
+            with _lock:
+                for each in list(_used):
+                    each.make(THOROUGH)
 
     def make(self, effort: Effort) -> None:
         """Makes its code and that of the files that it calls with an effort, where it has another one."""
@@ -226,6 +235,7 @@ class Unit:
 
 _open: list[Source] = []  # printing begun, not yet ended: the chain of calls
 _keyed: list[Unit] = []  # the same for keys
+_used: WeakSet[Unit] = WeakSet()  # that have code
 
 
 def _entry(place: int, source: Source, symbol: str) -> str:
