@@ -7,7 +7,7 @@ arithmetic.py   operations on numbers as LLVM text
 expressions.py  expressions: names, choices, arrays, calls
 assignments.py  variables, cells and rows
 statements.py   control flow; a kernel as a function
-module.py       all kernels of a file and those that they call, as one LLVM module
+module.py       all kernels of a file as one LLVM module: its key, its text, its machine code
 remainder.py    `//` and `%` of floats, in the language of kernels
 elementary.py   sin, cos, tan, atan and atan2
 plain.py        arrays as the interpreter sees them
