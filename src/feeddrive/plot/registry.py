@@ -55,6 +55,7 @@ PICTURES = {
     "machining.load:AxisLoad": "circle:axis_load",
     "machining.lobes:Lobes": "lobes:lobes",
     "machining.part_run:PartRun": "part_run:part_run",
+    "machining.surface:Surface": "surface:surface",
     "machining.reversal:Reversals": "circle:reversals",
     "path.planned:Planned": "planned:planned",
     "tuning.delay_map:DelayMap": "tuning:delay_map",
