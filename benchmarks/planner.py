@@ -2,7 +2,7 @@
 
     python benchmarks/planner.py [--blocks 100000] [--memory] [--first]
 
-Programs of chords: a curve with chords of 50 µm and of 1 mm, and a zigzag with corners of 20 degrees.
+Programs of chords: a curve with chords of 50 µm and of 1 mm, zigzags with corners of 20 degrees, arcs with short lines.
 `--memory` reads a program of a million lines from a file, and says how memory grows from its first ten thousand on.
 `--first` is the first plan in a fresh process, without machine code on disk and with it.
 """
@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +24,7 @@ import numpy as np
 from feeddrive.path.geometry.segments import Pause
 from feeddrive.path.plan import planned
 from feeddrive.path.program.lines import Line
-from feeddrive.path.program.moves import Feed, Move, PathMode, Straight
+from feeddrive.path.program.moves import Arc, Feed, Move, PathMode, Straight
 from feeddrive.path.program.reading import read_program
 from feeddrive.path.proof.prove import Prover
 from feeddrive.path.sample import Sampler
@@ -62,14 +62,39 @@ def moves(points: Iterator[tuple[float, float]], tolerance: float, feed: float) 
         start = end
 
 
+def mixed(count: int, tolerance: float, feed: float) -> Iterator[Move]:
+    """As adaptive clearing has it: an arc of 2 to 6 mm, then one to five lines of 0.2 to 1 mm, seed 3."""
+    draw, heading, k = np.random.default_rng(3), 0.0, 0
+    yield PathMode(Line("", 1, ""), "continuous", tolerance)
+    yield Feed(Line("", 1, ""), feed, 0.0)
+    start = (0.0,) * 9
+    while k < count:
+        radius, turn = draw.uniform(0.002, 0.006), draw.choice([-1.0, 1.0]) * draw.uniform(0.3, 2.5)
+        heading += draw.normal() * draw.choice([0.0, 0.02, 0.1])
+        sense = np.sign(turn)
+        center = float(start[0] - sense * radius * np.sin(heading)), float(start[1] + sense * radius * np.cos(heading))
+        heading += turn
+        x, y = center[0] + sense * radius * np.sin(heading), center[1] - sense * radius * np.cos(heading)
+        end = (float(x), float(y), *start[2:])
+        yield Arc(Line("", k, ""), start, end, (0, 1, 2), center, int(sense))
+        start, k = end, k + 1
+        for _ in range(int(draw.integers(1, 6))):
+            heading += 0.08 * draw.normal()
+            step = draw.uniform(2e-4, 1e-3)
+            end = (start[0] + float(step * np.cos(heading)), start[1] + float(step * np.sin(heading)), *start[2:])
+            yield Straight(Line("", k, ""), start, end, False)
+            start, k = end, k + 1
+
+
 def resident() -> float:
     """Memory of this process, MB."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 1e6
 
 
-def speed(name: str, points: Callable[[int], Iterator[tuple[float, float]]], tolerance: float, count: int) -> None:
+def speed(name: str, given: list[Move]) -> None:
     """A row: lines a minute of processor time, planned and proven."""
-    given = list(moves(points(count), tolerance, 0.1))
+    count = len(given) - 2
+    list(planned(given[:400], "XYZ", LIMITS))  # the first call compiles
     begun = time.process_time()
     found = list(planned(given, "XYZ", LIMITS))
     planning = time.process_time() - begun
@@ -153,7 +178,10 @@ if __name__ == "__main__":
         first()
     else:
         print("| lines | planned a minute | and proven |\n|---|--:|--:|")
-        speed("curve, chords of 50 um, within 10 um", lambda count: curve(5e-5, count), 1e-5, asked.blocks)
-        speed("curve, chords of 1 mm, within 10 um", lambda count: curve(1e-3, count), 1e-5, asked.blocks)
-        speed("zigzag of 20 degrees, 1 mm, within 10 um", lambda count: zigzag(1e-3, count), 1e-5, asked.blocks // 10)
-        speed("zigzag of 20 degrees, 1 mm, within 1 um", lambda count: zigzag(1e-3, count), 1e-6, asked.blocks // 10)
+        n = asked.blocks
+        speed("curve, chords of 50 um, within 10 um", list(moves(curve(5e-5, n), 1e-5, 0.1)))
+        speed("curve, chords of 1 mm, within 10 um", list(moves(curve(1e-3, n // 10), 1e-5, 0.1)))
+        for step, tolerance in ((1e-3, 1e-5), (1e-3, 1e-6), (5e-3, 1e-5)):
+            what = f"zigzag of 20 degrees, {1e3 * step:g} mm, within {1e6 * tolerance:g} um"
+            speed(what, list(moves(zigzag(step, n // 10), tolerance, 0.1)))
+        speed("arcs of 2 to 6 mm mixed with short lines, within 10 um", list(mixed(n // 10, 1e-5, 0.05)))
