@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from feeddrive.cli.commands import app
-from feeddrive.language.errors import FeeddriveError
+from feeddrive.language.errors import CancelledError, FeeddriveError
 from feeddrive.workflow.circle import circle
+from feeddrive.workflow.command import Command
 
 
 def write_log(path: Path, direction: int, feed: float, squareness: float = 0.0, turns: float = 1.6) -> Path:
@@ -72,6 +74,27 @@ def test_a_machine_runs_its_circles(tmp_path: Path) -> None:
     causes = {each["name"]: each for each in figures["causes"]}
     assert causes["reversal spike y"]["draws_m"] > 2e-5  # 120 N of friction that nothing feeds forward
     assert [each["name"] for each in figures["figures"]][:2] == ["CCW 1200 mm/min", "CW 1200 mm/min"]
+
+
+@pytest.mark.slow(reason="5 s: circles of the bundled mill, and a fit")
+def test_further_axes_stand_and_feeds_are_in_mm_per_min(tmp_path: Path) -> None:
+    out = tmp_path / "mill"
+    found = CliRunner().invoke(app, ["circle", "mill", "--radius", "5", "--feed", "3000", "--out", str(out)])
+    assert found.exit_code == 0, found.output
+    names = [each["name"] for each in json.loads((out / "circle.json").read_text())["figures"]]
+    assert names == ["CCW 3000 mm/min", "CW 3000 mm/min", "3000 mm/min"]
+
+
+def test_a_repeated_option_with_a_unit_is_in_si(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Any] = []
+
+    def kept(_: object, request: Any, progress: object) -> None:
+        seen.append(request)
+        raise CancelledError("enough")
+
+    monkeypatch.setattr(Command, "run", kept)
+    CliRunner().invoke(app, ["circle", "mill", "--feed", "1200", "--feed", "6000"])
+    assert seen[0].feed == pytest.approx((0.02, 0.1))
 
 
 def test_what_does_not_fit_is_named(tmp_path: Path) -> None:

@@ -194,10 +194,12 @@ def _parameter(field: Field) -> inspect.Parameter:
 def _entered(field: Field, value: Any) -> Any:
     """A value of the command line as the request holds it: in SI, and a tuple where there may be several."""
     if field.many:
-        return tuple(value or ())
-    if value is None or field.kind is not float or field.factor == 1.0:
-        return value
-    return units.scaled(value, field.factor)
+        return tuple(_in_si(field, each) for each in value or ())
+    return value if value is None else _in_si(field, value)
+
+
+def _in_si(field: Field, value: Any) -> Any:
+    return value if field.kind is not float or field.factor == 1.0 else units.scaled(value, field.factor)
 
 
 def _perform(command: Command[Any, Any, Any], values: dict[str, Any], verbose: bool) -> None:

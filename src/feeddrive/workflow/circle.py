@@ -161,7 +161,8 @@ def _simulated(file: MachineFile, request: CircleRequest, progress: Progress) ->
             }  # fmt: skip
             still = {name: Recorded(position=np.zeros(2), sample_time=float(loop.sample_time))
                      for name, loop in machine.loops().items() if name not in axes}  # fmt: skip
-            run = simulate(machine, {**motion, **still}, name=file.name)
+            ends = next(iter(motion.values())).duration
+            run = simulate(machine, {**motion, **still}, duration=ends, name=file.name)
             found.append(circle_of_run(run, axes, radius=radius, center=(center[0], center[1]), signal=signal))
     return found
 
