@@ -43,7 +43,6 @@ from feeddrive.plot.over_time import run as run
 from feeddrive.plot.part_run import part_cutting as part_cutting
 from feeddrive.plot.part_run import part_estimates as part_estimates
 from feeddrive.plot.part_run import part_laws as part_laws
-from feeddrive.plot.part_run import part_path as part_path
 from feeddrive.plot.part_run import part_run as part_run
 from feeddrive.plot.part_run import part_zoom as part_zoom
 from feeddrive.plot.planned import plan_causes as plan_causes

@@ -14,14 +14,7 @@ if TYPE_CHECKING:
     from feeddrive.machining.part_run import PartRun
 
 _WINDOW = 0.15  # s of estimates that are shown
-_DRAWN = 0.05  # of the extent of the path: the largest deviation as it is drawn
-_PLACES = 20_000  # of a path that are drawn where the deviation is small
 _BEFORE, _AFTER = 0.04, 0.1  # s around a worst place
-# from small to large: cold and thin to warm and wide
-_CLASSES = (
-    (style.COLORS[0], 0.9), (style.COLORS[5], 1.1), (style.COLORS[2], 1.3), (style.COLORS[4], 1.7),
-    (style.ALERT, 2.2),
-)  # fmt: skip
 _SIZES = (("RMS", "o"), ("95 % of the path", "s"), ("largest", "^"))
 
 
@@ -96,45 +89,6 @@ def _busiest(part: PartRun, axis: str) -> float:
     width = max(1, min(len(time) - 1, round(_WINDOW / (time[1] - time[0]))))
     total = np.cumsum(np.insert(square, 0, 0.0))
     return float(time[int(np.argmax(total[width:] - total[:-width])) + width // 2])
-
-
-def part_path(part: PartRun) -> Any:
-    """The path in X and Y where it counts, and the tool with its deviation enlarged, its size as color."""
-    contour = part.contour
-    figure, (ax,) = style.picture(height=7.2)
-    i, j = (contour.axes.index(axis) for axis in contour.axes[:2])
-    path = 1e3 * contour.set_position[:, [i, j]]
-    away = 1e3 * contour.vector[:, [i, j]]
-    size = 1e6 * np.abs(contour.error)
-    counts = part.counted
-    extent = float(np.max(np.ptp(path[counts], axis=0))) if np.any(counts) else 1.0
-    zoom = _round(_DRAWN * extent / max(float(np.max(np.abs(away[counts]), initial=0.0)), 1e-12))
-    gapped = np.where(counts[:, None], path, np.nan)
-    ax.plot(gapped[:, 0], gapped[:, 1], color=style.MUTED, linewidth=0.7, label="path")
-    tool = path + zoom * away
-    edges = np.linspace(0.0, float(np.max(size[counts], initial=0.0)) or 1.0, len(_CLASSES) + 1)
-    kind = np.clip(np.searchsorted(edges, size, side="left") - 1, 0, len(_CLASSES) - 1)
-    every = max(1, len(path) // _PLACES)
-    for k, (color, width) in enumerate(_CLASSES):
-        chosen = counts & (kind == k)
-        if np.any(chosen):
-            chosen[1:] |= chosen[:-1] & counts[1:]
-            shown = np.where(chosen[:, None], tool, np.nan)
-            thinned = shown if k else shown[::every]
-            label = f"{edges[k]:.3g} to {edges[k + 1]:.3g} µm"
-            ax.plot(thinned[:, 0], thinned[:, 1], color=color, linewidth=width, label=label, solid_capstyle="round")
-    ax.set_aspect("equal", adjustable="datalim")
-    ax.margins(0.04)
-    style.labels(ax, f"{contour.axes[i].upper()} (mm)", f"{contour.axes[j].upper()} (mm)")
-    style.note(ax, f"deviation {zoom:g} times enlarged")
-    style.legend(figure, ax)
-    return figure
-
-
-def _round(factor: float) -> float:
-    """1, 2 or 5 times a power of ten, not above."""
-    power = 10.0 ** np.floor(np.log10(max(factor, 1.0)))
-    return float(power * max(each for each in (1.0, 2.0, 5.0) if each * power <= max(factor, 1.0)))
 
 
 def part_zoom(parts: Mapping[str, PartRun], time: float) -> Any:

@@ -240,9 +240,10 @@ def pictures(study: Study) -> Iterator[Shown]:
         yield Shown(
             key,
             f"The path with '{part.name}'",
-            "Gray: the path that counts. Color and width: the contour error, drawn normal to the path and enlarged.",
+            "Color and width: the size of the contour error on the path that counts. Gray: the tool, its deviation "
+            "enlarged.",
             f"The path with the contour error of {part.name}, enlarged.",
-            lambda part=part: plot.part_path(part),
+            lambda part=part: plot.contour_on_path(part.contour, counted=part.counted),
         )
     worst = next(iter(first.worst(1)), None)
     if worst is not None:
