@@ -478,7 +478,7 @@ def test_a_kernel_of_another_file_is_compiled_there_alone(tmp_path: Path, monkey
 
 
 def test_code_that_has_run_long_is_made_again_thoroughly(tmp_path: Path, monkeypatch: Any):
-    """After 0.2 s in quick code of all kernels; the next process takes it from the disk, a new kernel is made so."""
+    """After 0.25 s in quick code of all kernels; the next process takes it from the disk, a new kernel is made so."""
     monkeypatch.setenv("FEEDDRIVE_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(Unit, "spent", 0.0)
     monkeypatch.setattr(module, "_used", WeakSet())
@@ -489,7 +489,7 @@ def test_code_that_has_run_long_is_made_again_thoroughly(tmp_path: Path, monkeyp
     first, second = kernel(10), other(10)
     assert kernel.unit.quick
     quick = kernel.unit.code.key
-    kernel.unit.ran(0.19)
+    kernel.unit.ran(0.24)
     assert kernel.unit.quick
     other.unit.ran(0.02)
     assert not kernel.unit.quick

@@ -49,7 +49,7 @@ THOROUGH = Effort(2, (
     "always_inliner", "global_dead_code_eliminate",
     "sroa", "simplify_cfg", "instruction_combine", "new_gvn", "simplify_cfg",
 ))  # fmt: skip
-_LONG = 0.2  # s in quick code, after which a process makes thorough code
+_LONG = 0.25  # s in quick code, after which a process makes thorough code
 _KERNEL, _FAILURE = 10, 13  # bits of a status for the place of a kernel in its file, and of a failure in its kernel
 _ENTRY = "entry{}"
 _IDLE = re.compile(r"\s*(#.*)?$")  # lines of which the code does not depend
