@@ -18,7 +18,7 @@ from feeddrive.report.sentences import decibel, number, percent
 
 
 def build(study: Study) -> str:
-    """The report as one HTML page: no scripts, no other files, less than 1 MB.
+    """The report as one HTML page: no scripts, no other files, less than 1 MB (of a part program 1.5 MB).
 
     Pure: the same study gives the same text.  Raises ParameterError for a study without entries.
     """
