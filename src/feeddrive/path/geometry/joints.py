@@ -38,7 +38,9 @@ _SHORT, _LONG = 6.0, 60.0  # steps of a cluster, at least: a whole one, and one 
 _BENT = 0.2  # rad; next to an arc, where no bump is made, only sharper corners
 SMOOTH = 1e-9  # rad, and of the curvature: less is no corner
 _FIRST, _MOST = 1e5, 100.0  # knots for which there is room at first, and for how many times those that are expected
-_SAME = 1e-12  # of r' .. r''' times the length, next to a spline
+_SAME = 1e-12  # of r' .. r''' times the length, next to a spline and between arcs
+_ALMOST = 1e-3  # rad, and of the curvature: arcs that a program writes as parts of one circle, with rounded numbers
+_LITTLE = 0.05  # of the tolerance, for the blend between such arcs: it costs no time there to stay on the circle
 
 
 class Joint(NamedTuple):
@@ -49,27 +51,39 @@ class Joint(NamedTuple):
 
 
 @kernel
+def _goes_on(k: int, kind: Ints, length: Floats, shape: Floats3, a: Floats2, b: Floats2) -> bool:
+    """Whether r' .. r''' are the same on both sides of the joint behind k, but for rounding."""
+    derivatives(kind[k], length[k], shape[k], length[k], a)
+    derivatives(kind[k + 1], length[k + 1], shape[k + 1], 0.0, b)
+    scale = 1.0
+    for m in range(1, 4):
+        size = 0.0
+        apart = 0.0
+        for i in range(len(a)):
+            size = max(size, abs(a[i, m]))
+            apart = max(apart, abs(a[i, m] - b[i, m]))
+        if apart * scale > _SAME * (1.0 + size * scale):
+            return False
+        scale = scale * length[k]
+    return True
+
+
+@kernel
 def _passed(
     k: int, kind: Ints, length: Floats, shape: Floats3, tolerance: Floats, sharpest: float, lonely: float,
     a: Floats2, b: Floats2,
 ) -> tuple[int, float, float]:  # fmt: skip
-    """How the joint behind k may be passed, 0: not, 1: as it is, 2: by a blend; cosine and chord of its angle."""
+    """How the joint behind k may be passed, and cosine and chord of its angle.
+
+    0: not, 1: as it is, 2: by a blend, 3: by a blend that needs little, between arcs of almost the same circle
+    """
     if k + 1 == len(length) or tolerance[k] < 0.0:
         return 0, 0.0, 0.0
     if kind[k] == 2 or kind[k + 1] == 2:  # a spline is followed exactly: no blend begins on it
-        derivatives(kind[k], length[k], shape[k], length[k], a)
-        derivatives(kind[k + 1], length[k + 1], shape[k + 1], 0.0, b)
-        scale = 1.0
-        for m in range(1, 4):
-            size = 0.0
-            apart = 0.0
-            for i in range(len(a)):
-                size = max(size, abs(a[i, m]))
-                apart = max(apart, abs(a[i, m] - b[i, m]))
-            if apart * scale > _SAME * (1.0 + size * scale):
-                return 0, 0.0, 0.0
-            scale = scale * length[k]
-        return 1, 0.0, 0.0
+        return (1 if _goes_on(k, kind, length, shape, a, b) else 0), 0.0, 0.0
+    arcs = kind[k] == 1 and kind[k + 1] == 1
+    if arcs and _goes_on(k, kind, length, shape, a, b):
+        return 1, 1.0, 0.0
     state_near(kind[k], length[k], shape[k], 0.0, True, a)
     state_near(kind[k + 1], length[k + 1], shape[k + 1], 0.0, False, b)
     cosine = 0.0
@@ -77,12 +91,14 @@ def _passed(
     size1 = 0.0
     turn = 0.0
     jump = 0.0
+    bend = 0.0
     for i in range(len(a)):
         cosine = cosine + a[i, 1] * b[i, 1]
         size0 = size0 + a[i, 1] * a[i, 1]
         size1 = size1 + b[i, 1] * b[i, 1]
         turn = turn + (a[i, 1] - b[i, 1]) * (a[i, 1] - b[i, 1])
         jump = max(jump, abs(a[i, 2] - b[i, 2]))
+        bend = max(bend, abs(a[i, 2]))
     cosine = cosine / sqrt(size0 * size1)
     turn = sqrt(turn)
     shorter = min(length[k], length[k + 1])
@@ -90,7 +106,7 @@ def _passed(
         return 1, cosine, turn
     alone = ((kind[k] == 0 and kind[k + 1] == 0) or turn > _BENT) and lonely * tolerance[k] < BLEND * turn * shorter
     if tolerance[k] > 0.0 and turn <= 2.0 * sharpest and not alone:
-        return 2, cosine, turn
+        return (3 if arcs and turn <= _ALMOST and jump <= _ALMOST * bend else 2), cosine, turn
     return 0, cosine, turn
 
 
@@ -227,10 +243,11 @@ def join(
         way, cosine, turn = _passed(k, kind, length, shape, tolerance, sharpest, lonely, a, b)
         if way == 1:
             stop[k] = 0
-        elif way == 2:
+        elif way > 1:
             away, span, most = blend(
                 kind[k], length[k], shape[k], kind[k + 1], length[k + 1], shape[k + 1],
-                cosine, 0.5 * min(length[k], length[k + 1]), tolerance[k], turn > SMOOTH,
+                cosine, 0.5 * min(length[k], length[k + 1]), (1.0 if way == 2 else _LITTLE) * tolerance[k],
+                turn > SMOOTH,
                 a, b, at_joint, half, difference, blended,
             )  # fmt: skip
             if away > 0.0:
