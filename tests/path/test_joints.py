@@ -93,13 +93,15 @@ def test_a_circle_in_parts_stays_a_circle():
     r, quarter, P = 0.5, 0.5 * np.pi, 1e-4
     parts = joined_up(*(arc((0.0, 0.0), r, k * quarter, (k + 1) * quarter, 0.1) for k in range(4)))
     (whole,), joint = joined(parts, np.full(4, P), sharpest=4.0, lonely=np.inf)
-    assert np.all(whole.kind == ARC) and not np.any(joint.deviation)
+    assert np.all(whole.kind == ARC)
+    assert not np.any(joint.deviation)
     # an end that is 1 um beside turns the direction by 2e-6 rad
     other = arc((0.0, 0.0), r, np.pi + 2e-6, 2.0 * np.pi, 0.1)
     other.origin[0] = (-r, 0.0, 0.0)
     (run,), joint = joined(
         joined_up(arc((0.0, 0.0), r, 0.0, np.pi, 0.1), other), np.full(2, P), sharpest=4.0, lonely=np.inf
     )
-    assert POLYNOMIAL in run.kind and 0.0 < joint.deviation[0] <= 0.05 * P
+    assert POLYNOMIAL in run.kind
+    assert 0.0 < joint.deviation[0] <= 0.05 * P
     path = points(run, 200)
     assert np.abs(np.linalg.norm(path, axis=1) - r).max() <= 0.05 * P + 1e-6

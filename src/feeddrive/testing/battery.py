@@ -114,7 +114,7 @@ def _rounding(graph: Graph, nodes: list[int], leaves: dict[str, Any], moved: lis
     return np.fmax.reduce(np.abs(beside - base[:, None]), axis=1, initial=0.0)
 
 
-def _without_denormal(values: Sequence[Any]) -> list[float]:
+def _without_denormal(values: Sequence[Any] | np.ndarray) -> list[float]:
     """Numbers with those up to the first normal ones as 0 of their sign: native code counts what is below them as 0."""
     numbers = np.array([float(value) for value in values])
     return list(np.where(np.abs(numbers) < 2.3e-308, np.copysign(0.0, numbers), numbers))

@@ -56,9 +56,9 @@ def _blocks(draw: st.DrawFn, cls: type[Block]) -> Any:
         given = {
             name: None if may_be_absent(cls, name) and draw(_EITHER) else draw(value) for name, value in values.items()
         }
-        rows = [name for name, value in given.items() if isinstance(value, np.ndarray)]
-        length = min((given[name].size for name in rows), default=0)
-        given |= {name: given[name][:length] for name in rows}  # the rows of a block belong together
+        rows = {name: value for name, value in given.items() if isinstance(value, np.ndarray)}
+        length = min((row.size for row in rows.values()), default=0)
+        given |= {name: row[:length] for name, row in rows.items()}  # the rows of a block belong together
         try:
             return cls(**given)
         except FeeddriveError:
