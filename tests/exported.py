@@ -129,6 +129,16 @@ LOOPS: dict[str, fd.Loop] = {
         PPI,
         feedforward=(LateInertia(mass=MASS, late=3.3e-4), fd.blocks.ReversalPulse(force=25.0, decay_time=0.004)),
     ),
+    "cascade_ppi, pitch tables": loop(
+        TWO,
+        PPI,
+        compensation=(
+            fd.blocks.PitchCompensation(
+                forward=np.array([0.0, 2e-6, -1e-6]), backward=np.array([3e-6, 4e-6, 0.0]), table_start=-0.2,
+                spacing=0.2,
+            ),
+        ),
+    ),
     "cascade_ppi, recovery": loop(
         ONE,
         PPI,

@@ -45,6 +45,8 @@ def field_values(kind: type[Block], name: str, depth: int) -> st.SearchStrategy[
             values: st.SearchStrategy[Any] = numbers(declared)
         case "choice":
             values = st.sampled_from(declared.options) if declared.options else st.just(None)
+            if hints(kind)[name] == tuple[str, ...]:
+                values = st.just(("x", "y"))  # names of axes
             if declared.least is not None:
                 values = st.integers(int(declared.least), int(declared.least) + 8)
         case "table":

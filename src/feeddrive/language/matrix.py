@@ -232,7 +232,7 @@ def edge(holds: Callable[[Any], Any], values: Sequence[float]) -> float | None:
     row, kept = np.array(values, dtype=np.float64), None
     for _ in range(5):
         with np.errstate(all="ignore"):
-            found = np.asarray(holds(row))
+            found = np.broadcast_to(holds(row), row.shape)
         changed = np.flatnonzero(found != found[0])
         if not changed.size:
             return None

@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 PASSES = 30
 _NULL = 1e-7  # singular value of a combination that the circles do not show, of the largest
@@ -45,6 +44,8 @@ class Fit(NamedTuple):
 
     def best_decay(self) -> float:
         """The decay that leaves least: a coarse row of values, then a search between the neighbors of the best."""
+        from scipy.optimize import minimize_scalar  # not for commands that only read
+
         grid = np.geomspace(*_DECAYS, 16)
         left = [self.settled(float(t), 4).square for t in grid]
         best = int(np.argmin(left))

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linprog
 
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.table import Result, Table
@@ -108,6 +107,8 @@ def minimum_zone(x: np.ndarray, y: np.ndarray) -> Zone:
 
     Linear programs on the outermost and innermost points; those that a solution cuts off join until none does.
     """
+    from scipy.optimize import linprog  # not for commands that only read
+
     center, _ = circle_fit(x, y)
     best = _zone(x, y, center)
     for _ in range(8):

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import expm
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.frequency_response import FRF
@@ -131,6 +130,8 @@ def semi_discretisation(
             "semi_discretisation is for straight edges without process damping, order 0 or 1 and 2 steps or more: take "
             "stability_lobes for all else"
         )
+    from scipy.linalg import expm  # not for commands that only read
+
     A, B, C = tool.moving()
     d, q = A.shape[0], B.shape[1]
     h = cut.period(speed) / steps

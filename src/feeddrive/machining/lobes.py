@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
-from scipy.optimize import brentq, minimize_scalar
 
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.progress import Progress
@@ -288,6 +287,8 @@ def _borders(
             f"that are far above the teeth"
         )
 
+    from scipy.optimize import minimize_scalar  # not for commands that only read
+
     begin = first if growth(coarse, first) < 0.0 else _LOWER * first
     flips = coarse.flips()
     steps = np.geomspace(begin, most, int(np.ceil(np.log(most / begin) / np.log(_RATIO))) + 2)
@@ -318,6 +319,8 @@ def _borders(
 
 
 def _root(growth: Callable[[float], float], low: float, high: float, digits: float) -> float:
+    from scipy.optimize import brentq  # not for commands that only read
+
     found: Any = brentq(growth, low, high, xtol=digits * high, rtol=np.float64(max(digits, 1e-14)))
     return float(found)
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Result, Table
@@ -158,6 +157,8 @@ def stick_time(
 
     def left(t: float) -> float:
         return t + (Kv + rate) * t * t / 2.0 + Kv * rate * t**3 / 6.0 - wanted
+
+    from scipy.optimize import brentq  # not for commands that only read
 
     found: Any = brentq(left, 0.0, wanted, xtol=1e-15)  # the left side is at least t
     return float(found)

@@ -7,7 +7,6 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import expm, schur
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.machining.regeneration import Piece, Regeneration
@@ -64,6 +63,8 @@ class ToothPassage:
 
     def __init__(self, tool: ToolPoint, cut: Regeneration, speed: float, *, share: float = 1.0) -> None:
         """`share` of the points is taken: 0.6 for 1 % of |µ|, to find a place to begin."""
+        from scipy.linalg import schur  # not for commands that only read
+
         self.cut, self.speed, self.period, self.share = cut, speed, cut.period(speed), share
         self.A, self.B, self.C = tool.moving()
         self.fastest = tool.fastest()
@@ -83,6 +84,8 @@ class ToothPassage:
         length = (piece.end - piece.begin) / self.cut.pitch * self.period
         d = self.A.shape[0]
         if not piece.cutting:
+            from scipy.linalg import expm
+
             none = np.zeros((0, 0))
             return _Passage(piece, length, np.zeros(0), np.zeros(0), (none, none), (none, none),
                             (np.zeros((d, 0)), expm(self.A * length)))  # fmt: skip

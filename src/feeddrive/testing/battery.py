@@ -37,6 +37,7 @@ from feeddrive.language.ring import Ring
 from feeddrive.language.units import measure
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.engine.plan import classify
+from feeddrive.loop.machine import Machine
 from feeddrive.loop.trace import concrete, evaluate, node_values
 from feeddrive.loop.traced_model import push, require_slopes
 from feeddrive.testing import c_loop
@@ -305,8 +306,8 @@ def _values(block: Block) -> list[Any]:
 
 
 def _is_part(block: type[Block], beside: Iterable[type[Block]]) -> bool:
-    """Whether another block, or the axis, declares a part of this type."""
-    owners = (*(each for members in catalogue().values() for each in members.values()), *beside, Axis)
+    """Whether another block, the axis or the machine declares a part of this type."""
+    owners = (*(each for members in catalogue().values() for each in members.values()), *beside, Axis, Machine)
     hints = (get_type_hints(owner)[name] for owner in owners for name in _part_names(owner))
     return any(block in part_types(hint) for hint in hints)
 

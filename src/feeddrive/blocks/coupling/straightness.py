@@ -11,6 +11,8 @@ from feeddrive.language.block import Block, Number, choice, parameter, table
 class Straightness(Block):
     """How far the guideway of one axis carries the tool point aside: a row of errors along its travel.
 
+        error = row((position - start) / spacing)
+
     The error is interpolated linearly between entries at start, start + spacing, ... and held beyond the ends.
     Source: ISO 230-1, straightness error of a linear motion.
     """

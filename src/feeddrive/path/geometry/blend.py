@@ -12,11 +12,12 @@ from math import sqrt
 
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.plain import zeros
-from feeddrive.language.kernels.source import Floats, Floats2
-from feeddrive.path.pieces import turned
+from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
+from feeddrive.path.pieces import derivatives, turned
 
 _PARTS = 4  # of each half of a blend, whose hulls are taken one by one
 _SEARCH = 30
+_SAME = 1e-12  # of r' .. r''' times the length, next to a spline and between arcs
 
 
 @kernel
@@ -226,3 +227,21 @@ def blend(
         away = low
         most = blend_at(kind0, length0, shape0, kind1, length1, shape1, away, factor, a, b, at, half, difference, out)
     return away, factor * away, most
+
+
+@kernel
+def goes_on(k: int, kind: Ints, length: Floats, shape: Floats3, a: Floats2, b: Floats2) -> bool:
+    """Whether r' .. r''' are the same on both sides of the joint behind k, but for rounding."""
+    derivatives(kind[k], length[k], shape[k], length[k], a)
+    derivatives(kind[k + 1], length[k + 1], shape[k + 1], 0.0, b)
+    scale = 1.0
+    for m in range(1, 4):
+        size = 0.0
+        apart = 0.0
+        for i in range(len(a)):
+            size = max(size, abs(a[i, m]))
+            apart = max(apart, abs(a[i, m] - b[i, m]))
+        if apart * scale > _SAME * (1.0 + size * scale):
+            return False
+        scale = scale * length[k]
+    return True

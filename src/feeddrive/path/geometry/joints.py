@@ -15,7 +15,7 @@ import numpy as np
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
-from feeddrive.path.geometry.blend import blend, part_of, state_near, trimmed
+from feeddrive.path.geometry.blend import blend, goes_on, part_of, state_near, trimmed
 from feeddrive.path.geometry.cluster import (
     BLEND,
     CROSSED,
@@ -38,7 +38,6 @@ _SHORT, _LONG = 6.0, 60.0  # steps of a cluster, at least: a whole one, and one 
 _BENT = 0.2  # rad; next to an arc, where no bump is made, only sharper corners
 SMOOTH = 1e-9  # rad, and of the curvature: less is no corner
 _FIRST, _MOST = 1e5, 100.0  # knots for which there is room at first, and for how many times those that are expected
-_SAME = 1e-12  # of r' .. r''' times the length, next to a spline and between arcs
 _ALMOST = 1e-3  # rad, and of the curvature: arcs that a program writes as parts of one circle, with rounded numbers
 _LITTLE = 0.05  # of the tolerance, for the blend between such arcs: it costs no time there to stay on the circle
 
@@ -48,24 +47,6 @@ class Joint(NamedTuple):
 
     deviation: np.ndarray  # m, proven distance to the corner's segments; 0 where there is no blend
     stop: np.ndarray  # whether the run ends there
-
-
-@kernel
-def _goes_on(k: int, kind: Ints, length: Floats, shape: Floats3, a: Floats2, b: Floats2) -> bool:
-    """Whether r' .. r''' are the same on both sides of the joint behind k, but for rounding."""
-    derivatives(kind[k], length[k], shape[k], length[k], a)
-    derivatives(kind[k + 1], length[k + 1], shape[k + 1], 0.0, b)
-    scale = 1.0
-    for m in range(1, 4):
-        size = 0.0
-        apart = 0.0
-        for i in range(len(a)):
-            size = max(size, abs(a[i, m]))
-            apart = max(apart, abs(a[i, m] - b[i, m]))
-        if apart * scale > _SAME * (1.0 + size * scale):
-            return False
-        scale = scale * length[k]
-    return True
 
 
 @kernel
@@ -80,9 +61,9 @@ def _passed(
     if k + 1 == len(length) or tolerance[k] < 0.0:
         return 0, 0.0, 0.0
     if kind[k] == 2 or kind[k + 1] == 2:  # a spline is followed exactly: no blend begins on it
-        return (1 if _goes_on(k, kind, length, shape, a, b) else 0), 0.0, 0.0
+        return (1 if goes_on(k, kind, length, shape, a, b) else 0), 0.0, 0.0
     arcs = kind[k] == 1 and kind[k + 1] == 1
-    if arcs and _goes_on(k, kind, length, shape, a, b):
+    if arcs and goes_on(k, kind, length, shape, a, b):
         return 1, 1.0, 0.0
     state_near(kind[k], length[k], shape[k], 0.0, True, a)
     state_near(kind[k + 1], length[k + 1], shape[k + 1], 0.0, False, b)
