@@ -125,6 +125,7 @@ def test_the_edge_of_a_condition_is_found_from_either_side(values: list[float], 
 
 def test_a_condition_that_never_changes_has_no_edge() -> None:
     assert matrix.edge(lambda x: x > 0.0, [1.0, 2.0]) is None
+    assert matrix.edge(lambda _: np.bool_(True), [1.0, 2.0]) is None  # nor one that does not depend on the value
 
 
 def test_growth_of_lanes_is_that_of_each_matrix() -> None:

@@ -157,7 +157,8 @@ class _Path:
                     if _quicker(looked, tried, goes_on, ends, 0, n):
                         return None
                     break
-            in_time(knots, tried, self._begin, ends_of, _TOGETHER, *found, *more)
+            if not in_time(knots, tried, self._begin, ends_of, _TOGETHER, *found, *more):
+                return None  # between the points that were looked at it runs backwards
             faults = np.concatenate([self._faults(found, first, last) for first, last in new])
             if not len(faults):
                 return found if np.sum(found.duration) < np.sum(motion.duration) else None

@@ -240,8 +240,10 @@ def in_time(
     knots: Floats, coefficient: Floats, begin: Floats, ends: Floats2, together: int,
     duration: Floats, piece: Ints, x: Floats, speed: Floats, acceleration: Floats, jerk: Floats, snap: Floats,
     found: Floats2, room: Floats2, system: Floats2,
-) -> int:  # fmt: skip
-    """A piece of constant snap for each span; as many as are taken `together` end where the spline does, exactly.
+) -> bool:  # fmt: skip
+    """A piece of constant snap for each span; False if the spline is not above 0 everywhere.
+
+    As many pieces as are taken `together` end where the spline does, exactly.
 
     The time of a span is ∫ du/√z by Gauss's rule of four points; its snap changes u''' by as much as the spline does,
     and a little more, so that u, u' and u'' meet the spline, too.  `ends` are u' .. u''' where it begins and ends.
@@ -253,7 +255,9 @@ def in_time(
         near = min(k, n - 1)
         basis(knots, near, knots[k + 3], room)
         at(room, coefficient, near, z)
-        v = sqrt(z[0])
+        if z[0] <= 0.0 and k > 0 and k < n:
+            return False
+        v = sqrt(max(z[0], 0.0))
         found[k] = v, 0.5 * z[1], 0.5 * v * z[2]
     for c in range(3):
         found[0, c] = ends[0, c]
@@ -267,6 +271,8 @@ def in_time(
             place = 0.5 - 0.5 * place if number < 2 else 0.5 + 0.5 * place
             basis(knots, k, knots[k + 3] + place * h, room)
             at(room, coefficient, k, z)
+            if z[0] <= 0.0:
+                return False
             lasts = lasts + 0.5 * share * h / sqrt(z[0])
         duration[k] = lasts
         snap[k] = (found[k + 1, 2] - found[k, 2]) / lasts
@@ -303,4 +309,4 @@ def in_time(
                 miss[3] = found[last, 2] - j
                 _bent(first, last, miss, duration, snap, room, system)
         first = last
-    return 0
+    return True
