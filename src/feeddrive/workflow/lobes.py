@@ -26,7 +26,7 @@ from feeddrive.report.page import Shown, definitions, header, page, picture, tab
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, called, option, stem
 
-_SPEEDS = 120  # unless the caller says how many
+_SPEEDS, _HELICAL = 120, 40  # unless the caller says how many; of a helical cutter each depth has pieces of its own
 _MOST = 5000  # speeds that may be asked for
 
 
@@ -83,7 +83,7 @@ def lobes(request: LobesRequest, progress: Progress) -> Outcome[Lobes]:
     teeth = _teeth(request, cut)
     own = float(cut.spindle_speed)
     depth = request.depth if request.depth is not None else float(cut.cutter.edge().axial_depth)
-    speeds = _speeds(request.speeds, own)
+    speeds = _speeds(request.speeds, own, _HELICAL if teeth.lag else _SPEEDS)
     modes = [mode for text in request.mode for mode in _modes(text)]
     progress.step("the machine at the tool")
     tool = tool_modes(*modes) if request.rigid else tool_point(machine)
@@ -145,13 +145,13 @@ def _teeth(request: LobesRequest, cut: MillingCut) -> Regeneration:
         raise ParameterError(f"{called(request.machine)}, the cutter of its milling_cut: {error}") from None
 
 
-def _speeds(text: str | None, own: float) -> np.ndarray:
+def _speeds(text: str | None, own: float, count: int) -> np.ndarray:
     """`first:last:count` in rpm. Raises ParameterError."""
     if text is None:
-        return np.linspace(0.5 * own, 2.0 * own, _SPEEDS)
+        return np.linspace(0.5 * own, 2.0 * own, count)
     try:
         first, last, *rest = text.split(":")
-        low, high, count = float(first), float(last), int(rest[0]) if rest else _SPEEDS
+        low, high, count = float(first), float(last), int(rest[0]) if rest else count
         if len(rest) > 1 or not 0.0 < low < high < math.inf or not 2 <= count <= _MOST:
             raise ValueError
     except ValueError:
