@@ -39,9 +39,9 @@ tests: $(VENV)/installed-dev
 slow: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n 2 -m slow
 
-# what .ci/run adds to `make test`: 100 s of the slow proofs, drawn by the hash of the commit
+# what .ci/run adds to `make test`: 60 s of the slow proofs, drawn by the hash of the commit
 slow-share: $(VENV)/installed-dev
-	$(BIN)/python -m pytest -n 2 --slow-share 100
+	$(BIN)/python -m pytest -n 2 --slow-share 60
 
 mutate: $(VENV)/installed-dev
 	$(BIN)/python tests/mutants.py
