@@ -147,8 +147,8 @@ def main() -> None:
     margins_of(loop)
     response_of(loop)
     estimates()
-    study = run_laws(replace(job)).study()
-    report = measure({"report": lambda: build(study)}, 5)
+    contents = run_laws(replace(job)).contents()
+    report = measure({"report": lambda: build(contents)}, 5)
     table(["report of three laws", "CPU s"], [["build", f"{np.median(report['report']):.2f}"]])
 
 

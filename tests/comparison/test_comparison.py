@@ -180,9 +180,9 @@ def test_the_work_follows_the_limits_of_the_machine() -> None:
 
 
 def test_the_pictures_are_drawn(found: Comparison) -> None:
-    from feeddrive.comparison.report import study
+    from feeddrive.comparison.report import contents
 
-    drawn = {shown.key: shown.draw for shown in study(found).pictures}
+    drawn = {shown.key: shown.draw for shown in contents(found).pictures}
     assert found.plot().axes
     assert len(drawn["recovery"]().axes) == 2
     assert "P-PI" in str(found)

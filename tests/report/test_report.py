@@ -31,7 +31,7 @@ from feeddrive.loop.lifting import compliance, loop_gain, tracking
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 from feeddrive.plot import style
-from feeddrive.report import Entry, Study, build
+from feeddrive.report import Entry, LawsReport, build
 from feeddrive.report.page import THEME, render, svg, table
 from feeddrive.report.sentences import number, percent, remarks, result
 
@@ -84,9 +84,9 @@ def entry(name: str, made: Loop, **more) -> Entry:
 
 
 @cache
-def compared() -> Study:
+def compared() -> LawsReport:
     entries = [entry(name, loop(feedforward)) for name, feedforward in zip(NAMES, (False, True), strict=True)]
-    return Study(
+    return LawsReport(
         title="EMPS axis: what is feedforward worth?",
         entries=entries,
         facts={"Machine": "EMPS ball-screw axis", "Noise": "seed 0"},
@@ -103,9 +103,9 @@ def page() -> str:
 
 
 @cache
-def bare() -> Study:
+def bare() -> LawsReport:
     """One law without responses."""
-    return Study("bare", [replace(compared().entries[0], loop_gain=None, compliance=None, tracking=None)])
+    return LawsReport("bare", [replace(compared().entries[0], loop_gain=None, compliance=None, tracking=None)])
 
 
 @cache
@@ -114,7 +114,7 @@ def bare_page() -> str:
 
 
 @cache
-def replayed() -> Study:
+def replayed() -> LawsReport:
     if not LOG.exists():
         pytest.skip(
             f"THE MEASURED LOG IS MISSING: {LOG.name} is not at ../shared/data/emps; the report of it is not tested"
@@ -244,7 +244,7 @@ def test_the_table_holds_the_figures_of_the_run() -> None:
         assert f"{number(1e-6 * one.stiffness.minimum)} ({number(one.stiffness.minimum_frequency)})" in text
 
 
-def test_the_same_study_gives_the_same_text() -> None:
+def test_the_same_contents_give_the_same_text() -> None:
     assert build(bare()) == bare_page()
 
 
@@ -266,7 +266,7 @@ HOSTILE = ["</title><script>alert(1)</script>", '"><img src=x onerror=y>', "a & 
 def test_every_text_of_the_user_is_shown_and_not_run() -> None:
     entries = [replace(compared().entries[0], name=text, description=f"{text} said") for text in HOSTILE]
     every = " ".join(HOSTILE)
-    made = build(Study(every, entries, {every: every}, every, every, {every: every}, [every]))
+    made = build(LawsReport(every, entries, {every: every}, every, every, {every: every}, [every]))
     found = structure(made)
     assert not {name for name, _ in found.tags} & {"script", "img"}
     for text in HOSTILE:
@@ -283,7 +283,7 @@ def test_what_is_not_there_is_left_out() -> None:
     assert "Open loop" not in text
     assert "Robustness" not in text
     with pytest.raises(ParameterError, match="at least one law"):
-        build(Study("empty", []))
+        build(LawsReport("empty", []))
 
 
 class Rest(Reference):
@@ -305,7 +305,7 @@ class Rest(Reference):
 def test_an_axis_at_rest_and_a_run_of_one_sample_have_a_report(duration: float) -> None:
     made = replace(loop(False), axis=Axis(plant=Rigid(mass=10.0)))
     still = entry("still", made, run=simulate(made, Rest(duration)))
-    text = build(Study("rest", [replace(still, loop_gain=None, compliance=None, tracking=None)]))
+    text = build(LawsReport("rest", [replace(still, loop_gain=None, compliance=None, tracking=None)]))
     check_page(text)
     assert ("Following error over time" in text) == (duration == 0.5)
 
@@ -394,7 +394,7 @@ def test_the_first_sentence_names_the_best_law_and_its_price() -> None:
 def test_remarks_say_what_must_not_be_overlooked() -> None:
     soft = replace(AXIS, actuator=Actuator(motor=Direct(force_constant=GTAU, peak_force=30.0, continuous_force=5.0)))
     made = replace(loop(True), axis=soft, control=replace(loop(True).control, force_limit=60.0))
-    found = "\n".join(remarks(Study("x", [entry("weak", made)], rule="r", notes=["r", "n"])))
+    found = "\n".join(remarks(LawsReport("x", [entry("weak", made)], rule="r", notes=["r", "n"])))
     assert "the force is at its limit for" in found
     assert "above the motor's peak of 30.0 N" in found
     assert "overheats the motor" in found

@@ -53,7 +53,7 @@ def test_an_excitation_acts_in_the_unit_of_the_command(tmp_path: Path) -> None:
     # after 0.3 s, when the guessed start is forgotten; the encoder of 50 nm is read again with other rounding
     assert again.rms("position_load") < 0.1e-6
     assert again.share("force") < 0.02
-    facts = found.study().facts
+    facts = found.contents().facts
     assert facts["Load"] == "excitation of the log, column 'pulses'"
     assert any("acts at the drive" in each for each in found.remarks)
     assert not any("times as large" in each for each in found.remarks)

@@ -22,11 +22,11 @@ from feeddrive.language.units import turning_name
 from feeddrive.loop.control import Control
 from feeddrive.loop.lifting import compliance, tracking
 from feeddrive.report import build
-from feeddrive.report.page import RESPONSE_LINES, Entry, Shown, ShownTable, Study
+from feeddrive.report.page import RESPONSE_LINES, Entry, LawsReport, Shown, ShownTable
 from feeddrive.report.sentences import block_sentence, described, number
 
 
-def study(found: Comparison) -> Study:
+def contents(found: Comparison) -> LawsReport:
     """What the report is made from."""
     loop = found.competitors[0].loop
     duty = found.duty
@@ -43,7 +43,7 @@ def study(found: Comparison) -> Study:
     }
     if found.machine.remark:
         facts["Remark"] = found.machine.remark
-    return Study(
+    return LawsReport(
         title=found.title,
         entries=[_entry(found, each) for each in found.competitors if each.move is not None],
         facts=facts,
@@ -202,7 +202,7 @@ def write_comparison(found: Comparison, out: str | Path) -> Path:
 
     Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
     """
-    page = build(study(found))
+    page = build(contents(found))
     figures = summary_text(summary(found), rotary=found.rotary, quoted=found.quoted)
     with new_directory(out) as folder:
         (folder / "report.html").write_text(page, encoding="utf-8")

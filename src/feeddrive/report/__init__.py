@@ -1,4 +1,4 @@
-"""The report of a study: one self-contained HTML page. `build(study)` returns its text."""
+"""The report about laws over the same work: one self-contained HTML page. `build(contents)` returns its text."""
 
 from feeddrive.language.lazy_package import make_lazy
 

@@ -10,7 +10,7 @@ from feeddrive.analysis.friction_map import FrictionMap, friction_map, worst_win
 from feeddrive.plot.identification import has_friction
 from feeddrive.plot.over_time import alike
 from feeddrive.plot.style import POINTS
-from feeddrive.report.page import Entry, Shown, Study
+from feeddrive.report.page import Entry, LawsReport, Shown
 from feeddrive.report.sentences import number
 
 SHORT = 16  # samples: a shorter run has no picture over time
@@ -18,26 +18,26 @@ MOST = 8  # laws that the pictures show; the tables have all
 CURVES = 4  # more curves than these share the points of so many: the page stays small
 
 
-def chosen(study: Study) -> Study:
-    """The study with the laws that the pictures show: the first, and those that follow best, in their order."""
-    others = sorted(study.entries[1:], key=lambda entry: entry.rms("following_error"))[: MOST - 1]
-    return replace(study, entries=[entry for i, entry in enumerate(study.entries) if i == 0 or entry in others])
+def chosen(contents: LawsReport) -> LawsReport:
+    """The contents with the laws that the pictures show: the first, and those that follow best, in their order."""
+    others = sorted(contents.entries[1:], key=lambda entry: entry.rms("following_error"))[: MOST - 1]
+    return replace(contents, entries=[entry for i, entry in enumerate(contents.entries) if i == 0 or entry in others])
 
 
-def figures(study: Study) -> Iterator[Shown]:
+def figures(contents: LawsReport) -> Iterator[Shown]:
     """The figures in the order of the page."""
-    study = chosen(study)
-    points = min(POINTS, max(200, POINTS * CURVES // len(study.entries)))
-    yield from _measured(study, points)
-    if all(entry.counted("following_error").size >= SHORT for entry in study.entries):
-        yield from _errors(study, points)
-        yield from _forces(study, points)
-    yield from _open_loop(study)
-    yield from _closed_loop(study)
+    contents = chosen(contents)
+    points = min(POINTS, max(200, POINTS * CURVES // len(contents.entries)))
+    yield from _measured(contents, points)
+    if all(entry.counted("following_error").size >= SHORT for entry in contents.entries):
+        yield from _errors(contents, points)
+        yield from _forces(contents, points)
+    yield from _open_loop(contents)
+    yield from _closed_loop(contents)
 
 
-def _measured(study: Study, points: int) -> Iterator[Shown]:
-    entry = next((entry for entry in study.entries if entry.replay is not None), None)
+def _measured(contents: LawsReport, points: int) -> Iterator[Shown]:
+    entry = next((entry for entry in contents.entries if entry.replay is not None), None)
     if entry is None or entry.replay is None:
         return
     replay = entry.replay
@@ -51,10 +51,10 @@ def _measured(study: Study, points: int) -> Iterator[Shown]:
     )
 
 
-def _errors(study: Study, points: int) -> Iterator[Shown]:
-    runs = {entry.name: entry.shown for entry in study.entries}
+def _errors(contents: LawsReport, points: int) -> Iterator[Shown]:
+    runs = {entry.name: entry.shown for entry in contents.entries}
     own = "" if alike(run["following_error"] for run in runs.values()) else " Each row has its own scale."
-    listed = "; ".join(f"{e.name} {number(1e6 * e.rms('following_error'))} µm RMS" for e in study.entries)
+    listed = "; ".join(f"{e.name} {number(1e6 * e.rms('following_error'))} µm RMS" for e in contents.entries)
     yield Shown(
         "error",
         "Following error over time",
@@ -72,7 +72,7 @@ def _errors(study: Study, points: int) -> Iterator[Shown]:
         f"Following error around {what}.",
         lambda: plot.following_error(runs, window, points),
     )
-    spectra = {entry.name: entry.spectrum for entry in study.entries}
+    spectra = {entry.name: entry.spectrum for entry in contents.entries}
     yield Shown(
         "spectrum",
         "Amplitude spectrum of the following error",
@@ -83,10 +83,10 @@ def _errors(study: Study, points: int) -> Iterator[Shown]:
     )
 
 
-def _forces(study: Study, points: int) -> Iterator[Shown]:
-    runs = {entry.name: entry.shown for entry in study.entries}
-    first = study.entries[0]
-    bounds = {k: v for entry in study.entries for k, v in entry.limits.items()}
+def _forces(contents: LawsReport, points: int) -> Iterator[Shown]:
+    runs = {entry.name: entry.shown for entry in contents.entries}
+    first = contents.entries[0]
+    bounds = {k: v for entry in contents.entries for k, v in entry.limits.items()}
     yield Shown(
         "force",
         "Force",
@@ -101,7 +101,7 @@ def _forces(study: Study, points: int) -> Iterator[Shown]:
         "Velocity and acceleration of the table over time.",
         lambda: plot.motion(runs, points),
     )
-    loops = {entry.name: entry.loop for entry in study.entries}
+    loops = {entry.name: entry.loop for entry in contents.entries}
     if not any(has_friction(loop) for loop in loops.values()):
         return
     measured = _measured_friction(first)
@@ -124,8 +124,8 @@ def _measured_friction(entry: Entry) -> FrictionMap | None:
     return friction_map(measured["position_load"], measured["force"], mass, entry.run.sample_time)
 
 
-def _open_loop(study: Study) -> Iterator[Shown]:
-    loops = {entry.name: entry.margins for entry in study.entries if entry.margins is not None}
+def _open_loop(contents: LawsReport) -> Iterator[Shown]:
+    loops = {entry.name: entry.margins for entry in contents.entries if entry.margins is not None}
     if not loops:
         return
     listed = "; ".join(f"{name} Ms {number(m.sensitivity_peak)}" for name, m in loops.items())
@@ -154,8 +154,8 @@ def _open_loop(study: Study) -> Iterator[Shown]:
     )
 
 
-def _closed_loop(study: Study) -> Iterator[Shown]:
-    tracked = {entry.name: entry.tracking for entry in study.entries if entry.tracking is not None}
+def _closed_loop(contents: LawsReport) -> Iterator[Shown]:
+    tracked = {entry.name: entry.tracking for entry in contents.entries if entry.tracking is not None}
     if tracked:
         yield Shown(
             "closed",
@@ -164,7 +164,7 @@ def _closed_loop(study: Study) -> Iterator[Shown]:
             "Magnitude of the closed loop over frequency.",
             lambda: plot.closed_loop(tracked),
         )
-    stiff = {entry.name: entry.stiffness for entry in study.entries if entry.stiffness is not None}
+    stiff = {entry.name: entry.stiffness for entry in contents.entries if entry.stiffness is not None}
     if stiff:
         listed = "; ".join(f"{name} at least {number(1e-6 * k.minimum)} N/µm" for name, k in stiff.items())
         yield Shown(

@@ -284,7 +284,7 @@ class Entry:
 
 
 @dataclass(frozen=True, eq=False)
-class Study:
+class LawsReport:
     """The content of a report. Texts are shown unchanged, escaped.
 
     entries   one for each law, the first is the one that the others are compared with

@@ -8,7 +8,7 @@ from feeddrive import plot
 from feeddrive.language.table import Table
 from feeddrive.machining.part_run import PartRun
 from feeddrive.path.planned import Planned
-from feeddrive.report.page import Entry, Shown, ShownTable, Study
+from feeddrive.report.page import Entry, LawsReport, Shown, ShownTable
 from feeddrive.report.sentences import number, percent
 
 _WORST = 8
@@ -16,19 +16,19 @@ _CAUSES = 6
 _DRAWN = 3  # laws whose path is drawn: today's, the best, and the one between
 
 
-def ran(study: Study) -> list[tuple[Entry, PartRun]]:
+def ran(contents: LawsReport) -> list[tuple[Entry, PartRun]]:
     """The laws that ran a part program, in their order."""
-    return [(entry, entry.part) for entry in study.entries if entry.part is not None]
+    return [(entry, entry.part) for entry in contents.entries if entry.part is not None]
 
 
-def lead(study: Study) -> list[str]:
+def lead(contents: LawsReport) -> list[str]:
     """The results in sentences, most important first."""
-    found = ran(study)
+    found = ran(contents)
     first = found[0][1]
     best = min((part for _, part in found), key=lambda part: part.contour_rms)
     said: list[str] = []
-    if study.planned is not None:
-        said.append(f"The program takes {study.planned.cycle_time:.4g} s. {_limited(study.planned)}")
+    if contents.planned is not None:
+        said.append(f"The program takes {contents.planned.cycle_time:.4g} s. {_limited(contents.planned)}")
     if best is first:
         told = "" if len(found) == 1 else "None of the others keeps the contour better than "
         said.append(f"{told}'{first.name}': {_contour(first)}.")
@@ -64,9 +64,9 @@ def _limited(planned: Planned) -> str:
     return f"What limits its speed: {told} of the time."
 
 
-def tables(study: Study) -> list[ShownTable]:
+def tables(contents: LawsReport) -> list[ShownTable]:
     """Laws over the program, axes, worst places, motors, observers, sections that cut, limits of the speed."""
-    found = ran(study)
+    found = ran(contents)
     if not found:
         return []
     shown = [_laws(found), _axes(found), _places(found), _motors(found)]
@@ -82,7 +82,7 @@ def tables(study: Study) -> list[ShownTable]:
         shown.append(ShownTable(Table("Spindle: what the cut takes from it over the whole program.", heads, rows)))
     if any(part.estimates for _, part in found):
         shown.append(_observers(found))
-    return [*shown, *study.cuts, *([] if study.planned is None else [_causes(study.planned)])]
+    return [*shown, *contents.cuts, *([] if contents.planned is None else [_causes(contents.planned)])]
 
 
 def laws_table(title: str, parts: Mapping[str, PartRun]) -> Table:
@@ -220,9 +220,9 @@ def _causes(planned: Planned) -> ShownTable:
     )
 
 
-def pictures(study: Study) -> Iterator[Shown]:
+def pictures(contents: LawsReport) -> Iterator[Shown]:
     """The path with the error on it, the error along it, the time."""
-    found = ran(study)
+    found = ran(contents)
     if not found:
         return
     parts = {entry.name: part for entry, part in found}
@@ -271,7 +271,7 @@ def pictures(study: Study) -> Iterator[Shown]:
             "Estimates of the force on an axis over time.",
             lambda axis=axis: plot.part_estimates(first, axis),
         )
-    planned = study.planned
+    planned = contents.planned
     if planned is not None:
         yield Shown(
             "limits",

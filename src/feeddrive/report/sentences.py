@@ -9,19 +9,19 @@ import numpy as np
 from feeddrive.analysis.replay import Replay
 from feeddrive.language.block import Block, declarations
 from feeddrive.loop.control import Control
-from feeddrive.report.page import Entry, Study
+from feeddrive.report.page import Entry, LawsReport
 
 MS_BOUND = 2.0  # the usual bound on the sensitivity peak: Skogestad & Postlethwaite, section 2.4
 
 
-def result(study: Study) -> list[str]:
+def result(contents: LawsReport) -> list[str]:
     """The results, most important first."""
-    replayed = next((entry for entry in study.entries if entry.replay is not None), None)
+    replayed = next((entry for entry in contents.entries if entry.replay is not None), None)
     if replayed is not None and replayed.replay is not None:
         return _prediction(replayed.replay)
-    if len(study.entries) == 1:
-        return _alone(study.entries[0])
-    return _compared(study)
+    if len(contents.entries) == 1:
+        return _alone(contents.entries[0])
+    return _compared(contents)
 
 
 def _prediction(replay: Replay) -> list[str]:
@@ -48,16 +48,16 @@ def _alone(entry: Entry) -> list[str]:
     return said
 
 
-def _compared(study: Study) -> list[str]:
-    first = study.entries[0]
-    best = min(study.entries, key=lambda entry: entry.rms("following_error"))
+def _compared(contents: LawsReport) -> list[str]:
+    first = contents.entries[0]
+    best = min(contents.entries, key=lambda entry: entry.rms("following_error"))
     if best is first:
         said = f"None of the others follows better than {_quoted(first)}: {_errors(first)}."
         return [said]
     ratio = first.rms("following_error") / (best.rms("following_error") or 1.0)
     better = f"{number(ratio, 2)} times less" if ratio >= 3.0 else f"{percent(1.0 - 1.0 / ratio)} less"
     better_of = (
-        f"Of {len(study.entries)} laws {_quoted(best)} follows best: {_errors(best)}, {better} RMS than "
+        f"Of {len(contents.entries)} laws {_quoted(best)} follows best: {_errors(best)}, {better} RMS than "
         f"{_quoted(first)} ({_errors(first)})."
     )
     prices = [price for price in (_price_of_robustness(first, best), _price_of_stiffness(first, best)) if price]
@@ -87,12 +87,12 @@ def _judged(entry: Entry) -> str:
     return f"above the usual bound of {MS_BOUND:g}" if peak > MS_BOUND else f"within the usual bound of {MS_BOUND:g}"
 
 
-def remarks(study: Study) -> list[str]:
-    """Important remarks, then the notes of the study."""
+def remarks(contents: LawsReport) -> list[str]:
+    """Important remarks, then the notes of the job."""
     found: list[str] = []
     ringing = [
         f"{_quoted(entry)} ({number(entry.margins.sensitivity_peak)})"
-        for entry in study.entries
+        for entry in contents.entries
         if entry.margins is not None and entry.margins.sensitivity_peak > MS_BOUND
     ]
     if ringing:
@@ -100,13 +100,13 @@ def remarks(study: Study) -> list[str]:
             f"The sensitivity peak is above {MS_BOUND:g}: {', '.join(ringing)}. A small change of the axis makes such "
             f"a loop ring."
         )
-    for entry in study.entries:
+    for entry in contents.entries:
         name = _quoted(entry)
         found += _of_force(entry, name)
         tripped = np.flatnonzero(entry.run["trip"])
         if tripped.size:
             found.append(f"{name}: the guard tripped at {number(float(entry.run.time[tripped[0]]), 4)} s.")
-    return [*found, *(note for note in study.notes if note != study.rule)]
+    return [*found, *(note for note in contents.notes if note != contents.rule)]
 
 
 def _of_force(entry: Entry, name: str) -> list[str]:

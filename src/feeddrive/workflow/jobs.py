@@ -27,7 +27,7 @@ from feeddrive.loop.loop import Loop, Signals
 from feeddrive.loop.machine import Machine, System
 from feeddrive.loop.simulate import Run, samples, simulate
 from feeddrive.machining.part_run import PartRun
-from feeddrive.report import Entry, Study
+from feeddrive.report import Entry, LawsReport
 from feeddrive.report.page import RESPONSE_LINES, ShownTable
 from feeddrive.report.part_page import laws_table
 from feeddrive.report.sentences import block_sentence, described
@@ -94,7 +94,7 @@ class JobResult(Result):
                 lines.append(["  predicted - measured", *(_scaled(value, 1e6, ".4g") for value in off), *["-"] * 4])
         return Table(self.job.title, heads, lines)
 
-    def study(self) -> Study:
+    def contents(self) -> LawsReport:
         """What the report is made from."""
         job, loop = self.job, self.rows[0].loop
         facts = {
@@ -109,7 +109,7 @@ class JobResult(Result):
         }
         if job.machine.remark:
             facts["Remark"] = job.machine.remark
-        return Study(
+        return LawsReport(
             title=job.title,
             entries=self.rows,
             facts=facts,

@@ -86,7 +86,7 @@ def write_results(result: JobResult, out: str | Path) -> Path:
 
     Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
     """
-    page = build(result.study())
+    page = build(result.contents())
     figures = summary_text(summary(result), rotary=result.rotary, quoted=result.quoted)
     with new_directory(out) as folder:
         (folder / "report.html").write_text(page, encoding="utf-8")

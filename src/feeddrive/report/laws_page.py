@@ -1,4 +1,4 @@
-"""The report of a study as one page: its tables, and the values of the template `study.html`."""
+"""The report about laws over the same work as one page: its tables, and the values of the template `laws.html`."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Table, shown
 from feeddrive.report import part_page, sentences
 from feeddrive.report.figures import chosen, figures
-from feeddrive.report.page import Entry, ShownTable, Study, render
+from feeddrive.report.page import Entry, LawsReport, ShownTable, render
 from feeddrive.report.part_page import ran
 from feeddrive.report.sentences import decibel, number, percent
 
 
-def build(study: Study) -> str:
+def build(contents: LawsReport) -> str:
     """The report as one HTML page: no scripts, no other files, less than 1 MB (of a part program 1.5 MB).
 
-    Pure: the same study gives the same text.  Raises ParameterError for a study without entries.
+    Pure: the same contents give the same text.  Raises ParameterError for contents without entries.
     """
-    if not study.entries:
+    if not contents.entries:
         raise ParameterError("a report needs at least one law")
-    along = ran(study)
-    drawn = [*study.pictures, *part_page.pictures(study), *figures(study)]
-    replay = next((entry.replay for entry in study.entries if entry.replay is not None), None)
-    rule = [("Rule of comparison", study.rule)] if study.rule else []
+    along = ran(contents)
+    drawn = [*contents.pictures, *part_page.pictures(contents), *figures(contents)]
+    replay = next((entry.replay for entry in contents.entries if entry.replay is not None), None)
+    rule = [("Rule of comparison", contents.rule)] if contents.rule else []
     return render(
-        "study.html",
-        rotary=study.entries[0].loop.axis.rotary,
-        quoted=(study.title, *study.quoted, *(each.name for each in study.entries)),
-        title=study.title,
-        lead=part_page.lead(study) if along else sentences.result(study),
+        "laws.html",
+        rotary=contents.entries[0].loop.axis.rotary,
+        quoted=(contents.title, *contents.quoted, *(each.name for each in contents.entries)),
+        title=contents.title,
+        lead=part_page.lead(contents) if along else sentences.result(contents),
         links=[
             ("result", "Result"),
             ("facts", "What was run"),
@@ -42,34 +42,38 @@ def build(study: Study) -> str:
         ],
         tables=[
             *([prediction(replay)] if replay is not None else []),
-            *part_page.tables(study),
-            *study.extras,
-            *([] if along else [errors(study)]),
+            *part_page.tables(contents),
+            *contents.extras,
+            *([] if along else [errors(contents)]),
         ],
-        limits=limits(study),
-        robustness=frequency(study),
-        remarks=sentences.remarks(study),
-        facts=[*study.facts.items(), *((f"Law '{each.name}'", each.description) for each in study.entries), *rule],
-        overview=study.overview,
+        limits=limits(contents),
+        robustness=frequency(contents),
+        remarks=sentences.remarks(contents),
+        facts=[
+            *contents.facts.items(),
+            *((f"Law '{each.name}'", each.description) for each in contents.entries),
+            *rule,
+        ],
+        overview=contents.overview,
         pictures=drawn,
-        laws=len(study.entries),
-        drawn_laws=len(chosen(study).entries),
-        job=study.job,
-        versions=study.versions,
-        parameters=parameters(study),
+        laws=len(contents.entries),
+        drawn_laws=len(chosen(contents).entries),
+        job=contents.job,
+        versions=contents.versions,
+        parameters=parameters(contents),
     )
 
 
-def errors(study: Study) -> ShownTable:
+def errors(contents: LawsReport) -> ShownTable:
     """RMS and peak errors and force of each law."""
     columns: list[tuple[str, list[float]]] = [
-        ("following error RMS µm", [1e6 * entry.rms("following_error") for entry in study.entries]),
-        ("peak µm", [1e6 * entry.peak("following_error") for entry in study.entries]),
-        ("tracking error RMS µm", [1e6 * entry.rms("tracking_error") for entry in study.entries]),
-        ("peak µm", [1e6 * entry.peak("tracking_error") for entry in study.entries]),
+        ("following error RMS µm", [1e6 * entry.rms("following_error") for entry in contents.entries]),
+        ("peak µm", [1e6 * entry.peak("following_error") for entry in contents.entries]),
+        ("tracking error RMS µm", [1e6 * entry.rms("tracking_error") for entry in contents.entries]),
+        ("peak µm", [1e6 * entry.peak("tracking_error") for entry in contents.entries]),
     ]
     rows: list[list[str]] = []
-    for i, entry in enumerate(study.entries):
+    for i, entry in enumerate(contents.entries):
         cells = [number(values[i]) for _, values in columns]
         rows.append([entry.name, *cells, _against(entry, "force", "peak"), _against(entry, "force", "rms")])
     best = [_least(values) for _, values in columns] + [None, None]
@@ -93,21 +97,21 @@ def _against(entry: Entry, signal: str, what: str) -> str:
     return number(value) if limit is None else f"{number(value)} ({percent(value / limit)})"
 
 
-def limits(study: Study) -> str:
+def limits(contents: LawsReport) -> str:
     """One sentence on what the percentages of the forces refer to."""
-    stated = study.entries[0].limits
+    stated = contents.entries[0].limits
     if not stated:
         return "The machine file states no force limits."
     listed = ", ".join(f"{name} {number(limit, 4)} N" for name, limit in stated.items())
     return f"Percentages of force: peak against the peak limit, RMS against the continuous one. Stated: {listed}."
 
 
-def frequency(study: Study) -> list[ShownTable]:
+def frequency(contents: LawsReport) -> list[ShownTable]:
     """Margins, sensitivity peak and stiffness of each law; none if no law has a loop gain."""
-    if all(entry.margins is None and entry.stiffness is None for entry in study.entries):
+    if all(entry.margins is None and entry.stiffness is None for entry in contents.entries):
         return []
     rows: list[list[str]] = []
-    for entry in study.entries:
+    for entry in contents.entries:
         m, k = entry.margins, entry.stiffness
         row = [entry.name]
         if m is None:
@@ -129,15 +133,17 @@ def frequency(study: Study) -> list[ShownTable]:
         rows.append(row)
     heads = [
         "law", "crossover Hz", "phase margin deg", "gain may rise dB", "gain may fall dB",
-        "delay margin ms (samples)" if _sampled(study) else "delay margin ms", "Ms (at Hz)",
+        "delay margin ms (samples)" if _sampled(contents) else "delay margin ms", "Ms (at Hz)",
         "least stiffness N/µm (at Hz)", "stiffness at 1 Hz N/µm",
     ]  # fmt: skip
     title = "Robustness and stiffness, of the loop in motion, opened at the drive."
     return [ShownTable(Table(title, heads, rows))]
 
 
-def _sampled(study: Study) -> bool:
-    return any(entry.margins is not None and entry.margins.delay_margin_samples is not None for entry in study.entries)
+def _sampled(contents: LawsReport) -> bool:
+    return any(
+        entry.margins is not None and entry.margins.delay_margin_samples is not None for entry in contents.entries
+    )
 
 
 def prediction(replay: Replay) -> ShownTable:
@@ -150,11 +156,11 @@ def prediction(replay: Replay) -> ShownTable:
     return ShownTable(Table(f"{found.title[0].upper()}{found.title[1:]}.", found.heads, rows))
 
 
-def parameters(study: Study) -> ShownTable:
+def parameters(contents: LawsReport) -> ShownTable:
     """Every parameter of every law with its unit and meaning; rows in which the laws differ are marked."""
     rows: dict[str, tuple[Declaration, list[Any]]] = {}
-    count = len(study.entries)
-    for i, entry in enumerate(study.entries):
+    count = len(contents.entries)
+    for i, entry in enumerate(contents.entries):
         for name, value in tree.parameters(entry.loop).items():
             row = rows.setdefault(name, (tree.declaration(entry.loop, name), [None] * count))
             row[1][i] = value
@@ -169,7 +175,7 @@ def parameters(study: Study) -> ShownTable:
         body.append(
             [f"{name} *" if differs else name, *map(_trimmed, cells), unit.replace("um", "µm"), declaration.meaning]
         )
-    heads = ["parameter", *(entry.name for entry in study.entries), "unit", "meaning"]
+    heads = ["parameter", *(entry.name for entry in contents.entries), "unit", "meaning"]
     note = "Parameters of the loop; * marks those in which the laws differ." if count > 1 else "Parameters of the loop."
     return ShownTable(Table(note, heads, body))
 
