@@ -33,17 +33,17 @@ def test_the_contour_error_of_a_circle_is_its_distance_from_the_radius(circle: J
     assert np.count_nonzero(turns) > 5000
     # of a path of third degree between samples of 25 um: its distance from the circle is far below 1 nm
     np.testing.assert_allclose(np.abs(part.contour.error[turns]), np.abs(away[turns]), atol=1e-9)
-    assert set(np.unique(line[part.counted])) == {4, 6, 7, 8, 9}  # and the dwell, which is no path
+    assert set(np.unique(line[part.contour.counted])) == {4, 6, 7, 8, 9}  # and the dwell, which is no path
     assert all(each.line in (6, 7, 8, 9) for each in part.worst())
 
 
 def test_learning_dry_friction_takes_the_quadrants_out(circle: JobResult) -> None:
     """Required of the paper's circle: mass and viscous friction alone leave the quadrant glitches."""
     today, masses, dry = circle.parts.values()
-    assert masses.contour_rms > 0.85 * today.contour_rms
-    assert dry.contour_rms < 0.3 * today.contour_rms
+    assert masses.contour.rms > 0.85 * today.contour.rms
+    assert dry.contour.rms < 0.3 * today.contour.rms
     assert all(axis.glitches >= 4 for axis in today.axes.values())
-    assert max(axis.glitch for axis in today.axes.values()) == pytest.approx(today.contour_peak, rel=1e-9)
+    assert max(axis.glitch for axis in today.axes.values()) == pytest.approx(today.contour.largest, rel=1e-9)
 
 
 def test_all_that_acts_on_an_axis_moves_it_with_its_drive(circle: JobResult) -> None:
@@ -81,9 +81,9 @@ def test_the_demo_of_the_mill_compares_six_laws_in_a_minute(tmp_path: Path) -> N
     found = demo.run(DemoRequest("mill", out=tmp_path / "out")).result
     assert time.process_time() - begin < 60.0  # s of processor time; the bar is of two idle cores
     parts = found.parts
-    today = parts["today"].contour_rms
-    assert all(part.contour_rms < 0.5 * today for name, part in parts.items() if name != "today")
-    assert min(parts, key=lambda name: parts[name].contour_rms) == "P-PI, learned feedforward"
+    today = parts["today"].contour.rms
+    assert all(part.contour.rms < 0.5 * today for name, part in parts.items() if name != "today")
+    assert min(parts, key=lambda name: parts[name].contour.rms) == "P-PI, learned feedforward"
     assert all(verdict.growth is not None and verdict.growth < 1.0 for verdict in found.chatter)
     spindle = parts["today"].load.spindle
     assert spindle is not None

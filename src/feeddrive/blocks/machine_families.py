@@ -101,6 +101,7 @@ class Edge(NamedTuple):
     cutting: tuple[Number, Number, Number]  # Ktc, Krc, Kac: force along, towards the axis, along it, N/m2
     rubbing: tuple[Number, Number, Number] | None = None  # Kte, Kre, Kae of the edge itself, N/m; None: none
     run_out: tuple[Number, Number] | None = None  # offset of the tool's axis in m, and the angle of it in rad
+    flute_length: Number | None = None  # m, of the cutting edges; None: not stated, no depth is too much
 
 
 class Cutter(Block, ABC):

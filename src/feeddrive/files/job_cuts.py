@@ -146,7 +146,7 @@ class Process:
     def _fits(self, line: int, cutter: Cutter, depth: float, width: float | None) -> None:
         """The engagement is one that the tool can have."""
         edge = cutter.edge()
-        flute, diameter = getattr(cutter, "flute_length", None), float(edge.diameter)
+        flute, diameter = edge.flute_length, float(edge.diameter)
         if flute is not None and depth > flute:
             raise self._error(
                 line, f"a depth of cut of {1e3 * depth:g} mm is more than the tool's flute_length of "

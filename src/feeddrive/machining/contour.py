@@ -68,6 +68,7 @@ class ContourError(Result):
                  velocities
     lag          of the tool behind its set position along the path, m, shape (n,)
     line         of the part program, shape (n,), or None
+    counted      which samples the figures and the worst places count, shape (n,)
     curve        the path
     """
 
@@ -83,6 +84,7 @@ class ContourError(Result):
     estimate: np.ndarray | None
     lag: np.ndarray
     line: np.ndarray | None
+    counted: np.ndarray
     curve: Curve
 
     @property
@@ -92,15 +94,16 @@ class ContourError(Result):
 
     @property
     def largest(self) -> float:
-        """The largest distance, m."""
-        return float(np.max(np.abs(self.error)))
+        """The largest distance that counts, m."""
+        return float(np.max(np.abs(self.error[self.counted]), initial=0.0))
 
     @cached_property
     def weights(self) -> np.ndarray:
-        """The share of each sample in the path: half of the way to both neighbors; standstills count nothing."""
+        """The share of each sample in the path that counts: half of the way to both neighbors, 0 at a standstill."""
         way = np.diff(lengths(self.set_position))
-        share = 0.5 * (np.append(way, 0.0) + np.insert(way, 0, 0.0))
-        return share / np.sum(share)
+        share = 0.5 * (np.append(way, 0.0) + np.insert(way, 0, 0.0)) * self.counted
+        total = float(np.sum(share))
+        return share / total if total > 0.0 else share
 
     @property
     def rms(self) -> float:
@@ -108,19 +111,19 @@ class ContourError(Result):
         return float(np.sqrt(np.sum(self.weights * self.error**2)))
 
     def within(self, share: float = 0.95) -> float:
-        """The distance that is kept on this share of the path, m."""
-        sizes = np.abs(self.error)
+        """The distance that is kept on this share of the path that counts, m; 0 where nothing counts."""
+        sizes, weights = np.abs(self.error[self.counted]), self.weights[self.counted]
         order = np.argsort(sizes)
-        place = np.searchsorted(np.cumsum(self.weights[order]), share - 1e-12)
-        return float(sizes[order[min(int(place), len(order) - 1)]])
+        place = np.searchsorted(np.cumsum(weights[order]), share - 1e-12)
+        return float(sizes[order[min(int(place), len(order) - 1)]]) if len(order) else 0.0
 
     def worst(self, count: int = WORST, apart: float | None = None) -> list[Worst]:
-        """The largest errors, largest first: peaks that fall to half between them.
+        """The largest errors that count, largest first: peaks that fall to half between them.
 
         apart  least path length between two of them, m; default: a thousandth of the path
         """
         reach = _NEAR * float(self.curve.along[-1]) if apart is None else apart
-        left = np.abs(self.error)
+        left = np.where(self.counted, np.abs(self.error), 0.0)
         found: list[Worst] = []
         while len(found) < count and np.max(left, initial=0.0) > 0.0:
             i = int(np.argmax(left))
@@ -201,6 +204,7 @@ def contour_error(
     acceleration: np.ndarray | None = None,
     signal: str = "tool",
     line: np.ndarray | None = None,
+    counted: np.ndarray | None = None,
     sample_time: float = 1.0,
     window: float | None = None,
     name: str | None = None,
@@ -217,6 +221,7 @@ def contour_error(
     signal        of the run that is the position: `tool`, the tool point of a machine with geometry errors and else the
                   table, `position_load`, the table, or `reading_load`, the table as the control sees it
     line          of the part program for each row
+    counted       whether each row counts in the figures, shape (n,); default: all do
     sample_time   s, for arrays
     window        path length around the set position in which the nearest point is looked for, m; default: twice the
                   largest tracking error, which is at least 2 V (lag + dead time).  A path that comes near itself within
@@ -255,6 +260,8 @@ def contour_error(
         del rows["velocity"]
     if line is not None and np.shape(line) != time.shape:
         raise ParameterError(f"line has {np.size(line)} rows, the positions have {len(time)}")
+    if counted is not None and np.shape(counted) != time.shape:
+        raise ParameterError(f"counted has {np.size(counted)} rows, the positions have {len(time)}")
     setpoint, speed = rows["path"], rows.get("velocity")
     curve = curve_through(setpoint, speed)
     away = setpoint - position
@@ -274,6 +281,7 @@ def contour_error(
         estimate=None if speed is None or "acceleration" not in rows else _estimate(away, speed, rows["acceleration"]),
         lag=expected - foot.along,
         line=None if line is None else np.asarray(line),
+        counted=np.ones(len(time), bool) if counted is None else np.asarray(counted, bool),
         curve=curve,
     )
 

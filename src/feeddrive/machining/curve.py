@@ -135,15 +135,29 @@ def feet(curve: Curve, position: np.ndarray, expected: np.ndarray | None, window
 
 
 @kernel
-def _chord(place: Floats, begin: Floats, end: Floats) -> float:
-    """Squared distance of a place from a straight piece."""
+def _share(place: Floats, begin: Floats, end: Floats) -> float:
+    """The share of a straight piece, 0 .. 1, at which it is nearest to a place."""
     on = 0.0
     length = 0.0
     for i in range(len(place)):
         d = end[i] - begin[i]
         on = on + d * (place[i] - begin[i])
         length = length + d * d
-    u = min(max(on / length, 0.0), 1.0)
+    return min(max(on / length, 0.0), 1.0)
+
+
+@kernel
+def _cubic(d: float, begin: float, end: float, u: float) -> tuple[float, float, float]:
+    """A piece by its chord and the derivatives at its ends: way from its begin, first and second derivative by u."""
+    b = 3.0 * d - 2.0 * begin - end
+    c = begin + end - 2.0 * d
+    return u * (begin + u * (b + u * c)), begin + u * (2.0 * b + 3.0 * c * u), 2.0 * b + 6.0 * c * u
+
+
+@kernel
+def _chord(place: Floats, begin: Floats, end: Floats) -> float:
+    """Squared distance of a place from a straight piece."""
+    u = _share(place, begin, end)
     found = 0.0
     for i in range(len(place)):
         r = place[i] - begin[i] - u * (end[i] - begin[i])
@@ -154,13 +168,7 @@ def _chord(place: Floats, begin: Floats, end: Floats) -> float:
 @kernel
 def _on_piece(place: Floats, node: Floats, after: Floats, begin: Floats, end: Floats) -> tuple[float, float]:
     """The nearest point of a piece, by Newton's method: its share of the piece, 0 .. 1, and the squared distance."""
-    on = 0.0
-    length = 0.0
-    for i in range(len(place)):
-        d = after[i] - node[i]
-        on = on + d * (place[i] - node[i])
-        length = length + d * d
-    u = min(max(on / length, 0.0), 1.0)
+    u = _share(place, node, after)
     square = 0.0
     for _ in range(8):
         slope = 0.0
@@ -168,14 +176,11 @@ def _on_piece(place: Floats, node: Floats, after: Floats, begin: Floats, end: Fl
         speed = 0.0
         square = 0.0
         for i in range(len(place)):
-            d = after[i] - node[i]
-            b = 3.0 * d - 2.0 * begin[i] - end[i]
-            c = begin[i] + end[i] - 2.0 * d
-            r = u * (begin[i] + u * (b + u * c)) - (place[i] - node[i])
-            v = begin[i] + u * (2.0 * b + 3.0 * c * u)
+            way, v, w = _cubic(after[i] - node[i], begin[i], end[i], u)
+            r = way - (place[i] - node[i])
             slope = slope + r * v
             speed = speed + v * v
-            bend = bend + r * (2.0 * b + 6.0 * c * u)
+            bend = bend + r * w
             square = square + r * r
         curved = speed + bend
         if curved <= 0.0:
@@ -239,13 +244,10 @@ def _feet(
         corner[n] = turn[at] if u <= 0.0 or u >= 1.0 else 0
         speed = 0.0
         for i in range(len(place)):
-            d = node[k + 1, i] - node[k, i]
-            b = 3.0 * d - 2.0 * begin[k, i] - end[k, i]
-            c = begin[k, i] + end[k, i] - 2.0 * d
-            v = begin[k, i] + u * (2.0 * b + 3.0 * c * u)
+            way, v, _ = _cubic(node[k + 1, i] - node[k, i], begin[k, i], end[k, i], u)
             tangent[n, i] = v
             speed = speed + v * v
-            vector[n, i] = place[i] - node[k, i] - u * (begin[k, i] + u * (b + u * c))
+            vector[n, i] = place[i] - node[k, i] - way
         for i in range(len(place)):
             tangent[n, i] = tangent[n, i] / sqrt(speed)
         foot = along[k] + u * (along[k + 1] - along[k])

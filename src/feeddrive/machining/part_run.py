@@ -63,8 +63,7 @@ class Estimated(NamedTuple):
 class PartRun(Result):
     """A law under a part program.
 
-    contour    of all moving axes, in space
-    counted    the samples that the figures of the contour count: those that cut, or all but traverses, shape (n,)
+    contour    of all moving axes, in space; those samples count that cut, or all but traverses
     axes       by name
     load       of the motors, and of the spindle where something cuts
     cutting    N, force of the cut on the axes (x, y, z as they are there), shape (n, N); None without a cut
@@ -74,57 +73,22 @@ class PartRun(Result):
 
     name: str
     contour: ContourError
-    counted: np.ndarray
     axes: Mapping[str, AxisRun]
     load: MachineLoad
     cutting: np.ndarray | None
     estimates: Mapping[str, Mapping[str, Estimated]]
     disturbances: Mapping[str, np.ndarray]
 
-    @property
-    def contour_rms(self) -> float:
-        """m, along the path that counts."""
-        share = self.contour.weights * self.counted
-        return float(np.sqrt(np.sum(share * self.contour.error**2) / max(float(np.sum(share)), 1e-300)))
-
-    @property
-    def contour_peak(self) -> float:
-        """m, the largest that counts."""
-        return float(np.max(np.abs(self.contour.error[self.counted]), initial=0.0))
-
-    def contour_within(self, share: float = 0.95) -> float:
-        """m, kept on this share of the path that counts."""
-        sizes, weights = np.abs(self.contour.error[self.counted]), self.contour.weights[self.counted]
-        order = np.argsort(sizes)
-        reached = np.cumsum(weights[order])
-        if not len(order) or reached[-1] == 0.0:
-            return 0.0
-        return float(sizes[order[min(int(np.searchsorted(reached, share * reached[-1])), len(order) - 1)]])
-
     def worst(self, count: int = _LISTED) -> list[Worst]:
-        """The places of the largest contour errors that count, each on a piece of path of its own."""
-        error = np.where(self.counted, np.abs(self.contour.error), 0.0)
-        found: list[Worst] = []
-        reach = max(_APART, 2e-3 * float(self.contour.along[-1]))
-        line = self.contour.line
-        while len(found) < count and np.max(error, initial=0.0) > 0.0:
-            i = int(np.argmax(error))
-            at = self.contour
-            found.append(
-                Worst(
-                    float(at.time[i]), float(at.along[i]), float(at.error[i]), at.position[i],
-                    None if line is None else int(line[i]),
-                )
-            )  # fmt: skip
-            error[np.abs(at.along - at.along[i]) <= reach] = 0.0
-        return found
+        """The places of the largest contour errors that count, a few millimeters of path apart."""
+        return self.contour.worst(count, apart=max(_APART, 2e-3 * float(self.contour.along[-1])))
 
     @property
     def cutting_rms(self) -> float | None:
         """N, of the resultant of the cut on all axes, while it cuts; None without a cut."""
-        if self.cutting is None or not np.any(self.counted):
+        if self.cutting is None or not np.any(self.contour.counted):
             return None
-        return _rms(np.linalg.norm(self.cutting[self.counted], axis=1))
+        return _rms(np.linalg.norm(self.cutting[self.contour.counted], axis=1))
 
     @property
     def duty(self) -> float | None:
@@ -135,9 +99,9 @@ class PartRun(Result):
     def numbers(self) -> dict[str, float | None]:
         """All figures by name, in SI."""
         found: dict[str, float | None] = {
-            "contour_error_rms_m": self.contour_rms,
-            "contour_error_95_percent_m": self.contour_within(),
-            "contour_error_peak_m": self.contour_peak,
+            "contour_error_rms_m": self.contour.rms,
+            "contour_error_95_percent_m": self.contour.within(),
+            "contour_error_peak_m": self.contour.largest,
         }
         for axis, each in self.axes.items():
             found |= {
@@ -177,8 +141,8 @@ class PartRun(Result):
     def table(self) -> Table:
         """A row for each axis."""
         title = (
-            f"{self.name}: contour error {1e6 * self.contour_peak:.4g} um at most, {1e6 * self.contour_rms:.4g} um "
-            f"RMS, {1e6 * self.contour_within():.4g} um on 95 % of the path that counts"
+            f"{self.name}: contour error {1e6 * self.contour.largest:.4g} um at most, {1e6 * self.contour.rms:.4g} um "
+            f"RMS, {1e6 * self.contour.within():.4g} um on 95 % of the path that counts"
         )
         heads = ["axis", "following RMS um", "peak um", "in line", "force RMS N", "peak N", "reversal um"]
         rows = [
@@ -221,9 +185,9 @@ def part_run(
         raise ParameterError(f"the run has {run.samples} samples, the program {len(line)}: they do not belong together")
     lines = np.append(line[:n], np.full(run.samples - n, line[n - 1]))
     mask = np.ones(run.samples, bool) if counted is None else np.append(counted[:n], np.zeros(run.samples - n, bool))
-    contour = contour_error(run, axes=names, line=lines)
+    contour = contour_error(run, axes=names, line=lines, counted=mask)
     speed = np.sqrt(sum(run[f"{axis}.set_velocity"] ** 2 for axis in names))
-    found = {axis: _axis(run, axis, lines, contour, mask, speed) for axis in names}
+    found = {axis: _axis(run, axis, lines, contour, speed) for axis in names}
     cutting = np.column_stack([run[f"{axis}.load_force"] for axis in names]) if cuts else None
     heard = {axis for by in (observers or {}).values() for axis in by if axis in names}
     true = {axis: disturbance_of(run, loops[axis], axis) for axis in names if axis in heard}
@@ -232,17 +196,15 @@ def part_run(
         for name, by in (observers or {}).items()
     }
     acting = {axis: each.astype(np.float32) for axis, each in true.items()}
-    return PartRun(
-        run.name, contour, mask, found, machine_load(run, machine, spindle=spindle), cutting, estimates, acting
-    )
+    return PartRun(run.name, contour, found, machine_load(run, machine, spindle=spindle), cutting, estimates, acting)
 
 
-def _axis(run: Run, axis: str, line: np.ndarray, contour: ContourError, mask: np.ndarray, speed: np.ndarray) -> AxisRun:
+def _axis(run: Run, axis: str, line: np.ndarray, contour: ContourError, speed: np.ndarray) -> AxisRun:
     error = run[f"{axis}.following_error"]
     worst = int(np.argmax(np.abs(error)))
     velocity = run[f"{axis}.set_velocity"]
     turns = np.flatnonzero((np.sign(velocity[1:]) * np.sign(velocity[:-1]) <= 0.0) & (velocity[:-1] != 0.0))
-    turns = turns[(speed[turns] > _MOVES) & mask[turns]]
+    turns = turns[(speed[turns] > _MOVES) & contour.counted[turns]]
     after = max(1, round(_AFTER / run.sample_time))
     heights = [float(np.max(np.abs(contour.error[i : i + after]))) for i in turns]
     return AxisRun(

@@ -44,28 +44,21 @@ def contour(found: ContourError) -> Any:
     return figure
 
 
-def contour_on_path(
-    found: ContourError,
-    axes: tuple[int, int] = (0, 1),
-    enlarged: float | None = None,
-    counted: np.ndarray | None = None,
-) -> Any:
-    """The path with the size of the error as color, and the deviation from it, enlarged by a round factor.
+def contour_on_path(found: ContourError, axes: tuple[int, int] = (0, 1), enlarged: float | None = None) -> Any:
+    """The path that counts with the size of the error as color, and the deviation from it, enlarged by a round factor.
 
     axes      columns of the contour error that span the picture
     enlarged  the factor; default: the largest deviation is a twelfth of the extent
-    counted   the samples that are drawn, shape (n,); default: all
     """
     every = max(1, len(found.time) // _POINTS)
     i, j = axes
-    kept = np.ones(len(found.time), bool)[::every] if counted is None else counted[::every]
+    kept = found.counted[::every]
     foot = np.where(kept[:, None], 1e3 * (found.position - found.vector)[::every], np.nan)
     off = 1e3 * found.vector[::every]
     size = np.where(kept, 1e6 * np.abs(found.error[::every]), 0.0)
     wide, high = (float(np.ptp(foot[kept, column])) if np.any(kept) else 0.0 for column in axes)
     extent = max(wide, high, 1e-9)
-    largest = found.largest if counted is None else float(np.max(np.abs(found.error[counted]), initial=0.0))
-    factor = _round(_ENLARGED * extent / max(1e3 * largest, 1e-12)) if enlarged is None else enlarged
+    factor = _round(_ENLARGED * extent / max(1e3 * found.largest, 1e-12)) if enlarged is None else enlarged
     shape = max(0.35, min(1.0, high / extent))
     figure, (ax,) = style.picture(1, height=0.8 + 0.75 * style.WIDTH * shape)
     ax.plot(foot[:, i] + factor * off[:, i], foot[:, j] + factor * off[:, j], color=style.MUTED, linewidth=0.8,

@@ -24,9 +24,9 @@ def part_run(part: PartRun) -> Any:
     contour = part.contour
     error = 1e6 * np.abs(contour.error)
     ax.plot(*envelope(contour.time, error), color=style.MUTED, linewidth=0.7, alpha=0.6, label="does not count")
-    ax.plot(*envelope(contour.time, np.where(part.counted, error, 0.0)), label="counts", **style.curve(0))
+    ax.plot(*envelope(contour.time, np.where(part.contour.counted, error, 0.0)), label="counts", **style.curve(0))
     style.labels(ax, "time (s)", "contour error (µm)")
-    style.note(ax, f"RMS {1e6 * part.contour_rms:.4g} µm, largest {1e6 * part.contour_peak:.4g} µm")
+    style.note(ax, f"RMS {1e6 * part.contour.rms:.4g} µm, largest {1e6 * part.contour.largest:.4g} µm")
     style.legend(figure, ax)
     return figure
 
@@ -34,7 +34,7 @@ def part_run(part: PartRun) -> Any:
 def part_laws(parts: Mapping[str, PartRun]) -> Any:
     """RMS, 95 % and the largest contour error of each law, a row each, on a logarithmic scale."""
     figure, (ax,) = style.picture(height=1.1 + 0.36 * len(parts))
-    sizes = np.array([(each.contour_rms, each.contour_within(), each.contour_peak) for each in parts.values()])
+    sizes = np.array([(each.contour.rms, each.contour.within(), each.contour.largest) for each in parts.values()])
     rows = -np.arange(len(parts))
     shown = 1e6 * np.maximum(sizes, 1e-12)
     ax.hlines(rows, shown.min(axis=1), shown.max(axis=1), color=style.GRID, linewidth=3.0)

@@ -25,7 +25,7 @@ def lead(contents: LawsReport) -> list[str]:
     """The results in sentences, most important first."""
     found = ran(contents)
     first = found[0][1]
-    best = min((part for _, part in found), key=lambda part: part.contour_rms)
+    best = min((part for _, part in found), key=lambda part: part.contour.rms)
     said: list[str] = []
     if contents.planned is not None:
         said.append(f"The program takes {contents.planned.cycle_time:.4g} s. {_limited(contents.planned)}")
@@ -47,8 +47,8 @@ def lead(contents: LawsReport) -> list[str]:
 
 def _contour(part: PartRun) -> str:
     return (
-        f"{number(1e6 * part.contour_rms)} µm RMS, {number(1e6 * part.contour_within())} µm on 95 % of the path, "
-        f"{number(1e6 * part.contour_peak)} µm at most"
+        f"{number(1e6 * part.contour.rms)} µm RMS, {number(1e6 * part.contour.within())} µm on 95 % of the path, "
+        f"{number(1e6 * part.contour.largest)} µm at most"
     )
 
 
@@ -91,7 +91,7 @@ def laws_table(title: str, parts: Mapping[str, PartRun]) -> Table:
     rows: list[list[str]] = []
     for name, part in parts.items():
         worst = next(iter(part.worst(1)), None)
-        sizes = (part.contour_rms, part.contour_within(), part.contour_peak)
+        sizes = (part.contour.rms, part.contour.within(), part.contour.largest)
         cells = [*(f"{1e6 * each:.4g}" for each in sizes), "-" if worst is None else str(worst.line)]
         cells += ["-" if part.duty is None else f"{100.0 * part.duty:.3g} %"]
         cut = part.cutting_rms
@@ -103,9 +103,9 @@ def _laws(found: Sequence[tuple[Entry, PartRun]]) -> ShownTable:
     heads = ["law", "contour error RMS µm", "95 % µm", "largest µm", "in line", "largest at a reversal µm",
              "effort: RMS of continuous force", "energy J"]  # fmt: skip
     columns = [
-        [part.contour_rms for _, part in found],
-        [part.contour_within() for _, part in found],
-        [part.contour_peak for _, part in found],
+        [part.contour.rms for _, part in found],
+        [part.contour.within() for _, part in found],
+        [part.contour.largest for _, part in found],
     ]
     cuts = any(part.cutting is not None for _, part in found)
     heads += ["cutting force RMS N"] if cuts else []
@@ -235,7 +235,7 @@ def pictures(contents: LawsReport) -> Iterator[Shown]:
             "Contour error of each law.",
             lambda: plot.part_laws(parts),
         )
-    best = min(parts.values(), key=lambda part: part.contour_rms)
+    best = min(parts.values(), key=lambda part: part.contour.rms)
     for key, part in {"path": first, **({} if best is first else {"bestpath": best})}.items():
         yield Shown(
             key,
@@ -243,7 +243,7 @@ def pictures(contents: LawsReport) -> Iterator[Shown]:
             "Color and width: the size of the contour error on the path that counts. Gray: the tool, its deviation "
             "enlarged.",
             f"The path with the contour error of {part.name}, enlarged.",
-            lambda part=part: plot.contour_on_path(part.contour, counted=part.counted),
+            lambda part=part: plot.contour_on_path(part.contour),
         )
     worst = next(iter(first.worst(1)), None)
     if worst is not None:

@@ -111,7 +111,7 @@ def chatter(job: Job, rows: Sequence[Entry]) -> tuple[Chatter, ...]:
     if program is None or program.process is None or not ran:
         return ()
     kinds = {each[2:]: each for each in reversed(program.cuts) if each.axial_depth > 0.0}
-    best = min(ran, key=lambda row: row.part.contour_rms if row.part is not None else np.inf)
+    best = min(ran, key=lambda row: row.part.contour.rms if row.part is not None else np.inf)
     found: list[Chatter] = []
     for row in dict.fromkeys((ran[0].name, best.name)):
         idle = out_of_the_work(job, job.machines[row])

@@ -23,7 +23,7 @@ from feeddrive.language.errors import FeeddriveError, NoSlopeError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table, frame_of, picture_of
 from feeddrive.loop.lifting import MOST, compliance, loop_gain, period_of, tracking
-from feeddrive.loop.loop import Loop, Signals
+from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine, System
 from feeddrive.loop.simulate import Run, samples, simulate
 from feeddrive.machining.part_run import PartRun
@@ -135,7 +135,7 @@ class JobResult(Result):
             if row.together is None or row.part is not None:
                 continue
             for axis in (each for each in self.job.machines[row.name].axes() if each != row.loop.name):
-                run = _of_axis(row.together, axis)
+                run = row.together.axis(axis)
                 error, force = 1e6 * run["following_error"], run["force"]
                 tripped = run.time[run["trip"] > 0.0]
                 cells = float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error))), float(np.max(np.abs(force)))
@@ -254,7 +254,7 @@ def _row(
             run = again.run
         elif isinstance(whole, Machine):
             together = _together(job, whole, loop.name, name)
-            run = _of_axis(together, loop.name)
+            run = dataclasses.replace(together.axis(loop.name), name=name)
         else:
             run = _simulated(job, loop, name)
         nyquist = 0.5 / loop.sample_time
@@ -291,13 +291,6 @@ def _together(job: Job, machine: Machine, axis: str, name: str) -> Run:
     references = {each: given[each].reference or still if each in given else still for each in machine.axes()}
     loads = {each: load for each, what in given.items() if (load := what.load) is not None}
     return simulate(machine, references, load=loads or None, duration=job.duration, seed=job.seed, name=name)
-
-
-def _of_axis(together: Run, axis: str) -> Run:
-    """The signals of one axis, by the names that they have in a run of it alone."""
-    signals = {name: together[f"{axis}.{name}"] for name in Signals._fields}
-    turning = frozenset({""} if f"{axis}." in together.turning else ())
-    return dataclasses.replace(together, signals=signals, turning=turning)
 
 
 def _log(job: Job) -> Log | None:

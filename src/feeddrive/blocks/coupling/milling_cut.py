@@ -82,7 +82,7 @@ class MillingCut(Coupling):
             raise StructureError(
                 f"milling_cut: x, y and z must be moved by different axes, not {', '.join(self.axes())}"
             )
-        flute = getattr(self.cutter, "flute_length", None)
+        flute = self.cutter.edge().flute_length
         for i, depth in enumerate(self._depths()):
             if isinstance(flute, float) and depth > flute:
                 raise ParameterError(

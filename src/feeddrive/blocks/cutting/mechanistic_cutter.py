@@ -126,7 +126,7 @@ class MechanisticCutter(Cutter):
         return Edge(
             self.teeth, self.slices, self.diameter, self.axial_depth, self.helix_angle, entry, leave,
             (self.Ktc, self.Krc, self.Kac), (self.Kte, self.Kre, self.Kae),
-            None if self.runout_offset is None else (self.runout_offset, self.runout_angle),
+            None if self.runout_offset is None else (self.runout_offset, self.runout_angle), self.flute_length,
         )  # fmt: skip
 
     def forces(self, angle: Number, chip_load: Number) -> tuple[Number, Number, Number]:

@@ -250,7 +250,7 @@ class Statements(Assignments):
             self.refuse(node, f"the text '{shown(text)}' is not fixed", "write it in quotes, or return a number for it")
         try:
             kind(text.value)
-        except Exception:
+        except Exception:  # whatever the constructor of an error class raises
             self.refuse(node, f"'{shown(call.func)}' is not made of a text alone", "write  raise ValueError(...)")
         self.end_with(str(self.failure(kind, text.value, node)))
         self.dead()
