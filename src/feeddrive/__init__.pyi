@@ -13,6 +13,7 @@ from feeddrive import loop as loop
 from feeddrive import machining as machining
 from feeddrive import path as path
 from feeddrive import plot as plot
+from feeddrive import study as study
 from feeddrive import testing as testing
 from feeddrive import tuning as tuning
 from feeddrive import workflow as workflow

@@ -1,0 +1,264 @@
+"""The store of a sweep: its rows, one Parquet file a chunk, and the manifest that says which study they are of.
+
+    DIR/manifest.json                 study, digest, version of feeddrive, variants, variants a chunk
+    DIR/rows/chunk_00000012.parquet   the rows of chunk 12, in the order of their variants
+
+Each file is written whole or not at all, so that a chunk is either done or not there, whatever was killed meanwhile.
+Two sweeps of one study that run into the same store write the same bytes, and no row is there twice.
+
+    store = Store("out")
+    done = store.begin(manifest, resume=True)        # refuses what is not a store of this study; checks every file
+    store.write(3, table)
+    store.table()                                    # all rows as one pyarrow table
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+
+from feeddrive.files.atomic_io import MARKER
+from feeddrive.language.errors import FileError, ParameterError
+from feeddrive.study.places import place
+from feeddrive.version import __version__
+
+MANIFEST = "manifest.json"
+ROWS = "rows"
+_KIND = "rows of a feeddrive study"
+_NAME = re.compile(r"chunk_(\d{8})\.parquet")
+_DIGEST = b"feeddrive.study"  # in the metadata of each file: the study that its rows are of
+_MOST_MANIFEST = 64_000_000  # bytes
+_MOST_CHUNK = 4_000_000_000  # bytes
+_MOST_CHUNKS = 10**8  # by the digits of a file's name
+GO_ON = "then go on with --resume"
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What the rows of a store are of.
+
+    study    text of the study file
+    digest   SHA-256 (hex) over all that decides the rows: study, machine, job, part programs
+    count    variants in all
+    chunk    variants in a chunk; the last one may have fewer
+    version  of feeddrive: another one may compute other bits
+    """
+
+    study: str
+    digest: str
+    count: int
+    chunk: int
+    version: str = __version__
+
+    def __post_init__(self) -> None:
+        for name, wanted in (("study", str), ("digest", str), ("count", int), ("chunk", int), ("version", str)):
+            if not isinstance(getattr(self, name), wanted):
+                raise ParameterError(f"{name} must be of type {wanted.__name__}, not {getattr(self, name)!r}")
+        if self.count < 1 or self.chunk < 1 or self.chunks > _MOST_CHUNKS:
+            raise ParameterError(
+                f"{self.count} variants in chunks of {self.chunk}: both must be at least 1, and at most {_MOST_CHUNKS} "
+                "chunks have a name"
+            )
+
+    @property
+    def chunks(self) -> int:
+        """How many chunks there are."""
+        return -(-self.count // self.chunk)
+
+    def rows(self, number: int) -> range:
+        """The variants of a chunk."""
+        return range(number * self.chunk, min((number + 1) * self.chunk, self.count))
+
+
+class Store:
+    """Rows of a study at an address: a folder, or what fsspec opens (`s3://bucket/mill`)."""
+
+    def __init__(self, address: str | Path) -> None:
+        self._place = place(address)
+        self._manifest: Manifest | None = None
+        self._schema: Any = None  # of the first chunk that was read or written: all others have it, too
+
+    @property
+    def address(self) -> str:
+        """Where it is."""
+        return self._place.address
+
+    def manifest(self) -> Manifest:
+        """What it holds the rows of. Raises FileError if there is no store, or its manifest is damaged."""
+        if self._manifest is None:
+            self._manifest = self._read_manifest()
+        return self._manifest
+
+    def begin(self, manifest: Manifest, *, resume: bool = False) -> frozenset[int]:
+        """Make the store, or go on with it; the chunks that are done.
+
+        Raises FileError, before anything is written, for a folder that is not empty and no store, a store that is there
+        already without `resume`, one of another study or version, and one with a damaged or foreign file.
+        """
+        if not self._place.has(MANIFEST):
+            if strangers := [each for each in self._place.names() if each != MARKER]:
+                raise FileError(
+                    f"{self.address}: exists and holds '{strangers[0]}', which is not of a sweep: "
+                    "choose another directory, or move that away"
+                )
+            self._place.write(MANIFEST, _manifest_text(manifest))
+            self._manifest = manifest
+            return frozenset()
+        there = self.manifest()
+        if not resume:
+            done = len(self._numbers())
+            raise FileError(
+                f"{self.address}: holds a sweep already, {done} of {there.chunks} chunks: go on with --resume, or "
+                "choose another directory"
+            )
+        if reason := _other(there, manifest):
+            raise FileError(f"{self.address}: {reason}")
+        for number in self._numbers():
+            self.read(number)
+        return self.done()
+
+    def done(self) -> frozenset[int]:
+        """Numbers of the chunks whose file is there; `begin` has read the files, others were written whole."""
+        return frozenset(self._numbers())
+
+    def write(self, number: int, rows: Any) -> None:
+        """Write the rows of a chunk (a pyarrow table), in place of an older file of the chunk.
+
+        Raises FileError that says what to do if it cannot be written, a full disk for one; ParameterError for a table
+        that is not the rows of this chunk.
+        """
+        import pyarrow as arrow
+        from pyarrow import parquet
+
+        manifest = self.manifest()
+        if reason := self._objection(number, rows):
+            raise ParameterError(f"chunk {number}: {reason}")
+        sink = arrow.BufferOutputStream()
+        signed = rows.replace_schema_metadata({_DIGEST: manifest.digest.encode()})
+        parquet.write_table(signed, sink, compression="zstd", write_page_checksum=True)
+        try:
+            self._place.write(_file(number), sink.getvalue().to_pybytes())
+        except FileError as error:
+            raise FileError(f"{error}; {GO_ON}") from None
+
+    def read(self, number: int, columns: Sequence[str] | None = None) -> Any:
+        """The rows of a chunk that is done, as a pyarrow table.
+
+        Raises FileError for a file that is damaged, of another study, or not the rows of this chunk.
+        """
+        import pyarrow as arrow
+        from pyarrow import parquet
+
+        content = self._place.read(_file(number), _MOST_CHUNK)
+        try:
+            rows = parquet.read_table(arrow.BufferReader(content), page_checksum_verification=True)
+            signed = (rows.schema.metadata or {}).get(_DIGEST)
+            reason = "it is of another study" if signed != self.manifest().digest.encode() else ""
+            rows = rows.replace_schema_metadata(None)
+            reason = reason or self._objection(number, rows)
+        except (arrow.ArrowException, OSError) as error:  # OSError: a page that does not match its checksum
+            reason, rows = f"it is damaged ({str(error).splitlines()[0]})", None
+        if reason:
+            raise FileError(f"{self.address}/{_file(number)}: {reason}: move it away, {GO_ON}, which computes it again")
+        assert rows is not None
+        return rows if columns is None else rows.select(list(columns))
+
+    def batches(self, columns: Sequence[str] | None = None) -> Iterator[Any]:
+        """The rows of one chunk after the other, in order, as pyarrow tables; memory is that of one chunk."""
+        self.manifest()  # refuses what is no store
+        for number in self._numbers():
+            yield self.read(number, columns)
+
+    def table(self, columns: Sequence[str] | None = None) -> Any:
+        """All rows that are there as one pyarrow table, in the order of their variants.
+
+        Raises FileError as `read`, and if there is no row yet.
+        """
+        import pyarrow as arrow
+
+        parts = list(self.batches(columns))
+        if not parts:
+            raise FileError(f"{self.address}: holds no rows yet: run the sweep with --resume")
+        return arrow.concat_tables(parts)
+
+    def _numbers(self) -> list[int]:
+        """Numbers of the chunk files, in order. Raises FileError for a file that is none."""
+        found = list[int]()
+        for name in self._place.names(ROWS):
+            match = _NAME.fullmatch(name)
+            if match is None or int(match[1]) >= self.manifest().chunks:
+                raise FileError(
+                    f"{self.address}/{ROWS}/{name}: is no chunk of this sweep, and would be read as one: move it away"
+                )
+            found.append(int(match[1]))
+        return found
+
+    def _objection(self, number: int, rows: Any) -> str:
+        """Why a table is not the rows of a chunk, empty if it is."""
+        import numpy as np
+        import pyarrow as arrow
+
+        if "variant" not in rows.column_names or rows.schema.field("variant").type != arrow.int64():
+            return "it has no column 'variant' of whole numbers"
+        wanted = self.manifest().rows(number)
+        if not np.array_equal(rows.column("variant").to_numpy(), np.arange(wanted.start, wanted.stop)):
+            return f"its rows are not those of the variants {wanted.start} to {wanted.stop - 1}"
+        if self._schema is None:
+            self._schema = rows.schema.remove_metadata()
+        if not rows.schema.equals(self._schema):
+            return "it has other columns than the chunks before"
+        return ""
+
+    def _read_manifest(self) -> Manifest:
+        where = f"{self.address}/{MANIFEST}"
+        try:
+            found = json.loads(self._place.read(MANIFEST, _MOST_MANIFEST))
+            if found.pop("kind") != _KIND:
+                raise ValueError("it is of another program")
+            found.pop("chunks")
+            if set(found) != {each.name for each in fields(Manifest)}:
+                raise ValueError("its entries are not those of a sweep")
+            return Manifest(**found)
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError, ParameterError) as error:
+            reason = str(error) or type(error).__name__
+            raise FileError(
+                f"{where}: is damaged or not that of a sweep ({reason}): restore it, or choose another directory"
+            ) from None
+
+
+def _file(number: int) -> str:
+    return f"{ROWS}/chunk_{number:08d}.parquet"
+
+
+def _manifest_text(manifest: Manifest) -> bytes:
+    said = {"kind": _KIND, "chunks": manifest.chunks, **asdict(manifest)}
+    return (json.dumps(said, indent=1, ensure_ascii=False) + "\n").encode()
+
+
+def _other(there: Manifest, wanted: Manifest) -> str:
+    """Why rows of one manifest cannot be continued by another, empty if they can."""
+    if there == wanted:
+        return ""
+    if there.study != wanted.study:
+        pairs = zip_longest(there.study.splitlines(), wanted.study.splitlines())
+        line = next((i for i, (old, new) in enumerate(pairs, start=1) if old != new), 1)
+        return f"holds the sweep of another study, which differs from line {line} on: choose another directory"
+    if there.version != wanted.version:
+        return (
+            f"was begun with feeddrive {there.version}, and this is {wanted.version}, whose rows may differ: "
+            f"choose another directory, or go on with  pip install feeddrive=={there.version}"
+        )
+    if there.digest != wanted.digest:
+        return (
+            "the study is the one that it was begun with, but its job, machine or another file that it reads was "
+            "changed since: choose another directory, or undo the change"
+        )
+    return (
+        f"holds {there.count} variants in chunks of {there.chunk}, and {wanted.count} in chunks of {wanted.chunk} are "
+        "asked for: choose another directory"
+    )
