@@ -308,12 +308,14 @@ def test_the_cascade_keeps_the_rates_of_the_machine() -> None:
 
 
 def test_what_is_tried_beside_a_law() -> None:
-    """Recovery in three forms, the compensator as told and as learned; modes only where the machine file has one."""
+    """Recovery in four forms, the compensator as told and as learned; modes only where the machine file has one."""
     loop = read_machine("linear_motor").loop("x")
     made, refused = candidates(loop)
     names = {each.name for each in made}
-    forms = ("recovery", "Kalman recovery", "GPI recovery", "compensator", "learned compensator")
+    forms = ("recovery", "DOB", "Kalman recovery", "GPI recovery", "compensator", "learned compensator")
     assert {f"P-PI + {form}" for form in forms} <= names
+    assert {name for name in names if name.startswith("P-P ")} == {"P-P + DOB"}  # which integrates for it
+    assert "P-P" not in names
     assert {"GPI, 1 Taylor state", "GPI, 3 Taylor states", "GPI, 5 Taylor states"} <= names
     assert "states no mode" in {each.name: each.reason for each in refused}["P-PI + mode compensation"]
     mode = MachineMode(frequency=30.0, stiffness=2e7)

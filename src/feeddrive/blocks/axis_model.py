@@ -84,12 +84,14 @@ class Start(NamedTuple):
     name         of the law in a comparison
     remark       a note for the report
     feedforward  feedforward to be used with the law in place of that of the present control
+    only_with    compensations (`Beside.name`) with which alone this form is tried; empty: alone and with all that suit
     """
 
     name: str
     law: Any
     remark: str = ""
     feedforward: Any = None
+    only_with: tuple[str, ...] = ()
 
 
 class Beside(NamedTuple):

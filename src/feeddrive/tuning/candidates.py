@@ -106,10 +106,11 @@ def candidates(loop: Loop, own: Sequence[type[Law]] = ()) -> tuple[tuple[Candida
                 Refusal(each, str(error)) for each in (name, *(f"{name} + {b.title}" for b in _companions(law)))
             ]
             continue
-        found += made
-        for base in made:
-            for block in _companions(law):
-                for each in _beside(base, block, axis):
+        found += [base for base, start in zip(made, starts, strict=True) if not start.only_with]
+        for base, start in zip(made, starts, strict=True):
+            wanted = {f"{base.name} + {form}" for form in start.only_with}
+            for each in (each for block in _companions(law) for each in _beside(base, block, axis)):
+                if not wanted or each.name in wanted:
                     (found if isinstance(each, Candidate) else refused).append(each)  # type: ignore[arg-type]
     return tuple(found), tuple(refused)
 

@@ -43,13 +43,16 @@ class DisturbanceRejection(Compensation):
 
     @classmethod
     def begin(cls, axis: AxisModel) -> tuple[Beside, ...]:
-        """With the inverse of the rigid axis, with a Kalman filter, and with the observer of GPI control.
+        """With the inverse of the rigid axis, behind a Butterworth or two equal poles (DOB), with a Kalman filter, and
+        with the observer of GPI control.
 
-        The filter begins with the walk of the force that gives it the bandwidth of the others.
+        The Kalman filter begins with the walk of the force that gives it the bandwidth of the others.
         """
         encoder, noise = axis.velocity_encoder, axis.reading_noise
         gpi = begun(GpiObserver, axis, taylor_states=1, omega_o=1.5 * axis.rate, zeta_o=1.5, encoder=encoder)
-        forms = [Beside(cls.title, cls(observer=DisturbanceRecovery.begin(axis)))]
+        inverse = DisturbanceRecovery.begin(axis)
+        twice = replace(inverse, form="two_poles")
+        forms = [Beside(cls.title, cls(observer=inverse)), Beside("DOB", cls(observer=twice))]
         if noise > 0.0:
             slow = 1.2 * axis.rate * axis.sample_time
             walk = slow * slow * slow * axis.mass * noise / (axis.sample_time * axis.sample_time)

@@ -54,11 +54,14 @@ class CascadePPI(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Start values from the present gains, or from the rate; with an integral, and with the present rates."""
+        """Start values from the present gains, or from the rate; with an integral, and with the present rates.
+
+        Without an integral it is tried with a disturbance observer only, which then is the integral.
+        """
         rate = axis.rate
         law = cls(Kv=0.7 * rate, Kp=2.5 * axis.mass * rate, Tn=1.4 / rate, velocity_encoder=axis.velocity_encoder)
         if not isinstance(present, CascadePPI):
-            return (Start(cls.title, law),)
+            return (Start(cls.title, law), _observed(law))
         changed = [
             text
             for text, differs in (
@@ -69,7 +72,7 @@ class CascadePPI(Law):
         ]
         gains = law if present.Tn is None else present
         law = replace(present, Kv=gains.Kv, Kp=gains.Kp, Tn=gains.Tn, velocity_feedforward=1.0)
-        return (Start(cls.title, law, "; ".join(changed)),)
+        return (Start(cls.title, law, "; ".join(changed)), _observed(law))
 
     class Prepared(NamedTuple):
         """The sample time in s."""
@@ -144,3 +147,8 @@ class CascadePPI(Law):
         command = last + (passed / float(self.position_every)) * (new - last)
         after = ops.where(passed >= float(self.position_every), 0.0, passed)
         return (self.Interpolator(after, last, new),), command
+
+
+def _observed(law: CascadePPI) -> Start:
+    """The P-P cascade under an observer that integrates."""
+    return Start("P-P", replace(law, Tn=None), "the observer is its integral", only_with=("DOB",))
