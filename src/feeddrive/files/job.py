@@ -25,6 +25,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, ClassVar, TypeAlias
 
 from feeddrive.blocks.coupling.milling_cut import MillingCut
@@ -34,7 +35,7 @@ from feeddrive.files.blocks_from_toml import read_block
 from feeddrive.files.job_log import LogRequest, log_request, optional_text, whole
 from feeddrive.files.job_program import PlannedProgram, read_planned
 from feeddrive.files.machine import MachineFile, found, read_machine
-from feeddrive.files.toml_file import Section, TomlFile, read_toml
+from feeddrive.files.toml_file import Key, Section, TomlFile, read_toml
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, FileError, ParameterError, nearest, plain
 from feeddrive.language.table import Result, Table
@@ -42,7 +43,7 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine, System
 
-_KEYS = (
+KEYS = (
     "title",
     "machine",
     "axis",
@@ -124,10 +125,21 @@ def read_job(path: JobLike, log: str | Path | None = None) -> Job:
     if not isinstance(path, str | Path):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ParameterError(f"a job is a file, a bundled name or fd.read_job(...), not a {type(path).__name__}")
     place = found(path, "jobs")
-    file = read_toml(place, "a job")
+    return job_of(read_toml(place, "a job"), place, log)
+
+
+def job_of(
+    file: TomlFile, place: Path, log: str | Path | None = None, values: Mapping[Key, Any] = MappingProxyType({})
+) -> Job:
+    """The job of a file that was read, at a place beside which the files stand that it names.
+
+    values  of keys of the machine file, in place of what it says
+
+    Raises as `read_job`.
+    """
     root = file.root()
-    root.refuse_unknown(_KEYS)
-    machine = _machine(root, place)
+    root.refuse_unknown(KEYS)
+    machine = _machine(root, place, values)
     name = _axis(root, machine)
     given = [each for each in ("reference", "log", "program") if root.optional(each) is not None]
     if len(given) != 1:
@@ -220,13 +232,13 @@ def _program(
     return found, {**others, **{name: Other(each, others.get(name, Other()).load) for name, each in moving.items()}}
 
 
-def _machine(root: Section, place: Path) -> MachineFile:
+def _machine(root: Section, place: Path, values: Mapping[Key, Any]) -> MachineFile:
     name = optional_text(root, "machine")
     if name is None:
         raise root.error('machine is missing: machine = "file.toml", or the name of a bundled machine')
     beside = place.parent / name
     try:
-        return read_machine(beside if beside.exists() else name, quoting=False)
+        return read_machine(beside if beside.exists() else name, quoting=False, values=values)
     except FileError as error:
         raise type(error)(f"{root.where('machine')}: machine: {error}") from None
 

@@ -25,13 +25,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from feeddrive.blocks.coupling.geometry import Geometry
 from feeddrive.blocks.machine_families import Coupling
 from feeddrive.files.blocks_from_toml import read_block
 from feeddrive.files.blocks_to_toml import to_toml
-from feeddrive.files.toml_file import Section, TomlFile, read_toml
+from feeddrive.files.toml_file import Key, Section, TomlFile, read_toml
+from feeddrive.files.toml_values import with_values
 from feeddrive.language.errors import FileError, ParameterError, StructureError, nearest, plain
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.axis import Axis
@@ -133,8 +134,12 @@ MachineLike: TypeAlias = str | Path | MachineFile
 """A machine file, the name of a bundled machine, or one that was read."""
 
 
-def read_machine(path: MachineLike, *, quoting: bool = True) -> MachineFile:
+def read_machine(
+    path: MachineLike, *, quoting: bool = True, values: Mapping[Key, Any] = MappingProxyType({})
+) -> MachineFile:
     """The machine in a file, or the bundled one of that name; one that was read is itself.
+
+    values  of keys, in place of what the file says
 
     Raises FileError (the file) and ParameterError or StructureError (a key in it), all with file and line.
     """
@@ -145,6 +150,7 @@ def read_machine(path: MachineLike, *, quoting: bool = True) -> MachineFile:
             f"a machine is a file, a bundled name or fd.read_machine(...), not a {type(path).__name__}"
         )
     file = read_toml(found(path, "machines"), "a machine file", quoting=quoting)
+    file = with_values(file, values) if values else file
     root = file.root()
     text = {name: _text(root, name) for name in _TEXTS}
     sections = root.named("axis")

@@ -298,8 +298,16 @@ _KINDS: dict[str, tuple[Callable[[Mapping[str, Any]], bool], str]] = {
         lambda keys: isinstance(keys.get("axis"), dict),
         "it has sections [axis.NAME]; `feeddrive tune`, `export` and others take it, and a job names it",
     ),
+    "a study": (
+        lambda keys: isinstance(keys.get("vary"), list),
+        "it says under [[vary]] what varies in a job; `feeddrive sweep` takes it",
+    ),
     "a job": (
-        lambda keys: isinstance(keys.get("machine"), str) and not keys.keys().isdisjoint({"reference", "law", "log"}),
+        lambda keys: (
+            isinstance(keys.get("machine"), str)
+            and not keys.keys().isdisjoint({"reference", "law", "log", "program"})
+            and "vary" not in keys
+        ),
         "it names a machine file, as  machine = ...; `feeddrive run` takes it",
     ),
     "a drive file": (

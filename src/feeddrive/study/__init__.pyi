@@ -1,4 +1,15 @@
-"""Many variants of a job: what varies, the sweep, and where its rows are kept."""
+"""Many variants of a job: what varies, what is measured of each, the sweep, and where its rows are kept."""
 
+from feeddrive.study.cases import Case as Case
+from feeddrive.study.cases import cases as cases
+from feeddrive.study.figure import Figure as Figure
+from feeddrive.study.figure import Statistics as Statistics
+from feeddrive.study.figures import figures as figures
+from feeddrive.study.model_figures import LinearLoop as LinearLoop
+from feeddrive.study.specification import Bound as Bound
 from feeddrive.study.store import Manifest as Manifest
 from feeddrive.study.store import Store as Store
+from feeddrive.study.study import Study as Study
+from feeddrive.study.study import read_study as read_study
+from feeddrive.study.variants import Variants as Variants
+from feeddrive.study.variants import variants as variants

@@ -1,0 +1,30 @@
+"""A TOML file with other values of some keys, as a study gives them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import deepcopy
+from dataclasses import replace
+from typing import Any
+
+from feeddrive.files.toml_file import Key, TomlFile
+from feeddrive.language.errors import ParameterError
+
+
+def with_values(file: TomlFile, values: Mapping[Key, Any]) -> TomlFile:
+    """The same file with other values of some keys, as if they were written in it; lines stay.
+
+    Raises ParameterError for a key in a section that is not there.
+    """
+    content: Any = deepcopy(file.content)
+    for key, value in values.items():
+        table = content
+        for part in key[:-1]:
+            inside = isinstance(table, dict) and part in table
+            if not inside and not (isinstance(table, list) and isinstance(part, int) and part < len(table)):
+                raise ParameterError(f"{file.name}: there is no section [{'.'.join(map(str, key[:-1]))}]")
+            table = table[part]
+        if not isinstance(table, dict):
+            raise ParameterError(f"{file.name}: {'.'.join(map(str, key[:-1]))} is no section")
+        table[key[-1]] = value
+    return replace(file, content=content)

@@ -1,0 +1,226 @@
+"""Distributions of one number as quantile functions: a number u of (0, 1) gives the value below which the share u lies.
+
+All samplers make their numbers in (0, 1), so that a Latin hypercube or a Sobol sequence covers any of them.  A range
+`least`..`most` truncates: the probability outside of it is spread over the inside in proportion, nothing is heaped up
+at its ends.  Numbers are in SI.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from feeddrive.language.errors import ParameterError
+
+
+class Distribution(Protocol):
+    """A distribution of a number, or of one of several stated values."""
+
+    def at(self, u: np.ndarray) -> np.ndarray:
+        """The quantiles at u in (0, 1), same shape."""
+        ...
+
+    def range(self) -> tuple[float, float]:
+        """The least and the largest value that can occur, infinite where there is no end."""
+        ...
+
+
+@dataclass(frozen=True)
+class Uniform:
+    """Every value from least to most alike."""
+
+    least: float
+    most: float
+
+    def __post_init__(self) -> None:
+        _ordered("uniform", self.least, self.most)
+
+    def at(self, u: np.ndarray) -> np.ndarray:
+        """The quantiles at u."""
+        return self.least + u * (self.most - self.least)
+
+    def range(self) -> tuple[float, float]:
+        """Both ends."""
+        return self.least, self.most
+
+
+@dataclass(frozen=True)
+class LogUniform:
+    """Every ratio alike: the logarithm is uniform from least to most, both > 0."""
+
+    least: float
+    most: float
+
+    def __post_init__(self) -> None:
+        _ordered("loguniform", self.least, self.most)
+        _positive("loguniform", "least", self.least)
+
+    def at(self, u: np.ndarray) -> np.ndarray:
+        """The quantiles at u."""
+        return self.least * np.exp(u * math.log(self.most / self.least))
+
+    def range(self) -> tuple[float, float]:
+        """Both ends."""
+        return self.least, self.most
+
+
+@dataclass(frozen=True)
+class Normal:
+    """The normal distribution of a mean and a standard deviation, truncated to least..most."""
+
+    mean: float
+    deviation: float
+    least: float = -math.inf
+    most: float = math.inf
+
+    def __post_init__(self) -> None:
+        _positive("normal", "deviation", self.deviation)
+        _ordered("normal", self.least, self.most)
+        _within_reach("normal", self.least, self.most, self.mean, self.deviation)
+
+    def at(self, u: np.ndarray) -> np.ndarray:
+        """The quantiles at u."""
+        z = truncated(u, (self.least - self.mean) / self.deviation, (self.most - self.mean) / self.deviation)
+        return np.clip(self.mean + self.deviation * z, self.least, self.most)
+
+    def range(self) -> tuple[float, float]:
+        """Both ends."""
+        return self.least, self.most
+
+
+@dataclass(frozen=True)
+class LogNormal:
+    """The logarithm is normal, ln(median) ± ln(ratio): 68 % lie within a factor of `ratio` about the median."""
+
+    median: float
+    ratio: float
+    least: float = 0.0
+    most: float = math.inf
+
+    def __post_init__(self) -> None:
+        _positive("lognormal", "nominal", self.median)
+        if not (math.isfinite(self.ratio) and self.ratio > 1.0):
+            raise ParameterError(f"ratio = {self.ratio:g} of a lognormal distribution must be > 1")
+        _ordered("lognormal", self.least, self.most)
+        low, high = self._logarithms()
+        _within_reach("lognormal", low, high, 0.0, 1.0)
+
+    def at(self, u: np.ndarray) -> np.ndarray:
+        """The quantiles at u."""
+        z = truncated(u, *self._logarithms())
+        return np.clip(self.median * np.exp(math.log(self.ratio) * z), self.least, self.most)
+
+    def _logarithms(self) -> tuple[float, float]:
+        """Both ends in deviations of the logarithm."""
+        low, high = (
+            -math.inf if end <= 0.0 else math.log(end / self.median) / math.log(self.ratio)
+            for end in (self.least, self.most)
+        )
+        return low, high
+
+    def range(self) -> tuple[float, float]:
+        """Both ends."""
+        return max(self.least, 0.0), self.most
+
+
+@dataclass(frozen=True)
+class Triangular:
+    """A density that rises from least to a mode and falls to most."""
+
+    least: float
+    mode: float
+    most: float
+
+    def __post_init__(self) -> None:
+        _ordered("triangular", self.least, self.most)
+        if not self.least <= self.mode <= self.most:
+            raise ParameterError(
+                f"nominal = {self.mode:g}, the mode of a triangular distribution, must be in "
+                f"{self.least:g}..{self.most:g}"
+            )
+
+    def at(self, u: np.ndarray) -> np.ndarray:
+        """The quantiles at u."""
+        width, left, right = self.most - self.least, self.mode - self.least, self.most - self.mode
+        rising = self.least + np.sqrt(u * width * left)
+        falling = self.most - np.sqrt((1.0 - u) * width * right)
+        return np.where(u * width < left, rising, falling)
+
+    def range(self) -> tuple[float, float]:
+        """Both ends."""
+        return self.least, self.most
+
+
+@dataclass(frozen=True)
+class Discrete:
+    """One of several values, numbers or texts, with probabilities in proportion to weights."""
+
+    values: tuple[Any, ...]
+    weights: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.values:
+            raise ParameterError("values must have at least one entry")
+        if self.weights and len(self.weights) != len(self.values):
+            raise ParameterError(f"{len(self.weights)} weights for {len(self.values)} values: give one for each")
+        if any(not (math.isfinite(each) and each >= 0.0) for each in self.weights) or not sum(self.weights or (1.0,)):
+            raise ParameterError("weights must be finite numbers >= 0, one of them > 0")
+
+    def places(self, u: np.ndarray) -> np.ndarray:
+        """Which of the values, as their indices."""
+        weights = np.array(self.weights or (1.0,) * len(self.values))
+        edges = np.cumsum(weights / weights.sum())
+        edges[-1] = 1.0
+        return np.minimum(np.searchsorted(edges, u, side="right"), len(self.values) - 1)
+
+    def at(self, u: np.ndarray) -> np.ndarray:
+        """The values at u: an array of numbers, or of objects for texts and whole numbers."""
+        kind = np.float64 if all(isinstance(each, float) for each in self.values) else object
+        row = np.empty(len(self.values), dtype=kind)
+        row[:] = self.values
+        return row[self.places(u)]
+
+    def range(self) -> tuple[float, float]:
+        """The least and the largest of numbers; infinite for texts."""
+        if all(isinstance(each, float) for each in self.values):
+            return min(self.values), max(self.values)
+        return -math.inf, math.inf
+
+
+def truncated(u: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Quantiles of the normal distribution N(0, 1) that is truncated to low..high, of which either may be infinite.
+
+    Above 0 the complementary probabilities are used, whose digits do not cancel: relative error below 1e-12.
+    """
+    from scipy.special import ndtr, ndtri  # not for commands that only read
+
+    if low > 0.0:
+        return -truncated(1.0 - u, -high, -low)
+    return ndtri(ndtr(low) + u * (ndtr(high) - ndtr(low)))
+
+
+_FARTHEST = 6.0  # deviations: a range that begins farther out holds less than 1e-9 of the distribution
+
+
+def _ordered(kind: str, least: float, most: float) -> None:
+    if math.isnan(least) or math.isnan(most) or not least < most:
+        raise ParameterError(f"least = {least:g} of a {kind} distribution must be < most = {most:g}")
+    if kind in ("uniform", "loguniform", "triangular") and not (math.isfinite(least) and math.isfinite(most)):
+        raise ParameterError(f"a {kind} distribution needs least and most, or a tolerance, as finite numbers")
+
+
+def _positive(kind: str, name: str, value: float) -> None:
+    if not (math.isfinite(value) and value > 0.0):
+        raise ParameterError(f"{name} = {value:g} of a {kind} distribution must be a finite number > 0")
+
+
+def _within_reach(kind: str, least: float, most: float, middle: float, deviation: float) -> None:
+    """Raise ParameterError for a range in which a normal distribution has practically no probability."""
+    if (least - middle) / deviation > _FARTHEST or (middle - most) / deviation > _FARTHEST:
+        raise ParameterError(
+            f"the range of a {kind} distribution lies more than {_FARTHEST:g} deviations from its middle: it would "
+            "hold less than 1e-9 of it"
+        )
