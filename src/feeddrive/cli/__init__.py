@@ -19,8 +19,8 @@ from feeddrive.language.table import visible
 STOPPED = CancelledError.exit_code
 
 
-def _stopped() -> NoReturn:
-    sys.stderr.write("feeddrive: stopped; nothing was written\n")
+def _stopped(said: object = "stopped; nothing was written") -> NoReturn:
+    sys.stderr.write(visible(f"feeddrive: {said}\n"))
     sys.exit(STOPPED)
 
 
@@ -38,8 +38,8 @@ def main() -> None:
             from feeddrive.cli.commands import app
 
             app()
-    except CancelledError:
-        _stopped()
+    except CancelledError as error:
+        _stopped(error)
     except FeeddriveError as error:
         sys.stderr.write(visible(f"feeddrive: error: {error}\n"))
         sys.exit(error.exit_code)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
-import os
-import signal
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import dataclass, replace
 from queue import Empty
@@ -15,6 +13,7 @@ from typing import Any
 from feeddrive.blocks.catalogue import fault_of_own
 from feeddrive.comparison.kept import Kept
 from feeddrive.language.errors import CancelledError, FeeddriveError
+from feeddrive.language.processes import follow_parent, one_thread
 from feeddrive.language.progress import Progress
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal
 from feeddrive.tuning.limits import Limits
@@ -170,7 +169,7 @@ def _side_by_side(
     # a fresh interpreter each: a fork would copy the locks of the caller's threads
     context = multiprocessing.get_context("spawn")
     news: Any = context.Queue()
-    with _one_thread(), ProcessPoolExecutor(workers, context, _begin, (news,)) as pool:
+    with one_thread(), ProcessPoolExecutor(workers, context, _begin, (news,)) as pool:
         futures = {pool.submit(_elsewhere, candidate, rule, kept): candidate.name for candidate in candidates}
         try:
             done: dict[str, Tuned | Refusal] = {}
@@ -195,9 +194,9 @@ _news: Any = None  # of a process: where it tells its stages
 
 
 def _begin(news: Any) -> None:
-    """Ctrl-C is for the process that asked."""
+    """Where a process tells its stages."""
     global _news
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    follow_parent()
     _news = news
 
 
@@ -222,20 +221,6 @@ def _elsewhere(candidate: Candidate, rule: Rule, kept: Kept | None) -> Tuned | R
         if said is None:
             raise
         raise said from error
-
-
-@contextlib.contextmanager
-def _one_thread() -> Generator[None]:
-    """Processes that begin here leave small matrices to one thread: several of them stand in each other's way."""
-    name = "OPENBLAS_NUM_THREADS"
-    before = os.environ.get(name)
-    os.environ[name] = "1"
-    try:
-        yield
-    finally:
-        os.environ.pop(name)
-        if before is not None:
-            os.environ[name] = before
 
 
 def _tuned(candidate: Candidate, rule: Rule, kept: Kept | None, progress: Progress) -> Tuned | Refusal:

@@ -107,8 +107,14 @@ class WrongSignError(ParameterError):
     """A measured response with a sign at an encoder that is impossible for an axis of the requested structure."""
 
 
+class WorkerError(FeeddriveError):
+    """Processes or workers of a long work that end by themselves, or cannot be reached; what is done is kept."""
+
+    exit_code = 1
+
+
 class CancelledError(FeeddriveError):
-    """Work that was canceled on request; nothing was written."""
+    """Work that was canceled on request; the message says what is there of it, nothing for most."""
 
     exit_code = 130
 

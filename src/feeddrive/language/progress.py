@@ -47,7 +47,7 @@ class Progress:
     def check(self) -> None:
         """Raise CancelledError if the work was cancelled; for work that waits and has nothing to report."""
         if self.cancelled:
-            raise CancelledError("the work was cancelled; nothing was written")
+            raise CancelledError("stopped; nothing was written")
 
     def remark(self, said: str | Table) -> None:
         """Report a remark before the end of the work, such as an assumption that it depends on."""
