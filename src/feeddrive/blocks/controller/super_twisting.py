@@ -1,0 +1,209 @@
+"""Super-twisting sliding mode in three sampled forms."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from feeddrive.blocks.axis_model import AxisModel, Start, begun
+from feeddrive.blocks.controller.polynomial_stability import is_stable, largest_share, product
+from feeddrive.blocks.families import Law
+from feeddrive.blocks.signals import Reading, Setpoint
+from feeddrive.language import ops
+from feeddrive.language.block import Number, Rule, choice, parameter
+from feeddrive.language.errors import StructureError
+
+_QUIET = 3.0  # standard deviations of the noise in s that stay inside the zone
+_USUAL = 5e4  # m/s³: a disturbance that changes by a force of 5 g in a millisecond
+
+
+class SuperTwisting(Law):
+    """Super-twisting: a sliding line that is reached in finite time by a continuous force.
+
+        s     = e_v + λ e_x,   e_x = x_r - x,   e_v = x_r' - x'
+        force = m (x_r'' + λ e_v + u) + b x'
+        u     = k1 √|s| sgn s + w,   w' = k2 sgn s,      k1 = root_factor √L,   k2 = sign_factor L
+
+    L is the largest rate of the disturbance over the mass, |dF_d/dt| / m: it must stay below k2.  `form` is how this is
+    sampled:
+
+        explicit   u and w as written, w(k+1) = w + T k2 sgn s
+        implicit   β = s - T w:  w⁺ = w + c/T,      u = w⁺ + k1 y sgn β       c, y of β with h = T
+        zone                     w⁺ = w + T c/h²,   u = w + c/h + k1 y sgn s  c, y of s with h = zone_time
+        c = s held to ±h² k2,   y = ½ (√(h² k1² + 4 (|s| - |c|)) - h k1)
+
+    The zone is |s| <= h² k2.  Inside it this form is linear, a PID with a pole at -λ and a pair with the frequency 1/h
+    and damping ½; outside its gains fall, so that it is never faster than that.  It solves
+    s ∈ z + h k1 √|z| sgn z + h² k2 Sgn z, u = (s - z)/h + w.  Without L the zone has no end, and the law is that PID.
+
+    What is added to the authors' law: x' is the backward difference, and x_r' is differenced likewise; x_r'' is taken in
+    the middle of the sample over which the force acts; what the limit cut off in the last sample goes into w
+    (back-calculation through `applied` and `requested`).  With two encoders x is read at the load and x' at the motor.
+
+    Tune λ and 1/h like two frequencies; zone_time = 3.75 (d + 1) T at d samples of dead time gives Ms = 2 on a rigid
+    axis.  Then take L from the disturbance, and so large that noise stays inside the zone, h² k2 >= 3 σ(s).
+    When to use: to bound the rate of the force of a stiff PID.  When not: in the hope of more robustness than a PID of
+    equal delay margin has; in a well tuned loop the zone is hardly ever left.  The explicit form always chatters.  The
+    implicit form keeps an error of T F_d/(m λ), and chatters from one sample of dead time on.  Both have no linear model
+    that says anything of them: the explicit one is refused, the implicit one is linearized inside its zone.
+    Source: Levant 1993 (the law, and L); Brogliato, Polyakov & Efimov 2020 (the implicit form); the zone is this
+    library's.
+    """
+
+    feeds = ("acceleration", "velocity")
+    tunables = ("tracking_rate", "zone_time")
+    title = "super-twisting"
+
+    mass: Number = parameter("kg", "m: all that moves", above=0)
+    viscous: Number = parameter("N s/m", "b: viscous friction of the guideway", least=0, default=0)
+    tracking_rate: Number = parameter("1/s", "λ: rate at which the position error falls on the sliding line", above=0)
+    zone_time: Number | None = parameter(
+        "s", "h: inside the zone the force answers with the frequency 1/h; absent in the other forms", above=0, default=None
+    )
+    disturbance_rate: Number | None = parameter(
+        "m/s3", "L: largest rate of the disturbance over the mass; absent: a zone without end", above=0, default=None
+    )
+    root_factor: Number = parameter("", "k1/√L", above=0, default=1.5)
+    sign_factor: Number = parameter("", "k2/L", above=0, default=1.1)
+    form: str = choice("how the law is sampled", options=("zone", "implicit", "explicit"), default="zone")
+    velocity_encoder: str = choice("encoder of the velocity", options=("motor", "load"), default="motor")
+
+    @classmethod
+    def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
+        """The zone, slow; its width for disturbances of some g in a millisecond and for the noise of the reading."""
+        zone_time = 0.6 / axis.rate
+        noise = 1.4142135623730951 * axis.reading_noise / axis.sample_time
+        fastest = 0.25 * zone_time  # the tuning may make the zone narrower
+        rate = max(_USUAL, _QUIET * noise / (1.1 * fastest * fastest))
+        law = begun(cls, axis, zone_time=zone_time, disturbance_rate=rate)
+        return (Start(cls.title, law, f"{axis.sentence()}; L = {rate:.4g} m/s3"),)
+
+    class Prepared(NamedTuple):
+        """h (the sample time where none is given), k1 and k2."""
+
+        h: Number  # s
+        k1: Number  # (m/s)^½ / s
+        k2: Number  # m/s³
+
+    class State(NamedTuple):
+        """Last position of the velocity's encoder (m), and w (m/s²)."""
+
+        position: Number
+        twist: Number
+
+    def check(self) -> None:
+        """Each form has the parameters that it needs."""
+        if self.form == "zone" and self.zone_time is None:
+            raise StructureError(f"{self.kind}.zone_time is missing: form = 'zone' needs it, in s")
+        if self.form != "zone" and self.zone_time is not None:
+            raise StructureError(
+                f"{self.kind}.zone_time has no meaning with form = '{self.form}', whose step is the sample time: leave "
+                f"it out, or take form = 'zone'"
+            )
+        if self.form == "explicit" and self.disturbance_rate is None:
+            raise StructureError(f"{self.kind}.disturbance_rate is missing: form = 'explicit' needs it, in m/s3")
+
+    def position_gain(self) -> Number:
+        """λ: s sees λ e_x + e_v."""
+        return self.tracking_rate
+
+    def settled(self) -> SuperTwisting:
+        """A zone without end."""
+        return self if self.form == "explicit" else replace(self, disturbance_rate=None)
+
+    def prepare(self, T: Number) -> Prepared:
+        """h, k1 and k2; without L they are not used."""
+        h = T if self.zone_time is None else self.zone_time
+        if self.disturbance_rate is None:
+            return self.Prepared(h, 0.0, 0.0)
+        return self.Prepared(
+            h, self.root_factor * ops.sqrt(self.disturbance_rate), self.sign_factor * self.disturbance_rate
+        )
+
+    def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
+        """At rest at the reading on s = 0, with the force that acts."""
+        return self.State(self._position(reading), reading.applied / self.mass)
+
+    def _position(self, reading: Reading) -> Number:
+        return reading.position_motor if self.velocity_encoder == "motor" else reading.position_load
+
+    def step(
+        self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
+    ) -> tuple[State, Number]:
+        """The equations above."""
+        position = self._position(reading)
+        v = (position - state.position) / T
+        e_v = setpoint.backward_velocity(T) - v
+        s = self.tracking_rate * (setpoint.position - reading.position_load) + e_v
+        w = state.twist + (reading.applied - reading.requested) / self.mass
+        if self.form == "explicit":
+            twist = w + T * prepared.k2 * ops.sign(s)
+            u = prepared.k1 * ops.sqrt(ops.absolute(s)) * ops.sign(s) + w
+        elif self.form == "implicit":
+            held, beyond = self._split(prepared, s - T * w)
+            twist = w + held / T
+            u = twist + beyond
+        else:
+            held, beyond = self._split(prepared, s)
+            twist = w + T * (held / prepared.h) / prepared.h
+            u = w + held / prepared.h + beyond
+        acceleration = setpoint.shifted(0.5 * T).acceleration
+        force = self.mass * (acceleration + self.tracking_rate * e_v + u) + self.viscous * v
+        return self.State(position, twist), force
+
+    def _split(self, prepared: Prepared, s: Number) -> tuple[Number, Number]:
+        """What of s lies in the zone (m/s), and the acceleration k1 y sgn s of what lies beyond it (m/s²)."""
+        if self.disturbance_rate is None:
+            return s, 0.0
+        h, k1, k2 = prepared
+        zone = h * h * k2
+        held = ops.clip(s, -zone, zone)
+        beyond = ops.absolute(s) - ops.absolute(held)
+        root = h * k1
+        # ½ (√(root² + 4 beyond) - root), without the difference of two large numbers
+        y = 2.0 * beyond / (root + ops.sqrt(root * root + 4.0 * beyond))
+        return held, k1 * y * ops.sign(s)
+
+    def retune(self, state: State, old: SuperTwisting, old_prepared: Prepared, prepared: Prepared) -> State:
+        """The force of w goes on."""
+        return state._replace(twist=state.twist * (old.mass / self.mass))
+
+    def sampled_rules(self, T: Number) -> Iterator[Rule]:
+        """Inside its zone the loop around m x'' = F, without any dead time, is stable at this sample time."""
+        if self.form != "explicit":
+            yield Rule(
+                self._stable(1.0, T),
+                "inside the zone the loop around a free mass, without any dead time, is stable with this rate and time",
+                lambda: self._refusal(T),
+            )
+
+    def _stable(self, slower: Number, T: Number) -> Any:
+        """Whether the loop around m x'' = F, held over the sample, is stable with λ and 1/h times `slower`.
+
+        In q = z⁻¹ and D = 1 - q it closes, with l = λT and η = T/h, as D³ + q (1 + q)/2 · [l D² + (D + l)(η D + η² q)];
+        the implicit form as D² + q (1 + q)/2 · [l D + D + l].  With q = (1 - y)/(1 + y) the inside of the unit circle
+        becomes the half plane Re y < 0.
+        """
+        l = slower * self.tracking_rate * T  # noqa: E741
+        line, late = [l, 2.0 + l], [1.0, -1.0]
+        if self.zone_time is None:
+            inner = product(late, [line[0], line[1] + 2.0 * l])
+            return is_stable([inner[0], inner[1], inner[2] + 4.0, 4.0])
+        n = slower * T / self.zone_time
+        inner = product(line, [n * n, 2.0 * n - n * n])
+        outer = product(late, [inner[0], inner[1], inner[2] + 4.0 * l])
+        return is_stable([*outer[:3], outer[3] + 8.0, 8.0])
+
+    def _refusal(self, T: float) -> str:
+        """The error: how much slower the law must be."""
+        share = largest_share(lambda slower: bool(self._stable(slower, T)))
+        said = f"tracking_rate = {self.tracking_rate:g} 1/s (must be below {share * self.tracking_rate:.4g})"
+        if self.zone_time is not None:
+            most = f"{self.zone_time / share:.4g}" if share > 0.0 else "a longer time"
+            said += f", zone_time = {self.zone_time:g} s (must be above {most})"
+        return (
+            f"{self.kind}: {said}: inside its zone the loop is unstable without any dead time at the sample time "
+            f"{T:g} s. Stay within these bounds together, or sample faster; zone_time = {3.75 * T:.4g} s times d + 1, "
+            f"with d samples of dead time, keeps Ms <= 2"
+        )
