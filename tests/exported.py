@@ -63,6 +63,9 @@ def mode_compensation(observer: object) -> fd.blocks.ModeCompensation:
 
 
 DADSC = fd.blocks.DADSC(mass=MASS, viscous=VISCOUS, tracking_rate=120.0, reaching_rate=120.0, adaptation_rate=60.0)
+SUPER_TWISTING = fd.blocks.SuperTwisting(  # a narrow zone, which is left
+    mass=MASS, viscous=VISCOUS, tracking_rate=120.0, zone_time=2e-3, disturbance_rate=2e3
+)
 LINUXCNC_PID = fd.blocks.LinuxcncPid(
     position=fd.blocks.StockPid(Pgain=60.0, FF1=1.0, maxoutput=3000.0),
     velocity=fd.blocks.StockPid(Pgain=40.0, Igain=400.0, maxoutput=9000.0),
@@ -84,6 +87,9 @@ LAWS: dict[str, fd.Loop] = {
 }
 LOOPS: dict[str, fd.Loop] = {
     **LAWS,
+    "super_twisting": loop(ONE, SUPER_TWISTING),
+    "super_twisting, implicit": loop(ONE, dataclasses.replace(SUPER_TWISTING, form="implicit", zone_time=None)),
+    "super_twisting, explicit": loop(ONE, dataclasses.replace(SUPER_TWISTING, form="explicit", zone_time=None)),
     "cascade_ppi, guard without bounds": loop(TWO, PPI, guard=fd.Guard()),
     "cascade_ppi, guard without parts": loop(
         TWO,

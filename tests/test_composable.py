@@ -35,6 +35,9 @@ LAWS: dict[str, Law] = {
     "dadsc": fd.blocks.DADSC(
         mass=MASS, viscous=VISCOUS, tracking_rate=120.0, reaching_rate=120.0, adaptation_rate=60.0
     ),
+    "super_twisting": fd.blocks.SuperTwisting(
+        mass=MASS, viscous=VISCOUS, tracking_rate=80.0, zone_time=5e-3, disturbance_rate=5e4
+    ),
     "pole_placement": fd.blocks.PolePlacement(model=MODEL, bandwidth=30.0, rigid_damping=0.6),
     "active_disturbance_rejection": fd.blocks.ActiveDisturbanceRejection(
         mass=MASS, omega_c=80.0, observer=fd.blocks.GpiObserver(mass=MASS, omega_o=150.0, taylor_states=1)

@@ -23,6 +23,7 @@ from feeddrive.blocks import (
     PolePlacement,
     Rigid,
     SecondOrder,
+    SuperTwisting,
     TrajectoryPrefilter,
     TwoMass,
 )
@@ -53,6 +54,7 @@ CONTROLS = {
     "filters": Control(law=PPI, filters=FILTERS, feedforward=(Inertia(mass=MASS),)),
     "prefilter": Control(law=PPI, prefilter=TrajectoryPrefilter(theta2=1e-5)),
     "dadsc": Control(law=DADSC(mass=MASS, tracking_rate=300.0, reaching_rate=300.0, adaptation_rate=300.0)),
+    "super-twisting": Control(law=SuperTwisting(mass=MASS, tracking_rate=200.0, zone_time=1e-3, disturbance_rate=5e4)),
     "adr": Control(law=ActiveDisturbanceRejection(mass=MASS, omega_c=50.0, observer=GPI)),
     "adr, recovery": Control(law=ActiveDisturbanceRejection(mass=MASS, omega_c=30.0, observer=RECOVERY)),
     "pole placement": Control(law=PolePlacement(model=SCREW, bandwidth=40.0)),

@@ -37,16 +37,16 @@ class SuperTwisting(Law):
     and damping ½; outside its gains fall, so that it is never faster than that.  It solves
     s ∈ z + h k1 √|z| sgn z + h² k2 Sgn z, u = (s - z)/h + w.  Without L the zone has no end, and the law is that PID.
 
-    What is added to the authors' law: x' is the backward difference, and x_r' is differenced likewise; x_r'' is taken in
-    the middle of the sample over which the force acts; what the limit cut off in the last sample goes into w
-    (back-calculation through `applied` and `requested`).  With two encoders x is read at the load and x' at the motor.
+    What is added: x' is the backward difference, and x_r' is differenced likewise; x_r'' is taken in the middle of the
+    sample over which the force acts; what the limit cut off in the last sample goes into w (back-calculation through
+    `applied` and `requested`).  With two encoders x is read at the load and x' at the motor.
 
     Tune λ and 1/h like two frequencies; zone_time = 3.75 (d + 1) T at d samples of dead time gives Ms = 2 on a rigid
     axis.  Then take L from the disturbance, and so large that noise stays inside the zone, h² k2 >= 3 σ(s).
     When to use: to bound the rate of the force of a stiff PID.  When not: in the hope of more robustness than a PID of
     equal delay margin has; in a well tuned loop the zone is hardly ever left.  The explicit form always chatters.  The
-    implicit form keeps an error of T F_d/(m λ), and chatters from one sample of dead time on.  Both have no linear model
-    that says anything of them: the explicit one is refused, the implicit one is linearized inside its zone.
+    implicit form keeps an error of T F_d/(m λ), and chatters from one sample of dead time on.  A linear model says
+    nothing of either: that of the explicit form is refused, the implicit one is taken inside its zone.
     Source: Levant 1993 (the law, and L); Brogliato, Polyakov & Efimov 2020 (the implicit form); the zone is this
     library's.
     """
@@ -59,7 +59,10 @@ class SuperTwisting(Law):
     viscous: Number = parameter("N s/m", "b: viscous friction of the guideway", least=0, default=0)
     tracking_rate: Number = parameter("1/s", "λ: rate at which the position error falls on the sliding line", above=0)
     zone_time: Number | None = parameter(
-        "s", "h: inside the zone the force answers with the frequency 1/h; absent in the other forms", above=0, default=None
+        "s",
+        "h: inside the zone the force answers with the frequency 1/h; absent in the other forms",
+        above=0,
+        default=None,
     )
     disturbance_rate: Number | None = parameter(
         "m/s3", "L: largest rate of the disturbance over the mass; absent: a zone without end", above=0, default=None
