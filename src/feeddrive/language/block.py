@@ -341,7 +341,8 @@ def _checked_number(where: str, declaration: Declaration, value: Any) -> Any:
         if value.dtype.kind not in "fiu":
             raise ParameterError(f"{where} ({declaration.meaning}) must be numbers, not {value.dtype}")
         lanes = value.astype(np.float64)
-        for item in lanes.ravel():
+        kept = np.logical_and.reduce(list(declaration.conditions(lanes)))
+        for item in lanes[~kept][:1]:  # the first one that is refused
             check_bounds(where, declaration, float(item))
         return lanes
     if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):

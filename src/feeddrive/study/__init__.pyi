@@ -2,6 +2,7 @@
 
 from feeddrive.study.cases import Case as Case
 from feeddrive.study.cases import cases as cases
+from feeddrive.study.chunk import run_chunk as run_chunk
 from feeddrive.study.figure import Figure as Figure
 from feeddrive.study.figure import Statistics as Statistics
 from feeddrive.study.figures import figures as figures
@@ -11,5 +12,7 @@ from feeddrive.study.store import Manifest as Manifest
 from feeddrive.study.store import Store as Store
 from feeddrive.study.study import Study as Study
 from feeddrive.study.study import read_study as read_study
+from feeddrive.study.sweep import Sweep as Sweep
+from feeddrive.study.sweep import sweep as sweep
 from feeddrive.study.variants import Variants as Variants
 from feeddrive.study.variants import variants as variants

@@ -291,6 +291,12 @@ COMMANDS: dict[str, Listed] = {
         "Simulate",
         ("job.toml",),
     ),
+    "sweep": Listed(
+        "sweep",
+        "Run many variants of a job, as a study says, on all cores; what is done is kept, and --resume goes on.",
+        "Simulate",
+        ("ball_screw_series --out series", "study.toml --workers 8 --out series --resume"),
+    ),
     "lobes": Listed(
         "lobes",
         "Find the depths of a milling cut without chatter over the spindle speed; say whether this machine's cut does.",

@@ -1,0 +1,191 @@
+"""One chunk of a study: its variants simulated in batches of one structure, as rows of a table.
+
+A row depends on the study and on the number of its variant alone: not on the chunk, on the variants beside it, on
+lanes, threads or the process that computes it.  Variants that need another graph (another law, another number of
+samples of dead time) are batches of their own.  A variant that cannot be made, is not stable or leaves its bounds is a
+row with its reason and without figures; whether it is stable is asked where a figure comes from its linear model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from feeddrive.language import ops, tree
+from feeddrive.language.errors import CancelledError, FeeddriveError, plain
+from feeddrive.language.progress import Progress
+from feeddrive.loop.hold import samples_of
+from feeddrive.loop.machine import System
+from feeddrive.loop.simulate import Run, simulate, simulate_batch
+from feeddrive.study.cases import Case, cases
+from feeddrive.study.figure import NEEDS, Figure, Statistics
+from feeddrive.study.model_figures import LinearLoop
+from feeddrive.study.study import Study
+from feeddrive.study.variants import Variants, variants
+
+if TYPE_CHECKING:
+    import pyarrow
+
+VARIANT, REASON = "variant", "reason"  # columns of every table of rows
+
+
+def run_chunk(study: Study, number: int, *, threads: int = 1, progress: Progress | None = None) -> pyarrow.Table:
+    """The rows of one chunk: variant, what varies, figures in SI, and the reason of a variant that has none.
+
+    `progress` is asked between groups of variants whether to go on.
+    """
+    within = study.range(number)
+    drawn = variants(study, within.start, len(within))
+    rows = Rows(study.measure, len(within))
+    for case in cases(study, drawn):
+        for part, system in batches(case, rows):
+            _judge(study, part, system, rows, threads, progress or Progress())
+    return rows.table(drawn)
+
+
+class Rows:
+    """Figures and reasons of the variants of a chunk, by their place in it; a figure that does not occur is NaN."""
+
+    def __init__(self, measure: tuple[Figure, ...], count: int) -> None:
+        self.figures = {each.name: np.full(count, np.nan) for each in measure}
+        self.reasons: list[str | None] = [None] * count
+
+    def refuse(self, place: int, reason: object) -> None:
+        """The variant at a place is bad: it keeps its first reason, and no figures."""
+        self.reasons[place] = self.reasons[place] or plain(str(reason)) or type(reason).__name__
+        for values in self.figures.values():
+            values[place] = np.nan
+
+    @contextmanager
+    def refusing(self, place: int) -> Generator[None]:
+        """Whatever is raised is the reason of the variant at a place.
+
+        One variant ends no sweep of thousands, and neither does a figure of somebody else that fails for it.
+        """
+        try:
+            yield
+        except (CancelledError, MemoryError):
+            raise
+        except FeeddriveError as error:
+            self.refuse(place, error)
+        except Exception as error:
+            self.refuse(place, f"{type(error).__name__}: {error}")
+
+    def table(self, drawn: Variants) -> pyarrow.Table:
+        """The rows in the order of their variants."""
+        import pyarrow as arrow  # 50 ms, which `import feeddrive` and commands that only read need not wait for
+
+        columns: dict[str, Any] = {VARIANT: arrow.array(drawn.numbers)}
+        columns |= {name: arrow.array(values) for name, values in drawn.values.items()}
+        columns |= {name: arrow.array(values, from_pandas=True) for name, values in self.figures.items()}
+        columns[REASON] = arrow.array(self.reasons, arrow.string())
+        return arrow.table(columns)
+
+
+def batches(case: Case, rows: Rows) -> Iterator[tuple[Case, System]]:
+    """The case in parts that one graph can run, each with its system; variants that cannot be made are refused."""
+    for alike in _alike(case):
+        part = case.chosen(alike)
+        try:
+            yield part, varied(part)
+        except FeeddriveError:
+            sound = _sound(part, np.arange(alike.size), rows)
+            if sound.size:
+                part = part.chosen(sound)
+                yield part, varied(part)
+
+
+def varied(case: Case) -> System:
+    """The system of all variants of a case, with arrays. Raises as `tree.vary`."""
+    return tree.vary(case.system, case.changes)
+
+
+def _alike(case: Case) -> list[np.ndarray]:
+    """Variants with the same whole samples of dead time, and alike in whether a part of one is left.
+
+    Both make another graph, and with it other last bits.
+    """
+    found: dict[tuple[Any, ...], list[int]] = {}
+    delays: list[Any] = []
+    for loop in case.system.loops().values():
+        path = tree.path_of(loop, "axis.actuator.dead_time")
+        samples = samples_of(case.changes.get(path, loop.axis.actuator.dead_time), loop.sample_time)
+        delays += [ops.floor(samples), samples > ops.floor(samples)]
+    columns = [np.broadcast_to(each, len(case.rows)).tolist() for each in delays]
+    for place, kind in enumerate(zip(*columns, strict=True)):
+        found.setdefault(kind, []).append(place)
+    return [np.array(each) for each in found.values()]
+
+
+def _sound(case: Case, some: np.ndarray, rows: Rows) -> np.ndarray:
+    """Those of some variants of a case that can be made; a group that holds one that cannot is halved."""
+    try:
+        if some.size == 1:
+            case.one(int(some[0]))
+        else:
+            varied(case.chosen(some))
+    except FeeddriveError as error:
+        if some.size == 1:
+            rows.refuse(int(case.rows[some[0]]), error)
+            return some[:0]
+        return np.concatenate([_sound(case, part, rows) for part in np.array_split(some, 2)])
+    return some
+
+
+def _judge(study: Study, case: Case, system: System, rows: Rows, threads: int, progress: Progress) -> None:
+    """The figures of the variants of one graph: of the batch, then of each variant's linear model and own run."""
+    wanted = {need: [each for each in study.measure if each.needs == need] for need in NEEDS}
+    if wanted["statistics"]:
+        _gather(case, system, wanted["statistics"], rows, threads, progress)
+    speed = case.speed if wanted["model"] else 0.0
+    for place, row in enumerate(case.rows.tolist()):
+        progress.check()
+        if rows.reasons[row] is None:
+            with rows.refusing(row):
+                linear = LinearLoop(case.loop(place), speed) if wanted["model"] else None
+                for each in wanted["model"]:
+                    rows.figures[each.name][row] = each.of(linear)
+                run = _run(case, place) if wanted["run"] else None
+                for each in wanted["run"]:
+                    rows.figures[each.name][row] = each.of(run)
+
+
+def _gather(case: Case, system: System, wanted: Sequence[Figure], rows: Rows, threads: int, progress: Progress) -> None:
+    """Figures of the statistics of a batch; one that cannot be run is halved until the variant at fault is alone."""
+    signals = dict.fromkeys(f"{case.port}{signal}" for each in wanted for signal in each.signals)
+    try:
+        batch = simulate_batch(
+            system, case.references, load=case.loads, duration=case.duration, seed=case.seed,
+            gather=list(signals), threads=threads, progress=progress,
+        )  # fmt: skip
+    except CancelledError:
+        raise
+    except FeeddriveError as error:
+        if len(case.rows) == 1:
+            rows.refuse(int(case.rows[0]), error)
+            return
+        for part in np.array_split(np.arange(len(case.rows)), 2):
+            half = case.chosen(part)
+            _gather(half, varied(half), wanted, rows, threads, progress)
+        return
+    statistics = Statistics(batch, case.port)
+    for each in wanted:
+        rows.figures[each.name][case.rows] = each.of(statistics)
+    for place in np.flatnonzero(batch.left >= 0):
+        sample = int(batch.left[place])
+        rows.refuse(
+            int(case.rows[place]),
+            f"the loop left its bounds at sample {sample} (t = {sample * batch.sample_time:.6g} s): it is unstable or "
+            "was started far from its setpoint",
+        )
+
+
+def _run(case: Case, place: int) -> Run:
+    """One variant over time, as its axis alone has it."""
+    system = case.one(place)
+    seed = int(case.seed[place])
+    run = simulate(system, case.references, load=case.loads, duration=case.duration, seed=seed, name=case.axis)
+    return run.axis(case.axis) if case.port else run

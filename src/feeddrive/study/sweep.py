@@ -1,0 +1,164 @@
+"""A sweep: all variants of a study run on this machine, chunk by chunk, into a store.
+
+    found = sweep("ball_screw_series", "out", workers=2)
+    found.store.table()
+
+A chunk is computed, written whole, and forgotten, so that memory does not grow with the number of variants.  Whatever
+ends a sweep, what is written stays, and `resume` computes the rest: to the same rows as a sweep that nothing disturbed.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from feeddrive.language.errors import CancelledError, ParameterError, WorkerError
+from feeddrive.language.progress import Progress
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.runner import cores
+from feeddrive.study.chunk import REASON, VARIANT
+from feeddrive.study.pool import finished
+from feeddrive.study.store import Manifest, Store
+from feeddrive.study.study import Study, StudyLike, read_study
+
+_MOST_WORKERS = 1024
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Sweep(Result):
+    """A sweep whose rows are complete.
+
+    ran      variants that this call computed; the others were there already
+    seconds  that it took
+    workers  how many worked: threads or processes
+    """
+
+    study: Study
+    store: Store
+    ran: int
+    seconds: float
+    workers: int
+
+    def table(self) -> Table:
+        """How many variants there are, how many of them have no figures, and how quick it was."""
+        rows = [
+            ["variants", f"{self.study.count:,}"],
+            ["without figures", f"{self.bad[0]:,}"],
+            ["computed now", f"{self.ran:,}"],
+            ["in s", f"{self.seconds:.3g}"],
+            ["a second", rounded(self.ran / self.seconds) if self.ran else "-"],
+        ]
+        return Table(f"{self.study.title}: rows in {self.store.address}", ["variants", ""], rows)
+
+    @cached_property
+    def bad(self) -> tuple[int, list[tuple[int, str]]]:
+        """How many variants have no figures, and number and reason of the first ten."""
+        return bad_variants(self.store)
+
+
+def sweep(
+    study: StudyLike,
+    out: str | Path,
+    *,
+    workers: int | None = None,
+    resume: bool = False,
+    allow: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> Sweep:
+    """Run all variants of a study; the rows stand in `out` as a partitioned Parquet table (`Store`).
+
+    study      a study file, the name of a bundled study, or what `read_study` gave
+    out        a directory, or an address of fsspec such as s3://bucket/mill
+    workers    how many work side by side (default: all cores); they change no bit of the rows
+    resume     go on with a sweep of this study that is in `out`; without it one that is there is refused
+    allow      modules whose figures the study may name
+
+    Raises FileError for a study or store that cannot be used, and for a store that cannot be written any more;
+    WorkerError for workers that cannot be reached or are lost again and again; CancelledError after a cancel or Ctrl-C.
+    After each of them `resume` goes on.
+    """
+    if workers is not None and not 1 <= workers <= _MOST_WORKERS:
+        raise ParameterError(f"workers = {workers} must be 1 to {_MOST_WORKERS}")
+    study = read_study(study, allow)
+    store, progress = Store(out), progress or Progress()
+    begun = time.perf_counter()
+    done = store.begin(Manifest(study.text, study.digest, study.count, study.chunk), resume=resume)
+    rate = Rate(study, done)
+    left = (number for number in range(study.chunks) if number not in done)
+    count = workers or cores()
+    try:
+        rate.show(progress)
+        with closing(finished(study, left, count, progress)) as chunks:
+            for number, rows in chunks:
+                store.write(number, rows)
+                rate.add(rows.num_rows)
+                rate.show(progress)
+    except (CancelledError, KeyboardInterrupt):
+        raise CancelledError(f"stopped; {rate.kept(store)}") from None
+    except WorkerError as error:
+        raise WorkerError(f"{error}; {rate.kept(store)}") from None
+    return Sweep(study, store, rate.ran, time.perf_counter() - begun, count)
+
+
+class Rate:
+    """How many variants are done, how quickly, and how long the rest takes at this rate."""
+
+    def __init__(self, study: Study, done: frozenset[int]) -> None:
+        self._all = study.count
+        self.before = sum(len(study.range(number)) for number in done)
+        self.ran = 0
+        self._begun = time.monotonic()
+
+    @property
+    def done(self) -> int:
+        """Variants that are in the store."""
+        return self.before + self.ran
+
+    def add(self, variants: int) -> None:
+        """Some more are done."""
+        self.ran += variants
+
+    def said(self) -> str:
+        """As `variants, 1,250 a second, 3 min left`."""
+        spent = time.monotonic() - self._begun
+        if not self.ran or spent <= 0.0:
+            return "variants"
+        each = spent / self.ran
+        return f"variants, {rounded(1.0 / each)} a second, {_time((self._all - self.done) * each)} left"
+
+    def kept(self, store: Store) -> str:
+        """What is there of a sweep that ends early."""
+        if not self.done:
+            return "nothing was written"
+        return f"{self.done:,} of {self._all:,} variants are in {store.address}: go on with --resume"
+
+    def show(self, progress: Progress) -> None:
+        """Tell it. Raises CancelledError after a cancel."""
+        progress.step(self.said(), self.done, self._all)
+
+
+def rounded(value: float) -> str:
+    """A rate: three digits, or whole with commas."""
+    return f"{value:,.0f}" if value >= 100.0 else f"{value:.3g}"
+
+
+def _time(seconds: float) -> str:
+    for unit, size in (("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
+        if seconds >= 2.0 * size:
+            return f"{seconds / size:.0f} {unit}"
+    return f"{seconds:.0f} s"
+
+
+def bad_variants(store: Store, most: int = 10) -> tuple[int, list[tuple[int, str]]]:
+    """How many variants have no figures, and number and reason of the first ones; chunk by chunk."""
+    count, first = 0, list[tuple[int, str]]()
+    for part in store.batches([VARIANT, REASON]):
+        bad = part.filter(part.column(REASON).is_valid())
+        count += bad.num_rows
+        some = bad.slice(0, most - len(first))
+        first += zip(some.column(VARIANT).to_pylist(), some.column(REASON).to_pylist(), strict=True)
+    return count, first

@@ -1,0 +1,64 @@
+"""`feeddrive sweep`: all variants of a study, on the cores of this machine.
+
+manifest.json                 the study as it was given, digest, version of feeddrive
+rows/chunk_00000000.parquet   a row for each variant: what varies, figures in SI, the reason of one that has none
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.progress import Progress
+from feeddrive.study.study import StudyLike
+from feeddrive.study.sweep import Sweep
+from feeddrive.study.sweep import sweep as run_sweep
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.request import Request, argument, option, stem
+
+
+class SweepRequest(Request):
+    """Which study is run, by how many, and where its rows go."""
+
+    study: StudyLike = argument("A study file (TOML), or the name of a bundled study")
+    workers: int | None = option(
+        "How many variants are computed side by side; default: as many as there are cores", default=None, least=1,
+        most=1024,
+    )  # fmt: skip
+    out: str | Path | None = option(
+        "Directory of the rows, or an address of fsspec, as s3://bucket/mill", short="-o", default=None
+    )
+    resume: bool = option("Go on with the sweep of this study that is in --out", default=False)
+    allow: tuple[str, ...] = option(
+        "A module with figures of your own, whose code is then run; may be repeated", default=()
+    )
+
+    def usual_out(self) -> Path:
+        """By the name of what it is about."""
+        return Path("results") / f"sweep_{stem(self.study)}"
+
+
+@command(SweepRequest)
+def sweep(request: SweepRequest, progress: Progress) -> Outcome[Sweep]:
+    """Run all variants of a study on the cores of this machine.
+
+    What is done is kept, whatever ends the work, and `resume` computes the rest.  Raises ParameterError without a place
+    for the rows, and as `feeddrive.study.sweep`.
+    """
+    if request.out is None:
+        raise ParameterError("out: a sweep needs a place for its rows: a directory, or an address of fsspec")
+    found = run_sweep(
+        request.study, request.out, workers=request.workers, resume=request.resume, allow=request.allow,
+        progress=progress,
+    )  # fmt: skip
+    return Outcome(found, [found.table()], list(_bad(found)), files={"Rows": found.store.address})
+
+
+def _bad(found: Sweep) -> Iterator[str]:
+    """The first variants without figures, with their reasons."""
+    count, first = found.bad
+    for variant, reason in first:
+        yield f"variant {variant} has no figures: {reason}"
+    if count > len(first):
+        yield f"{count - len(first):,} more have none: the column 'reason' of the rows says why"
