@@ -13,7 +13,17 @@ from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.controller.dadsc import DADSC
 from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
 from feeddrive.blocks.plant.rigid import Rigid
-from field_laws import T, golden_forces, judged, loop, loop_gain, stable_masses, stiffness_at
+from field_laws import (
+    T,
+    golden_forces,
+    judged,
+    loop,
+    loop_gain,
+    stable_masses,
+    start_under_load,
+    step_into_the_limit,
+    stiffness_at,
+)
 
 
 def observer(form: str, g: float, viscous: float = 60.0, late: int = 1) -> DisturbanceRejection:
@@ -105,3 +115,20 @@ def test_the_noise_of_the_estimate() -> None:
         inverse = observer(form, 600.0).observer
         found = np.std(observe(inverse, white, np.zeros(white.size), T).disturbance) / 1e-8
         assert found == pytest.approx(expected, rel=0.01)  # 400,000 samples: 0.4 %
+
+
+def test_what_sums_knows_the_limit() -> None:
+    """A jump of 5 mm with 400 N: mm of overshoot."""
+    P, PI = CascadePPI(Kv=200.0, Kp=24000.0), CascadePPI(Kv=200.0, Kp=24000.0, Tn=8e-3)
+    assert step_into_the_limit(CascadePPI(Kv=400.0 / 3.0, Kp=36000.0, Tn=7.5e-3)) < 1e-8
+    assert step_into_the_limit(PI, observer("two_poles", 600.0)) < 0.05e-3
+    assert step_into_the_limit(P, observer("one_pole", 600.0)) < 2.5e-3
+
+
+@pytest.mark.parametrize("time", [None, 8e-3])
+@pytest.mark.parametrize("form", ["one_pole", "two_poles", "butterworth"])
+def test_a_start_under_400_N_of_gravity_is_felt_by_nobody(form: str, time: float | None) -> None:
+    """Law and observer do not both take over the force: what the observer holds is not in the integral."""
+    step, moved = start_under_load(CascadePPI(Kv=200.0, Kp=24000.0, Tn=time), observer(form, 600.0))
+    assert abs(step) < 1e-11  # N
+    assert moved < 1e-16  # m

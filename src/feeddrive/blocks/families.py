@@ -3,7 +3,7 @@
 A block is final: it implements the abstract methods and overrides no method with a body but the empty hooks `prepare`,
 `start` of forces and feedforward, `start` and `step` of couplings with `modes`, `springs`, `follows`, `listen` and
 `correct`, `retune`, `period`, `check`, `rules`, `sampled_rules`, `substep_rules`, `fed`, `lag`, `settled`, `suits`,
-`fits`, `begin`, `goes_beside`, `stretches`, `position_gain` and `moved`.
+`fits`, `begin`, `goes_beside`, `stretches`, `position_gain`, `carries` and `moved`.
 
     prepare(T)   numbers that depend on parameters only, computed once per run; returns a named tuple
     start(...)   the steady state of a block at rest
@@ -81,10 +81,9 @@ class Friction(Block, ABC):
     ) -> tuple[Any, Number, Any]:
         """The force F, held over the substep, that is consistent with the velocity at its end (implicit step).
 
-        step           s, length of the substep
-        velocity       m/s at its start
-        free_velocity  m/s at its end if F were 0; with it, v = free_velocity + mobility · F
-        mobility       (m/s)/N, > 0
+        step, velocity  s, length of the substep; m/s at its start
+        free_velocity   m/s at its end if F were 0; with it, v = free_velocity + mobility · F
+        mobility        (m/s)/N, > 0
         Returns the new state, F in N, and whether the body is stuck (its velocity is then exactly 0).
         """
 
@@ -179,8 +178,7 @@ class Law(Block, ABC):
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
         """Start values of a search on an axis whose control has the law `present`, for one form of the law or several.
 
-        By default each parameter follows from its unit (`begun`).  Empty for a law that a comparison leaves out.
-        Raises StructureError, with the reason, if the law cannot control the axis (empty hook).
+        By default by unit (`begun`); empty: no comparison.  Raises StructureError with why the law does not go (hook).
         """
         return (Start(cls.title or cls.kind.replace("_", " "), begun(cls, axis), axis.sentence()),)
 
@@ -360,6 +358,10 @@ class Compensation(Block, ABC):
     def retune(self, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Any:
         """The state after a live change from the block `old` to this one, without a bump (empty hook)."""
         return state
+
+    def carries(self, reading: Reading) -> Any:
+        """The part of the force acting at a start that it holds, N; the law holds the rest (empty hook)."""
+        return 0.0
 
     def moved(self, state: Any) -> Any:
         """What was added to the set position for the sake of the reading alone, m (empty hook)."""

@@ -139,11 +139,12 @@ class Control(Block):
     def _memory(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> Memory:
         compensation = zip(self.compensation, prepared.compensation, strict=True)
         filters = zip(self.filters, prepared.filters, strict=True)
+        force = reduce(_less, (part.carries(reading) for part in self.compensation), reading.applied)
         return self.Memory(
             Nothing() if self.prefilter is None else self.prefilter.start(setpoint),
             tuple(part.start(made, setpoint, reading) for part, made in compensation),
-            self.law.start(prepared.law, setpoint, reading),
-            tuple(part.start(made, reading.applied) for part, made in filters),
+            self.law.start(prepared.law, setpoint, reading._replace(applied=force)),
+            tuple(part.start(made, force) for part, made in filters),
             tuple(part.start(setpoint) for part in self.feedforward),
         )
 
@@ -261,6 +262,10 @@ class Control(Block):
             applied = ops.clip(requested, -self.force_limit, self.force_limit)
         command = self.Command(applied, requested, feedback, forward, added, 0.0, 1.0)
         return self.Memory(prefilter, tuple(compensation), law, tuple(filters), tuple(fed)), command
+
+
+def _less(force: Any, carried: Any) -> Any:
+    return force if matrix.is_zero(carried) else force - carried
 
 
 def _answered(law: Law, before: Any, found: Any) -> tuple[Any, Any]:

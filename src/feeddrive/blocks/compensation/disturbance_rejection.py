@@ -102,6 +102,10 @@ class DisturbanceRejection(Compensation):
         zero = ops.zero(reading.applied)
         return self.State(self.observer.start(prepared.observer, reading), () if self.blend_time is None else (zero,))
 
+    def carries(self, reading: Reading) -> Number:
+        """Its share of the force that acts, which is what the observer starts with; nothing while the share rises."""
+        return self.share * reading.applied if self.blend_time is None else 0.0
+
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Setpoint, Number]:

@@ -1,0 +1,108 @@
+"""Linear active disturbance rejection: two bandwidths, one of the control and one of an observer of three states."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from feeddrive.blocks.axis_model import AxisModel, Start, begun
+from feeddrive.blocks.families import Law
+from feeddrive.blocks.signals import Reading, Setpoint
+from feeddrive.language import ops
+from feeddrive.language.block import Number, choice, parameter
+
+
+class LinearADRC(Law):
+    """Linear ADRC of a rigid axis m x'' = F + F_d: all that is not the force is one disturbance, and subtracted.
+
+        predict   f = (F(k-1-d) + F̂d)/m,   x⁻ = x̂ + T v̂ + ½T² f,   v⁻ = v̂ + T f,   d = delay_samples
+        correct   e = y(k) - x⁻,   (x̂, v̂, F̂d) = (x⁻, v⁻, F̂d) + l e,   β = e^(-omega_o T)
+                  l = [1 - β³, 3 (1 - β)² (1 + β)/(2T), m (1 - β)³/T²]
+        force     m (a_set(t + T/2) + 2 zeta_c omega_c (v_set - v̂) + omega_c² (x_set - x̂)) - F̂d
+
+    All poles of the observer's error lie at β.  F is the `applied` force, so that nothing winds up.  x̂ - y is kept in
+    place of x̂: no digit is lost far from zero.  `position` = "load" puts the load's reading in place of x̂ in the last
+    bracket, for an observer on the motor of an axis with two encoders.
+
+    When to use: slow friction and gravity for which there is no model, one encoder, a stiff axis.  When not: with the
+    observer on a load encoder behind a spring, where it loses to P-PI by 6 times.  With omega_c fixed a faster observer
+    improves margins and stiffness, and the noise of the force grows with omega_o².  Disturbances near omega_o are
+    amplified by 1.3.
+    It is `ActiveDisturbanceRejection` with `GpiObserver(taylor_states=1, zeta_o=1)` but for the reading between its
+    samples, which this observer does not need, and x̂ in place of the reading.
+    Source: Gao 2003 (bandwidths) and Miklosovic, Radke & Gao 2006 (the current form of the observer).
+    """
+
+    feeds = ("acceleration", "velocity")
+    rejects = True
+    tunables = ("omega_c", "omega_o")
+    title = "LADRC"
+
+    mass: Number = parameter("kg", "m in the model of the law and of its observer; 1/b0", above=0)
+    omega_c: Number = parameter("rad/s", "bandwidth of the control", above=0)
+    omega_o: Number = parameter("rad/s", "bandwidth of the observer; 4 to 10 times omega_c", above=0)
+    zeta_c: Number = parameter("", "damping ratio of the tracking error", above=0, default=1.0)
+    delay_samples: int = choice("samples of dead time until a command acts", default=0, least=0, most=64)
+    encoder: str = choice("encoder of the observer", options=("load", "motor"), default="load")
+    position: str = choice("position that is controlled", options=("estimate", "load"), default="estimate")
+
+    @classmethod
+    def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
+        """The observer on the encoder of the velocity, four times as fast as the control."""
+        encoder = axis.velocity_encoder
+        position = "load" if axis.encoders == 2 and encoder == "motor" else "estimate"
+        law = begun(cls, axis, omega_c=0.5 * axis.rate, omega_o=2.0 * axis.rate, encoder=encoder, position=position)
+        return (Start(cls.title, law, axis.sentence()),)
+
+    class Prepared(NamedTuple):
+        """The gains l: 1, 1/s and N/m; β³."""
+
+        gain: tuple[Number, Number, Number]
+        kept: Number
+
+    class State(NamedTuple):
+        """x̂ - y (m), v̂ (m/s), F̂d (N), the last reading (m), and commands that have not acted (N, newest first)."""
+
+        behind: Number
+        velocity: Number
+        disturbance: Number
+        reading: Number
+        pending: tuple[Number, ...]
+
+    def position_gain(self) -> Number:
+        """omega_c/(2 zeta_c)."""
+        return self.omega_c / (2.0 * self.zeta_c)
+
+    def prepare(self, T: Number) -> Prepared:
+        """The observer's gains."""
+        turn = self.omega_o * T
+        kept, faded = ops.exp(-turn), -ops.expm1(-turn)
+        square = faded * faded
+        gain = (-ops.expm1(-3.0 * turn), 1.5 * square * (1.0 + kept) / T, self.mass * square * faded / (T * T))
+        return self.Prepared(gain, kept * kept * kept)
+
+    def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
+        """Moving as the reading does, with a disturbance that balances the force that acts."""
+        y, force = self._observed(reading), reading.applied
+        return self.State(ops.zero(y), reading.velocity, -force, y, (force,) * self.delay_samples)
+
+    def _observed(self, reading: Reading) -> Number:
+        return reading.position_motor if self.encoder == "motor" else reading.position_load
+
+    def step(
+        self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
+    ) -> tuple[State, Number]:
+        """The equations above; x⁻ is seen from the last reading."""
+        y = self._observed(reading)
+        commands: tuple[Any, ...] = (reading.applied, *state.pending)
+        gained = T * ((commands[-1] + state.disturbance) / self.mass)
+        missed = (y - state.reading) - (state.behind + T * (state.velocity + 0.5 * gained))
+        behind = -(prepared.kept * missed)
+        velocity = state.velocity + gained + prepared.gain[1] * missed
+        disturbance = state.disturbance + prepared.gain[2] * missed
+        nearer = setpoint.position - reading.position_load
+        if self.position == "estimate":
+            nearer = (setpoint.position - y) - behind
+        damped = 2.0 * self.zeta_c * self.omega_c * (setpoint.velocity - velocity)
+        wanted = setpoint.shifted(0.5 * T).acceleration + damped + self.omega_c * self.omega_c * nearer
+        after = self.State(behind, velocity, disturbance, y, commands[: self.delay_samples])
+        return after, self.mass * wanted - disturbance
