@@ -174,6 +174,22 @@ LOOPS: dict[str, fd.Loop] = {
         PPI,
         compensation=(fd.blocks.DisturbanceRejection(observer=dataclasses.replace(GPI, omega_o=600.0), share=0.5),),
     ),
+    "cascade_ppi, disturbance observer": loop(
+        ONE,
+        PPI,
+        filters=FILTERS[:1],
+        compensation=(
+            fd.blocks.DisturbanceRejection(
+                observer=fd.blocks.DisturbanceRecovery(
+                    mass=MASS, viscous=VISCOUS, form="two_poles", frequency=30.0, delay_samples=1
+                )
+            ),
+        ),
+    ),
+    "linear_adrc": loop(ONE, fd.blocks.LinearADRC(mass=MASS, omega_c=100.0, omega_o=500.0, delay_samples=1)),
+    "linear_adrc, two encoders": loop(
+        TWO, fd.blocks.LinearADRC(mass=MASS, omega_c=100.0, omega_o=500.0, encoder="motor", position="load")
+    ),
     "linuxcnc_pid": loop(ONE, LINUXCNC_PID),
     "dadsc, mode": loop(
         ONE, DADSC, compensation=(mode_compensation(fd.blocks.DisturbanceRecovery(mass=MASS, frequency=10.0)),)

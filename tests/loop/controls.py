@@ -15,6 +15,7 @@ from feeddrive.blocks import (
     GpiObserver,
     Inertia,
     KalmanRecovery,
+    LinearADRC,
     LowPass,
     LowPass2,
     MachineMode,
@@ -63,6 +64,10 @@ CONTROLS = {
     "exact recovery": rejection(DisturbanceRecovery(mass=MASS, form="exact")),
     "one pole": rejection(DisturbanceRecovery(mass=MASS, form="one_pole")),
     "butterworth": rejection(RECOVERY),
+    "integral and two poles": Control(
+        law=PPI, filters=FILTERS, compensation=(DisturbanceRejection(observer=replace(RECOVERY, form="two_poles")),)
+    ),
+    "ladrc": Control(law=LinearADRC(mass=MASS, omega_c=50.0, omega_o=300.0, delay_samples=1)),
     "kalman": rejection(KalmanRecovery(mass=MASS, resolution=1e-8, force_step=20.0)),
     "gpi": rejection(GPI),
     "modes": Control(law=PPI, compensation=(ModeCompensation(observer=RECOVERY, modes=(MODE,)),)),
