@@ -23,7 +23,8 @@ class Figure:
     unit     SI
     meaning  in words
     needs    "statistics", "model" or "run": what `of` is given
-    of       of Statistics the values of all variants, shape (n,); of a LinearLoop or a Run one number
+    of       of Statistics the values of all variants, shape (n,); of a LinearLoop or a Run one number, or None
+             where it does not occur
     better   "lower", "higher", or empty where neither is
     signals  whose statistics are gathered, by their names of a single axis
     """

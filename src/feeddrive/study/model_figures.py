@@ -79,9 +79,8 @@ def _delay_margin(linear: LinearLoop) -> float:
     return math.inf if found is None else float(found)
 
 
-def _crossover(linear: LinearLoop) -> float:
-    found = linear.margins.crossover
-    return math.nan if found is None else found
+def _crossover(linear: LinearLoop) -> float | None:
+    return linear.margins.crossover
 
 
 def _rope_snap(linear: LinearLoop) -> float:
