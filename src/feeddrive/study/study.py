@@ -57,6 +57,7 @@ class Study(Result):
     points   of the sampler; `count` is the number of variants in all, `chunk` of those that are computed together
     noise    "same": all variants have the noise of one seed; "each": every one its own
     jobs     the job by the values of the choices, in their order, but for rows
+    stream   0 in a file; with 1, 2, ... other variants of the same distributions, independent of these
     digest   SHA-256 of all that the rows depend on: this file, and what the numbers of job and machine came to
     """
 
@@ -74,6 +75,7 @@ class Study(Result):
     specification: tuple[Bound, ...]
     jobs: Mapping[tuple[Any, ...], Job]
     digest: str
+    stream: int = 0
 
     instead: ClassVar[str] = "feeddrive sweep runs a study"
 

@@ -33,15 +33,15 @@ class Variants:
         return {name: values[places] for name, values in self.values.items()}
 
 
-def variants(study: Study, first: int = 0, count: int | None = None, stream: int = 0) -> Variants:
-    """The variants of a range; `stream` 1, 2, ... are others of the same distributions, independent of the study's.
+def variants(study: Study, first: int = 0, count: int | None = None) -> Variants:
+    """The variants of a range.
 
     Raises ParameterError for a range that is not in the study.
     """
     count = study.count - first if count is None else count
     if not (first >= 0 and count >= 0 and first + count <= study.count):
         raise ParameterError(f"variants {first} to {first + count - 1} are not in 0 to {study.count - 1}")
-    drawn = _points(study, first, count, stream)
+    drawn = _points(study, first, count)
     values: dict[str, np.ndarray] = {}
     at = 0
     for each in study.vary:
@@ -50,10 +50,10 @@ def variants(study: Study, first: int = 0, count: int | None = None, stream: int
     return Variants(first, values, count)
 
 
-def _points(study: Study, first: int, count: int, stream: int) -> np.ndarray:
+def _points(study: Study, first: int, count: int) -> np.ndarray:
     """Points of the unit cube, shape (count, dimensions)."""
     dimensions = tuple(each.dimensions for each in study.vary)
-    seed = (study.seed, stream)
+    seed = (study.seed, study.stream)
     match study.sampler:
         case "grid":
             levels = [each.levels for each in study.vary]

@@ -120,7 +120,7 @@ def _quantity(section: Section, form: str, declared: Declared, nominal: Nominal,
         made = numbers.distribution()
         for end in made.range():
             if form == "parameter" and math.isfinite(end):
-                check_bounds(f"{paths[0]}, of which the {kind} distribution reaches {end:g},", own, end)
+                check_bounds(f"the {kind} distribution reaches {paths[0]}", own, end)
     except FeeddriveError as error:
         raise section.error(f"{section.dotted()} ({name}): {error}") from None
     steps = section.values.get("steps")
