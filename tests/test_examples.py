@@ -29,9 +29,9 @@ def test_every_example_is_in_the_readme_and_tested() -> None:
 
 
 def test_a_law_without_a_slope_is_simulated_and_has_no_margins(capsys: pytest.CaptureFixture[str]) -> None:
-    text = said("super_twisting.py", capsys)
-    assert 0.1 < float(re.findall(r"super-twisting: ([0-9.]+) um", text)[0]) < 10.0  # 100 counts of 10 nm: it follows
-    assert "a square root of 0 has no finite slope (super_twisting, super_twisting.py, line" in text
+    text = said("square_root_mode.py", capsys)
+    assert 0.1 < float(re.findall(r"square-root mode: ([0-9.]+) um", text)[0]) < 10.0  # 100 counts of 10 nm: it follows
+    assert "a square root of 0 has no finite slope (square_root_mode, square_root_mode.py, line" in text
 
 
 def test_the_best_gains_keep_the_sensitivity_peak(capsys: pytest.CaptureFixture[str]) -> None:

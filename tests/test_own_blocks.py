@@ -241,7 +241,7 @@ TWISTING = """
 [[law]]
 name = "twisting"
 [law.control.law]
-kind = "super_twisting"
+kind = "square_root_mode"
 rate = 60
 reaching = 1000
 twisting = 3000
@@ -252,17 +252,17 @@ def test_a_job_runs_a_law_without_a_slope_and_says_that_nothing_is_proven(folder
     """It printed a phase margin of a slope that one count of the encoder had made."""
     moves = 'kind = "snap_limited_move"\ndistance_mm = 20\nvelocity = 0.2\nacceleration = 2\njerk = 100\nsnap = 1e4\n'
     (folder / "job.toml").write_text(f'machine = "linear_motor"\n[reference]\n{moves}{TWISTING}', encoding="utf-8")
-    with with_blocks([str(EXAMPLES / "super_twisting.py")]):
+    with with_blocks([str(EXAMPLES / "square_root_mode.py")]):
         found = fd.workflow.run("job.toml")
     assert re.search(r"twisting +[\d.]+ +[\d.]+ +[\d.]+ +- +- +-", str(found.table()))
     said = next(each for each in found.remarks if each.startswith("'twisting': no margins"))
     assert "that it is stable is not proven" in said
-    assert "no finite slope (super_twisting, super_twisting.py, line" in said
+    assert "no finite slope (square_root_mode, square_root_mode.py, line" in said
 
 
 def test_an_export_of_a_law_without_a_slope_is_equal_and_says_it_too(folder: Path) -> None:
     """It was refused: "a parameter overflows; check masses"."""
-    law = str(EXAMPLES / "super_twisting.py")
+    law = str(EXAMPLES / "square_root_mode.py")
     bundled = Path(fd.files.__file__).parent / "bundled" / "machines" / "linear_motor.toml"
     text = bundled.read_text(encoding="utf-8")
     before, _, after = text.partition("[axis.x.control.law]")
@@ -331,8 +331,8 @@ def test_names_that_cannot_be_are_refused_and_nothing_is_written(words: list[str
 @pytest.mark.slow(reason="the rows of a law compile it: 10 s")
 def test_a_law_without_a_slope_passes_the_battery(folder: Path) -> None:
     """Where all numbers are 0 it stands at its root, and has nothing to compare with differences."""
-    text = OWN_TEST.format(module="super_twisting", name="SuperTwisting")
-    (folder / "test_super_twisting.py").write_text(text, encoding="utf-8")
+    text = OWN_TEST.format(module="square_root_mode", name="SquareRootMode")
+    (folder / "test_square_root_mode.py").write_text(text, encoding="utf-8")
     path = os.pathsep.join([str(Path(fd.__file__).parents[1]), str(EXAMPLES)])
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"],

@@ -23,21 +23,21 @@ from feeddrive.loop.routine_trace import controller_routine
 from feeddrive.tuning.control_response import ControlResponse
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-LINE = r"super_twisting\.py, line \d+: force = self\.reaching \* ops\.sqrt\(abs\(s\)\)"
+LINE = r"square_root_mode\.py, line \d+: force = self\.reaching \* ops\.sqrt\(abs\(s\)\)"
 MOVE = fd.blocks.SnapLimitedMove(distance=0.02, velocity=0.2, acceleration=2, jerk=100, snap=1e4)
 LINES = np.geomspace(1.0, 4000.0, 20)
 
 
 @pytest.fixture(scope="module")
 def loop() -> fd.Loop:
-    """The linear motor under a super-twisting law."""
-    spec = importlib.util.spec_from_file_location("super_twisting", EXAMPLES / "super_twisting.py")
+    """The linear motor under a square-root mode law."""
+    spec = importlib.util.spec_from_file_location("square_root_mode", EXAMPLES / "square_root_mode.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules["super_twisting"] = module  # a dataclass looks up the module in which it stands
+    sys.modules["square_root_mode"] = module  # a dataclass looks up the module in which it stands
     spec.loader.exec_module(module)
-    return with_law(module.SuperTwisting(rate=60.0, reaching=1000.0, twisting=3000.0))
+    return with_law(module.SquareRootMode(rate=60.0, reaching=1000.0, twisting=3000.0))
 
 
 def with_law(law: Any) -> fd.Loop:

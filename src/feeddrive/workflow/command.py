@@ -265,7 +265,7 @@ COMMANDS: dict[str, Listed] = {
         "new",
         "Make a package for a law of your own: its file, a test with the battery, a machine file to try it on.",
         "Tune and compare",
-        ("law super_twisting",),
+        ("law smith_law",),
     ),
     "prefilter": Listed(
         "prefilter",

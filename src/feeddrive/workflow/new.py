@@ -24,7 +24,7 @@ class NewRequest(Request):
     """What is made, and its name."""
 
     what: str = argument("What to make: law")
-    name: str = argument("Its name, as in a machine file: super_twisting, or SuperTwisting")
+    name: str = argument("Its name, as in a machine file: smith_law, or SmithLaw")
     out: Path | None = option(OUT, short="-o", default=None)
 
     def check(self) -> None:
@@ -35,7 +35,7 @@ class NewRequest(Request):
         if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", kind) or keyword.iskeyword(kind):
             raise ParameterError(
                 f"'{self.name}' cannot be the name of a law: letters, digits and single _, a letter first, no word of "
-                f"Python, as in super_twisting"
+                f"Python, as in smith_law"
             )
         if snake_case(_class(self.name)) != kind:
             raise ParameterError(

@@ -14,7 +14,7 @@ from feeddrive.language import ops
 from feeddrive.language.block import Number, parameter
 
 
-class SuperTwisting(Law):
+class SquareRootMode(Law):
     """Second-order sliding mode: a continuous force that brings a line of position and velocity error to zero.
 
         s(k)   = rate (x_set - x) + v_set - (x(k) - x(k-1)) / T
@@ -51,10 +51,10 @@ class SuperTwisting(Law):
 
 if __name__ == "__main__":
     today = fd.read_machine("linear_motor").loop("x")
-    law = SuperTwisting(rate=60.0, reaching=1000.0, twisting=3000.0)
+    law = SquareRootMode(rate=60.0, reaching=1000.0, twisting=3000.0)
     loop = replace(today, control=replace(today.control, law=law))
     move = fd.blocks.SnapLimitedMove(distance=0.1, velocity=0.2, acceleration=2, jerk=100, snap=1e4)
-    for name, each in (("today", today), ("super-twisting", loop)):
+    for name, each in (("today", today), ("square-root mode", loop)):
         run = fd.simulate(each, move)
         error = run["tracking_error"]
         ripple = np.std(np.diff(run["force"]))
