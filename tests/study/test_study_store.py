@@ -297,7 +297,7 @@ def test_a_remote_that_fails_leaves_nothing_and_the_older_file(monkeypatch: pyte
 
 
 def test_a_writer_that_is_killed_leaves_only_whole_chunks(tmp_path: Path) -> None:
-    """SIGKILL amid writing, three times over."""
+    """SIGKILL amid writing, twice."""
     writer = textwrap.dedent(
         """
         import sys
@@ -315,11 +315,11 @@ def test_a_writer_that_is_killed_leaves_only_whole_chunks(tmp_path: Path) -> Non
         """
     )
     manifest = Manifest(study="", digest="", count=4000, chunk=4)
-    for _ in range(3):
+    for _ in range(2):
         with subprocess.Popen([sys.executable, "-c", writer, str(tmp_path)], stdout=subprocess.PIPE) as process:
             assert process.stdout is not None
             assert process.stdout.readline() == b"begun\n"
             assert process.stdout.readline() == b"some\n"
             process.send_signal(signal.SIGKILL)
     done = Store(tmp_path).begin(manifest, resume=True)  # reads each file, and would refuse half of one
-    assert 60 <= len(done) < manifest.chunks
+    assert 40 <= len(done) < manifest.chunks

@@ -7,6 +7,8 @@ killed process leaves behind has a name that begins with a point, which nothing 
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
 import secrets
 from pathlib import Path
 from typing import Any, Protocol
@@ -30,6 +32,10 @@ class Place(Protocol):
 
     def read(self, name: str, most: int) -> bytes:
         """The bytes of a file of at most `most` bytes. Raises FileError."""
+        ...
+
+    def check_writable(self) -> None:
+        """Raise FileError if nothing can be written there, as far as can be seen without writing."""
         ...
 
     def write(self, name: str, content: bytes) -> None:
@@ -72,6 +78,17 @@ class Folder:
     def read(self, name: str, most: int) -> bytes:
         """The bytes of a regular file."""
         return read_whole(self._root / name, most)
+
+    def check_writable(self) -> None:
+        """Raise FileError for a place below a file or in a folder of somebody else."""
+        try:
+            there = next(each for each in (self._root, *self._root.absolute().parents) if each.exists())
+            if not there.is_dir():
+                raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
+            if not os.access(there, os.W_OK | os.X_OK):
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+        except OSError as error:
+            raise refusal(self._root, "written", error) from None
 
     def write(self, name: str, content: bytes) -> None:
         """Write a file, flushed to the disk before it has its name."""
@@ -124,6 +141,9 @@ class Remote:
         if size > most:
             raise FileError(f"{self.address}/{name}: has {size / 1e6:,.1f} MB, more than the {most / 1e6:,.1f} MB read")
         return content
+
+    def check_writable(self) -> None:
+        """Only a write would show it."""
 
     def write(self, name: str, content: bytes) -> None:
         """Write under a hidden name, then move: not every protocol puts a file in one piece."""

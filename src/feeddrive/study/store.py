@@ -81,6 +81,7 @@ class Store:
     def __init__(self, address: str | Path) -> None:
         self._place = place(address)
         self._manifest: Manifest | None = None
+        self._made = False  # whether the manifest is written
         self._schema: Any = None  # of the first chunk that was read or written: all others have it, too
 
     @property
@@ -92,10 +93,11 @@ class Store:
         """What it holds the rows of. Raises FileError if there is no store, or its manifest is damaged."""
         if self._manifest is None:
             self._manifest = self._read_manifest()
+            self._made = True
         return self._manifest
 
     def begin(self, manifest: Manifest, *, resume: bool = False) -> frozenset[int]:
-        """Make the store, or go on with it; the chunks that are done.
+        """Begin the store, or go on with it; the chunks that are done. The first chunk that is written makes it.
 
         Raises FileError, before anything is written, for a folder that is not empty and no store, a store that is there
         already without `resume`, one of another study or version, and one with a damaged or foreign file.
@@ -106,7 +108,7 @@ class Store:
                     f"{self.address}: exists and holds '{strangers[0]}', which is not of a sweep: "
                     "choose another directory, or move that away"
                 )
-            self._place.write(MANIFEST, _manifest_text(manifest))
+            self._place.check_writable()
             self._manifest = manifest
             return frozenset()
         there = self.manifest()
@@ -142,6 +144,9 @@ class Store:
         signed = rows.replace_schema_metadata({_DIGEST: manifest.digest.encode()})
         parquet.write_table(signed, sink, compression="zstd", write_page_checksum=True)
         try:
+            if not self._made:
+                self._place.write(MANIFEST, _manifest_text(manifest))
+                self._made = True
             self._place.write(_file(number), sink.getvalue().to_pybytes())
         except FileError as error:
             raise FileError(f"{error}; {GO_ON}") from None

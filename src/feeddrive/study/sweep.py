@@ -1,4 +1,4 @@
-"""A sweep: all variants of a study run on this machine, chunk by chunk, into a store.
+"""A sweep: all variants of a study run on this machine or on a Dask cluster, chunk by chunk, into a store.
 
     found = sweep("ball_screw_series", "out", workers=2)
     found.store.table()
@@ -10,11 +10,12 @@ ends a sweep, what is written stays, and `resume` computes the rest: to the same
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from feeddrive.language.errors import CancelledError, ParameterError, WorkerError
 from feeddrive.language.progress import Progress
@@ -25,6 +26,9 @@ from feeddrive.study.pool import finished
 from feeddrive.study.store import Manifest, Store
 from feeddrive.study.study import Study, StudyLike, read_study
 
+if TYPE_CHECKING:
+    import pyarrow
+
 _MOST_WORKERS = 1024
 
 
@@ -34,7 +38,7 @@ class Sweep(Result):
 
     ran      variants that this call computed; the others were there already
     seconds  that it took
-    workers  how many worked: threads or processes
+    workers  how many worked: threads or processes; 0 for those of a cluster
     """
 
     study: Study
@@ -66,6 +70,7 @@ def sweep(
     *,
     workers: int | None = None,
     resume: bool = False,
+    scheduler: str | None = None,
     allow: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Sweep:
@@ -75,6 +80,7 @@ def sweep(
     out        a directory, or an address of fsspec such as s3://bucket/mill
     workers    how many work side by side (default: all cores); they change no bit of the rows
     resume     go on with a sweep of this study that is in `out`; without it one that is there is refused
+    scheduler  address of a Dask cluster that computes in place of this machine, as tcp://10.0.0.5:8786
     allow      modules whose figures the study may name
 
     Raises FileError for a study or store that cannot be used, and for a store that cannot be written any more;
@@ -83,16 +89,20 @@ def sweep(
     """
     if workers is not None and not 1 <= workers <= _MOST_WORKERS:
         raise ParameterError(f"workers = {workers} must be 1 to {_MOST_WORKERS}")
+    if workers is not None and scheduler is not None:
+        raise ParameterError(
+            f"workers = {workers} are of this machine, and the scheduler has its own: give one of them"
+        )
     study = read_study(study, allow)
     store, progress = Store(out), progress or Progress()
     begun = time.perf_counter()
     done = store.begin(Manifest(study.text, study.digest, study.count, study.chunk), resume=resume)
     rate = Rate(study, done)
     left = (number for number in range(study.chunks) if number not in done)
-    count = workers or cores()
+    count = 0 if scheduler else workers or cores()
     try:
         rate.show(progress)
-        with closing(finished(study, left, count, progress)) as chunks:
+        with closing(_chunks(study, left, count, scheduler, progress)) as chunks:
             for number, rows in chunks:
                 store.write(number, rows)
                 rate.add(rows.num_rows)
@@ -102,6 +112,16 @@ def sweep(
     except WorkerError as error:
         raise WorkerError(f"{error}; {rate.kept(store)}") from None
     return Sweep(study, store, rate.ran, time.perf_counter() - begun, count)
+
+
+def _chunks(
+    study: Study, left: Iterator[int], workers: int, scheduler: str | None, progress: Progress
+) -> Generator[tuple[int, pyarrow.Table]]:
+    if scheduler is None:
+        return finished(study, left, workers, progress)
+    from feeddrive.study import cluster  # its client is an extra
+
+    return cluster.finished(study, left, scheduler, progress)
 
 
 class Rate:

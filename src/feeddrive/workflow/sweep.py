@@ -1,4 +1,4 @@
-"""`feeddrive sweep`: all variants of a study, on the cores of this machine.
+"""`feeddrive sweep`: all variants of a study, on the cores of this machine or on a Dask cluster.
 
 manifest.json                 the study as it was given, digest, version of feeddrive
 rows/chunk_00000000.parquet   a row for each variant: what varies, figures in SI, the reason of one that has none
@@ -29,6 +29,9 @@ class SweepRequest(Request):
     out: str | Path | None = option(
         "Directory of the rows, or an address of fsspec, as s3://bucket/mill", short="-o", default=None
     )
+    scheduler: str | None = option(
+        "Address of a Dask cluster that computes in place of this machine, as tcp://10.0.0.5:8786", default=None
+    )
     resume: bool = option("Go on with the sweep of this study that is in --out", default=False)
     allow: tuple[str, ...] = option(
         "A module with figures of your own, whose code is then run; may be repeated", default=()
@@ -41,7 +44,7 @@ class SweepRequest(Request):
 
 @command(SweepRequest)
 def sweep(request: SweepRequest, progress: Progress) -> Outcome[Sweep]:
-    """Run all variants of a study on the cores of this machine.
+    """Run all variants of a study on the cores of this machine, or on a Dask cluster.
 
     What is done is kept, whatever ends the work, and `resume` computes the rest.  Raises ParameterError without a place
     for the rows, and as `feeddrive.study.sweep`.
@@ -49,8 +52,8 @@ def sweep(request: SweepRequest, progress: Progress) -> Outcome[Sweep]:
     if request.out is None:
         raise ParameterError("out: a sweep needs a place for its rows: a directory, or an address of fsspec")
     found = run_sweep(
-        request.study, request.out, workers=request.workers, resume=request.resume, allow=request.allow,
-        progress=progress,
+        request.study, request.out, workers=request.workers, resume=request.resume,
+        scheduler=request.scheduler, allow=request.allow, progress=progress,
     )  # fmt: skip
     return Outcome(found, [found.table()], list(_bad(found)), files={"Rows": found.store.address})
 
