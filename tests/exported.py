@@ -66,6 +66,7 @@ DADSC = fd.blocks.DADSC(mass=MASS, viscous=VISCOUS, tracking_rate=120.0, reachin
 SUPER_TWISTING = fd.blocks.SuperTwisting(  # a narrow zone, which is left
     mass=MASS, viscous=VISCOUS, tracking_rate=120.0, zone_time=2e-3, disturbance_rate=2e3
 )
+GPC = fd.blocks.GeneralizedPredictive(mass=MASS, viscous=VISCOUS, omega_o=500.0, horizon=40, delay_samples=1)
 LINUXCNC_PID = fd.blocks.LinuxcncPid(
     position=fd.blocks.StockPid(Pgain=60.0, FF1=1.0, maxoutput=3000.0),
     velocity=fd.blocks.StockPid(Pgain=40.0, Igain=400.0, maxoutput=9000.0),
@@ -88,6 +89,10 @@ LAWS: dict[str, fd.Loop] = {
 LOOPS: dict[str, fd.Loop] = {
     **LAWS,
     "super_twisting": loop(ONE, SUPER_TWISTING),
+    "generalized_predictive": loop(ONE, GPC),
+    "generalized_predictive, three moves": loop(
+        ONE, dataclasses.replace(GPC, moves=3, move_weight=1e-17, delay_samples=4, horizon=60)
+    ),
     "super_twisting, implicit": loop(ONE, dataclasses.replace(SUPER_TWISTING, form="implicit", zone_time=None)),
     "super_twisting, explicit": loop(ONE, dataclasses.replace(SUPER_TWISTING, form="explicit", zone_time=None)),
     "cascade_ppi, guard without bounds": loop(TWO, PPI, guard=fd.Guard()),

@@ -35,6 +35,9 @@ LAWS: dict[str, Law] = {
     "dadsc": fd.blocks.DADSC(
         mass=MASS, viscous=VISCOUS, tracking_rate=120.0, reaching_rate=120.0, adaptation_rate=60.0
     ),
+    "generalized_predictive": fd.blocks.GeneralizedPredictive(
+        mass=MASS, viscous=VISCOUS, omega_o=3000.0, horizon=60, encoder="motor"
+    ),
     "super_twisting": fd.blocks.SuperTwisting(
         mass=MASS, viscous=VISCOUS, tracking_rate=80.0, zone_time=5e-3, disturbance_rate=5e4
     ),

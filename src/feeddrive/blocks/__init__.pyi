@@ -13,6 +13,7 @@ from feeddrive.blocks.controller.active_disturbance_rejection import (
 )
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI as CascadePPI
 from feeddrive.blocks.controller.dadsc import DADSC as DADSC
+from feeddrive.blocks.controller.generalized_predictive import GeneralizedPredictive as GeneralizedPredictive
 from feeddrive.blocks.controller.linear_adrc import LinearADRC as LinearADRC
 from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid as LinuxcncPid
 from feeddrive.blocks.controller.pole_placement import PolePlacement as PolePlacement
