@@ -138,7 +138,7 @@ def compare(substeps: int, count: int, whole: int) -> None:
     prepared = Prepared(loop, work.first(), None, 0, BOUND)
     program = prepared.program(load=False, enable=False)
     probe = prepared.native(program, record=(), gather=GATHERED, bounded=["tracking_error"], lanes=8)
-    setpoints = work.inputs(probe, 0, workload.SAMPLES)
+    setpoints = np.ascontiguousarray(work.inputs(probe, 0, workload.SAMPLES))
     vectors = sum(probe.plan.kinds.varying[node] for _, node in probe.plan.constants)
     found = candidates(prepared, setpoints, substeps)
 
