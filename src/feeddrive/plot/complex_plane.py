@@ -9,6 +9,8 @@ import numpy as np
 from feeddrive.analysis.margins import Margins
 from feeddrive.analysis.margins import margins as margins_of
 from feeddrive.plot import style
+from feeddrive.plot.chart import ALERT, LINE, PLUS, THIN, Chart, Curve, Disc, Level, Mark, Note, Panel
+from feeddrive.plot.drawing import draw_chart
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,44 +27,41 @@ REACH = (-2.6, 1.4, -2.0, 2.0)  # of the Nyquist plot: the critical point is -1
 
 def nyquist(loops: Margins | Mapping[str, Margins]) -> Any:
     """Loop gains near -1, with the unit circle and for each loop the circle of radius 1/Ms that it touches."""
-    from matplotlib.patches import Circle
-
     chosen = style.named(loops)
+    alone = len(chosen) == 1
     figure, (ax,) = style.picture(1, height=4.8)
-    figure.set_size_inches(5.4 if len(chosen) == 1 else style.WIDTH, max(4.8, 0.45 * len(chosen)))
-    ax.set_aspect("equal")
-    ax.set_xlim(*REACH[:2])
-    ax.set_ylim(*REACH[2:])
-    ax.axhline(0.0, color=style.MUTED, linewidth=0.8)
-    ax.axvline(0.0, color=style.MUTED, linewidth=0.8)
-    ax.add_patch(Circle((0.0, 0.0), 1.0, fill=False, edgecolor=style.MUTED, linewidth=1.0, linestyle=(0, (4, 3))))
-    for i, (name, margins) in enumerate(chosen.items()):
-        L = margins.loop_gain
-        said = f"Ms {margins.sensitivity_peak:.3g} at {margins.modulus_frequency:.4g} Hz"
-        label = style.caption(name, f"\n{said}" if len(chosen) > 1 else said, 40)
-        x, y = _visible(_rounded(L.response) if L.coherence is None else L.response)
-        ax.plot(x, y, label=label, **style.curve(i))
-        ax.plot(x, -y, color=style.color(i), linewidth=0.6, alpha=0.6)
-        radius = margins.modulus_margin
-        ax.add_patch(Circle((-1.0, 0.0), radius, facecolor=style.color(i), alpha=0.10, edgecolor="none"))
-        ax.add_patch(
-            Circle(
-                (-1.0, 0.0), radius, fill=False, edgecolor=style.color(i), linewidth=0.9, linestyle=style.DASHES[i % 6]
-            )
-        )
-        touch = _at(margins, margins.modulus_frequency)
-        ax.plot([touch.real], [touch.imag], style.MARKERS[i % 6], color=style.color(i), markersize=5)
-    ax.plot([-1.0], [0.0], "+", color=style.ALERT, markersize=11, markeredgewidth=1.8)
-    ax.annotate("-1", (-1.0, 0.0), xytext=(-5, -5), textcoords="offset points", ha="right", va="top",
-                fontsize=style.SMALL, color=style.ALERT)  # fmt: skip
-    ax.annotate("|L| = 1", (np.cos(0.9), np.sin(0.9)), xytext=(3, 3), textcoords="offset points",
-                fontsize=style.SMALL, color=style.MUTED)  # fmt: skip
-    style.labels(ax, "real part of L", "imaginary part of L")
+    figure.set_size_inches(5.4 if alone else style.WIDTH, max(4.8, 0.45 * len(chosen)))
+    chart = nyquist_chart(loops)
+    draw_chart(chart, [ax])
     handles, texts = ax.get_legend_handles_labels()
-    place = "outside upper left" if len(chosen) == 1 else "outside right upper"
+    place = "outside upper left" if alone else "outside right upper"
     figure.legend(handles, texts, loc=place, fontsize=style.SMALL, frameon=False, labelcolor=style.INK,
                   handlelength=2.6, labelspacing=1.0)  # fmt: skip
     return figure
+
+
+def nyquist_chart(loops: Margins | Mapping[str, Margins]) -> Chart:
+    """What `nyquist` shows."""
+    chosen = style.named(loops)
+    curves, marks, discs = list[Curve](), list[Mark](), [Disc(0.0, 0.0, 1.0)]
+    for i, (name, margins) in enumerate(chosen.items()):
+        L = margins.loop_gain
+        said = f"Ms {margins.sensitivity_peak:.3g} at {margins.modulus_frequency:.4g} Hz"
+        x, y = _visible(_rounded(L.response) if L.coherence is None else L.response)
+        caption = (name[:40], i, LINE, f"\n{said}") if len(chosen) > 1 else (name[:40], i, LINE, said)
+        curves += [Curve(x, y, *caption), Curve(x, -y, number=i, look=THIN)]
+        discs.append(Disc(-1.0, 0.0, margins.modulus_margin, i, filled=True))
+        touch = _at(margins, margins.modulus_frequency)
+        marks.append(Mark(touch.real, touch.imag, i))
+    critical = Curve(np.array([-1.0]), np.array([0.0]), number=ALERT, look=PLUS)
+    notes = Note(-1.0, 0.0, "-1", ALERT), Note(float(np.cos(0.9)), float(np.sin(0.9)), "|L| = 1", right=True)
+    axes = Level(0.0, faint=True), Level(0.0, upright=True, faint=True)
+    low, high, bottom, top = REACH
+    panel = Panel(
+        "imaginary part of L", (*curves, critical), marks=tuple(marks), levels=axes, discs=tuple(discs), notes=notes,
+        low=bottom, high=top,
+    )  # fmt: skip
+    return Chart("real part of L", (panel,), low=low, high=high, square=True, height=4.8)
 
 
 def _rounded(response: np.ndarray) -> np.ndarray:

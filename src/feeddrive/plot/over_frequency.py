@@ -11,11 +11,11 @@ from feeddrive.analysis.margins import sensitivity as sensitivity_of
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import shown
 from feeddrive.plot import style
+from feeddrive.plot.chart import BAR, DEGREES, FREQUENCY, LOG, Chart, Curve, Level, Mark, Panel
+from feeddrive.plot.drawing import drawn
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-    from matplotlib.axes import Axes
 
     from feeddrive.analysis.margin_intervals import MarginIntervals
     from feeddrive.analysis.measured_loop import MeasuredLoop
@@ -30,49 +30,49 @@ BANDS = 500  # over the whole axis: a line shows the largest amplitude in its ba
 
 def bode(responses: FRF | Mapping[str, FRF]) -> Any:
     """Magnitude in dB and phase in degrees over Hz; with a third row if a response has a coherence."""
+    return drawn(bode_chart(responses))
+
+
+def bode_chart(responses: FRF | Mapping[str, FRF]) -> Chart:
+    """What `bode` shows."""
     chosen = style.named(responses)
-    measured = any(response.coherence is not None for response in chosen.values())
-    figure, axes = style.picture(2 + measured, height=4.6 + measured, ratios=[3, 2, 1] if measured else [3, 2])
-    for i, (name, response) in enumerate(chosen.items()):
-        axes[0].plot(response.frequency, style.decibel(response.magnitude), label=style.caption(name), **style.curve(i))
-        axes[1].plot(response.frequency, response.phase_deg, **style.curve(i))
-        if response.coherence is not None:
-            axes[2].plot(response.frequency, response.coherence, **style.curve(i))
-    unit = next((response.unit for response in chosen.values() if response.unit), "")
-    style.labels(axes[0], None, f"magnitude (dB re 1 {unit})" if unit not in ("", "N/N", "m/m") else "magnitude (dB)")
-    style.labels(axes[1], None if measured else "frequency (Hz)", "phase (deg)")
-    phases = np.concatenate([response.phase_deg for response in chosen.values()])
-    style.degrees_axis(axes[1], float(phases.min()), float(phases.max()))
-    if measured:
-        style.labels(axes[2], "frequency (Hz)", "coherence")
-        axes[2].set_ylim(0.0, 1.05)
-    style.frequency_axis(axes[-1], *_span(response.frequency for response in chosen.values()))
-    style.frequency_grid(axes)
-    style.legend(figure, axes[0])
-    return figure
+    numbered = list(enumerate(chosen.items()))
+    unit = next((each.unit for each in chosen.values() if each.unit), "")
+    label = f"magnitude (dB re 1 {unit})" if unit not in ("", "N/N", "m/m") else "magnitude (dB)"
+    levels = [Curve(each.frequency, style.decibel(each.magnitude), name, i) for i, (name, each) in numbered]
+    phases = [Curve(each.frequency, each.phase_deg, number=i) for i, (_, each) in numbered]
+    known = [Curve(each.frequency, each.coherence, number=i) for i, (_, each) in numbered if each.coherence is not None]
+    low, high = (float(end(np.concatenate([each.y for each in phases]))) for end in (np.min, np.max))
+    panels = [
+        Panel(label, tuple(levels), share=3.0),
+        Panel("phase (deg)", tuple(phases), scale=DEGREES, low=low, high=high, share=2.0),
+    ]
+    if known:
+        panels.append(Panel("coherence", tuple(known), low=0.0, high=1.05))
+    span = _span(each.frequency for each in chosen.values())
+    return Chart("frequency (Hz)", tuple(panels), FREQUENCY, *span, height=4.6 + bool(known))
 
 
 def closed_loop(responses: FRF | Mapping[str, FRF]) -> Any:
     """Magnitude of the response to the setpoint in dB, with the -3 dB line, and each one's bandwidth and peak."""
+    return drawn(closed_loop_chart(responses))
+
+
+def closed_loop_chart(responses: FRF | Mapping[str, FRF]) -> Chart:
+    """What `closed_loop` shows."""
     chosen = style.named(responses)
-    figure, (ax,) = style.picture(1, height=3.0)
-    lows: list[float] = []
+    curves, marks = list[Curve](), list[Mark]()
     for i, (name, response) in enumerate(chosen.items()):
         level = style.decibel(response.magnitude)
         width = tracking_bandwidth(response)
         said = [f"peak {level.max():.2f} dB"] + ([f"-3 dB at {width:.4g} Hz"] if width is not None else [])
-        ax.plot(response.frequency, level, label=style.caption(name, ", ".join(said)), **style.curve(i))
-        if width is not None:
-            ax.plot([width], [_MINUS_3_DB], style.MARKERS[i % len(style.MARKERS)], color=style.color(i), markersize=5)
-        lows.append(float(level.min()))
-    ax.axhline(_MINUS_3_DB, color=style.MUTED, linewidth=1.0, linestyle=(0, (4, 3)))
-    ax.annotate("-3 dB", (0.0, _MINUS_3_DB), xycoords=("axes fraction", "data"), xytext=(4, -2),
-                textcoords="offset points", va="top", fontsize=style.SMALL, color=style.MUTED)  # fmt: skip
-    ax.set_ylim(bottom=max(-40.0, min(lows) - 2.0))
-    style.frequency_axis(ax, *_span(response.frequency for response in chosen.values()))
-    style.labels(ax, "frequency (Hz)", "position / set position (dB)")
-    style.legend(figure, ax, style.narrow(chosen))
-    return figure
+        curves.append(Curve(response.frequency, level, name, i, said=", ".join(said)))
+        marks += [] if width is None else [Mark(width, _MINUS_3_DB, i)]
+    line = Level(_MINUS_3_DB, text="-3 dB", dashed=True)
+    bottom = max(-40.0, min(float(np.min(each.y)) for each in curves) - 2.0)
+    panel = Panel("position / set position (dB)", tuple(curves), marks=tuple(marks), levels=(line,), low=bottom)
+    span = _span(each.frequency for each in chosen.values())
+    return Chart("frequency (Hz)", (panel,), FREQUENCY, *span, columns=style.narrow(chosen))
 
 
 _MINUS_3_DB = float(20.0 * np.log10(np.sqrt(0.5)))
@@ -80,49 +80,60 @@ _MINUS_3_DB = float(20.0 * np.log10(np.sqrt(0.5)))
 
 def sensitivity(loops: Margins | Mapping[str, Margins]) -> Any:
     """|S| and |T| in dB of loops that were opened at the drive, with the peak Ms marked."""
+    return drawn(sensitivity_chart(loops))
+
+
+def sensitivity_chart(loops: Margins | Mapping[str, Margins]) -> Chart:
+    """What `sensitivity` shows."""
     chosen = style.named(loops)
-    figure, axes = style.picture(2, height=4.4)
+    rows: tuple[list[Curve], list[Curve]] = ([], [])
+    marks = list[Mark]()
     for i, (name, margins) in enumerate(chosen.items()):
-        L = margins.loop_gain
-        label = style.caption(name, f"Ms {margins.sensitivity_peak:.3g} at {margins.modulus_frequency:.4g} Hz")
-        axes[0].plot(L.frequency, style.decibel(sensitivity_of(L).magnitude), label=label, **style.curve(i))
-        axes[1].plot(L.frequency, style.decibel(complementary_sensitivity(L).magnitude), **style.curve(i))
-        axes[0].plot(
-            [margins.modulus_frequency], style.decibel(np.array([margins.sensitivity_peak])),
-            style.MARKERS[i % len(style.MARKERS)], color=style.color(i), markersize=5,
-        )  # fmt: skip
-    for ax, name in zip(axes, ("|S|", "|T|"), strict=True):
-        ax.set_ylim(bottom=max(ax.get_ylim()[0], -60.0))
-        style.labels(ax, None, f"{name} (dB)")
-    axes[1].set_xlabel("frequency (Hz)", fontsize=style.TEXT)
-    style.frequency_axis(axes[1], *_span(margins.loop_gain.frequency for margins in chosen.values()))
-    style.frequency_grid(axes)
-    style.legend(figure, axes[0], style.narrow(chosen))
-    return figure
+        L, at = margins.loop_gain, margins.modulus_frequency
+        said = f"Ms {margins.sensitivity_peak:.3g} at {at:.4g} Hz"
+        for row, response in zip(rows, (sensitivity_of(L), complementary_sensitivity(L)), strict=True):
+            level = style.decibel(response.magnitude)
+            row.append(
+                Curve(L.frequency, level, name if row is rows[0] else "", i, said=said if row is rows[0] else "")
+            )
+        marks.append(Mark(at, float(style.decibel(np.array(margins.sensitivity_peak))), i))
+    lows = [min(float(np.min(each.y)) for each in row) for row in rows]
+    panels = (
+        Panel("|S| (dB)", tuple(rows[0]), marks=tuple(marks), low=_floor(lows[0])),
+        Panel("|T| (dB)", tuple(rows[1]), low=_floor(lows[1])),
+    )
+    span = _span(margins.loop_gain.frequency for margins in chosen.values())
+    return Chart("frequency (Hz)", panels, FREQUENCY, *span, height=4.4, columns=style.narrow(chosen))
+
+
+def _floor(least: float) -> float | None:
+    """Where a panel in dB ends below what matters."""
+    return -60.0 if least < -60.0 else None
 
 
 def stiffness(stiffnesses: Stiffness | Mapping[str, Stiffness]) -> Any:
     """Dynamic stiffness in N/µm over Hz, log-log, with the minimum marked."""
+    return drawn(stiffness_chart(stiffnesses))
+
+
+def stiffness_chart(stiffnesses: Stiffness | Mapping[str, Stiffness]) -> Chart:
+    """What `stiffness` shows."""
     chosen = style.named(stiffnesses)
-    figure, (ax,) = style.picture(1, height=3.4)
-    tops: list[float] = []
-    lows: list[float] = []
+    curves, marks, tops = list[Curve](), list[Mark](), list[float]()
     for i, (name, found) in enumerate(chosen.items()):
         least, where = 1e-6 * found.minimum, found.minimum_frequency
-        label = style.caption(name, f"least {least:.3g} N/µm at {where:.3g} Hz")
-        ax.plot(found.frequency, 1e-6 * found.magnitude, label=label, **style.curve(i))
-        ax.plot([where], [least], style.MARKERS[i % len(style.MARKERS)], color=style.color(i), markersize=5)
+        said = f"least {least:.3g} N/µm at {where:.3g} Hz"
+        curves.append(Curve(found.frequency, 1e-6 * found.magnitude, name, i, said=said))
+        marks.append(Mark(where, least, i))
+        # a sampled axis is infinitely stiff at Nyquist, where the sampled position cannot show the motion
         tops.append(1e-6 * float(np.max(found.magnitude[found.frequency <= 0.8 * found.frequency[-1]], initial=0.0)))
-        lows.append(least)
-    ax.set_yscale("log")
-    # a sampled axis is infinitely stiff at Nyquist, where the sampled position cannot show the motion
-    ax.set_ylim(0.5 * min(lows), 3.0 * max(*tops, *lows))
-    style.plain_decades(ax.yaxis)
-    ax.grid(True, which="minor", axis="y", color=style.GRID, linewidth=0.4)
-    style.frequency_axis(ax, *_span(found.frequency for found in chosen.values()))
-    style.labels(ax, "frequency (Hz)", "dynamic stiffness (N/µm)")
-    style.legend(figure, ax, style.narrow(chosen))
-    return figure
+    lows = [each.y for each in marks]
+    panel = Panel(
+        "dynamic stiffness (N/µm)", tuple(curves), marks=tuple(marks), scale=LOG, low=0.5 * min(lows),
+        high=3.0 * max(*tops, *lows),
+    )  # fmt: skip
+    span = _span(found.frequency for found in chosen.values())
+    return Chart("frequency (Hz)", (panel,), FREQUENCY, *span, height=3.4, columns=style.narrow(chosen))
 
 
 def spectrum(spectra: Spectrum | Mapping[str, Spectrum]) -> Any:
@@ -201,43 +212,44 @@ def open_loop(loops: Margins | Mapping[str, Margins]) -> Any:
 
     A bar on the phase stands for a phase margin, a bar on the magnitude for a gain margin.
     """
+    return drawn(open_loop_chart(loops))
+
+
+def open_loop_chart(loops: Margins | Mapping[str, Margins]) -> Chart:
+    """What `open_loop` shows."""
     chosen = style.named(loops)
-    figure, axes = style.picture(2, height=5.0, ratios=[3, 2])
-    ends = [margins.loop_gain.frequency[[0, -1]] for margins in chosen.values()]
-    style.frequency_axis(axes[1], min(float(e[0]) for e in ends), max(float(e[1]) for e in ends))
-    lows, highs, levels = [], [], []
+    levels, phases = list[Curve](), list[Curve]()
+    bars: tuple[list[Curve], list[Curve]] = ([], [])
+    marks: tuple[list[Mark], list[Mark]] = ([], [])
     for i, (name, margins) in enumerate(chosen.items()):
-        L = margins.loop_gain
-        phase = _phase(margins)
-        level = style.decibel(L.magnitude)
-        axes[0].plot(L.frequency, level, label=_label(name, margins), **style.curve(i))
-        axes[1].plot(L.frequency, phase, **style.curve(i))
-        _mark(axes, margins, phase, i, len(chosen) == 1)
-        lows.append(float(phase.min()))
-        highs.append(float(phase.max()))
-        levels.append(level)
-    axes[0].axhline(0.0, color=style.INK, linewidth=1.0)
-    low, high = min(*lows, -180.0), max(highs)
-    for turn in range(int(np.ceil((low + 180.0) / 360.0)), int(np.floor((high + 180.0) / 360.0)) + 1):
-        axes[1].axhline(360.0 * turn - 180.0, color=style.INK, linewidth=1.0)
-    style.degrees_axis(axes[1], low, high)
-    bottom = min(float(np.min(level)) for level in levels)
-    top = max(float(np.max(level)) for level in levels)
-    axes[0].set_ylim(max(bottom, -FAR) - 5.0, min(top, 80.0) + 5.0)
-    style.labels(axes[0], None, "open loop |L| (dB)")
-    style.labels(axes[1], "frequency (Hz)", "phase (deg)")
-    style.frequency_grid(axes)
-    style.legend(figure, axes[0], 1)
-    return figure
+        L, phase = margins.loop_gain, _phase(margins)
+        levels.append(Curve(L.frequency, style.decibel(L.magnitude), name, i, said=_said(margins)))
+        phases.append(Curve(L.frequency, phase, number=i))
+        _margins(margins, phase, i, len(chosen) == 1, bars, marks)
+    low, high = min(*(float(each.y.min()) for each in phases), -180.0), max(float(each.y.max()) for each in phases)
+    turns = range(int(np.ceil((low + 180.0) / 360.0)), int(np.floor((high + 180.0) / 360.0)) + 1)
+    bottom, top = min(float(np.min(each.y)) for each in levels), max(float(np.max(each.y)) for each in levels)
+    panels = (
+        Panel(
+            "open loop |L| (dB)", (*levels, *bars[0]), marks=tuple(marks[0]), levels=(Level(0.0),),
+            low=max(bottom, -FAR) - 5.0, high=min(top, 80.0) + 5.0, share=3.0,
+        ),
+        Panel(
+            "phase (deg)", (*phases, *bars[1]), marks=tuple(marks[1]), scale=DEGREES, low=low, high=high, share=2.0,
+            levels=tuple(Level(360.0 * turn - 180.0) for turn in turns),
+        ),
+    )  # fmt: skip
+    span = _span(margins.loop_gain.frequency for margins in chosen.values())
+    return Chart("frequency (Hz)", panels, FREQUENCY, *span, height=5.0, columns=1)
 
 
-def _label(name: str, margins: Margins) -> str | None:
+def _said(margins: Margins) -> str:
     said = []
     if margins.crossover is not None:
         said.append(f"crossover {margins.crossover:.3g} Hz, phase margin {margins.phase_margin_deg:.1f}°")
     if margins.gain_increase_dB is not None:
         said.append(f"gain margin {margins.gain_increase_dB:.1f} dB")
-    return style.caption(name, ", ".join(said))
+    return ", ".join(said)
 
 
 def _phase(margins: Margins) -> np.ndarray:
@@ -248,44 +260,30 @@ def _phase(margins: Margins) -> np.ndarray:
     return phase - 360.0 * np.ceil(np.interp(np.log(at), np.log(L.frequency), phase) / 360.0 - 1e-6)
 
 
-def _mark(axes: list[Axes], margins: Margins, phase: np.ndarray, i: int, alone: bool) -> None:
-    """Points at the crossovers, and bars from the curve to 0 dB or to the nearest -180°."""
+def _margins(
+    margins: Margins, phase: np.ndarray, i: int, alone: bool, bars: tuple[list[Curve], list[Curve]],
+    marks: tuple[list[Mark], list[Mark]],
+) -> None:  # fmt: skip
+    """Points at the crossovers, and bars from the curve to 0 dB or to the nearest -180°, for both panels."""
     x = np.log(margins.loop_gain.frequency)
-    look: dict[str, Any] = {
-        "color": style.color(i),
-        "marker": style.MARKERS[i % len(style.MARKERS)],
-        "linestyle": "none",
-    }
-    bar: dict[str, Any] = {"color": style.color(i), "linewidth": 2.4, "alpha": 0.55, "solid_capstyle": "butt"}
     for k, gain in enumerate(margins.gain_crossovers):
         at = float(np.interp(np.log(gain.frequency), x, phase))
-        axes[0].plot([gain.frequency], [0.0], markersize=5, **look)
-        axes[1].plot([gain.frequency] * 2, [at - gain.phase_margin_deg, at], **bar)
-        axes[1].plot([gain.frequency], [at], markersize=4, **look)
-        if alone and k < WRITTEN:
-            _write(axes[1], gain.frequency, at - 0.5 * gain.phase_margin_deg, f"{gain.phase_margin_deg:.1f}°")
+        text = f"{gain.phase_margin_deg:.1f}°" if alone and k < WRITTEN else ""
+        marks[0].append(Mark(gain.frequency, 0.0, i))
+        marks[1].append(Mark(gain.frequency, at, i))
+        bars[1].append(_bar(gain.frequency, at - gain.phase_margin_deg, at, i, text))
     for k, crossing in enumerate(margins.phase_crossovers):
         if abs(crossing.gain_margin_dB) > FAR:
             continue
         at = float(np.interp(np.log(crossing.frequency), x, phase))
-        axes[1].plot([crossing.frequency], [at], markersize=5, markerfacecolor=style.PAPER, **look)
-        axes[0].plot([crossing.frequency] * 2, [-crossing.gain_margin_dB, 0.0], **bar)
-        axes[0].plot(
-            [crossing.frequency], [-crossing.gain_margin_dB], markersize=4, markerfacecolor=style.PAPER, **look
-        )
-        if alone and k < WRITTEN:
-            _write(axes[0], crossing.frequency, -0.5 * crossing.gain_margin_dB, f"{crossing.gain_margin_dB:.1f} dB")
+        text = f"{crossing.gain_margin_dB:.1f} dB" if alone and k < WRITTEN else ""
+        marks[1].append(Mark(crossing.frequency, at, i, hollow=True))
+        marks[0].append(Mark(crossing.frequency, -crossing.gain_margin_dB, i, hollow=True))
+        bars[0].append(_bar(crossing.frequency, -crossing.gain_margin_dB, 0.0, i, text))
 
 
-def _write(ax: Axes, x: float, y: float, text: str) -> None:
-    """Write next to a bar, on the side with more room."""
-    low, high = ax.get_xlim()
-    right = np.log(x / low) < 0.85 * np.log(high / low)
-    ax.annotate(
-        text, (x, y), xytext=(5 if right else -5, 0), textcoords="offset points", ha="left" if right else "right",
-        va="center", fontsize=style.SMALL, color=style.INK,
-        bbox={"facecolor": style.PAPER, "edgecolor": "none", "alpha": 0.8, "pad": 0.8},
-    )  # fmt: skip
+def _bar(x: float, low: float, high: float, i: int, text: str) -> Curve:
+    return Curve(np.array([x, x]), np.array([low, high]), number=i, look=BAR, said=text)
 
 
 def measured_loop(found: MarginIntervals | MeasuredLoop) -> Any:
