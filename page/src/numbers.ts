@@ -1,0 +1,107 @@
+// The numbers of the control: a slider and a field each, by block; the page knows no law, all comes from declarations.
+
+import type { Knob } from "./wire";
+
+export type Moved = (name: string, value: number, first: boolean) => void;
+
+const STEPS = 1000;
+
+export class Numbers {
+  private readonly rows = new Map<string, { knob: Knob; slider: HTMLInputElement; field: HTMLInputElement }>();
+
+  constructor(
+    private readonly section: HTMLElement,
+    private readonly moved: Moved,
+  ) {}
+
+  list(knobs: Knob[]): void {
+    this.rows.clear();
+    this.section.replaceChildren();
+    let group: HTMLFieldSetElement | null = null;
+    let where = "";
+    for (const knob of knobs) {
+      const held = knob.name.split(".").slice(0, -1).join(".");
+      if (held !== where || !group) {
+        where = held;
+        group = document.createElement("fieldset");
+        const legend = document.createElement("legend");
+        legend.textContent = `${held || "control"} (${knob.block.replaceAll("_", " ")})`;
+        group.append(legend);
+        this.section.append(group);
+      }
+      group.append(this.row(knob));
+    }
+  }
+
+  show(values: Record<string, number>): void {
+    for (const [name, value] of Object.entries(values)) {
+      const row = this.rows.get(name);
+      if (!row) continue;
+      row.slider.value = String(place(row.knob, value));
+      row.slider.setAttribute("aria-valuetext", `${written(row.knob, value)} ${row.knob.unit}`);
+      if (document.activeElement !== row.field) row.field.value = written(row.knob, value);
+      row.slider.parentElement?.classList.toggle("changed", value !== row.knob.today);
+    }
+  }
+
+  private row(knob: Knob): HTMLElement {
+    const row = document.createElement("div");
+    row.className = "number";
+    const label = document.createElement("label");
+    const slider = document.createElement("input");
+    const field = document.createElement("input");
+    const unit = document.createElement("span");
+    const id = `number-${knob.name}`;
+    label.htmlFor = id;
+    label.textContent = knob.name.split(".").at(-1)!.replaceAll("_", " ");
+    label.title = knob.meaning;
+    slider.type = "range";
+    slider.min = "0";
+    slider.max = String(STEPS);
+    slider.step = "any";
+    slider.setAttribute("aria-label", `${knob.name}, ${knob.meaning}`);
+    field.type = "text";
+    field.inputMode = "decimal";
+    field.id = id;
+    unit.className = "unit";
+    unit.textContent = knob.unit;
+    let held = false;
+    slider.addEventListener("pointerdown", () => (held = false));
+    slider.addEventListener("input", () => {
+      this.moved(knob.name, value(knob, Number(slider.value)), !held);
+      held = true;
+    });
+    slider.addEventListener("change", () => (held = false));
+    slider.addEventListener("keydown", (event) => {
+      const way = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1, PageUp: 10, PageDown: -10 }[event.key];
+      if (way === undefined) return;
+      event.preventDefault();
+      const to = Math.min(STEPS, Math.max(0, Number(slider.value) + 5 * way));
+      this.moved(knob.name, value(knob, to), true);
+    });
+    field.addEventListener("change", () => {
+      const typed = Number(field.value.replace(",", "."));
+      if (field.value.trim() !== "" && Number.isFinite(typed)) this.moved(knob.name, typed / knob.factor, true);
+    });
+    row.append(label, slider, field, unit);
+    this.rows.set(knob.name, { knob, slider, field });
+    return row;
+  }
+}
+
+function place(knob: Knob, value: number): number {
+  const share = knob.logarithmic
+    ? Math.log(value / knob.low) / Math.log(knob.high / knob.low)
+    : (value - knob.low) / (knob.high - knob.low);
+  return STEPS * Math.min(1, Math.max(0, share));
+}
+
+function value(knob: Knob, at: number): number {
+  const share = at / STEPS;
+  const found = knob.logarithmic ? knob.low * (knob.high / knob.low) ** share : knob.low + share * (knob.high - knob.low);
+  return Number(found.toPrecision(4));
+}
+
+function written(knob: Knob, value: number): string {
+  return String(Number((value * knob.factor).toPrecision(6)));
+}

@@ -1,0 +1,103 @@
+// What the server sends: a header in JSON and the numbers of all curves as 32-bit floats (studio/wire.py).
+
+export interface Curve {
+  name: string;
+  number: number;
+  look: "line" | "thin" | "bar" | "dots" | "plus";
+  said: string;
+  at: number;
+  n: number;
+}
+export interface Mark {
+  x: number;
+  y: number;
+  number: number;
+  hollow: boolean;
+}
+export interface Level {
+  value: number;
+  text: string;
+  upright: boolean;
+  dashed: boolean;
+  faint: boolean;
+}
+export interface Disc {
+  x: number;
+  y: number;
+  radius: number;
+  number: number;
+  filled: boolean;
+}
+export interface Note {
+  x: number;
+  y: number;
+  text: string;
+  number: number;
+  right: boolean;
+}
+export interface Panel {
+  label: string;
+  scale: "linear" | "log" | "degrees";
+  low: number | null;
+  high: number | null;
+  share: number;
+  curves: Curve[];
+  marks: Mark[];
+  levels: Level[];
+  discs: Disc[];
+  notes: Note[];
+}
+export interface Chart {
+  label: string;
+  scale: "linear" | "frequency";
+  low: number | null;
+  high: number | null;
+  square: boolean;
+  panels: Panel[];
+}
+export interface Knob {
+  name: string;
+  block: string;
+  unit: string;
+  factor: number;
+  low: number;
+  high: number;
+  logarithmic: boolean;
+  meaning: string;
+  today: number;
+  dragged: boolean;
+}
+export interface Message {
+  number: number;
+  error?: string;
+  title?: string;
+  knobs?: Knob[];
+  values?: Record<string, number>;
+  judged?: { text: string; keeps: boolean }[];
+  stable?: boolean;
+  undo?: number;
+  redo?: number;
+  kept?: string[];
+  file?: string;
+  file_name?: string;
+  charts: Record<string, Chart>;
+}
+export interface Received {
+  said: Message;
+  numbers: Float32Array;
+}
+
+export function decode(data: ArrayBuffer): Received {
+  const length = new DataView(data).getUint32(0, true);
+  const said = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length))) as Message;
+  return { said, numbers: new Float32Array(data, 4 + length) };
+}
+
+// The points of a curve as x, y pairs, in the memory of the message.
+export function points(curve: Curve, numbers: Float32Array): number[][] {
+  const found = new Array<number[]>(curve.n);
+  for (let i = 0; i < curve.n; i++) {
+    found[i] = [numbers[curve.at + i]!, numbers[curve.at + curve.n + i]!];
+  }
+  return found;
+}

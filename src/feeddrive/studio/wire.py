@@ -1,0 +1,66 @@
+"""What goes to the browser: a header in JSON and the numbers of all curves as 32-bit floats, in one message.
+
+    4 bytes   length of the header, little-endian, a multiple of 4 (padded with blanks)
+    header    JSON; a curve in it says at which number its x begins, and how many there are; its y follow
+    numbers   float32, little-endian; what is not finite is NaN and interrupts a line
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from feeddrive.plot.chart import Chart, Curve, Panel
+from feeddrive.plot.style import POINTS, envelope
+
+
+def message(said: Mapping[str, Any], charts: Mapping[str, Chart] | None = None) -> bytes:
+    """One message: what is said, and charts by name."""
+    numbers = list[np.ndarray]()
+    shown = {name: _chart(each, numbers) for name, each in (charts or {}).items()}
+    header = json.dumps({**said, "charts": shown}, allow_nan=False, separators=(",", ":")).encode()
+    header += b" " * (-len(header) % 4)
+    body = np.concatenate(numbers).astype("<f4").tobytes() if numbers else b""
+    return struct.pack("<I", len(header)) + header + body
+
+
+def _chart(chart: Chart, numbers: list[np.ndarray]) -> dict[str, Any]:
+    return {
+        "label": chart.label, "scale": chart.scale, "low": chart.low, "high": chart.high, "square": chart.square,
+        "panels": [_panel(each, numbers) for each in chart.panels],
+    }  # fmt: skip
+
+
+def _panel(panel: Panel, numbers: list[np.ndarray]) -> dict[str, Any]:
+    return {
+        "label": panel.label, "scale": panel.scale, "low": panel.low, "high": panel.high, "share": panel.share,
+        "curves": [_curve(each, numbers) for each in panel.curves],
+        "marks": [asdict(each) for each in panel.marks],
+        "levels": [asdict(each) for each in panel.levels],
+        "discs": [asdict(each) for each in panel.discs],
+        "notes": [asdict(each) for each in panel.notes],
+    }  # fmt: skip
+
+
+def _curve(curve: Curve, numbers: list[np.ndarray]) -> dict[str, Any]:
+    x, y = _drawn(np.asarray(curve.x, np.float64), np.asarray(curve.y, np.float64))
+    at = sum(each.size for each in numbers)
+    for row in (x, y):
+        with np.errstate(over="ignore"):
+            small = row.astype(np.float32)
+        numbers.append(np.where(np.isfinite(small), small, np.float32(np.nan)))
+    return {"name": curve.name, "number": curve.number, "look": curve.look, "said": curve.said, "at": at, "n": x.size}
+
+
+def _drawn(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """No more points than a picture shows: over time the envelope, and one point of each gap."""
+    there = np.isfinite(x) & np.isfinite(y)
+    if np.all(there):
+        return envelope(x, y, POINTS) if np.all(np.diff(x) > 0.0) else (x, y)
+    kept = there | np.roll(there, 1)
+    return x[kept], y[kept]

@@ -1,0 +1,150 @@
+"""Tuning by hand: the numbers of a control that a person may move, and the loop at all operating points for any of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+
+from feeddrive.language import tree
+from feeddrive.language.block import Block
+from feeddrive.language.declaration import Declaration
+from feeddrive.language.errors import ParameterError
+from feeddrive.loop.control import Control
+from feeddrive.tuning.closed_loop import Figures, answer, figures
+from feeddrive.tuning.control_response import ControlResponse, Response
+from feeddrive.tuning.limits import Judged, Limits, judged
+from feeddrive.tuning.operating_point import OperatingPoint
+from feeddrive.tuning.proof import ROOM
+
+_WIDE = 30.0  # a range reaches from a thirtieth of the value to thirty times it
+_HIGHEST = 0.49  # of the sample rate: for frequencies
+_SAFE = ("guard", "force_limit")  # bounds of the machine, not of the loop
+
+
+@dataclass(frozen=True)
+class Knob:
+    """One number of a control.
+
+    name         below the control, such as law.Kv or filters.0.frequency
+    block        kind of the block that holds it
+    value        today, SI
+    low, high    range in which it is moved, within its bounds
+    logarithmic  whether equal steps are equal factors
+    """
+
+    name: str
+    block: str
+    value: float
+    low: float
+    high: float
+    logarithmic: bool
+    declared: Declaration
+
+
+def knobs(control: Control, sample_time: float) -> tuple[Knob, ...]:
+    """All numbers of law, observers, filters, feedforward and compensation; not those of guard and force limit."""
+    return tuple(_knobs(control, sample_time))
+
+
+def _knobs(control: Control, sample_time: float) -> Iterator[Knob]:
+    for name, value in tree.leaves(control):
+        if name.split(".")[0] in _SAFE or not isinstance(value, (int, float)):
+            continue
+        declared, kind = tree.declaration(control, name), _kind(control, name)
+        least = declared.above if declared.least is None else declared.least
+        most = declared.below if declared.most is None else declared.most
+        if declared.unit == "Hz":
+            most = min(math.inf if most is None else most, _HIGHEST / sample_time)
+        if value > 0.0 and least is not None and least >= 0.0 and (most is None or most > 2.0):
+            low, high, logarithmic = value / _WIDE, value * _WIDE, True
+        else:
+            reach = 2.0 * abs(value) or 1.0
+            low, high, logarithmic = value - reach, value + reach, False
+        low = low if least is None else max(low, least)
+        high = high if most is None else min(high, most)
+        yield Knob(name, kind, float(value), low, high, logarithmic, declared)
+
+
+def _kind(control: Control, name: str) -> str:
+    """The kind of the block in which a number stands."""
+    found, held = control.kind, cast("Any", control)
+    for part in name.split(".")[:-1]:
+        held = held[int(part)] if isinstance(held, tuple) else getattr(held, part)
+        found = held.kind if isinstance(held, Block) else found
+    return found
+
+
+@dataclass(frozen=True)
+class Look:
+    """A control at some values: its figures at each point, and each limit at the point that keeps it worst."""
+
+    figures: tuple[Figures, ...]
+    judged: tuple[Judged, ...]
+
+    @property
+    def stable(self) -> bool:
+        """At every point."""
+        return all(each.stable for each in self.figures)
+
+    @property
+    def leading(self) -> Figures:
+        """The point that decides: one that is not stable, else the one with the largest Ms."""
+        return max(self.figures, key=lambda each: (not each.stable, each.margins.sensitivity_peak))
+
+
+class ByHand:
+    """A control at operating points, traced once: looks at other values cost some milliseconds.
+
+    limits  that are judged at every look; the point that leaves least room leads
+    """
+
+    def __init__(
+        self, control: Control, points: Sequence[OperatingPoint], limits: Limits | None = None, velocity: float = 0.05
+    ) -> None:
+        if not points:
+            raise ParameterError("tuning by hand needs an operating point: a machine, or a measured response")
+        self.start, self.points = control, tuple(points)
+        self.limits = limits or Limits()
+        self.knobs = knobs(control, points[0].sample_time)
+        names = [each.name for each in self.knobs]
+        self._made = {T: ControlResponse(control, T, names, velocity) for T in {each.sample_time for each in points}}
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The numbers to begin with, by name."""
+        return {each.name: each.value for each in self.knobs}
+
+    def control(self, values: Mapping[str, float]) -> Control:
+        """The control at other numbers. Raises ParameterError for one that is unknown or outside of its bounds."""
+        return tree.vary(self.start, dict(values))
+
+    def at(self, values: Mapping[str, float]) -> Look:
+        """The loop at all points. Raises ParameterError for a number outside of its bounds, and for a control without a
+        finite response there.
+        """
+        self.control(values)
+        row = np.array([values.get(each.name, each.value) for each in self.knobs])
+        found = tuple(figures(answer(each, self._response(each, row)), (0.0, 0.0)) for each in self.points)
+        verdicts = [judged(self.limits, each.margins, each.peak_compliance, None, ROOM) for each in found]
+        return Look(found, tuple(_worst(kinds) for kinds in zip(*verdicts, strict=True)))
+
+    def _response(self, point: OperatingPoint, row: np.ndarray) -> Response:
+        made = self._made[point.sample_time]
+        if made.period > 1:
+            return made.at(row, point.frequency, made.images(point.by_force_at, point.frequency), slopes=False)
+        return made.of_model(made.models(row[None])[0], point.frequency)
+
+
+def _worst(found: Sequence[Judged]) -> Judged:
+    """Of one limit at several points the verdict that leads: a broken one first, else that of the worst value."""
+    broken = [each for each in found if not each.keeps]
+    known = [each for each in broken or found if each.value is not None]
+    if not known:
+        return found[0]
+    sizes = [abs(each.value or 0.0) for each in known]
+    larger = known[0].kind in ("Ms", "peak compliance", "force noise")
+    return known[int(np.argmax(sizes) if larger else np.argmin(sizes))]
