@@ -18,7 +18,7 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 import feeddrive as fd
-from feeddrive.cli.commands import app
+from feeddrive.cli.commands import OFFERED, app, offered
 from feeddrive.files import formats
 from feeddrive.language.errors import CancelledError, ParameterError
 from feeddrive.language.progress import Progress
@@ -122,8 +122,8 @@ def test_help_has_every_command_once_under_what_a_user_does() -> None:
             held[list(held)[-1]].append(row[1])
     held.pop("Options")
     assert held == {
-        group: [name for name, each in COMMANDS.items() if each.group == group]
-        for group in dict.fromkeys(each.group for each in COMMANDS.values())
+        group: [name for name, each in OFFERED.items() if each.group == group]
+        for group in dict.fromkeys(each.group for each in OFFERED.values())
     }
     assert 4 <= len(held) <= 8
 
@@ -260,7 +260,7 @@ FOREIGN = {
 
 def test_hints_name_options_that_exist() -> None:
     """Every `--option` in a text of the program is one of some command, or of another program that is named here."""
-    declared = {field.flag for name in COMMANDS for field in fields_of(load(name).request)}
+    declared = {field.flag for name in OFFERED for field in fields_of(offered(name).request)}
     declared |= {each for one in get_command(app).params for each in one.opts} | {"--help", "--blocks"}
     source = Path(fd.__file__).parent
     wrong, used = [], set()

@@ -21,8 +21,28 @@ from feeddrive.cli.terminal import UNBROKEN, TerminalProgress, open_console, sho
 from feeddrive.language import units
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.table import visible
-from feeddrive.workflow.command import COMMANDS, Command, load
+from feeddrive.workflow.command import COMMANDS, Command, Listed, load
 from feeddrive.workflow.request import Field, fields_of
+
+# what is no piece of work with a result, but another way to look at it
+SKINS = {
+    "studio": Listed(
+        "studio",
+        "Open a page in the browser on which the control of an axis is tuned by hand: pictures follow the sliders.",
+        "Tune and compare",
+        ("ball_screw", "mine.toml --axis x --no-browser --port 8765"),
+    ),
+}
+OFFERED = {**COMMANDS, **SKINS}
+
+
+def offered(name: str) -> Command[Any, Any, Any]:
+    """The command of a name."""
+    if name not in SKINS:
+        return load(name)
+    from feeddrive.studio.command import studio  # not for `--help`
+
+    return studio
 
 
 class _Later(TyperCommand):
@@ -32,9 +52,9 @@ class _Later(TyperCommand):
     def real(self) -> Any:
         """The command itself."""
         app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=self.rich_markup_mode)
-        examples = [f"feeddrive {self.name} {each}" for each in COMMANDS[str(self.name)].examples]
+        examples = [f"feeddrive {self.name} {each}" for each in OFFERED[str(self.name)].examples]
         said = "\n\n".join(["Example:" if len(examples) == 1 else "Examples:", *examples])
-        app.command(self.name, help=self.help, epilog=said)(_function(load(str(self.name))))
+        app.command(self.name, help=self.help, epilog=said)(_function(offered(str(self.name))))
         return get_command(app)
 
     @property
@@ -59,15 +79,15 @@ class Commands(TyperGroup):
         mode = self.rich_markup_mode
         self.later = [
             _Later(name, help=each.said, rich_help_panel=each.group, rich_markup_mode=mode)
-            for name, each in COMMANDS.items()
+            for name, each in OFFERED.items()
         ]
         self.commands = {str(each.name): each for each in self.later}
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """The commands under the headings of what a user does; boxes on a terminal take them from the panels."""
-        for group in dict.fromkeys(each.group for each in COMMANDS.values()):
+        for group in dict.fromkeys(each.group for each in OFFERED.values()):
             with formatter.section(group):
-                formatter.write_dl([(name, each.said) for name, each in COMMANDS.items() if each.group == group])
+                formatter.write_dl([(name, each.said) for name, each in OFFERED.items() if each.group == group])
 
     def main(
         self,

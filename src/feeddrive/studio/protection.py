@@ -1,10 +1,10 @@
 """Who may talk to the page's server: this machine's own browser, from its own page, with the token of this start.
 
-    Host      only the addresses under which the server listens: a name that a foreign page points here is refused
-              (DNS rebinding)
-    Origin    of a WebSocket and of everything that changes something: only the page itself
-    token     in the address that is printed at the start, once; then a cookie that only this server gets back
-    headers   a policy that loads nothing from elsewhere and runs no inline script; not to be framed, cached or sniffed
+Host      only the addresses under which the server listens: a name that a foreign page points here is refused
+(DNS rebinding)
+Origin    of a WebSocket and of everything that changes something: only the page itself
+token     in the address that is printed at the start, once; then a cookie that only this server gets back
+headers   a policy that loads nothing from elsewhere and runs no inline script; not to be framed, cached or sniffed
 """
 
 from __future__ import annotations

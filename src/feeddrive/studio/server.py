@@ -16,7 +16,7 @@ from feeddrive.studio.session import Session
 from feeddrive.studio.wire import message
 
 PAGE = Path(__file__).parent / "page"  # built from the TypeScript in `page/` of the repository
-_TYPES = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8"}
+_TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
 _SESSIONS = 64  # pages whose state is kept, the latest
 _LARGEST = 64_000  # bytes of a request of the page
 
@@ -42,7 +42,7 @@ def make_app(bench: Bench, hosts: tuple[str, ...], token: str, page: Path = PAGE
         path = page / name  # a route's name has no slash, so that it stays in the folder
         if path.suffix not in _TYPES or not path.is_file():
             return PlainTextResponse("there is no such file\n", 404)
-        return Response(path.read_bytes(), headers={"content-type": _TYPES[path.suffix]})
+        return Response(path.read_bytes(), media_type=_TYPES[path.suffix])
 
     async def talk(socket: WebSocket) -> None:
         await socket.accept()

@@ -1,4 +1,4 @@
-"""Tuning by hand: the numbers of a control that a person may move, and the loop at all operating points for any of them."""
+"""Tuning by hand: the numbers of a control that a person may move, and the loop at all points for any of them."""
 
 from __future__ import annotations
 
