@@ -29,6 +29,7 @@ class Session:
         self.snapshots: dict[str, Values] = {}
         self._past: list[Values] = []
         self._future: list[Values] = []
+        self._begins = True  # whether the next change is a step of its own, and not one more of a drag
         self._seen: dict[str, tuple[Values, Look, Run | None]] = {}
 
     def answer(self, asked: Mapping[str, Any]) -> bytes:
@@ -63,20 +64,21 @@ class Session:
             raise ParameterError(f"{name} must be a number, not {value!r}")
         wanted = {**self.values, name: float(value)}
         self.bench.by_hand.control(wanted)
-        self._change(wanted, remember=bool(asked.get("first", True)))
+        self._change(wanted, begins=bool(asked.get("first", True)))
 
-    def _change(self, wanted: Values, *, remember: bool = True) -> None:
+    def _change(self, wanted: Values, *, begins: bool = True) -> None:
+        self._begins = self._begins or begins
         if wanted == self.values:
             return
-        if remember:
+        if self._begins:
             self._past = [*self._past, self.values][-_UNDONE:]
             self._future.clear()
-        self.values = wanted
+        self.values, self._begins = wanted, False
 
     def _back(self, source: list[Values], other: list[Values]) -> None:
         if source:
             other.append(self.values)
-            self.values = source.pop()
+            self.values, self._begins = source.pop(), True
 
     def _reset(self, _: Mapping[str, Any]) -> None:
         self._change(self.bench.by_hand.values)

@@ -1,0 +1,186 @@
+"""Who the page's server answers: its own page with the token, and nobody else."""
+
+from __future__ import annotations
+
+import http.client
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+import uvicorn
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+
+from feeddrive.studio.bench import bench_of
+from feeddrive.studio.protection import COOKIE
+from feeddrive.studio.server import make_app
+
+TOKEN = "the-token-of-this-start"
+HIDDEN = ("not of the page", "kept = true")
+
+
+class Answer(NamedTuple):
+    """Of a request: status, headers in small letters, text."""
+
+    status: int
+    headers: Mapping[str, str]
+    text: str
+
+
+class Server(NamedTuple):
+    """A real server on a port of this machine."""
+
+    port: int
+
+    @property
+    def host(self) -> str:
+        return f"127.0.0.1:{self.port}"
+
+    def get(self, path: str, method: str = "GET", **headers: str) -> Answer:
+        """A request with the cookie of one who has opened the page, unless headers say otherwise."""
+        given = {"Host": self.host, "Cookie": f"{COOKIE}={TOKEN}"} | {k.title(): v for k, v in headers.items()}
+        made = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
+        try:
+            made.putrequest(method, path, skip_host=True)
+            for name, value in given.items():
+                made.putheader(name, value)
+            made.endheaders()
+            found = made.getresponse()
+            return Answer(found.status, {k.lower(): v for k, v in found.getheaders()}, found.read().decode())
+        finally:
+            made.close()
+
+    def talk(self, path: str = "/talk", origin: str | None = "own", cookie: str = TOKEN) -> ClientConnection:
+        """A WebSocket as a page of some origin opens it."""
+        own = f"http://{self.host}" if origin == "own" else origin
+        return connect(
+            f"ws://{self.host}{path}", origin=own, additional_headers={"Cookie": f"{COOKIE}={cookie}"}, max_size=None,
+            proxy=None,
+        )  # fmt: skip
+
+
+@contextmanager
+def running(page: Path) -> Iterator[Server]:
+    held: list[str] = []
+
+    async def later(scope: object, receive: object, send: object) -> None:
+        await app(scope, receive, send)  # type: ignore[arg-type]
+
+    config = uvicorn.Config(later, host="127.0.0.1", port=0, log_level="error", lifespan="off", ws="websockets-sansio")
+    server = uvicorn.Server(config)
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    until = time.monotonic() + 20.0
+    while not server.started:
+        assert time.monotonic() < until, "the server does not start"
+        time.sleep(0.01)
+    port = server.servers[0].sockets[0].getsockname()[1]
+    held.append(f"127.0.0.1:{port}")
+    app = make_app(bench_of("linear_motor"), tuple(held), TOKEN, page)
+    yield Server(port)
+    server.should_exit = True
+    thread.join(20.0)
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    folder = tmp_path_factory.mktemp("page")
+    (folder / "index.html").write_text("<!doctype html><title>page</title>", encoding="utf-8")
+    (folder / "secret.toml").write_text(HIDDEN[1], encoding="utf-8")
+    (folder.parent / "outside.html").write_text(HIDDEN[0], encoding="utf-8")
+    with running(folder) as made:
+        yield made
+
+
+def test_the_token_opens_the_page_and_gives_way_to_a_cookie(server: Server) -> None:
+    first = server.get(f"/?token={TOKEN}", cookie="")
+    assert first.status == 303
+    assert first.headers["location"] == "/"  # the token leaves the address bar
+    kept = first.headers["set-cookie"]
+    assert kept.startswith(f"{COOKIE}={TOKEN};")
+    assert "HttpOnly" in kept
+    assert "SameSite=Strict" in kept
+    found = server.get("/")
+    assert found.status == 200
+    assert found.text.startswith("<!doctype html>")
+
+
+@pytest.mark.parametrize("query", ["", "?token=", "?token=guessed", f"?token={TOKEN}x"])
+def test_without_the_token_there_is_nothing(server: Server, query: str) -> None:
+    for cookie in ("", f"{COOKIE}=guessed", f"other={TOKEN}"):
+        found = server.get(f"/{query}", cookie=cookie)
+        assert found.status == 403
+        assert "carries the token" in found.text
+        assert "set-cookie" not in found.headers
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:8765", "127.0.0.1", "127.0.0.1:1", ""])
+def test_a_name_that_points_here_is_refused(server: Server, host: str) -> None:
+    """DNS rebinding: the browser takes the server for its own site, and the Host header tells."""
+    assert server.get("/", host=host).status == 421
+
+
+@pytest.mark.parametrize(
+    "origin", [None, "http://evil.example", "null", "http://127.0.0.1:1", "http://{host}.evil.example"]
+)
+def test_another_page_cannot_talk_to_the_server(server: Server, origin: str | None) -> None:
+    named = None if origin is None else origin.format(host=server.host)
+    with pytest.raises((InvalidStatus, ConnectionClosed)):
+        server.talk(origin=named).recv(timeout=20)
+    assert server.get("/", "POST", **({} if named is None else {"origin": named})).status == 403
+
+
+def test_the_socket_needs_the_cookie_and_no_token_in_its_address_helps(server: Server) -> None:
+    for path in ("/talk", f"/talk?token={TOKEN}"):
+        with pytest.raises((InvalidStatus, ConnectionClosed)):
+            server.talk(path, cookie="guessed").recv(timeout=20)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "../outside.html",
+        "%2e%2e/outside.html",
+        "..%2foutside.html",
+        "%2e%2e%2foutside.html",
+        "secret.toml",
+        "/etc/passwd",
+    ],
+)
+def test_no_file_but_those_of_the_page_is_read(server: Server, name: str) -> None:
+    found = server.get(f"/{name}")
+    assert found.status == 404
+    assert not any(each in found.text for each in HIDDEN)
+
+
+def test_every_answer_forbids_foreign_code_frames_and_copies(server: Server) -> None:
+    for path, host in (("/", server.host), ("/none.html", server.host), ("/", "evil.example")):
+        headers = server.get(path, host=host).headers
+        policy = headers["content-security-policy"]
+        assert "default-src 'none'" in policy
+        assert "unsafe" not in policy
+        assert headers["x-frame-options"] == "DENY"
+        assert headers["x-content-type-options"] == "nosniff"
+        assert headers["cache-control"] == "no-store"
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "3", "null", "{" * 10_000, '{"do": 7}', '{"do": "__class__"}'])
+def test_what_is_no_request_is_answered_and_the_page_goes_on(server: Server, text: str) -> None:
+    with server.talk() as socket:
+        socket.send(text)
+        socket.send('{"number": 5, "do": "show"}')
+        heard = b""
+        while b'"number":5' not in heard:
+            heard += socket.recv(timeout=20)  # type: ignore[operator]
+        assert b'"error":' in heard
+
+
+def test_a_request_that_is_too_long_ends_the_conversation(server: Server) -> None:
+    with server.talk() as socket:
+        socket.send("x" * 20_000_000)
+        with pytest.raises(ConnectionClosed):
+            socket.recv(timeout=20)

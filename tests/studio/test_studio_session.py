@@ -1,0 +1,154 @@
+"""Sessions of the page: what is moved, undone and kept, each page for itself; and what goes over the wire."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import feeddrive as fd
+from feeddrive.plot.chart import Chart, Curve, Panel
+from feeddrive.studio.bench import Bench, bench_of
+from feeddrive.studio.session import Session
+from feeddrive.studio.wire import message
+
+
+@pytest.fixture(scope="module")
+def bench() -> Bench:
+    return bench_of("ball_screw")
+
+
+@pytest.fixture
+def session(bench: Bench) -> Session:
+    return Session(bench)
+
+
+def read(answer: bytes) -> tuple[dict[str, Any], np.ndarray]:
+    (length,) = struct.unpack_from("<I", answer)
+    return json.loads(answer[4 : 4 + length]), np.frombuffer(answer[4 + length :], "<f4")
+
+
+def asked(session: Session, do: str, **more: Any) -> dict[str, Any]:
+    return read(session.answer({"number": 1, "do": do, **more}))[0]
+
+
+def test_a_move_is_judged_and_drawn_beside_today(session: Session, bench: Bench) -> None:
+    said, numbers = read(session.answer({"number": 7, "do": "move", "name": "law.Kv", "value": 150.0}))
+    assert said["number"] == 7
+    assert said["values"]["law.Kv"] == 150.0
+    assert set(said["charts"]) == {"open_loop", "nyquist", "sensitivity", "stiffness", "run"}
+    (judged,) = said["judged"]
+    values = bench.by_hand.values | {"law.Kv": 150.0}
+    peak = bench.by_hand.at(values).leading.margins.sensitivity_peak
+    assert judged["text"] == f"Ms {peak:.4g}, limit: Ms <= 2"
+    assert judged["keeps"] == (peak <= 2.0)
+    curves = said["charts"]["stiffness"]["panels"][0]["curves"]
+    assert [each["name"] for each in curves] == ["today", "now"]
+    last = curves[-1]
+    drawn = numbers[last["at"] + last["n"] : last["at"] + 2 * last["n"]]
+    figures = bench.by_hand.at(values).leading.stiffness
+    np.testing.assert_allclose(drawn, 1e-6 * figures.magnitude, rtol=1e-6)  # float32
+
+
+def test_a_loop_that_is_not_stable_is_said_and_its_open_loop_is_drawn(session: Session) -> None:
+    said = asked(session, "move", name="law.Kp", value=2e6)
+    assert said["stable"] is False
+    assert [each["name"] for each in said["charts"]["open_loop"]["panels"][0]["curves"] if each["name"]] == [
+        "today",
+        "now",
+    ]
+    assert [each["name"] for each in said["charts"]["stiffness"]["panels"][0]["curves"]] == ["today"]
+
+
+def test_a_drag_is_undone_as_one_and_redone(session: Session) -> None:
+    held = session.values["law.Kv"]
+    for i, value in enumerate((held, 110.0, 120.0, 130.0)):  # a drag begins where the slider stands
+        asked(session, "move", name="law.Kv", value=value, first=i == 0)
+    said = asked(session, "move", name="law.Tn", value=0.01)
+    assert (said["undo"], said["redo"]) == (2, 0)
+    assert asked(session, "undo")["values"]["law.Kv"] == 130.0
+    said = asked(session, "undo")
+    assert said["values"]["law.Kv"] == session.bench.by_hand.values["law.Kv"]
+    assert (said["undo"], said["redo"]) == (0, 2)
+    assert asked(session, "redo")["values"]["law.Kv"] == 130.0
+    assert asked(session, "move", name="law.Kv", value=90.0)["redo"] == 0  # another way: the old future is gone
+
+
+def test_snapshots_are_drawn_and_taken(session: Session) -> None:
+    asked(session, "move", name="law.Kv", value=90.0)
+    said = asked(session, "keep", letter="A")
+    assert said["kept"] == ["A"]
+    asked(session, "reset")
+    assert [c["name"] for c in asked(session, "show")["charts"]["run"]["panels"][0]["curves"]] == ["today", "A", "now"]
+    assert asked(session, "take", letter="A")["values"]["law.Kv"] == 90.0
+    assert asked(session, "drop", letter="A")["kept"] == []
+    assert "nothing was kept as B" in asked(session, "take", letter="B")["error"]
+
+
+@pytest.mark.parametrize(
+    ("request_", "reason"),
+    [
+        ({"do": "move", "name": "law.Kv", "value": -1}, "must be > 0 1/s"),
+        ({"do": "move", "name": "law.Kv", "value": float("inf")}, "must be a finite number"),
+        ({"do": "move", "name": "law.Kv", "value": "10"}, "must be a number"),
+        ({"do": "move", "name": "law.Kv", "value": True}, "must be a number"),
+        ({"do": "move", "name": "law.__class__", "value": 1}, "has no number"),
+        ({"do": "keep", "letter": "Z"}, "one of A, B, C"),
+        ({"do": "answer"}, "none of show"),
+    ],
+)
+def test_a_wrong_request_says_why_and_changes_nothing(session: Session, request_: dict[str, Any], reason: str) -> None:
+    before = dict(session.values)
+    said = read(session.answer({"number": 3, **request_}))[0]
+    assert reason in said["error"]
+    assert said["number"] == 3
+    assert session.values == before
+    assert said["undo"] == 0
+
+
+def test_pages_do_not_see_each_other(bench: Bench) -> None:
+    one, other = Session(bench), Session(bench)
+    asked(one, "move", name="law.Kv", value=150.0)
+    asked(one, "keep", letter="A")
+    said = asked(other, "show")
+    assert said["values"] == bench.by_hand.values
+    assert said["kept"] == []
+
+
+def test_the_file_has_the_moved_number_and_all_else_as_it_was(session: Session, tmp_path: Path) -> None:
+    asked(session, "move", name="law.Kv", value=88.0)
+    text = asked(session, "file")["file"]
+    before = session.bench.machine.file.text.splitlines()
+    changed = [(old, new) for old, new in zip(before, text.splitlines(), strict=True) if old != new]
+    assert len(changed) == 1
+    assert "88" in changed[0][1]
+    (tmp_path / "tuned.toml").write_text(text, encoding="utf-8")
+    assert fd.read_machine(tmp_path / "tuned.toml").loop(None).control.law.Kv == 88.0  # type: ignore[attr-defined]
+
+
+def test_a_message_is_whole_numbers_and_all(session: Session) -> None:
+    """Offsets are those of the numbers; what is not finite interrupts a line; over time peaks stay."""
+    time = np.linspace(0.0, 1.0, 50_001)
+    peak = np.where(np.arange(time.size) == 31_234, 7.0, 0.0)
+    gap = np.array([1.0, np.nan, np.nan, 4.0]), np.array([1.0, 2.0, np.inf, 8.0])
+    chart = Chart("time (s)", (Panel("error (µm)", (Curve(time, peak, "long"), Curve(*gap, "broken"))),))
+    said, numbers = read(message({"number": 1}, {"x": chart}))
+    long, broken = said["charts"]["x"]["panels"][0]["curves"]
+    assert long["n"] < 3000
+    assert np.max(numbers[long["at"] + long["n"] :][: long["n"]]) == 7.0
+    x, y = (numbers[broken["at"] + k * broken["n"] :][: broken["n"]] for k in (0, 1))
+    assert (x[0], y[0], x[-1], y[-1]) == (1.0, 1.0, 4.0, 8.0)
+    assert np.isnan(x[1])
+    assert broken["n"] == 3  # one point stands for the gap
+    assert numbers.size == broken["at"] + 2 * broken["n"]
+
+
+def test_knobs_are_in_the_units_that_people_read(session: Session) -> None:
+    found = {each["name"]: each for each in session.knobs()}
+    assert found["law.Tn"]["unit"] == "ms"
+    assert found["law.Tn"]["factor"] == 1e3
+    assert [name for name, each in found.items() if each["dragged"]] == ["filters.0.frequency", "filters.1.frequency"]
