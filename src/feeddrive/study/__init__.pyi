@@ -7,6 +7,8 @@ from feeddrive.study.figure import Figure as Figure
 from feeddrive.study.figure import Statistics as Statistics
 from feeddrive.study.figures import figures as figures
 from feeddrive.study.model_figures import LinearLoop as LinearLoop
+from feeddrive.study.robust import Robust as Robust
+from feeddrive.study.robust import tune_robust as tune_robust
 from feeddrive.study.specification import Bound as Bound
 from feeddrive.study.store import Manifest as Manifest
 from feeddrive.study.store import Store as Store

@@ -1,0 +1,219 @@
+"""Tuning over the machines of a study: one control for all of them, or for a stated share.
+
+    minimize  max over machines of the goal   subject to   all limits on every machine
+
+over hundreds of sampled machines would be a problem of ten thousand bounds, of which some ten are active.  So the tuner
+works on few machines.  After each tuning all others are judged under the new control, and the worst of them join,
+until none is worse than those that the tuner had: then the control is the best for all sampled ones, as far as the
+tuner's searches are settled.  Slopes are those of the traced law.
+
+For a share q < 1 the worst (1 - q) n machines under the present control are left out of it.  Which ones these are
+follows from the control, so that this is a descent to a local optimum, and the best control of all rounds is taken.
+
+What a sample promises of all machines is not assumed but measured, on others (`fresh.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from feeddrive.language.errors import ParameterError, UnstableError
+from feeddrive.language.progress import Progress
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.control import Control
+from feeddrive.study.figures import figure
+from feeddrive.study.fresh import Measured, bounds_of, limits_of, measured
+from feeddrive.study.scenarios import Merits, Scenarios, scenarios
+from feeddrive.study.specification import Bound
+from feeddrive.study.study import StudyLike, read_study
+from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.tune import tune_control
+from feeddrive.tuning.tuned import Tuned
+
+_ROUNDS = 12
+_JOIN = 3  # machines that join at once
+_SAME = 5e-3  # of the goal's logarithm: a machine that is worse by less need not join
+_SNAP = "rope_snap_ISE_root_m_per_N"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Robust(Result):
+    """One control for the machines of a study.
+
+    tuned            the result of the tuner on the machines that decide, whose names are `variant N`
+    share            of the sampled machines for which it is made; 1 for all
+    rounds           by round how many machines the tuner had, and how many of the sample kept all limits after it
+    seen, seen_new   the sampled machines under today's control and under the new one
+    before, after    fresh machines under both
+    bad              numbers and reasons of variants that cannot be made
+    unsettled        why the result may not be the best for the sample; empty if all is well
+    """
+
+    tuned: Tuned
+    share: float
+    rounds: tuple[tuple[int, int], ...]
+    seen: Merits
+    seen_new: Merits
+    before: Measured
+    after: Measured
+    bad: tuple[tuple[int, str], ...]
+    unsettled: str
+
+    @property
+    def rotary(self) -> bool:
+        """Whether the axis turns."""
+        return self.tuned.rotary
+
+    @property
+    def active(self) -> tuple[str, ...]:
+        """The machines that the tuner had at the end."""
+        return tuple(each.point for each in self.tuned.after)
+
+    @property
+    def better(self) -> bool:
+        """Whether more of the fresh machines are good than under today's control, or as many."""
+        return self.after.all.kept >= self.before.all.kept
+
+    def sentence(self) -> str:
+        """What came out, with both yields."""
+        n, m = self.seen.goal.size, self.after.count
+        aim = "all" if self.share == 1.0 else f"{100.0 * self.share:g} %"
+        kept = int(np.sum(self.seen_new.kept))
+        told = (
+            f"Tuned for {aim} of {n} machines, of which {len(self.active)} decide: {kept} keep all limits, "
+            f"{int(np.sum(self.seen.kept))} did before. Of {m} fresh machines that the tuner never saw "
+            f"{self.after.all} are good; under today's control {self.before.all} are."
+        )
+        return told if self.better else f"{told} Keep today's control: it is good on more machines."
+
+    def table(self) -> Table:
+        """Shares of fresh machines within each bound, and quantiles of the rope-snap error, before and after."""
+        rows = [["all bounds", str(self.before.all), str(self.after.all)]]
+        rows += [
+            [said(bound), str(self.before.keeping(bound)), str(self.after.keeping(bound))]
+            for bound in self.after.bounds
+        ]
+        for share in (0.05, 0.5, 0.95):
+            cells = [1e9 * each.quantile(_SNAP, share) for each in (self.before, self.after)]
+            head = f"rope-snap error, {100.0 * share:g} % quantile, nm s^1/2/N"
+            rows.append([head, *(f"{each:.4g}" for each in cells)])
+        title = f"{self.after.count} fresh machines: share within bounds (95 % interval)"
+        return Table(title, ["", "today", "new"], rows)
+
+
+def said(bound: Bound) -> str:
+    """A bound in words: `sensitivity_peak <= 2`."""
+    ends = [f"{sign} {value:.4g}" for sign, value in ((">=", bound.least), ("<=", bound.most)) if value is not None]
+    return f"{bound.figure.name} {' and '.join(ends)}"
+
+
+def tune_robust(
+    study: StudyLike,
+    *,
+    control: Control | None = None,
+    goal: str = "rope-snap",
+    limits: Limits | None = None,
+    filters: str = "free",
+    band: tuple[float, float] = (0.0, math.inf),
+    share: float = 1.0,
+    samples: int | None = None,
+    fresh: int | None = None,
+    starts: int = 2,
+    seed: int = 0,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Robust:
+    """The control that is best on the worst machine of a study's sample, proven on machines that were not in it.
+
+    study     a study file, a bundled study, or one that was read; its specification sets the limits of the tuner
+    control   the start of the search, today's control of the study's job if none is given
+    limits    what the specification does not state
+    share     of the sampled machines for which limits and goal count
+    samples   how many machines the tuner may see (default: the study's count, at most 1000)
+    fresh     how many others it is proven on (default: as many, at least 200)
+    workers   processes of the proof (default: all cores)
+
+    All else as in `tune_control`.  Raises UnstableError if no control keeps the limits on all machines that must be
+    kept, with their numbers; ParameterError for a study that varies the control or a coupled axis.
+    """
+    study, progress = read_study(study), progress or Progress()
+    if not 0.5 <= share <= 1.0:
+        raise ParameterError(f"share = {share:g} must be >= 0.5 and <= 1: the part of the machines that count")
+    today = next(study.bases()).loop.control
+    limits = limits_of(study, limits or Limits())
+    sample = scenarios(study, samples or min(study.count, 1000), progress)
+    search = _Search(sample, today, goal, limits, filters, band, share, starts, seed, progress)
+    tuned, unsettled = search.run(today if control is None else control)
+    bounds, count = bounds_of(study, limits), fresh or max(200, len(sample.points))
+    before, after = (
+        measured(study, each, bounds, (figure(_SNAP),), count, workers, progress) for each in (today, tuned.control)
+    )
+    return Robust(
+        tuned, share, tuple(search.rounds), search.judged(today), search.judged(tuned.control), before, after,
+        sample.bad, unsettled,
+    )  # fmt: skip
+
+
+class _Search:
+    """Rounds of the tuner on the machines that decide."""
+
+    def __init__(
+        self, sample: Scenarios, today: Control, goal: str, limits: Limits, filters: str, band: tuple[float, float],
+        share: float, starts: int, seed: int, progress: Progress,
+    ) -> None:  # fmt: skip
+        self.sample, self.today, self.goal, self.limits, self.filters = sample, today, goal, limits, filters
+        self.band, self.starts, self.seed, self.progress = band, starts, seed, progress
+        self.kept = math.ceil(share * len(sample.points) - 1e-9)
+        self.rounds: list[tuple[int, int]] = []
+
+    def judged(self, control: Control) -> Merits:
+        """A control on all sampled machines."""
+        self.progress.step(f"{len(self.sample.points)} machines under the control")
+        return self.sample.merits(control, self.goal, self.limits, self.band)
+
+    def run(self, control: Control) -> tuple[Tuned, str]:
+        """The best control of all rounds, and why it may not be the best there is."""
+        severity = self.judged(control).severity
+        order = np.argsort(severity, kind="stable")
+        active = [int(order[self.kept - 1]), int(order[self.kept // 2])]
+        best: tuple[float, Tuned] | None = None
+        for _ in range(_ROUNDS):
+            active = sorted(set(active))
+            tuned = self._tuned(control, active)
+            merits = self.judged(tuned.control)
+            severity = merits.severity
+            self.rounds.append((len(active), int(np.sum(merits.kept))))
+            order = np.argsort(severity, kind="stable")
+            counted = [int(i) for i in order[: self.kept]]
+            worst = float(severity[counted[-1]])
+            if best is None or worst < best[0]:
+                best = worst, tuned
+            level = max((float(severity[i]) for i in active if i in set(counted)), default=-math.inf)
+            joining = [i for i in reversed(counted) if i not in active and severity[i] > level + _SAME][:_JOIN]
+            if not joining:
+                return best[1], tuned.unsettled
+            active = [i for i in active if i in set(counted)] + joining
+            control = tuned.control
+        assert best is not None
+        return best[1], f"after {_ROUNDS} rounds machines still join that are worse than those the tuner had"
+
+    def _tuned(self, control: Control, active: list[int]) -> Tuned:
+        """The tuner on some machines; notches are placed in the first round alone."""
+        filters = "free" if self.rounds and self.filters == "placed" else self.filters
+        self.progress.step(f"round {len(self.rounds) + 1}: {len(active)} machines decide")
+        points = [self.sample.points[i] for i in active]
+        try:
+            return tune_control(
+                control, points, goal=self.goal, limits=self.limits, filters=filters, band=self.band,
+                starts=self.starts, seed=self.seed, velocity=self.sample.velocity, today=self.today,
+                progress=self.progress,
+            )  # fmt: skip
+        except UnstableError as error:
+            named = ", ".join(point.name for point in points)
+            raise UnstableError(
+                f"no control keeps {self.limits.sentence()} on {named} together: {error}. Take a smaller share of the "
+                "machines, wider limits, or closer tolerances"
+            ) from None
