@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -108,7 +109,7 @@ def test_a_worker_is_killed_and_the_rows_are_the_same(
 
 
 def test_an_address_that_nobody_answers_leaves_nothing(undisturbed: tuple[Study, Path], tmp_path: Path) -> None:
-    for address, reason in (("nonsense", "missing port number"), ("http://127.0.0.1:99", "unknown address scheme")):
+    for address, reason in (("nonsense", "missing port number"), ("smoke://127.0.0.1:99", "unknown address scheme")):
         with pytest.raises(ParameterError, match=f"no Dask scheduler answers at '{address}' .{reason}.*dask scheduler"):
             sweep(undisturbed[0], tmp_path / "out", scheduler=address)
     assert not (tmp_path / "out").exists()
@@ -163,7 +164,7 @@ REASON = "starts Dask clusters and ends their parts amid sweeps of 20 s"
 def long(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A study of 100 chunks and its undisturbed rows."""
     folder = tmp_path_factory.mktemp("long")
-    study = study_of(folder, 400, 4, "phase_margin_deg")
+    study = study_of(folder, 200, 2, "phase_margin_deg")
     sweep(study, folder / "out", workers=2)
     return study, folder / "out"
 
@@ -183,16 +184,33 @@ def test_workers_are_killed_five_times(cluster: DaskCluster, long: tuple[Path, P
         study,
         tmp_path / "out",
         scheduler=cluster.address,
-        progress=Watched(dict.fromkeys((8, 80, 160, 240, 320), kill)),
+        progress=Watched(dict.fromkeys((4, 40, 80, 120, 160), kill)),
     )
     assert len(set(kills)) == 5
     assert rows(tmp_path / "out") == rows(wanted)
 
 
-def client(study: Path, out: Path, address: str, *options: str) -> subprocess.Popen[str]:
-    """The command, as a process."""
-    line = [sys.executable, "-m", "feeddrive", "sweep", study, "--scheduler", address, "--out", out, *options]
-    return subprocess.Popen(list(map(str, line)), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+@contextmanager
+def client(study: Path, out: Path, address: str, *options: str) -> Generator[subprocess.Popen[str]]:
+    """The command, as a process that ends with the block."""
+    line = [
+        sys.executable,
+        "-c",
+        "from feeddrive.cli import main; main()",
+        "sweep",
+        study,
+        "--scheduler",
+        address,
+        "--out",
+        out,
+        *options,
+    ]
+    process = subprocess.Popen(list(map(str, line)), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
 
 
 def chunks(out: Path) -> int:
@@ -204,13 +222,12 @@ def test_a_client_that_is_killed_is_resumed(cluster: DaskCluster, long: tuple[Pa
     study, wanted = long
     out = tmp_path / "out"
     for share in (10, 40, 70):
-        process = client(study, out, cluster.address, "--resume")
-        until(lambda least=share: chunks(out) >= least)
-        process.kill()
-        process.communicate()
+        with client(study, out, cluster.address, "--resume") as process:
+            until(lambda least=share: chunks(out) >= least or process.poll() is not None)
+            assert process.poll() is None
     assert chunks(out) < 100
-    process = client(study, out, cluster.address, "--resume")
-    said, _ = process.communicate(timeout=120)
+    with client(study, out, cluster.address, "--resume") as process:
+        said, _ = process.communicate(timeout=120)
     assert process.returncode == 0, said
     assert rows(out) == rows(wanted)
 
@@ -219,10 +236,10 @@ def test_a_client_that_is_killed_is_resumed(cluster: DaskCluster, long: tuple[Pa
 def test_ctrl_c_cancels_what_is_handed_out(cluster: DaskCluster, long: tuple[Path, Path], tmp_path: Path) -> None:
     study, wanted = long
     out = tmp_path / "out"
-    process = client(study, out, cluster.address)
-    until(lambda: chunks(out) >= 10)
-    process.send_signal(signal.SIGINT)
-    said, _ = process.communicate(timeout=30)
+    with client(study, out, cluster.address) as process:
+        until(lambda: chunks(out) >= 10 or process.poll() is not None)
+        process.send_signal(signal.SIGINT)
+        said, _ = process.communicate(timeout=30)
     assert process.returncode == 130, said
     assert "--resume" in said
     with cluster.client() as looking:
@@ -235,7 +252,7 @@ def test_ctrl_c_cancels_what_is_handed_out(cluster: DaskCluster, long: tuple[Pat
 def test_a_scheduler_that_is_killed_is_named_and_the_sweep_resumed(long: tuple[Path, Path], tmp_path: Path) -> None:
     study, wanted = long
     with dask_cluster(tmp_path, 2) as own:
-        progress = Watched({40: lambda: own.scheduler.kill()})
+        progress = Watched({20: lambda: own.scheduler.kill()})
         with pytest.raises(WorkerError, match=f"scheduler at {own.address} is lost"):
             sweep(study, tmp_path / "out", scheduler=own.address, progress=progress)
         before = rows(tmp_path / "out")
