@@ -135,6 +135,17 @@ LOOPS: dict[str, fd.Loop] = {
             ),
         ),
     ),
+    "cascade_ppi, stops": loop(
+        ONE,
+        PPI,
+        feedforward=(
+            fd.blocks.FrictionStops(
+                width=np.array([5e-6, 2e-5, 1e-4]), stiffness=np.array([4e6, 1e6, 2e5]),
+                residual_velocity=np.array([-0.1, 0.0, 0.1]), residual_force=np.array([4.0, -9.0, 3.0]),
+                residual_width=0.1, residual_limit=8.0,
+            ),
+        ),
+    ),
     "cascade_ppi, rings and reversals": loop(
         ONE,
         PPI,

@@ -34,6 +34,7 @@ from feeddrive.blocks.cutting.helical_cutter import HelicalCutter as HelicalCutt
 from feeddrive.blocks.cutting.mechanistic_cutter import MechanisticCutter as MechanisticCutter
 from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator as DisturbanceCompensator
 from feeddrive.blocks.feedforward.friction_feedforward import FrictionFeedforward as FrictionFeedforward
+from feeddrive.blocks.feedforward.friction_stops import FrictionStops as FrictionStops
 from feeddrive.blocks.feedforward.inertia import Inertia as Inertia
 from feeddrive.blocks.feedforward.inverse_dynamics import InverseDynamics as InverseDynamics
 from feeddrive.blocks.feedforward.reversal_pulse import ReversalPulse as ReversalPulse
@@ -52,6 +53,7 @@ from feeddrive.blocks.force.screw_error import ScrewError as ScrewError
 from feeddrive.blocks.friction.coulomb import Coulomb as Coulomb
 from feeddrive.blocks.friction.directional import Directional as Directional
 from feeddrive.blocks.friction.directional_stribeck import DirectionalStribeck as DirectionalStribeck
+from feeddrive.blocks.friction.generalized_maxwell_slip import GeneralizedMaxwellSlip as GeneralizedMaxwellSlip
 from feeddrive.blocks.friction.lugre import Lugre as Lugre
 from feeddrive.blocks.friction.regularised import Regularised as Regularised
 from feeddrive.blocks.friction.stribeck import Stribeck as Stribeck

@@ -11,6 +11,9 @@ from feeddrive.identification.excitation.frequency_estimate import FrequencyEsti
 from feeddrive.identification.excitation.record import Record as Record
 from feeddrive.identification.friction_curve import FrictionCurve as FrictionCurve
 from feeddrive.identification.friction_curve import fit_friction as fit_friction
+from feeddrive.identification.friction_stops import LearnedStops as LearnedStops
+from feeddrive.identification.friction_stops import learned_stops as learned_stops
+from feeddrive.identification.friction_stops import stretches as stretches
 from feeddrive.identification.motion.control_law import ControlFit as ControlFit
 from feeddrive.identification.motion.control_law import identify_control as identify_control
 from feeddrive.identification.motion.delay import DelayFit as DelayFit

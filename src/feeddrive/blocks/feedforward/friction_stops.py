@@ -1,0 +1,107 @@
+"""Learned friction feedforward: stops in parallel on the set position, and what they leave as bells over the speed."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from feeddrive.blocks.families import Feedforward
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language import ops
+from feeddrive.language.block import Number, parameter, table
+from feeddrive.language.errors import ParameterError
+
+_WIDTHS = 3.0  # of a bell, beyond which nothing was learned
+
+
+class FrictionStops(Feedforward):
+    """Friction with its presliding, as a sum of stops with widths δ_i and stiffnesses k_i on the set position.
+
+        e_i(k) = clip(e_i(k-1) + x(k) - x(k-1), ±δ_i),    x = x_set(t + T/2)
+        force  = c Σ k_i e_i + c r(v),    c = clip(travel/(2 δ_max) - 1, 0, 1)
+
+    A stop forgets how it began when the axis has moved by 2 δ.  travel is the largest set position since the start less
+    the smallest: in the first 2 δ_max, where no one knows what the friction remembers, nothing is fed forward, and
+    after 4 δ_max all of it.  Viscous friction is not among it: give it to `Inertia`.
+
+    What the stops leave, a Stribeck curve for instance, is r: bells over the set speed, never a polynomial, which at
+    twice the range of its data is thousands of newtons.
+
+        r(v) = clip(Σ w_j e^-½((v - v_j)/residual_width)², ±residual_limit),   0 beyond 3 widths outside of all v_j
+
+    When to use: reversals and quadrant glitches of an axis whose friction repeats; `learned_stops` fits it to a log.
+    When not: with friction that drifts with temperature or load (widths wrong by 30 % cost seven times the error of
+    right ones), or with set points coarser than the smallest width.
+    Source: the sum of stops as the limit of the Maxwell slip model: Al-Bender, Lampaert & Swevers 2004; Lampaert et al.
+    2003 (feedforward of it).
+    """
+
+    feeds = ("friction",)
+
+    width: Any = table("m", "δ: travel from the middle of a stop to its end", above=0)
+    stiffness: Any = table("N/m", "k of each stop", least=0)
+    residual_velocity: Any = table("m/s", "speeds at which the bells stand; absent: no residual", default=None)
+    residual_force: Any = table("N", "height of each bell", default=None)
+    residual_width: Number | None = parameter("m/s", "standard width of a bell", above=0, default=None)
+    residual_limit: Number | None = parameter("N", "largest residual ever seen", least=0, default=None)
+
+    class State(NamedTuple):
+        """The last middle of a sample and the ends of the travel (m), and e of each stop (m)."""
+
+        position: Number
+        lowest: Number
+        highest: Number
+        stretch: tuple[Any, ...]
+
+    def check(self) -> None:
+        """Tables that belong together have one length, and a residual has all of its four parts or none."""
+        if ops.length(self.width) != ops.length(self.stiffness):
+            raise ParameterError(
+                f"{self.kind}: width has {ops.length(self.width)} entries and stiffness {ops.length(self.stiffness)}: "
+                f"give one of each for every stop"
+            )
+        names = ("residual_velocity", "residual_force", "residual_width", "residual_limit")
+        missing = [name for name in names if getattr(self, name) is None]
+        if 0 < len(missing) < len(names):
+            raise ParameterError(
+                f"{self.kind}: a residual needs all of {', '.join(names)}; missing: {', '.join(missing)}"
+            )
+        if not missing and ops.length(self.residual_velocity) != ops.length(self.residual_force):
+            raise ParameterError(
+                f"{self.kind}: residual_velocity has {ops.length(self.residual_velocity)} entries and residual_force "
+                f"{ops.length(self.residual_force)}: give one of each for every bell"
+            )
+
+    def start(self, setpoint: Setpoint) -> State:
+        """Nothing is known yet."""
+        x = setpoint.position
+        return self.State(x, x, x, (ops.zero(x),) * ops.length(self.width))
+
+    def step(self, state: State, setpoint: Setpoint, T: Number) -> tuple[State, Number]:
+        """The equations above."""
+        middle = setpoint.shifted(0.5 * T)
+        x = middle.position
+        moved, force, widest = x - state.position, ops.zero(x), ops.zero(x)
+        stretch: list[Any] = []
+        for i, e in enumerate(state.stretch):
+            width = ops.gather(self.width, float(i))
+            e = ops.clip(e + moved, -width, width)
+            force = force + ops.gather(self.stiffness, float(i)) * e
+            widest = ops.maximum(widest, width)
+            stretch.append(e)
+        lowest, highest = ops.minimum(state.lowest, x), ops.maximum(state.highest, x)
+        known = ops.clip((highest - lowest) / (2.0 * widest) - 1.0, 0.0, 1.0)
+        if self.residual_velocity is not None:
+            force = force + self.residual(middle.velocity)
+        return self.State(x, lowest, highest, tuple(stretch)), known * force
+
+    def residual(self, v: Number) -> Number:
+        """r(v) in N, without the factor c."""
+        assert self.residual_width is not None
+        assert self.residual_limit is not None
+        total: Any = 0.0
+        nearest: Any = _WIDTHS + 1.0
+        for j in range(ops.length(self.residual_velocity)):
+            away = (v - ops.gather(self.residual_velocity, float(j))) / self.residual_width
+            total = total + ops.gather(self.residual_force, float(j)) * ops.exp(-0.5 * (away * away))
+            nearest = ops.minimum(nearest, ops.absolute(away))
+        return ops.where(nearest <= _WIDTHS, ops.clip(total, -self.residual_limit, self.residual_limit), 0.0)
