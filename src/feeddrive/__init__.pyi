@@ -1,6 +1,7 @@
 """The public names of the package and the modules they stand in, for editors, type checkers and `__init__.py`."""
 
 from feeddrive import analysis as analysis
+from feeddrive import benchmark as benchmark
 from feeddrive import blocks as blocks
 from feeddrive import bus as bus
 from feeddrive import certificate as certificate

@@ -9,22 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.analysis.loop_model import LoopModel, loop_model
-from feeddrive.analysis.stability import stability
 from feeddrive.blocks.families import Law, Reference
 from feeddrive.comparison.figures import (
     CRITERIA,
     Criterion,
     Duty,
     beats,
-    counted,
     duty_of,
-    effort_of,
-    linear,
     ranks,
-    recovered,
-    tracked,
 )
+from feeddrive.comparison.judge import Competitor, alike, judged, sliding
 from feeddrive.comparison.kept import Kept
 from feeddrive.comparison.tune_all import Bar, Rule, tuned_all
 from feeddrive.files.job import Job
@@ -33,18 +27,12 @@ from feeddrive.files.run_files import versions
 from feeddrive.language.errors import FeeddriveError, ParameterError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table, frame_of, picture_of
-from feeddrive.loop.lifting import MOST
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.simulate import Run, simulate
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
-from feeddrive.tuning.trajectory_prefilter import tune_prefilter
-from feeddrive.tuning.trials import iterate_trials
 from feeddrive.tuning.tunables import own_tunables
-from feeddrive.tuning.tuned import Tuned
 
 TODAY = "today's gains"
 FIXED = "it has nothing to tune and is judged as it is"
-_TRIALS = 6  # in which a compensator learns
 # key, factor and digits of the figures of the short table
 _SHOWN = (
     ("sensitivity_peak", 1.0, 3), ("delay_margin_samples", 1.0, 3), ("noise_gain_N_per_m", 1e-9, 3),
@@ -53,44 +41,6 @@ _SHOWN = (
     ("force_noise_N", 1.0, 3), ("operations", 1.0, 4),
 )  # fmt: skip
 _NOISY = 0.02  # share of the force limit beyond which noise in the force is remarked
-
-
-@dataclass(frozen=True, eq=False)
-class Competitor:
-    """One law: its loop, how it was tuned (None: as it is today), its figures in SI, and its runs.
-
-    `unfit` says why there are no figures: the loop is not stable, or left its bounds; `outside` which bound of the rule
-    it breaks, as today's gains may, and a compensation that was not tuned.
-    """
-
-    name: str
-    loop: Loop
-    tuned: Tuned | None
-    remark: str
-    figures: Mapping[str, float | None]
-    move: Run | None = None
-    snap: Run | None = None
-    step: Run | None = None
-    model: LoopModel | None = None
-    unfit: str = ""
-    outside: str = ""
-
-    @property
-    def held_by(self) -> str:
-        """The bounds that held its tuning back."""
-        if self.tuned is None:
-            return "not tuned"
-        return ", ".join(dict.fromkeys(each.what for each in self.tuned.held)) or "none"
-
-    @property
-    def settled(self) -> bool:
-        """Whether it can be ranked: it was not tuned, or independent searches ended within 5 % of its best."""
-        return self.tuned is None or self.tuned.settled
-
-    @property
-    def unplaced(self) -> str:
-        """Why it has no place by any criterion; empty if it has."""
-        return "not settled" if not self.settled else f"outside of the rule: {self.outside}" if self.outside else ""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -218,7 +168,7 @@ def compare_laws(
     loop = machine.loop(axis)
     name = axis if axis is not None else next(iter(machine.loops))
     duty = duty_of(loop, reference, force)
-    velocity = _velocity(duty, loop)
+    velocity = sliding(duty, loop)
     possible, refused = _wanted(loop, laws)
     if not noise_ratio >= 1.0:
         raise ParameterError(f"noise_ratio = {noise_ratio:g} must be >= 1: P-PI itself has 1")
@@ -228,7 +178,7 @@ def compare_laws(
     bar = Bar(progress, len(searched), len(possible) + 1)
     tuned, rule = tuned_all(searched, rule, workers, bar, kept)
     bar.next(f"{TODAY}: the work")
-    competitors = [_judged(TODAY, loop, None, "as in the machine file", duty, rule, seed)]
+    competitors = [judged(TODAY, loop, None, "as in the machine file", duty, rule, seed)]
     refusals = [*refused, *(found for found in tuned.values() if isinstance(found, Refusal))]
     for candidate in possible:
         bar.next(f"{candidate.name}: the work")
@@ -240,13 +190,13 @@ def compare_laws(
         ready = candidate.loop if made is None else made.loops[0]
         if candidate.like:
             try:
-                ready = _like(candidate, ready.control.law, duty, seed)
+                ready = alike(candidate, ready.control.law, duty, seed)
             except FeeddriveError as error:
                 refusals.append(Refusal(candidate.name, str(error)))
                 continue
             made = None if made is None else replace(made, control=ready.control, loops=(ready,))
         remark = candidate.remark if made else "; ".join(each for each in (candidate.remark, FIXED) if each)
-        competitors.append(_judged(candidate.name, ready, made, remark, duty, rule, seed))
+        competitors.append(judged(candidate.name, ready, made, remark, duty, rule, seed))
     if all(each.move is None for each in competitors):
         reasons = "; ".join(f"{each.name}: {each.unfit}" for each in competitors)
         raise UnstableError(f"{machine.file.name}: axis '{name}': no law can be run on it: {reasons}")
@@ -272,52 +222,6 @@ def _wanted(loop: Loop, laws: Sequence[str | type[Law]] | None) -> tuple[tuple[C
     return (
         tuple(each for each in possible if each.name in needed),
         tuple(each for each in refused if each.name in needed),
-    )
-
-
-def _velocity(duty: Duty, loop: Loop) -> float:
-    """Half of the largest set speed, in m/s; 10 mm/s for a reference that stands still."""
-    t = np.linspace(0.0, duty.move.duration, 4001)
-    t = np.unique(np.round(t / loop.sample_time)) * loop.sample_time
-    largest = float(np.max(np.abs(duty.move.at(t).velocity)))
-    return 0.5 * largest if largest > 0.0 else 0.01
-
-
-def _like(candidate: Candidate, law: Law, duty: Duty, seed: int) -> Loop:
-    """The loop of a candidate that differs from another one in the setpoint's path only, with the law of that one."""
-    loop = replace(candidate.loop, control=replace(candidate.loop.control, law=law))
-    if candidate.then == "trials":
-        return iterate_trials(loop, duty.move, _TRIALS, seed=seed).loop
-    if candidate.then == "prefilter":
-        fitted = tune_prefilter(loop, duty.move, seed=seed)[-1].prefilter
-        return replace(loop, control=replace(loop.control, prefilter=fitted))
-    return loop
-
-
-def _judged(name: str, loop: Loop, tuned: Tuned | None, remark: str, duty: Duty, rule: Rule, seed: int) -> Competitor:
-    """All figures of a law; one that is not stable, by its eigenvalues, or leaves its bounds keeps its row without."""
-    velocity = rule.velocity
-    verdict = stability(loop, velocity=velocity)
-    if not verdict.stable:
-        return Competitor(name, loop, tuned, remark, effort_of(loop), unfit=verdict.sentence())
-    both, figures = None, dict[str, float | None](effort_of(loop))
-    if loop.control.law.period() <= MOST:
-        both = loop_model(loop, velocity=velocity)
-        figures = linear(loop, both)
-    rest = duty.begin + duty.rest
-    try:
-        move = counted(simulate(loop, duty.move, seed=seed, name=name), duty)
-        signals = ["tracking_error", "force", "trip"]
-        snap, step = (
-            simulate(loop, duty.still(), load=load, duration=rest, seed=seed, record=signals, name=name)
-            for load in (duty.snap, duty.step)
-        )
-    except FeeddriveError as error:
-        return Competitor(name, loop, tuned, remark, figures, model=both, unfit=str(error))
-    figures |= tracked(move) | recovered(snap, duty, "snap") | recovered(step, duty, "step")
-    tripped = "; the guard tripped" if any(np.any(run["trip"] > 0.0) for run in (move, snap, step)) else ""
-    return Competitor(
-        name, loop, tuned, remark + tripped, figures, move, snap, step, both, outside=rule.broken(figures)
     )
 
 

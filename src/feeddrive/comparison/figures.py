@@ -13,7 +13,7 @@ from feeddrive.analysis.effort import effort
 from feeddrive.analysis.loop_model import LoopModel
 from feeddrive.analysis.margins import margins
 from feeddrive.analysis.stiffness import Stiffness, force_noise, reading_deviation, rope_snap, stiffness
-from feeddrive.blocks.families import Reference
+from feeddrive.blocks.families import Load, Reference
 from feeddrive.blocks.load.step_force import StepForce
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.language.errors import ParameterError
@@ -143,11 +143,16 @@ def tracked(run: Run) -> dict[str, float | None]:
     """Tracking error and force along the move."""
     error, force = run["tracking_error"], run["force"]
     return {
-        "tracking_error_rms_m": float(np.sqrt(np.mean(error**2))),
+        "tracking_error_rms_m": rms(error),
         "tracking_error_peak_m": float(np.max(np.abs(error))),
-        "force_rms_N": float(np.sqrt(np.mean(force**2))),
+        "force_rms_N": rms(force),
         "force_peak_N": float(np.max(np.abs(force))),
     }
+
+
+def rms(values: np.ndarray) -> float:
+    """The root of the mean square."""
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def recovered(run: Run, duty: Duty, name: str) -> dict[str, float | None]:
@@ -173,7 +178,8 @@ _NEAR = 0.5e-6  # m: settled is what stays within, or within ten counts
 class Duty:
     """One move (there and back), and a force in N that is released and switched on at `begin` s for `rest` s.
 
-    `skip` is the standstill in s at the start that does not count; `near` in m is what counts as settled.
+    `skip` is the standstill in s at the start that does not count; `near` in m is what counts as settled; `cut` acts
+    on the axis at rest.
     """
 
     move: Reference
@@ -182,6 +188,7 @@ class Duty:
     skip: float = 0.8 * _DWELL
     begin: float = 1.0
     rest: float = 1.0
+    cut: Load | None = None
 
     @property
     def snap(self) -> StepForce:

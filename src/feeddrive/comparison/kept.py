@@ -9,7 +9,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from feeddrive.files.atomic_io import read_whole, write_whole
 from feeddrive.files.run_files import versions
@@ -21,6 +21,18 @@ from feeddrive.tuning.tune import assess
 from feeddrive.tuning.tuned import HeldBack, Tuned
 
 _LARGEST = 1_000_000  # bytes of a file
+
+
+class Keeps(Protocol):
+    """Knows what laws came to, and keeps what others come to."""
+
+    def read(self, candidate: Candidate, limits: Limits, rule: Any, progress: Progress) -> Tuned | Refusal | None:
+        """What a law came to; None if that is not known."""
+        ...
+
+    def write(self, candidate: Candidate, limits: Limits, rule: Any, made: Tuned | Refusal) -> None:
+        """Keep what a law came to."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -91,6 +103,8 @@ def _of(candidate: Candidate, limits: Limits, rule: Any) -> str:
         limits,
         rule.velocity,
         rule.starts,
+        rule.repeats,
+        [list(tree.leaves(axis)) for axis in rule.also],
         versions(),
         source,
     )

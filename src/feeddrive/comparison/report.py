@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from feeddrive.comparison import pictures
-from feeddrive.comparison.compare import PLAIN, TODAY, Comparison, Competitor
+from feeddrive.comparison.compare import PLAIN, TODAY, Comparison
 from feeddrive.comparison.figures import CRITERIA, Criterion
+from feeddrive.comparison.judge import Competitor
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.run_files import file_names, summary_text

@@ -10,21 +10,26 @@ from dataclasses import dataclass, replace
 from queue import Empty
 from typing import Any
 
+import numpy as np
+
 from feeddrive.blocks.catalogue import fault_of_own
-from feeddrive.comparison.kept import Kept
-from feeddrive.language.errors import CancelledError, FeeddriveError
+from feeddrive.comparison.kept import Keeps
+from feeddrive.language.errors import CancelledError, FeeddriveError, UnstableError
 from feeddrive.language.processes import follow_parent, one_thread
 from feeddrive.language.progress import Progress
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.tunables import law_tunables
 from feeddrive.tuning.tune import tune_control
-from feeddrive.tuning.tuned import Tuned
+from feeddrive.tuning.tuned import Tuned, goal_of
 
 STAGES = 6  # steps of the progress that one law is counted as
 _NEWS = 0.1  # s between two looks at what the processes tell
 _ROOM = 1e-3  # of a bound, for what lines miss
-_NANO = 1e-9  # m: the noise of a reading in which the bound is stated
+AGREE = 0.05  # of the goal: whole tunings this near the best agree with it
+NANO = 1e-9  # m: the noise of a reading in which the bound is stated
 
 
 @dataclass(frozen=True)
@@ -36,6 +41,9 @@ class Rule:
     velocity      m/s of the axis
     starts        searches for each law
     noise         N/m: the bound that follows once P-PI is tuned; None before
+    repeats       whole tunings of each law, each with its own random starts; with several a law has settled only if
+                  all of them end within 5 % of the best
+    also          the axis at further positions or loads: the bounds hold there too, and the worst goal counts
     """
 
     sensitivity_peak: float
@@ -44,6 +52,8 @@ class Rule:
     velocity: float
     starts: int
     noise: float | None = None
+    repeats: int = 1
+    also: tuple[Axis, ...] = ()
 
     @property
     def sentence(self) -> str:
@@ -54,7 +64,7 @@ class Rule:
         )
         if self.noise is not None:
             said += (
-                f"at most {_NANO * self.noise:.3g} N RMS of force per nm RMS of white noise in the readings "
+                f"at most {NANO * self.noise:.3g} N RMS of force per nm RMS of white noise in the readings "
                 f"({self.noise_ratio:g} times that of P-PI, which is tuned to the other bounds alone), "
             )
         return said + (
@@ -67,7 +77,7 @@ class Rule:
         limits = Limits(self.sensitivity_peak, delay_margin_samples=self.delay_margin_samples)
         if self.noise is None:
             return limits
-        return replace(limits, force_noise=_NANO * self.noise, reading_noise=(_NANO, _NANO))
+        return replace(limits, force_noise=NANO * self.noise, reading_noise=(NANO, NANO))
 
     def broken(self, figures: Mapping[str, float | None]) -> str:
         """The bounds that a loop does not keep, in words; empty if it keeps all."""
@@ -82,18 +92,18 @@ class Rule:
         if delay < self.delay_margin_samples * (1.0 - _ROOM):
             said.append(f"a delay margin of {delay:.3g} samples")
         if self.noise is not None and noise > self.noise * (1.0 + _ROOM):
-            said.append(f"{_NANO * noise:.3g} N per nm of noise")
+            said.append(f"{NANO * noise:.3g} N per nm of noise")
         return ", ".join(said)
 
     def with_noise_of(self, plain: Tuned | Refusal) -> Rule:
         """The rule for all others, once P-PI is tuned."""
         if not isinstance(plain, Tuned) or plain.after[0].force_noise is None:
             return self
-        return replace(self, noise=self.noise_ratio * plain.after[0].force_noise / _NANO)
+        return replace(self, noise=self.noise_ratio * plain.after[0].force_noise / NANO)
 
 
 def tuned_all(
-    candidates: Sequence[Candidate], rule: Rule, workers: int, bar: Bar, kept: Kept | None = None
+    candidates: Sequence[Candidate], rule: Rule, workers: int, bar: Bar, kept: Keeps | None = None
 ) -> tuple[dict[str, Tuned | Refusal], Rule]:
     """Every candidate by name: tuned, or refused with the reason; and the rule with the noise that P-PI makes.
 
@@ -164,7 +174,7 @@ class _Stages(Progress):
 
 
 def _side_by_side(
-    candidates: Sequence[Candidate], rule: Rule, workers: int, bar: Bar, kept: Kept | None
+    candidates: Sequence[Candidate], rule: Rule, workers: int, bar: Bar, kept: Keeps | None
 ) -> dict[str, Tuned | Refusal]:
     # a fresh interpreter each: a fork would copy the locks of the caller's threads
     context = multiprocessing.get_context("spawn")
@@ -211,7 +221,7 @@ class _Told(Progress):
         _news.put((self._law, what))
 
 
-def _elsewhere(candidate: Candidate, rule: Rule, kept: Kept | None) -> Tuned | Refusal:
+def _elsewhere(candidate: Candidate, rule: Rule, kept: Keeps | None) -> Tuned | Refusal:
     try:
         return _tuned(candidate, rule, kept, _Told(candidate.name))
     except FeeddriveError:
@@ -223,18 +233,16 @@ def _elsewhere(candidate: Candidate, rule: Rule, kept: Kept | None) -> Tuned | R
         raise said from error
 
 
-def _tuned(candidate: Candidate, rule: Rule, kept: Kept | None, progress: Progress) -> Tuned | Refusal:
+def _tuned(candidate: Candidate, rule: Rule, kept: Keeps | None, progress: Progress) -> Tuned | Refusal:
     """A law tuned, as it was kept or anew."""
     limits = rule.limits()
     if limits.force_noise is None:  # measured, not bounded
-        limits = replace(limits, reading_noise=(_NANO, _NANO))
+        limits = replace(limits, reading_noise=(NANO, NANO))
     try:
         known = None if kept is None else kept.read(candidate, limits, rule, progress)
         if known is not None:
             return known
-        made = tune_control(
-            candidate.loop, limits=limits, filters="kept", starts=rule.starts, velocity=rule.velocity, progress=progress
-        )
+        made = _repeated(candidate.loop, limits, rule, progress)
     except CancelledError:
         raise
     except FeeddriveError as error:
@@ -242,3 +250,34 @@ def _tuned(candidate: Candidate, rule: Rule, kept: Kept | None, progress: Progre
     if kept is not None:
         kept.write(candidate, limits, rule, made)
     return made
+
+
+def _repeated(loop: Loop, limits: Limits, rule: Rule, progress: Progress) -> Tuned:
+    """The best of whole tunings of a loop, settled if all of them agree."""
+    points = [loop, *(replace(loop, axis=axis) for axis in rule.also)]
+    tried: list[Tuned] = []
+    failed: list[FeeddriveError] = []
+    for seed in range(rule.repeats):
+        try:
+            tried.append(
+                tune_control(
+                    loop, points, limits=limits, filters="kept", starts=rule.starts, seed=seed,
+                    velocity=rule.velocity, progress=progress,
+                )
+            )  # fmt: skip
+        except UnstableError as error:
+            failed.append(error)
+    if not tried:
+        raise failed[0]
+    if rule.repeats == 1:
+        return tried[0]
+    goals = np.log([goal_of(each, each.after) for each in tried])
+    spread = float(np.ptp(goals))
+    apart = f"{rule.repeats} whole tunings end up to {100.0 * np.expm1(spread):.2g} % apart"
+    said = apart if spread > np.log1p(AGREE) else ""
+    if failed:
+        said = f"{len(failed)} of {rule.repeats} whole tunings found no setting that keeps the rule"
+    return replace(
+        tried[int(np.argmin(goals))], spread=spread, evaluations=sum(each.evaluations for each in tried),
+        unsettled=said,
+    )  # fmt: skip

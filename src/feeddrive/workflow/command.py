@@ -261,6 +261,12 @@ COMMANDS: dict[str, Listed] = {
         "Tune and compare",
         ("tuned/machine.toml --keep started",),
     ),
+    "benchmark": Listed(
+        "benchmark",
+        "Run every law on the fixed plants of the benchmark with its stored design, and print the table to be cited.",
+        "Tune and compare",
+        ("--verbose", "--plant rack --law DADSC", "--retune --law LADRC --keep designs"),
+    ),
     "new": Listed(
         "new",
         "Make a package for a law of your own: its file, a test with the battery, a machine file to try it on.",

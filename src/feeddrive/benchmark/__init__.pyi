@@ -1,0 +1,11 @@
+"""The benchmark of the field; editors read this file, and the package loads the names on first use."""
+
+from feeddrive.benchmark.designs import Design as Design
+from feeddrive.benchmark.designs import Designs as Designs
+from feeddrive.benchmark.retune import search as search
+from feeddrive.benchmark.rules import Plant as Plant
+from feeddrive.benchmark.rules import Rules as Rules
+from feeddrive.benchmark.rules import read_rules as read_rules
+from feeddrive.benchmark.score import Benchmark as Benchmark
+from feeddrive.benchmark.score import score as score
+from feeddrive.benchmark.work import Row as Row

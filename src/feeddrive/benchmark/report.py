@@ -1,0 +1,174 @@
+"""The table of the benchmark for people: report page, CSV, JSON, and Markdown and LaTeX to be cited in a paper."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from pathlib import Path
+from typing import Any
+
+from feeddrive.benchmark.score import FIGURES, Benchmark
+from feeddrive.benchmark.work import ROBUST
+from feeddrive.files.atomic_io import new_directory
+from feeddrive.files.run_files import summary_text
+from feeddrive.language.table import Table
+from feeddrive.report.page import Shown, definitions, header, page, picture, table
+
+CITE = "feeddrive benchmark of feed-drive control laws"
+_LATEX = str.maketrans({"%": r"\%", "&": r"\&", "_": r"\_", "±": r"$\pm$", "½": r"\textonehalf{}", "^": ""})
+
+
+def write_benchmark(found: Benchmark, out: str | Path) -> Path:
+    """Write the directory whole or not at all, and return the path of the report.
+
+    Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
+    """
+    with new_directory(out) as folder:
+        (folder / "report.html").write_text(build(found), encoding="utf-8")
+        (folder / "summary.json").write_text(summary_text(summary(found)), encoding="utf-8")
+        (folder / "figures.csv").write_text(figures_csv(found), encoding="utf-8")
+        (folder / "table.md").write_text(markdown(found), encoding="utf-8")
+        (folder / "table.tex").write_text(latex(found), encoding="utf-8")
+    return Path(out) / "report.html"
+
+
+def citation(found: Benchmark) -> str:
+    """What a paper says beside the table."""
+    seed = f", seed {found.own}" if found.own else ""
+    return (
+        f"{CITE}, rules {found.rules.version} (sha256 {found.rules.digest()[:12]}), feeddrive "
+        f"{found.versions['feeddrive']}{seed}"
+    )
+
+
+def build(found: Benchmark) -> str:
+    """The report as one HTML page. Pure: the same benchmark gives the same text."""
+    drawn = Shown(
+        "scores",
+        "What a law wins, and on which plants",
+        "Times better than P-PI at equal robustness; a line is a law, a small dot a plant, the large one the "
+        "geometric mean.",
+        "Ratios to P-PI of rope snap, stiffness and tracking, by law.",
+        found.plot,
+    )
+    rules = found.rules
+    facts = [
+        ("To be cited as", citation(found)),
+        (
+            "Rule",
+            f"Ms <= {rules.sensitivity_peak:g}, delay margin >= {rules.delay_margin_samples:g} samples, noise in the "
+            f"force at most {rules.noise_ratio:g} times that of P-PI, at every position of a plant",
+        ),
+        ("Searches", f"{rules.repeats} whole tunings of each law on each plant; settled if all end within 5 %"),
+        ("Runs", f"{rules.seeds} with different noise at each position; the worst figure counts"),
+        ("Versions", ", ".join(f"{name} {value}" for name, value in found.versions.items())),
+    ]
+    parts = [
+        header("feeddrive benchmark", f"Control laws on {len(found.plants)} plants", [citation(found)], []),
+        '<section id="scores"><h2>Scores</h2>',
+        *(_shown(each) for each in (found.table(), *([found.recipe_table()] if found.recipes else []))),
+        picture(drawn),
+        "</section><section><h2>Who wins where</h2>",
+        _shown(found.winners()),
+        "</section><section><h2>No place</h2>",
+        _shown(reasons(found)),
+        '</section><section id="plants"><h2>Plants</h2>',
+        definitions([(name, f"{each.title}. {each.source}. {each.remark}") for name in found.plants
+                     for each in [rules.plants[name]]]),
+        *(_shown(plant_table(found, name)) for name in found.plants),
+        '</section><section id="facts"><h2>Rules</h2>',
+        definitions(facts),
+        "</section>",
+    ]  # fmt: skip
+    return page("Benchmark", parts)
+
+
+def _shown(made: Table) -> str:
+    return table(made.title, made.heads, made.rows)
+
+
+def reasons(found: Benchmark) -> Table:
+    """Which law has no place on which plants, and why."""
+    rows = [[law, ", ".join(plants), why] for law, each in found.unplaced().items() for why, plants in each.items()]
+    return Table("Laws without a place, and why", ["law", "plants", "reason"], rows, sentences=2)
+
+
+def plant_table(found: Benchmark, plant: str) -> Table:
+    """All figures of one plant, in the units in which they are shown."""
+    rows: list[list[str]] = []
+    for each in found.rows:
+        if each.plant != plant or not each.figures.get(FIGURES[0].key):
+            continue
+        cells = [_figure(each.figures.get(criterion.key), criterion.factor) for criterion in FIGURES]
+        mark = each.unplaced.partition(":")[0]
+        rows.append([each.law, *cells, _figure(each.figures.get(ROBUST), 1.0), mark])
+    rotary = found.rules.plants[plant].loop.axis.rotary
+    heads = [f"{each.head} {each.unit}" for each in FIGURES]
+    made = Table(f"{plant}: figures", ["law", *heads, "Ms varied", ""], rows)
+    return made.turning() if rotary else made
+
+
+def _figure(value: float | None, factor: float) -> str:
+    return "-" if value is None else "never" if math.isinf(value) else f"{factor * value:.3g}"
+
+
+def summary(found: Benchmark) -> dict[str, Any]:
+    """Everything as plain numbers in SI; what is infinite is the text "infinite"."""
+    return {
+        "citation": citation(found),
+        "rules": found.rules.numbers(),
+        "rules_sha256": found.rules.digest(),
+        "seed": found.own,
+        "versions": dict(found.versions),
+        "scores": {
+            law: {each.key: vars(found.score(law, each)) for each in FIGURES} for law in (*found.laws, *found.recipes)
+        },
+        "rows": [
+            {
+                "plant": each.plant, "law": each.law, "recipe": each.recipe, "unplaced": each.unplaced or None,
+                "remark": each.remark or None, "spread": each.spread, "held": list(each.held),
+                "tunables": dict(each.tunables),
+                "figures": {key: "infinite" if value is not None and math.isinf(value) else value
+                            for key, value in each.figures.items()},
+            }
+            for each in found.rows
+        ],
+    }  # fmt: skip
+
+
+def figures_csv(found: Benchmark) -> str:
+    """A line a plant and law, in SI; of axes that turn m is rad, N is N m."""
+    keys = list(dict.fromkeys(key for each in found.rows for key in each.figures))
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["plant", "law", "unplaced", *keys])
+    for each in found.rows:
+        cells = (each.figures.get(key) for key in keys)
+        writer.writerow(
+            [each.plant, each.law, each.unplaced, *("" if cell is None else repr(float(cell)) for cell in cells)]
+        )
+    return text.getvalue()
+
+
+def markdown(found: Benchmark) -> str:
+    """The tables of scores in Markdown."""
+    made = [found.table(), *([found.recipe_table()] if found.recipes else []), found.winners()]
+    return "\n\n".join([*map(_markdown, made), f"{citation(found)}."]) + "\n"
+
+
+def _markdown(made: Table) -> str:
+    rows = [made.heads, ["---", *["--:"] * (len(made.heads) - 1)], *made.rows]
+    return "\n".join([f"{made.title}.", "", *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def latex(found: Benchmark) -> str:
+    """The table of scores as a LaTeX tabular (booktabs), its source in a comment."""
+    made = found.table()
+
+    def line(cells: Any) -> str:
+        return " & ".join(str(cell).translate(_LATEX) for cell in cells) + r" \\"
+
+    head = [f"% {citation(found)}", rf"\begin{{tabular}}{{l{'r' * (len(made.heads) - 1)}}}", r"\toprule"]
+    rows = [line(made.heads), r"\midrule", *map(line, made.rows), r"\bottomrule", r"\end{tabular}"]
+    return "\n".join([*head, *rows]) + "\n"

@@ -1,0 +1,252 @@
+"""All laws on all plants with their stored designs, and their scores.
+
+    score(law, figure) = (Π over plants  r)^(1/n),    r = P-PI's figure / the law's, or its inverse where more is better
+
+so that 1 is P-PI and more is better; over the n plants on which both have a place and a finite figure.  There is no
+sum of figures and no weight: a law is stiff, or tracks, or is cheap, and the table says which.
+"""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+from collections.abc import Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from feeddrive.benchmark.designs import Designs
+from feeddrive.benchmark.rules import Plant, Rules, folder, read_rules
+from feeddrive.benchmark.work import ROBUST, Row, rows_of
+from feeddrive.comparison.figures import CRITERIA, Criterion
+from feeddrive.files.run_files import versions
+from feeddrive.language.errors import ParameterError, nearest
+from feeddrive.language.processes import follow_parent, one_thread
+from feeddrive.language.progress import Progress
+from feeddrive.language.table import Result, Table, frame_of, picture_of
+from feeddrive.tuning.candidates import PLAIN
+
+_KEYS = (
+    "rope_snap_ISE_root_m_per_N", "stiffness_10_Hz_N_per_m", "stiffness_100_Hz_N_per_m", "tracking_error_rms_m",
+    "cutting_error_rms_m", "snap_settling_s", "force_noise_N", "operations",
+)  # fmt: skip
+_OWN = (Criterion("cutting_error_rms_m", "error while cutting, RMS", "µm", 1e6),)
+FIGURES = tuple(next(each for each in (*CRITERIA, *_OWN) if each.key == key) for key in _KEYS)
+HEADS = ("snap ISE^½", "10 Hz", "100 Hz", "tracking", "cutting", "settling", "noise", "operations")
+_DRAWN = 5  # figures of the picture, from the first on
+_LOOK = 0.1  # s after which a cancel is seen
+
+
+@dataclass(frozen=True)
+class Score:
+    """A law by one figure: how many times better than P-PI, over how many plants; on how many more it never settles."""
+
+    value: float | None
+    plants: int
+    never: int = 0
+
+    def __str__(self) -> str:
+        said = "-" if self.value is None else f"{self.value:.2f}"
+        return f"{said} ({self.never} never)" if self.never else said
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Benchmark(Result):
+    """All rows under the rules; `own` is a person's seed, 0 that of the rules."""
+
+    rules: Rules
+    plants: tuple[str, ...]
+    rows: tuple[Row, ...]
+    own: int
+    versions: Mapping[str, str]
+
+    @property
+    def laws(self) -> tuple[str, ...]:
+        """The laws that have a place on a plant, least rope-snap error first."""
+        return self._ordered(recipe=False)
+
+    @property
+    def recipes(self) -> tuple[str, ...]:
+        """The rules that gave gains without a search."""
+        return self._ordered(recipe=True)
+
+    def _ordered(self, *, recipe: bool) -> tuple[str, ...]:
+        there = dict.fromkeys(each.law for each in self.rows if each.recipe == recipe)
+        names = [law for law in there if self.counted(law)]
+        return tuple(sorted(names, key=lambda law: -(self.score(law, FIGURES[0]).value or 0.0)))
+
+    def row(self, plant: str, law: str) -> Row | None:
+        """The row of a law on a plant."""
+        return next((each for each in self.rows if (each.plant, each.law) == (plant, law)), None)
+
+    def counted(self, law: str) -> list[Row]:
+        """The rows of a law that count: all with a place, and of a recipe all with figures."""
+        rows = [each for each in self.rows if each.law == law]
+        return [each for each in rows if not each.unplaced or (each.recipe and FIGURES[0].key in each.figures)]
+
+    def ratios(self, law: str, criterion: Criterion) -> dict[str, float]:
+        """By plant how many times better than P-PI; infinite where the law never comes to rest, and P-PI does."""
+        found: dict[str, float] = {}
+        for row in self.counted(law):
+            plain = self.row(row.plant, PLAIN)
+            ours = row.figures.get(criterion.key)
+            theirs = None if plain is None or plain.unplaced else plain.figures.get(criterion.key)
+            if ours and theirs and math.isfinite(theirs):
+                found[row.plant] = ours / theirs if criterion.higher or math.isinf(ours) else theirs / ours
+        return found
+
+    def score(self, law: str, criterion: Criterion) -> Score:
+        """The geometric mean over plants of the ratio to P-PI, as at the top of this file."""
+        all_ratios = self.ratios(law, criterion).values()
+        finite = [each for each in all_ratios if math.isfinite(each)]
+        mean = math.exp(math.fsum(map(math.log, finite)) / len(finite)) if finite else None
+        return Score(mean, len(finite), len(all_ratios) - len(finite))
+
+    def robust(self, law: str) -> float | None:
+        """The largest Ms on any plant with masses or stiffness wrong by the share of the rules."""
+        there = [value for each in self.counted(law) if (value := each.figures.get(ROBUST)) is not None]
+        return max(there, default=None)
+
+    def table(self) -> Table:
+        """Scores of the laws that were tuned, at equal robustness."""
+        return self.scores(self.laws, f"Rules {self.rules.version}: times better than {PLAIN} at equal robustness")
+
+    def recipe_table(self) -> Table:
+        """Scores of the recipes, which may be outside of the rule."""
+        return self.scores(self.recipes, f"Recipes without a search, against tuned {PLAIN}; not at equal robustness")
+
+    def scores(self, laws: Sequence[str], title: str) -> Table:
+        """A row a law: how many plants, the score by each figure, the robust Ms."""
+        rows: list[list[str]] = []
+        for law in laws:
+            count = len([each for each in self.counted(law) if not each.unplaced])
+            peak = self.robust(law)
+            cells = [str(self.score(law, each)) for each in FIGURES]
+            robust = "-" if peak is None else "unstable" if math.isinf(peak) else f"{peak:.2f}"
+            rows.append([law, f"{count}/{len(self.plants)}", *cells, robust])
+        varied = f"Ms ±{100.0 * self.rules.varied:g} %"
+        return Table(title, ["law", "plants", *HEADS, varied], rows)
+
+    def winners(self) -> Table:
+        """By plant and figure the law that was tuned with the best figure, and how far it is before P-PI."""
+        rows: list[list[str]] = []
+        for plant in self.plants:
+            there = [each for each in self.rows if each.plant == plant and not each.unplaced and not each.recipe]
+            plain = self.row(plant, PLAIN)
+            cells: list[str] = []
+            for criterion in FIGURES[:-1]:
+                known = [(value, each.law) for each in there if (value := each.figures.get(criterion.key)) is not None]
+                finite = [each for each in known if math.isfinite(each[0])]
+                if not finite:
+                    cells.append("-")
+                    continue
+                value, law = (max if criterion.higher else min)(finite)
+                theirs = None if plain is None else plain.figures.get(criterion.key)
+                ratio = None if not theirs or not value else value / theirs if criterion.higher else theirs / value
+                cells.append(law if ratio is None or law == PLAIN else f"{law} {ratio:.2f}")
+            rows.append([plant, *cells])
+        return Table("Best law by plant and figure, and how many times better than P-PI", ["plant", *HEADS[:-1]], rows)
+
+    def unplaced(self) -> dict[str, dict[str, list[str]]]:
+        """By law and reason the plants on which it has no place."""
+        found: dict[str, dict[str, list[str]]] = {}
+        for each in self.rows:
+            if each.unplaced and not each.recipe:
+                found.setdefault(each.law, {}).setdefault(each.unplaced, []).append(each.plant)
+        return found
+
+
+@picture_of.register
+def _picture(found: Benchmark) -> Any:
+    """Every law against P-PI, plant by plant."""
+    from feeddrive.benchmark import pictures
+
+    def row(law: str, criterion: Criterion) -> tuple[list[float], float | None]:
+        finite = [each for each in found.ratios(law, criterion).values() if math.isfinite(each)]
+        return finite, found.score(law, criterion).value
+
+    drawn = dict(zip(HEADS[:_DRAWN], FIGURES[:_DRAWN], strict=True))
+    return pictures.scores(found.laws, {head: [row(law, each) for law in found.laws] for head, each in drawn.items()})
+
+
+@frame_of.register
+def _frame(found: Benchmark) -> Any:
+    """One row a law and plant, in SI."""
+    from feeddrive.plot.frames import frame
+
+    keys = [each.key for each in FIGURES] + [ROBUST]
+    columns = {key: np.array([each.figures.get(key) for each in found.rows], float) for key in keys}
+    return frame([f"{each.plant}: {each.law}" for each in found.rows], columns, "row")
+
+
+def score(
+    rules: Rules | None = None,
+    plants: Sequence[Plant] | None = None,
+    *,
+    laws: Sequence[str] = (),
+    designs: Sequence[Path] = (),
+    own: int = 0,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> Benchmark:
+    """Run every law with its stored design, and every recipe, on every plant.
+
+    plants    default: all of the rules
+    laws      those that are wanted, P-PI always among them; default: all, and the recipes
+    designs   folders of designs that come before those that are stored in the package
+    own       a seed of one's own, from which all seeds of the runs follow; 0: those of the rules
+    workers   processes with a plant each; more than 1 only from a program that may be imported anew
+
+    The same rules, designs and seed give the same bits, for any number of workers.
+    Raises ParameterError for a law that no plant knows, CancelledError at a cancel.
+    """
+    rules, progress = rules or read_rules(), progress or Progress()
+    chosen = tuple(rules.plants.values()) if plants is None else tuple(plants)
+    folders = (*designs, folder(rules.version) / "designs")
+    tasks = [(rules.version, plant.name, tuple(map(str, folders)), tuple(laws), own) for plant in chosen]
+    if min(workers, len(tasks)) <= 1:
+        made: list[list[Row]] = []
+        for done, task in enumerate(tasks):
+            progress.step(f"{task[1]}: the work", done, len(tasks))
+            progress.check()
+            made.append(_plant_rows(task))
+    else:
+        made = _side_by_side(tasks, workers, progress)
+    rows = tuple(row for plant in made for row in plant)
+    there = {row.law for row in rows}
+    for law in laws:
+        if law not in there:
+            raise ParameterError(f"law '{law}' is not known here{nearest(law, there)}")
+    return Benchmark(rules, tuple(plant.name for plant in chosen), rows, own, versions())
+
+
+_Task = tuple[int, str, tuple[str, ...], tuple[str, ...], int]
+
+
+def _plant_rows(task: _Task) -> list[Row]:
+    version, name, folders, laws, own = task
+    rules = read_rules(version)
+    known = Designs(Path(folders[0]), name, version, tuple(map(Path, folders[1:])))
+    return rows_of(rules, rules.plants[name], known, laws=laws, own=own)
+
+
+def _side_by_side(tasks: Sequence[_Task], workers: int, progress: Progress) -> list[list[Row]]:
+    context = multiprocessing.get_context("spawn")
+    with one_thread(), ProcessPoolExecutor(workers, context, follow_parent) as pool:
+        futures = {pool.submit(_plant_rows, task): task[1] for task in tasks}
+        try:
+            waiting = set(futures)
+            while waiting:
+                ended, waiting = wait(waiting, _LOOK, FIRST_COMPLETED)
+                for each in ended:
+                    each.result()
+                    progress.step(f"{futures[each]}: the work", len(futures) - len(waiting), len(futures))
+                progress.check()
+            return [each.result() for each in futures]
+        except BaseException:
+            for child in multiprocessing.active_children():
+                child.terminate()
+            raise

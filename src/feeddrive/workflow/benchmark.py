@@ -1,0 +1,99 @@
+"""`feeddrive benchmark`: all laws on the fixed plants of the benchmark, with their stored designs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from feeddrive.benchmark.report import citation, reasons, write_benchmark
+from feeddrive.benchmark.retune import own_laws, search
+from feeddrive.benchmark.rules import VERSION, read_rules
+from feeddrive.benchmark.score import FIGURES, Benchmark, score
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.progress import Progress
+from feeddrive.loop.runner import cores
+from feeddrive.tuning.candidates import PLAIN
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.request import OUT, Request, option
+
+_MANY = 1.02  # times better than P-PI that is worth a sentence
+
+
+class BenchmarkRequest(Request):
+    """Which plants and laws, and whether they are searched anew."""
+
+    plant: tuple[str, ...] = option("A plant that is wanted; may be repeated; default: all", default=())
+    law: tuple[str, ...] = option("A law that is wanted, beside P-PI; may be repeated; default: all", default=())
+    seed: int = option("Seed of one's own for the runs; 0: the seeds of the rules", default=0, least=0)
+    retune: bool = option("Search every law that has no design in --keep yet; this takes hours", default=False)
+    keep: Path | None = option(
+        "Directory of designs that are kept as they are found, to go on after a stop; they come before the stored ones",
+        default=None,
+    )
+    rules: int = option("Version of the rules", default=VERSION, least=1)
+    out: Path | None = option(OUT, short="-o", default=None)
+
+    def usual_out(self) -> Path:
+        """By the version of the rules."""
+        return Path("results") / f"benchmark_{self.rules}"
+
+
+@command(BenchmarkRequest)
+def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmark]:
+    """Run every law with its stored design on the fixed plants of the benchmark, and print the table to be cited.
+
+    Laws of one's own (--blocks) have no stored design: they are searched first.  With `retune` all are, except those
+    that `keep` has already.  Raises ParameterError for a plant, a law or rules that are not there.
+    """
+    if request.retune and request.keep is None:
+        raise ParameterError("retune: name with --keep the directory in which the designs are kept as they are found")
+    rules = read_rules(request.rules)
+    plants = rules.chosen(request.plant)
+    own = own_laws(plants[0], request.law)
+    with TemporaryDirectory() as forgotten:
+        keep = request.keep or Path(forgotten)
+        if request.retune or own:
+            search(
+                rules, plants, keep, laws=request.law if request.retune else own, workers=cores(),
+                stored=not request.retune, progress=progress,
+            )  # fmt: skip
+        found = score(
+            rules, plants, laws=request.law, designs=[keep], own=request.seed, workers=cores(), progress=progress
+        )
+    files: dict[str, Path] = {}
+    if request.out is not None:
+        progress.step("report")
+        files["Report"] = write_benchmark(found, request.out)
+    missing = reasons(found)
+    return Outcome(
+        found,
+        [found.table(), *([found.recipe_table()] if found.recipes else [])],
+        [
+            "each figure: times better than P-PI, the geometric mean over the plants on which both have a place",
+            f"to be cited as: {citation(found)}",
+        ],
+        verdict(found),
+        files=files,
+        details=[found.winners(), *([missing] if missing.rows else [])],
+    )
+
+
+def verdict(found: Benchmark) -> str:
+    """Who has the least rope-snap error on all plants, and on how many P-PI is not beaten."""
+    snap = FIGURES[0]
+    whole = [law for law in found.laws if len(found.ratios(law, snap)) == len(found.plants)]
+    if not whole:
+        return "No law has a place on all plants."
+    best = whole[0]
+    beaten = [
+        plant for plant in found.plants
+        if any(found.ratios(law, snap).get(plant, 0.0) > _MANY for law in found.laws)
+    ]  # fmt: skip
+    said = (
+        "no law that has a place on all plants beats P-PI"
+        if best == PLAIN
+        else f"of the laws with a place on all plants '{best}' has the least rope-snap error, "
+        f"{found.score(best, snap).value:.2f} times better than P-PI"
+    )
+    rest = len(found.plants) - len(beaten)
+    return f"{said[:1].upper()}{said[1:]}; on {rest} of {len(found.plants)} plants nothing beats P-PI by 2 %."

@@ -1,0 +1,239 @@
+"""The benchmark: rules that do not move, plants that stand, scores by hand, the same bits twice, designs that fit."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from feeddrive import cli
+from feeddrive.analysis.stability import stability
+from feeddrive.benchmark.designs import Design, Designs
+from feeddrive.benchmark.report import latex, markdown, summary, write_benchmark
+from feeddrive.benchmark.retune import search, searched
+from feeddrive.benchmark.rules import folder, read_rules
+from feeddrive.benchmark.score import FIGURES, Benchmark, score
+from feeddrive.benchmark.work import ROBUST, Row, robust_peak, worst
+from feeddrive.comparison import tune_all
+from feeddrive.language.errors import ParameterError, UnstableError
+from feeddrive.language.progress import Progress
+from feeddrive.tuning.candidates import PLAIN
+from slow_share import all_but
+
+RULES = read_rules()
+SNAP, STIFF, SETTLING = FIGURES[0], FIGURES[1], FIGURES[5]
+QUICK = "rotary_table"
+
+
+def test_rules_1_do_not_move() -> None:
+    """Tables of one version are compared across years: a change of a number or of a plant is another version."""
+    assert RULES.digest() == "24074874ce2c762f21ddb8ebc85ab1d1bfca92eb9012f0a7d147318a1406b4bb"
+    plant = RULES.plants["emps"]
+    assert [RULES.seed(plant, use) for use in ("run 0", "run 1", "learning")] == [823968658, 1185127105, 1341213185]
+
+
+def test_seeds_are_those_of_one_use_each() -> None:
+    seeds = [
+        RULES.seed(plant, use, own)
+        for plant in RULES.plants.values() for use in ("run 0", "run 1", "learning") for own in (0, 1)
+    ]  # fmt: skip
+    assert len(set(seeds)) == len(seeds)
+    assert min(seeds) > RULES.repeats  # those of the searches
+
+
+@pytest.mark.parametrize("name", RULES.plants)
+def test_a_plant_has_a_source_and_stands_under_its_own_control(name: str) -> None:
+    plant = RULES.plants[name]
+    assert plant.source
+    assert plant.title
+    assert plant.duty.cut is not None
+    for _, model in plant.loops(plant.loop.control):
+        assert stability(model, velocity=RULES.rule(plant).velocity).stable
+
+
+def test_the_plants_are_those_of_the_field() -> None:
+    assert len(RULES.plants) == 12
+    encoders = [plant.loop.axis.one_encoder() for plant in RULES.plants.values()]
+    assert encoders.count(True) == 6
+    assert [place.name for place in RULES.plants["screw_long"].places][1:] == [
+        "near the bearing, x = 0.4 m", "far from it, x = 2.7 m"
+    ]  # fmt: skip
+
+
+def test_the_long_screw_is_as_soft_as_its_source_says() -> None:
+    """1/k = 1/300 N/um + x/(E A), with E A of a steel bar of 46 mm."""
+    bar = 210e9 * math.pi * 0.046**2 / 4.0
+    expected = [1.0 / (1.0 / 300e6 + x / bar) for x in (1.5, 0.4, 2.7)]
+    found = [place.axis.plant.stiffness for place in RULES.plants["screw_long"].places]
+    assert found == pytest.approx(expected, rel=5e-3)
+
+
+def made(*rows: Row) -> Benchmark:
+    return Benchmark(RULES, ("a", "b"), rows, 0, {"feeddrive": "0"})
+
+
+def test_a_score_is_the_geometric_mean_of_ratios_by_hand() -> None:
+    found = made(
+        Row("a", PLAIN, {SNAP.key: 2.0, STIFF.key: 10.0, SETTLING.key: 1.0}),
+        Row("b", PLAIN, {SNAP.key: 6.0, STIFF.key: 10.0, SETTLING.key: 2.0}),
+        Row("a", "new", {SNAP.key: 1.0, STIFF.key: 20.0, SETTLING.key: math.inf}),
+        Row("b", "new", {SNAP.key: 12.0, STIFF.key: 5.0, SETTLING.key: 1.0}),
+        Row("a", "lame", {SNAP.key: 1.0}, unplaced="not settled: by hand"),
+        Row("b", "lame", {SNAP.key: 3.0}),
+    )
+    assert found.score("new", SNAP).value == pytest.approx(math.sqrt((2.0 / 1.0) * (6.0 / 12.0)))
+    assert found.score("new", STIFF).value == pytest.approx(math.sqrt((20.0 / 10.0) * (5.0 / 10.0)))
+    settling = found.score("new", SETTLING)
+    assert (settling.value, settling.plants, settling.never) == (2.0, 1, 1)
+    lame = found.score("lame", SNAP)
+    assert (lame.value, lame.plants) == (2.0, 1)
+    assert found.laws == ("lame", PLAIN, "new")
+    assert found.unplaced() == {"lame": {"not settled: by hand": ["a"]}}
+    row = next(each for each in found.table().rows if each[0] == "lame")
+    assert row[1] == "1/2"
+
+
+def test_the_worst_is_by_what_is_better() -> None:
+    assert worst([{SNAP.key: 1.0, STIFF.key: 1.0}, {SNAP.key: 2.0, STIFF.key: 2.0}]) == {SNAP.key: 2.0, STIFF.key: 1.0}
+    assert worst([{SNAP.key: 1.0}, {SNAP.key: None}]) == {SNAP.key: None}
+
+
+def test_a_wrong_mass_lowers_the_margins() -> None:
+    """The peak over wrong plants is above that of the nominal one, and infinite where one of them is unstable."""
+    loop = RULES.plants["screw_heavy"].model
+    assert robust_peak(loop, 0.1, 0.0) < robust_peak(loop, 0.1, 0.2) < 3.0
+    law = replace(loop.control.law, Kp=8.0 * loop.control.law.Kp)
+    assert robust_peak(replace(loop, control=replace(loop.control, law=law)), 0.1, 0.2) == math.inf
+
+
+def test_a_second_run_gives_the_same_bits_and_another_seed_others() -> None:
+    plants = [RULES.plants[QUICK]]
+    first, again, other = (summary(score(RULES, plants, laws=["DADSC"], own=own)) for own in (0, 0, 5))
+    assert json.dumps(first) == json.dumps(again)
+    rows = [each["rows"][0]["figures"] for each in (first, other)]
+    assert rows[0]["sensitivity_peak"] == rows[1]["sensitivity_peak"]
+    assert rows[0]["tracking_error_rms_m"] != rows[1]["tracking_error_rms_m"]
+
+
+def test_the_table_is_there_for_papers(tmp_path: Path) -> None:
+    found = score(RULES, [RULES.plants[QUICK]], laws=["DADSC"])
+    assert write_benchmark(found, tmp_path / "out").is_file()
+    text = latex(found)
+    assert text.count("&") == 11 * (1 + len(found.laws)) - 1 - len(found.laws)
+    assert text.startswith("% feeddrive benchmark of feed-drive control laws, rules 1 (sha256 ")
+    assert f"| {PLAIN} | 1/1 | 1.00 |" in markdown(found)
+    assert summary(found)["rows"][0]["figures"][ROBUST] > 2.0
+
+
+def stale(name: str) -> list[str]:
+    """The stored designs of a plant that do not belong to the present code."""
+    plant = RULES.plants[name]
+    known = Designs(folder() / "designs", name, RULES.version)
+    said: list[str] = []
+    for each in searched(plant):
+        design = known.known(each.name)
+        if design is not None and not design.refused:
+            loop = replace(each.loop, control=design.control(each))
+            moved = design.stale(loop, RULES.rule(plant))
+            said += [f"{each.name}: {moved}: search it again"] if moved else []
+    return said
+
+
+@pytest.mark.parametrize("name", all_but([QUICK], list(RULES.plants), "the linear models of all laws"))
+def test_stored_designs_belong_to_the_present_code(name: str) -> None:
+    known = Designs(folder() / "designs", name, RULES.version)
+    assert known.known(PLAIN) is not None
+    assert stale(name) == []
+
+
+def test_a_design_whose_figures_have_moved_is_stale() -> None:
+    plant = RULES.plants[QUICK]
+    candidate = searched(plant)[0]
+    design = Designs(folder() / "designs", QUICK, RULES.version).known(PLAIN)
+    assert design is not None
+    loop = replace(candidate.loop, control=design.control(candidate))
+    assert design.stale(loop, RULES.rule(plant)) == ""
+    other = replace(design, figures={**design.figures, "sensitivity_peak": 1.9})
+    assert "sensitivity_peak was 1.9" in other.stale(loop, RULES.rule(plant))
+
+
+def test_a_design_is_kept_to_the_last_bit(tmp_path: Path) -> None:
+    designs = Designs(tmp_path, "a", 1)
+    one = Design("P-PI + 1", "a", 1, {"law.Kv": 1.0 / 3.0}, {"sensitivity_peak": 2.0}, held=("Ms",))
+    designs.keep(one)
+    assert designs.known("P-PI + 1") == one
+    assert designs.known("another") is None
+    assert Designs(tmp_path / "none", "a", 1, (tmp_path,)).known("P-PI + 1") == one
+
+
+def test_a_search_goes_on_where_it_was_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rules = replace(RULES, repeats=1, starts=1)
+    plants = [rules.plants[QUICK]]
+    search(rules, plants, tmp_path, laws=[PLAIN])
+    before = (tmp_path / QUICK / "p_pi.json").read_bytes()
+    monkeypatch.setattr(tune_all, "tune_control", None)  # a search would fail
+    search(rules, plants, tmp_path, laws=[PLAIN])
+    assert (tmp_path / QUICK / "p_pi.json").read_bytes() == before
+
+
+def test_whole_tunings_that_disagree_are_not_settled(monkeypatch: pytest.MonkeyPatch) -> None:
+    plant = RULES.plants[QUICK]
+    rule = replace(RULES.rule(plant), repeats=3, starts=1)
+    candidate = searched(plant)[0]
+    tune, limits = tune_all.tune_control, rule.limits()
+    one = tune(candidate.loop, limits=limits, filters="kept", starts=1, velocity=rule.velocity)
+    goals = {0: 1.0, 1: 1.04, 2: 1.0}
+
+    def fake(*_: object, seed: int, **__: object) -> object:
+        if seed not in goals:
+            raise UnstableError("by hand")
+        first = replace(one.after[0], rope_snap=goals[seed])
+        return replace(one, after=(first,))
+
+    monkeypatch.setattr(tune_all, "tune_control", fake)
+    found = tune_all._repeated(candidate.loop, limits, rule, Progress())
+    assert found.unsettled == ""
+    assert found.spread == pytest.approx(math.log(1.04))
+    goals[1] = 1.06
+    said = tune_all._repeated(candidate.loop, limits, rule, Progress()).unsettled
+    assert said == "3 whole tunings end up to 6 % apart"
+    del goals[2]
+    assert "1 of 3" in tune_all._repeated(candidate.loop, limits, rule, Progress()).unsettled
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        (["--plant", "rac"], "did you mean rack?"),
+        (["--plant", QUICK, "--law", "DADC"], "'DADC' is not known here"),
+        (["--rules", "2"], "there are no rules 2"),
+        (["--retune"], "name with --keep"),
+        (["--seed", "-1"], "seed"),
+    ],
+)
+def test_bad_input_is_named(
+    asked: list[str],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["feeddrive", "benchmark", *asked])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 2
+    assert said in " ".join(capsys.readouterr().err.split())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_damaged_design_is_named(tmp_path: Path) -> None:
+    (tmp_path / QUICK).mkdir()
+    (tmp_path / QUICK / "p_pi.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(Exception, match="is no design of the benchmark"):
+        score(RULES, [RULES.plants[QUICK]], laws=[PLAIN], designs=[tmp_path])
+    with pytest.raises(ParameterError, match="there are no rules 7"):
+        read_rules(7)
