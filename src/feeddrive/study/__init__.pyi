@@ -1,5 +1,8 @@
 """Many variants of a job: what varies, what is measured of each, the sweep, and where its rows are kept."""
 
+from feeddrive.study.answers.answers import Answers as Answers
+from feeddrive.study.answers.answers import answers_of as answers_of
+from feeddrive.study.answers.page import write_report as write_report
 from feeddrive.study.cases import Case as Case
 from feeddrive.study.cases import cases as cases
 from feeddrive.study.chunk import run_chunk as run_chunk

@@ -148,7 +148,7 @@ def _judge(study: Study, case: Case, system: System, rows: Rows, threads: int, p
                 linear = LinearLoop(case.loop(place), speed) if wanted["model"] else None
                 for each in wanted["model"]:
                     rows.figures[each.name][row] = each.of(linear)
-                run = _run(case, place) if wanted["run"] else None
+                run = run_of(case, place) if wanted["run"] else None
                 for each in wanted["run"]:
                     rows.figures[each.name][row] = each.of(run)
 
@@ -183,7 +183,7 @@ def _gather(case: Case, system: System, wanted: Sequence[Figure], rows: Rows, th
         )
 
 
-def _run(case: Case, place: int) -> Run:
+def run_of(case: Case, place: int) -> Run:
     """One variant over time, as its axis alone has it."""
     system = case.one(place)
     seed = int(case.seed[place])

@@ -2,6 +2,8 @@
 
 manifest.json                 the study as it was given, digest, version of feeddrive
 rows/chunk_00000000.parquet   a row for each variant: what varies, figures in SI, the reason of one that has none
+report.html                   yield, worst cases, what decides, bands and the Pareto front; summary.json: the same in SI
+worst/variant_00000012.toml   the worst machine by a figure, as a job to run again
 """
 
 from __future__ import annotations
@@ -11,6 +13,8 @@ from pathlib import Path
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
+from feeddrive.study.answers.answers import answers_of
+from feeddrive.study.answers.page import write_report
 from feeddrive.study.study import StudyLike
 from feeddrive.study.sweep import Sweep
 from feeddrive.study.sweep import sweep as run_sweep
@@ -55,7 +59,10 @@ def sweep(request: SweepRequest, progress: Progress) -> Outcome[Sweep]:
         request.study, request.out, workers=request.workers, resume=request.resume,
         scheduler=request.scheduler, allow=request.allow, progress=progress,
     )  # fmt: skip
-    return Outcome(found, [found.table()], list(_bad(found)), files={"Rows": found.store.address})
+    told = answers_of(found.store, found.study, progress)
+    progress.step("report")
+    files = {"Report": write_report(told, request.out), "Rows": found.store.address}
+    return Outcome(found, [found.table(), told.table()], [*told.sentences, *_bad(found)], files=files)
 
 
 def _bad(found: Sweep) -> Iterator[str]:

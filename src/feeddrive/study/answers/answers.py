@@ -1,0 +1,128 @@
+"""What the rows of a study say: one pass over them, with the memory of a chunk and of a sample.
+
+    found = answers_of(store, study)
+    print(*found.sentences)
+    write_report(found, "out")
+
+Yields, worst cases and fronts are those of all rows.  Distributions, rank correlations and bands are those of a random
+sample where there are more than 200,000; Sobol indices take 8 bytes for each variant and figure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.progress import Progress
+from feeddrive.language.table import Result, Table, picture_of
+from feeddrive.study.answers.bands import Band, error_band, stiffness_band
+from feeddrive.study.answers.fronts import Front, FrontKept
+from feeddrive.study.answers.judged import Judged, parts
+from feeddrive.study.answers.sampled import Sampled
+from feeddrive.study.answers.sensitivity import RankCorrelation, SaltelliRows, SobolIndices, rank_correlations
+from feeddrive.study.answers.sentences import bound_text, interval_text, sentences
+from feeddrive.study.answers.worst import Worst, WorstKept
+from feeddrive.study.answers.yields import Yield, YieldCount
+from feeddrive.study.store import Store
+from feeddrive.study.study import Study
+
+if TYPE_CHECKING:
+    import pyarrow
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Answers(Result):
+    """The answers of a study.
+
+    sample        rows of machines that were drawn, for distributions
+    worst         by figure
+    bad           numbers of the first variants without figures, each with its reason
+    sobol         of a study of the sampler saltelli, an entry for each figure
+    correlations  with the numbers that vary
+    stiffness     over frequency, if three or more figures stiffness_F_Hz_N_per_m are measured
+    error         following error over time, of machines that were run again
+    """
+
+    study: Study
+    sample: Judged
+    yields: Yield
+    worst: tuple[Worst, ...]
+    bad: tuple[tuple[int, str], ...]
+    sobol: tuple[SobolIndices, ...]
+    correlations: tuple[RankCorrelation, ...]
+    front: Front | None
+    stiffness: Band | None
+    error: Band | None
+
+    @property
+    def rotary(self) -> bool:
+        """Whether the axis of the study turns."""
+        return self.study.rotary
+
+    @property
+    def quoted(self) -> Sequence[str]:
+        """Title, names of the choices and of what varies."""
+        return self.study.title, *self.study.columns, *(each.name for each in self.study.vary)
+
+    @cached_property
+    def sentences(self) -> list[str]:
+        """The answers in words, the most important first."""
+        return sentences(self.study, self.yields, self.sobol, self.correlations)
+
+    def table(self) -> Table:
+        """The yield: of each bound and of all together."""
+        rows = [
+            [bound_text(each.bound), f"{each.kept.kept:,}", interval_text(each.kept), f"{each.alone:,}"]
+            for each in self.yields.bounds
+        ]
+        inside = self.yields.inside
+        whole = "all of them" if rows else "with figures"
+        rows.append([whole, f"{inside.kept:,}", interval_text(inside), "-"])
+        return Table(
+            f"{self.study.title}: yield of {inside.of:,} machines",
+            ["kept", "machines", "share (95 % interval)", "break only this"],
+            rows,
+        )
+
+
+@picture_of.register
+def _picture(found: Answers) -> Any:
+    from feeddrive.study.answers import pictures  # matplotlib is needed only where something is drawn
+
+    return pictures.histograms(found.sample, found.stiffness is not None)
+
+
+def answers_of(rows: Store | pyarrow.Table, study: Study, progress: Progress | None = None) -> Answers:
+    """The answers of the rows of a complete sweep, in a store or as a table.
+
+    Runs up to 128 machines again for the band of their following error over time.
+    Raises ParameterError for rows of another study, FileError for a store that cannot be read.
+    """
+    progress = progress or Progress()
+    counted, worst, front, sampled = YieldCount(study), WorstKept(study), FrontKept(study), Sampled(study)
+    saltelli = SaltelliRows(study)
+    seen = 0
+    for part in parts(rows, study):
+        progress.step("answers", seen, study.count)
+        for each in (counted, worst, front, sampled, saltelli):
+            each.add(part)
+        seen += part.variant.size
+    if seen != study.count:
+        raise ParameterError(f"{study.file.name} has {study.count:,} variants, and here are rows of {seen:,}")
+    sample = sampled.result()
+    progress.step("sensitivity")
+    return Answers(
+        study=study,
+        sample=sample,
+        yields=counted.result(),
+        worst=worst.result(),
+        bad=tuple(worst.bad),
+        sobol=saltelli.result(),
+        correlations=rank_correlations(sample),
+        front=front.result(),
+        stiffness=stiffness_band(sample),
+        error=error_band(sample, progress),
+    )

@@ -1,0 +1,113 @@
+"""Rows of a sweep as arrays, with what each machine keeps of the specification."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from feeddrive.language.errors import ParameterError
+from feeddrive.study.chunk import REASON, VARIANT
+from feeddrive.study.store import Store
+from feeddrive.study.study import Study
+
+if TYPE_CHECKING:
+    import pyarrow
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """Some rows of a study, n of them, in SI.
+
+    variant  numbers, shape (n,)
+    varied   by column what varies, shape (n,); texts and counts as objects
+    figures  by name, shape (n,); NaN where a variant has none
+    reasons  of a bad variant, else None
+    """
+
+    study: Study
+    variant: np.ndarray
+    varied: Mapping[str, np.ndarray]
+    figures: Mapping[str, np.ndarray]
+    reasons: np.ndarray
+
+    @cached_property
+    def bad(self) -> np.ndarray:
+        """Which variants have no figures."""
+        return np.array([each is not None for each in self.reasons], dtype=bool)
+
+    @cached_property
+    def kept(self) -> dict[str, np.ndarray]:
+        """By figure of the specification, which variants keep its bound; a bad one keeps none."""
+        return {each.figure.name: each.kept(self.figures[each.figure.name]) & ~self.bad
+                for each in self.study.specification}  # fmt: skip
+
+    @cached_property
+    def inside(self) -> np.ndarray:
+        """Which variants keep the whole specification; without one, which have figures."""
+        return np.logical_and.reduce([~self.bad, *self.kept.values()])
+
+    @cached_property
+    def drawn(self) -> np.ndarray:
+        """Which variants are a sample of the machines.
+
+        Those of the sampler saltelli whose rows are made of two others repeat what these say, and are not.
+        """
+        count = 2 * self.study.points if self.study.sampler == "saltelli" else self.study.count
+        return self.variant < count
+
+    def some(self, chosen: np.ndarray) -> Judged:
+        """The rows of a mask."""
+        return Judged(
+            self.study,
+            self.variant[chosen],
+            {name: values[chosen] for name, values in self.varied.items()},
+            {name: values[chosen] for name, values in self.figures.items()},
+            self.reasons[chosen],
+        )
+
+
+def judged(rows: pyarrow.Table, study: Study) -> Judged:
+    """The rows of a table. Raises ParameterError for a table without a column of the study."""
+    figures = [each.name for each in study.measure]
+    absent = sorted({VARIANT, REASON, *study.columns, *figures} - set(rows.column_names))
+    if absent:
+        raise ParameterError(f"these are not rows of {study.file.name}: there is no column '{absent[0]}'")
+
+    def column(name: str) -> Any:
+        return rows.column(name).to_numpy()
+
+    return Judged(
+        study,
+        column(VARIANT),
+        {name: column(name) for name in study.columns},
+        {name: np.asarray(column(name), dtype=np.float64) for name in figures},
+        column(REASON).astype(object),
+    )
+
+
+def parts(rows: Store | pyarrow.Table, study: Study) -> Iterator[Judged]:
+    """All rows, a chunk at a time, so that memory is that of one chunk."""
+    tables = rows.batches() if isinstance(rows, Store) else _cut(rows, study.chunk)
+    for table in tables:
+        yield judged(table, study)
+
+
+def _cut(rows: pyarrow.Table, size: int) -> Iterator[pyarrow.Table]:
+    for first in range(0, rows.num_rows, size):
+        yield rows.slice(first, size)
+
+
+def joined(several: list[Judged]) -> Judged:
+    """Rows of several parts one after the other; there is at least one part."""
+    first = several[0]
+    return Judged(
+        first.study,
+        np.concatenate([each.variant for each in several]),
+        {name: np.concatenate([each.varied[name] for each in several]) for name in first.varied},
+        {name: np.concatenate([each.figures[name] for each in several]) for name in first.figures},
+        np.concatenate([each.reasons for each in several]),
+    )

@@ -1,0 +1,343 @@
+"""The report of a study: a page with its answers, the same as numbers, and the worst machines to run again.
+
+report.html                        for people
+summary.json                       every answer in SI
+worst/variant_00000012.toml        a job:  feeddrive run worst/variant_00000012.toml
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from feeddrive.files.run_files import summary_text, versions
+from feeddrive.language.errors import FeeddriveError, plain
+from feeddrive.language.table import Table
+from feeddrive.report.page import Shown, render
+from feeddrive.report.sentences import number, percent
+from feeddrive.study.answers import pictures
+from feeddrive.study.answers.answers import Answers
+from feeddrive.study.answers.bands import QUANTILES
+from feeddrive.study.answers.replay import replay_files
+from feeddrive.study.answers.sensitivity import INSIDE
+from feeddrive.study.answers.sentences import interval_text, name_of, read_in, short, value_text
+from feeddrive.study.answers.shares import Share
+from feeddrive.study.places import place
+
+_FRONT = 40  # machines of a table
+_REPLAYED = 3  # bad variants that are written to be run again
+_ITS_INTERVAL = (
+    "Brackets: 95 % interval of the share of all machines that such tolerances make, after Clopper and Pearson. It "
+    "holds the true share in at least 95 of 100 studies of independent machines."
+)
+_NARROWER = {
+    "latin_hypercube": " A Latin hypercube spreads its machines more evenly than chance does: it holds more often.",
+    "sobol": " A Sobol sequence spreads its machines more evenly than chance does: it holds more often.",
+}
+
+
+def write_report(found: Answers, out: str | Path) -> Path | str:
+    """Write the files above into a directory or an address of fsspec; the path of the report.
+
+    Raises FileError for a file that cannot be written.
+    """
+    there, files = place(out), dict(report_files(found))
+    for name, text in files.items():
+        there.write(name, text.encode("utf-8"))
+    return f"{there.address}/report.html" if "://" in there.address else Path(there.address) / "report.html"
+
+
+def report_files(found: Answers) -> Iterator[tuple[str, str]]:
+    """Name and text of each file of the report; a variant that makes no machine has none."""
+    yield "report.html", build_study(found)
+    yield "summary.json", summary_text(summary(found), rotary=found.rotary, quoted=found.quoted)
+    chosen = [each.cases[0].variant for each in found.worst] + [variant for variant, _ in found.bad[:_REPLAYED]]
+    for variant in sorted(set(chosen)):
+        try:
+            texts = replay_files(found.study, variant)
+        except FeeddriveError:  # its reason stands among the rows
+            continue
+        for name, text in texts.items():
+            yield f"worst/{name}", text
+
+
+def build_study(found: Answers) -> str:
+    """The report as one HTML page: no scripts, no other files, less than 1 MB. Pure."""
+    study = found.study
+    drawn = list(_pictures(found))
+    front = _front(found)
+    return render(
+        "study.html",
+        rotary=found.rotary,
+        quoted=found.quoted,
+        title=study.title,
+        lead=found.sentences,
+        links=[
+            ("yield", "Yield"),
+            ("worst", "Worst cases"),
+            *((f"figure-{each.key}", each.title) for each in drawn),
+            ("decides", "What decides"),
+            *([("front", "Pareto front")] if front else []),
+            ("repeat", "How to repeat it"),
+        ],
+        overview=Shown(
+            "yield",
+            "Machines that keep the specification",
+            "Each bound by itself, and all together.",
+            "Share of the machines that keep each bound, with its interval.",
+            lambda: pictures.yields(found.yields),
+        ),
+        yields=[_ended(each) for each in (found.table(), *_choices(found))],
+        interval="Points of a grid are no sample: their share has no interval."
+        if study.sampler == "grid"
+        else _ITS_INTERVAL + _NARROWER.get(study.sampler, ""),
+        remarks=[f"Variant {variant} has no figures: {plain(reason)}" for variant, reason in found.bad],
+        replay="Each is a job with its machine beside it: feeddrive run worst/variant_NUMBER.toml gives its figures "
+        "again, with all signals over time.",
+        worst=_ended(_worst(found)),
+        pictures=drawn,
+        method=_method(found),
+        decides=[_ended(each) for each in _decides(found)],
+        front=None if front is None else _ended(front),
+        facts=_facts(found),
+        study=study.text,
+    )
+
+
+def _ended(table: Table) -> Table:
+    return replace(table, title=f"{table.title}.")
+
+
+def _choices(found: Answers) -> Iterator[Table]:
+    for column, shares in found.yields.choices.items():
+        rows = [[value, f"{each.of:,}", interval_text(each)] for value, each in shares.items()]
+        yield Table(f"Machines inside the specification by {column}", [column, "machines", "inside"], rows)
+
+
+def _worst(found: Answers) -> Table:
+    columns = found.study.columns
+    rows = [
+        [name_of(each.figure), str(case.variant), value_text(each.figure, case.value),
+         *(_cell(case.varied[name], unit) for name, unit in columns.items())]
+        for each in found.worst
+        for case in each.cases[:1]
+    ]  # fmt: skip
+    heads = ["figure", "variant", "value", *_heads(columns)]
+    return Table("The worst machine by each figure, with what varies in it", heads, rows)
+
+
+def _heads(columns: Mapping[str, str]) -> list[str]:
+    """What varies, by SI unit, each with the unit in which it is read."""
+    names = short(list(columns))
+    return [f"{names[name]} {read_in(unit)[0]}".rstrip() for name, unit in columns.items()]
+
+
+def _cell(value: Any, unit: str) -> str:
+    return number(read_in(unit)[1] * float(value), 4) if isinstance(value, float) else str(value)
+
+
+def _method(found: Answers) -> str:
+    if found.sobol:
+        first = found.sobol[0]
+        left = (
+            f" {first.without} points were left out: a variant of theirs has no number there." if first.without else ""
+        )
+        return (
+            f"Sobol indices from {first.points:,} points: alone, the share of the variance that would be gone if this "
+            "did not vary; together, what would be left if only this varied. Intervals: 95 %, by bootstrap over the "
+            f"points.{left}"
+        )
+    return (
+        "Rank correlations: the square is the share of the variance of the ranks that goes with a quantity, if what it "
+        'does is monotone. Shares of the variance without that condition are Sobol indices: sampler = "saltelli", and '
+        "count = a power of 2."
+    )
+
+
+def _decides(found: Answers) -> Iterator[Table]:
+    figures = {each.name: name_of(each) for each in found.study.measure} | {INSIDE: "inside the specification"}
+    if found.sobol:
+        factors = found.sobol[0].factors
+        names = [short(factors)[each] for each in factors]
+        for what, said in (("first", "alone"), ("total", "together with what it does with others")):
+            rows = [
+                [figures[each.output], *(
+                    f"{percent(float(value))} ({100.0 * low:.0f} to {100.0 * high:.0f} %)"
+                    for value, low, high in zip(getattr(each, what), *getattr(each, f"{what}_interval"), strict=True)
+                )]
+                for each in found.sobol
+            ]  # fmt: skip
+            yield Table(f"Share of the variance that each decides {said}", ["figure", *names], rows)
+    columns = list(dict.fromkeys(each.column for each in found.correlations))
+    by = {(each.output, each.column): each.value for each in found.correlations}
+    rows = [
+        [figures[output], *(f"{by[output, column]:+.2f}" if (output, column) in by else "–" for column in columns)]
+        for output in dict.fromkeys(each.output for each in found.correlations)
+    ]
+    if rows:
+        yield Table("Rank correlations", ["figure", *(short(columns)[each] for each in columns)], rows)
+
+
+def _pictures(found: Answers) -> Iterator[Shown]:
+    study = found.study
+    yield Shown(
+        "spread",
+        "Distributions",
+        "Of each figure over the machines; dashed: its bound.",
+        "Histograms of the figures over the machines.",
+        lambda: pictures.histograms(found.sample, found.stiffness is not None),
+    )
+    if found.sobol or found.correlations:
+        yield Shown(
+            "decides",
+            "Sensitivity",
+            "Of the figures with a bound, and of being inside of all bounds.",
+            "Bars of what decides the figures, with intervals.",
+            lambda: pictures.decides(study, found.sobol, found.correlations),
+        )
+    if found.stiffness is not None:
+        stiff = found.stiffness
+        yield Shown(
+            "stiff",
+            "Dynamic stiffness over frequency",
+            f"Of {stiff.machines:,} machines, at the measured frequencies, with straight lines between them.",
+            "Quantile bands of the dynamic stiffness over frequency.",
+            lambda: pictures.stiffness_band(stiff),
+        )
+    if found.error is not None:
+        error = found.error
+        yield Shown(
+            "error",
+            "Following error over time",
+            f"Of {error.machines} machines that were run again: the largest absolute value in each of "
+            f"{error.x.size} windows.",
+            "Quantile bands of the following error over time.",
+            lambda: pictures.error_band(error),
+        )
+    if found.front is not None:
+        front = found.front
+        yield Shown(
+            "front",
+            f"Between {' and '.join(front.figures)}" if len(front.figures) < 3 else "Tracking, stiffness, robustness",
+            "Rings: the Pareto front. No other machine is better in one of them and as good in all others.",
+            "Scatter of the machines with the Pareto front.",
+            lambda: pictures.front(front, found.sample),
+        )
+
+
+def _front(found: Answers) -> Table | None:
+    if found.front is None:
+        return None
+    rows, figures = found.front.rows, list(found.front.figures.values())
+    columns = found.study.columns
+    body = [
+        [str(rows.variant[i]), *(value_text(each, float(rows.figures[each.name][i])) for each in figures),
+         "inside" if rows.inside[i] else "outside",
+         *(_cell(rows.varied[name][i], unit) for name, unit in columns.items())]
+        for i in range(min(_FRONT, rows.variant.size))
+    ]  # fmt: skip
+    beyond = f", the first {_FRONT}" if rows.variant.size > _FRONT else ""
+    said = f"{rows.variant.size:,} machines of which no other one is better in all{beyond}"
+    return Table(said, ["variant", *map(name_of, figures), "specification", *_heads(columns)], body)
+
+
+def _facts(found: Answers) -> list[tuple[str, str]]:
+    study = found.study
+    base = next(study.bases())
+    return [
+        ("Machine", base.job.machine.name),
+        ("Source of its numbers", base.job.machine.source or "not stated"),
+        ("Job", f"{base.job.title}, row '{study.row}'"),
+        ("Variants", f"{study.count:,}, sampler {study.sampler}, seed {study.seed}, noise: {study.noise}"),
+        ("Digest", study.digest),
+        *((name, version) for name, version in versions().items()),
+    ]
+
+
+def summary(found: Answers) -> dict[str, Any]:
+    """All answers as plain numbers in SI; what does not occur is null."""
+    study = found.study
+    return {
+        "title": study.title,
+        "digest": study.digest,
+        "variants": study.count,
+        "sampler": study.sampler,
+        "seed": study.seed,
+        "versions": versions(),
+        "sentences": found.sentences,
+        "yield": _share(found.yields.inside)
+        | {
+            "without_figures": found.yields.bad,
+            "bounds": {
+                each.bound.figure.name: {"least": each.bound.least, "most": each.bound.most}
+                | _share(each.kept)
+                | {"break_only_this": each.alone}
+                for each in found.yields.bounds
+            },
+            "choices": {
+                column: {value: _share(each) for value, each in shares.items()}
+                for column, shares in found.yields.choices.items()
+            },
+        },
+        "worst": {
+            each.figure.name: [
+                {"variant": case.variant, "value": _plain(case.value), "varied": dict(case.varied)}
+                for case in each.cases
+            ]
+            for each in found.worst
+        },
+        "bad": [{"variant": variant, "reason": reason} for variant, reason in found.bad],
+        "sobol": {
+            each.output: {"points": each.points, "points_left_out": each.without, "factors": _factors(each)}
+            for each in found.sobol
+        },
+        "rank_correlations": _ranked(found),
+        "bands": {
+            name: {
+                over: band.x.tolist(), "machines": band.machines,
+                **{f"quantile_{each:g}": [_plain(v) for v in band.at(each).tolist()] for each in QUANTILES},
+            }
+            for name, band, over in (
+                ("stiffness_N_per_m", found.stiffness, "frequency_Hz"), ("following_error_m", found.error, "time_s"),
+            )
+            if band is not None
+        },
+        "front": None if found.front is None else {
+            "figures": {subject: each.name for subject, each in found.front.figures.items()},
+            "variants": found.front.rows.variant.tolist(),
+        },
+    }  # fmt: skip
+
+
+def _share(share: Share) -> dict[str, Any]:
+    return {"machines": share.of, "inside": share.kept, "share": share.value,
+            "interval_95_percent": None if share.interval is None else list(share.interval)}  # fmt: skip
+
+
+def _factors(found: Any) -> Mapping[str, Any]:
+    return {
+        name: {
+            "alone": float(found.first[i]), "alone_interval_95_percent": found.first_interval[:, i].tolist(),
+            "together": float(found.total[i]), "together_interval_95_percent": found.total_interval[:, i].tolist(),
+        }
+        for i, name in enumerate(found.factors)
+    }  # fmt: skip
+
+
+def _ranked(found: Answers) -> dict[str, dict[str, Any]]:
+    made: dict[str, dict[str, Any]] = {}
+    for each in found.correlations:
+        interval = None if each.interval is None else list(each.interval)
+        made.setdefault(each.output, {})[each.column] = {"value": each.value, "interval_95_percent": interval}
+    return made
+
+
+def _plain(value: float) -> float | str | None:
+    """A number, null where there is none, the text "infinite" where it is."""
+    if np.isnan(value):
+        return None
+    return value if np.isfinite(value) else "infinite"

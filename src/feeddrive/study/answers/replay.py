@@ -1,0 +1,83 @@
+"""One variant of a study as a machine file with a job beside it, for  feeddrive run."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from feeddrive.blocks.families import Load, Reference
+from feeddrive.files.blocks_to_toml import to_toml
+from feeddrive.files.job import Job
+from feeddrive.files.job_program import FILES
+from feeddrive.files.machine import machine_toml
+from feeddrive.loop.machine import Machine
+from feeddrive.study.cases import Case, cases
+from feeddrive.study.study import Study
+from feeddrive.study.variants import variants
+
+
+def replay_files(study: Study, variant: int) -> dict[str, str]:
+    """Texts by file name, the job first: `variant_00000012.toml` and `variant_00000012_machine.toml`.
+
+    The machine has the control of the variant's law as its own, so that the job's only row is `today`.  Numbers are
+    written to the last bit; what of the process of a part program cuts is a coupling of the machine.
+    Raises ParameterError or StructureError for a variant whose numbers make no machine.
+    """
+    case = next(cases(study, variants(study, variant, 1)))
+    system = case.one(0)
+    machine = system if isinstance(system, Machine) else Machine.of({case.axis: system})
+    file = case.base.job.machine
+    limits = {axis: each for axis, each in file.limits.items() if axis in machine.axes()}
+    name = f"variant_{variant:08d}"
+    said = f"variant {variant} of the study {Path(study.file.name).name}, row '{case.base.row}'"
+    return {
+        f"{name}.toml": "\n".join(_job(study, case, f"{name}_machine.toml", said)),
+        f"{name}_machine.toml": machine_toml(machine, f"{file.name}, {said}", file.source, file.remark, limits),
+    }
+
+
+def _job(study: Study, case: Case, machine: str, said: str) -> Iterator[str]:
+    """The job file, section by section."""
+    job = case.base.job
+    values: dict[str, Any] = {"title": f"{study.title}: {said}", "machine": machine, "axis": case.axis}
+    values |= {"seed": int(case.seed[0])} | ({} if case.duration is None else {"duration": case.duration})
+    yield "\n".join(f"{key} = {_written(value)}" for key, value in values.items()) + "\n"
+    references, loads = _by_axis(case.references, case.axis), _by_axis(case.loads, case.axis)
+    if job.program is not None:
+        yield _program(job)
+        references = {}
+    rotary = {axis: loop.axis.rotary for axis, loop in case.system.loops().items()}
+    for kind, blocks in (("reference", references), ("load", loads)):
+        for axis, block in blocks.items():
+            key = kind if axis == case.axis else f"others.{axis}.{kind}"
+            yield to_toml(block, key, rotary=rotary[axis])
+
+
+def _by_axis(given: Any, axis: str) -> Mapping[str, Reference | Load]:
+    """Motions or loads by axis; of a single axis its own, if there is one."""
+    if given is None:
+        return {}
+    return given if isinstance(given, Mapping) else {axis: given}
+
+
+def _program(job: Job) -> str:
+    """The section [program], its files by whole paths."""
+    assert job.program is not None
+    folder = Path(job.file.name).parent
+    values = dict(job.file.content["program"])
+    for key in FILES:
+        if isinstance(values.get(key), str):
+            path = job.program.file if key == "file" and job.program.file is not None else folder / values[key]
+            values[key] = str(path.resolve())
+    return "\n".join(["[program]", *(f"{key} = {_written(value)}" for key, value in values.items())]) + "\n"
+
+
+def _written(value: Any) -> str:
+    """A value as TOML: text, truth, number, or a table of them on one line."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{json.dumps(key)} = {_written(each)}" for key, each in value.items()) + " }"
+    if isinstance(value, str | bool):
+        return json.dumps(value, ensure_ascii=False)
+    return repr(value)

@@ -1,0 +1,88 @@
+"""The yield: which share of the machines keeps the specification, which bounds the others break, and by choice."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from feeddrive.study.answers.judged import Judged
+from feeddrive.study.answers.shares import Share
+from feeddrive.study.specification import Bound
+from feeddrive.study.study import Study
+
+_MOST_VALUES = 50  # of a choice that are told apart
+
+
+@dataclass(frozen=True)
+class BoundYield:
+    """One bound of the specification: who keeps it, and how many break no other one."""
+
+    bound: Bound
+    kept: Share
+    alone: int
+
+
+@dataclass(frozen=True)
+class Yield:
+    """Shares of the machines that were drawn.
+
+    inside  those that keep the whole specification; without one those that have figures
+    bad     how many have no figures: they keep nothing
+    bounds  one each, in the order of the study file
+    choices by column and value of what is chosen (law, machine, position): those inside
+    """
+
+    inside: Share
+    bad: int
+    bounds: tuple[BoundYield, ...]
+    choices: Mapping[str, Mapping[str, Share]]
+
+    @property
+    def hardest(self) -> BoundYield | None:
+        """The bound that most machines break; None if all keep all."""
+        broken = [each for each in self.bounds if each.kept.kept < each.kept.of]
+        return min(broken, key=lambda each: each.kept.kept, default=None)
+
+
+class YieldCount:
+    """Counts, a part of the rows after the other."""
+
+    def __init__(self, study: Study) -> None:
+        self._study = study
+        self._all = self._inside = self._bad = 0
+        self._kept = Counter[str]()
+        self._alone = Counter[str]()
+        self._choices: dict[str, Counter[tuple[str, bool]]] = {}
+
+    def add(self, rows: Judged) -> None:
+        """Count some rows; those that were not drawn do not count."""
+        drawn = rows.drawn
+        self._all += int(np.sum(drawn))
+        self._inside += int(np.sum(rows.inside & drawn))
+        self._bad += int(np.sum(rows.bad & drawn))
+        broken = sum((~kept for kept in rows.kept.values()), np.zeros(drawn.size, dtype=np.int64))
+        for name, kept in rows.kept.items():
+            self._kept[name] += int(np.sum(kept & drawn))
+            self._alone[name] += int(np.sum(~kept & (broken == 1) & ~rows.bad & drawn))
+        for column, values in rows.varied.items():
+            if values.dtype == object:
+                count = self._choices.setdefault(column, Counter())
+                count.update(zip(map(str, values[drawn]), rows.inside[drawn].tolist(), strict=True))
+
+    def result(self) -> Yield:
+        """What was counted."""
+        sampled = self._study.sampler != "grid"
+        bounds = tuple(
+            BoundYield(each, Share(self._kept[each.figure.name], self._all, sampled), self._alone[each.figure.name])
+            for each in self._study.specification
+        )
+        choices: dict[str, dict[str, Share]] = {}
+        for column, count in self._choices.items():
+            values = sorted({value for value, _ in count})[:_MOST_VALUES]
+            choices[column] = {
+                value: Share(count[value, True], count[value, True] + count[value, False], sampled) for value in values
+            }
+        return Yield(Share(self._inside, self._all, sampled), self._bad, bounds, choices)
