@@ -38,7 +38,7 @@ studio: src/feeddrive/studio/page/index.html | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable ".[studio]"
 	$(BIN)/feeddrive studio ball_screw
 
-src/feeddrive/studio/page/index.html: $(wildcard page/src/*) page/index.html page/package-lock.json page/vite.config.ts
+src/feeddrive/studio/page/index.html: $(wildcard page/src/*) page/index.html page/package-lock.json page/build.mjs
 	cd page && npm ci --no-audit --no-fund && npm run build
 
 # without MAKEFLAGS, since the exports that tests build have makefiles of their own

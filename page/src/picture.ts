@@ -5,7 +5,7 @@ import { AxisPointerComponent, GridComponent, TooltipComponent } from "echarts/c
 import { init, use, type ECharts } from "echarts/core";
 import { CanvasRenderer } from "echarts/renderers";
 
-import { points, type Chart, type Panel } from "./wire";
+import { points, sum, type Chart, type Panel } from "./wire";
 
 use([LineChart, ScatterChart, GridComponent, TooltipComponent, AxisPointerComponent, CanvasRenderer]);
 
@@ -34,6 +34,7 @@ export class Picture {
   private readonly legend = document.createElement("ul");
   private readonly drawing: ECharts;
   private shape = "";
+  private seen = new Map<string, string>();
 
   constructor(readonly title: string) {
     this.caption.textContent = title;
@@ -45,14 +46,20 @@ export class Picture {
     new ResizeObserver(() => this.drawing.resize()).observe(this.field);
   }
 
+  // Only what has changed is given to ECharts: axes that stay and curves with the same points are left as they are.
   draw(chart: Chart, numbers: Float32Array, look: Look): void {
-    const shape = JSON.stringify([chart.panels.length, chart.scale, look.ink]);
-    this.drawing.setOption(option(chart, numbers, look, this.field.clientWidth, this.field.clientHeight), {
-      notMerge: shape !== this.shape,
-      replaceMerge: ["series"],
-      lazyUpdate: false,
-    });
+    const axes = frame(chart, look, this.field.clientWidth, this.field.clientHeight);
+    const series = chart.panels.flatMap((panel, i) => lines(panel, i, chart, numbers, look));
+    const shape = JSON.stringify([axes, series.map((each) => each.id), look.ink]);
+    const seen = new Map(series.map((each) => [each.id, each.content]));
+    if (shape !== this.shape) {
+      this.drawing.setOption({ ...axes, series: series.map((each) => each.option) }, { notMerge: true });
+    } else {
+      const changed = series.filter((each) => each.content !== this.seen.get(each.id));
+      if (changed.length) this.drawing.setOption({ series: changed.map((each) => each.option) });
+    }
     this.shape = shape;
+    this.seen = seen;
     this.describe(chart, look);
   }
 
@@ -91,13 +98,8 @@ function color(number: number, look: Look): string {
   return number < 0 ? look.muted : look.curves[number % look.curves.length]!;
 }
 
-function option(
-  chart: Chart,
-  numbers: Float32Array,
-  look: Look,
-  width: number,
-  height: number,
-): Record<string, unknown> {
+// Panels and axes of a chart.
+function frame(chart: Chart, look: Look, width: number, height: number): Record<string, unknown> {
   const shares = chart.panels.reduce((sum, panel) => sum + panel.share, 0);
   const [top, bottom, between] = [8, 42, 14];
   const free = Math.max(height, 120) - top - bottom - between * (chart.panels.length - 1);
@@ -141,7 +143,6 @@ function option(
       axisLine: { show: true, lineStyle: { color: look.muted }, onZero: false },
       splitLine: { lineStyle: { color: look.line } },
     })),
-    series: chart.panels.flatMap((panel, i) => series(panel, i, chart, numbers, look)),
   };
 }
 
@@ -160,14 +161,26 @@ function range(panel: Panel): Record<string, unknown> {
   return { min: panel.low ?? undefined, max: panel.high ?? undefined, scale: true };
 }
 
-function series(panel: Panel, i: number, chart: Chart, numbers: Float32Array, look: Look): Record<string, unknown>[] {
+// One series for ECharts: `content` tells whether it has changed.
+interface Series {
+  id: string;
+  content: string;
+  option: Record<string, unknown>;
+}
+
+function lines(panel: Panel, i: number, chart: Chart, numbers: Float32Array, look: Look): Series[] {
   const place = { xAxisIndex: i, yAxisIndex: i, silent: true, animation: false };
   const line = { ...place, type: "line", symbol: "none", clip: true, tooltip: { show: false } };
-  const found: Record<string, unknown>[] = [];
+  const found: Series[] = [];
+  const add = (kind: string, number: number, content: string, option: Record<string, unknown>): void => {
+    const id = `${i} ${kind} ${found.length}`;
+    // what stays while somebody drags has a canvas of its own, which is not drawn again
+    found.push({ id, content: `${content} ${option.symbolSize ?? ""}`, option: { id, zlevel: number <= 0 ? 0 : 1, ...option } });
+  };
   const low = chart.low ?? -1e9;
   const high = chart.high ?? 1e9;
   for (const level of panel.levels) {
-    found.push({
+    add("level", -1, JSON.stringify(level), {
       ...line,
       data: level.upright
         ? [[level.value, panel.low ?? -1e9], [level.value, panel.high ?? 1e9]]
@@ -182,20 +195,25 @@ function series(panel: Panel, i: number, chart: Chart, numbers: Float32Array, lo
       const turn = (2 * Math.PI * k) / 96;
       return [disc.x + disc.radius * Math.cos(turn), disc.y + disc.radius * Math.sin(turn)];
     });
-    found.push({ ...line, data, lineStyle: { color: tint, width: 1, type: disc.number < 0 ? "dashed" : dash(disc.number) } });
+    add("disc", disc.number, JSON.stringify(disc), {
+      ...line,
+      data,
+      lineStyle: { color: tint, width: 1, type: disc.number < 0 ? "dashed" : dash(disc.number) },
+    });
   }
   for (const curve of panel.curves) {
     const tint = color(curve.number, look);
     const data = points(curve, numbers);
+    const content = `${sum(curve, numbers)} ${curve.name} ${curve.number}`;
     if (curve.look === "dots" || curve.look === "plus") {
       const plus = curve.look === "plus";
       const symbol = plus ? "path://M-1,0 L1,0 M0,-1 L0,1" : "circle";
       const style = plus ? { color: "none", borderColor: tint, borderWidth: 2 } : { color: tint, opacity: 0.6 };
-      found.push({ ...place, type: "scatter", symbol, symbolSize: plus ? 12 : 3, data, itemStyle: style });
+      add("points", curve.number, content, { ...place, type: "scatter", symbol, symbolSize: plus ? 12 : 3, data, itemStyle: style });
       continue;
     }
     const width = { line: 1.6, thin: 0.7, bar: 3 }[curve.look];
-    found.push({
+    add(curve.look, curve.number, content, {
       ...line,
       data,
       name: curve.look === "line" ? curve.name || panel.label : "",
@@ -206,7 +224,7 @@ function series(panel: Panel, i: number, chart: Chart, numbers: Float32Array, lo
   }
   for (const mark of panel.marks) {
     const tint = color(mark.number, look);
-    found.push({
+    add("mark", mark.number, JSON.stringify(mark), {
       ...place,
       type: "scatter",
       symbol: SYMBOLS[mark.number % SYMBOLS.length],

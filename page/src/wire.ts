@@ -101,3 +101,11 @@ export function points(curve: Curve, numbers: Float32Array): number[][] {
   }
   return found;
 }
+
+// A checksum (FNV-1a) of the bits of a curve: whether it is the one that was drawn before.
+export function sum(curve: Curve, numbers: Float32Array): number {
+  const bits = new Uint32Array(numbers.buffer, numbers.byteOffset + 4 * curve.at, 2 * curve.n);
+  let found = 0x811c9dc5 ^ curve.n;
+  for (const each of bits) found = Math.imul(found ^ each, 0x01000193);
+  return found >>> 0;
+}

@@ -1,0 +1,16 @@
+// Builds the page into the package; the folder is not committed, wheels hold it.
+import { copyFile } from "node:fs/promises";
+import { build } from "esbuild";
+
+const out = "../src/feeddrive/studio/page";
+await build({
+  entryPoints: { page: "src/main.ts", style: "src/page.css" },
+  outdir: out,
+  bundle: true,
+  minify: true,
+  format: "esm",
+  target: "es2022",
+  legalComments: "linked", // the licenses of what is bundled stand beside it
+  logLevel: "warning",
+});
+await copyFile("index.html", `${out}/index.html`);
