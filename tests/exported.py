@@ -161,6 +161,11 @@ LOOPS: dict[str, fd.Loop] = {
             ),
         ),
     ),
+    "cascade_ppi, repetitive": loop(
+        ONE,
+        PPI,
+        compensation=(fd.blocks.RepetitiveControl(period_samples=40, lead_samples=3, passes=4, learning_gain=0.5),),
+    ),
     "cascade_ppi, recovery": loop(
         ONE,
         PPI,

@@ -23,6 +23,7 @@ from feeddrive.blocks import (
     ModeCompensation,
     Notch,
     PolePlacement,
+    RepetitiveControl,
     Rigid,
     SecondOrder,
     SuperTwisting,
@@ -69,6 +70,7 @@ CONTROLS = {
     "integral and two poles": Control(
         law=PPI, filters=FILTERS, compensation=(DisturbanceRejection(observer=replace(RECOVERY, form="two_poles")),)
     ),
+    "repetitive": Control(law=PPI, compensation=(RepetitiveControl(period_samples=40, lead_samples=3, passes=4),)),
     "ladrc": Control(law=LinearADRC(mass=MASS, omega_c=50.0, omega_o=300.0, delay_samples=1)),
     "kalman": rejection(KalmanRecovery(mass=MASS, resolution=1e-8, force_step=20.0)),
     "gpi": rejection(GPI),

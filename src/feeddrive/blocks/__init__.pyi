@@ -8,6 +8,7 @@ from feeddrive.blocks.compensation.learned_force import LearnedForce as LearnedF
 from feeddrive.blocks.compensation.machine_mode import MachineMode as MachineMode
 from feeddrive.blocks.compensation.mode_compensation import ModeCompensation as ModeCompensation
 from feeddrive.blocks.compensation.pitch_compensation import PitchCompensation as PitchCompensation
+from feeddrive.blocks.compensation.repetitive_control import RepetitiveControl as RepetitiveControl
 from feeddrive.blocks.controller.active_disturbance_rejection import (
     ActiveDisturbanceRejection as ActiveDisturbanceRejection,
 )

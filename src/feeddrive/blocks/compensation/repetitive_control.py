@@ -1,0 +1,118 @@
+"""Repetitive control: the set position moves by what the errors of the periods before ask for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from feeddrive.blocks.families import Compensation
+from feeddrive.blocks.signals import Reading, Setpoint
+from feeddrive.language import ops
+from feeddrive.language.block import Number, choice, parameter
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.ring import History
+
+
+class RepetitiveControl(Compensation):
+    """Plug-in repetitive control of a motion that repeats every N = `period_samples`.
+
+        w(k) = Σ q_i [w(k-N+i) + learning_gain e(k-N+i+l)],   i = -n .. n,   e = x_set - x_load, held to ±most_shift
+        x_r  = x_set + w,   v_r = v_set + (w(k) - w(k-1))/T
+
+    q are the taps of (weight, 1 - 2 weight, weight) convolved n = `passes` times with itself, without phase, and
+    l = `lead_samples` looks ahead in the period before.  With T_r from the set position to the load, learning converges
+    if max |q (1 - learning_gain T_r z^l)| < 1 over all frequencies: `learning` finds the lead by it.
+
+        |S with it / S| = |(1 - q z^-N)/(1 - q z^-N (1 - learning_gain T_r z^l))|
+
+    is 6e-4 at a harmonic of the period and up to 2.7 between two of them.  Learning starts after two periods, and holds
+    while the force is limited; a trip or an enable forgets everything.  An end of the motion does not: enable anew for
+    another one.
+
+    When to use: cams, turning of pistons, oscillating grinding, forces locked to a spindle, cogging at one speed.  When
+    not: for a contour that does not repeat; with a period that is known to 1 % only, which spoils it.
+    An export keeps each cell of the memory as a number of its own, so that N - l - n must be at most 256 there.
+    Source: Inoue et al. 1981; Tomizuka, Tsao & Chew 1989 (plug-in form, zero-phase q).
+    """
+
+    period_samples: int = choice("N: samples of a period", least=2, most=1_000_000)
+    lead_samples: int = choice("l: samples by which the errors are taken earlier", default=0, least=0, most=1000)
+    passes: int = choice("n: how often the kernel of q is convolved with itself", default=32, least=1, most=64)
+    weight: Number = parameter("", "of either neighbor in the kernel of q", least=0, most=0.25, default=0.25)
+    learning_gain: Number = parameter("", "share of an error that is learned from period to period", least=0, most=1,
+                                      default=1)  # fmt: skip
+    most_shift: Number = parameter("m", "largest shift of the set position", above=0, default=1e-3)
+    waits: bool = choice("learning starts after two periods; else at once", default=True)
+
+    class Prepared(NamedTuple):
+        """The taps q_0 .. q_n."""
+
+        taps: tuple[Number, ...]
+
+    class State(NamedTuple):
+        """Past shifts (m, newest first); shift and learned error of the last 2n + 1 samples (m, newest first), and
+        filtered, for the rest of a period; samples until learning starts.
+        """
+
+        shifts: tuple[Any, ...]
+        window: tuple[Any, ...]
+        past: History
+        wait: Number
+
+    def check(self) -> None:
+        """The period is long enough for filter and lead."""
+        least = 2 * (self.passes + self.lead_samples)
+        if self.period_samples < least:
+            raise ParameterError(
+                f"{self.kind}.period_samples = {self.period_samples} must be at least 2 (passes + lead_samples) = "
+                f"{least}: take fewer of these, or a period of several turns"
+            )
+
+    def settled(self) -> RepetitiveControl:
+        """Learning."""
+        return replace(self, waits=False) if self.waits else self
+
+    def prepare(self, T: Number) -> Prepared:
+        """q by n convolutions."""
+        return self.Prepared(taps(self.weight, self.passes))
+
+    def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
+        """Nothing is learned."""
+        zero = ops.zero(setpoint.position)
+        kept = self.period_samples - self.lead_samples - self.passes
+        wait = zero + (2.0 * float(self.period_samples) if self.waits else 0.0)
+        shifts = (zero,) * max(1, self.lead_samples)
+        return self.State(shifts, (zero,) * (2 * self.passes + 1), History.start(kept, zero), wait)
+
+    def step(
+        self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
+    ) -> tuple[State, Setpoint, Number]:
+        """The equations above; no force."""
+        n, kept = self.passes, self.period_samples - self.lead_samples - self.passes
+        shift = ops.clip(state.past.ago(float(kept - 1)), -self.most_shift, self.most_shift)
+        free = ops.equal(reading.applied, reading.requested)
+        learns = ops.both(free, state.wait <= 0.0) if self.waits else free
+        error = ops.where(learns, setpoint.position - reading.position_load, 0.0)
+        behind = state.shifts[-1] if self.lead_samples else shift
+        window = (behind + self.learning_gain * error, *state.window[:-1])
+        filtered = prepared.taps[0] * window[n]
+        for i in range(1, n + 1):
+            filtered = filtered + prepared.taps[i] * (window[n - i] + window[n + i])
+        moved = setpoint._replace(
+            position=setpoint.position + shift, velocity=setpoint.velocity + (shift - state.shifts[0]) / T
+        )
+        wait = ops.maximum(state.wait - 1.0, 0.0) if self.waits else state.wait
+        return self.State((shift, *state.shifts[:-1]), window, state.past.push(filtered), wait), moved, 0.0
+
+
+def taps(weight: Number, count: int) -> tuple[Number, ...]:
+    """The kernel (weight, 1 - 2 weight, weight) convolved `count` times with itself, from the center outwards."""
+    middle = 1.0 - 2.0 * weight
+    found: list[Any] = [1.0]
+    for _ in range(count):
+        wide = [*found, 0.0, 0.0]
+        found = [
+            middle * wide[i] + weight * ((wide[1] if i == 0 else wide[i - 1]) + wide[i + 1])
+            for i in range(len(found) + 1)
+        ]
+    return tuple(found)

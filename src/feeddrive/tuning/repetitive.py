@@ -1,0 +1,102 @@
+"""The lead of a repetitive control, from the response of the loop to a shift of its set position."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from feeddrive.blocks.compensation.repetitive_control import RepetitiveControl, taps
+from feeddrive.language.errors import ParameterError, UnstableError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.linearize import linearize
+from feeddrive.loop.loop import Loop
+
+_LINES = 1500  # from a tenth of the period's frequency up to Nyquist
+_WHOLE = 1e-4  # of a period, by which it may miss whole samples
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RepetitiveDesign(Result):
+    """A repetitive control for a period, and how learning converges by lead.
+
+    factor     by which the worst frequency (Hz) is left from period to period
+    lead       samples; `factors` those of every lead from 0 on
+    """
+
+    block: RepetitiveControl
+    factor: float
+    frequency: float
+    factors: tuple[float, ...]
+
+    def table(self) -> Table:
+        """The chosen lead and its neighbors."""
+        rows = [[str(lead), f"{factor:.4g}", "chosen" if lead == self.block.lead_samples else ""]
+                for lead, factor in enumerate(self.factors)]  # fmt: skip
+        title = (
+            f"left from period to period, at worst {self.factor:.3g} at {self.frequency:.4g} Hz; below 1 it converges"
+        )
+        return Table(title, ["lead in samples", "left", ""], rows)
+
+
+def tune_repetitive(
+    loop: Loop,
+    period: float,
+    *,
+    passes: int = 32,
+    weight: float = 0.25,
+    learning_gain: float = 1.0,
+    most_shift: float = 1e-3,
+    most_lead: int = 40,
+    velocity: float = 0.05,
+) -> RepetitiveDesign:
+    """The repetitive control of a loop for a motion that repeats every `period` s, with the lead that learns quickest.
+
+        min over leads l of   max over f of   |q (1 - learning_gain T_r z^l)|
+
+    T_r is the response of the load to a shift of the set position, differenced into the set velocity, while the axis
+    moves with `velocity` (m/s).  A compensation of this kind in the loop is left out.  When not: with a `passes` that
+    is so small that q lets pass what is not known of the loop; 32 is -3 dB at 0.033 of the sample rate.
+    Raises ParameterError for a period that is no whole number of samples, UnstableError where no lead converges.
+    """
+    T = float(loop.sample_time)
+    count = round(period / T) if np.isfinite(period) and period > 0.0 else 0
+    if count < 1 or abs(count * T / period - 1.0) > _WHOLE:
+        raise ParameterError(
+            f"period = {period:g} s must be a whole number of samples of {T:g} s, to {_WHOLE:g}: the nearest is "
+            f"{max(count, 1) * T:.6g} s"
+        )
+    if most_lead < 0:
+        raise ParameterError(f"most_lead = {most_lead} must be >= 0 samples")
+    control = loop.control
+    others = tuple(each for each in control.compensation if not isinstance(each, RepetitiveControl))
+    bare = replace(loop, control=replace(control, compensation=others))
+    made = RepetitiveControl(
+        period_samples=count, passes=passes, weight=weight, learning_gain=learning_gain, most_shift=most_shift
+    )
+    f = np.geomspace(0.1 / period, 0.5 / T, _LINES)
+    z = np.exp(2j * np.pi * f * T)
+    Tr = shift_response(bare, f, velocity)
+    row = np.array(taps(weight, passes))
+    q = row[0] + 2.0 * np.cos(np.outer(2.0 * np.pi * f * T, np.arange(1, row.size))) @ row[1:]
+    leads = range(min(most_lead, count // 2 - passes) + 1)
+    left = [np.abs(q * (1.0 - learning_gain * Tr * z**lead)) for lead in leads]
+    factors = tuple(float(np.max(each)) for each in left)
+    lead = int(np.argmin(factors))
+    worst = float(f[int(np.argmax(left[lead]))])
+    if factors[lead] >= 1.0:
+        raise UnstableError(
+            f"no lead up to {leads[-1]} samples lets learning converge: at best {factors[lead]:.4g} of the worst "
+            f"frequency, {worst:.4g} Hz, is left from period to period; take more passes or a smaller learning_gain"
+        )
+    return RepetitiveDesign(replace(made, lead_samples=lead), factors[lead], worst, factors)
+
+
+def shift_response(loop: Loop, frequency: np.ndarray, velocity: float = 0.05) -> np.ndarray:
+    """T_r at frequencies in Hz: load over a shift of the set position, whose difference goes into the set velocity."""
+    T = float(loop.sample_time)
+    model = linearize(loop, ("set_position", "set_velocity"), ("position_load",), velocity=velocity)
+    by_position, by_velocity = (
+        model.response(frequency, "position_load", name).response for name in ("set_position", "set_velocity")
+    )
+    return by_position + (1.0 - np.exp(-2j * np.pi * frequency * T)) / T * by_velocity
