@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import math
 from dataclasses import replace
@@ -10,6 +11,8 @@ from pathlib import Path
 import pytest
 
 from feeddrive import cli
+from feeddrive.analysis.loop_model import loop_model
+from feeddrive.analysis.margins import margins
 from feeddrive.analysis.stability import stability
 from feeddrive.benchmark.designs import Design, Designs
 from feeddrive.benchmark.report import latex, markdown, summary, write_benchmark
@@ -17,10 +20,12 @@ from feeddrive.benchmark.retune import search, searched
 from feeddrive.benchmark.rules import folder, read_rules
 from feeddrive.benchmark.score import FIGURES, Benchmark, score
 from feeddrive.benchmark.work import ROBUST, Row, robust_peak, worst
+from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.comparison import tune_all
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.tuning.candidates import PLAIN
+from feeddrive.version import __version__
 from slow_share import all_but
 
 RULES = read_rules()
@@ -61,6 +66,12 @@ def test_the_plants_are_those_of_the_field() -> None:
     assert [place.name for place in RULES.plants["screw_long"].places][1:] == [
         "near the bearing, x = 0.4 m", "far from it, x = 2.7 m"
     ]  # fmt: skip
+
+
+def test_play_is_in_the_runs_and_not_in_the_model() -> None:
+    rack = RULES.plants["rack"]
+    assert [each.kind for each in rack.loop.axis.forces] == ["backlash"]
+    assert rack.model.axis.forces == ()
 
 
 def test_the_long_screw_is_as_soft_as_its_source_says() -> None:
@@ -116,6 +127,54 @@ def test_a_second_run_gives_the_same_bits_and_another_seed_others() -> None:
     rows = [each["rows"][0]["figures"] for each in (first, other)]
     assert rows[0]["sensitivity_peak"] == rows[1]["sensitivity_peak"]
     assert rows[0]["tracking_error_rms_m"] != rows[1]["tracking_error_rms_m"]
+
+
+@pytest.mark.slow(reason="two processes begin")
+def test_processes_give_the_same_bits() -> None:
+    plants = [RULES.plants[name] for name in (QUICK, "emps")]
+    alone, beside = (summary(score(RULES, plants, laws=["DADSC"], workers=workers)) for workers in (1, 2))
+    assert json.dumps(alone) == json.dumps(beside)
+
+
+@pytest.mark.slow(reason="a law of one's own is searched")
+def test_a_law_of_ones_own_is_searched_and_put_into_the_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """P-PI as somebody's own law comes to the same optimum as the stored design of P-PI."""
+    monkeypatch.chdir(tmp_path)
+    text = Path(inspect.getfile(CascadePPI)).read_text(encoding="utf-8")
+    own = text.replace("CascadePPI", "OwnCascade").replace('title = "P-PI"', 'title = "own P-PI"')
+    (tmp_path / "own_cascade.py").write_text(own, encoding="utf-8")
+    asked = ["--blocks", "own_cascade.py", "--law", "own P-PI", "--plant", QUICK, "--keep", "kept", "--out", "out"]
+    monkeypatch.setattr("sys.argv", ["feeddrive", "benchmark", *asked])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 0
+    rows = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))["rows"]
+    snaps = {each["law"]: each["figures"][SNAP.key] for each in rows}
+    assert snaps["own P-PI"] == pytest.approx(snaps[PLAIN], rel=0.01)
+    assert [path.name for path in (tmp_path / "kept" / QUICK).iterdir()] == ["own_p_pi.json"]
+    assert "own P-PI" in capsys.readouterr().out
+
+
+@pytest.mark.slow(reason="linear models of all stored designs at the positions of the long screw")
+def test_the_rule_is_kept_at_every_position() -> None:
+    plant = RULES.plants["screw_long"]
+    known = Designs(folder() / "designs", plant.name, RULES.version)
+    for each in searched(plant):
+        design = known.known(each.name)
+        if design is None or design.refused:
+            continue
+        for _, model in plant.loops(design.control(each)):
+            both = loop_model(model, velocity=RULES.rule(plant).velocity)
+            found = margins(both.loop_gain(both.lines(400)))
+            assert found.sensitivity_peak <= 2.0 * 1.001, each.name
+            assert (found.delay_margin_samples or math.inf) >= 2.0 * 0.999, each.name
+
+
+def test_the_citation_has_the_version_of_the_package() -> None:
+    said = (Path(__file__).parents[2] / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {__version__}\n" in said
 
 
 def test_the_table_is_there_for_papers(tmp_path: Path) -> None:

@@ -88,7 +88,8 @@ class Designs:
             said: dict[str, Any] = json.loads(read_whole(path, _LARGEST))
             said["tunables"] = {name: float.fromhex(value) for name, value in said["tunables"].items()}
             said.pop("values")
-            found = Design(**{**said, "held": tuple(said["held"])})
+            said["held"] = tuple(said["held"])
+            found = Design(**said)
         except (ValueError, KeyError, TypeError, AttributeError):
             raise FileError(f"{path}: is no design of the benchmark: remove it, and it is searched anew") from None
         return found if (found.plant, found.rules) == (self.plant, self.rules) else None

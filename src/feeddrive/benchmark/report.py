@@ -65,7 +65,7 @@ def build(found: Benchmark) -> str:
         ("Versions", ", ".join(f"{name} {value}" for name, value in found.versions.items())),
     ]
     parts = [
-        header("feeddrive benchmark", f"Control laws on {len(found.plants)} plants", [citation(found)], []),
+        header("feeddrive benchmark", f"Control laws on {_plants(found)}", [citation(found)], []),
         '<section id="scores"><h2>Scores</h2>',
         *(_shown(each) for each in (found.table(), *([found.recipe_table()] if found.recipes else []))),
         picture(drawn),
@@ -82,6 +82,10 @@ def build(found: Benchmark) -> str:
         "</section>",
     ]  # fmt: skip
     return page("Benchmark", parts)
+
+
+def _plants(found: Benchmark) -> str:
+    return f"{len(found.plants)} plant{'s' if len(found.plants) > 1 else ''}"
 
 
 def _shown(made: Table) -> str:

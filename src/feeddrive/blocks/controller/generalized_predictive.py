@@ -60,11 +60,11 @@ class GeneralizedPredictive(Law):
         shorter = min(max(round(_HORIZON * (axis.delay_samples + 1)), 12), 100)
         return tuple(
             Start(
-                f"{cls.title}, {horizon} samples",
+                f"{cls.title}, {what} horizon",
                 begun(cls, axis, omega_o=4.0 * axis.rate, horizon=horizon, encoder=axis.velocity_encoder),
-                axis.sentence(),
+                f"{horizon} samples ahead; {axis.sentence()}",
             )
-            for horizon in (shorter, 2 * shorter)
+            for what, horizon in (("short", shorter), ("long", 2 * shorter))
         )
 
     class Prepared(NamedTuple):
