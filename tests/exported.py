@@ -102,6 +102,9 @@ LOOPS: dict[str, fd.Loop] = {
         guard=fd.Guard(velocity_limit=2.0, checks_setpoint=False, holds=False, aligns=False, starts_moving=False),
     ),
     "cascade_ppi, plain": loop(ONE, fd.blocks.CascadePPI(Kv=80.0, Kp=4e4), force_limit=None, guard=fd.Guard()),
+    "cascade_ppi, reference model": loop(
+        ONE, dataclasses.replace(PPI, model_mass=MASS, model_samples=2), feedback_delay=2.5e-4
+    ),
     "cascade_ppi, slow position loop": loop(
         ONE, fd.blocks.CascadePPI(Kv=30.0, Kp=2e4, Tn=0.02, position_every=4, velocity_samples=3, viscous=200.0)
     ),

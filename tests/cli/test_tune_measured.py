@@ -173,7 +173,7 @@ def test_a_rule_of_the_trade_is_judged_like_a_search(tmp_path: Path) -> None:
     summary = json.loads((tmp_path / "robust" / "summary.json").read_text())
     assert summary["figures"]["new"]["model"]["gain may rise by"] >= 12.0
     assert set(summary["rules"]) == {
-        "symmetric-optimum", "kv-rule", "half-antiresonance", "margins-robust", "margins-dynamic",
+        "symmetric-optimum", "makers-rule", "kv-rule", "half-antiresonance", "margins-robust", "margins-dynamic",
     }  # fmt: skip
     # Ms 2.008 of the rule is over the limit: the report is written, the machine file is not
     said = command("tune", "ball_screw", "--recipe", "kv-rule", "--out", str(tmp_path / "kv"), code=1)

@@ -54,6 +54,7 @@ def rejection(observer: Any) -> Control:
 CONTROLS = {
     "cascade": Control(law=PPI),
     "cascade over 4": Control(law=replace(PPI, velocity_samples=4, position_every=4)),
+    "cascade, model": Control(law=replace(PPI, model_mass=MASS), feedforward=(Inertia(mass=MASS),)),
     "filters": Control(law=PPI, filters=FILTERS, feedforward=(Inertia(mass=MASS),)),
     "prefilter": Control(law=PPI, prefilter=TrajectoryPrefilter(theta2=1e-5)),
     "dadsc": Control(law=DADSC(mass=MASS, tracking_rate=300.0, reaching_rate=300.0, adaptation_rate=300.0)),

@@ -32,7 +32,7 @@ def rigid(viscous: float = 50.0) -> fd.Loop:
 
 def test_mass_and_lag_are_read_off() -> None:
     """Half a sample of the hold, one of computation, half of the difference: 0.2 ms; the mass within 1 %."""
-    found = symmetric_optimum(rigid())
+    found = symmetric_optimum(rigid(), a=2.0)
     assert found.mass == pytest.approx(100.0, rel=0.01)
     assert found.lag == pytest.approx(2e-4, rel=0.05)
     law = found.law

@@ -25,6 +25,10 @@ class Control(Block):
     Compensation moves the setpoint or adds a force; feedforward and compensation bypass the filters.  The force really
     commanded and the force wanted come back to law and compensation with the next reading, as `applied` and
     `requested`.
+
+    With `feedback_delay` the law sees the setpoint so much later than the feedforward, by Taylor to snap: the force of
+    the feedforward, which acts after the dead time, meets the set motion that it is for, and the feedback sees no
+    error.  The axis follows as much later: give all axes of a machine the same.
     """
 
     law: Law = part("the feedback law")
@@ -34,6 +38,12 @@ class Control(Block):
     )
     filters: tuple[Filter, ...] = part("filter pack on the feedback force", default=())
     feedforward: tuple[Feedforward, ...] = part("forces added behind the filters", default=())
+    feedback_delay: Number | None = parameter(
+        "s",
+        "time by which the law sees the setpoint later than the feedforward: the axis's dead time; absent: none",
+        above=0,
+        default=None,
+    )
     force_limit: Number | None = parameter("N", "largest commanded force; absent for no limit", above=0, default=None)
     guard: Guard | None = part("enable, trips and broken readings", default=None)
 
@@ -99,6 +109,11 @@ class Control(Block):
         """Nothing of the set motion may be fed forward twice; compensations suit the law."""
         for block in self.compensation:
             block.suits(self.law)
+        if self.feedback_delay is not None and self.law.feeds:
+            raise StructureError(
+                f"control.feedback_delay delays the set motion of {self.law.kind}, which feeds the "
+                f"{' and the '.join(self.law.feeds)} forward itself: leave it out, or take a law without feedforward"
+            )
         fed = dict.fromkeys(self.law.feeds, self.law.kind)
         for i, block in enumerate(self.feedforward):
             for name in (each for each in FEEDS if each in block.fed()):
@@ -241,9 +256,9 @@ class Control(Block):
             held, setpoint, force = block.step(made, held, setpoint, reading, T)
             compensation.append(held)
             added = force if i == 0 else added + force
-        target = setpoint
+        target = setpoint if self.feedback_delay is None else setpoint.shifted(-self.feedback_delay)
         if velocity is not None:
-            target = setpoint._replace(position=setpoint.position + velocity / self.law.position_gain())
+            target = target._replace(position=target.position + velocity / self.law.position_gain())
         law, feedback = _answered(self.law, memory.law, self.law.step(prepared.law, memory.law, target, reading, T))
         filters: list[Any] = []
         for filter_, made, held in zip(self.filters, prepared.filters, memory.filters, strict=True):

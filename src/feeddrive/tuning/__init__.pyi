@@ -19,6 +19,7 @@ from feeddrive.tuning.placement import placement as placement
 from feeddrive.tuning.recipes import Recipe as Recipe
 from feeddrive.tuning.recipes import half_antiresonance as half_antiresonance
 from feeddrive.tuning.recipes import kv_rule as kv_rule
+from feeddrive.tuning.recipes import makers_rule as makers_rule
 from feeddrive.tuning.recipes import margin_goals as margin_goals
 from feeddrive.tuning.recipes import symmetric_optimum as symmetric_optimum
 from feeddrive.tuning.repetitive import RepetitiveDesign as RepetitiveDesign

@@ -10,6 +10,7 @@ from feeddrive.blocks.families import Law
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import ops
 from feeddrive.language.block import Number, choice, parameter
+from feeddrive.language.errors import StructureError
 
 
 class CascadePPI(Law):
@@ -26,6 +27,15 @@ class CascadePPI(Law):
     from the last value to the new one, which it reaches one sample before the position loop runs again:
 
         command(k + i) = last + (i + 1)/n · (new - last),   i = 0 .. n-1,   new = Kv (x_set - x_load) + feedforward at k
+
+    With `model_mass` = m the integral compares the velocity with what a P velocity loop would make of a free mass m
+    with `model_samples` = d of dead time, so that it does not wind up while the axis follows as it should:
+
+        force = Kp e + (Kp/Tn) Σ T (v_m - v),   u(k) = Kp (command - v_m(k)),   command = e + v
+        v_m(k+1) = v_m(k) + T (u(k-d) + u(k-d-1))/2m
+
+    The velocity loop keeps its loop gain and loses its overshoot without the lag of a set filter.  Closing the position
+    loop then includes the model's lag, so look at Ms again.  At the force limit the model is faster than the axis.
 
     With `viscous` the law compensates the viscous friction of the guideway by the measured velocity; the paper's closed
     form (7) is exact only then.  An `Inertia` in the same control then feeds the acceleration forward and keeps its own
@@ -48,9 +58,23 @@ class CascadePPI(Law):
     viscous: Number | None = parameter(
         "N s/m", "viscous friction that is compensated by the measured velocity; absent for none", least=0, default=None
     )
+    model_mass: Number | None = parameter(
+        "kg", "mass of the reference model in the integral; absent for no model", above=0, default=None
+    )
+    model_samples: int = choice(
+        "dead time of the reference model in the integral, in samples", default=1, least=0, most=64
+    )
     velocity_samples: int = choice("samples over which the velocity is differenced", default=1, least=1, most=1000)
     velocity_encoder: str = choice("encoder of the velocity loop", options=("motor", "load"), default="motor")
     position_every: int = choice("the position loop runs every so many samples", default=1, least=1, most=1000)
+
+    def check(self) -> None:
+        """A reference model needs the integral that it is for."""
+        if self.model_mass is not None and self.Tn is None:
+            raise StructureError(
+                f"{self.kind}.model_mass is the mass of a reference model in the integral, and there is none without "
+                f"Tn: leave it out, or give Tn in s"
+            )
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
@@ -86,12 +110,22 @@ class CascadePPI(Law):
         last: Number
         new: Number
 
+    class Model(NamedTuple):
+        """Velocity of the reference model one sample before (m/s), and its past forces, newest first (N)."""
+
+        velocity: Number
+        forces: tuple[Number, ...]
+
     class State(NamedTuple):
-        """Past positions, newest first (m), the integral (N), and an interpolator if the position loop is slower."""
+        """Past positions, newest first (m), and the integral (N).
+
+        Also an interpolator if the position loop is slower, and the reference model of the integral if there is one.
+        """
 
         positions: tuple[Number, ...]
         integral: Number
         interpolator: tuple[Any, ...] = ()
+        model: tuple[Any, ...] = ()
 
     def period(self) -> int:
         """`position_every` samples."""
@@ -114,7 +148,8 @@ class CascadePPI(Law):
         interpolator = () if self.position_every == 1 else (self.Interpolator(zero, zero, zero),)
         passed = prepared.T * reading.velocity
         positions = (position, *(position - float(i) * passed for i in range(1, self.velocity_samples)))
-        return self.State(positions, reading.applied, interpolator)
+        model = () if self.model_mass is None else (self.Model(reading.velocity, (zero,) * (self.model_samples + 2)),)
+        return self.State(positions, reading.applied, interpolator, model)
 
     def _position(self, reading: Reading) -> Number:
         return reading.position_motor if self.velocity_encoder == "motor" else reading.position_load
@@ -130,14 +165,23 @@ class CascadePPI(Law):
         interpolator = state.interpolator
         if interpolator:
             interpolator, wanted = self._interpolated(interpolator[0], wanted)
-        e = wanted - velocity
+        e = missed = wanted - velocity
+        model = state.model
+        if model:
+            model, modelled = self._modelled(model[0], wanted, T)
+            missed = modelled - velocity
         positions = (position, *state.positions[:-1])
         force = self.Kp * e if self.viscous is None else self.Kp * e + self.viscous * velocity
         if self.Tn is None:
-            return self.State(positions, state.integral, interpolator), force
+            return self.State(positions, state.integral, interpolator, model), force
         integral = state.integral + (reading.applied - reading.requested)
-        integral = integral + (self.Kp * T / self.Tn) * e
-        return self.State(positions, integral, interpolator), force + integral
+        integral = integral + (self.Kp * T / self.Tn) * missed
+        return self.State(positions, integral, interpolator, model), force + integral
+
+    def _modelled(self, held: Model, wanted: Number, T: Number) -> tuple[tuple[Model, ...], Number]:
+        """The velocity that the P velocity loop of the reference model has now."""
+        velocity = held.velocity + (0.5 * T / self.model_mass) * (held.forces[-2] + held.forces[-1])
+        return (self.Model(velocity, (self.Kp * (wanted - velocity), *held.forces[:-1])),), velocity
 
     def _interpolated(self, held: Interpolator, wanted: Number) -> tuple[tuple[Interpolator, ...], Number]:
         """The velocity command of this sample, from the last and the new one of the position loop."""

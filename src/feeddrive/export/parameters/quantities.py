@@ -211,6 +211,8 @@ CONSEQUENCES: Mapping[str, str] = {
     "velocity_encoder": "the velocity loop closes on another encoder than it was designed with",
     "position_every": "the position loop runs at the target's own rate",
     "viscous": "the damping of the velocity loop grows by this number; following errors that the law took out remain",
+    "model": "the velocity overshoots where the reference model of the integral had kept it from that",
+    "feedback_delay": "the feedback sees following errors in acceleration that the dead time makes",
     "back_calculation": "behind a limit the integral recovers in another way: overshoot after saturation differs",
     "inertia": "following errors in acceleration grow",
     "viscous_feedforward": "following errors at speed grow until the integral has settled",
@@ -245,6 +247,10 @@ def items(cascade: Cascade) -> Iterator[Item]:
         yield Item("position_every", "control.law.position_every", str(law.position_every))
     if law.viscous:
         yield Item("viscous", "control.law.viscous", f"{law.viscous:g} N s/m")
+    if law.Tn is not None and law.model_mass is not None:
+        yield Item("model", "control.law.model_mass", f"{law.model_mass:g} kg")
+    if control.feedback_delay is not None:
+        yield Item("feedback_delay", "control.feedback_delay", f"{1e3 * control.feedback_delay:g} ms")
     if law.Tn is not None and control.force_limit is not None:
         yield Item("back_calculation", "control.law", "integral by back-calculation")
     if control.prefilter is not None:
