@@ -67,6 +67,7 @@ SUPER_TWISTING = fd.blocks.SuperTwisting(  # a narrow zone, which is left
     mass=MASS, viscous=VISCOUS, tracking_rate=120.0, zone_time=2e-3, disturbance_rate=2e3
 )
 GPC = fd.blocks.GeneralizedPredictive(mass=MASS, viscous=VISCOUS, omega_o=500.0, horizon=40, delay_samples=1)
+LQG_TWO = fd.blocks.LQG(model=MODEL, omega_c=100.0, omega_o=400.0, offset_rate=5.0, delay_samples=1)
 LINUXCNC_PID = fd.blocks.LinuxcncPid(
     position=fd.blocks.StockPid(Pgain=60.0, FF1=1.0, maxoutput=3000.0),
     velocity=fd.blocks.StockPid(Pgain=40.0, Igain=400.0, maxoutput=9000.0),
@@ -89,6 +90,8 @@ LAWS: dict[str, fd.Loop] = {
 LOOPS: dict[str, fd.Loop] = {
     **LAWS,
     "super_twisting": loop(ONE, SUPER_TWISTING),
+    "lqg": loop(ONE, fd.blocks.LQG(model=fd.blocks.Rigid(mass=MASS, viscous=VISCOUS), omega_c=80.0, omega_o=300.0)),
+    "lqg, two masses": loop(TWO, LQG_TWO),
     "generalized_predictive": loop(ONE, GPC),
     "generalized_predictive, three moves": loop(
         ONE, dataclasses.replace(GPC, moves=3, move_weight=1e-17, delay_samples=4, horizon=60)

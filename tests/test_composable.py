@@ -35,6 +35,7 @@ LAWS: dict[str, Law] = {
     "dadsc": fd.blocks.DADSC(
         mass=MASS, viscous=VISCOUS, tracking_rate=120.0, reaching_rate=120.0, adaptation_rate=60.0
     ),
+    "lqg": fd.blocks.LQG(model=MODEL, omega_c=120.0, omega_o=500.0, offset_rate=10.0, delay_samples=1),
     "generalized_predictive": fd.blocks.GeneralizedPredictive(
         mass=MASS, viscous=VISCOUS, omega_o=3000.0, horizon=60, encoder="motor"
     ),

@@ -8,6 +8,7 @@ from typing import Any
 from feeddrive import Axis, Control, Loop
 from feeddrive.blocks import (
     DADSC,
+    LQG,
     ActiveDisturbanceRejection,
     CascadePPI,
     DisturbanceRecovery,
@@ -60,6 +61,8 @@ CONTROLS = {
     "dadsc": Control(law=DADSC(mass=MASS, tracking_rate=300.0, reaching_rate=300.0, adaptation_rate=300.0)),
     "super-twisting": Control(law=SuperTwisting(mass=MASS, tracking_rate=200.0, zone_time=1e-3, disturbance_rate=5e4)),
     "predictive": Control(law=GeneralizedPredictive(mass=MASS, omega_o=2000.0, horizon=60)),
+    "lqg": Control(law=LQG(model=Rigid(mass=MASS), omega_c=100.0, omega_o=400.0)),
+    "lqg, two masses": Control(law=LQG(model=SCREW, omega_c=100.0, omega_o=400.0, offset_rate=5.0)),
     "adr": Control(law=ActiveDisturbanceRejection(mass=MASS, omega_c=50.0, observer=GPI)),
     "adr, recovery": Control(law=ActiveDisturbanceRejection(mass=MASS, omega_c=30.0, observer=RECOVERY)),
     "pole placement": Control(law=PolePlacement(model=SCREW, bandwidth=40.0)),
@@ -80,5 +83,5 @@ CONTROLS = {
 
 
 def loop_of(control: Control, **others: Any) -> Loop:
-    two = control.law.encoders == 2
+    two = control.law.positions() == 2
     return Loop(control=control, axis=Axis(plant=SCREW if two else Rigid(mass=MASS), **others), sample_time=T)

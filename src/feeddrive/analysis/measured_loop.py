@@ -145,7 +145,7 @@ def _responses(
         raise ParameterError(
             f"the law '{law.kind}' repeats itself only every {law.period()} samples: it has no response at the actuator"
         )
-    if one_encoder and law.encoders > 1:
+    if one_encoder and law.positions() > 1:
         raise ParameterError(f"the law '{law.kind}' needs two encoders: give the response of the motor's as `motor`")
     swings = 0.1 / T  # rad/s of an axis that only provides readings
     axis = Axis(plant=TwoMass(mass_motor=1.0, mass_load=1.0, stiffness=0.5 * swings * swings))

@@ -17,6 +17,7 @@ from feeddrive.blocks.controller.dadsc import DADSC as DADSC
 from feeddrive.blocks.controller.generalized_predictive import GeneralizedPredictive as GeneralizedPredictive
 from feeddrive.blocks.controller.linear_adrc import LinearADRC as LinearADRC
 from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid as LinuxcncPid
+from feeddrive.blocks.controller.lqg import LQG as LQG
 from feeddrive.blocks.controller.pole_placement import PolePlacement as PolePlacement
 from feeddrive.blocks.controller.stock_biquad import StockBiquad as StockBiquad
 from feeddrive.blocks.controller.stock_pid import StockPid as StockPid

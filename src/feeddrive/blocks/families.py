@@ -3,7 +3,7 @@
 A block is final: it implements the abstract methods and overrides no method with a body but the empty hooks `prepare`,
 `start` of forces and feedforward, `start` and `step` of couplings with `modes`, `springs`, `follows`, `listen` and
 `correct`, `retune`, `period`, `check`, `rules`, `sampled_rules`, `substep_rules`, `fed`, `lag`, `settled`, `suits`,
-`fits`, `begin`, `goes_beside`, `stretches`, `position_gain`, `carries` and `moved`.
+`fits`, `begin`, `goes_beside`, `stretches`, `position_gain`, `positions`, `carries` and `moved`.
 
     prepare(T)   numbers that depend on parameters only, computed once per run; returns a named tuple
     start(...)   the steady state of a block at rest
@@ -79,12 +79,11 @@ class Friction(Block, ABC):
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
     ) -> tuple[Any, Number, Any]:
-        """The force F, held over the substep, that is consistent with the velocity at its end (implicit step).
+        """The new state, the force F in N, and whether the body is stuck; F is held over the implicit step.
 
         step, velocity  s, length of the substep; m/s at its start
-        free_velocity   m/s at its end if F were 0; with it, v = free_velocity + mobility · F
+        free_velocity   m/s at its end if F were 0; with it, v = free_velocity + mobility · F, exactly 0 if it is stuck
         mobility        (m/s)/N, > 0
-        Returns the new state, F in N, and whether the body is stuck (its velocity is then exactly 0).
         """
 
     @abstractmethod
@@ -103,9 +102,8 @@ class Force(Block, ABC):
     def step(
         self, state: Any, plant: Plant, motion: Motion, drive: Number, time: Number, h: Number
     ) -> tuple[Any, Number, Number]:
-        """One substep of h seconds: the new state, and the force in N on the motor's and on the load's body.
-
-        `motion` is predicted for the middle of the substep, `time` is that instant; `drive` is the drive's mean force.
+        """One substep of h seconds: the new state, and the force in N on the motor's and on the load's body; `motion`
+        is predicted for the middle of the substep, `time` is that instant; `drive` is the drive's mean force.
         """
 
     def fits(self, plant: Plant, beside: tuple[Force, ...]) -> None:
@@ -155,7 +153,7 @@ class Law(Block, ABC):
 
     feeds    which parts of the set motion the law itself feeds forward (`FEEDS`): no other block may feed them too
     rejects  whether the law itself subtracts the estimate of an observer
-    encoders 2 if the law needs the motor's and the load's position as two measurements
+    encoders 2 if the law always needs the motor's and the load's position as two measurements
     tunables parameters to tune, in the order of hand tuning, without an observer's; empty: all > 0 that have no default
     title    its name in a comparison; empty: its kind
     """
@@ -169,16 +167,14 @@ class Law(Block, ABC):
     @classmethod
     def to_tune(cls) -> tuple[str, ...]:
         """`tunables`; of a law that names none its parameters > 0 without a default, but not its model of the axis."""
-        if cls.tunables:
-            return cls.tunables
-        bare = [spec.name for spec in dataclasses.fields(cls) if spec.default is dataclasses.MISSING]  # type: ignore[arg-type]
-        return tuple(name for name in bare if declarations(cls)[name].above == 0.0 and name not in ("mass", "viscous"))
+        found = ((spec, declarations(cls)[spec.name]) for spec in dataclasses.fields(cls))  # type: ignore[arg-type]
+        free = [spec.name for spec, each in found if spec.default is dataclasses.MISSING and each.above == 0.0]
+        return cls.tunables or tuple(name for name in free if name not in ("mass", "viscous"))
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Start values of a search on an axis whose control has the law `present`, for one form of the law or several.
-
-        By default by unit (`begun`); empty: no comparison.  Raises StructureError with why the law does not go (hook).
+        """Start values of a search on an axis whose control has the law `present`, for one form of the law or several,
+        by default by unit (`begun`); empty: no comparison.  Raises StructureError with why the law does not go (hook).
         """
         return (Start(cls.title or cls.kind.replace("_", " "), begun(cls, axis), axis.sentence()),)
 
@@ -205,6 +201,10 @@ class Law(Block, ABC):
     def position_gain(self) -> Any:
         """Velocity in 1/s that the law commands per position error; None if it commands none (empty hook)."""
         return None
+
+    def positions(self) -> int:
+        """How many positions the law needs as measurements of their own (empty hook)."""
+        return self.encoders
 
     def settled(self) -> Law:
         """The block without its internal limits, for linear models (empty hook)."""

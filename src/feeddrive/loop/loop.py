@@ -126,7 +126,7 @@ class Loop(Block):
 
     def check(self) -> None:
         """The law finds the encoders that it needs; the dead time can be simulated."""
-        if self.control.law.encoders > self.axis.encoders():
+        if self.control.law.positions() > self.axis.encoders():
             raise StructureError(
                 f"control.law: {self.control.law.kind} needs the position of the motor and that of the load, but the "
                 f"axis gives one for both: give it two encoders, or take a law with one, such as cascade_ppi"

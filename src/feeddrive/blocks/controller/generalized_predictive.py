@@ -92,10 +92,6 @@ class GeneralizedPredictive(Law):
                 f"{self.delay_samples + 2} samples after its reading, and {self.moves} moves need as many errors"
             )
 
-    def position_gain(self) -> None:
-        """None: the law commands no velocity."""
-        return
-
     def prepare(self, T: Number) -> Prepared:
         """The divisions, for all j at once: F_j is what is left of C after j steps, E_j and G_j grow by one each."""
         A, B = self._model(T)

@@ -1,0 +1,295 @@
+"""Linear-quadratic-Gaussian control of one or two masses with an estimated disturbance."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from feeddrive.blocks.axis_model import AxisModel, Start
+from feeddrive.blocks.controller.riccati import outer, steady
+from feeddrive.blocks.families import Law, Plant
+from feeddrive.blocks.plant.rigid import Rigid
+from feeddrive.blocks.plant.two_bodies import TwoBodies, series, two_bodies, two_mass_model
+from feeddrive.blocks.signals import Reading, Setpoint
+from feeddrive.language import matrix, ops
+from feeddrive.language.block import Number, choice, parameter, part
+from feeddrive.language.errors import StructureError
+from feeddrive.language.matrix import Matrix, Row
+
+_GIVE = 0.03  # offset_rate over the rate of the loop: slow enough to cost less than a tenth of the error
+_STRAY = 1e-3  # velocity noise of two masses, over omega_o² T: it keeps the filter from trusting the spring blindly
+
+
+class LQG(Law):
+    """State feedback of the least quadratic cost on a Kalman filter, with the disturbance as one more state.
+
+        predict   z⁻ = Φ z + Γ F(k-1-d),   z = (x, v, F̂),  F̂ walks at random         exact hold of `model`
+        correct   z  = z⁻ + L (y - C z⁻)
+        force     = F* - F̂ - K (x̂ - x*) - Σ Kᵢ (F(k-i) + F̂ - F*(k-i)),   i = 1 .. d = delay_samples
+        K         of the least Σ (m omega_c²)² e_load² + (F + F̂)²,   Kᵢ = K Φⁱ⁻¹ Γ and K <- K Φᵈ for the dead time
+        L         of the least error variance, in units of the reading's noise 1: F̂ moves by m omega_o³ T in a sample,
+                  the drive's force has a noise of recovery m omega_o²; with two masses both velocities one of
+                  0.001 omega_o² T
+
+    m is the whole mass.  x* and F* are the set motion: of one mass (x_r, v_r) and m a_r + b v_r in the middle of the
+    sample; of two masses the motor is ahead of the load by what the spring needs for that motion (`series` in
+    blocks/plant/two_bodies.py) and for F̂, which acts on the load.  F(k-i) is `applied`, so that nothing winds up.
+    Without `recovery` the poles are those of a pair at omega_c with a damping of 0.707 and of a Butterworth filter of
+    third order at omega_o.
+
+    Two readings and one disturbance: with a wrong spring, with friction at the motor or with encoders that are not
+    aligned a lasting error is left.  With `offset_rate` the motor's reading is shifted until the spring balances:
+
+        y1 = reading - offset,   offset <- offset + offset_rate T (y1 - y2 - lead(set motion) - (F - F*)/k)
+
+    Tune omega_c, omega_o and recovery, like two frequencies and a ratio; more recovery is more robust and noisier.
+    When to use: two encoders and an identified spring, where it halves the error of a P-PI cascade of the same Ms.
+    When not: with a spring that is not known; without recovery on a lightly damped plant.  Its margins are not
+    guaranteed, whatever its optimality: check each plant that it is to hold.
+    Source: Kalman 1960; Åström & Wittenmark 1997 (sampled, delay as states); Doyle & Stein 1979 (recovery); the offset
+    is this library's.
+    """
+
+    feeds = ("acceleration", "velocity")
+    rejects = True
+    tunables = ("omega_c", "omega_o", "recovery")
+    title = "LQG"
+
+    model: Plant = part("the axis as the law believes it to be: one mass, or two with the spring between them")
+    omega_c: Number = parameter("rad/s", "own frequency of the tracking error", above=0)
+    omega_o: Number = parameter("rad/s", "own frequency of the filter", above=0)
+    recovery: Number = parameter("", "noise of the drive's force in the filter's model", least=0, default=1.0)
+    offset_rate: Number | None = parameter(
+        "1/s",
+        "rate at which the motor's encoder of two masses gives in to the model; absent: never",
+        above=0,
+        default=None,
+    )
+    delay_samples: int = choice("samples of dead time until a command acts", default=0, least=0, most=64)
+    encoder: str = choice("encoder that one mass is read by", options=("load", "motor"), default="load")
+
+    @classmethod
+    def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
+        """Two masses with two encoders if the axis has them, else one."""
+        model: Plant = Rigid(mass=axis.mass, viscous=axis.viscous)
+        said = ""
+        if axis.encoders > 1:
+            try:
+                model, said = two_mass_model(axis.plant), "two masses and two encoders, "
+            except StructureError:
+                said = "one mass, since its plant has no spring between two masses, "
+        law = cls(
+            model=model, omega_c=axis.rate, omega_o=4.0 * axis.rate, delay_samples=axis.delay_samples,
+            encoder=axis.velocity_encoder, offset_rate=_GIVE * axis.rate if len(model.mechanics().mass) > 1 else None,
+        )  # fmt: skip
+        return (Start(cls.title, law, said + axis.sentence()),)
+
+    class Prepared(NamedTuple):
+        """Φ - 1, Γ of drive and load, L, K and Kᵢ in SI."""
+
+        change: Matrix  # of positions (m), then velocities (m/s)
+        drive: Row  # per N
+        load: Row
+        gain: Matrix  # of positions, velocities and force, a column for each reading
+        feedback: Row  # N/m, N s/m
+        pending: Row
+
+    class State(NamedTuple):
+        """Estimated positions (m), velocities (m/s) and disturbance (N), offset of the motor's encoder (m), commands
+        that have not acted yet and their parts for the set motion (N, newest first).
+        """
+
+        motion: tuple[Number, ...]
+        disturbance: Number
+        offset: Number
+        pending: tuple[Number, ...]
+        planned: tuple[Number, ...]
+
+    def check(self) -> None:
+        """The model is one mass or two."""
+        self._bodies()
+
+    def positions(self) -> int:
+        """As many as the model has masses."""
+        return 1 if self._bodies() is None else 2
+
+    def _bodies(self) -> TwoBodies | None:
+        """The matrices of two masses; None for one."""
+        return None if len(self.model.mechanics().mass) == 1 else two_bodies(self.kind, self.model)
+
+    def prepare(self, T: Number) -> Prepared:
+        """Both Riccati equations, with lengths 1, times 1/omega and forces m omega²: the gains depend on ωT alone."""
+        hold = self._hold(T)
+        n = len(hold)
+        feedback, pending = self._feedback(hold, T)
+        change, drive, load = _split(_in_units(hold, T, T * T / self.model.rigid_mass()), n)
+        return self.Prepared(change, drive, load, self._gain(hold, T), feedback, pending)
+
+    def _hold(self, T: Number) -> Matrix:
+        """[Φ - 1, Γ of the drive, Γ at the load] of the model, with velocities in 1/T and forces in m/T²."""
+        made, total = self.model.mechanics(), self.model.rigid_mass()
+        bodies = len(made.mass)
+        n = 2 * bodies
+        right = [
+            [
+                *(_times(k, -T * T) for k in made.stiffness[i]),
+                *(_times(c, -T) for c in made.damping[i]),
+                *(total if i == place else 0.0 for place in (0, bodies - 1)),
+            ]
+            for i in range(bodies)
+        ]
+        moves = [tuple(1.0 if j == bodies + i else 0.0 for j in range(n + 2)) for i in range(bodies)]
+        still = [(0.0,) * (n + 2)] * 2
+        return matrix.expm1([*moves, *matrix.solve(made.mass, right), *still])[:n]
+
+    def _feedback(self, hold: Matrix, T: Number) -> tuple[Row, Row]:
+        """K of positions and velocities (N/m, N s/m), and of the commands that have not acted yet."""
+        n = len(hold)
+        w = self.omega_c * T
+        change, drive, _ = _split(_in_units(hold, w, w * w), n)
+        transition = matrix.add(change, _one(n))
+        at_load = tuple(1.0 if i == n // 2 - 1 else 0.0 for i in range(n))
+        cost = steady(tuple(zip(*transition, strict=True)), outer(drive), outer(at_load))
+        pulled = matrix.multiply([drive], cost)
+        share = 1.0 + matrix.dot(pulled[0], drive)
+        row: Row = tuple(x / share for x in matrix.multiply(pulled, transition)[0])
+        pending = list[Any]()
+        for _ in range(self.delay_samples):
+            pending.append(matrix.dot(row, drive))
+            row = matrix.multiply([row], transition)[0]
+        slow = self.model.rigid_mass() * self.omega_c
+        return tuple(x * (slow * self.omega_c if i < n // 2 else slow) for i, x in enumerate(row)), tuple(pending)
+
+    def _gain(self, hold: Matrix, T: Number) -> Matrix:
+        """L: a row for each position (1), velocity (1/s) and the force (N/m), a column for each reading."""
+        n, w = len(hold), self.omega_o * T
+        bodies = n // 2
+        change, drive, load = _split(_in_units(hold, w, w * w), n)
+        transition = (*((*row, x) for row, x in zip(matrix.add(change, _one(n)), load, strict=True)), (*_NONE[:n], 1.0))
+        stray = (_STRAY * w) * (_STRAY * w)
+        walks = (*_NONE[:bodies], *((stray if bodies > 1 else 0.0,) * bodies), w * w)
+        added = matrix.add(_diagonal(walks), outer((*drive, 0.0), self.recovery * self.recovery))
+        variance = steady(transition, _diagonal((*((1.0,) * bodies), *_NONE[: bodies + 1])), added)
+        read = matrix.add([row[:bodies] for row in variance[:bodies]], _one(bodies))
+        found = zip(*matrix.solve(read, variance[:bodies]), strict=True)
+        pull = self.model.rigid_mass() * self.omega_o * self.omega_o
+        units = (*((1.0,) * bodies), *((self.omega_o,) * bodies), pull)
+        return tuple(matrix.scale(unit, [row])[0] for unit, row in zip(units, found, strict=True))
+
+    def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
+        """Moving evenly at the reading, with a disturbance that balances the force that acts, across the spring."""
+        bodies = self._bodies()
+        speed, steady_force = reading.velocity, self._dragged() * reading.velocity
+        disturbance = steady_force - reading.applied
+        late = self.delay_samples
+        offset, positions = ops.zero(reading.position_load), (self._position(reading),)
+        if bodies is not None:
+            positions = (reading.position_load + _stretch(bodies, speed, disturbance), reading.position_load)
+            offset = reading.position_motor - positions[0]
+        motion = (*positions, *((speed,) * len(positions)))
+        return self.State(motion, disturbance, offset, (reading.applied,) * late, (steady_force,) * (late + 1))
+
+    def _position(self, reading: Reading) -> Number:
+        return reading.position_motor if self.encoder == "motor" else reading.position_load
+
+    def _dragged(self) -> Number:
+        """N s/m of viscous friction of the whole model."""
+        damping = self.model.mechanics().damping
+        ones = (1.0,) * len(damping)
+        return matrix.dot([matrix.dot(row, ones) for row in damping], ones)
+
+    def step(
+        self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
+    ) -> tuple[State, Number]:
+        """Predict, correct, and the force."""
+        bodies = self._bodies()
+        commands = (reading.applied, *state.pending)
+        moved = [
+            x + (matrix.dot(row, state.motion) + drive * commands[self.delay_samples] + load * state.disturbance)
+            for x, row, drive, load in zip(state.motion, prepared.change, prepared.drive, prepared.load, strict=True)
+        ]
+        readings = (self._position(reading),)
+        if bodies is not None:
+            readings = (reading.position_motor - state.offset, reading.position_load)
+        missed = [y - x for y, x in zip(readings, moved, strict=False)]
+        *motion, disturbance = (
+            x + matrix.dot(row, missed) for x, row in zip((*moved, state.disturbance), prepared.gain, strict=True)
+        )
+        targets, planned = self._targets(bodies, setpoint, disturbance, T)
+        away = [x - target for x, target in zip(motion, targets, strict=True)]
+        force = planned - disturbance - matrix.dot(prepared.feedback, away)
+        for gain, command, plan in zip(prepared.pending, commands, state.planned, strict=False):
+            force = force - gain * (command + disturbance - plan)
+        late, offset = self.delay_samples, state.offset
+        if bodies is not None and self.offset_rate is not None:
+            pulled = (commands[late] - state.planned[late]) / bodies.k
+            stretch = readings[0] - readings[1] - series(bodies, setpoint).position
+            offset = offset + self.offset_rate * T * (stretch - pulled)
+        plans = (planned, *state.planned)[: late + 1]
+        return self.State(tuple(motion), disturbance, offset, commands[:late], plans), force
+
+    def retune(self, state: State, old: LQG, old_prepared: Prepared, prepared: Prepared) -> State:
+        """The force goes on: another friction is no disturbance, and another spring is stretched as it now must be."""
+        speed = state.motion[-1]
+        more = (self._dragged() - old._dragged()) * speed
+        after = state._replace(
+            disturbance=state.disturbance + more, planned=tuple(plan + more for plan in state.planned)
+        )
+        bodies, before = self._bodies(), old._bodies()
+        if bodies is None or before is None:
+            return after
+        longer = _stretch(bodies, speed, after.disturbance) - _stretch(before, speed, state.disturbance)
+        return after._replace(motion=(state.motion[0] + longer, *state.motion[1:]), offset=state.offset - longer)
+
+    def _targets(
+        self, bodies: TwoBodies | None, setpoint: Setpoint, disturbance: Number, T: Number
+    ) -> tuple[tuple[Number, ...], Number]:
+        """x* and F*: the set motion of each mass, and its force."""
+        middle = setpoint.shifted(0.5 * T)
+        if bodies is None:
+            force = self.model.rigid_mass() * middle.acceleration + self._dragged() * middle.velocity
+            return (setpoint.position, setpoint.velocity), force
+        now, ahead = series(bodies, setpoint), series(bodies, middle)
+        motor = setpoint.position + now.position - disturbance / bodies.k
+        targets = (motor, setpoint.position, setpoint.velocity + now.velocity, setpoint.velocity)
+        force = (
+            (bodies.m11 + bodies.m12) * (middle.acceleration + ahead.acceleration)
+            + (bodies.c11 + bodies.c12) * (middle.velocity + ahead.velocity)
+            + bodies.led * middle.acceleration
+            + bodies.dragged * middle.velocity
+        )
+        return targets, force
+
+
+_NONE = (0.0,) * 8
+
+
+def _stretch(bodies: TwoBodies, speed: Number, disturbance: Number) -> Number:
+    """m by which the motor is ahead of the load in an even motion against a force on the load."""
+    return (bodies.dragged * speed - disturbance) / bodies.k
+
+
+def _one(n: int) -> Matrix:
+    return _diagonal((1.0,) * n)
+
+
+def _diagonal(values: Row) -> Matrix:
+    return tuple(tuple(value if i == j else 0.0 for j in range(len(values))) for i, value in enumerate(values))
+
+
+def _times(x: Any, factor: Any) -> Any:
+    return 0.0 if matrix.is_zero(x) else factor * x
+
+
+def _in_units(hold: Matrix, velocity: Number, force: Number) -> Matrix:
+    """[Φ - 1, Γ, Γ] with other units of velocities and forces, in those that it has."""
+    n = len(hold)
+    columns = [1.0 if j < n // 2 else velocity if j < n else force for j in range(n + 2)]
+    return tuple(
+        tuple(_times(x, column if i < n // 2 else column / velocity) for x, column in zip(row, columns, strict=True))
+        for i, row in enumerate(hold)
+    )
+
+
+def _split(hold: Matrix, n: int) -> tuple[Matrix, Row, Row]:
+    """Φ - 1 and both Γ."""
+    return tuple(row[:n] for row in hold), tuple(row[n] for row in hold), tuple(row[n + 1] for row in hold)
