@@ -270,6 +270,9 @@ def test_what_cannot_be_certified_says_where_by_how_much_and_what_to_do() -> Non
     two_rates = replace(loop, control=replace(loop.control, law=replace(loop.control.law, position_every=16)))
     with pytest.raises(ParameterError, match=r"one disc for both encoders.*measured apart"):
         fd.certificate.certify_loop(two_rates, {"both": measured(loop, 0.0)})
+    repeats = fd.blocks.RepetitiveControl(period_samples=2000)
+    with pytest.raises(ParameterError, match=r"remembers 1968 numbers, and a certificate is about 60 at most"):
+        fd.certificate.certify_loop(replace(loop, control=replace(loop.control, compensation=(repeats,))))
     with pytest.raises(ParameterError, match="needs its sample_time"):
         fd.certificate.certify_loop(loop.control, {"x": loop})
     with pytest.raises(ParameterError, match=r"every 1 ms, not 0\.05 ms"):
@@ -376,3 +379,20 @@ def test_the_certificate_shows_itself() -> None:
     assert list(found.to_pandas().columns) == ["reserve", "frequency", "largest_pole"]
     assert any("saturation" in text for text in found.outside)
     assert any("friction" in text for text in found.outside)
+
+
+def test_laws_of_the_field_are_certified() -> None:
+    """A disturbance observer of two poles, linear ADRC, stops, and a repetitive control of a short period."""
+    loop, blocks = fd.read_machine("linear_motor").loop("x"), fd.blocks
+    observer = blocks.DisturbanceRecovery(mass=40.0, viscous=60.0, form="two_poles", frequency=200.0, delay_samples=2)
+    stops = blocks.FrictionStops(width=np.array([1e-6, 1e-5]), stiffness=np.array([1e7, 2e6]))
+    repeats = fd.tuning.tune_repetitive(loop, 14 * loop.sample_time, passes=3).block
+    rejection = blocks.DisturbanceRejection(observer=observer)
+    for change, states in (
+        ({"law": blocks.CascadePPI(Kv=300.0, Kp=12e3), "compensation": (rejection,)}, 8),
+        ({"law": blocks.LinearADRC(mass=40.0, omega_c=200.0, omega_o=1200.0, delay_samples=2), "feedforward": ()}, 7),
+        ({"feedforward": (stops,)}, 4),
+        ({"compensation": (repeats,)}, 21),
+    ):
+        found = fd.certificate.certify_loop(replace(loop, control=replace(loop.control, **change)), radius=0.05)
+        assert len(found.document["control"]["A"]) == states

@@ -9,7 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from feeddrive.blocks.plant.two_mass import TwoMass
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.ring import Ring
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.lifting import MOST, Lifted, lifted
@@ -18,6 +21,7 @@ from feeddrive.loop.loop import Loop
 
 READINGS = ("reading_motor", "reading_load")
 _COARSE = 0.01  # of a number: a loss by rounding that is worth a word
+_STATES = 60  # of a control, as the checker admits
 _KEPT = 2.0**-300, 2.0**300  # sizes that a certificate holds
 
 
@@ -62,7 +66,7 @@ def deployed(control: Control, sample_time: float, arithmetic: str = "float64", 
 
     The traced step is linearized, so that the matrices are those of the code that runs: a rounded filter coefficient
     moves the pole that the controller has.  Guard and force limit are left out.
-    Raises ParameterError for a law with more than 64 samples in a period.
+    Raises ParameterError for a law with more than 64 samples in a period, and for a control of more than 60 states.
     """
     law = control.law
     if law.period() > MOST:
@@ -73,6 +77,8 @@ def deployed(control: Control, sample_time: float, arithmetic: str = "float64", 
     swings = 0.1 / sample_time  # rad/s of an axis that only provides readings
     axis = Axis(plant=TwoMass(mass_motor=1.0, mass_load=1.0, stiffness=0.5 * swings * swings))
     bare = replace(control, guard=None, force_limit=None)
+    memory = bare.start(bare.prepare(sample_time), Setpoint(0.0), 0.0, 0.0).memory
+    _check_size(sum(each.length for _, each in tree.leaves(memory) if isinstance(each, Ring)))
     numbers: dict[str, float] = {}
     coarse: dict[str, float] = {}
 
@@ -99,6 +105,7 @@ def deployed(control: Control, sample_time: float, arithmetic: str = "float64", 
     used = [i for i in (1, 2) if any(np.any(each.B[own, i]) or np.any(each.D[:, i]) for each in samples)]
     if not used:
         raise ParameterError(f"the law '{law.kind}' does not use any reading: there is no loop to certify")
+    _check_size(len(own))
     states = tuple(samples[0].states[i].removeprefix("control.") for i in own)
     models = tuple(
         StateSpace(
@@ -113,6 +120,14 @@ def deployed(control: Control, sample_time: float, arithmetic: str = "float64", 
         raise ParameterError(f"the control holds the coefficient {wrong[0]:g}, too large or too small to certify")
     model = models[0] if len(models) == 1 else Lifted(models)
     return Deployed(model, arithmetic, {k: v for k, v in numbers.items() if _fits(v)}, coarse)
+
+
+def _check_size(states: int) -> None:
+    if states > _STATES:
+        raise ParameterError(
+            f"the control remembers {states} numbers, and a certificate is about {_STATES} at most: certify it without "
+            f"the block that keeps so many samples, such as repetitive control"
+        )
 
 
 def _fits(value: float) -> bool:
