@@ -17,6 +17,7 @@ from feeddrive.loop.lifting import MOST
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.tuning.candidates import Candidate
+from feeddrive.tuning.stops import learn_stops
 from feeddrive.tuning.trajectory_prefilter import tune_prefilter
 from feeddrive.tuning.trials import iterate_trials
 from feeddrive.tuning.tuned import Tuned
@@ -75,6 +76,8 @@ def alike(candidate: Candidate, law: Law, duty: Duty, seed: int) -> Loop:
     loop = replace(candidate.loop, control=replace(candidate.loop.control, law=law))
     if candidate.then == "trials":
         return iterate_trials(loop, duty.move, _TRIALS, seed=seed).loop
+    if candidate.then == "stops":
+        return learn_stops(loop, seed=seed)[0]
     if candidate.then == "prefilter":
         fitted = tune_prefilter(loop, duty.move, seed=seed)[-1].prefilter
         return replace(loop, control=replace(loop.control, prefilter=fitted))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from feeddrive.blocks.feedforward.friction_stops import FrictionStops
-from feeddrive.identification.estimate import TABLE, Estimate, estimates_table
+from feeddrive.identification.estimate import SHAFT, Estimate, estimates_table
 from feeddrive.identification.motion.motion_log import MotionLog, Preparation, prepare
 from feeddrive.identification.regression import errors, ols_covariance, robust_covariance
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
@@ -124,8 +124,8 @@ def learned_stops(
 
 
 def _check(log: MotionLog, widths: Sequence[float], mass: float | None, bells: int) -> None:
-    if log.frame is not TABLE:
-        raise ParameterError(f"{log.name}: stops are learned at a table, in m and N, not at a {log.frame.name}")
+    if log.frame is SHAFT:
+        raise ParameterError(f"{log.name}: stops are learned where they are fed forward, at a table, not at a shaft")
     if len(widths) < 2 or not all(np.isfinite(each) and each > 0.0 for each in widths):
         raise ParameterError(f"widths = {list(widths)} m must be two or more lengths > 0")
     if mass is not None and not (np.isfinite(mass) and mass >= 0.0):

@@ -24,6 +24,7 @@ from feeddrive.tuning.recipes import margin_goals as margin_goals
 from feeddrive.tuning.recipes import symmetric_optimum as symmetric_optimum
 from feeddrive.tuning.repetitive import RepetitiveDesign as RepetitiveDesign
 from feeddrive.tuning.repetitive import tune_repetitive as tune_repetitive
+from feeddrive.tuning.stops import learn_stops as learn_stops
 from feeddrive.tuning.trajectory_prefilter import PrefilterFit as PrefilterFit
 from feeddrive.tuning.trajectory_prefilter import fit_prefilter as fit_prefilter
 from feeddrive.tuning.trajectory_prefilter import fit_prefilter_to_log as fit_prefilter_to_log

@@ -16,6 +16,7 @@ from feeddrive.blocks.compensation.mode_compensation import ModeCompensation
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.families import Compensation, Feedforward, Law, Prefilter
 from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
+from feeddrive.blocks.feedforward.friction_stops import FrictionStops
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.language import matrix, tree
 from feeddrive.language.errors import FeeddriveError, ParameterError
@@ -32,8 +33,8 @@ class Candidate:
     """A control that can be tuned for an axis.
 
     like       the candidate whose tuning it takes over, if it differs in the setpoint's path only
-    then       what follows once the law is tuned: its "prefilter" is fitted to the move, or its compensator learns in
-               "trials" of it
+    then       what follows once the law is tuned: its "prefilter" is fitted to the move, its compensator learns in
+               "trials" of it, or its "stops" are learned from a log of slow swings
     remark     the model of the axis used for it, and the changes to today's control
     """
 
@@ -164,6 +165,10 @@ def _beside(
             made = block.begin(axis)
             kept = [each for each in (_without(old, {*made.fed()}) for old in control.feedforward) if each is not None]
             loop = replace(base.loop, control=replace(control, feedforward=(*kept, made)))
+            if isinstance(made, FrictionStops):
+                said = "stops learned from 4 s of slow swings with its own gains"
+                yield replace(base, name=name, loop=loop, like=base.name, then="stops", remark=said)
+                return
             shown = ", ".join(f"{key.replace('_', ' ')} {value:.4g}" for key, value in tree.leaves(made))
             said = f"feedforward of the axis's own: {shown} (SI)"
             yield replace(base, name=name, loop=loop, like=base.name, remark=said)

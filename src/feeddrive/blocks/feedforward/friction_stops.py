@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from feeddrive.blocks.families import Feedforward
+from feeddrive.blocks.axis_model import AxisModel
+from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.blocks.families import Feedforward, Law
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import ops
 from feeddrive.language.block import Number, parameter, table
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.errors import ParameterError, StructureError
 
+_CREEP = 1e-4  # m/s
 _WIDTHS = 3.0  # of a bell, beyond which nothing was learned
 
 
@@ -36,6 +39,19 @@ class FrictionStops(Feedforward):
     """
 
     feeds = ("friction",)
+    title = "learned stops"
+
+    @classmethod
+    def goes_beside(cls, law: type[Law]) -> bool:
+        """With the cascade, whose errors at reversals it takes; they are learned from a log of that loop."""
+        return issubclass(law, CascadePPI)
+
+    @classmethod
+    def begin(cls, axis: AxisModel) -> FrictionStops:
+        """Stops that bear nothing, to be learned.  Refused where the axis has no dry friction."""
+        if abs(axis.dry_friction(_CREEP)) + abs(axis.dry_friction(-_CREEP)) == 0.0:
+            raise StructureError("the axis has no dry friction to be fed forward: leave the stops out")
+        return cls(width=(1e-6, 1e-5), stiffness=(0.0, 0.0))
 
     width: Any = table("m", "δ: travel from the middle of a stop to its end", above=0)
     stiffness: Any = table("N/m", "k of each stop", least=0)

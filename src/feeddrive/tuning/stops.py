@@ -1,0 +1,61 @@
+"""Stops as friction feedforward, learned from slow swings of the loop itself."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from feeddrive.blocks.reference.recorded import Recorded
+from feeddrive.identification.friction_stops import LearnedStops, learned_stops
+from feeddrive.identification.motion.motion_log import HOLD, MotionLog, Preparation
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.simulate import simulate
+
+_SWINGS = ((5e-3, 0.5), (3e-4, 2.3), (2e-5, 7.0))  # m (rad of an axis that turns) and Hz
+_DURATION = 4.0  # s
+
+
+def learn_stops(loop: Loop, *, seed: int = 0) -> tuple[Loop, LearnedStops]:
+    """The loop with the stops that a simulated log of it shows, in place of its other friction feedforward.
+
+    The axis swings for 4 s by 1 mm at 0.5 Hz, with smaller and faster swings on top, in the middle of its travel; its
+    mass is told, viscous friction and offset are found with the stops and left to the other blocks.  `seed` is that of
+    the encoders' noise.  Raises NotIdentifiableError where the log does not show friction.
+    """
+    T = float(loop.sample_time)
+    control = loop.control
+    others = tuple(each for each in control.feedforward if "friction" not in each.fed())
+    bare = replace(loop, control=replace(control, feedforward=others))
+    run = simulate(bare, _swings(_center(loop), T), seed=seed, record=["reading_load", "force"], name="swings")
+    log = MotionLog(
+        name=loop.name, position=run["reading_load"], force=run["force"], sample_time=T, rotary=loop.axis.rotary,
+        turning=loop.axis.rotary,
+    )  # fmt: skip
+    how = Preparation(
+        cutoff=200.0, decimation=max(1, round(1e-3 / T)), delay=HOLD + float(loop.axis.actuator.delay()) / T,
+        reversals=True,
+    )  # fmt: skip
+    found = learned_stops(log, mass=float(loop.axis.plant.rigid_mass()), how=how)
+    return replace(bare, control=replace(bare.control, feedforward=(*others, found.stops))), found
+
+
+def _center(loop: Loop) -> float:
+    """The middle of the travel, or 0 without limits."""
+    guard = loop.control.guard
+    ends = () if guard is None else tuple(x for x in (guard.travel_least, guard.travel_most) if x is not None)
+    return 0.5 * (ends[0] + ends[1]) if len(ends) == 2 else 0.0
+
+
+def _swings(center: float, T: float) -> Recorded:
+    """The sum of the swings with its derivatives."""
+    t = np.arange(round(_DURATION / T)) * T
+    rows = [np.zeros(t.size) for _ in range(5)]
+    for amplitude, frequency in _SWINGS:
+        omega = 2.0 * math.pi * frequency
+        for order, row in enumerate(rows):
+            row += amplitude * omega**order * np.sin(omega * t + 0.5 * math.pi * order)
+    rows[0] += center
+    names = ("position", "velocity", "acceleration", "jerk", "snap")
+    return Recorded(**dict(zip(names, rows, strict=True)), sample_time=T)
