@@ -130,7 +130,7 @@ def test_a_cluster_with_another_version_is_named(
     mortal: DaskCluster, undisturbed: tuple[Study, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("feeddrive.study.cluster.__version__", "0.0.9")
-    said = rf"worker tcp://\S+ of the cluster at {mortal.address} has feeddrive {__version__}, and this is 0\.0\.9"
+    said = rf"the scheduler at {mortal.address} has feeddrive {__version__}, and this is 0\.0\.9"
     with pytest.raises(ParameterError, match=said):
         sweep(undisturbed[0], tmp_path / "out", scheduler=mortal.address)
     assert not (tmp_path / "out").exists()
@@ -246,6 +246,48 @@ def test_ctrl_c_cancels_what_is_handed_out(cluster: DaskCluster, long: tuple[Pat
         until(lambda: not any(looking.processing().values()))
     kept = rows(out)
     assert kept.items() <= rows(wanted).items()
+
+
+def with_own_figure(folder: Path, body: str, patch: pytest.MonkeyPatch) -> Study:
+    """A study that measures a figure of a module in the folder; two chunks."""
+    name = f"figure_{folder.name}"
+    (folder / f"{name}.py").write_text(
+        f"import os\nfrom feeddrive.study import Figure\ndef of(statistics): {body}\n"
+        "own = Figure('own_N', 'N', 'a figure', 'statistics', of, signals=('force',))\n"
+    )
+    patch.syspath_prepend(folder)
+    return read_study(study_of(folder, 8, 4, "own_N"), allow=[name])
+
+
+@pytest.mark.slow(reason=REASON)
+def test_a_worker_with_another_version_is_named(undisturbed: tuple[Study, Path], tmp_path: Path) -> None:
+    other = tmp_path / "other"  # a folder in which nobody is started: Python looks there first
+    (other / "feeddrive").mkdir(parents=True)
+    (other / "feeddrive" / "__init__.py").touch()
+    (other / "feeddrive" / "version.py").write_text("__version__ = '0.0.9'")
+    with dask_cluster(tmp_path, 0) as own:
+        own.start_workers(1, environment={"PYTHONPATH": str(other)})
+        with pytest.raises(ParameterError, match=r"worker tcp://\S+ .*has feeddrive 0\.0\.9, and this is"):
+            sweep(undisturbed[0], tmp_path / "out", scheduler=own.address)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_module_that_the_workers_lack_is_named(
+    mortal: DaskCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = with_own_figure(tmp_path, "return statistics.rms('force')", monkeypatch)
+    with pytest.raises(WorkerError, match=r"chunk \d .*No module named 'figure_.*install on the workers"):
+        sweep(study, tmp_path / "out", scheduler=mortal.address)
+
+
+@pytest.mark.slow(reason=REASON)
+def test_a_chunk_that_ends_every_worker_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    study = with_own_figure(tmp_path, "os._exit(1)", monkeypatch)
+    monkeypatch.setenv("DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES", "0")  # 3 without it, and 16 workers to wait for
+    with dask_cluster(tmp_path, 0) as own:
+        own.start_workers(2, environment={"PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])})
+        with pytest.raises(WorkerError, match=r"chunk [01] \(variants \d to \d\) was given up 4 times"):
+            sweep(study, tmp_path / "out", scheduler=own.address)
 
 
 @pytest.mark.slow(reason=REASON)

@@ -11,7 +11,9 @@ handed out again a few times; then the chunk is named.
 from __future__ import annotations
 
 import asyncio
+import logging
 import math
+import pickle
 import pkgutil
 import secrets
 import time
@@ -73,6 +75,7 @@ class _Sweep:
 
     def finished(self, numbers: Iterator[int]) -> Generator[tuple[int, pyarrow.Table]]:
         """Number and rows of each chunk."""
+        import pyarrow as arrow
         from distributed import as_completed
 
         done = as_completed(loop=self._client.loop, with_results=True, raise_errors=False)
@@ -83,12 +86,12 @@ class _Sweep:
                 if not self._handed:
                     return
                 self._wait(done)
-                for future, rows in done.next_batch(block=False):
+                for future, found in done.next_batch(block=False):
                     number = self._handed.pop(future)
-                    if future.status == "finished":
-                        yield number, rows
+                    if isinstance(found, arrow.Table):
+                        yield number, found
                     else:
-                        self._explain(number, future, rows)
+                        self._explain(number, found)
                         done.add(self._hand_out(number))
         finally:
             self._client.cancel([*self._sent, *self._handed])
@@ -104,7 +107,7 @@ class _Sweep:
         """The study as a task of its own, so that the scheduler computes it again where its worker is killed."""
         if not self._sent or self._sent[-1].status not in ("pending", "finished"):
             key = f"feeddrive_study-{self._run}-{len(self._sent)}"
-            self._sent.append(self._client.submit(_opened, self._study, key=key, pure=False))
+            self._sent.append(self._client.submit(_opened, pickle.dumps(self._study), key=key, pure=False))
         return self._sent[-1]
 
     def _window(self) -> int:
@@ -136,19 +139,23 @@ class _Sweep:
                 raise self._lost()
             self._window()
 
-    def _explain(self, number: int, future: Any, found: Any) -> None:
-        """Why a chunk has no rows. Returns if it is to be handed out again."""
+    def _explain(self, number: int, found: Any) -> None:
+        """Raise why a chunk has no rows; returns where it is to be handed out again.
+
+        found  type, error and traceback of a task that failed, or the error with which its rows were lost
+        """
         from distributed import KilledWorker
 
         if self._client.status != "running":
             raise self._lost()
         rows = self._study.range(number)
         which = f"chunk {number} (variants {rows.start} to {rows.stop - 1})"
-        error = found[1] if isinstance(found, tuple) else found
-        if future.status == "error" and not isinstance(error, KilledWorker):
-            if isinstance(error, FeeddriveError):
-                raise error
-            raise WorkerError(f"{which} could not be computed on the cluster: {type(error).__name__}: {error}")
+        error = found[1] if isinstance(found, tuple) else None
+        if isinstance(error, FeeddriveError):
+            raise error
+        if error is not None and not isinstance(error, KilledWorker):
+            advice = "; install on the workers what the study needs" if isinstance(error, ImportError) else ""
+            raise WorkerError(f"{which} could not be computed on the cluster: {type(error).__name__}: {error}{advice}")
         self._losses[number] = self._losses.get(number, 0) + 1
         if self._losses[number] > _LOSSES:
             raise WorkerError(
@@ -177,12 +184,16 @@ def _client(address: str, timeout: float, progress: Progress) -> Generator[Any]:
             f"no Dask scheduler answers at '{address}' ({reason}): start one (dask scheduler), or check the address; "
             "it is what the scheduler printed, as tcp://10.0.0.5:8786"
         ) from None
+    log = logging.getLogger("distributed.client")
+    level = log.level
+    log.setLevel(logging.CRITICAL)  # what it would say beside the progress is said by errors
     try:
         if "dashboard" in client.scheduler_info().get("services", {}):
             progress.remark(f"Dashboard of the cluster: {client.dashboard_link}")
         yield client
     finally:
         client.close(timeout=timeout)
+        log.setLevel(level)
 
 
 async def _answer(address: str) -> None:
@@ -194,21 +205,29 @@ async def _answer(address: str) -> None:
 
 
 def _refuse_other_versions(client: Any, address: str) -> None:
-    """Raise ParameterError if a worker has another version of feeddrive, or none; later ones say it for themselves."""
-    # by a function of Python's own: what is of feeddrive may not be there
-    found = client.run(pkgutil.resolve_name, "feeddrive.version:__version__", on_error="return")
-    for worker, version in sorted(found.items()):
+    """Raise ParameterError where scheduler or a worker has another version of feeddrive, or none.
+
+    Workers that come later say it for themselves.  The scheduler needs it, since Dask reads there what it hands on.
+    """
+    asked = pkgutil.resolve_name, "feeddrive.version:__version__"  # Python's own: what is of feeddrive may not be there
+    try:
+        found = {f"the scheduler at {address}": client.run_on_scheduler(*asked)}
+    except ImportError as error:
+        found = {f"the scheduler at {address}": error}
+    workers = client.run(*asked, on_error="return")
+    found |= {f"worker {name} of the cluster at {address}": version for name, version in sorted(workers.items())}
+    for who, version in found.items():
         if version != __version__:
             has = f"has feeddrive {version}" if isinstance(version, str) else f"cannot import feeddrive ({version})"
             raise ParameterError(
-                f"worker {worker} of the cluster at {address} {has}, and this is {__version__}: rows of two versions "
-                f"may differ; run  pip install 'feeddrive[cluster]=={__version__}'  there, and start the worker again"
+                f"{who} {has}, and this is {__version__}: rows of two versions may differ; run  pip install "
+                f"'feeddrive[cluster]=={__version__}'  there, and start it again"
             )
 
 
-def _opened(study: Study) -> Study:
-    """The study on a worker; runs there."""
-    return study
+def _opened(content: bytes) -> Study:
+    """The study on a worker; runs there. As bytes, so that the scheduler needs no modules of one's own."""
+    return pickle.loads(content)
 
 
 def _chunk(study: Study, number: int, version: str) -> pyarrow.Table:
