@@ -6,6 +6,7 @@ from feeddrive.analysis.contour_control import contour_gain as contour_gain
 from feeddrive.analysis.contour_control import contour_gains as contour_gains
 from feeddrive.analysis.contour_control import matched_dynamics as matched_dynamics
 from feeddrive.analysis.conversion import as_frf as as_frf
+from feeddrive.analysis.coprime_margin import coprime_margin as coprime_margin
 from feeddrive.analysis.friction_map import FrictionMap as FrictionMap
 from feeddrive.analysis.friction_map import friction_map as friction_map
 from feeddrive.analysis.margin_intervals import MarginIntervals as MarginIntervals

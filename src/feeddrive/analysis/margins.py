@@ -150,6 +150,18 @@ class Margins(Result):
         return None if T is None or self.delay_margin is None else self.delay_margin / T
 
     @cached_property
+    def small_gain_delay(self) -> float | None:
+        """The largest extra dead time τ with |T| |e^(-jωτ) - 1| <= 1 on all lines, s: at most the delay margin.
+
+        T = L/(1 + L).  None if |T| is nowhere above ½, where no dead time breaks the bound.
+        """
+        size = np.abs(self.loop_gain.response / (1.0 + self.loop_gain.response))
+        high = size > 0.5
+        if not np.any(high):
+            return None
+        return float(np.min(np.arcsin(0.5 / size[high]) / (np.pi * self.loop_gain.frequency[high])))
+
+    @cached_property
     def sensitivity_peak(self) -> float:
         """Ms = max |1/(1 + L)| = 1/modulus_margin; infinite if L goes through -1."""
         return 1.0 / self.modulus_margin if self.modulus_margin > 0.0 else float("inf")

@@ -15,7 +15,7 @@ from feeddrive.tuning.control_response import ControlResponse, Response
 from feeddrive.tuning.limits import Bound, Limits, bounds_of, notches_stay_notches
 from feeddrive.tuning.operating_point import OperatingPoint
 
-GOALS = ("rope-snap", "stiffness", "least-stiffness", "bandwidth")
+GOALS = ("rope-snap", "stiffness", "least-stiffness", "integral-gain", "bandwidth")
 _BESIDE = 0.02  # weight of the logarithm of the rope-snap error, added to another goal
 
 
@@ -165,8 +165,9 @@ class Criteria:
                 return snap
             case "stiffness":
                 own = _mean_square(each.compliance, each.compliance_slope, _band_weights(f, inside))
-            case "least-stiffness":
-                size = np.where(inside, np.abs(each.compliance), 0.0)
+            case "least-stiffness" | "integral-gain":
+                weight = 1.0 if self.goal == "least-stiffness" else 1.0 / (2.0 * np.pi * f)
+                size = np.where(inside, weight * np.abs(each.compliance), 0.0)
                 k = int(np.argmax(size))
                 slope = (each.compliance_slope[k] / each.compliance[k]).real
                 own = float(np.log(size[k])), slope, np.outer(slope, slope)

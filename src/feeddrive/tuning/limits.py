@@ -28,6 +28,8 @@ class Limits:
     gain_margin_dB         the gain may rise by at least so much
     phase_margin_deg       at every gain crossover, by its size
     delay_margin_samples   extra dead time that reaches -1
+    small_gain_samples     extra dead time in samples that the small-gain theorem admits, |T| |e^(-jωτ) - 1| <= 1:
+                           a delay margin as an H-infinity bound, on every line and not at the crossovers alone
     compliance_peak        m/N: largest compliance of the closed loop over all frequencies
     force_noise            N RMS in the command, from errors of the readings: reading_noise, white, m RMS
     snap_force             N: a step of this force on the table must not drive the command to its limit, in the run of
@@ -42,6 +44,7 @@ class Limits:
     force_noise: float | None = None
     reading_noise: tuple[float, float] = (0.0, 0.0)
     snap_force: float | None = None
+    small_gain_samples: float | None = None
 
     def __post_init__(self) -> None:
         least = {"sensitivity_peak": 1.0}
@@ -80,6 +83,8 @@ class Limits:
                 return replace(self, phase_margin_deg=(self.phase_margin_deg or 0.0) / factor)
             case "delay margin":
                 return replace(self, delay_margin_samples=(self.delay_margin_samples or 0.0) / factor)
+            case "small-gain delay":
+                return replace(self, small_gain_samples=(self.small_gain_samples or 0.0) / factor)
             case "peak compliance":
                 return replace(self, compliance_peak=factor * (self.compliance_peak or 0.0))
             case "force noise":
@@ -94,6 +99,7 @@ class Limits:
             "gain margin": (self.gain_margin_dB, "gain margin >= {:.4g} dB"),
             "phase margin": (self.phase_margin_deg, "phase margin >= {:.4g} deg"),
             "delay margin": (self.delay_margin_samples, "delay margin >= {:.4g} samples"),
+            "small-gain delay": (self.small_gain_samples, "small-gain delay >= {:.4g} samples"),
             "peak compliance": (None if self.compliance_peak is None else 1e6 * self.compliance_peak,
                                 "peak compliance <= {:.4g} um/N"),
             "force noise": (self.force_noise, "force noise <= {:.4g} N RMS at " + self._readings()),
@@ -132,6 +138,7 @@ def judged(
         ("gain margin", m.gain_increase_dB, limits.gain_margin_dB, "dB", True),
         ("phase margin", m.phase_margin_deg, limits.phase_margin_deg, "deg", True),
         ("delay margin", m.delay_margin_samples, limits.delay_margin_samples, "samples", True),
+        ("small-gain delay", _in_samples(m), limits.small_gain_samples, "samples", True),
         ("peak compliance", compliance_peak, limits.compliance_peak, "m/N", False),
         ("force noise", force_noise, limits.force_noise, "N RMS", False),
     )
@@ -145,6 +152,11 @@ def judged(
             value, unit = 1e6 * value, "um/N"
         out.append(Judged(kind, value, unit, keeps))
     return tuple(out)
+
+
+def _in_samples(margins: Margins) -> float | None:
+    T = margins.loop_gain.sample_time
+    return None if T is None or margins.small_gain_delay is None else margins.small_gain_delay / T
 
 
 NOTCH = "notch"  # the bound that prevents a notch from amplifying
@@ -177,6 +189,15 @@ def bounds_of(i: int, each: Answer, limits: Limits) -> list[Bound]:
         for k in _near(slack, dL):
             slope = (dL[k] / (1.0 + L[k])).real
             found.append(Bound("Ms", i, float(f[k]), float(slack[k]), slope, float(spread[k] / away[k]), ("Ms", i, k)))
+    if limits.small_gain_samples is not None:
+        late = np.pi * f * limits.small_gain_samples * each.point.sample_time
+        with np.errstate(divide="ignore"):
+            slack = np.log(np.abs((1.0 + L) / L) / (2.0 * np.sin(np.minimum(late, 0.5 * np.pi))))
+        slack = _at_vertex(np.log(f), slack)
+        for k in _near(slack, dL):
+            slope = -(dL[k] / (L[k] * (1.0 + L[k]))).real
+            deviation = float(spread[k] / np.abs(L[k] * (1.0 + L[k])))
+            found.append(Bound("small-gain delay", i, float(f[k]), float(slack[k]), slope, deviation, ("sg", i, k)))
     if limits.compliance_peak is not None:
         size = np.abs(each.compliance)
         slack = _at_vertex(np.log(f), np.log(limits.compliance_peak / size))

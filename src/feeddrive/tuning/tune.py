@@ -48,7 +48,8 @@ def tune_control(
         minimize  max over points of the goal   over ln(tunables)   subject to   slack_i >= k σ_i  for all limits i
 
     goal        rope-snap: ISE^½ = [∫ |y|²/ω² dω/π]^½;  stiffness: the mean of |y|² over ln f in the band;
-                least-stiffness: max |y| in the band;  bandwidth: 1/(frequency at which |1/(1 + L)| rises to -3 dB);
+                least-stiffness: max |y| in the band;  integral-gain: max |y|/ω;
+                bandwidth: 1/(frequency at which |1/(1 + L)| rises to -3 dB);
                 y is the compliance of the closed loop
     control     the start of the search; of a loop its control is taken, and its axis if no point is given
     points       axes at several positions and loads: `measured_point`, or loops, whose axis is taken

@@ -222,6 +222,7 @@ _WHAT = {
     "rope-snap": "rope-snap error",
     "stiffness": "dynamic stiffness",
     "least-stiffness": "least stiffness",
+    "integral-gain": "integral gain",
     "bandwidth": "bandwidth",
 }
 
@@ -234,6 +235,7 @@ def aim(found: Tuned) -> str:
         "rope-snap": f"least rope-snap error{drive}",
         "stiffness": f"greatest dynamic stiffness{drive}{band}",
         "least-stiffness": f"greatest least stiffness{drive}{band}",
+        "integral-gain": f"greatest integral gain{drive}{band}",
         "bandwidth": "greatest bandwidth",
     }[found.goal]
 
@@ -354,6 +356,8 @@ def _goal(each: Figures, goal: str, band: tuple[float, float]) -> float:
             return mean_compliance(f, each.compliance.response, band)
         case "least-stiffness":
             return float(np.max(size[inside]))
+        case "integral-gain":
+            return float(np.max((size / (2.0 * np.pi * f))[inside]))
         case _:
             return 1.0 / each.bandwidth if each.bandwidth else np.inf
 

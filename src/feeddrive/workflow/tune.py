@@ -45,6 +45,9 @@ class TuneRequest(Request):
     gain_margin: float | None = option("least gain margin", unit="dB", above=0.0, default=None)
     phase_margin: float | None = option("least phase margin", unit="deg", above=0.0, below=180.0, default=None)
     delay_margin: float | None = option("least delay margin in samples", above=0.0, default=None)
+    small_gain_delay: float | None = option(
+        "least dead time in samples that the small-gain theorem admits", above=0.0, default=None
+    )
     max_compliance: float | None = option("largest compliance", unit="m/N", entered="um/N", above=0.0, default=None)
     max_noise: float | None = option("largest noise in the force, RMS", unit="N", above=0.0, default=None)
     reading_noise: float = option("noise of the readings, RMS, white", default=0.0, unit="m", entered="nm", least=0.0)
@@ -94,6 +97,7 @@ class TuneRequest(Request):
             sensitivity_peak=self.max_ms, gain_margin_dB=self.gain_margin, phase_margin_deg=self.phase_margin,
             delay_margin_samples=self.delay_margin, compliance_peak=self.max_compliance, force_noise=self.max_noise,
             reading_noise=(self.reading_noise, self.reading_noise), snap_force=self.step_force,
+            small_gain_samples=self.small_gain_delay,
         )  # fmt: skip
 
     def usual_out(self) -> Path:
