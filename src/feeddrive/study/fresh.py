@@ -48,7 +48,7 @@ class Share:
 
     def __str__(self) -> str:
         low, high = self.interval
-        return f"{100.0 * self.value:.4g} % ({100.0 * low:.3g} .. {100.0 * high:.3g} %)"
+        return f"{100.0 * self.value:.3g} % ({100.0 * low:.3g} .. {100.0 * high:.3g} %)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +57,7 @@ class Measured:
 
     values: dict[str, np.ndarray]
     bounds: tuple[Bound, ...]
+    figures: tuple[Figure, ...]
 
     @property
     def count(self) -> int:
@@ -100,7 +101,7 @@ def measured(
         name: np.concatenate([parts[i].column(name).to_numpy() for i in range(fresh.chunks)]).astype(np.float64)
         for name in wanted
     }
-    return Measured(columns, tuple(bounds))
+    return Measured(columns, tuple(bounds), tuple(wanted.values()))
 
 
 # figure of a study, field of the tuner's limits, whether the figure's least is bounded, from one to the other
@@ -139,3 +140,10 @@ def bounds_of(study: Study, limits: Limits) -> tuple[Bound, ...]:
         end = 1.0 / value if field == "compliance_peak" else value
         found[name] = Bound(figure(name), end if least else None, None if least else end)
     return tuple(found.values())
+
+
+def is_limit(bound: Bound) -> bool:
+    """Whether a bound is one that the tuner keeps."""
+    return any(
+        bound.figure.name == name and (bound.least if least else bound.most) is not None for name, _, least in _SAME
+    )

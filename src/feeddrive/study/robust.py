@@ -5,7 +5,7 @@
 over hundreds of sampled machines would be a problem of ten thousand bounds, of which some ten are active.  So the tuner
 works on few machines.  After each tuning all others are judged under the new control, and the worst of them join,
 until none is worse than those that the tuner had: then the control is the best for all sampled ones, as far as the
-tuner's searches are settled.  Slopes are those of the traced law.
+tuner's independent searches, made at the end, are settled.  Slopes are those of the traced law.
 
 For a share q < 1 the worst (1 - q) n machines under the present control are left out of it.  Which ones these are
 follows from the control, so that this is a descent to a local optimum, and the best control of all rounds is taken.
@@ -17,26 +17,28 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.progress import Progress
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Result, Table, picture_of, shown
 from feeddrive.loop.control import Control
 from feeddrive.study.figures import figure
-from feeddrive.study.fresh import Measured, bounds_of, limits_of, measured
-from feeddrive.study.scenarios import Merits, Scenarios, scenarios
+from feeddrive.study.fresh import Measured, bounds_of, is_limit, limits_of, measured
+from feeddrive.study.scenarios import Merits, scenarios
 from feeddrive.study.specification import Bound
 from feeddrive.study.study import StudyLike, read_study
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.tune import tune_control
 from feeddrive.tuning.tuned import Tuned
 
-_ROUNDS = 12
+_ROUNDS = 16
 _JOIN = 3  # machines that join at once
 _SAME = 5e-3  # of the goal's logarithm: a machine that is worse by less need not join
-_SNAP = "rope_snap_ISE_root_m_per_N"
+SNAP = "rope_snap_ISE_root_m_per_N"  # measured of every fresh machine
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -97,17 +99,27 @@ class Robust(Result):
             for bound in self.after.bounds
         ]
         for share in (0.05, 0.5, 0.95):
-            cells = [1e9 * each.quantile(_SNAP, share) for each in (self.before, self.after)]
+            cells = [1e9 * each.quantile(SNAP, share) for each in (self.before, self.after)]
             head = f"rope-snap error, {100.0 * share:g} % quantile, nm s^1/2/N"
             rows.append([head, *(f"{each:.4g}" for each in cells)])
         title = f"{self.after.count} fresh machines: share within bounds (95 % interval)"
         return Table(title, ["", "today", "new"], rows)
 
 
+@picture_of.register
+def _picture(result: Robust) -> Any:
+    """The fresh machines under both controls."""
+    from feeddrive.study.robust_picture import shares
+
+    return shares(result.before, result.after)
+
+
 def said(bound: Bound) -> str:
-    """A bound in words: `sensitivity_peak <= 2`."""
-    ends = [f"{sign} {value:.4g}" for sign, value in ((">=", bound.least), ("<=", bound.most)) if value is not None]
-    return f"{bound.figure.name} {' and '.join(ends)}"
+    """A bound in words: `following_error_peak_m <= 30 um`."""
+    unit, factor = ("N/um", 1e-6) if bound.figure.unit == "N/m" else shown(bound.figure.unit)
+    ends = (("and >=", bound.least), ("and <=", bound.most))
+    text = " ".join(f"{sign} {factor * value:.4g} {unit}".rstrip() for sign, value in ends if value is not None)
+    return f"{bound.figure.name} {text.removeprefix('and ')}"
 
 
 def tune_robust(
@@ -139,81 +151,118 @@ def tune_robust(
     All else as in `tune_control`.  Raises UnstableError if no control keeps the limits on all machines that must be
     kept, with their numbers; ParameterError for a study that varies the control or a coupled axis.
     """
-    study, progress = read_study(study), progress or Progress()
-    if not 0.5 <= share <= 1.0:
-        raise ParameterError(f"share = {share:g} must be >= 0.5 and <= 1: the part of the machines that count")
-    today = next(study.bases()).loop.control
-    limits = limits_of(study, limits or Limits())
-    sample = scenarios(study, samples or min(study.count, 1000), progress)
-    search = _Search(sample, today, goal, limits, filters, band, share, starts, seed, progress)
-    tuned, unsettled = search.run(today if control is None else control)
-    bounds, count = bounds_of(study, limits), fresh or max(200, len(sample.points))
-    before, after = (
-        measured(study, each, bounds, (figure(_SNAP),), count, workers, progress) for each in (today, tuned.control)
-    )
-    return Robust(
-        tuned, share, tuple(search.rounds), search.judged(today), search.judged(tuned.control), before, after,
-        sample.bad, unsettled,
+    tuner = RobustTuner(
+        study, goal=goal, limits=limits, filters=filters, band=band, share=share, samples=samples, fresh=fresh,
+        starts=starts, seed=seed, workers=workers, progress=progress,
     )  # fmt: skip
+    return tuner.tuned(tuner.loop.control if control is None else control)
 
 
-class _Search:
-    """Rounds of the tuner on the machines that decide."""
+class RobustTuner:
+    """The machines of a study, drawn once, for the tuning of one control after another; arguments as `tune_robust`."""
 
     def __init__(
-        self, sample: Scenarios, today: Control, goal: str, limits: Limits, filters: str, band: tuple[float, float],
-        share: float, starts: int, seed: int, progress: Progress,
+        self, study: StudyLike, *, goal: str = "rope-snap", limits: Limits | None = None, filters: str = "free",
+        band: tuple[float, float] = (0.0, math.inf), share: float = 1.0, samples: int | None = None,
+        fresh: int | None = None, starts: int = 2, seed: int = 0, workers: int | None = None,
+        progress: Progress | None = None,
     ) -> None:  # fmt: skip
-        self.sample, self.today, self.goal, self.limits, self.filters = sample, today, goal, limits, filters
-        self.band, self.starts, self.seed, self.progress = band, starts, seed, progress
-        self.kept = math.ceil(share * len(sample.points) - 1e-9)
-        self.rounds: list[tuple[int, int]] = []
+        if not 0.5 <= share <= 1.0:
+            raise ParameterError(f"share = {share:g} must be >= 0.5 and <= 1: the part of the machines that count")
+        self.study, self.progress, self.workers = read_study(study), progress or Progress(), workers
+        self.loop = next(self.study.bases()).loop
+        self.limits = limits_of(self.study, limits or Limits())
+        self.goal, self.filters, self.band, self.share = goal, filters, band, share
+        self.starts, self.seed = starts, seed
+        self.sample = scenarios(self.study, samples or min(self.study.count, 1000), self.progress)
+        self.fresh = fresh or max(200, len(self.sample.points))
+
+    def tuned(self, control: Control) -> Robust:
+        """The best control from a start. Raises UnstableError as `tune_robust`."""
+        search = _Search(self)
+        tuned, unsettled = search.run(control)
+        return Robust(
+            tuned, self.share, tuple(search.rounds), self.seen_today, self.judged(tuned.control), self.before,
+            self._measured(tuned.control), self.sample.bad, unsettled,
+        )  # fmt: skip
+
+    @property
+    def kept_bounds(self) -> tuple[Bound, ...]:
+        """What the tuner keeps, as bounds of figures."""
+        return tuple(each for each in bounds_of(self.study, self.limits) if is_limit(each))
 
     def judged(self, control: Control) -> Merits:
         """A control on all sampled machines."""
         self.progress.step(f"{len(self.sample.points)} machines under the control")
         return self.sample.merits(control, self.goal, self.limits, self.band)
 
+    @cached_property
+    def seen_today(self) -> Merits:
+        """The sampled machines under today's control."""
+        return self.judged(self.loop.control)
+
+    @cached_property
+    def before(self) -> Measured:
+        """Fresh machines under today's control."""
+        return self._measured(self.loop.control)
+
+    def _measured(self, control: Control) -> Measured:
+        self.progress.step("machines that the tuner never saw")
+        bounds = bounds_of(self.study, self.limits)
+        return measured(self.study, control, bounds, (figure(SNAP),), self.fresh, self.workers, self.progress)
+
+
+class _Search:
+    """Rounds of the tuner on the machines that decide."""
+
+    def __init__(self, tuner: RobustTuner) -> None:
+        self.tuner = tuner
+        self.kept = math.ceil(tuner.share * len(tuner.sample.points) - 1e-9)
+        self.rounds: list[tuple[int, int]] = []
+
     def run(self, control: Control) -> tuple[Tuned, str]:
-        """The best control of all rounds, and why it may not be the best there is."""
-        severity = self.judged(control).severity
-        order = np.argsort(severity, kind="stable")
-        active = [int(order[self.kept - 1]), int(order[self.kept // 2])]
+        """The best control of all rounds, and why it may not be the best there is.
+
+        Rounds descend from the control of the round before; once no machine joins, independent searches on the same
+        machines confirm it or find a better one, with which the rounds go on.
+        """
+        order = np.argsort(self.tuner.judged(control).severity, kind="stable")
+        active = sorted({int(order[self.kept - 1]), int(order[self.kept // 2])})
         best: tuple[float, Tuned] | None = None
+        thorough = False
         for _ in range(_ROUNDS):
-            active = sorted(set(active))
-            tuned = self._tuned(control, active)
-            merits = self.judged(tuned.control)
+            tuned = self._tuned(control, active, self.tuner.starts if thorough else 1)
+            merits = self.tuner.judged(tuned.control)
             severity = merits.severity
             self.rounds.append((len(active), int(np.sum(merits.kept))))
-            order = np.argsort(severity, kind="stable")
-            counted = [int(i) for i in order[: self.kept]]
+            counted = [int(i) for i in np.argsort(severity, kind="stable")[: self.kept]]
             worst = float(severity[counted[-1]])
-            if best is None or worst < best[0]:
+            if best is None or worst < best[0] or (thorough and worst < best[0] + _SAME):
                 best = worst, tuned
-            level = max((float(severity[i]) for i in active if i in set(counted)), default=-math.inf)
+            staying = [i for i in active if i in set(counted)]
+            level = max((float(severity[i]) for i in staying), default=-math.inf)
             joining = [i for i in reversed(counted) if i not in active and severity[i] > level + _SAME][:_JOIN]
-            if not joining:
+            if not joining and thorough:
                 return best[1], tuned.unsettled
-            active = [i for i in active if i in set(counted)] + joining
-            control = tuned.control
+            thorough = not joining
+            active, control = sorted(staying + joining), tuned.control
         assert best is not None
         return best[1], f"after {_ROUNDS} rounds machines still join that are worse than those the tuner had"
 
-    def _tuned(self, control: Control, active: list[int]) -> Tuned:
+    def _tuned(self, control: Control, active: list[int], starts: int) -> Tuned:
         """The tuner on some machines; notches are placed in the first round alone."""
-        filters = "free" if self.rounds and self.filters == "placed" else self.filters
-        self.progress.step(f"round {len(self.rounds) + 1}: {len(active)} machines decide")
-        points = [self.sample.points[i] for i in active]
+        of = self.tuner
+        filters = "free" if self.rounds and of.filters == "placed" else of.filters
+        of.progress.step(f"round {len(self.rounds) + 1}: {len(active)} machines decide")
+        points = [of.sample.points[i] for i in active]
         try:
             return tune_control(
-                control, points, goal=self.goal, limits=self.limits, filters=filters, band=self.band,
-                starts=self.starts, seed=self.seed, velocity=self.sample.velocity, today=self.today,
-                progress=self.progress,
+                control, points, goal=of.goal, limits=of.limits, filters=filters, band=of.band, starts=starts,
+                seed=of.seed, velocity=of.sample.velocity, today=of.loop.control, progress=of.progress,
             )  # fmt: skip
         except UnstableError as error:
             named = ", ".join(point.name for point in points)
             raise UnstableError(
-                f"no control keeps {self.limits.sentence()} on {named} together: {error}. Take a smaller share of the "
+                f"no control keeps {of.limits.sentence()} on {named} together: {error}. Take a smaller share of the "
                 "machines, wider limits, or closer tolerances"
             ) from None

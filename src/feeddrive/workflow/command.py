@@ -253,6 +253,7 @@ COMMANDS: dict[str, Listed] = {
         (
             "ball_screw --goal stiffness",
             "response/frf.csv --law cascade_ppi --sample-time 1e-3",
+            "--study ball_screw_series --out robust",
         ),
     ),
     "compare": Listed(

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from feeddrive.certificate.certificate import Certificate
 from feeddrive.files.machine import MachineLike, read_machine
@@ -14,6 +15,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
+from feeddrive.study.study import StudyLike, read_study
 from feeddrive.tuning.candidates import control_with
 from feeddrive.tuning.criteria import GOALS
 from feeddrive.tuning.limits import Limits
@@ -28,6 +30,12 @@ from feeddrive.workflow.request import OUT, Request, argument, called, frequenci
 from feeddrive.workflow.tune_files import Story, machine_text, tables, write_tuned
 from feeddrive.workflow.tune_sources import Measurement, loop_or_response, machine_of, point_of, several
 
+# what a study does not have: its machines are models, and its job says which axis
+_ALONE = {
+    "recipe": None, "baseline": None, "axis": None, "at": (), "motor": (), "disturbance": None,
+    "disturbance_motor": None, "unit": None, "sample_time": None, "delay": 0.0, "confidence": 0.95,
+}  # fmt: skip
+
 
 class TuneRequest(Request):
     """An axis or its measured response, what is made best, and the limits that are kept.
@@ -35,11 +43,11 @@ class TuneRequest(Request):
     Limits are in SI here: compliance in m/N, noise of the readings in m; the command line takes um/N and nm.
     """
 
-    source: MachineLike | Loop | FRF | OperatingPoint = argument(
-        "A machine file (TOML), the name of a bundled machine, or a measured response in m/N"
+    source: MachineLike | Loop | FRF | OperatingPoint | None = argument(
+        "A machine file (TOML), the name of a bundled machine, or a measured response in m/N", default=None
     )
     goal: str = option("what is made best", default="rope-snap", options=GOALS)
-    law: str | None = option("another law, as pole_placement", default=None)
+    law: str | None = option("another law, as pole_placement; with --study also every", default=None)
     recipe: str | None = option("a tuning rule instead of a search", options=tuple(RECIPES), default=None)
     max_ms: float = option("largest sensitivity peak Ms", default=2.0, above=1.0)
     gain_margin: float | None = option("least gain margin", unit="dB", above=0.0, default=None)
@@ -82,10 +90,26 @@ class TuneRequest(Request):
     confidence: float = option("probability that all limits hold on the true axis", default=0.95)
     starts: int = option("searches; the best end counts", default=2, least=1, most=20)
     seed: int = option("of the searches after the first", default=0)
+    study: StudyLike | None = option(
+        "a study file or the name of a bundled one, in place of a machine: one control for all its machines",
+        default=None,
+    )
+    share: float = option("of the study's machines, for which limits and goal count", default=1.0, least=0.5, most=1.0)
+    samples: int | None = option("machines of the study that the tuner may see", default=None, least=1, most=5000)
+    fresh: int | None = option("further machines on which the result is proven", default=None, least=16, most=1_000_000)
+    allow: tuple[str, ...] = option(
+        "A module with figures of your own for the study, whose code is then run; may be repeated", default=()
+    )
     out: Path | None = option(OUT, short="-o", default=None)
 
     def check(self) -> None:
         """Raise ParameterError for options that do not fit each other."""
+        if (self.source is None) == (self.study is None):
+            raise ParameterError("give either a machine or a response, or --study with a study of many machines")
+        beside = [name for name, default in _ALONE.items() if getattr(self, name) != default]
+        if self.study is not None and beside:
+            flag = beside[0].replace("_", "-")
+            raise ParameterError(f"--{flag} belongs to one machine or response, and not to --study")
         if self.recipe is not None and self.law not in (None, "cascade_ppi"):
             raise ParameterError(f"--recipe gives a cascade_ppi, not --law {self.law}: leave one of them out")
         if self.max_noise is not None and self.reading_noise == 0.0:
@@ -102,16 +126,20 @@ class TuneRequest(Request):
 
     def usual_out(self) -> Path:
         """By the name of what it is about."""
-        return Path("results") / f"tune_{stem(self.source)}"
+        return Path("results") / f"tune_{stem(self.study if self.source is None else self.source)}"
 
 
 @command(TuneRequest)
-def tune(request: TuneRequest, progress: Progress) -> Outcome[Tuned]:
+def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
     """Tune gains and filters of an axis within limits; machine file, certificate and report on request.
+
+    The result is a `Tuned`, of a study a `Robust`.
 
     The failure of the outcome says that the tuning does not hold what it should; no machine file is written then.
     """
     progress.step("reading")
+    if request.study is not None:
+        return _of_study(request, progress)
     found, story, text, name, certificate = _tuned(request, progress)
     files: dict[str, Path] = {}
     if request.out is not None:
@@ -137,6 +165,25 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Tuned]:
     )  # fmt: skip
 
 
+def _of_study(request: TuneRequest, progress: Progress) -> Outcome[Any]:
+    """One control for the machines of a study."""
+    from feeddrive.study.robust import RobustTuner  # sweeps, which a tuning of one axis does not need
+    from feeddrive.workflow.tune_study import tuned_study
+
+    assert request.study is not None
+    tuner = RobustTuner(
+        read_study(request.study, request.allow), goal=request.goal, limits=request.limits(), filters=request.filters,
+        band=_band(request), share=request.share, samples=request.samples, fresh=request.fresh, starts=request.starts,
+        seed=request.seed, progress=progress,
+    )  # fmt: skip
+    again = {"Study": called(request.study), "Again": request.command_line("tune"), "In Python": request.python("tune")}
+    return tuned_study(tuner, request.law, request.out, again)
+
+
+def _band(request: TuneRequest) -> tuple[float, float]:
+    return (0.0, math.inf) if request.band is None else frequencies(request.band)
+
+
 def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str | None, str, Certificate | None]:
     machine = machine_of(request.source)
     base = machine if request.baseline is None else read_machine(request.baseline)
@@ -151,7 +198,7 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
     name = axis_name(loop, request.axis)
     points, remarks = _points(request, loop, progress)
     control, begun = _control(request, loop, points)
-    band = (0.0, math.inf) if request.band is None else frequencies(request.band)
+    band = _band(request)
     today = None if loop is None else loop.control
     if request.recipe is not None:
         made = RECIPES[request.recipe](points[0], control)

@@ -1,0 +1,244 @@
+"""`feeddrive tune --study`: one control for the machines of a study, law by law, proven on fresh machines; its report.
+
+report.html    what came out, the spread of figures over fresh machines, the machines that decide
+summary.json   the same as numbers
+machine.toml   the study's machine file with the new control, if it holds and is better
+control.toml   the new control alone
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from feeddrive.files.atomic_io import new_directory
+from feeddrive.files.blocks_to_toml import to_toml
+from feeddrive.files.run_files import summary_text
+from feeddrive.language.errors import FeeddriveError, UnstableError, sentence
+from feeddrive.language.table import Table
+from feeddrive.loop.control import Control
+from feeddrive.report.page import Shown, definitions, header, page, picture, table
+from feeddrive.study.fresh import Measured
+from feeddrive.study.robust import SNAP, Robust, RobustTuner, said
+from feeddrive.tuning.candidates import candidates, control_with
+from feeddrive.tuning.tunables import law_tunables
+from feeddrive.workflow.command import Outcome
+from feeddrive.workflow.tune_files import Story, machine_text, summary, tables
+
+EVERY = "every"  # in place of a law: all that can be tuned on the axis
+
+
+@dataclass(frozen=True, eq=False)
+class Laws:
+    """Laws tuned on the same machines, by name, the best first; and why others were not.
+
+    The best is good on the most fresh machines; of several alike it has the least rope-snap error on 95 % of them.
+    """
+
+    found: Mapping[str, Robust]
+    refused: Mapping[str, str]
+
+    @property
+    def best(self) -> Robust:
+        """The first."""
+        return next(iter(self.found.values()))
+
+    def table(self) -> Table:
+        """A row a law, today's control last."""
+        rows = [[name, *_cells(each.after), "no" if each.unsettled else "yes"] for name, each in self.found.items()]
+        heads = ["law", "yield and its 95 % interval", "snap nm s^1/2/N, median", "95 % quantile", "settled"]
+        count = self.best.after.count
+        return Table(
+            f"{count} fresh machines under each law", heads, [*rows, ["today", *_cells(self.best.before), "-"]]
+        )
+
+
+def _cells(fresh: Measured) -> list[str]:
+    return [str(fresh.all), *(f"{1e9 * fresh.quantile(SNAP, share):.4g}" for share in (0.5, 0.95))]
+
+
+def tune_laws(tuner: RobustTuner, law: str | None) -> Laws:
+    """A law, today's if none is named, or every law of the catalogue that can control the axis.
+
+    Raises UnstableError if none keeps the limits.
+    """
+    refused: dict[str, str] = {}
+    starts: dict[str, Control] = {}
+    today = tuner.loop.control
+    if law == EVERY:
+        made, not_made = candidates(tuner.loop)
+        refused |= {each.name: each.reason for each in not_made if " + " not in each.name}
+        starts |= {each.name: each.loop.control for each in made if " + " not in each.name}
+        starts = {name: each for name, each in starts.items() if law_tunables(each)}
+    else:
+        kind = today.law.kind if law is None else law
+        starts[kind] = today if kind == today.law.kind else control_with(tuner.loop, kind)
+    found: dict[str, Robust] = {}
+    for name, control in starts.items():
+        try:
+            found[name] = tuner.tuned(control)
+        except FeeddriveError as error:
+            if law != EVERY:
+                raise
+            refused[name] = str(error)
+    if not found:
+        raise UnstableError(f"no law keeps {tuner.limits.sentence()} on the machines of the study: {_first(refused)}")
+    best = sorted(found, key=lambda each: (-found[each].after.all.kept, found[each].after.quantile(SNAP, 0.95)))
+    return Laws({name: found[name] for name in best}, refused)
+
+
+def _first(refused: Mapping[str, str]) -> str:
+    return "; ".join(f"{name}: {reason}" for name, reason in list(refused.items())[:3])
+
+
+def tuned_study(tuner: RobustTuner, law: str | None, out: Path | None, again: Mapping[str, str]) -> Outcome[Any]:
+    """The outcome of the command; `again` says how to ask for the same."""
+    laws = tune_laws(tuner, law)
+    best = laws.best
+    text = _machine(tuner, best)
+    files: dict[str, Path] = {}
+    if out is not None:
+        tuner.progress.step("report")
+        report = _write(tuner, laws, text, out, again)
+        files = {"Machine": report.parent / "machine.toml"} if text is not None else {}
+        files["Report"] = report
+    shown = [best.table(), tables(best.tuned, _story(tuner, again))[0]]
+    if len(laws.found) > 1:
+        shown.insert(0, laws.table())
+    failure = None
+    if not best.tuned.holds:
+        failure = "the tuning violates a limit or its proof failed; no machine file was written"
+    elif not best.better:
+        failure = "fewer fresh machines are good than under today's control; no machine file was written"
+    proof = [f"proof, {line.what}: {line.said}" for line in best.tuned.proof]
+    return Outcome(
+        best, shown, _remarks(tuner, laws), best.sentence(), files=files, details=proof, failure=failure,
+        rotary=best.rotary,
+    )  # fmt: skip
+
+
+def _machine(tuner: RobustTuner, best: Robust) -> str | None:
+    """The text of the machine file with the new control, if it should be taken."""
+    base = next(tuner.study.bases())
+    if not best.tuned.holds or not best.better:
+        return None
+    return machine_text(base.job.machine, base.axis, best.tuned.control)
+
+
+def _remarks(tuner: RobustTuner, laws: Laws) -> list[str]:
+    """What must be known of the result."""
+    best = laws.best
+    made = [f"held back by {each.sentence()}" for each in best.tuned.held]
+    made += [f"proof, {line.what}: does not hold ({line.said})" for line in best.tuned.proof if line.holds is False]
+    made += [f"not settled: {best.unsettled}"] if best.unsettled else []
+    kept = {bound.figure.name for bound in tuner.kept_bounds}
+    beside = [said(bound) for bound in best.after.bounds if bound.figure.name not in kept]
+    if beside:
+        made.append(f"counted in the yield, but not kept by the tuner: {', '.join(beside)}")
+    made += [f"variant {number} was left out: {reason}" for number, reason in best.bad[:5]]
+    made += [f"{len(best.bad) - 5} more were left out"] if len(best.bad) > 5 else []
+    if len(tuner.study.jobs) > 1:
+        made.append("the machine file is that of the first choice of the study; control.toml is for all")
+    made += [f"'{name}' was not tuned: {reason}" for name, reason in laws.refused.items()]
+    return made
+
+
+def _story(tuner: RobustTuner, again: Mapping[str, str]) -> Story:
+    return Story(tuner.study.title, again, rotary=tuner.loop.axis.rotary)
+
+
+def _write(tuner: RobustTuner, laws: Laws, text: str | None, out: Path, again: Mapping[str, str]) -> Path:
+    """Write everything into a directory; the path of the report."""
+    best, story = laws.best, _story(tuner, again)
+    base = next(tuner.study.bases())
+    numbers = {
+        "sentence": best.sentence(),
+        "yield": {"today": _share(best.before), "new": _share(best.after)},
+        "bounds": {
+            said(bound): {"today": best.before.keeping(bound).value, "new": best.after.keeping(bound).value}
+            for bound in best.after.bounds
+        },
+        "machines": {"sampled": len(tuner.sample.points), "share": best.share, "decide": list(best.active)},
+        "laws": {name: _share(each.after) for name, each in laws.found.items()},
+        "not_tuned": dict(laws.refused),
+        "tuning": summary(best.tuned, story),
+    }
+    with new_directory(out) as folder:
+        (folder / "report.html").write_text(_page(tuner, laws, story), encoding="utf-8")
+        (folder / "summary.json").write_text(summary_text(numbers, rotary=best.rotary), encoding="utf-8")
+        control = to_toml(best.tuned.control, f"axis.{base.axis}.control", rotary=best.rotary)
+        (folder / "control.toml").write_text(control, encoding="utf-8")
+        if text is not None:
+            (folder / "machine.toml").write_text(text, encoding="utf-8")
+    return Path(out) / "report.html"
+
+
+def _share(fresh: Measured) -> dict[str, Any]:
+    return {"value": fresh.all.value, "interval_95_percent": list(fresh.all.interval), "machines": fresh.count}
+
+
+def _page(tuner: RobustTuner, laws: Laws, story: Story) -> str:
+    """The report. Pure: the same tuning gives the same text."""
+    best = laws.best
+    made = [*([laws.table()] if len(laws.found) > 1 else []), best.table(), tables(best.tuned, story)[0]]
+    drawn = [
+        Shown(
+            "fresh",
+            "Fresh machines",
+            f"By figure the share of {best.after.count} machines, which the tuner never saw, that lie below a value. "
+            "Shaded: outside of the bounds.",
+            "Distribution of figures over the fresh machines, today and new.",
+            best.plot,
+        ),
+        Shown(
+            "deciding",
+            "The machines that decide",
+            "Dynamic stiffness and loop of those sampled machines that limit the tuning, under the new control.",
+            "Frequency responses of the machines that decide.",
+            best.tuned.plot,
+        ),
+    ]
+    remarks = [sentence(each) for each in _remarks(tuner, laws)]
+    facts = {
+        **story.facts,
+        "Rule": best.tuned.rule,
+        "Machines of the tuner": f"{len(tuner.sample.points)}, drawn by {tuner.study.sampler}, seed {tuner.study.seed}",
+        "Fresh machines": f"{best.after.count}, Monte Carlo, stream 1 of the same seed",
+        "Rounds": "; ".join(f"{machines} machines, {kept} keep all limits" for machines, kept in best.rounds),
+    }
+    links = [
+        ("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("proof", "Proof"),
+        ("facts", "How"),
+    ]  # fmt: skip
+    title = f"{tuner.study.title}: one control for all machines"
+    parts = [
+        header("feeddrive tune --study", title, [best.sentence(), *remarks], links),
+        f'<section id="result">\n<h2>Result</h2>\n{_printed(made)}\n</section>\n',
+        f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(map(picture, drawn))}</section>\n',
+        f'<section id="proof">\n<h2>Proof on the machines that decide</h2>\n'
+        f"{_printed([_deciding(best), tables(best.tuned, story)[-1]])}\n</section>\n",
+        f'<section id="facts">\n<h2>How</h2>\n{definitions(facts.items())}\n</section>\n',
+    ]
+    return page(title, parts, rotary=best.rotary, quoted=(tuner.study.title,))
+
+
+def _printed(made: Sequence[Table]) -> str:
+    """Tables of a page."""
+    return "".join(table(f"{each.title[:1].upper()}{each.title[1:]}.", each.heads, each.rows) for each in made)
+
+
+def _deciding(best: Robust) -> Table:
+    """The machines that decide, under the new control."""
+    rows = [
+        [each.point, f"{each.margins.sensitivity_peak:.3f}", _or_dash(each.margins.phase_margin_deg),
+         f"{1e-6 * each.stiffness.minimum:.4g}", f"{1e9 * each.rope_snap:.4g}"]
+        for each in best.tuned.after
+    ]  # fmt: skip
+    heads = ["machine", "Ms", "phase margin deg", "least stiffness N/um", "rope-snap error nm s^1/2/N"]
+    return Table("the machines that decide, under the new control", heads, rows)
+
+
+def _or_dash(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g}"
