@@ -18,13 +18,13 @@ from feeddrive.files.run_files import summary_text, versions
 from feeddrive.language.errors import FeeddriveError, plain
 from feeddrive.language.table import Table
 from feeddrive.report.page import Shown, render
-from feeddrive.report.sentences import number, percent
+from feeddrive.report.sentences import number
 from feeddrive.study.answers import pictures
 from feeddrive.study.answers.answers import Answers
 from feeddrive.study.answers.bands import QUANTILES
 from feeddrive.study.answers.replay import replay_files
 from feeddrive.study.answers.sensitivity import INSIDE
-from feeddrive.study.answers.sentences import interval_text, name_of, read_in, short, value_text
+from feeddrive.study.answers.sentences import interval_text, name_of, read_in, share_text, short, value_text
 from feeddrive.study.answers.shares import Share
 from feeddrive.study.places import place
 
@@ -149,7 +149,7 @@ def _method(found: Answers) -> str:
         return (
             f"Sobol indices from {first.points:,} points: alone, the share of the variance that would be gone if this "
             "did not vary; together, what would be left if only this varied. Intervals: 95 %, by bootstrap over the "
-            f"points.{left}"
+            f"points; estimates from few points may lie beyond 0 and 100 %.{left}"
         )
     return (
         "Rank correlations: the square is the share of the variance of the ranks that goes with a quantity, if what it "
@@ -166,12 +166,14 @@ def _decides(found: Answers) -> Iterator[Table]:
         for what, said in (("first", "alone"), ("total", "together with what it does with others")):
             rows = [
                 [figures[each.output], *(
-                    f"{percent(float(value))} ({100.0 * low:.0f} to {100.0 * high:.0f} %)"
-                    for value, low, high in zip(getattr(each, what), *getattr(each, f"{what}_interval"), strict=True)
+                    share_text(value, interval).replace(" %", "")
+                    for value, interval in zip(getattr(each, what), getattr(each, f"{what}_interval").T, strict=True)
                 )]
                 for each in found.sobol
             ]  # fmt: skip
-            yield Table(f"Share of the variance that each decides {said}", ["figure", *names], rows)
+            yield Table(
+                f"Share of the variance in % that each decides {said}, with its 95 % interval", ["figure", *names], rows
+            )
     columns = list(dict.fromkeys(each.column for each in found.correlations))
     by = {(each.output, each.column): each.value for each in found.correlations}
     rows = [

@@ -8,7 +8,7 @@ import numpy as np
 
 from feeddrive.language.table import shown
 from feeddrive.plot.style import written
-from feeddrive.report.sentences import number, percent
+from feeddrive.report.sentences import number
 from feeddrive.study.answers.sensitivity import RankCorrelation, SobolIndices
 from feeddrive.study.answers.shares import Share
 from feeddrive.study.answers.yields import BoundYield, Yield
@@ -115,17 +115,23 @@ def _decides(figure: Figure, sobol: Sequence[SobolIndices], names: Mapping[str, 
         return []
     order = sorted(range(len(found.factors)), key=lambda i: -float(found.first[i]))
     named = [i for i in order if found.first[i] >= _INFLUENCE][:_NAMED]
-    shares = [f"{names[found.factors[i]]} {percent(float(found.first[i]))} ({_range(found, i)})" for i in named]
-    said = [f"Of the variance of {name_of(figure)}, decided by one alone: {', '.join(shares)}."] if shares else []
+    said: list[str] = []
+    if named:
+        first, *others = [
+            (names[found.factors[i]], share_text(found.first[i], found.first_interval[:, i])) for i in named
+        ]
+        rest = "".join(f", {name} {share}" for name, share in others)
+        said.append(f"{first[0]} alone decides {first[1]} of the variance of {name_of(figure)}{rest}.")
     together = 1.0 - float(np.sum(found.first))
     if together >= _INFLUENCE:
-        said.append(f"{percent(together)} of it is decided by several together.")
+        said.append(f"{100.0 * together:.0f} % of it is decided by several together.")
     return said
 
 
-def _range(found: SobolIndices, i: int) -> str:
-    low, high = (100.0 * float(each) for each in found.first_interval[:, i])
-    return f"95 % interval {low:.0f} to {high:.0f} %"
+def share_text(value: float, interval: np.ndarray) -> str:
+    """A share of a variance as `63 % (40 to 88 %)`."""
+    middle, low, high = (round(100.0 * float(each)) for each in (value, *interval))
+    return f"{middle} % ({low} to {high} %)"
 
 
 def _goes_with(figure: Figure, correlations: Sequence[RankCorrelation], names: Mapping[str, str]) -> list[str]:
