@@ -52,8 +52,8 @@ def short(names: Sequence[str]) -> dict[str, str]:
 def bound_text(bound: Bound) -> str:
     """As `following error peak ≤ 30 µm`."""
     unit, factor = read_in(bound.figure.unit)
-    low = "" if bound.least is None else f"{number(factor * bound.least)} ≤ "
-    high = "" if bound.most is None else f" ≤ {number(factor * bound.most)}"
+    low = "" if bound.least is None else f"{factor * bound.least:.6g} ≤ "
+    high = "" if bound.most is None else f" ≤ {factor * bound.most:.6g}"
     if low and not high:
         low, high = "", f" ≥ {low[:-3]}"
     return f"{low}{name_of(bound.figure)}{high} {unit}".rstrip()
