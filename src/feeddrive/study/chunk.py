@@ -140,6 +140,8 @@ def _judge(study: Study, case: Case, system: System, rows: Rows, threads: int, p
     wanted = {need: [each for each in study.measure if each.needs == need] for need in NEEDS}
     if wanted["statistics"]:
         _gather(case, system, wanted["statistics"], rows, threads, progress)
+    if not (wanted["model"] or wanted["run"]):
+        return
     speed = case.speed if wanted["model"] else 0.0
     for place, row in enumerate(case.rows.tolist()):
         progress.check()

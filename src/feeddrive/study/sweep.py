@@ -143,12 +143,13 @@ class Rate:
         self.ran += variants
 
     def said(self) -> str:
-        """As `variants, 1,250 a second, 3 min left`."""
+        """As `3,200 of 10,000 variants, 1,250 a second, 5 s left`."""
+        count = f"{self.done:,} of {self._all:,} variants"
         spent = time.monotonic() - self._begun
         if not self.ran or spent <= 0.0:
-            return "variants"
+            return count
         each = spent / self.ran
-        return f"variants, {rounded(1.0 / each)} a second, {_time((self._all - self.done) * each)} left"
+        return f"{count}, {rounded(1.0 / each)} a second, {_time((self._all - self.done) * each)} left"
 
     def kept(self, store: Store) -> str:
         """What is there of a sweep that ends early."""
