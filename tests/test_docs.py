@@ -43,13 +43,15 @@ def with_python() -> list[Path]:
     return [page for page in PAGES if any(blocks(page, "python"))]
 
 
-LONG = [ROOT / "docs" / name for name in ("tuning.md", "laws/comparison.md", "fmu.md")]
+LONG = [ROOT / "docs" / name for name in ("tuning.md", "laws/comparison.md", "fmu.md", "scale.md")]
 
 
 @pytest.mark.parametrize(
     "page",
     all_but(
-        [page for page in with_python() if page not in LONG], with_python(), "searches of the tuner, compiled FMUs"
+        [page for page in with_python() if page not in LONG],
+        with_python(),
+        "searches of the tuner, compiled FMUs, a sweep",
     ),
     ids=shown,
 )

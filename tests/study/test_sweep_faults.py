@@ -162,7 +162,8 @@ def test_a_client_that_ends_is_resumed(tmp_path, ending) -> None:
 
 MEASURED = """
 import resource, sys
-from feeddrive.study import read_study, sweep
+from feeddrive.study import read_study
+from feeddrive.study.sweep import sweep
 sweep(read_study(sys.argv[1]), sys.argv[2], workers=2)
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
 """
