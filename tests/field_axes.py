@@ -9,17 +9,12 @@ from typing import Any
 import numpy as np
 
 import feeddrive as fd
-from feeddrive.analysis.loop_model import loop_model
-from feeddrive.analysis.margins import margins
 from feeddrive.analysis.stability import stability
-from feeddrive.analysis.stiffness import force_noise, rope_snap
 from feeddrive.blocks.signals import Reading, Setpoint
+from field_laws import R, T, W, golden_forces
+from field_laws import judged as figures
 
-T = 1e-4  # s
-R = fd.blocks.Rigid(mass=40.0, viscous=60.0)
-W = fd.blocks.TwoMass(
-    mass_motor=130.0, mass_load=33.0, stiffness=1.8e7, damping=700.0, viscous_motor=1500.0, viscous_load=20.0
-)
+__all__ = ["R", "T", "W", "golden", "held", "judged", "loop", "overshoot", "run_on_r", "start_under_weight"]
 
 
 def loop(law: Any, plant: Any = R, *, late: int = 1, resolution: float = 0.0, force_limit: float = 2000.0) -> fd.Loop:
@@ -30,29 +25,19 @@ def loop(law: Any, plant: Any = R, *, late: int = 1, resolution: float = 0.0, fo
     return fd.Loop(control=fd.Control(law=law, force_limit=force_limit), axis=axis, sample_time=T)
 
 
-def golden(law: Any, amplitude: float = 1e-6, samples: int = 6) -> list[float]:
+def golden(law: Any, amplitude: float = 1e-6) -> list[float]:
     """The forces of stimulus G in N: set point 0, both readings amplitude · sin(0.3 k), states 0 at the start."""
-    prepared = law.prepare(T)
-    state, force, forces = law.start(prepared, Setpoint(0.0), Reading(0.0, 0.0)), 0.0, []
-    for k in range(samples):
-        y = amplitude * math.sin(0.3 * k)
-        state, force = law.step(prepared, state, Setpoint(0.0), Reading(y, y, force, force), T)
-        forces.append(float(force))
-    return forces
+    return golden_forces(law, amplitude=amplitude)
 
 
 def judged(law: Any, plant: Any = R, **more: Any) -> dict[str, float]:
-    """Ms, delay margin in samples, ISE^½ in m s^½/N and noise in N/m of a stable loop, from the model of all of it."""
+    """Ms, delay margin in samples, ISE^½ in m s^½/N and noise in N/m; infinite for a loop that is not stable."""
     made = loop(law, plant, **more)
-    found = stability(made)
-    if not found.stable:
-        return {"growth": found.growth, "Ms": math.inf, "dm": 0.0, "ISE": math.inf, "N": math.inf}
-    both = loop_model(made)
-    shown = margins(both.loop_gain(both.lines(200)))
-    one = made.axis.one_encoder()
-    noise = force_noise(both.closed, 0.0 if one else 1.0, 1.0, shared=one)
-    late = math.inf if shown.delay_margin_samples is None else shown.delay_margin_samples
-    return {"growth": found.growth, "Ms": shown.sensitivity_peak, "dm": late, "ISE": rope_snap(both.closed), "N": noise}
+    growth = stability(made).growth
+    if growth >= 1.0:
+        return {"growth": growth, "Ms": math.inf, "dm": 0.0, "ISE": math.inf, "N": math.inf}
+    found = figures(made)
+    return {"growth": growth, "Ms": found.peak, "dm": found.delay, "ISE": found.ise, "N": found.noise}
 
 
 def held(force: float, x: float, v: float) -> tuple[float, float]:

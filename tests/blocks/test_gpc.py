@@ -72,6 +72,15 @@ def test_the_row_of_the_table() -> None:
     assert found["dm"] > 2.0
 
 
+def test_what_it_reaches_without_a_bound_on_the_noise() -> None:
+    """0.c: 1.98e-10 at 2.5e9 N/m, within 3 %."""
+    found = judged(law(horizon=15, moves=1, omega_o=6400.0))
+    assert found["ISE"] == pytest.approx(1.98e-10, rel=0.03)
+    assert found["N"] == pytest.approx(2.5e9, rel=0.03)
+    assert found["Ms"] < 2.0
+    assert found["dm"] > 2.0
+
+
 def test_three_moves_leave_too_little_delay_margin() -> None:
     for horizon, rate in ((60, 1000.0), (100, 2000.0), (150, 4000.0)):
         found = judged(law(horizon=horizon, omega_o=rate, moves=3))

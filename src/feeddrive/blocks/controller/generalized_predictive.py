@@ -89,7 +89,7 @@ class GeneralizedPredictive(Law):
         if self.horizon < least:
             raise StructureError(
                 f"{self.kind}.horizon = {self.horizon} must be at least {least}: the first error that counts comes "
-                f"{self.delay_samples + 2} samples after its reading, and {self.moves} moves need as many errors"
+                f"{self.delay_samples + 2} samples after its reading, and moves = {self.moves} needs as many errors"
             )
 
     def prepare(self, T: Number) -> Prepared:
