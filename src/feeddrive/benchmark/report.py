@@ -72,7 +72,7 @@ def build(found: Benchmark) -> str:
         "</section><section><h2>Who wins where</h2>",
         _shown(found.winners()),
         "</section><section><h2>No place</h2>",
-        _shown(reasons(found)),
+        definitions([(f"{law}, {plants}", why) for law, plants, why in reasons(found).rows]),
         '</section><section id="plants"><h2>Plants</h2>',
         definitions([(name, f"{each.title}. {each.source}. {each.remark}") for name in found.plants
                      for each in [rules.plants[name]]]),
@@ -94,7 +94,11 @@ def _shown(made: Table) -> str:
 
 def reasons(found: Benchmark) -> Table:
     """Which law has no place on which plants, and why."""
-    rows = [[law, ", ".join(plants), why] for law, each in found.unplaced().items() for why, plants in each.items()]
+    rows = [
+        [law, "all" if len(plants) == len(found.plants) else ", ".join(plants), why]
+        for law, each in found.unplaced().items()
+        for why, plants in each.items()
+    ]
     return Table("Laws without a place, and why", ["law", "plants", "reason"], rows, sentences=2)
 
 
