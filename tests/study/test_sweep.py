@@ -14,13 +14,17 @@ import pytest
 from feeddrive.files.machine import BUNDLED
 from feeddrive.language.errors import CancelledError, FileError, ParameterError
 from feeddrive.language.progress import Progress
-from feeddrive.loop.simulate import simulate
+from feeddrive.loop.hold import Timing
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.simulate import Batch, simulate, simulate_batch
 from feeddrive.study.cases import cases
 from feeddrive.study.chunk import run_chunk
 from feeddrive.study.model_figures import LinearLoop
 from feeddrive.study.study import Study, read_study
 from feeddrive.study.sweep import sweep
 from feeddrive.study.variants import variants
+from feeddrive.workflow.sweep import SweepRequest
+from feeddrive.workflow.sweep import sweep as command
 
 # Kp up to 60 times leaves the bounds, dry friction above 110 N is more than the breakaway force, which its block
 # refuses, and the dead time crosses a sample of 50 us, which is another graph.
@@ -117,6 +121,25 @@ def test_a_bad_variant_is_a_row_with_its_reason(study) -> None:
     assert len(reasons) < 0.75 * len(found)
 
 
+def test_each_structure_is_one_batch(tmp_path, monkeypatch) -> None:
+    """One, one and a half and two samples of dead time are three graphs: three batches, and the bits of single runs."""
+    text = read(tmp_path, STATISTICS).text
+    uniform = "least_us = 30\nmost_us = 90"
+    assert uniform in text
+    text = text.replace(uniform, 'kind = "discrete"\nvalues = [5e-5, 7.5e-5, 1e-4]').replace("most = 60", "most = 1.1")
+    (tmp_path / "small.toml").write_text(text.replace("chunk = 16", "chunk = 40"), encoding="utf-8")
+    study, batches = read_study(tmp_path / "small.toml"), list[Timing]()
+
+    def counted(system: Loop, *args: Any, **kwargs: Any) -> Batch:
+        batches.append(system.timing())
+        return simulate_batch(system, *args, **kwargs)
+
+    monkeypatch.setattr("feeddrive.study.chunk.simulate_batch", counted)
+    found = rows(study)
+    assert sorted(batches) == [Timing(1, False), Timing(1, True), Timing(2, False)]
+    assert found.equals(rows(replace(study, chunk=1)))
+
+
 def test_workers_change_nothing_and_a_sweep_goes_on(study, tmp_path) -> None:
     """The files of one worker and of three are equal to the byte; what is missing is computed again, and only that."""
     first = sweep(study, tmp_path / "one", workers=1)
@@ -138,15 +161,15 @@ def test_workers_change_nothing_and_a_sweep_goes_on(study, tmp_path) -> None:
 
 
 class Ended(Progress):
-    """Cancels when a number of variants is done."""
+    """Cancels when a number of variants is done, or at a step of a name."""
 
-    def __init__(self, after: int) -> None:
+    def __init__(self, after: int, at: str = "") -> None:
         super().__init__()
-        self.after, self.said = after, list[tuple[str, Any, Any]]()
+        self.after, self.at, self.said = after, at, list[tuple[str, Any, Any]]()
 
     def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
         self.said.append((what, done, of))
-        if done is not None and done >= self.after:
+        if what == self.at or (done is not None and done >= self.after):
             self.cancel()
 
 
@@ -162,6 +185,16 @@ def test_a_cancel_keeps_what_is_done(study, tmp_path) -> None:
     whole = sweep(study, tmp_path / "out", resume=True)
     assert whole.ran == 24
     assert whole.store.table().equals(rows(study))
+
+
+def test_a_cancel_before_the_report_says_that_the_rows_are_there(study, tmp_path) -> None:
+    """What is stopped between rows and report has all rows."""
+    out = tmp_path / "out"
+    request = SweepRequest(study, out=out, workers=1)
+    with pytest.raises(CancelledError, match=r"stopped; all rows are in .*: --resume makes the report"):
+        command.run(request, Ended(study.count + 1, "answers"))
+    assert len(list((out / "rows").iterdir())) == study.chunks
+    assert not (out / "report.html").exists()
 
 
 def test_figures_of_one_variant_need_processes_and_are_those_of_this_one(tmp_path) -> None:

@@ -112,7 +112,8 @@ def _alike(case: Case) -> list[np.ndarray]:
     delays: list[Any] = []
     for loop in case.system.loops().values():
         path = tree.path_of(loop, "axis.actuator.dead_time")
-        samples = samples_of(case.changes.get(path, loop.axis.actuator.dead_time), loop.sample_time)
+        dead_time: Any = case.changes.get(path, loop.axis.actuator.dead_time)
+        samples = samples_of(dead_time, loop.sample_time)
         delays += [ops.floor(samples), samples > ops.floor(samples)]
     columns = [np.broadcast_to(each, len(case.rows)).tolist() for each in delays]
     for place, kind in enumerate(zip(*columns, strict=True)):

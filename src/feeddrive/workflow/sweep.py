@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.errors import CancelledError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.study.answers.answers import answers_of
 from feeddrive.study.answers.page import write_report
@@ -59,9 +59,12 @@ def sweep(request: SweepRequest, progress: Progress) -> Outcome[Sweep]:
         request.study, request.out, workers=request.workers, resume=request.resume,
         scheduler=request.scheduler, allow=request.allow, progress=progress,
     )  # fmt: skip
-    told = answers_of(found.store, found.study, progress)
-    progress.step("report")
-    files = {"Report": write_report(told, request.out), "Rows": found.store.address}
+    try:
+        told = answers_of(found.store, found.study, progress)
+        progress.step("report")
+        files = {"Report": write_report(told, request.out), "Rows": found.store.address}
+    except (CancelledError, KeyboardInterrupt):
+        raise CancelledError(f"stopped; all rows are in {found.store.address}: --resume makes the report") from None
     return Outcome(found, [found.table(), told.table()], [*told.sentences, *_bad(found)], files=files)
 
 
