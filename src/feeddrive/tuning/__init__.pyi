@@ -3,6 +3,7 @@
 from feeddrive.tuning.delay_map import DelayMap as DelayMap
 from feeddrive.tuning.delay_map import delay_map as delay_map
 from feeddrive.tuning.error_model import error_model as error_model
+from feeddrive.tuning.filtered_splines import filtered_splines as filtered_splines
 from feeddrive.tuning.iterative_feedforward import Iteration as Iteration
 from feeddrive.tuning.iterative_feedforward import begin_compensation as begin_compensation
 from feeddrive.tuning.iterative_feedforward import compensated as compensated
@@ -24,6 +25,7 @@ from feeddrive.tuning.recipes import margin_goals as margin_goals
 from feeddrive.tuning.recipes import symmetric_optimum as symmetric_optimum
 from feeddrive.tuning.repetitive import RepetitiveDesign as RepetitiveDesign
 from feeddrive.tuning.repetitive import tune_repetitive as tune_repetitive
+from feeddrive.tuning.set_path import ChangedReference as ChangedReference
 from feeddrive.tuning.stops import learn_stops as learn_stops
 from feeddrive.tuning.trajectory_prefilter import PrefilterFit as PrefilterFit
 from feeddrive.tuning.trajectory_prefilter import fit_prefilter as fit_prefilter
@@ -41,3 +43,5 @@ from feeddrive.tuning.trials import learn_signal as learn_signal
 from feeddrive.tuning.tune import assess as assess
 from feeddrive.tuning.tune import tune_control as tune_control
 from feeddrive.tuning.tuned import Tuned as Tuned
+from feeddrive.tuning.zero_phase import inverse_path as inverse_path
+from feeddrive.tuning.zero_phase import zero_phase as zero_phase
