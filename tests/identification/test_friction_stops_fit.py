@@ -53,6 +53,7 @@ def test_the_friction_comes_back_from_three_seconds_with_1_N_of_noise() -> None:
     assert found.plain == pytest.approx((20.9, 22.0), rel=0.02)
 
 
+@pytest.mark.slow(reason="two fits of 15,000 rows")
 def test_the_mass_is_found_beside_it_and_the_rest_taken_by_bells() -> None:
     """A drive that accelerates 40 kg, with 0.1 N of noise and a Stribeck curve of 8 N beside the stops."""
     x = position()

@@ -139,6 +139,24 @@ def test_the_published_table_row_by_row(row: Row) -> None:
     assert found.after[0].rope_snap == pytest.approx(row.published, rel=row.share)
 
 
+@pytest.mark.slow(reason="two searches of the whole range")
+@pytest.mark.parametrize(
+    ("law", "beside", "ise", "noise"),
+    [
+        (CascadePPI(Kv=300.0, Kp=4e4), (observed("R", "one_pole", 400.0),), 1.65e-10, 4.1e9),
+        (LinearADRC(mass=40.0, omega_c=300.0, omega_o=1200.0, delay_samples=1), (), 2.68e-10, 2.5e9),
+    ],
+    ids=["P-P + observer, one pole", "LADRC"],
+)
+def test_without_a_bound_on_the_noise_an_observer_buys_recovery_with_it(
+    law: Law, beside: tuple[Compensation, ...], ise: float, noise: float
+) -> None:
+    found = tune_control(loop("R", law, *beside), limits=Limits(2.0, delay_margin_samples=2.0), filters="kept")
+    assert found.after[0].rope_snap == pytest.approx(ise, rel=0.03)
+    exact = force_noise(loop_model(found.loops[0]).closed, 0.0, 1.0, shared=True)
+    assert exact == pytest.approx(noise, rel=0.03)
+
+
 def test_the_judge_gives_the_figures_of_the_table_at_its_own_gains() -> None:
     """P-PI at the published gains: 3.216e-10, noise 1.44e9 N/m, 712 and 118 N/um at 10 and 100 Hz; to their digits."""
     both = loop_model(loop("R", CascadePPI(Kv=688.0, Kp=93825.0, Tn=1.456e-3)))
