@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from feeddrive.analysis.stability import stability
 from feeddrive.blocks import (
     CascadePPI,
     FrictionFeedforward,
@@ -54,6 +55,18 @@ def test_the_golden_forces_of_the_maxwell_slip_model() -> None:
         found.append(-float(force) + friction.linear() * v)
     expected = [37.6, 61.55471757, 78.09869068, 77.49711589, 74.06916599, 34.46916599, -3.030834013, -62.0]
     assert found == pytest.approx(expected, rel=6e-10)
+
+
+def test_a_start_in_motion_is_that_of_a_long_way_at_this_speed() -> None:
+    """So is the linear model of an axis that slides: it has no springs to ground, and is stable."""
+    friction = slip()
+    state: Any = friction.start(0.02)
+    after, force, _ = friction.contact(T, state, np.float64(0.02), np.float64(0.02), 0.0)
+    assert -float(force) + friction.linear() * 0.02 == pytest.approx(float(friction.steady(0.02)), rel=1e-12)
+    assert after.force == pytest.approx(state.force, rel=1e-12)
+    axis = Axis(plant=R, actuator=Actuator(dead_time=T), encoder_load=Encoder(), friction_load=friction)
+    law = CascadePPI(Kv=400.0 / 3.0, Kp=36000.0, Tn=7.5e-3)
+    assert stability(Loop(control=Control(law=law), axis=axis, sample_time=T)).stable
 
 
 def test_it_is_a_sum_of_stops_where_the_level_does_not_fall() -> None:

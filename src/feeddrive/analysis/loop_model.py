@@ -13,6 +13,7 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.lifting import Lifted, gain_of, lifted
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
+from feeddrive.loop.transfer import transfer
 
 _LOWEST = 1e-5  # of Nyquist: where the lines of a loop gain begin
 _LINES = 40  # a decade
@@ -49,29 +50,13 @@ class LoopModel:
         return both[np.append(np.diff(both) > _APART * both[:-1], True)]
 
     def loop_gain(self, frequency: np.ndarray) -> FRF:
-        """L = -force/cut: 1 + L = 0 is the edge of stability.
-
-        (z - A)⁻¹ by the Schur form of the balanced A, from its last row up: unitary, so as safe as solving for each
-        frequency, and ten times as quick.
-        """
-        from scipy.linalg import matrix_balance, schur  # not for commands that only read
-
+        """L = -force/cut: 1 + L = 0 is the edge of stability."""
         model = self.open
         if isinstance(model, Lifted):
             return gain_of(model, frequency)[0]
         row, column = model.outputs.index("force"), model.inputs.index("cut")
         z = np.exp(2j * np.pi * frequency * model.sample_time)
-        # m and N differ by ten powers of ten: unbalanced, the rounding of the large ones would swallow the small ones
-        A, (scale, _) = matrix_balance(model.A, permute=False, separate=True)
-        form = schur(A, output="complex")
-        S, Z = form[0], form[1]
-        left = (model.C[row] * scale) @ Z
-        right = np.repeat((Z.conj().T @ (model.B[:, column] / scale))[:, None], z.size, axis=1)
-        values = np.full(z.size, model.D[row, column], dtype=complex)
-        for i in range(scale.size - 1, -1, -1):
-            x = right[i] / (z - S[i, i])
-            right[:i] += S[:i, i, None] * x
-            values += left[i] * x
+        values = transfer(model.A, model.B[:, column], model.C[row], model.D[row, column], z)
         return FRF(frequency, -values, "cut", "force", "N/N", model.sample_time)
 
 

@@ -68,8 +68,8 @@ class Friction(Block, ABC):
     """Friction at one body, set-valued and implicit: the force over a substep fits the velocity at its end."""
 
     @abstractmethod
-    def start(self) -> Any:
-        """The state at rest."""
+    def start(self, velocity: Number = 0.0) -> Any:
+        """The state after a long motion at this velocity."""
 
     @abstractmethod
     def linear(self) -> Number:

@@ -22,10 +22,13 @@ from feeddrive.loop.machine import Machine, System, check_system
 from feeddrive.loop.runner import Prepared
 from feeddrive.loop.trace import lengths, node_values
 from feeddrive.loop.traced_model import push, require_slopes
+from feeddrive.loop.transfer import transfer
 
 # names of the numbers that a controller stores
 _OF_MEMORY = re.compile(r"(axis\.\w+\.)?control\.memory\.")  # states of laws, filters and observers
 _OF_CONTROL = re.compile(r"(axis\.\w+\.)?control\.|prepared\.control\.|sample_time$")
+
+_MANY = 60  # states: with more a Schur form is quicker than solving for each frequency, and needs no memory
 
 INPUT_UNITS = {
     **dict(zip(SETPOINT, units_of(Setpoint).values(), strict=True)),
@@ -62,7 +65,8 @@ class StateSpace(Result):
     def response(self, frequency: np.ndarray, output: str | None = None, input: str | None = None) -> FRF:  # noqa: A002
         """C (z - A)⁻¹ B + D at z = e^(j2πfT), from one input to one output (default: the first), f in Hz up to Nyquist.
 
-        By solving for each frequency: neither polynomials nor eigenvectors, which are wrong for double poles.
+        By solving for each frequency, of many states by `transfer`: neither polynomials nor eigenvectors, which are
+        wrong for double poles.
         """
         row = 0 if output is None else _place(self.outputs, output, "output")
         column = 0 if input is None else _place(self.inputs, input, "input")
@@ -70,10 +74,13 @@ class StateSpace(Result):
         check_below_nyquist(frequency, self.sample_time)
         z = np.exp(2j * np.pi * frequency * self.sample_time)
         n = self.A.shape[0]
-        matrix = z[:, None, None] * np.eye(n) - self.A
-        right = np.broadcast_to(self.B[:, column : column + 1].astype(complex), (z.size, n, 1))
-        solved = np.linalg.solve(matrix, right)[:, :, 0] if n else np.zeros((z.size, 0))
-        values = solved @ self.C[row] + self.D[row, column]
+        if n > _MANY:
+            values = transfer(self.A, self.B[:, column], self.C[row], self.D[row, column], z)
+        else:
+            matrix = z[:, None, None] * np.eye(n) - self.A
+            right = np.broadcast_to(self.B[:, column : column + 1].astype(complex), (z.size, n, 1))
+            solved = np.linalg.solve(matrix, right)[:, :, 0] if n else np.zeros((z.size, 0))
+            values = solved @ self.C[row] + self.D[row, column]
         names = self.inputs[column], self.outputs[row]
         unit = f"{UNITS[quantity(names[1])]}/{INPUT_UNITS[quantity(names[0])]}"
         return FRF(frequency, values, names[0], names[1], unit, self.sample_time)

@@ -21,7 +21,7 @@ class Coulomb(Friction):
     coulomb: Number = parameter("N", "level of the friction force", least=0)
     viscous: Number = parameter("N s/m", "viscous part", least=0, default=0)
 
-    def start(self) -> Nothing:
+    def start(self, velocity: Number = 0.0) -> Nothing:
         """No memory."""
         return Nothing()
 

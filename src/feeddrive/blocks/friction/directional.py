@@ -24,7 +24,7 @@ class Directional(Friction):
     viscous_positive: Number = parameter("N s/m", "viscous part for v > 0", least=0, default=0)
     viscous_negative: Number = parameter("N s/m", "viscous part for v < 0", least=0, default=0)
 
-    def start(self) -> Nothing:
+    def start(self, velocity: Number = 0.0) -> Nothing:
         """No memory."""
         return Nothing()
 

@@ -38,7 +38,7 @@ class DirectionalStribeck(Friction):
         ):
             yield from levels(self.kind, f"coulomb_{way}", coulomb, f"breakaway_{way}", breakaway)
 
-    def start(self) -> Nothing:
+    def start(self, velocity: Number = 0.0) -> Nothing:
         """No memory."""
         return Nothing()
 

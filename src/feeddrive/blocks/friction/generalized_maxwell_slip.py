@@ -60,10 +60,11 @@ class GeneralizedMaxwellSlip(Friction):
         """The breakaway level is not below the Coulomb level."""
         yield from levels(self.kind, "coulomb", self.coulomb, "breakaway", self.breakaway)
 
-    def start(self) -> State:
-        """No element bears anything."""
-        nothing = (0.0,) * ops.length(self.stiffness)
-        return self.State(nothing, nothing)
+    def start(self, velocity: Number = 0.0) -> State:
+        """Every element slips with its share; at rest none bears anything."""
+        going, level = ops.sign(velocity), self.level(velocity)
+        elements = range(ops.length(self.stiffness))
+        return self.State(tuple(self._most(i, level) * going for i in elements), tuple(going for _ in elements))
 
     def linear(self) -> Number:
         """The viscous part."""
@@ -94,11 +95,8 @@ class GeneralizedMaxwellSlip(Friction):
 
     def _line(self, i: int, h: Number, force: Number, slips: Number, velocity: Number) -> tuple[Any, ...]:
         """Of element i: F_i at standstill, its slope in the velocity, two bounds, α_i s, and sgn(v) if it slips on."""
-        whole: Any = 0.0
-        for j in range(ops.length(self.share)):
-            whole = whole + ops.gather(self.share, float(j))
         level = self.level(velocity)
-        most = ops.gather(self.share, float(i)) / whole * level
+        most = self._most(i, level)
         slope = ops.gather(self.stiffness, float(i)) * h
         going = ops.where(slips * velocity > 0.0, slips, 0.0)
         eased = force + (1.0 - ops.exp(-(self.attraction * h / level))) * (going * most - force)
@@ -107,6 +105,13 @@ class GeneralizedMaxwellSlip(Friction):
         high = ops.where(going > 0.0, eased, most)
         low = ops.where(going < 0.0, eased, -most)
         return base, slope, low, high, most, going
+
+    def _most(self, i: int, level: Number) -> Any:
+        """α_i s, N."""
+        whole: Any = 0.0
+        for j in range(ops.length(self.share)):
+            whole = whole + ops.gather(self.share, float(j))
+        return ops.gather(self.share, float(i)) / whole * level
 
     def steady(self, velocity: Number) -> Number:
         """level(v) · sign(v) + viscous · v."""

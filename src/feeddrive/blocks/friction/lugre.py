@@ -46,7 +46,7 @@ class Lugre(Friction):
         """The breakaway level is not below the Coulomb level."""
         yield from levels(self.kind, "coulomb", self.coulomb, "breakaway", self.breakaway)
 
-    def start(self) -> State:
+    def start(self, velocity: Number = 0.0) -> State:
         """Bristles straight."""
         return self.State(0.0)
 

@@ -52,7 +52,7 @@ class Regularised(Friction):
         yield from levels(self.kind, "coulomb", self.coulomb, "breakaway", self.breakaway)
         yield from levels(self.kind, "coulomb_negative", self.coulomb_negative, "breakaway", self.breakaway)
 
-    def start(self) -> Nothing:
+    def start(self, velocity: Number = 0.0) -> Nothing:
         """No memory."""
         return Nothing()
 

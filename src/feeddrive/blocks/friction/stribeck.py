@@ -32,7 +32,7 @@ class Stribeck(Friction):
         """The breakaway level is not below the Coulomb level."""
         yield from levels(self.kind, "coulomb", self.coulomb, "breakaway", self.breakaway)
 
-    def start(self) -> Nothing:
+    def start(self, velocity: Number = 0.0) -> Nothing:
         """No memory."""
         return Nothing()
 

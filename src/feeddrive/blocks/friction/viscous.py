@@ -17,7 +17,7 @@ class Viscous(Friction):
 
     viscous: Number = parameter("N s/m", "viscous friction", least=0)
 
-    def start(self) -> Nothing:
+    def start(self, velocity: Number = 0.0) -> Nothing:
         """No memory."""
         return Nothing()
 
