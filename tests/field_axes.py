@@ -20,7 +20,7 @@ __all__ = ["R", "T", "W", "golden", "held", "judged", "loop", "overshoot", "run_
 def loop(law: Any, plant: Any = R, *, late: int = 1, resolution: float = 0.0, force_limit: float = 2000.0) -> fd.Loop:
     """A law on R with one encoder or on W with two, with `late` samples of dead time."""
     encoder = fd.blocks.Encoder(resolution=resolution) if resolution else fd.blocks.Encoder()
-    both = {} if isinstance(plant, fd.blocks.Rigid) else {"encoder_motor": encoder}
+    both: dict[str, Any] = {} if isinstance(plant, fd.blocks.Rigid) else {"encoder_motor": encoder}
     axis = fd.Axis(plant=plant, actuator=fd.blocks.Actuator(dead_time=late * T), encoder_load=encoder, **both)
     return fd.Loop(control=fd.Control(law=law, force_limit=force_limit), axis=axis, sample_time=T)
 

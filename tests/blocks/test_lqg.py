@@ -12,24 +12,37 @@ import scipy.linalg
 import feeddrive as fd
 from feeddrive.analysis.loop_model import loop_model
 from feeddrive.analysis.stability import stability
-from feeddrive.blocks.controller.lqg import LQG, _in_units, _one, _split
+from feeddrive.blocks.controller.lqg import LQG
 from feeddrive.blocks.controller.riccati import steady
 from feeddrive.blocks.reference.polynomial7 import Polynomial7
 from feeddrive.blocks.signals import Reading, Setpoint
-from feeddrive.language import matrix
 from field_axes import R, T, W, golden, judged, loop, overshoot, start_under_weight
 
 MOVE = Polynomial7(distance=0.1, travel_time=0.4)
 
 
 def rigid(**changes: Any) -> LQG:
-    given = {"model": R, "omega_c": 300.0, "omega_o": 900.0, "recovery": 0.0, "delay_samples": 1, **changes}
+    given: dict[str, Any] = {
+        "model": R,
+        "omega_c": 300.0,
+        "omega_o": 900.0,
+        "recovery": 0.0,
+        "delay_samples": 1,
+        **changes,
+    }
     return LQG(**given)
 
 
 def screw(**changes: Any) -> LQG:
     """The row of the table on W."""
-    given = {"model": W, "omega_c": 655.115, "omega_o": 2148.74, "recovery": 0.99892, "delay_samples": 1, **changes}
+    given: dict[str, Any] = {
+        "model": W,
+        "omega_c": 655.115,
+        "omega_o": 2148.74,
+        "recovery": 0.99892,
+        "delay_samples": 1,
+        **changes,
+    }
     return LQG(**given)
 
 
@@ -70,21 +83,20 @@ def test_the_golden_gains_of_two_masses() -> None:
 def test_the_delayed_gain_is_that_of_the_delayed_equation(late: int) -> None:
     """4.a: the same as the Riccati equation with the commands that have not acted yet as states, to 1e-12."""
     law = rigid(delay_samples=late)
-    w = law.omega_c * T
-    change, drive, _ = _split(_in_units(law._hold(T), w, w * w), 2)
-    phi = np.array(matrix.add(change, _one(2)), dtype=float)
+    made = law.prepare(T)
+    units = np.array([1.0, law.omega_c])  # lengths 1, times 1/omega_c, forces m omega_c²
+    phi = (np.eye(2) + np.array(made.change, dtype=float)) * units / units[:, None]
+    drive = np.array(made.drive, dtype=float) / units * (40.0 * law.omega_c**2)
     n = 2 + late  # states and commands, newest first
     A, B = np.zeros((n, n)), np.zeros(n)
-    A[:2, :2], A[:2, -1], B[2] = phi, np.array(drive, dtype=float), 1.0
+    A[:2, :2], A[:2, -1], B[2] = phi, drive, 1.0
     for i in range(3, n):
         A[i, i - 1] = 1.0
     weight = np.zeros((n, n))
     weight[0, 0] = 1.0
     P = np.array(steady(tuple(map(tuple, A.T)), tuple(map(tuple, np.outer(B, B))), tuple(map(tuple, weight))))
     K = B @ P @ A / (1.0 + B @ P @ B)
-    made = law.prepare(T)
-    units = np.array([40.0 * law.omega_c**2, 40.0 * law.omega_c])
-    assert np.array(made.feedback) == pytest.approx(K[:2] * units, rel=1e-12)
+    assert np.array(made.feedback) == pytest.approx(K[:2] * 40.0 * law.omega_c**2 / units, rel=1e-12)
     assert np.array(made.pending) == pytest.approx(K[2:], rel=1e-12)
 
 

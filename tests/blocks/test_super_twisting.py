@@ -27,7 +27,7 @@ GOLDEN = [
 
 def law(form: str = "zone", *, rate: float = 200.0, time: float = 1e-3, **more: Any) -> SuperTwisting:
     """On R; L = 5e4 m/s³ gives k1 = 335.41 and k2 = 55000."""
-    given = {"disturbance_rate": 5e4, "viscous": 60.0, **more}
+    given: dict[str, Any] = {"disturbance_rate": 5e4, "viscous": 60.0, **more}
     return SuperTwisting(mass=40.0, tracking_rate=rate, zone_time=time if form == "zone" else None, form=form, **given)
 
 
@@ -150,7 +150,9 @@ def test_the_start_under_weight_makes_no_bump() -> None:
 def test_a_change_of_mass_keeps_the_force() -> None:
     old = law()
     new = replace(old, mass=50.0)
-    state = new.retune(old.start(old.prepare(T), Setpoint(0.0), Reading(0.0, 0.0, 120.0, 120.0)), old, None, None)
+    state = new.retune(
+        old.start(old.prepare(T), Setpoint(0.0), Reading(0.0, 0.0, 120.0, 120.0)), old, old.prepare(T), new.prepare(T)
+    )
     _, force = new.step(new.prepare(T), state, Setpoint(0.0), Reading(0.0, 0.0, 120.0, 120.0), T)
     assert force == pytest.approx(120.0, rel=1e-14)
 

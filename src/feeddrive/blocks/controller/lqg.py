@@ -222,8 +222,9 @@ class LQG(Law):
         late, offset = self.delay_samples, state.offset
         if bodies is not None and self.offset_rate is not None:
             pulled = (commands[late] - state.planned[late]) / bodies.k
-            stretch = readings[0] - readings[1] - series(bodies, setpoint).position
-            offset = offset + self.offset_rate * T * (stretch - pulled)
+            stretch = reading.position_motor - state.offset - reading.position_load
+            lead = series(bodies, setpoint).position
+            offset = offset + self.offset_rate * T * (stretch - lead - pulled)
         plans = (planned, *state.planned)[: late + 1]
         return self.State(tuple(motion), disturbance, offset, commands[:late], plans), force
 
