@@ -13,7 +13,7 @@ import pytest
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.study import Study, cases, read_study, tune_robust, variants
-from feeddrive.study.fresh import Share, limits_of
+from feeddrive.study.fresh import limits_of
 from feeddrive.study.robust import Robust
 from feeddrive.study.scenarios import scenarios, with_control
 from feeddrive.tuning.limits import Limits
@@ -122,13 +122,6 @@ def test_limits_follow_from_the_specification() -> None:
     assert limits.sensitivity_peak == 2.2
     assert limits.compliance_peak == pytest.approx(1.0 / 4.5e6)
     assert limits.delay_margin_samples == 4.0
-
-
-def test_the_interval_of_a_share_is_wilsons() -> None:
-    """By its definition: the shares p with |k/n - p| <= z √(p (1 - p)/n)."""
-    share, z = Share(90, 100), 1.959963985
-    for p in share.interval:
-        assert abs(0.9 - p) == pytest.approx(z * math.sqrt(p * (1.0 - p) / 100.0), rel=1e-6)
 
 
 @pytest.mark.slow(reason="tunings over machines, 10 to 30 s")

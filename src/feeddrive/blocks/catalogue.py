@@ -88,7 +88,7 @@ def _of_places(places: str) -> Iterator[tuple[str, type[Block]]]:
 def _held(origin: str, place: str) -> list[type[Block]]:
     """The concrete blocks at a place: those that a module and the modules below it define, or a class."""
     try:
-        module, name = _module(place)
+        module, name = module_at(place)
         found = [getattr(module, name)] if name else _own_blocks(module)
     except FeeddriveError as error:
         raise type(error)(f"{origin}: {error}") from None
@@ -113,7 +113,7 @@ def _line_in(error: BaseException) -> str:
     return found
 
 
-def _module(place: str) -> tuple[ModuleType, str]:
+def module_at(place: str) -> tuple[ModuleType, str]:
     """The imported module of a place, and the name of a class in it or nothing.
 
     Modules are looked for where Python does, and then in the working directory; those of files in their folder.
@@ -218,7 +218,7 @@ def imported(family: type[B], place: str) -> type[B]:
     Raises ParameterError if there is no such module or class, or if it is no concrete block of the family.
     """
     try:
-        module, name = _module(place)
+        module, name = module_at(place)
     except ImportError as error:
         raise ParameterError(
             f"'{place}': the module cannot be imported ({error}): check its name and where it is"

@@ -11,10 +11,10 @@ What a study file says never imports anything.
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 
+from feeddrive.blocks.catalogue import module_at
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.study.figure import Figure
 from feeddrive.study.model_figures import OF_MODELS, at_frequency
@@ -58,22 +58,20 @@ def _installed() -> Iterator[tuple[str, Figure]]:
     for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda each: (each.name, each.value)):
         package = point.dist.name if point.dist is not None else point.name
         origin = f"the installed package '{package}' (mend or uninstall it)"
-        module, _, name = point.value.partition(":")
-        for each in _held(origin, module, name):
+        for each in _held(origin, point.value):
             yield origin, each
 
 
 def _allowed(places: Iterable[str]) -> Iterator[tuple[str, Figure]]:
     for place in places:
-        module, _, name = place.partition(":")
-        for each in _held(f"--allow names '{place}'", module, name):
+        for each in _held(f"--allow names '{place}'", place):
             yield f"--allow {place}", each
 
 
-def _held(origin: str, module: str, name: str) -> list[Figure]:
-    """The figures of a module, or what has a name in it: a figure or a list of them."""
+def _held(origin: str, place: str) -> list[Figure]:
+    """The figures at a place: a module, FILE.py, or MODULE:NAME of a figure or a list of them."""
     try:
-        held = importlib.import_module(module)
+        held, name = module_at(place)
         found = getattr(held, name) if name else [each for each in vars(held).values() if isinstance(each, Figure)]
     except Exception as error:
         raise ParameterError(f"{origin}: it cannot be imported: {type(error).__name__}: {error}") from None

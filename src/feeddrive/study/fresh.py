@@ -14,6 +14,7 @@ import numpy as np
 from feeddrive.language.progress import Progress
 from feeddrive.loop.control import Control
 from feeddrive.loop.runner import cores
+from feeddrive.study.answers.shares import Share
 from feeddrive.study.figure import Figure
 from feeddrive.study.figures import figure
 from feeddrive.study.pool import finished
@@ -23,32 +24,6 @@ from feeddrive.study.study import Study
 from feeddrive.tuning.limits import Limits
 
 STREAM = 1  # of the seed; a study itself is stream 0
-CONFIDENCE = 0.95
-
-
-@dataclass(frozen=True, eq=False)
-class Share:
-    """How many of the fresh machines keep something, and the 95 % interval of the share of all machines (Wilson)."""
-
-    kept: int
-    of: int
-
-    @property
-    def value(self) -> float:
-        """The share."""
-        return self.kept / self.of
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """The interval that holds the share of all machines with 95 %."""
-        from scipy.stats import binomtest
-
-        found = binomtest(self.kept, self.of).proportion_ci(CONFIDENCE, "wilson")
-        return float(found.low), float(found.high)
-
-    def __str__(self) -> str:
-        low, high = self.interval
-        return f"{100.0 * self.value:.3g} % ({100.0 * low:.3g} .. {100.0 * high:.3g} %)"
 
 
 @dataclass(frozen=True, eq=False)

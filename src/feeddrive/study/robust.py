@@ -26,6 +26,7 @@ from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table, picture_of, shown
 from feeddrive.loop.control import Control
+from feeddrive.study.answers.shares import Share
 from feeddrive.study.figures import figure
 from feeddrive.study.fresh import Measured, bounds_of, is_limit, limits_of, measured
 from feeddrive.study.scenarios import Merits, scenarios
@@ -87,13 +88,13 @@ class Robust(Result):
         told = (
             f"Tuned for {aim} of {n} machines, of which {len(self.active)} decide: {kept} keep all limits, "
             f"{int(np.sum(self.seen.kept))} did before. Of {m} fresh machines that the tuner never saw "
-            f"{self.after.all} are good; under today's control {self.before.all} are."
+            f"{in_percent(self.after.all)} are good; under today's control {in_percent(self.before.all)} are."
         )
         return told if self.better else f"{told} Keep today's control: it is good on more machines."
 
     def table(self) -> Table:
         """Shares of fresh machines within each bound, and quantiles of the rope-snap error, before and after."""
-        rows = [["all bounds", str(self.before.all), str(self.after.all)]]
+        rows = [["all bounds", in_percent(self.before.all), in_percent(self.after.all)]]
         rows += [
             [said(bound), str(self.before.keeping(bound)), str(self.after.keeping(bound))]
             for bound in self.after.bounds
@@ -112,6 +113,12 @@ def _picture(result: Robust) -> Any:
     from feeddrive.study.robust_picture import shares
 
     return shares(result.before, result.after)
+
+
+def in_percent(share: Share) -> str:
+    """A share of the fresh machines with its interval of 95 %: `81.5 % (75.4 .. 86.6 %)`."""
+    low, high = share.interval or (share.value, share.value)
+    return f"{100.0 * share.value:.3g} % ({100.0 * low:.3g} .. {100.0 * high:.3g} %)"
 
 
 def said(bound: Bound) -> str:

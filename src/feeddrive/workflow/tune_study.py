@@ -21,7 +21,7 @@ from feeddrive.language.table import Table
 from feeddrive.loop.control import Control
 from feeddrive.report.page import Shown, definitions, header, page, picture, table
 from feeddrive.study.fresh import Measured
-from feeddrive.study.robust import SNAP, Robust, RobustTuner, said
+from feeddrive.study.robust import SNAP, Robust, RobustTuner, in_percent, said
 from feeddrive.tuning.candidates import candidates, control_with
 from feeddrive.tuning.tunables import law_tunables
 from feeddrive.workflow.command import Outcome
@@ -56,7 +56,7 @@ class Laws:
 
 
 def _cells(fresh: Measured) -> list[str]:
-    return [str(fresh.all), *(f"{1e9 * fresh.quantile(SNAP, share):.4g}" for share in (0.5, 0.95))]
+    return [in_percent(fresh.all), *(f"{1e9 * fresh.quantile(SNAP, share):.4g}" for share in (0.5, 0.95))]
 
 
 def tune_laws(tuner: RobustTuner, law: str | None) -> Laws:
@@ -176,7 +176,7 @@ def _write(tuner: RobustTuner, laws: Laws, text: str | None, out: Path, again: M
 
 
 def _share(fresh: Measured) -> dict[str, Any]:
-    return {"value": fresh.all.value, "interval_95_percent": list(fresh.all.interval), "machines": fresh.count}
+    return {"value": fresh.all.value, "interval_95_percent": list(fresh.all.interval or ()), "machines": fresh.count}
 
 
 def _page(tuner: RobustTuner, laws: Laws, story: Story) -> str:
