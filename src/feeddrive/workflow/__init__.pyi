@@ -29,6 +29,7 @@ from feeddrive.workflow.reproduce import reproduce as reproduce
 from feeddrive.workflow.run_job import demo as demo
 from feeddrive.workflow.run_job import run as run
 from feeddrive.workflow.run_job import write_results as write_results
+from feeddrive.workflow.setpath import setpath as setpath
 from feeddrive.workflow.sweep import sweep as sweep
 from feeddrive.workflow.tune import tune as tune
 from feeddrive.workflow.verify import verify as verify

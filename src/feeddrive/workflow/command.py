@@ -280,6 +280,12 @@ COMMANDS: dict[str, Listed] = {
         "Tune and compare",
         ("run.csv --out prefilter.toml",),
     ),
+    "setpath": Listed(
+        "setpath",
+        "Change a set path beforehand, by the linear model of the loop, so that the table follows the wanted one.",
+        "Tune and compare",
+        ("linear_motor --method splines --out path.csv",),
+    ),
     "iterate": Listed(
         "iterate",
         "Learn mass, viscous and dry friction to feed forward from the error of a trial: a log, or simulated ones.",
