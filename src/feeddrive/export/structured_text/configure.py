@@ -16,6 +16,7 @@ from feeddrive.export.layout import Layout
 from feeddrive.export.layout_run import LayoutRun
 from feeddrive.export.structured_text.statements import Assignment, Section
 from feeddrive.export.structured_text.units import (
+    CONSTANTS,
     INDENT,
     INPUTS,
     OUTPUTS,
@@ -126,6 +127,9 @@ def configure(printer: Printing) -> Unit:
         elif kind == "parameter":
             leaves[node] = printer.parameter("parameters", i)
     section = printer.section(leaves, ["parameters", "design", "rule"], "LREAL")
+    for node, (kind, i) in layout.leaves.items():
+        if kind == "table":  # one that is read at fixed places: what a law computes of it depends on parameters only
+            section.table(node, layout.routine.tables[i][0], [float(x) for x in layout.routine.tables[i][2]])
     lines = ["rule := 0;"]
     bounds = len(layout.routine.parameters)
     for code, (node, variable) in enumerate(zip(layout.conditions, layout.routine.parameters, strict=False), 1):
@@ -156,6 +160,7 @@ def configure(printer: Printing) -> Unit:
                 Declared("design", f"{printer.name}_design"), Declared("rule", "DINT", "0", "0, or the broken rule")
             ],
             VARIABLES: section.variables,
+            CONSTANTS: section.constants(),
         },
         body=lines,
     )  # fmt: skip
