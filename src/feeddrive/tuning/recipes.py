@@ -26,7 +26,7 @@ _OFF = 1e-9  # a gain that counts as zero
 _STRAIGHT = math.radians(30.0)  # phase lag up to which lines are used for mass and lag
 _CRITICAL = 4.0  # Kv = ωv/4 damps a position loop around a first-order velocity loop critically
 _MAKERS = 0.507  # ωv τ with which Tn = 4/ωv and Kv = ωv/4 have Ms = 2 on a free mass, at one sample of dead time
-_MAKERS_PEAK = 2.04  # Ms up to which it counts as 2: mass and lag are read off to 1 %
+_MAKERS_PEAK = 2.0  # largest Ms of the maker's rule
 _SLOW = 4.0  # Tn = 4/ωv: the integral takes 14° of the phase at the crossover
 GOALS = {"robust": (12.0, 60.0), "dynamic": (7.0, 45.0)}  # gain margin in dB and phase margin in deg
 
