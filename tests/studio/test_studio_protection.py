@@ -125,7 +125,7 @@ def test_a_name_that_points_here_is_refused(server: Server, host: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "origin", [None, "http://evil.example", "null", "http://127.0.0.1:1", "http://{host}.evil.example"]
+    "origin", [None, "http://evil.example", "null", "http://localhost:1", "http://{host}.evil.example"]
 )
 def test_another_page_cannot_talk_to_the_server(server: Server, origin: str | None) -> None:
     named = None if origin is None else origin.format(host=server.host)
