@@ -64,17 +64,18 @@ def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmar
     if request.out is not None:
         progress.step("report")
         files["Report"] = write_benchmark(found, request.out)
-    missing = reasons(found)
+    missing = [reasons(found)] if found.unplaced() else []
+    named = missing if request.law else []  # who asks for a law is told why it has no place
     return Outcome(
         found,
-        [found.table(), *([found.recipe_table()] if found.recipes else [])],
+        [found.table(), *([found.recipe_table()] if found.recipes else []), *named],
         [
             "each figure: times better than P-PI, the geometric mean over the plants on which both have a place",
             f"to be cited as: {citation(found)}",
         ],
         verdict(found),
         files=files,
-        details=[found.winners(), *([missing] if missing.rows else [])],
+        details=[found.winners(), *([] if named else missing)],
     )
 
 
