@@ -295,7 +295,7 @@ def full(loop: Loop) -> Loop:
     """A control with something of every kind."""
     spring = TwoMass(mass_motor=100.0, mass_load=50.0, stiffness=1e7, viscous_load=100.0)
     law = CascadePPI(Kv=50.0, Kp=4e4, Tn=0.01, viscous=30.0, velocity_samples=2, velocity_encoder="load",
-                     position_every=2)  # fmt: skip
+                     position_every=2, model_mass=150.0)  # fmt: skip
     guard = Guard(following_error_limit=1e-3, velocity_limit=2.0, travel_least=-0.1, travel_most=0.5, safe_force=300.0)
     control = Control(
         law=law,
@@ -304,6 +304,7 @@ def full(loop: Loop) -> Loop:
                  SecondOrder(frequency_zero=700.0, frequency_pole=500.0), LowPass2(frequency=3000.0)),
         force_limit=5000.0,
         guard=guard,
+        feedback_delay=1e-4,
     )  # fmt: skip
     return replace(loop, control=replace(control, feedforward=(InverseDynamics(model=spring),)))
 

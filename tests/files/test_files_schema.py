@@ -92,7 +92,7 @@ def test_units_of_the_language_are_units_of_the_schema() -> None:
 
 
 def test_keys_are_those_of_the_readers() -> None:
-    assert set(job_schema()["properties"]) == set(job._KEYS)
+    assert set(job_schema()["properties"]) == set(job.KEYS)
     properties = machine_schema()["properties"]
     assert set(properties) == {"kind", "axis", "couplings", "geometry", "sample_time", *machine._TEXTS}
 

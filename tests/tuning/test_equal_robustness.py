@@ -20,6 +20,7 @@ from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceComp
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.friction.directional import Directional
 from feeddrive.blocks.friction.directional_stribeck import DirectionalStribeck
+from feeddrive.blocks.friction.generalized_maxwell_slip import GeneralizedMaxwellSlip
 from feeddrive.blocks.friction.lugre import Lugre
 from feeddrive.blocks.friction.regularised import Regularised
 from feeddrive.blocks.friction.stribeck import Stribeck
@@ -233,6 +234,8 @@ def test_the_compensator_is_told_the_steady_curve_of_the_axis(motor: Loop) -> No
         Lugre(coulomb=30.0, breakaway=50.0, stribeck_velocity=0.01, bristle_stiffness=1e6, bristle_damping=100.0,
               viscous=50.0): 0.02,
         Regularised(coulomb=30.0, viscous=50.0, transition_velocity=1e-5): 0.02,
+        GeneralizedMaxwellSlip(coulomb=30.0, breakaway=50.0, stribeck_velocity=0.01, viscous=50.0, attraction=3000.0,
+                               stiffness=(4e6, 1e6), share=(0.6, 0.4)): 0.02,
     }  # fmt: skip
     assert {type(each) for each in frictions} == {*members(Friction).values()} - {Viscous}
     for friction, share in frictions.items():

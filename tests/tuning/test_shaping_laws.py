@@ -84,6 +84,12 @@ def test_what_a_law_cannot_keep_is_refused_with_what_it_can(screw: fd.Loop) -> N
 
 
 def test_all_laws_are_here(screw: fd.Loop) -> None:
-    """Those with an observer of another law are proven with the published table of the comparison."""
-    others = {f"{law} + {observer} recovery" for law in ("P-PI", "DADSC") for observer in ("Kalman", "GPI")}
+    """Those with an observer of another law are proven with the published table of the comparison.
+
+    The laws of docs/laws/field.md have tests of their own, and stored designs in the benchmark.
+    """
+    laws = ("P-PI", "DADSC", "super-twisting")
+    others = {f"{law} + {observer} recovery" for law in laws for observer in ("Kalman", "GPI")}
+    others |= {f"{law} + DOB" for law in ("P-P", *laws)} | {"super-twisting", "super-twisting + recovery"}
+    others |= {"GPC, short horizon", "GPC, long horizon", "LADRC", "LQG"}
     assert {each.name for each in candidates(screw)[0] if not each.then} == {*SNAP, REFUSED, *others}

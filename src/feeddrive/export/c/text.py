@@ -68,11 +68,7 @@ def _source(layout: Layout, title: str, made_by: str) -> str:
         more = f", {P}_outputs *outputs" if outputs else ""
         signature = f"void {P}_{name}({P}_{held} *{held}, const {P}_inputs *inputs{more})"
         functions.append(_function(signature, [line for line, needed in wanted if needed], body.lines))
-    tables = [
-        f"static const {real} {_table(name)}[{len(row)}] = {{{', '.join(number(float(x), real) for x in row)}}};"
-        for name, _, row in routine.tables
-        if any(f"{_table(name)}[" in each for each in functions)
-    ]
+    tables = _tables(routine, functions, real)
     said = comment(f"{title}: reset and step.\n\n{made_by}\n\n{_laws(routine)}")
     return _joined([*said, f'#include "{P}.h"', "", *_needed(used, real), *tables, *functions])
 
@@ -104,7 +100,7 @@ def _configure(layout: Layout, title: str, made_by: str) -> str:
         used |= more
     said = comment(f"{title}: what is done once, and outside the interrupt.\n\n{made_by}")
     includes = [f'#include "{P}.h"', "", "#include <float.h>", *_needed(used, "double")]
-    return _joined([*said, *includes, *functions])
+    return _joined([*said, *includes, *_tables(routine, functions, "double", _DESIGN), *functions])
 
 
 def _off(layout: Layout, answers: bool) -> str:
@@ -120,7 +116,7 @@ def _off(layout: Layout, answers: bool) -> str:
 def _designed(layout: Layout) -> tuple[str, set[str]]:
     """The design that parameters make, if they keep all conditions; and the operations that this takes."""
     routine, P = layout.routine, layout.routine.name
-    leaves = _leaves(layout, {"parameter": "parameters->"})
+    leaves = _leaves(layout, {"parameter": "parameters->"}, _DESIGN)
     for index, node in enumerate(layout.graph.nodes):
         if node == ("const", LARGEST.hex()) or node == ("const", (-LARGEST).hex()):
             leaves[index] = "DBL_MAX" if node[1] == LARGEST.hex() else "-DBL_MAX"
@@ -212,7 +208,10 @@ def graph_constant(layout: Layout, index: int) -> str | None:
     return number(float.fromhex(node[1])) if node[0] == "const" else None
 
 
-def _leaves(layout: Layout, prefixes: Mapping[str, str]) -> dict[int, str]:
+_DESIGN = "DESIGN_"  # tables of `configure`, which are in double where those of the step are not
+
+
+def _leaves(layout: Layout, prefixes: Mapping[str, str], tables: str = "") -> dict[int, str]:
     """The text of what is there already: members of structs, tables, the sample time."""
     routine = layout.routine
     members: Mapping[str, Sequence[Variable]] = {
@@ -221,7 +220,7 @@ def _leaves(layout: Layout, prefixes: Mapping[str, str]) -> dict[int, str]:
     found: dict[int, str] = {}
     for node, (kind, i) in layout.leaves.items():
         if kind == "table":
-            found[node] = _table(routine.tables[i][0])
+            found[node] = _table(routine.tables[i][0], tables)
         elif kind == "sample_time":
             found[node] = f"{routine.name.upper()}_SAMPLE_TIME"
         elif kind in prefixes:
@@ -229,8 +228,17 @@ def _leaves(layout: Layout, prefixes: Mapping[str, str]) -> dict[int, str]:
     return found
 
 
-def _table(name: str) -> str:
-    return f"TABLE_{name.removeprefix('control.').replace('.', '_').upper()}"
+def _table(name: str, of: str = "") -> str:
+    return f"TABLE_{of}{name.removeprefix('control.').replace('.', '_').upper()}"
+
+
+def _tables(routine: Routine, functions: Sequence[str], real: str, of: str = "") -> list[str]:
+    """The tables that functions of a file read."""
+    return [
+        f"static const {real} {_table(name, of)}[{len(row)}] = {{{', '.join(number(float(x), real) for x in row)}}};"
+        for name, _, row in routine.tables
+        if any(f"{_table(name, of)}[" in each for each in functions)
+    ]
 
 
 def _function(signature: str, first: Iterable[str], lines: Iterable[str]) -> str:
