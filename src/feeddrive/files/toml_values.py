@@ -18,12 +18,13 @@ def with_values(file: TomlFile, values: Mapping[Key, Any]) -> TomlFile:
     """
     content: Any = deepcopy(file.content)
     for key, value in values.items():
-        table = content
+        table: Any = content
         for part in key[:-1]:
             inside = isinstance(table, dict) and part in table
             if not inside and not (isinstance(table, list) and isinstance(part, int) and part < len(table)):
                 raise ParameterError(f"{file.name}: there is no section [{'.'.join(map(str, key[:-1]))}]")
-            table = table[part]
+            held: Any = table  # by a name or by a number, as has just been asked
+            table = held[part]
         if not isinstance(table, dict):
             raise ParameterError(f"{file.name}: {'.'.join(map(str, key[:-1]))} is no section")
         table[key[-1]] = value

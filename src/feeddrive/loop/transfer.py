@@ -13,8 +13,8 @@ def transfer(A: np.ndarray, b: np.ndarray, c: np.ndarray, d: float, z: np.ndarra
     from scipy.linalg import matrix_balance, schur  # not for commands that only read
 
     # m and N differ by ten powers of ten: unbalanced, the rounding of the large ones would swallow the small ones
-    A, (scale, _) = matrix_balance(A, permute=False, separate=True)
-    form = schur(A, output="complex")
+    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
+    form = schur(balanced, output="complex")
     S, Z = form[0], form[1]
     left = (c * scale) @ Z
     right = np.repeat((Z.conj().T @ (b / scale))[:, None], z.size, axis=1)

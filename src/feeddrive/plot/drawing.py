@@ -64,7 +64,7 @@ def _panel(ax: Axes, panel: Panel) -> None:
     for curve in panel.curves:
         _curve(ax, curve)
     for mark in panel.marks:
-        face = {"markerfacecolor": style.PAPER} if mark.hollow else {}
+        face: dict[str, Any] = {"markerfacecolor": style.PAPER} if mark.hollow else {}
         ax.plot([mark.x], [mark.y], style.MARKERS[mark.number % len(style.MARKERS)], color=_color(mark.number),
                 markersize=4.5, **face)  # fmt: skip
     for note in panel.notes:

@@ -34,7 +34,8 @@ class Session:
 
     def answer(self, asked: Mapping[str, Any]) -> bytes:
         """The message that a request of the page gets: state and pictures, or what is wrong with the request."""
-        number = asked.get("number") if isinstance(asked.get("number"), int) else 0
+        given = asked.get("number")
+        number = given if isinstance(given, int) else 0
         try:
             said = self._done(asked)
         except FeeddriveError as error:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
+from typing import Any
 
 from feeddrive.blocks.catalogue import module_at
 from feeddrive.language.errors import ParameterError, nearest
@@ -75,7 +76,7 @@ def _held(origin: str, place: str) -> list[Figure]:
         found = getattr(held, name) if name else [each for each in vars(held).values() if isinstance(each, Figure)]
     except Exception as error:
         raise ParameterError(f"{origin}: it cannot be imported: {type(error).__name__}: {error}") from None
-    made = [found] if isinstance(found, Figure) else list(found) if isinstance(found, Iterable) else []
+    made: list[Any] = [found] if isinstance(found, Figure) else list(found) if isinstance(found, Iterable) else []
     if not made or not all(isinstance(each, Figure) for each in made):
         raise ParameterError(f"{origin}: it holds no feeddrive.study.Figure, or not only such")
     return made

@@ -123,7 +123,9 @@ class StiffnessOver:
         return linear.stiffness(np.geomspace(self.low, min(self.high, linear.nyquist), _LINES)).mean
 
 
-def _model(name: str, unit: str, meaning: str, of: Callable[[LinearLoop], float], better: str = "lower") -> Figure:
+def _model(
+    name: str, unit: str, meaning: str, of: Callable[[LinearLoop], float | None], better: str = "lower"
+) -> Figure:
     return Figure(name, unit, meaning, "model", of, better)
 
 

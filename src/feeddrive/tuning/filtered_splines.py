@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from feeddrive.blocks.families import Reference
@@ -147,5 +149,6 @@ def _least(Psi: np.ndarray, right: np.ndarray, ridge: float) -> np.ndarray:
     if ridge > 0.0:
         rows.append(ridge * np.eye(int(there.sum())))
     full = np.concatenate([right, np.zeros(rows[-1].shape[0] if ridge > 0.0 else 0)])
-    found[there] = lstsq(np.vstack(rows), full, lapack_driver="gelsy")[0] / size[there]
+    solved: Any = lstsq(np.vstack(rows), full, lapack_driver="gelsy")
+    found[there] = solved[0] / size[there]
     return found

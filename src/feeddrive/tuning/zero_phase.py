@@ -67,9 +67,9 @@ def inverse_path(loop: Loop | SetPath) -> InversePath:
     rows = 2 * poles.size + 4
     impulse = np.zeros((rows, 1))
     impulse[0] = 1.0
-    B = np.convolve(A, path.answers(impulse)[:, 0])[:rows]
-    there = np.flatnonzero(np.abs(B) > _REST * np.max(np.abs(B)))
-    delay, B = int(there[0]), B[there[0] : there[-1] + 1]
+    whole = np.convolve(A, path.answers(impulse)[:, 0])[:rows]
+    there = np.flatnonzero(np.abs(whole) > _REST * np.max(np.abs(whole)))
+    delay, B = int(there[0]), whole[there[0] : there[-1] + 1]
     zeros = np.roots(B)
     away = (np.abs(zeros) >= 1.0) | ((zeros.real < 0.0) & (np.abs(zeros) > _LEFT))
     kept = np.real(np.poly(zeros[away]))

@@ -253,6 +253,7 @@ def _points(
     first, *others = (
         each if isinstance(each, OperatingPoint) else loop_or_response(each, request.axis)
         for each in (request.source, *request.at)
+        if each is not None  # as of a study, which gives machines of its own
     )
     measured = [each for each in others if not isinstance(each, OperatingPoint | Loop)]
     found: list[OperatingPoint | Loop] = []

@@ -180,6 +180,7 @@ class CascadePPI(Law):
 
     def _modelled(self, held: Model, wanted: Number, T: Number) -> tuple[tuple[Model, ...], Number]:
         """The velocity that the P velocity loop of the reference model has now."""
+        assert self.model_mass is not None  # without one there is no model
         velocity = held.velocity + (0.5 * T / self.model_mass) * (held.forces[-2] + held.forces[-1])
         return (self.Model(velocity, (self.Kp * (wanted - velocity), *held.forces[:-1])),), velocity
 
