@@ -1,124 +1,94 @@
-// The page: numbers at the left, pictures that follow them, and what the limits say.
+// The page: its rooms as tabs, what went wrong, and the work that runs.
 
-import { Handles } from "./handles";
-import { Numbers } from "./numbers";
-import { LOOKS, Picture } from "./picture";
+import { JobBar } from "./job";
+import { paint } from "./look";
+import { button, make } from "./parts";
+import type { Request, Room } from "./room";
+import { Bring } from "./rooms/bring";
+import { Compare } from "./rooms/compare";
+import { Goal } from "./rooms/goal";
+import { Prove } from "./rooms/prove";
+import { Scope } from "./rooms/scope";
+import { Take } from "./rooms/take";
+import { Tune } from "./rooms/tune";
 import { Talk } from "./talk";
 import type { Received } from "./wire";
 
-const TITLES: Record<string, string> = {
-  open_loop: "Open loop",
-  nyquist: "Nyquist",
-  stiffness: "Dynamic stiffness",
-  sensitivity: "Sensitivity",
-  run: "Move, then a force on the table",
-};
-const LETTERS = ["A", "B", "C"];
+const talk: Talk = new Talk(
+  heard,
+  () => talk.ask({ do: "bring.show" }),
+  () => fail("The server has ended. Start feeddrive studio again, and open its new address."),
+);
+const ask = (request: Request) => talk.ask(request);
+const rooms: Room[] = [Bring, Tune, Goal, Compare, Prove, Take, Scope].map((Kind) => new Kind(ask));
+const job = new JobBar(ask);
+const error = make("p", { id: "error", role: "alert", hidden: "" });
+const title = document.getElementById("title")!;
+const tabs = new Map<string, { room: Room; tab: HTMLButtonElement; panel: HTMLElement }>();
+let epoch = -1;
+let open = "";
+let began = false;
 
-function element<Kind extends HTMLElement>(id: string): Kind {
-  return document.getElementById(id) as Kind;
+const list = make("div", { role: "tablist", "aria-label": "What is done", id: "tabs" });
+for (const room of rooms) {
+  const tab = button(room.title, () => go(room.name), { role: "tab", id: `tab-${room.name}`, "aria-controls": `room-${room.name}` });
+  const panel = make("section", { role: "tabpanel", id: `room-${room.name}`, "aria-labelledby": tab.id, hidden: "" }, room.element);
+  tabs.set(room.name, { room, tab, panel });
+  list.append(tab);
+}
+list.addEventListener("keydown", (event) => {
+  const way = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+  if (way === undefined) return;
+  const at = rooms.findIndex((each) => each.name === open);
+  const next = rooms[(at + way + rooms.length) % rooms.length]!;
+  go(next.name);
+  tabs.get(next.name)!.tab.focus();
+});
+document.querySelector("header")!.append(list, button("Dark", dark, { id: "dark", "aria-pressed": "false" }));
+document.querySelector("main")!.append(job.element, error, ...[...tabs.values()].map(({ panel }) => panel));
+
+// Open a room and ask the server what it shows.
+export function go(name: string): void {
+  open = name;
+  sessionStorage.setItem("feeddrive room", name);
+  for (const [each, { tab, panel }] of tabs) {
+    tab.setAttribute("aria-selected", String(each === name));
+    tab.tabIndex = each === name ? 0 : -1;
+    panel.hidden = each !== name;
+  }
+  fail("");
+  tabs.get(name)!.room.shown?.();
+  ask({ do: `${name}.show` });
 }
 
-const grid = element("grid");
-const pictures = new Map(Object.entries(TITLES).map(([name, title]) => [name, new Picture(title)]));
-for (const [name, picture] of pictures) {
-  picture.element.id = `picture-${name}`;
-  grid.append(picture.element);
-}
-const talk = new Talk(heard, () => fail("The server has ended. Start feeddrive studio again, and open its new address."));
-const moved = (name: string, value: number, first: boolean) => talk.ask({ do: "move", name, value, first });
-const numbers = new Numbers(element("numbers"), moved);
-const handles = new Handles(pictures.get("open_loop")!, moved);
-let last: Received | null = null;
+// A room may send the person on: new CustomEvent("go", { detail: "tune", bubbles: true })
+document.addEventListener("go", (event) => go((event as CustomEvent<string>).detail));
 
 function heard(received: Received): void {
   const { said } = received;
-  if (said.knobs) {
-    numbers.list(said.knobs);
-    handles.list(said.knobs);
-    return;
-  }
-  if (said.file !== undefined) {
-    save(said.file, said.file_name ?? "machine.toml");
-    return;
-  }
-  fail(said.error ?? "");
-  if (said.title) element("title").textContent = said.title;
-  if (said.values) numbers.show(said.values);
-  element<HTMLButtonElement>("undo").disabled = !said.undo;
-  element<HTMLButtonElement>("redo").disabled = !said.redo;
-  for (const letter of LETTERS) {
-    element<HTMLButtonElement>(`take-${letter}`).disabled = !said.kept?.includes(letter);
-  }
-  if (said.judged) {
-    const all = said.stable && said.judged.every((each) => each.keeps);
-    const words = said.judged.map((each) => (each.keeps ? each.text : `${each.text}: broken`)).join("; ");
-    const verdict = element("verdict");
-    verdict.textContent = said.stable ? words : `Not stable. ${words}`;
-    verdict.className = all ? "good" : "bad";
-  }
-  if (Object.keys(said.charts).length) {
-    last = received;
-    draw();
-    handles.show(said.values ?? {});
-  }
-}
-
-function draw(): void {
-  if (!last) return;
-  const look = LOOKS[document.documentElement.dataset.look === "dark" ? "dark" : "light"];
-  for (const [name, picture] of pictures) {
-    const chart = last.said.charts[name];
-    picture.element.hidden = !chart;
-    if (chart) picture.draw(chart, last.numbers, look);
-  }
+  job.show(said.job);
+  title.textContent = said.title || "feeddrive";
+  if (said.number > 0) fail(said.error ?? "");
+  else if (said.error) fail(said.error);
+  const other = said.epoch !== undefined && said.epoch !== epoch;
+  if (other) epoch = said.epoch!;
+  if (!said.error && said.room) tabs.get(said.room)?.room.heard(received);
+  if (!began) {
+    began = true;
+    const kept = sessionStorage.getItem("feeddrive room") ?? "";
+    const target = tabs.has(kept) ? kept : said.epoch ? "tune" : "bring";
+    if (target !== "bring" || open === "") go(target);
+  } else if (other && said.room !== open) ask({ do: `${open}.show` });
 }
 
 function fail(words: string): void {
-  const place = element("error");
-  place.textContent = words;
-  place.hidden = words === "";
+  error.textContent = words;
+  error.hidden = words === "";
 }
 
-function save(text: string, name: string): void {
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(new Blob([text], { type: "application/toml" }));
-  link.download = name;
-  link.click();
-  URL.revokeObjectURL(link.href);
+function dark(): void {
+  const now = document.documentElement.dataset.look !== "dark";
+  document.getElementById("dark")!.setAttribute("aria-pressed", String(now));
+  paint(now);
 }
-
-function snapshot(letter: string): HTMLElement {
-  const group = document.createElement("span");
-  const keep = document.createElement("button");
-  const take = document.createElement("button");
-  keep.type = take.type = "button";
-  keep.textContent = `Keep as ${letter}`;
-  take.textContent = letter;
-  take.id = `take-${letter}`;
-  take.disabled = true;
-  take.setAttribute("aria-label", `Go to ${letter}`);
-  keep.addEventListener("click", () => talk.ask({ do: "keep", letter }));
-  take.addEventListener("click", () => talk.ask({ do: "take", letter }));
-  group.append(keep, take);
-  return group;
-}
-
-element("snapshots").append(...LETTERS.map(snapshot));
-element("undo").addEventListener("click", () => talk.ask({ do: "undo" }));
-element("redo").addEventListener("click", () => talk.ask({ do: "redo" }));
-element("reset").addEventListener("click", () => talk.ask({ do: "reset" }));
-element("save").addEventListener("click", () => talk.ask({ do: "file" }));
-document.addEventListener("keydown", (event) => {
-  if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z") return;
-  event.preventDefault();
-  talk.ask({ do: event.shiftKey ? "redo" : "undo" });
-});
-
-function paint(dark: boolean): void {
-  document.documentElement.dataset.look = dark ? "dark" : "light";
-  element("dark").setAttribute("aria-pressed", String(dark));
-  draw();
-}
-element("dark").addEventListener("click", () => paint(document.documentElement.dataset.look !== "dark"));
 paint(matchMedia("(prefers-color-scheme: dark)").matches);

@@ -1,18 +1,7 @@
 // The conversation with the server: one request at a time; of requests that wait, moves of the same number are one.
 
+import { session, type Request } from "./room";
 import { decode, type Received } from "./wire";
-
-export type Request = { do: string; name?: string; value?: number; first?: boolean; letter?: string };
-
-const KEY = "feeddrive session";
-
-function session(): string {
-  const known = sessionStorage.getItem(KEY);
-  if (known) return known;
-  const fresh = crypto.randomUUID();
-  sessionStorage.setItem(KEY, fresh);
-  return fresh;
-}
 
 export class Talk {
   private socket: WebSocket | null = null;
@@ -22,6 +11,7 @@ export class Talk {
 
   constructor(
     private readonly heard: (received: Received) => void,
+    private readonly opened: () => void,
     private readonly lost: () => void,
   ) {
     this.open();
@@ -29,20 +19,21 @@ export class Talk {
 
   ask(request: Request): void {
     const last = this.waiting.at(-1);
-    if (last && last.do === "move" && request.do === "move" && last.name === request.name && !request.first) {
-      last.value = request.value;
+    if (last && last.do === request.do && request.do.endsWith(".move") && last.name === request.name && !request.first) {
+      Object.assign(last, { ...request, first: last.first });
     } else {
-      this.waiting.push(request);
+      this.waiting.push({ ...request });
     }
     this.send();
   }
 
   private open(): void {
-    const socket = new WebSocket(`ws://${location.host}/talk`);
+    const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/talk`);
     socket.binaryType = "arraybuffer";
     socket.onopen = () => {
       this.under_way = false;
-      this.ask({ do: "show" });
+      this.opened();
+      this.send();
     };
     socket.onmessage = (event: MessageEvent<ArrayBuffer>) => {
       const received = decode(event.data);
@@ -60,6 +51,6 @@ export class Talk {
     if (!next) return;
     this.under_way = true;
     this.number += 1;
-    this.socket.send(JSON.stringify({ number: this.number, session: session(), ...next }));
+    this.socket.send(JSON.stringify({ ...next, number: this.number, session: session() }));
   }
 }

@@ -67,8 +67,24 @@ export interface Knob {
   today: number;
   dragged: boolean;
 }
+export interface Job {
+  room: string;
+  what: string;
+  state: "waiting" | "running" | "done" | "failed" | "canceled";
+  step: string;
+  done: number | null;
+  of: number | null;
+  remarks: string[];
+  error: string;
+  seconds: number;
+}
+// What a room says stands beside these, under the names that its file on the server gives.
 export interface Message {
+  [word: string]: unknown;
   number: number;
+  room?: string;
+  epoch?: number;
+  job?: Job;
   error?: string;
   title?: string;
   knobs?: Knob[];

@@ -80,7 +80,7 @@ def running(page: Path) -> Iterator[Server]:
         time.sleep(0.01)
     port = server.servers[0].sockets[0].getsockname()[1]
     held.append(f"127.0.0.1:{port}")
-    app = make_app(bench_of("linear_motor"), tuple(held), TOKEN, page)
+    app = make_app(bench_of("linear_motor"), tuple(held), TOKEN, page.parent / "kept", page)
     yield Server(port)
     server.should_exit = True
     thread.join(20.0)
@@ -172,7 +172,7 @@ def test_every_answer_forbids_foreign_code_frames_and_copies(server: Server) -> 
 def test_what_is_no_request_is_answered_and_the_page_goes_on(server: Server, text: str) -> None:
     with server.talk() as socket:
         socket.send(text)
-        socket.send('{"number": 5, "do": "show"}')
+        socket.send('{"number": 5, "do": "tune.show"}')
         heard = b""
         while b'"number":5' not in heard:
             heard += socket.recv(timeout=20)  # type: ignore[operator]

@@ -23,8 +23,8 @@ def bench() -> Bench:
 
 
 @pytest.fixture
-def session(bench: Bench) -> Session:
-    return Session(bench)
+def session(bench: Bench, tmp_path: Path) -> Session:
+    return Session(tmp_path, bench)
 
 
 def read(answer: bytes) -> tuple[dict[str, Any], np.ndarray]:
@@ -37,7 +37,7 @@ def asked(session: Session, do: str, **more: Any) -> dict[str, Any]:
 
 
 def test_a_move_is_judged_and_drawn_beside_today(session: Session, bench: Bench) -> None:
-    said, numbers = read(session.answer({"number": 7, "do": "move", "name": "law.Kv", "value": 150.0}))
+    said, numbers = read(session.answer({"number": 7, "do": "tune.move", "name": "law.Kv", "value": 150.0}))
     assert said["number"] == 7
     assert said["values"]["law.Kv"] == 150.0
     assert set(said["charts"]) == {"open_loop", "nyquist", "sensitivity", "stiffness", "run"}
@@ -55,7 +55,7 @@ def test_a_move_is_judged_and_drawn_beside_today(session: Session, bench: Bench)
 
 
 def test_a_loop_that_is_not_stable_is_said_and_its_open_loop_is_drawn(session: Session) -> None:
-    said = asked(session, "move", name="law.Kp", value=2e6)
+    said = asked(session, "tune.move", name="law.Kp", value=2e6)
     assert said["stable"] is False
     assert [each["name"] for each in said["charts"]["open_loop"]["panels"][0]["curves"] if each["name"]] == [
         "today",
@@ -65,64 +65,68 @@ def test_a_loop_that_is_not_stable_is_said_and_its_open_loop_is_drawn(session: S
 
 
 def test_a_drag_is_undone_as_one_and_redone(session: Session) -> None:
-    held = session.values["law.Kv"]
+    held = session.desk.values["law.Kv"]
     for i, value in enumerate((held, 110.0, 120.0, 130.0)):  # a drag begins where the slider stands
-        asked(session, "move", name="law.Kv", value=value, first=i == 0)
-    said = asked(session, "move", name="law.Tn", value=0.01)
+        asked(session, "tune.move", name="law.Kv", value=value, first=i == 0)
+    said = asked(session, "tune.move", name="law.Tn", value=0.01)
     assert (said["undo"], said["redo"]) == (2, 0)
-    assert asked(session, "undo")["values"]["law.Kv"] == 130.0
-    said = asked(session, "undo")
-    assert said["values"]["law.Kv"] == session.bench.by_hand.values["law.Kv"]
+    assert asked(session, "tune.undo")["values"]["law.Kv"] == 130.0
+    said = asked(session, "tune.undo")
+    assert said["values"]["law.Kv"] == session.desk.needed.by_hand.values["law.Kv"]
     assert (said["undo"], said["redo"]) == (0, 2)
-    assert asked(session, "redo")["values"]["law.Kv"] == 130.0
-    assert asked(session, "move", name="law.Kv", value=90.0)["redo"] == 0  # another way: the old future is gone
+    assert asked(session, "tune.redo")["values"]["law.Kv"] == 130.0
+    assert asked(session, "tune.move", name="law.Kv", value=90.0)["redo"] == 0  # another way: the old future is gone
 
 
 def test_snapshots_are_drawn_and_taken(session: Session) -> None:
-    asked(session, "move", name="law.Kv", value=90.0)
-    said = asked(session, "keep", letter="A")
+    asked(session, "tune.move", name="law.Kv", value=90.0)
+    said = asked(session, "tune.keep", letter="A")
     assert said["kept"] == ["A"]
-    asked(session, "reset")
-    assert [c["name"] for c in asked(session, "show")["charts"]["run"]["panels"][0]["curves"]] == ["today", "A", "now"]
-    assert asked(session, "take", letter="A")["values"]["law.Kv"] == 90.0
-    assert asked(session, "drop", letter="A")["kept"] == []
-    assert "nothing was kept as B" in asked(session, "take", letter="B")["error"]
+    asked(session, "tune.reset")
+    assert [c["name"] for c in asked(session, "tune.show")["charts"]["run"]["panels"][0]["curves"]] == [
+        "today",
+        "A",
+        "now",
+    ]
+    assert asked(session, "tune.take", letter="A")["values"]["law.Kv"] == 90.0
+    assert asked(session, "tune.drop", letter="A")["kept"] == []
+    assert "nothing was kept as B" in asked(session, "tune.take", letter="B")["error"]
 
 
 @pytest.mark.parametrize(
     ("request_", "reason"),
     [
-        ({"do": "move", "name": "law.Kv", "value": -1}, "must be > 0 1/s"),
-        ({"do": "move", "name": "law.Kv", "value": float("inf")}, "must be a finite number"),
-        ({"do": "move", "name": "law.Kv", "value": "10"}, "must be a number"),
-        ({"do": "move", "name": "law.Kv", "value": True}, "must be a number"),
-        ({"do": "move", "name": "law.__class__", "value": 1}, "has no number"),
-        ({"do": "keep", "letter": "Z"}, "one of A, B, C"),
-        ({"do": "answer"}, "none of show"),
+        ({"do": "tune.move", "name": "law.Kv", "value": -1}, "must be > 0 1/s"),
+        ({"do": "tune.move", "name": "law.Kv", "value": float("inf")}, "must be a finite number"),
+        ({"do": "tune.move", "name": "law.Kv", "value": "10"}, "must be a number"),
+        ({"do": "tune.move", "name": "law.Kv", "value": True}, "must be a number"),
+        ({"do": "tune.move", "name": "law.__class__", "value": 1}, "has no number"),
+        ({"do": "tune.keep", "letter": "Z"}, "one of A, B, C"),
+        ({"do": "answer"}, "none of bring"),
     ],
 )
 def test_a_wrong_request_says_why_and_changes_nothing(session: Session, request_: dict[str, Any], reason: str) -> None:
-    before = dict(session.values)
+    before = dict(session.desk.values)
     said = read(session.answer({"number": 3, **request_}))[0]
     assert reason in said["error"]
     assert said["number"] == 3
-    assert session.values == before
-    assert said["undo"] == 0
+    assert session.desk.values == before
+    assert not session.desk.undo
 
 
-def test_pages_do_not_see_each_other(bench: Bench) -> None:
-    one, other = Session(bench), Session(bench)
-    asked(one, "move", name="law.Kv", value=150.0)
-    asked(one, "keep", letter="A")
-    said = asked(other, "show")
+def test_pages_do_not_see_each_other(bench: Bench, tmp_path: Path) -> None:
+    one, other = Session(tmp_path, bench), Session(tmp_path, bench)
+    asked(one, "tune.move", name="law.Kv", value=150.0)
+    asked(one, "tune.keep", letter="A")
+    said = asked(other, "tune.show")
     assert said["values"] == bench.by_hand.values
     assert said["kept"] == []
 
 
 def test_the_file_has_the_moved_number_and_all_else_as_it_was(session: Session, tmp_path: Path) -> None:
-    asked(session, "move", name="law.Kv", value=88.0)
-    text = asked(session, "file")["file"]
-    before = session.bench.machine.file.text.splitlines()
+    asked(session, "tune.move", name="law.Kv", value=88.0)
+    text = asked(session, "tune.file")["file"]
+    before = session.desk.needed.machine.file.text.splitlines()
     changed = [(old, new) for old, new in zip(before, text.splitlines(), strict=True) if old != new]
     assert len(changed) == 1
     assert "88" in changed[0][1]
@@ -148,7 +152,7 @@ def test_a_message_is_whole_numbers_and_all(session: Session) -> None:
 
 
 def test_knobs_are_in_the_units_that_people_read(session: Session) -> None:
-    found = {each["name"]: each for each in session.knobs()}
+    found = {each["name"]: each for each in asked(session, "tune.show")["knobs"]}
     assert found["law.Tn"]["unit"] == "ms"
     assert found["law.Tn"]["factor"] == 1e3
     assert [name for name, each in found.items() if each["dragged"]] == ["filters.0.frequency", "filters.1.frequency"]

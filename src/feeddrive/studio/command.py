@@ -5,6 +5,7 @@ from __future__ import annotations
 import secrets
 import socket
 import webbrowser
+from pathlib import Path
 
 from feeddrive.files.machine import MachineLike
 from feeddrive.language.errors import ParameterError
@@ -22,6 +23,10 @@ class StudioRequest(Request):
 
     machine: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     axis: str | None = option("the axis; the only one if left out", default=None)
+    folder: Path = option(
+        "in which each page keeps what it is given and what it writes; nothing else is written",
+        default=Path("results/studio"),
+    )
     port: int = option("of the page on this machine; 0: any free one", default=0, least=0, most=65535)
     no_browser: bool = option("open no browser: print the address alone", default=False)
 
@@ -50,10 +55,12 @@ def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench]:
     token = secrets.token_urlsafe(24)
     address = f"http://{HOST}:{port}/?token={token}"
 
+    hosts = f"{HOST}:{port}", f"localhost:{port}"
+
     def ready() -> None:
         progress.remark(address)
         if not request.no_browser:
             webbrowser.open(address)
 
-    serve(make_app(bench, (f"{HOST}:{port}", f"localhost:{port}"), token), HOST, port, ready)
+    serve(make_app(bench, hosts, token, request.folder), HOST, port, ready)
     return Outcome(bench)

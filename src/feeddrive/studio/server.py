@@ -1,41 +1,59 @@
-"""The page's server: the built page, and one WebSocket for each page that is open."""
+"""The page's server: the built page, files that are brought and taken, and one WebSocket for each page that is open."""
 
 from __future__ import annotations
 
 import asyncio
 import json
+import tempfile
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from feeddrive.language.errors import MissingExtraError
+from feeddrive.language.errors import FileError, MissingExtraError
 from feeddrive.language.recent import Recent
 from feeddrive.studio.bench import Bench
 from feeddrive.studio.protection import App, Protected
 from feeddrive.studio.session import Session
+from feeddrive.studio.uploads import keep, safe_name
 from feeddrive.studio.wire import message
 
 PAGE = Path(__file__).parent / "page"  # built from the TypeScript in `page/` of the repository
-_TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
+_TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".txt": "text/plain"}
 _SESSIONS = 64  # pages whose state is kept, the latest
 _LARGEST = 64_000  # bytes of a request of the page
+_KEY = 64  # characters of the name of a session
 
 
-def make_app(bench: Bench, hosts: tuple[str, ...], token: str, page: Path = PAGE) -> App:
-    """The ASGI app for one bench, behind its checks.
+def make_app(
+    bench: Bench | None, hosts: tuple[str, ...], token: str, folder: Path, page: Path = PAGE,
+    watched: Path | None = None, brought: tuple[Path, ...] = (),
+) -> App:  # fmt: skip
+    """The ASGI app for pages that begin with one bench, or with none, behind its checks.
 
-    hosts  addresses under which it is reached, as `127.0.0.1:8765`
+    hosts    addresses under which it is reached, as `127.0.0.1:8765`
+    folder   in which each page gets a directory of its own
+    watched  log that grows, which the scope may follow
+    brought  files with which every page begins, as if they had been brought
     Raises MissingExtraError without the extra `studio`.
     """
     try:
         from starlette.applications import Starlette
-        from starlette.responses import PlainTextResponse, Response
+        from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
         from starlette.routing import Route, WebSocketRoute
         from starlette.websockets import WebSocket, WebSocketDisconnect
     except ImportError as error:
         raise MissingExtraError("starlette", "studio", "the studio") from error
 
     sessions: Recent[Session] = Recent(_SESSIONS)
+
+    def new_session() -> Session:
+        folder.mkdir(parents=True, exist_ok=True)
+        own = Path(tempfile.mkdtemp(prefix=time.strftime("%Y-%m-%d_%H%M%S_"), dir=folder))
+        return Session(own, bench, watched, brought)
+
+    def session_of(name: str) -> Session:
+        return sessions.get(name[:_KEY], new_session)
 
     async def file(request: Any) -> Any:
         name = request.path_params.get("name") or "index.html"
@@ -44,25 +62,64 @@ def make_app(bench: Bench, hosts: tuple[str, ...], token: str, page: Path = PAGE
             return PlainTextResponse("there is no such file\n", 404)
         return Response(path.read_bytes(), media_type=_TYPES[path.suffix])
 
+    async def upload(request: Any) -> Any:
+        given, size = request.query_params, request.headers.get("content-length", "")
+        into = session_of(given.get("session", "")).desk.folder / "brought"
+        try:
+            kept = await keep(given.get("name", ""), request.stream(), into, int(size) if size.isdecimal() else None)
+        except FileError as error:
+            return JSONResponse({"error": str(error)}, 413 if "larger" in str(error) else 400)
+        return JSONResponse({"name": kept.name})
+
+    async def result(request: Any) -> Any:
+        try:
+            name = safe_name(request.path_params["name"])
+        except FileError as error:
+            return PlainTextResponse(f"{error}\n", 404)
+        path = session_of(request.query_params.get("session", "")).desk.folder / name
+        if not path.is_file() or path.is_symlink():
+            return PlainTextResponse("there is no such file\n", 404)
+        return FileResponse(path, media_type="application/octet-stream", filename=name)
+
     async def talk(socket: WebSocket) -> None:
         await socket.accept()
+        loop, waiting = asyncio.get_running_loop(), asyncio.Queue[bytes]()
+
+        async def send() -> None:
+            while True:
+                await socket.send_bytes(await waiting.get())
+
+        sender = asyncio.create_task(send())
+        leave: Callable[[], None] | None = None
         session: Session | None = None
         try:
             while True:
-                text = await socket.receive_text()
-                asked = _asked(text)
+                asked = _asked(await socket.receive_text())
                 if asked is None:
-                    await socket.send_bytes(message({"number": 0, "error": "the page sent what is no request"}))
+                    waiting.put_nowait(message({"number": 0, "error": "the page sent what is no request"}))
                     continue
-                if session is None:
-                    session = sessions.get(str(asked.get("session")), lambda: Session(bench))
-                    await socket.send_bytes(message({"number": 0, "knobs": session.knobs()}))
-                await socket.send_bytes(await asyncio.to_thread(session.answer, asked))
+                if session is None or leave is None:
+                    session = await asyncio.to_thread(session_of, str(asked.get("session")))
+                    leave = session.listen(lambda said: _put(loop, waiting, said))
+                waiting.put_nowait(await asyncio.to_thread(session.answer, asked))
         except WebSocketDisconnect:
             pass
+        finally:
+            sender.cancel()
+            if leave is not None:
+                leave()
 
-    routes = [Route("/", file), Route("/{name}", file), WebSocketRoute("/talk", talk)]
+    routes = [
+        Route("/", file), Route("/upload", upload, methods=["POST"]), Route("/file/{name}", result),
+        Route("/{name}", file), WebSocketRoute("/talk", talk),
+    ]  # fmt: skip
     return Protected(Starlette(routes=routes), hosts, token)
+
+
+def _put(loop: asyncio.AbstractEventLoop, waiting: asyncio.Queue[bytes], said: bytes) -> None:
+    """From another thread; nothing if the server has ended."""
+    if not loop.is_closed():
+        loop.call_soon_threadsafe(waiting.put_nowait, said)
 
 
 def _asked(text: str) -> dict[str, Any] | None:
@@ -91,6 +148,6 @@ def serve(app: App, host: str, port: int, ready: Callable[[], None]) -> None:
 
     config = uvicorn.Config(
         app, host=host, port=port, log_level="error", access_log=False, ws="websockets-sansio", ws_max_size=_LARGEST,
-        lifespan="off", server_header=False, date_header=False,
+        lifespan="off", server_header=False, date_header=False, timeout_graceful_shutdown=1,
     )  # fmt: skip
     Server(config).run()

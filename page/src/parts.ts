@@ -1,0 +1,42 @@
+// Small makers of elements; all text is text, never markup.
+
+type Attributes = Record<string, string>;
+
+export function make<Kind extends keyof HTMLElementTagNameMap>(
+  kind: Kind,
+  attributes: Attributes = {},
+  ...content: (string | Node)[]
+): HTMLElementTagNameMap[Kind] {
+  const found = document.createElement(kind);
+  for (const [name, value] of Object.entries(attributes)) found.setAttribute(name, value);
+  found.append(...content);
+  return found;
+}
+
+export function button(text: string, act: () => void, attributes: Attributes = {}): HTMLButtonElement {
+  const found = make("button", { type: "button", ...attributes }, text);
+  found.addEventListener("click", act);
+  return found;
+}
+
+// A table with a heading for each column.
+export function table(heads: string[], rows: (string | Node)[][]): HTMLTableElement {
+  const head = make("tr", {}, ...heads.map((each) => make("th", { scope: "col" }, each)));
+  const body = rows.map((row) => make("tr", {}, ...row.map((each) => make("td", {}, each))));
+  return make("table", {}, make("thead", {}, head), make("tbody", {}, ...body));
+}
+
+// A choice with its label.
+export function choice(label: string, among: [value: string, text: string][], changed: (value: string) => void): HTMLLabelElement {
+  const select = make("select", {}, ...among.map(([value, text]) => make("option", { value }, text)));
+  select.addEventListener("change", () => changed(select.value));
+  return make("label", { class: "choice" }, `${label} `, select);
+}
+
+// Text that the browser saves as a file.
+export function save(text: string, name: string): void {
+  const link = make("a", { download: name });
+  link.href = URL.createObjectURL(new Blob([text], { type: "text/plain" }));
+  link.click();
+  URL.revokeObjectURL(link.href);
+}

@@ -1,0 +1,98 @@
+// Tuning by hand: numbers at the left, pictures that follow them, and what the limits say.
+
+import { Handles } from "../handles";
+import { Numbers } from "../numbers";
+import { Picture } from "../picture";
+import { button, make, save } from "../parts";
+import type { Ask, Room } from "../room";
+import type { Received } from "../wire";
+import { look, whenPainted } from "../look";
+
+const TITLES: Record<string, string> = {
+  open_loop: "Open loop",
+  nyquist: "Nyquist",
+  stiffness: "Dynamic stiffness",
+  sensitivity: "Sensitivity",
+  run: "Move, then a force on the table",
+};
+const LETTERS = ["A", "B", "C"];
+
+export class Tune implements Room {
+  readonly name = "tune";
+  readonly title = "Tune by hand";
+  readonly element = make("div", { class: "tune" });
+  private readonly pictures = new Map(Object.entries(TITLES).map(([name, title]) => [name, new Picture(title)]));
+  private readonly verdict = make("p", { id: "verdict", "aria-live": "polite" });
+  private readonly undo: HTMLButtonElement;
+  private readonly redo: HTMLButtonElement;
+  private readonly takes = new Map<string, HTMLButtonElement>();
+  private readonly numbers: Numbers;
+  private readonly handles: Handles;
+  private last: Received | null = null;
+
+  constructor(ask: Ask) {
+    const moved = (name: string, value: number, first: boolean) => ask({ do: "tune.move", name, value, first });
+    const section = make("section", { id: "numbers", "aria-label": "Numbers of the control", tabindex: "0" });
+    this.numbers = new Numbers(section, moved);
+    this.undo = button("Undo", () => ask({ do: "tune.undo" }), { id: "undo", title: "Ctrl+Z" });
+    this.redo = button("Redo", () => ask({ do: "tune.redo" }), { id: "redo", title: "Ctrl+Shift+Z" });
+    const buttons = make("div", { class: "buttons" }, this.undo, this.redo);
+    buttons.append(button("Today's values", () => ask({ do: "tune.reset" }), { id: "reset" }));
+    for (const letter of LETTERS) {
+      const take = button(letter, () => ask({ do: "tune.take", letter }), { id: `take-${letter}`, "aria-label": `Go to ${letter}` });
+      this.takes.set(letter, take);
+      buttons.append(button(`Keep as ${letter}`, () => ask({ do: "tune.keep", letter })), take);
+    }
+    buttons.append(button("Save machine file", () => ask({ do: "tune.file" }), { id: "save" }));
+    const grid = make("div", { class: "grid" });
+    for (const [name, picture] of this.pictures) {
+      picture.element.id = `picture-${name}`;
+      grid.append(picture.element);
+    }
+    this.handles = new Handles(this.pictures.get("open_loop")!, moved);
+    this.element.append(section, make("section", { id: "pictures", "aria-label": "Pictures" }, buttons, this.verdict, grid));
+    document.addEventListener("keydown", (event) => {
+      if (this.element.closest("[hidden]") || !(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z") return;
+      event.preventDefault();
+      ask({ do: event.shiftKey ? "tune.redo" : "tune.undo" });
+    });
+    whenPainted(() => this.draw());
+  }
+
+  heard(received: Received): void {
+    const { said } = received;
+    if (said.file !== undefined) return save(said.file, said.file_name ?? "machine.toml");
+    if (said.knobs) {
+      this.numbers.list(said.knobs);
+      this.handles.list(said.knobs);
+    }
+    if (said.values) this.numbers.show(said.values);
+    if (said.judged) {
+      this.undo.disabled = !said.undo;
+      this.redo.disabled = !said.redo;
+      for (const [letter, take] of this.takes) take.disabled = !said.kept?.includes(letter);
+      const all = said.stable && said.judged.every((each) => each.keeps);
+      const words = said.judged.map((each) => (each.keeps ? each.text : `${each.text}: broken`)).join("; ");
+      this.verdict.textContent = said.stable ? words : `Not stable. ${words}`;
+      this.verdict.className = all ? "good" : "bad";
+    }
+    if (Object.keys(said.charts).length) {
+      this.last = received;
+      this.draw();
+      this.handles.show(said.values ?? {});
+    }
+  }
+
+  shown(): void {
+    this.draw();
+  }
+
+  private draw(): void {
+    if (!this.last || this.element.closest("[hidden]")) return;
+    for (const [name, picture] of this.pictures) {
+      const chart = this.last.said.charts[name];
+      picture.element.hidden = !chart;
+      if (chart) picture.draw(chart, this.last.numbers, look());
+    }
+  }
+}

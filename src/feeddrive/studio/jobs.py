@@ -1,0 +1,220 @@
+"""Long work of the page: in a process of its own, which may be canceled and may even crash."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from feeddrive.language.errors import CancelledError, FeeddriveError
+from feeddrive.language.processes import follow_parent, one_thread
+from feeddrive.language.progress import Progress
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+    from multiprocessing.synchronize import Event
+
+    from feeddrive.workflow.command import Outcome
+    from feeddrive.workflow.request import Request
+
+Work = Callable[[Progress], Any]
+WAITING, RUNNING, DONE, FAILED, CANCELLED = "waiting", "running", "done", "failed", "canceled"
+_OFTEN = 0.05  # s between two reports of a step
+_PATIENCE = 3.0  # s in which canceled work may end by itself
+_PLACES = threading.BoundedSemaphore(os.cpu_count() or 1)  # of all pages together
+_CONTEXT = multiprocessing.get_context("spawn")
+
+
+def perform(command: str, request: Request, progress: Progress) -> Outcome[Any]:
+    """The work of a command of the workflow, by name."""
+    from feeddrive.workflow.command import load
+
+    return load(command).run(request, progress)
+
+
+@dataclass(frozen=True)
+class JobState:
+    """Where a job stands.
+
+    room, what   that began it, and what it does
+    state        waiting, running, done, failed or canceled
+    step         that is done now; `done` of `of`, if it counts them
+    remarks      that it made on its way
+    error        why it failed
+    """
+
+    room: str
+    what: str
+    state: str = WAITING
+    step: str = ""
+    done: int | None = None
+    of: int | None = None
+    remarks: tuple[str, ...] = ()
+    error: str = ""
+    seconds: float = 0.0
+
+    @property
+    def going(self) -> bool:
+        """Whether it has not ended."""
+        return self.state in (WAITING, RUNNING)
+
+
+@dataclass(frozen=True)
+class Found:
+    """What work reports on its way, besides steps: for the room that began it."""
+
+    words: Mapping[str, Any] = field(default_factory=dict[str, Any])
+
+
+class Job:
+    """One work in a process of its own.
+
+    heard(state)   after each report, from a thread of the job
+    found(value)   of each `Found`
+    ended(result)  once, if the work came to its end
+    """
+
+    def __init__(
+        self, room: str, what: str, work: Work, heard: Callable[[JobState], None], found: Callable[[Found], None],
+        ended: Callable[[Any], None],
+    ) -> None:  # fmt: skip
+        self.state = JobState(room, what)
+        self._work, self._heard, self._found, self._ended = work, heard, found, ended
+        self._stop: Event = _CONTEXT.Event()
+        self._begun = time.monotonic()
+        self._process: Any = None
+        self._thread = threading.Thread(target=self._follow, daemon=True)
+
+    def start(self) -> None:
+        """Begin, as soon as a processor is free for it."""
+        self._thread.start()
+
+    def cancel(self) -> None:
+        """Ask the work to stop; if it does not, end its process."""
+        self._stop.set()
+        if self._process is not None:
+            threading.Thread(target=self._end, args=(self._process,), daemon=True).start()
+
+    def kill(self) -> None:
+        """End its process at once, as at the end of the server."""
+        self._stop.set()
+        if self._process is not None:
+            self._process.kill()
+
+    def join(self, seconds: float | None = None) -> None:
+        """Wait for its end."""
+        self._thread.join(seconds)
+
+    @staticmethod
+    def _end(process: Any) -> None:
+        process.join(_PATIENCE)
+        if process.is_alive():
+            process.terminate()
+
+    def _say(self, **changes: Any) -> None:
+        self.state = replace(self.state, seconds=time.monotonic() - self._begun, **changes)
+        self._heard(self.state)
+
+    def _follow(self) -> None:
+        while not _PLACES.acquire(timeout=0.1):
+            if self._stop.is_set():
+                self._say(state=CANCELLED)
+                return
+        try:
+            self._run()
+        finally:
+            _PLACES.release()
+
+    def _run(self) -> None:
+        if self._stop.is_set():
+            self._say(state=CANCELLED)
+            return
+        ours, theirs = _CONTEXT.Pipe(duplex=False)
+        with one_thread():
+            self._process = _CONTEXT.Process(target=_child, args=(self._work, theirs, self._stop), daemon=True)
+            self._process.start()
+        theirs.close()
+        self._say(state=RUNNING)
+        try:
+            while self._take(*ours.recv()):
+                pass
+        except (EOFError, OSError):
+            if self._stop.is_set():
+                self._say(state=CANCELLED)
+            else:
+                said = f"{self.state.what} ended without a word: it was killed, or memory ran out; begin it again"
+                self._say(state=FAILED, error=said)
+        finally:
+            self._process.join()
+            ours.close()
+
+    def _take(self, kind: str, *given: Any) -> bool:
+        """One report; False after the last."""
+        if kind == "step":
+            step, done, of = given
+            self._say(step=step, done=done, of=of)
+        elif kind == "remark":
+            self._say(remarks=(*self.state.remarks, given[0]))
+        elif kind == "found":
+            self._found(given[0])
+        elif kind == "done":
+            try:
+                self._ended(given[0])
+            except FeeddriveError as error:
+                self._say(state=FAILED, error=str(error))
+            else:
+                self._say(state=DONE)
+        elif kind == "canceled":
+            self._say(state=CANCELLED)
+        else:
+            self._say(state=FAILED, error=given[0])
+        return kind in ("step", "remark", "found")
+
+
+class _Reporting(Progress):
+    """The progress of the process: each report goes to the page, steps not too often."""
+
+    def __init__(self, pipe: Connection, stop: Event) -> None:
+        super().__init__()
+        self._pipe, self._stop, self._last, self._told = pipe, stop, ("", ""), 0.0
+
+    @property
+    def cancelled(self) -> bool:
+        return self._stop.is_set()
+
+    def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
+        now = time.monotonic()
+        if (what, part) == self._last and now - self._told < _OFTEN and done != of:
+            return
+        self._last, self._told = (what, part), now
+        self._pipe.send(("step", f"{part}: {what}" if part else what, done, of))
+
+    def show_remark(self, said: Any) -> None:
+        self._pipe.send(("remark", str(said)))
+
+    def show_found(self, words: Mapping[str, Any]) -> None:
+        """What a room wants to draw while the work goes on."""
+        self._pipe.send(("found", Found(words)))
+
+
+def _child(work: Work, pipe: Connection, stop: Event) -> None:
+    follow_parent()
+    with contextlib.suppress(BrokenPipeError):
+        try:
+            found = work(_Reporting(pipe, stop))
+        except CancelledError:
+            pipe.send(("canceled",))
+        except FeeddriveError as error:
+            pipe.send(("failed", str(error)))
+        except MemoryError:
+            pipe.send(("failed", "memory ran out: close other programs, or take a smaller piece of the file"))
+        except Exception as error:  # a fault of feeddrive: the page stays usable, and says what to report
+            pipe.send(("failed", f"a fault in feeddrive, please report it: {type(error).__name__}: {error}"))
+            raise
+        else:
+            pipe.send(("done", found))

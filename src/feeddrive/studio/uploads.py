@@ -1,0 +1,50 @@
+"""Files that the page brings: their names are made harmless, their size is limited, and they stand in one folder."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+from feeddrive.files.atomic_io import written_whole
+from feeddrive.language.errors import FileError
+
+LARGEST = 256_000_000  # bytes of one file
+MANY = 64  # files of one session
+_NAME = re.compile(r"[^\W_][\w .()+,=@~-]{0,119}")
+_DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)  # what Windows takes for devices
+
+
+def safe_name(name: str) -> str:
+    """A name of a file that stays in its folder on every system. Raises FileError for any other one."""
+    if not _NAME.fullmatch(name) or ".." in name or name.endswith((".", " ")) or _DEVICES.fullmatch(name):
+        raise FileError(
+            f"{name!r:.80} is no name for a file here: rename it with letters, digits, blanks and . - _ ( ) + , = @ ~"
+        )
+    return name
+
+
+async def keep(name: str, pieces: AsyncIterator[bytes], folder: Path, promised: int | None = None) -> Path:
+    """Write a file that arrives in pieces into the folder, whole or not at all.
+
+    promised  its size, bytes, if the browser said it
+    Raises FileError for its name, for more than `LARGEST` bytes, and for more than `MANY` files.
+    """
+    path = folder / safe_name(name)
+    too_large = FileError(
+        f"{path.name} is larger than {LARGEST // 1_000_000} MB: take a shorter piece of the log, or use feeddrive on "
+        "the command line, which reads it where it is"
+    )
+    if promised is not None and promised > LARGEST:
+        raise too_large
+    folder.mkdir(parents=True, exist_ok=True)
+    if not path.exists() and sum(1 for _ in folder.iterdir()) >= MANY:
+        raise FileError(f"{MANY} files were brought already: open a new page for more")
+    with written_whole(path) as temporary, temporary.open("wb") as file:
+        size = 0
+        async for piece in pieces:
+            size += len(piece)
+            if size > LARGEST:
+                raise too_large
+            file.write(piece)
+    return path

@@ -1,0 +1,58 @@
+"""Files that are brought: their names stay in the folder, and their size is limited while they arrive."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+
+from feeddrive.language.errors import FileError
+from feeddrive.studio import uploads
+
+
+async def pieces(size: int, count: int) -> AsyncIterator[bytes]:
+    for _ in range(count):
+        yield b"x" * size
+
+
+def kept(name: str, folder: Path, size: int = 10, count: int = 3, promised: int | None = None) -> Path:
+    return asyncio.run(uploads.keep(name, pieces(size, count), folder, promised))
+
+
+@pytest.mark.parametrize("name", ["run 1 (cold).csv", "Maß-µ.mat", "a.toml"])
+def test_a_file_is_kept_under_its_name(tmp_path: Path, name: str) -> None:
+    path = kept(name, tmp_path / "brought")
+    assert path == tmp_path / "brought" / name
+    assert path.stat().st_size == 30
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["", "../a.csv", "..", "a/b.csv", "a\\b.csv", "/etc/passwd", ".feeddrive", "C:a.csv", "nul", "con.csv",
+     "a\x1b[2J.csv", "<b>.csv", "a\n.csv", "a.csv.", "x" * 121, "-rf"],
+)  # fmt: skip
+def test_no_name_leaves_the_folder(tmp_path: Path, name: str) -> None:
+    with pytest.raises(FileError, match="is no name for a file here"):
+        kept(name, tmp_path / "brought")
+    assert not list(tmp_path.rglob("*.csv"))
+
+
+@pytest.mark.parametrize("promised", [None, 3_001])
+def test_what_is_too_large_is_refused_and_nothing_of_it_stays(
+    tmp_path: Path, promised: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(uploads, "LARGEST", 3_000)
+    with pytest.raises(FileError, match="is larger than"):
+        kept("a.csv", tmp_path, 1_000, 4, promised)
+    assert not list(tmp_path.iterdir())
+    assert kept("a.csv", tmp_path, 1_000, 3).stat().st_size == 3_000
+
+
+def test_there_are_not_too_many_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(uploads, "MANY", 2)
+    for name in ("a.csv", "b.csv", "b.csv"):
+        kept(name, tmp_path)
+    with pytest.raises(FileError, match="2 files were brought already"):
+        kept("c.csv", tmp_path)
