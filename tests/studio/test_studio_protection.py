@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
+from urllib.parse import urlencode
 
 import pytest
 import uvicorn
@@ -16,7 +17,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from feeddrive.studio.bench import bench_of
-from feeddrive.studio.protection import COOKIE
+from feeddrive.studio.protection import COOKIE, Door
 from feeddrive.studio.server import make_app
 
 TOKEN = "the-token-of-this-start"
@@ -40,7 +41,7 @@ class Server(NamedTuple):
     def host(self) -> str:
         return f"127.0.0.1:{self.port}"
 
-    def get(self, path: str, method: str = "GET", **headers: str) -> Answer:
+    def get(self, path: str, method: str = "GET", body: str = "", **headers: str) -> Answer:
         """A request with the cookie of one who has opened the page, unless headers say otherwise."""
         given = {"Host": self.host, "Cookie": f"{COOKIE}={TOKEN}"} | {k.title(): v for k, v in headers.items()}
         made = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
@@ -48,7 +49,9 @@ class Server(NamedTuple):
             made.putrequest(method, path, skip_host=True)
             for name, value in given.items():
                 made.putheader(name, value)
-            made.endheaders()
+            if body:
+                made.putheader("Content-Length", str(len(body)))
+            made.endheaders(body.encode())
             found = made.getresponse()
             return Answer(found.status, {k.lower(): v for k, v in found.getheaders()}, found.read().decode())
         finally:
@@ -64,7 +67,7 @@ class Server(NamedTuple):
 
 
 @contextmanager
-def running(page: Path) -> Iterator[Server]:
+def running(page: Path, password: str = "") -> Iterator[Server]:
     held: list[str] = []
 
     async def later(scope: object, receive: object, send: object) -> None:
@@ -80,7 +83,12 @@ def running(page: Path) -> Iterator[Server]:
         time.sleep(0.01)
     port = server.servers[0].sockets[0].getsockname()[1]
     held.append(f"127.0.0.1:{port}")
-    app = make_app(bench_of("linear_motor"), tuple(held), TOKEN, page.parent / "kept", page)
+    app = make_app(
+        bench_of("linear_motor"),
+        Door(tuple(held), TOKEN, password, port if password else None),
+        page.parent / "kept",
+        page,
+    )
     yield Server(port)
     server.should_exit = True
     thread.join(20.0)
@@ -184,3 +192,51 @@ def test_a_request_that_is_too_long_ends_the_conversation(server: Server) -> Non
         socket.send("x" * 20_000_000)
         with pytest.raises(ConnectionClosed):
             socket.recv(timeout=20)
+
+
+PASSWORD = "a word & twelve=more"
+
+
+@pytest.fixture(scope="module")
+def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """A server that is open to the network."""
+    folder = tmp_path_factory.mktemp("page")
+    (folder / "index.html").write_text("<!doctype html><title>page</title>", encoding="utf-8")
+    with running(folder, PASSWORD) as made:
+        yield made
+
+
+def enter(server: Server, password: str, **headers: str) -> Answer:
+    kept = {"cookie": "", "origin": f"http://{server.host}"} | headers
+    return server.get("/enter", "POST", urlencode({"password": password}), **kept)
+
+
+def test_a_page_on_the_network_asks_for_the_password_and_the_token_does_not_help(guarded: Server) -> None:
+    for path in ("/", f"/?token={TOKEN}", "/page.js"):
+        found = guarded.get(path, cookie="")
+        assert (found.status, "Password" in found.text) == (401, True)
+        assert "form-action 'self'" in found.headers["content-security-policy"]
+        assert "set-cookie" not in found.headers
+    opened = enter(guarded, PASSWORD)
+    assert opened.status == 303
+    assert opened.headers["set-cookie"].startswith(f"{COOKIE}={TOKEN};")
+    assert guarded.get("/").status == 200
+
+
+@pytest.mark.parametrize("word", [PASSWORD + " ", "x" * 5_000])
+def test_a_wrong_password_takes_a_second_and_opens_nothing(guarded: Server, word: str) -> None:
+    begun = time.monotonic()
+    found = enter(guarded, word)
+    assert time.monotonic() - begun > 0.9
+    assert found.status == 401
+    assert "set-cookie" not in found.headers
+
+
+def test_a_foreign_page_cannot_try_passwords(guarded: Server) -> None:
+    assert enter(guarded, PASSWORD, origin="http://evil.example").status == 403
+
+
+def test_where_all_addresses_are_served_names_are_still_refused(guarded: Server) -> None:
+    assert guarded.get("/", host=f"192.0.2.7:{guarded.port}").status == 200
+    for host in (f"evil.example:{guarded.port}", "192.0.2.7:1", "192.0.2.7"):
+        assert guarded.get("/", host=host).status == 421

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ipaddress
 import secrets
 import socket
 import webbrowser
@@ -11,11 +12,22 @@ from feeddrive.files.machine import MachineLike
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.studio.bench import Bench, bench_of
+from feeddrive.studio.protection import Door
 from feeddrive.studio.server import PAGE, make_app, serve
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import Request, argument, option
 
-HOST = "127.0.0.1"  # nothing else: who is not on this machine does not reach the page
+HOST = "127.0.0.1"  # who is not on this machine does not reach the page
+_EVERY = ("0.0.0.0", "::")  # all addresses of the machine
+_SHORTEST = 12  # characters of a password
+
+
+def _local(host: str) -> bool:
+    """Whether only this machine reaches an address."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
 
 
 class StudioRequest(Request):
@@ -27,8 +39,23 @@ class StudioRequest(Request):
         "in which each page keeps what it is given and what it writes; nothing else is written",
         default=Path("results/studio"),
     )
+    host: str = option(
+        "address at which the page listens: another one than 127.0.0.1 is open to the network, and needs --password",
+        default=HOST,
+    )
+    password: str | None = option("that opens the page to others on the network; 12 characters at least", default=None)
     port: int = option("of the page on this machine; 0: any free one", default=0, least=0, most=65535)
     no_browser: bool = option("open no browser: print the address alone", default=False)
+
+    def check(self) -> None:
+        """Raise ParameterError for a page that is open to the network without a password."""
+        if self.password is None and not _local(self.host):
+            raise ParameterError(
+                f"--host {self.host}: others on the network could open the page: give a --password too, or leave "
+                "--host out and come through a tunnel (ssh -L)"
+            )
+        if self.password is not None and len(self.password) < _SHORTEST:
+            raise ParameterError(f"--password has {len(self.password)} characters: give at least {_SHORTEST}")
 
 
 @command(StudioRequest)
@@ -44,23 +71,34 @@ def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench]:
             "this installation holds no built page: in a clone of the repository run  make studio  once, which needs "
             "node and npm"
         )
-    with socket.socket() as wanted:
+    family = socket.AF_INET6 if ":" in request.host else socket.AF_INET
+    with socket.socket(family) as wanted:
         try:
-            wanted.bind((HOST, request.port))
+            wanted.bind((request.host, request.port))
         except OSError as error:
             raise ParameterError(
-                f"--port {request.port}: cannot be used ({error.strerror}): choose another one, or 0 for a free one"
+                f"--host {request.host} --port {request.port}: cannot be used ({error.strerror}): choose another one, "
+                "or port 0 for a free one"
             ) from None
         port = wanted.getsockname()[1]
-    token = secrets.token_urlsafe(24)
-    address = f"http://{HOST}:{port}/?token={token}"
-
-    hosts = f"{HOST}:{port}", f"localhost:{port}"
+    named = f"[{request.host}]" if ":" in request.host else request.host
+    every = port if request.host in _EVERY else None
+    hosts = tuple(f"{each}:{port}" for each in (named, "localhost", socket.gethostname()))
+    door = Door(hosts if request.password else hosts[:2], secrets.token_urlsafe(24), request.password or "", every)
+    address = f"http://{named if every is None else socket.gethostname()}:{port}/" + (
+        "" if request.password else f"?token={door.token}"
+    )
 
     def ready() -> None:
+        if not _local(request.host):
+            progress.remark(
+                f"Everyone on the network who knows the password can open this page and use this machine's processor "
+                f"through it, and what is sent is not encrypted: only for a network that you trust. Files stay in "
+                f"{request.folder}."
+            )
         progress.remark(address)
         if not request.no_browser:
             webbrowser.open(address)
 
-    serve(make_app(bench, hosts, token, request.folder), HOST, port, ready)
+    serve(make_app(bench, door, request.folder), request.host, port, ready)
     return Outcome(bench)

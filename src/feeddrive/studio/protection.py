@@ -2,6 +2,7 @@
 
 Host      only the addresses under which the server listens: a name that a foreign page points here is refused
 (DNS rebinding)
+password  in place of the token, where others on the network may reach the server: asked for by a page of its own
 Origin    of a WebSocket and of everything that changes something: only the page itself
 token     in the address that is printed at the start, once; then a cookie that only this server gets back
 headers   a policy that loads nothing from elsewhere and runs no inline script; not to be framed, cached or sniffed
@@ -9,8 +10,11 @@ headers   a policy that loads nothing from elsewhere and runs no inline script; 
 
 from __future__ import annotations
 
+import asyncio
 import hmac
+import ipaddress
 from collections.abc import Awaitable, Callable, Iterable, MutableMapping
+from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
 from typing import Any, TypeAlias
 from urllib.parse import parse_qs
@@ -34,17 +38,48 @@ _HEADERS = (
     (b"cross-origin-resource-policy", b"same-origin"),
     (b"cache-control", b"no-store"),
 )
+ENTER = """<!doctype html><html lang="en"><meta charset="utf-8"><title>feeddrive studio</title>
+<form method="post" action="/enter"><p>{said}</p>
+<label>Password <input type="password" name="password" autofocus autocomplete="current-password"></label>
+<button>Open</button></form></html>
+"""
+_PAUSE = 1.0  # s after a wrong password, for all who try
+_LONGEST = 1_000  # bytes of a password with its name
+
+
+@dataclass(frozen=True)
+class Door:
+    """Who is let in.
+
+    hosts     what the Host header may be: `127.0.0.1:8765`
+    token     that the first address carries, and then the cookie
+    password  in place of the token in the address; empty: none
+    port      if the server listens at all addresses of the machine: every address of that port is its own, but no name
+    """
+
+    hosts: tuple[str, ...]
+    token: str
+    password: str = ""
+    port: int | None = None
+
+    def own(self, host: str) -> bool:
+        """Whether a Host header is an address of this server."""
+        if host in self.hosts:
+            return True
+        name, _, port = host.rpartition(":")
+        try:
+            ipaddress.ip_address(name.strip("[]"))
+        except ValueError:
+            return False
+        return self.port is not None and port == str(self.port)
 
 
 class Protected:
-    """An ASGI app behind the checks above.
+    """An ASGI app behind the checks above."""
 
-    hosts   what the Host header may be: `127.0.0.1:8765`
-    token   that the first address carries, and then the cookie
-    """
-
-    def __init__(self, app: App, hosts: Iterable[str], token: str) -> None:
-        self._app, self._hosts, self._token = app, frozenset(hosts), token
+    def __init__(self, app: App, door: Door) -> None:
+        self._app, self._door = app, door
+        self._trying = asyncio.Lock()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass on what is allowed; refuse the rest in a line."""
@@ -53,13 +88,15 @@ class Protected:
             return
         headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
         status, said = self._refusal(scope, headers)
+        if status == 403 and self._door.password and scope["type"] == "http" and self._from_here(scope, headers):
+            await self._ask(scope, receive, send)
+            return
         if status:
             await _refuse(scope, receive, send, status, said)
             return
         given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
         if given and scope["type"] == "http":  # the token leaves the address bar, and the browser's history
-            cookie = f"{COOKIE}={self._token}; Path=/; HttpOnly; SameSite=Strict"
-            await _answer(send, 303, "", ((b"location", b"/"), (b"set-cookie", cookie.encode())))
+            await self._open(send)
             return
 
         async def guarded(message: MutableMapping[str, Any]) -> None:
@@ -69,10 +106,36 @@ class Protected:
 
         await self._app(scope, receive, guarded)
 
+    async def _open(self, send: Send) -> None:
+        cookie = f"{COOKIE}={self._door.token}; Path=/; HttpOnly; SameSite=Strict"
+        await _answer(send, 303, "", ((b"location", b"/"), (b"set-cookie", cookie.encode())))
+
+    async def _ask(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Ask for the password, or try the one that was given: one at a time, and slowly after a wrong one."""
+        said = "This page is protected."
+        if scope.get("method") == "POST" and scope.get("path") == "/enter":
+            given = parse_qs((await _body(receive)).decode("utf-8", "replace")).get("password", [""])[0]
+            async with self._trying:
+                if hmac.compare_digest(given.encode(), self._door.password.encode()):
+                    await self._open(send)
+                    return
+                await asyncio.sleep(_PAUSE)
+            said = "This is not the password."
+        form = POLICY.replace("form-action 'none'", "form-action 'self'").encode()
+        headers = [(b"content-type", b"text/html; charset=utf-8"), (_HEADERS[0][0], form), *_HEADERS[1:]]
+        await send({"type": "http.response.start", "status": 401, "headers": headers})
+        await send({"type": "http.response.body", "body": ENTER.format(said=said).encode()})
+
+    def _from_here(self, scope: Scope, headers: dict[str, str]) -> bool:
+        """Whether a request comes from a page of this server, or opens one."""
+        if scope.get("method") in ("GET", "HEAD"):
+            return True
+        return headers.get("origin", "").partition("://")[2] == headers.get("host", "")
+
     def _refusal(self, scope: Scope, headers: dict[str, str]) -> tuple[int, str]:
         """Status and reason, or 0."""
         host, origin = headers.get("host", ""), headers.get("origin")
-        if host not in self._hosts:
+        if not self._door.own(host):
             return 421, "this server answers under its own address only: use the one that feeddrive studio printed"
         changes = scope["type"] == "websocket" or scope.get("method") not in ("GET", "HEAD")
         if changes and (origin is None or origin.partition("://")[2] != host):
@@ -87,9 +150,21 @@ class Protected:
         except CookieError:
             kept = None
         found = [] if kept is None else [kept.value]
-        if scope["type"] == "http" and scope.get("method") == "GET":
+        if scope["type"] == "http" and scope.get("method") == "GET" and not self._door.password:
             found += parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [])
-        return any(hmac.compare_digest(each.encode(), self._token.encode()) for each in found)
+        return any(hmac.compare_digest(each.encode(), self._door.token.encode()) for each in found)
+
+
+async def _body(receive: Receive) -> bytes:
+    """The body of a request; empty if it is longer than a password may be."""
+    found = b""
+    while True:
+        message = await receive()
+        found += message.get("body", b"")
+        if len(found) > _LONGEST or message["type"] != "http.request":
+            return b""
+        if not message.get("more_body"):
+            return found
 
 
 async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, said: str) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 from feeddrive.language.errors import FileError, MissingExtraError
 from feeddrive.language.recent import Recent
 from feeddrive.studio.bench import Bench
-from feeddrive.studio.protection import App, Protected
+from feeddrive.studio.protection import App, Door, Protected
 from feeddrive.studio.session import Session
 from feeddrive.studio.uploads import keep, safe_name
 from feeddrive.studio.wire import message
@@ -26,12 +26,12 @@ _KEY = 64  # characters of the name of a session
 
 
 def make_app(
-    bench: Bench | None, hosts: tuple[str, ...], token: str, folder: Path, page: Path = PAGE,
+    bench: Bench | None, door: Door, folder: Path, page: Path = PAGE,
     watched: Path | None = None, brought: tuple[Path, ...] = (),
 ) -> App:  # fmt: skip
     """The ASGI app for pages that begin with one bench, or with none, behind its checks.
 
-    hosts    addresses under which it is reached, as `127.0.0.1:8765`
+    door     who is let in
     folder   in which each page gets a directory of its own
     watched  log that grows, which the scope may follow
     brought  files with which every page begins, as if they had been brought
@@ -113,7 +113,7 @@ def make_app(
         Route("/", file), Route("/upload", upload, methods=["POST"]), Route("/file/{name}", result),
         Route("/{name}", file), WebSocketRoute("/talk", talk),
     ]  # fmt: skip
-    return Protected(Starlette(routes=routes), hosts, token)
+    return Protected(Starlette(routes=routes), door)
 
 
 def _put(loop: asyncio.AbstractEventLoop, waiting: asyncio.Queue[bytes], said: bytes) -> None:
