@@ -1,13 +1,231 @@
-import { make } from "../parts";
-import type { Ask, Room } from "../room";
+// Files are brought: dragged on the page or chosen; what each was understood to be, and which column is what.
+
+import { look, whenPainted } from "../look";
+import { button, choice, make, table } from "../parts";
+import { Picture } from "../picture";
+import { session, type Ask, type Room } from "../room";
 import type { Received } from "../wire";
+
+interface Table {
+  title: string;
+  heads: string[];
+  rows: string[][];
+}
+interface Brought {
+  name: string;
+  kind: string;
+  axes: string[];
+  wrong: string;
+  responses: string[];
+  tables: Table[];
+}
+interface Column {
+  column: string;
+  role: string;
+  unit: string;
+  factor: number | null;
+  why: string;
+}
+interface Words {
+  bundled: string[];
+  files: Brought[];
+  open: string;
+  roles: Record<string, string>;
+  columns?: Column[];
+  made: { said?: string[]; tables?: Table[]; verdict?: string; failure?: string; machine?: boolean };
+  ask_axis?: { name: string; axes: string[] };
+  go?: string;
+}
+
+export function tables(found: Table[]): HTMLElement[] {
+  return found.map((each) => make("details", { open: "" }, make("summary", {}, each.title), table(each.heads, each.rows)));
+}
 
 export class Bring implements Room {
   readonly name = "bring";
   readonly title = "Bring";
   readonly element = make("div", { class: "bring" });
+  private readonly wrong = make("p", { role: "alert", class: "bad" });
+  private readonly place = make("div", { class: "drop", tabindex: "-1" });
+  private readonly bundled = make("div", { class: "buttons" });
+  private readonly list = make("ul", { class: "files", "aria-label": "Files" });
+  private readonly detail = make("section", { "aria-label": "The open file" });
+  private readonly picture = new Picture("Columns of the log");
+  private last: Received | null = null;
 
-  constructor(_ask: Ask) {}
+  constructor(private readonly ask: Ask) {
+    const chooser = make("input", { type: "file", multiple: "", id: "files" });
+    chooser.addEventListener("change", () => void this.bring([...(chooser.files ?? [])]));
+    this.place.append(
+      make("label", { for: "files" }, "Drop a log, a frequency response, a machine file or a part program here, or choose it: "),
+      chooser,
+    );
+    for (const kind of ["dragover", "drop"]) document.addEventListener(kind, (event) => event.preventDefault());
+    document.addEventListener("drop", (event) => void this.bring([...(event.dataTransfer?.files ?? [])]));
+    this.element.append(
+      this.place,
+      this.wrong,
+      make("h2", {}, "Or begin with a bundled machine"),
+      this.bundled,
+      make("h2", {}, "Files"),
+      this.list,
+      this.detail,
+    );
+    this.picture.element.id = "picture-columns";
+    whenPainted(() => this.draw());
+  }
 
-  heard(_received: Received): void {}
+  heard(received: Received): void {
+    const words = received.said as unknown as Words;
+    this.last = received;
+    this.bundled.replaceChildren(
+      ...words.bundled.map((name) => button(name.replaceAll("_", " "), () => this.ask({ do: "bring.bundled", name }), { id: `bundled-${name}` })),
+    );
+    if (words.ask_axis) {
+      const { name, axes } = words.ask_axis;
+      const act = words.bundled.includes(name) ? "bring.bundled" : "bring.axis";
+      this.bundled.append(
+        make("span", { role: "status" }, `${name} has several axes: `),
+        ...axes.map((axis) => button(`axis ${axis}`, () => this.ask({ do: act, name, axis }), { id: `axis-${axis}` })),
+      );
+    }
+    this.list.replaceChildren(
+      ...words.files.map((file) =>
+        make(
+          "li",
+          {},
+          button(file.name, () => this.ask({ do: "bring.pick", name: file.name }), { "aria-pressed": String(file.name === words.open) }),
+          ` ${file.wrong ? "cannot be used" : file.kind} `,
+          button("Remove", () => this.ask({ do: "bring.drop", name: file.name }), { "aria-label": `Remove ${file.name}` }),
+        ),
+      ),
+    );
+    const open = words.files.find((file) => file.name === words.open);
+    this.detail.replaceChildren(...(open ? this.shows(open, words) : []), ...this.outcome(words));
+    if (words.go) document.dispatchEvent(new CustomEvent("go", { detail: words.go }));
+    this.draw();
+  }
+
+  shown(): void {
+    this.draw();
+  }
+
+  private draw(): void {
+    const chart = this.last?.said.charts.columns;
+    if (chart && this.picture.element.isConnected && !this.element.closest("[hidden]")) this.picture.draw(chart, this.last!.numbers, look());
+  }
+
+  private async bring(files: File[]): Promise<void> {
+    this.wrong.textContent = "";
+    const names: string[] = [];
+    for (const file of files) {
+      const where = `/upload?session=${encodeURIComponent(session())}&name=${encodeURIComponent(file.name)}`;
+      try {
+        const answer = await fetch(where, { method: "POST", body: file });
+        const said = (await answer.json()) as { name?: string; error?: string };
+        if (said.name) names.push(said.name);
+        else this.wrong.textContent = said.error ?? "the file was refused";
+      } catch {
+        this.wrong.textContent = `${file.name} could not be sent: it may be too large (256 MB), or the server has ended`;
+      }
+    }
+    if (names.length) this.ask({ do: "bring.look", names });
+  }
+
+  private shows(file: Brought, words: Words): HTMLElement[] {
+    const head = make("h2", {}, `${file.name}: ${file.kind}`);
+    if (file.wrong) return [head, make("p", { class: "bad" }, file.wrong)];
+    const machines: [string, string][] = [["", "none"], ...words.files.filter((each) => each.kind === "machine").map((each): [string, string] => [each.name, each.name])];
+    machines.push(...words.bundled.map((each): [string, string] => [each, `${each.replaceAll("_", " ")} (bundled)`]));
+    const name = file.name;
+    const others = words.files.filter((each) => each.kind === file.kind && each.name !== name && !each.wrong);
+    const places = others.map((each) => make("input", { type: "checkbox", value: each.name, id: `at-${each.name}` }));
+    const at = () => places.filter((each) => each.checked).map((each) => each.value);
+    const also = others.length
+      ? [make("fieldset", {}, make("legend", {}, "The same axis at other positions or loads"), ...places.map((each) => make("label", {}, each, ` ${each.value} `)))]
+      : [];
+    if (file.kind === "machine") {
+      const acts = file.axes.map((axis) => button(`Tune axis ${axis}`, () => this.ask({ do: "bring.axis", name, axis, at: at() }), { id: `tune-${axis}` }));
+      return [head, make("div", { class: "buttons" }, ...acts), ...also, ...tables(file.tables)];
+    }
+    if (file.kind === "part program") return [head, make("p", {}, "It runs on the machine in the room Prove.")];
+    let machine = "";
+    const chosen = choice(file.kind === "log" ? "Machine file to start from" : "Today's machine", machines, (value) => (machine = value));
+    const fields = new Map<string, HTMLInputElement>();
+    const field = (key: string, label: string): HTMLElement => {
+      const input = make("input", { type: "text", inputmode: "decimal", size: "8", id: `bring-${key}` });
+      fields.set(key, input);
+      return make("label", { for: input.id }, `${label} `, input);
+    };
+    const given = (): Record<string, unknown> => {
+      const found: Record<string, unknown> = { machine };
+      for (const [key, input] of fields) {
+        const text = input.value.trim();
+        const value = Number(text.replace(",", "."));
+        if (text) found[key] = Number.isFinite(value) ? value : text;
+      }
+      return found;
+    };
+    if (file.kind === "frequency responses") {
+      const more = [field("sample_time", "Sample time of the control (s)"), field("unit", "Unit, if the file states none"), field("delay", "Dead time that it does not hold (s)")];
+      return [
+        head,
+        make(
+          "div",
+          { class: "buttons" },
+          button("Tune on the measured response", () => this.ask({ do: "bring.responses", name, at: at(), ...given() }), { id: "tune-responses", class: "main" }),
+          button("Identify a model", () => this.ask({ do: "bring.identify", name, machine }), { id: "identify" }),
+        ),
+        make("div", { class: "fields" }, chosen, ...more),
+        ...also,
+        ...tables(file.tables),
+      ];
+    }
+    const more = [field("lead", "Lead of the screw (m), for angles"), field("force_constant", "N per unit of the command"), field("sample_time", "Sample time (s), without a clock")];
+    return [
+      head,
+      make(
+        "div",
+        { class: "buttons" },
+        button("Identify", () => this.ask({ do: "bring.identify", name, ...given() }), { id: "identify", class: "main" }),
+        button("Estimate frequency responses", () => this.ask({ do: "bring.estimate", name, all: false }), { id: "estimate" }),
+      ),
+      make("div", { class: "fields" }, chosen, ...more),
+      this.columns(name, words),
+      this.picture.element,
+    ];
+  }
+
+  private columns(name: string, words: Words): HTMLElement {
+    const roles: [string, string][] = [["", "not used"], ...Object.entries(words.roles).map(([role, unit]): [string, string] => [role, `${role.replaceAll("_", " ")}${unit ? ` (${unit})` : ""}`])];
+    const rows = (words.columns ?? []).map((each) => {
+      const select = make("select", { "aria-label": `Role of ${each.column}` }, ...roles.map(([value, text]) => make("option", { value }, text)));
+      const unit = make("input", { type: "text", size: "6", "aria-label": `Unit of ${each.column}` });
+      const factor = make("input", { type: "text", size: "8", inputmode: "decimal", "aria-label": `Factor of ${each.column}` });
+      select.value = each.role;
+      unit.value = each.unit;
+      factor.value = each.factor === null ? "" : String(each.factor);
+      const set = () => {
+        const number = factor.value.trim() === "" ? null : Number(factor.value.replace(",", "."));
+        this.ask({ do: "bring.role", name, column: each.column, role: select.value, unit: number === null ? unit.value.trim() : "", factor: number });
+      };
+      for (const part of [select, unit, factor]) part.addEventListener("change", set);
+      return [each.column, select, unit, factor, each.why];
+    });
+    return make("details", { open: "" }, make("summary", {}, "Columns: what each is"), table(["column", "role", "unit", "factor", "why"], rows));
+  }
+
+  private outcome(words: Words): HTMLElement[] {
+    const { made } = words;
+    if (!made.said) return [];
+    const take = made.machine ? [button("Tune this axis", () => this.ask({ do: "bring.take" }), { id: "take-identified", class: "main" })] : [];
+    return [
+      make("h2", {}, "What was found"),
+      ...(made.verdict ? [make("p", { class: "verdict" }, made.verdict)] : []),
+      ...(made.failure ? [make("p", { class: "bad" }, made.failure)] : []),
+      ...take,
+      make("ul", {}, ...made.said.filter((each) => each !== made.verdict).map((each) => make("li", {}, each))),
+      ...tables(made.tables ?? []),
+    ];
+  }
 }

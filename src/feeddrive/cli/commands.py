@@ -28,9 +28,9 @@ from feeddrive.workflow.request import Field, fields_of
 SKINS = {
     "studio": Listed(
         "studio",
-        "Open a page in the browser on which the control of an axis is tuned by hand: pictures follow the sliders.",
+        "Open a page in the browser on which an axis is brought, tuned by hand or by goal, proven and exported.",
         "Tune and compare",
-        ("ball_screw", "mine.toml --axis x --no-browser --port 8765"),
+        ("", "ball_screw", "run.csv", "mine.toml --axis x --no-browser --port 8765"),
     ),
 }
 OFFERED = {**COMMANDS, **SKINS}
@@ -52,7 +52,7 @@ class _Later(TyperCommand):
     def real(self) -> Any:
         """The command itself."""
         app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=self.rich_markup_mode)
-        examples = [f"feeddrive {self.name} {each}" for each in OFFERED[str(self.name)].examples]
+        examples = [f"feeddrive {self.name} {each}".rstrip() for each in OFFERED[str(self.name)].examples]
         said = "\n\n".join(["Example:" if len(examples) == 1 else "Examples:", *examples])
         app.command(self.name, help=self.help, epilog=said)(_function(offered(str(self.name))))
         return get_command(app)

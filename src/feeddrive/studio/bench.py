@@ -1,51 +1,72 @@
-"""What is tuned on the page: an axis at one or more operating points, and today's control of it."""
+"""What is tuned on the page: an axis at one or more places, measured or modelled, and today's control of it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 from feeddrive.blocks.families import Reference
 from feeddrive.blocks.load.step_force import StepForce
 from feeddrive.comparison.figures import duty_of
+from feeddrive.files.frf import FrfLike
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.progress import Progress
+from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.tuning.by_hand import ByHand
 from feeddrive.tuning.limits import Limits
-from feeddrive.tuning.operating_point import modelled_point
+from feeddrive.tuning.operating_point import OperatingPoint, modelled_point
 from feeddrive.workflow.tune_files import machine_text
+from feeddrive.workflow.tune_sources import Sources, first_control, points_of
 
 _SIGNALS = ("following_error", "force", "tracking_error")
 
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """An axis of a machine file.
+    """An axis.
 
-    machine, axis  the file and the name of the axis
-    by_hand        its control at its operating points
+    title    what it is, for a person
+    by_hand  its control at its operating points
+    sources  the files it came from, as the tuner takes them
+    machine  its machine file, or today's beside a measured response; None if there is none
+    axis     its name there
+    remarks  what must be known of the measured responses
     """
 
-    machine: MachineFile
-    axis: str
+    title: str
     by_hand: ByHand
+    sources: Sources
+    machine: MachineFile | None = None
+    axis: str = ""
+    remarks: tuple[str, ...] = ()
 
     @property
-    def loop(self) -> Loop:
-        """Axis and today's control."""
-        return self.machine.loops[self.axis]
+    def loop(self) -> Loop | None:
+        """Axis and today's control, of a machine file."""
+        return None if self.machine is None else self.machine.loops[self.axis]
 
     @property
-    def title(self) -> str:
-        """Machine and axis."""
-        return f"{self.machine.name}, axis {self.axis}"
+    def rotary(self) -> bool:
+        """Whether the axis turns."""
+        return self.loop is not None and self.loop.axis.rotary
+
+    def needed_loop(self) -> Loop:
+        """The loop. Raises ParameterError for measured responses without a machine, with what to do."""
+        if self.loop is None:
+            raise ParameterError(
+                "a measured response alone moves no axis: bring today's machine file too, or identify one from it"
+            )
+        return self.loop
 
     @cached_property
     def _work(self) -> tuple[Reference, StepForce, float]:
         """A move and then a force on the table that comes and goes, within the limits of the machine; how long, s."""
-        duty = duty_of(self.loop, None, None)
+        duty = duty_of(self.needed_loop(), None, None)
         pause = max(0.5 * duty.move.duration, 0.05)
         begin = duty.move.duration + pause
         return duty.move, StepForce(force=duty.force, start=begin, end=begin + pause), begin + 2.0 * pause
@@ -53,20 +74,63 @@ class Bench:
     def run(self, values: Mapping[str, float], name: str) -> Run:
         """The move and the force under the control at some values, with friction, counts and limits.
 
-        Raises DivergedError if the axis leaves its bounds.
+        Raises DivergedError if the axis leaves its bounds, ParameterError without a machine.
         """
         reference, load, duration = self._work
-        loop = replace(self.loop, control=self.by_hand.control(values))
+        loop = replace(self.needed_loop(), control=self.by_hand.control(values))
         return simulate(loop, reference, load=load, duration=duration, record=_SIGNALS, name=name)
 
     def text(self, values: Mapping[str, float]) -> str:
         """The machine file with the control at some values; all else as it is written there."""
+        self.needed_loop()
+        assert self.machine is not None
         return machine_text(self.machine, self.axis, self.by_hand.control(values))
 
 
-def bench_of(machine: MachineLike, axis: str | None = None, limits: Limits | None = None) -> Bench:
-    """The bench of an axis of a machine file. Raises the errors of `read_machine`, ParameterError for the axis."""
+def bench_of(
+    machine: MachineLike, axis: str | None = None, limits: Limits | None = None, at: Sequence[MachineLike] = (),
+    control: Control | None = None,
+) -> Bench:  # fmt: skip
+    """The bench of an axis of a machine file.
+
+    at       the same axis at other positions or loads, in machine files of their own
+    control  to begin with, in place of today's
+
+    Raises the errors of `read_machine`, ParameterError for the axis.
+    """
     file = read_machine(machine)
     name = file.named(axis)
     loop = file.loops[name]
-    return Bench(file, name, ByHand(loop.control, [modelled_point(loop, f"axis {name}")], limits))
+    places = {file.name: loop} | {read_machine(each).name: read_machine(each).loop(axis or name) for each in at}
+    points = [modelled_point(replace(each, control=loop.control), named) for named, each in places.items()]
+    by_hand = ByHand(control or loop.control, points, limits)
+    return Bench(f"{file.name}, axis {name}", by_hand, Sources(machine, tuple(at), name), file, name)
+
+
+def bench_of_responses(
+    source: FrfLike, *, at: Sequence[FrfLike] = (), motor: str | None = None, baseline: MachineLike | None = None,
+    axis: str | None = None, unit: str | None = None, sample_time: float | None = None, delay: float = 0.0,
+    limits: Limits | None = None,
+) -> Bench:  # fmt: skip
+    """The bench of measured responses: today's control of a machine file, or a P-PI by robust margins to begin with.
+
+    Raises ParameterError for what does not fit, with what to do.
+    """
+    machine = None if baseline is None else read_machine(baseline)
+    name = "" if machine is None else machine.named(axis)
+    loop = None if machine is None else machine.loops[name]
+    sources = Sources(
+        source,
+        tuple(at),
+        name or None,
+        () if motor is None else (motor,),
+        unit=unit,
+        sample_time=sample_time,
+        delay=delay,
+    )
+    points, remarks = points_of(sources, loop, Progress())
+    control, begun = first_control(None, loop, points)
+    measured = [each for each in points if isinstance(each, OperatingPoint)]
+    said = [*remarks, *([f"to begin with: {begun}"] if begun else [])]
+    title = Path(str(source)).name + ("" if machine is None else f", {machine.name}, axis {name}")
+    return Bench(title, ByHand(control, measured, limits), sources, machine, name, tuple(said))

@@ -8,14 +8,14 @@ import socket
 import webbrowser
 from pathlib import Path
 
-from feeddrive.files.machine import MachineLike
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.studio.bench import Bench, bench_of
 from feeddrive.studio.protection import Door
 from feeddrive.studio.server import PAGE, make_app, serve
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import Request, argument, option
+from feeddrive.workflow.tune_sources import machine_of
 
 HOST = "127.0.0.1"  # who is not on this machine does not reach the page
 _EVERY = ("0.0.0.0", "::")  # all addresses of the machine
@@ -33,8 +33,13 @@ def _local(host: str) -> bool:
 class StudioRequest(Request):
     """Which axis is opened, and where the page listens."""
 
-    machine: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
-    axis: str | None = option("the axis; the only one if left out", default=None)
+    source: str | None = argument(
+        "A machine file (TOML), the name of a bundled machine, a log, frequency responses or a part program; none: the "
+        "page asks",
+        default=None,
+    )
+    axis: str | None = option("of a machine file; the only one if left out", default=None)
+    watch: Path | None = option("a log that grows, to be followed live", default=None)
     folder: Path = option(
         "in which each page keeps what it is given and what it writes; nothing else is written",
         default=Path("results/studio"),
@@ -59,13 +64,24 @@ class StudioRequest(Request):
 
 
 @command(StudioRequest)
-def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench]:
-    """Open a page on which the control of an axis is tuned by hand, and serve it until Ctrl-C.
+def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench | None]:
+    """Open a page on which an axis is brought, looked at, tuned, proven and taken away, and serve it until Ctrl-C.
 
     Raises MissingExtraError without the extra `studio`; ParameterError for a port that is taken, and where the page was
     not built.
     """
-    bench = bench_of(request.machine, request.axis)
+    bench, brought = None, tuple[Path, ...]()
+    if request.source is not None:
+        machine = machine_of(request.source)
+        path = Path(request.source)
+        if machine is not None and (request.axis is not None or len(machine.loops) == 1):
+            bench = bench_of(request.source, request.axis)
+        elif path.exists():
+            brought = (path.resolve(),)
+        elif machine is not None:
+            raise ParameterError(f"{request.source} has several axes: give one with --axis: {', '.join(machine.loops)}")
+        else:
+            raise FileError(f"{request.source}: no such file")
     if not (PAGE / "index.html").is_file():
         raise ParameterError(
             "this installation holds no built page: in a clone of the repository run  make studio  once, which needs "
@@ -100,5 +116,6 @@ def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench]:
         if not request.no_browser:
             webbrowser.open(address)
 
-    serve(make_app(bench, door, request.folder), request.host, port, ready)
+    app = make_app(bench, door, request.folder, watched=request.watch, brought=brought)
+    serve(app, request.host, port, ready)
     return Outcome(bench)

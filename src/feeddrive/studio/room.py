@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast
 
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.table import Table
 from feeddrive.plot.chart import Chart
 
 if TYPE_CHECKING:
@@ -55,12 +56,32 @@ class Asked:
             raise ParameterError(f"{name} must be true or false, not {found!r:.60}")
         return found
 
+    def text_or_none(self, name: str) -> str | None:
+        """A text; None where it is missing or empty."""
+        return self.text(name) if self.given.get(name) not in (None, "") else None
+
+    def number_or_none(self, name: str) -> float | None:
+        """A number; None where it is missing or empty."""
+        return self.number(name) if self.given.get(name) not in (None, "") else None
+
+    def texts(self, name: str) -> list[str]:
+        """Several texts, or none."""
+        found = self.given.get(name, [])
+        if not isinstance(found, list) or not all(isinstance(each, str) for each in cast("list[Any]", found)):
+            raise ParameterError(f"{name} must be a list of texts, not {found!r:.60}")
+        return cast("list[str]", found)
+
     def choice(self, name: str, among: Iterable[str]) -> str:
         """One of several texts."""
         found, known = self.text(name), tuple(among)
         if found not in known:
             raise ParameterError(f"{name} must be one of {', '.join(known)}, not '{found:.60}'")
         return found
+
+
+def tabled(found: Table) -> dict[str, Any]:
+    """A table for the page."""
+    return {"title": found.title, "heads": [*found.heads], "rows": [[*row] for row in found.rows]}
 
 
 def act(method: F) -> F:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,15 +11,13 @@ from feeddrive.certificate.certificate import Certificate
 from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
-from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.study.study import StudyLike, read_study
-from feeddrive.tuning.candidates import control_with
 from feeddrive.tuning.criteria import GOALS
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.operating_point import OperatingPoint
-from feeddrive.tuning.recipes import RECIPES, JudgedRecipe, judged_recipes, margin_goals
+from feeddrive.tuning.recipes import RECIPES, JudgedRecipe, judged_recipes
 from feeddrive.tuning.tune import assess, tune_control
 from feeddrive.tuning.tuned import Tuned, Verdict
 from feeddrive.workflow.certify import certified
@@ -28,7 +25,7 @@ from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import axis_name
 from feeddrive.workflow.request import OUT, Request, argument, called, frequencies, option, stem
 from feeddrive.workflow.tune_files import Story, machine_text, tables, write_tuned
-from feeddrive.workflow.tune_sources import Measurement, loop_or_response, machine_of, point_of, several
+from feeddrive.workflow.tune_sources import Sources, first_control, machine_of, points_of
 
 # what a study does not have: its machines are models, and its job says which axis
 _ALONE = {
@@ -124,6 +121,13 @@ class TuneRequest(Request):
             small_gain_samples=self.small_gain_delay,
         )  # fmt: skip
 
+    def sources(self) -> Sources:
+        """The axis at every position and load that was given."""
+        return Sources(
+            self.source, self.at, self.axis, self.motor, self.disturbance, self.disturbance_motor, self.unit,
+            self.sample_time, self.delay,
+        )  # fmt: skip
+
     def usual_out(self) -> Path:
         """By the name of what it is about."""
         return Path("results") / f"tune_{stem(self.study if self.source is None else self.source)}"
@@ -196,8 +200,8 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
         )
     limits = request.limits()
     name = axis_name(loop, request.axis)
-    points, remarks = _points(request, loop, progress)
-    control, begun = _control(request, loop, points)
+    points, remarks = points_of(request.sources(), loop, progress)
+    control, begun = first_control(request.law, loop, points)
     band = _band(request)
     today = None if loop is None else loop.control
     if request.recipe is not None:
@@ -244,48 +248,3 @@ def _loops(found: Tuned, loop: Loop | None) -> dict[str, Loop]:
         return {}
     both = {"today": (loop, found.before), "new": (replace(loop, control=found.control), found.after)}
     return {name: each for name, (each, row) in both.items() if row and all(point.stable for point in row)}
-
-
-def _points(
-    request: TuneRequest, loop: Loop | None, progress: Progress
-) -> tuple[list[OperatingPoint | Loop], list[str]]:
-    """The axis at every position and load that was given: machines, loops and points as they are, and measurements."""
-    first, *others = (
-        each if isinstance(each, OperatingPoint) else loop_or_response(each, request.axis)
-        for each in (request.source, *request.at)
-        if each is not None  # as of a study, which gives machines of its own
-    )
-    measured = [each for each in others if not isinstance(each, OperatingPoint | Loop)]
-    found: list[OperatingPoint | Loop] = []
-    if isinstance(first, OperatingPoint | Loop):
-        if request.motor or request.disturbance:
-            raise ParameterError(
-                "--motor and --disturbance belong to a measured response: leave them out for a machine"
-            )
-        found.append(first)
-        places = [Measurement(each) for each in measured]
-    else:
-        hammer = Measurement(first, None, request.disturbance, request.disturbance_motor)
-        places = several(hammer, measured, request.motor)
-    remarks: list[str] = []
-    for each in places:
-        progress.step(f"reading {Path(each.name).name}")
-        point, words = point_of(each, stem(each.load), loop, request.sample_time, request.delay, request.unit, progress)
-        found.append(point)
-        remarks += words
-    return [*found, *(each for each in others if isinstance(each, OperatingPoint | Loop))], remarks
-
-
-def _control(request: TuneRequest, loop: Loop | None, points: Sequence[OperatingPoint | Loop]) -> tuple[Control, str]:
-    """Where the search begins: today's control, another law on the same axis, or a P-PI by robust margins.
-
-    And what stands in the place of today's control, if there is none.
-    """
-    if loop is None:
-        if request.law not in (None, "cascade_ppi"):
-            raise ParameterError(f"--law {request.law} needs a machine to take its model from: give it with --baseline")
-        law = replace(margin_goals(points[0]).law, velocity_encoder="motor")
-        return Control(law=law), "rule margins-robust"
-    if request.law is None or request.law == loop.control.law.kind:
-        return loop.control, ""
-    return control_with(loop, request.law), ""

@@ -21,11 +21,12 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
+from feeddrive.tuning.candidates import control_with
 from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.operating_point import READINGS, OperatingPoint, measured_point, with_table_force
 from feeddrive.tuning.recipes import margin_goals
 from feeddrive.workflow.readings import check_response
-from feeddrive.workflow.request import called
+from feeddrive.workflow.request import called, stem
 
 LOAD = ("reading_load", "position_load", "load")
 MOTOR = ("reading_motor", "position_motor", "motor")
@@ -50,6 +51,70 @@ class Measurement:
     def name(self) -> str:
         """The file of the load, by which errors call it."""
         return called(self.load)
+
+
+@dataclass(frozen=True)
+class Sources:
+    """An axis at one or several positions and loads: machines, loops, points, and measured responses.
+
+    source, at   what is tuned, and the same at other places
+    axis         of machine files with several
+    motor        response of the motor's encoder: files or names; `none` if there is one encoder
+    disturbance, disturbance_motor  responses to a force on the table
+    unit, sample_time, delay        of the responses, where they do not say it
+    """
+
+    source: MachineLike | Loop | FrfLike | OperatingPoint | None
+    at: Sequence[MachineLike | Loop | FrfLike | OperatingPoint] = ()
+    axis: str | None = None
+    motor: Sequence[str] = ()
+    disturbance: Path | FRF | None = None
+    disturbance_motor: Path | FRF | None = None
+    unit: str | None = None
+    sample_time: float | None = None
+    delay: float = 0.0
+
+
+def points_of(given: Sources, loop: Loop | None, progress: Progress) -> tuple[list[OperatingPoint | Loop], list[str]]:
+    """The axis at every place: machines, loops and points as they are, and measurements; and what must be said."""
+    first, *others = (
+        each if isinstance(each, OperatingPoint) else loop_or_response(each, given.axis)
+        for each in (given.source, *given.at)
+        if each is not None  # as of a study, which gives machines of its own
+    )
+    measured = [each for each in others if not isinstance(each, OperatingPoint | Loop)]
+    found: list[OperatingPoint | Loop] = []
+    if isinstance(first, OperatingPoint | Loop):
+        if given.motor or given.disturbance:
+            raise ParameterError(
+                "--motor and --disturbance belong to a measured response: leave them out for a machine"
+            )
+        found.append(first)
+        places = [Measurement(each) for each in measured]
+    else:
+        hammer = Measurement(first, None, given.disturbance, given.disturbance_motor)
+        places = several(hammer, measured, given.motor)
+    remarks: list[str] = []
+    for each in places:
+        progress.step(f"reading {Path(each.name).name}")
+        point, words = point_of(each, stem(each.load), loop, given.sample_time, given.delay, given.unit, progress)
+        found.append(point)
+        remarks += words
+    return [*found, *(each for each in others if isinstance(each, OperatingPoint | Loop))], remarks
+
+
+def first_control(law: str | None, loop: Loop | None, points: Sequence[OperatingPoint | Loop]) -> tuple[Control, str]:
+    """Where a search begins: today's control, another law on the same axis, or a P-PI by robust margins.
+
+    And what stands in the place of today's control, if there is none.
+    """
+    if loop is None:
+        if law not in (None, "cascade_ppi"):
+            raise ParameterError(f"--law {law} needs a machine to take its model from: give it with --baseline")
+        return Control(law=replace(margin_goals(points[0]).law, velocity_encoder="motor")), "rule margins-robust"
+    if law is None or law == loop.control.law.kind:
+        return loop.control, ""
+    return control_with(loop, law), ""
 
 
 def machine_of(source: object) -> MachineFile | None:

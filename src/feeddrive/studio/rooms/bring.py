@@ -1,11 +1,292 @@
-"""Files are brought: what each was understood to be, and what was wrong with it."""
+"""Files are brought: what each was understood to be, which column is what, and what is made of it."""
 
 from __future__ import annotations
 
-from feeddrive.studio.room import Room
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from feeddrive.files.columns import OWN_UNIT, ROLES, Column
+from feeddrive.files.guess import write_roles
+from feeddrive.files.machine import BUNDLED, read_machine
+from feeddrive.language.errors import ParameterError, nearest
+from feeddrive.language.progress import Progress
+from feeddrive.language.table import Table
+from feeddrive.plot.chart import Chart, Curve, Panel
+from feeddrive.studio.bench import bench_of, bench_of_responses
+from feeddrive.studio.desk import Desk
+from feeddrive.studio.inspect_file import LOG, MACHINE, PROGRAM, RESPONSES, Understood, understand
+from feeddrive.studio.jobs import perform
+from feeddrive.studio.room import Asked, Room, Said, act, tabled
+from feeddrive.studio.uploads import safe_name
+from feeddrive.workflow.command import Outcome
+from feeddrive.workflow.frf import FrfRequest
+from feeddrive.workflow.identify_responses import IdentifyRequest
 
 
 class Bring(Room):
-    """Files are brought: what each was understood to be, and what was wrong with it."""
+    """What is worked on."""
 
     name = "bring"
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__(desk)
+        self.files: dict[str, Understood] = {}
+        self.open = ""  # the file that is shown
+        self.made: dict[str, Any] = {}  # the words of the last identification
+        self.machine: Path | None = None  # that it wrote
+        self.places: dict[str, Path] = {}  # of files that were made here
+        self._began = False
+
+    def show(self) -> Said:
+        """Bundled machines, the files, and the columns of the one that is open."""
+        if self.desk.brought and not self._began:
+            self._began = True
+            self._read(list(self.desk.brought))
+        words: dict[str, Any] = {
+            "bundled": _bundled(),
+            "files": [self._file(each) for each in self.files.values()],
+            "open": self.open, "made": self.made, "roles": dict(ROLES),
+        }  # fmt: skip
+        charts = dict[str, Chart]()
+        found = self.files.get(self.open)
+        if found is not None and found.guess is not None:
+            words["columns"] = self._columns(found)
+            charts["columns"] = _preview(found)
+        return Said(words, charts)
+
+    @act
+    def look(self, asked: Asked) -> None:
+        """Read files that were brought, and say what they are."""
+        self._read([self._path(each) for each in asked.texts("names")])
+
+    @act
+    def pick(self, asked: Asked) -> None:
+        """Show a file."""
+        self.open = self._known(asked).name
+
+    @act
+    def drop(self, asked: Asked) -> None:
+        """Forget a file."""
+        found = self._known(asked)
+        del self.files[found.name]
+        self.open = "" if self.open == found.name else self.open
+
+    @act
+    def bundled(self, asked: Asked) -> Said:
+        """Work on a bundled machine."""
+        return self._put(asked.choice("name", _bundled()), asked)
+
+    @act
+    def axis(self, asked: Asked) -> Said:
+        """Work on an axis of a machine file that was brought; `at`: the same at other positions."""
+        found = self._known(asked)
+        if found.kind != MACHINE:
+            raise ParameterError(f"{found.name} is no machine file but: {found.kind}")
+        return self._put(self._path(found.name), asked)
+
+    @act
+    def role(self, asked: Asked) -> None:
+        """A column gets a role, with a unit or a factor; an empty role takes it away."""
+        found = self._known(asked)
+        guess, column = found.guess, asked.text("column")
+        known = set[str]() if guess is None else {*found.columns, *(each.name for each in guess.mapping.values())}
+        if guess is None or column not in known:
+            raise ParameterError(f"{found.name} has no column {column!r:.60}{nearest(column, known)}")
+        role = asked.choice("role", ["", *ROLES])
+        mapping = {key: each for key, each in guess.mapping.items() if each.name != column and key != role}
+        if role:
+            mapping[role] = self._column(asked, role, column)
+        reasons = {key: guess.reasons.get(key, "chosen on the page") for key in mapping} | (
+            {role: "chosen"} if role else {}
+        )
+        self.files[found.name] = replace(found, guess=replace(guess, mapping=mapping, reasons=reasons))
+
+    @act
+    def identify(self, asked: Asked) -> None:
+        """Find masses, friction and dead time, or modes; a machine file is written where the law is known."""
+        found = self._known(asked)
+        path, out = self._path(found.name), self.desk.folder / f"identified_{Path(found.name).stem}"
+        request = IdentifyRequest(
+            path, channels=self._roles(found) if found.kind == LOG else None, out=out, machine=self._machine(asked),
+            axis=asked.text_or_none("axis"), motor=asked.text_or_none("motor"), load=asked.text_or_none("load"),
+            lead=asked.number_or_none("lead"), force_constant=asked.number_or_none("force_constant"),
+            sample_time=asked.number_or_none("sample_time"),
+        )  # fmt: skip
+        self._start("identify", f"identify {found.name}", request)
+
+    @act
+    def estimate(self, asked: Asked) -> None:
+        """Frequency responses from logs of one measurement."""
+        found = self._known(asked)
+        if found.kind != LOG:
+            raise ParameterError(f"{found.name} is no log but: {found.kind}")
+        names = [each.name for each in self.files.values() if each.kind == LOG and each.name != found.name]
+        more = [self._path(each) for each in names if asked.yes("all")]
+        out = self.desk.folder / f"frf_{Path(found.name).stem}"
+        logs = (self._path(found.name), *more)
+        self._start(
+            "frf", f"estimate responses from {found.name}", FrfRequest(logs, channels=self._roles(found), out=out)
+        )
+
+    @act
+    def responses(self, asked: Asked) -> Said:
+        """Work on measured responses, without a machine or beside today's."""
+        found = self._known(asked)
+        if found.kind != RESPONSES:
+            raise ParameterError(f"{found.name} holds no frequency responses")
+        places = [self._path(each) for each in asked.texts("at")]
+        bench = bench_of_responses(
+            self._path(found.name), at=places, motor=asked.text_or_none("motor"), baseline=self._machine(asked),
+            axis=asked.text_or_none("axis"), unit=asked.text_or_none("unit"),
+            sample_time=asked.number_or_none("sample_time"), delay=asked.number_or_none("delay") or 0.0,
+        )  # fmt: skip
+        self.desk.put(bench)
+        return self._on("tune")
+
+    @act
+    def take(self, _: Asked) -> Said:
+        """Work on the machine file that the identification wrote."""
+        if self.machine is None:
+            raise ParameterError("no machine file was identified yet")
+        self.desk.put(bench_of(self.machine, self.made.get("axis")))
+        return self._on("tune")
+
+    def _put(self, machine: str | Path, asked: Asked) -> Said:
+        axis = asked.text_or_none("axis")
+        at = [self._path(each) for each in asked.texts("at")]
+        file = read_machine(machine)
+        if axis is None and len(file.loops) > 1:
+            return Said({**self.show().words, "ask_axis": {"name": asked.text("name"), "axes": list(file.loops)}})
+        self.desk.put(bench_of(machine, axis, at=at))
+        return self._on("tune")
+
+    def _machine(self, asked: Asked) -> str | Path | None:
+        """The machine that is named: one that was brought, or a bundled one."""
+        name = asked.text_or_none("machine")
+        if name is None:
+            return None
+        return self._path(name) if name in self.files else asked.choice("machine", _bundled())
+
+    def _on(self, room: str) -> Said:
+        said = self.show()
+        return Said({**said.words, "go": room}, said.charts)
+
+    def _read(self, paths: list[Path]) -> None:
+        what = f"read {paths[0].name}" + (f" and {len(paths) - 1} more" if len(paths) > 1 else "")
+        places = {path.name: path for path in paths}
+
+        def then(found: list[Understood]) -> None:
+            for each in found:
+                self.files[each.name] = each
+                self.open = each.name
+                if each.kind == PROGRAM:
+                    self.desk.programs[each.name] = places[each.name]
+
+        self.desk.start(self.name, what, partial(understand, paths), then)
+
+    def _start(self, command: str, what: str, request: Any) -> None:
+        def then(outcome: Outcome[Any]) -> None:
+            self.desk.did(command, request)
+            self._finished(outcome)
+
+        self.desk.start(self.name, what, partial(perform, command, request), then)
+
+    def _finished(self, outcome: Outcome[Any]) -> None:
+        said, tables = list[str](), list[dict[str, Any]]()
+        for each in outcome.said():
+            if isinstance(each, Table):
+                tables.append(tabled(each))
+            else:
+                said.append(str(each).removeprefix("- "))
+        places = {what: Path(str(path)) for what, path in outcome.files.items()}
+        self.machine = next((path for path in places.values() if path.name == "machine.toml"), None)
+        responses = [path for path in places.values() if path.suffix in (".csv", ".parquet") and path.is_file()]
+        self.made = {
+            "said": said, "tables": tables, "failure": outcome.failure or "", "machine": self.machine is not None,
+            "verdict": outcome.verdict,
+        }  # fmt: skip
+        if responses:  # what was estimated is a file like one that was brought
+            for each in understand(responses, Progress()):
+                self.files[each.name] = each
+                self.places[each.name] = responses[0].parent / each.name
+                self.open = each.name
+
+    def _known(self, asked: Asked) -> Understood:
+        name = asked.text("name")
+        if name not in self.files:
+            raise ParameterError(f"no file {name!r:.80} was brought{nearest(name, self.files)}")
+        return self.files[name]
+
+    def _path(self, name: str) -> Path:
+        """Where a file that was brought, made or named at the start stands."""
+        if name in self.places:
+            return self.places[name]
+        for each in self.desk.brought:
+            if each.name == name:
+                return each
+        path = self.desk.folder / "brought" / safe_name(name)
+        if not path.is_file():
+            raise ParameterError(f"no file {name!r:.80} was brought")
+        return path
+
+    def _roles(self, found: Understood) -> Path:
+        assert found.guess is not None
+        path = self.desk.folder / f"roles_{Path(found.name).stem}.toml"
+        write_roles(path, found.guess, self._path(found.name))
+        return path
+
+    @staticmethod
+    def _column(asked: Asked, role: str, name: str) -> Column:
+        unit, factor = str(asked.given.get("unit") or ""), asked.given.get("factor")
+        if factor in (None, ""):
+            return (
+                Column(name=name, unit=unit).checked(role)
+                if hasattr(Column, "checked")
+                else Column(name=name, unit=unit)
+            )
+        return Column(name=name, unit=unit if role in OWN_UNIT else "", factor=asked.number("factor"))
+
+    def _columns(self, found: Understood) -> list[dict[str, Any]]:
+        """Each column with its role, unit and reason; then what needs a factor."""
+        assert found.guess is not None
+        roles = {each.name: (role, each) for role, each in found.guess.mapping.items()}
+        needs = {name: (role, what) for role, (name, what) in found.guess.needs.items()}
+        shown = list[dict[str, Any]]()
+        for name in dict.fromkeys([*roles, *needs, *found.columns]):
+            role, column = roles.get(name, ("", None))
+            why = found.guess.reasons.get(role, "") if role else found.guess.unused.get(name, "")
+            if name in needs and not role:
+                why = f"may be {needs[name][0]}: needs a factor, {needs[name][1]}"
+            shown.append({
+                "column": name, "role": role, "unit": (column.unit if column else "") or found.units.get(name, ""),
+                "factor": None if column is None else column.factor, "why": why,
+            })  # fmt: skip
+        return shown
+
+    @staticmethod
+    def _file(found: Understood) -> dict[str, Any]:
+        return {
+            "name": found.name, "kind": found.kind, "axes": list(found.axes), "wrong": found.wrong,
+            "responses": list(found.responses),
+            "tables": [tabled(each) for each in found.tables],
+        }  # fmt: skip
+
+
+def _bundled() -> list[str]:
+    """Names of the bundled machines."""
+    return sorted(each.stem for each in (BUNDLED / "machines").glob("*.toml"))
+
+
+def _preview(found: Understood) -> Chart:
+    """The columns with a role over the same time; those without one if none has."""
+    assert found.guess is not None
+    roles: Mapping[str, str] = {each.name: role for role, each in found.guess.mapping.items() if role != "time"}
+    names = [name for name in found.columns if name in roles][:6] or list(found.columns)[:4]
+    panels = tuple(
+        Panel(f"{name} ({found.units.get(name) or 'no unit'})", (Curve(*found.columns[name], name, i),))
+        for i, name in enumerate(names)
+    )
+    return Chart("time (s)", panels, height=1.4 * max(len(panels), 1))

@@ -89,7 +89,9 @@ class Tune(Room):
     def file(self, _: Asked) -> Said:
         """The machine file with the numbers of now."""
         bench = self.desk.needed
-        return Said({"file": bench.text(self.desk.values), "file_name": bench.machine.file.name})
+        return Said(
+            {"file": bench.text(self.desk.values), "file_name": bench.machine.file.name if bench.machine else ""}
+        )
 
     def _pictures(self) -> Said:
         by_hand, values = self.desk.needed.by_hand, self.desk.values
@@ -104,8 +106,9 @@ class Tune(Room):
         said = {
             "judged": [{"text": f"{each}, limit: {by_hand.limits.only(each.kind)}", "keeps": each.keeps}
                        for each in now.judged],
-            "stable": now.stable, "values": values, "undo": len(self.desk.undo), "redo": len(self.desk.redo),
-            "kept": sorted(self.snapshots),
+            "remarks": self.desk.needed.remarks, "places": len(by_hand.points),
+            "leading": now.leading.point, "stable": now.stable, "values": values,
+            "undo": len(self.desk.undo), "redo": len(self.desk.redo), "kept": sorted(self.snapshots),
         }  # fmt: skip
         return Said(said, drawn)
 
@@ -114,7 +117,7 @@ class Tune(Room):
         if known is None or known[0] != values:
             bench = self.desk.needed
             look, run = bench.by_hand.at(values), None
-            if look.stable:
+            if look.stable and bench.loop is not None:
                 try:
                     run = bench.run(values, name)
                 except FeeddriveError:  # it leaves its bounds: what is linear of it is shown
@@ -126,7 +129,7 @@ class Tune(Room):
         """What the page shows of each number, in the units that people read."""
         bench, found = self.desk.needed, list[dict[str, Any]]()
         for each in bench.by_hand.knobs:
-            declared = each.declared.of_axis(bench.loop.axis.rotary)
+            declared = each.declared.of_axis(bench.rotary)
             unit, factor = shown(declared.unit)
             dragged = each.declared.unit == "Hz" and each.name.startswith("filters.")
             found.append({
