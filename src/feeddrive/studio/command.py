@@ -11,6 +11,7 @@ from pathlib import Path
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.studio.bench import Bench, bench_of
+from feeddrive.studio.jobs import end_all
 from feeddrive.studio.protection import Door
 from feeddrive.studio.server import PAGE, make_app, serve
 from feeddrive.workflow.command import Outcome, command
@@ -117,5 +118,8 @@ def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench | None]:
             webbrowser.open(address)
 
     app = make_app(bench, door, request.folder, watched=request.watch, brought=brought)
-    serve(app, request.host, port, ready)
+    try:
+        serve(app, request.host, port, ready)
+    finally:
+        end_all()
     return Outcome(bench)

@@ -27,7 +27,14 @@ WAITING, RUNNING, DONE, FAILED, CANCELLED = "waiting", "running", "done", "faile
 _OFTEN = 0.05  # s between two reports of a step
 _PATIENCE = 3.0  # s in which canceled work may end by itself
 _PLACES = threading.BoundedSemaphore(os.cpu_count() or 1)  # of all pages together
+_RUNNING = set[Any]()  # processes; they are no daemons, since some of them begin processes of their own
 _CONTEXT = multiprocessing.get_context("spawn")
+
+
+def end_all() -> None:
+    """End the work of all pages, as at the end of the server."""
+    for each in tuple(_RUNNING):
+        each.kill()
 
 
 def perform(command: str, request: Request, progress: Progress) -> Outcome[Any]:
@@ -136,8 +143,9 @@ class Job:
             return
         ours, theirs = _CONTEXT.Pipe(duplex=False)
         with one_thread():
-            self._process = _CONTEXT.Process(target=_child, args=(self._work, theirs, self._stop), daemon=True)
+            self._process = _CONTEXT.Process(target=_child, args=(self._work, theirs, self._stop))
             self._process.start()
+            _RUNNING.add(self._process)
         theirs.close()
         self._say(state=RUNNING)
         try:
@@ -151,6 +159,7 @@ class Job:
                 self._say(state=FAILED, error=said)
         finally:
             self._process.join()
+            _RUNNING.discard(self._process)
             ours.close()
 
     def _take(self, kind: str, *given: Any) -> bool:

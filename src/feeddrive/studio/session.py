@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
@@ -110,8 +111,15 @@ class Session:
         }  # fmt: skip
         state = job or self.desk.job_state()
         if state is not None:
-            words["job"] = asdict(state)
+            words["job"] = {**asdict(state), "error": self._plain(state.error)}
+        if "error" in words:
+            words["error"] = self._plain(str(words["error"]))
         return message(words, said.charts)
+
+    def _plain(self, said: str) -> str:
+        """Files by the names under which they were brought."""
+        folder = self.desk.folder
+        return said.replace(f"{folder / 'brought'}{os.sep}", "").replace(f"{folder}{os.sep}", "")
 
     def _send(self, said: bytes) -> None:
         for each in tuple(self._pushes):
