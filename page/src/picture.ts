@@ -73,6 +73,17 @@ export class Picture {
     return this.drawing.convertToPixel({ xAxisIndex: 0 }, x) as unknown as number;
   }
 
+  // y of a height in the first panel, in the unit of its axis; null before something was drawn
+  height(pixel: number): number | null {
+    const found = this.drawing.convertFromPixel({ yAxisIndex: 0 }, pixel) as unknown as number;
+    return Number.isFinite(found) ? found : null;
+  }
+
+  pixelHeight(y: number): number | null {
+    const found = this.drawing.convertToPixel({ yAxisIndex: 0 }, y) as unknown as number;
+    return Number.isFinite(found) ? found : null;
+  }
+
   get canvas(): HTMLElement {
     return this.field;
   }

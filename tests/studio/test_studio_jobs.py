@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -43,8 +42,8 @@ def faulty(progress: Progress) -> None:
     raise ParameterError("mass_load must be > 0 kg")
 
 
-def reporting(progress: Any) -> None:
-    progress.show_found({"cost": 3.0})
+def reporting(progress: Progress) -> None:
+    progress.better(3.0, "a control")
 
 
 @pytest.fixture
@@ -71,9 +70,9 @@ def test_work_gives_its_result_remarks_and_last_step(session: Session) -> None:
 
 
 def test_what_work_finds_on_its_way_reaches_its_room(session: Session) -> None:
-    met = list[Mapping[str, Any]]()
-    run(session, reporting, found=lambda each: met.append(each.words))
-    assert met == [Found({"cost": 3.0}).words]
+    met = list[Found]()
+    run(session, reporting, found=met.append)
+    assert met == [Found(3.0, "a control")]
 
 
 def test_another_work_has_to_wait_and_a_cancel_makes_room(session: Session) -> None:

@@ -67,6 +67,13 @@ class Progress:
     def show_remark(self, said: str | Table) -> None:
         """Show a remark; silent unless overridden."""
 
+    def better(self, cost: float, found: object) -> None:
+        """Report the best that a search has found so far, and what it costs: less is better."""
+        self.show_better(cost, found)
+
+    def show_better(self, cost: float, found: object) -> None:
+        """Show what is best so far; silent unless overridden."""
+
     def confirm(self, question: str) -> bool:
         """Ask the user for a confirmation; False without a user."""
         return False
@@ -94,6 +101,9 @@ class _Forwarded(Progress):
 
     def show_remark(self, said: str | Table) -> None:
         self._whole.show_remark(said)
+
+    def show_better(self, cost: float, found: object) -> None:
+        self._whole.show_better(cost, found)
 
     def confirm(self, question: str) -> bool:
         return self._whole.confirm(question)

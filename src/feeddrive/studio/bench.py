@@ -36,6 +36,8 @@ class Bench:
     machine  its machine file, or today's beside a measured response; None if there is none
     axis     its name there
     remarks  what must be known of the measured responses
+    today    today's control, where the one to begin with is another
+    from_machine  its points are models of machine files, and not measured
     """
 
     title: str
@@ -44,6 +46,17 @@ class Bench:
     machine: MachineFile | None = None
     axis: str = ""
     remarks: tuple[str, ...] = ()
+    today: ByHand | None = None
+    from_machine: bool = True
+
+    @property
+    def before(self) -> ByHand:
+        """Today's control at the same points."""
+        return self.today or self.by_hand
+
+    def with_control(self, control: Control) -> Bench:
+        """The same axis with another control to begin with; today's stays what it is compared with."""
+        return replace(self, by_hand=ByHand(control, self.by_hand.points, self.by_hand.limits), today=self.before)
 
     @property
     def loop(self) -> Loop | None:
@@ -71,13 +84,13 @@ class Bench:
         begin = duty.move.duration + pause
         return duty.move, StepForce(force=duty.force, start=begin, end=begin + pause), begin + 2.0 * pause
 
-    def run(self, values: Mapping[str, float], name: str) -> Run:
-        """The move and the force under the control at some values, with friction, counts and limits.
+    def run(self, control: Control, name: str) -> Run:
+        """The move and the force under a control, with friction, counts and limits.
 
         Raises DivergedError if the axis leaves its bounds, ParameterError without a machine.
         """
         reference, load, duration = self._work
-        loop = replace(self.needed_loop(), control=self.by_hand.control(values))
+        loop = replace(self.needed_loop(), control=control)
         return simulate(loop, reference, load=load, duration=duration, record=_SIGNALS, name=name)
 
     def text(self, values: Mapping[str, float]) -> str:
@@ -89,12 +102,10 @@ class Bench:
 
 def bench_of(
     machine: MachineLike, axis: str | None = None, limits: Limits | None = None, at: Sequence[MachineLike] = (),
-    control: Control | None = None,
 ) -> Bench:  # fmt: skip
     """The bench of an axis of a machine file.
 
-    at       the same axis at other positions or loads, in machine files of their own
-    control  to begin with, in place of today's
+    at  the same axis at other positions or loads, in machine files of their own
 
     Raises the errors of `read_machine`, ParameterError for the axis.
     """
@@ -103,7 +114,7 @@ def bench_of(
     loop = file.loops[name]
     places = {file.name: loop} | {read_machine(each).name: read_machine(each).loop(axis or name) for each in at}
     points = [modelled_point(replace(each, control=loop.control), named) for named, each in places.items()]
-    by_hand = ByHand(control or loop.control, points, limits)
+    by_hand = ByHand(loop.control, points, limits)
     return Bench(f"{file.name}, axis {name}", by_hand, Sources(machine, tuple(at), name), file, name)
 
 
@@ -133,4 +144,4 @@ def bench_of_responses(
     measured = [each for each in points if isinstance(each, OperatingPoint)]
     said = [*remarks, *([f"to begin with: {begun}"] if begun else [])]
     title = Path(str(source)).name + ("" if machine is None else f", {machine.name}, axis {name}")
-    return Bench(title, ByHand(control, measured, limits), sources, machine, name, tuple(said))
+    return Bench(title, ByHand(control, measured, limits), sources, machine, name, tuple(said), from_machine=False)

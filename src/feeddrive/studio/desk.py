@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from feeddrive.files.atomic_io import write_whole
+from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.studio.jobs import Found, Job, JobState
 
 if TYPE_CHECKING:
     from feeddrive.files.machine import MachineFile
+    from feeddrive.loop.control import Control
     from feeddrive.studio.bench import Bench
     from feeddrive.workflow.request import Request
 
@@ -58,12 +60,15 @@ class Desk:
         self.tell: Callable[[str], None] = lambda _: None  # set by the session: show a room again
         self.begun: Callable[[str, str, Callable[[Progress], Any], Callable[[Any], None], Callable[[Found], None]], Job]
 
-    def put(self, bench: Bench) -> None:
-        """Work on another source: all rooms begin anew. Raises ParameterError while a job runs."""
+    def put(self, bench: Bench, *, same: bool = False) -> None:
+        """Work on another source: all rooms begin anew. Raises ParameterError while a job runs.
+
+        same  it is the same axis with a control of other parts: what was done with it stays
+        """
         self.check_free()
         self.bench, self.epoch = bench, self.epoch + 1
         self.values = bench.by_hand.values
-        self.undo, self.redo, self.done = [], [], []
+        self.undo, self.redo, self.done = [], [], self.done if same else []
         self._begins = True
         self.changed()
 
@@ -101,6 +106,16 @@ class Desk:
     def did(self, command: str, request: Request) -> None:
         """Keep what was done, for those who want it as commands."""
         self.done.append(Step(command, request))
+
+    def take(self, control: Control) -> None:
+        """Go on with a control that was found: a step that can be undone, if it has the same parts as that of now."""
+        bench = self.needed
+        names = {each.name for each in bench.by_hand.knobs}
+        found = {name: value for name, value in tree.leaves(control) if name in names}
+        if found.keys() == names and bench.by_hand.control(found) == control:
+            self.change({name: float(value) for name, value in found.items()})
+        else:
+            self.put(bench.with_control(control), same=True)
 
     def machine_path(self) -> Path:
         """The machine file with the control of now, written into the folder. Raises ParameterError without one."""

@@ -7,8 +7,8 @@ import multiprocessing
 import os
 import threading
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from feeddrive.language.errors import CancelledError, FeeddriveError
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 Work = Callable[[Progress], Any]
 WAITING, RUNNING, DONE, FAILED, CANCELLED = "waiting", "running", "done", "failed", "canceled"
 _OFTEN = 0.05  # s between two reports of a step
+_DRAWN = 0.2  # s between two reports of what is best so far
 _PATIENCE = 3.0  # s in which canceled work may end by itself
 _PLACES = threading.BoundedSemaphore(os.cpu_count() or 1)  # of all pages together
 _RUNNING = set[Any]()  # processes; they are no daemons, since some of them begin processes of their own
@@ -73,9 +74,10 @@ class JobState:
 
 @dataclass(frozen=True)
 class Found:
-    """What work reports on its way, besides steps: for the room that began it."""
+    """The best that a search has found so far, and what it costs."""
 
-    words: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    cost: float
+    best: Any
 
 
 class Job:
@@ -143,10 +145,13 @@ class Job:
             return
         ours, theirs = _CONTEXT.Pipe(duplex=False)
         with one_thread():
-            self._process = _CONTEXT.Process(target=_child, args=(self._work, theirs, self._stop))
-            self._process.start()
+            process = _CONTEXT.Process(target=_child, args=(self._work, theirs, self._stop))
+            process.start()
+            self._process = process
             _RUNNING.add(self._process)
         theirs.close()
+        if self._stop.is_set():  # while it began
+            self.cancel()
         self._say(state=RUNNING)
         try:
             while self._take(*ours.recv()):
@@ -191,6 +196,7 @@ class _Reporting(Progress):
     def __init__(self, pipe: Connection, stop: Event) -> None:
         super().__init__()
         self._pipe, self._stop, self._last, self._told = pipe, stop, ("", ""), 0.0
+        self._drawn = 0.0
 
     @property
     def cancelled(self) -> bool:
@@ -206,9 +212,11 @@ class _Reporting(Progress):
     def show_remark(self, said: Any) -> None:
         self._pipe.send(("remark", str(said)))
 
-    def show_found(self, words: Mapping[str, Any]) -> None:
-        """What a room wants to draw while the work goes on."""
-        self._pipe.send(("found", Found(words)))
+    def show_better(self, cost: float, found: object) -> None:
+        now = time.monotonic()
+        if now - self._drawn > _DRAWN:
+            self._drawn = now
+            self._pipe.send(("found", Found(cost, found)))
 
 
 def _child(work: Work, pipe: Connection, stop: Event) -> None:

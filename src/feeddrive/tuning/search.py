@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -60,10 +60,17 @@ class End(NamedTuple):
 
 
 class Search:
-    """Minimizes the worst goal of all points while every bound keeps its slack above `sure` standard deviations."""
+    """Minimizes the worst goal of all points while every bound keeps its slack above `sure` standard deviations.
 
-    def __init__(self, criteria: Criteria, low: np.ndarray, high: np.ndarray, sure: float = 0.0) -> None:
+    accepted  is called with each step that is taken, and its figures
+    """
+
+    def __init__(
+        self, criteria: Criteria, low: np.ndarray, high: np.ndarray, sure: float = 0.0,
+        accepted: Callable[[np.ndarray, Evaluation], None] | None = None,
+    ) -> None:  # fmt: skip
         self.criteria, self.low, self.high, self.sure = criteria, low, high, sure
+        self.accepted = accepted or (lambda _x, _found: None)
         self.penalty = _PENALTY
 
     def judge(self, x: np.ndarray) -> Evaluation | None:
@@ -170,6 +177,7 @@ class Search:
             if gained > 0.7 * promised and np.max(np.abs(move)) > 0.9 * size:
                 size = min(2.0 * size, _LARGEST)
             x, here = x + move, there
+            self.accepted(x, here)
             if gained < _ENOUGH:
                 idle += 1
                 curvature, size = _definite(here.curvature), max(size, _AGAIN)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -14,7 +15,7 @@ from feeddrive.language.errors import NotIdentifiableError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.control import Control
 from feeddrive.tuning.control_response import ControlResponse
-from feeddrive.tuning.criteria import Criteria, needed, require_covered, require_good, some
+from feeddrive.tuning.criteria import Criteria, Evaluation, needed, require_covered, require_good, some
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.tuning.search import End, Search
@@ -78,7 +79,17 @@ class Tuner:
         x = logarithms(control, names)
         low, high = box(control, names, x, self.points[0].sample_time)
         rough = control.law.period() > 1
-        search = Search(self.criteria(control, names, rough=rough), low, high)
+        best = math.inf
+
+        def accepted(x: np.ndarray, found: Evaluation) -> None:
+            nonlocal best
+            cost = float(np.exp(np.max(found.goal)))
+            if cost < best and search.broken(found) <= 0.0:
+                best = cost
+                values = dict(zip(names, np.exp(x).tolist(), strict=True))
+                self.progress.better(cost, tree.vary(control, values))
+
+        search = Search(self.criteria(control, names, rough=rough), low, high, accepted=accepted)
         self.progress.step("where to begin")
         first = self._begin(search, x, speeds(control, names))
         self.progress.step(f"{len(names)} tunables, first search")

@@ -1,11 +1,197 @@
-"""A goal and limits are set, and the tuner searches for them."""
+"""Tuning by goal: a goal and limits are set, also in the pictures, and the tuner searches while a person watches."""
 
 from __future__ import annotations
 
-from feeddrive.studio.room import Room
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from feeddrive.language import units
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.table import Table
+from feeddrive.loop.control import Control
+from feeddrive.plot.chart import Chart, Curve, Panel
+from feeddrive.studio.desk import Desk
+from feeddrive.studio.jobs import Found, perform
+from feeddrive.studio.pictures import charts
+from feeddrive.studio.room import Asked, Room, Said, act, tabled
+from feeddrive.tuning.by_hand import Look
+from feeddrive.tuning.tuned import Tuned
+from feeddrive.workflow.command import Outcome
+from feeddrive.workflow.request import Field, fields_of
+from feeddrive.workflow.tune import TuneRequest
+
+_SHOWN = ("goal", "max_ms", "phase_margin", "gain_margin", "delay_margin", "max_compliance", "band", "filters", "law",
+          "starts")  # fmt: skip
+_TODAY, _NOW, _BEST, _FOUND = "today", "now", "best so far", "found"
+FIELDS: Mapping[str, Field] = {each.name: each for each in fields_of(TuneRequest) if each.name in _SHOWN}
 
 
 class Goal(Room):
-    """A goal and limits are set, and the tuner searches for them."""
+    """A goal, its limits, and what the tuner finds."""
 
     name = "goal"
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__(desk)
+        self.given: dict[str, Any] = {}
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget what was found for another source; goal and limits stay."""
+        self.costs = list[float]()
+        self.best: Control | None = None
+        self.found: Outcome[Tuned] | None = None
+        self._looks: dict[str, tuple[Control, Look]] = {}
+
+    def show(self) -> Said:
+        """The goal with its limits, how the search goes, and the loop before and after it."""
+        words: dict[str, Any] = {"fields": [self._field(FIELDS[name]) for name in _SHOWN], "ready": False}
+        if self.desk.bench is None:
+            return Said(words)
+        drawn = self._charts()
+        words |= {"ready": True, "levels": self._levels(drawn), "best": self.best is not None, **self._result()}
+        return Said(words, drawn)
+
+    @act
+    def set(self, asked: Asked) -> None:
+        """A field, as a person writes it; empty: its usual value."""
+        field = FIELDS[asked.choice("field", FIELDS)]
+        text = asked.text("value").strip()
+        given = {key: value for key, value in self.given.items() if key != field.name}
+        if text:
+            given[field.name] = self._read(field, text)
+        TuneRequest("ball_screw", **given)  # refuses what it cannot be
+        self.given = given
+
+    @act
+    def level(self, asked: Asked) -> None:
+        """A limit at a height of a picture: of the sensitivity in dB, or of the dynamic stiffness."""
+        height = asked.number("value")
+        name = asked.choice("field", ("max_ms", "max_compliance"))
+        if name == "max_ms":
+            given: dict[str, Any] = {**self.given, name: float(f"{max(10.0 ** (height / 20.0), 1.02):.3g}")}
+        else:
+            if not height > 0.0:
+                raise ParameterError("the dynamic stiffness must be > 0")
+            given = {**self.given, name: 1.0 / (1e6 * float(f"{height:.3g}"))}
+        TuneRequest("ball_screw", **given)
+        self.given = given
+
+    @act
+    def tune(self, _: Asked) -> None:
+        """Search, from the control of now."""
+        request = self._request()
+        self.costs, self.best, self.found = [], None, None
+
+        def met(report: Found) -> None:
+            self.costs.append(report.cost)
+            self.best = report.best
+
+        def then(outcome: Outcome[Tuned]) -> None:
+            self.desk.did("tune", request)
+            self.found, self.best = outcome, outcome.result.control
+
+        self.desk.start(self.name, "tune", partial(perform, "tune", request), then, met)
+
+    @act
+    def accept(self, _: Asked) -> Said:
+        """Go on with what was found, or with the best so far of a search that was stopped."""
+        if self.best is None:
+            raise ParameterError("nothing was found yet: press Tune first")
+        self.desk.take(self.best)
+        said = self.show()
+        return Said({**said.words, "go": "tune"}, said.charts)
+
+    @act
+    def reject(self, _: Asked) -> None:
+        """Forget what was found."""
+        self.begin()
+
+    def _request(self) -> TuneRequest:
+        bench = self.desk.needed
+        source = bench.sources
+        out = self.desk.folder / "tuned"
+        given: dict[str, Any] = {**self.given, "out": out, "at": tuple(source.at), "axis": bench.axis or None}
+        if bench.from_machine:
+            return TuneRequest(self.desk.machine_path(), **given)
+        baseline = None if bench.machine is None else self.desk.machine_path()
+        return TuneRequest(
+            source.source, baseline=baseline, motor=tuple(source.motor), unit=source.unit,
+            sample_time=source.sample_time, delay=source.delay, **given,
+        )  # fmt: skip
+
+    @staticmethod
+    def _read(field: Field, text: str) -> Any:
+        if field.kind is str:
+            return text
+        try:
+            number = float(text.replace(",", "."))
+        except ValueError:
+            raise ParameterError(f"{field.flag}: '{text:.40}' is no number") from None
+        return int(number) if field.kind is int else units.scaled(number, field.factor)
+
+    def _field(self, field: Field) -> dict[str, Any]:
+        value = self.given.get(field.name, field.default)
+        shown = "" if value is None else str(value)
+        if isinstance(value, float):
+            shown = f"{value / field.factor:.6g}"
+        declared = field.declared.of_axis(self.desk.bench is not None and self.desk.bench.rotary)
+        return {
+            "name": field.name, "label": field.flag.removeprefix("--").replace("-", " "), "meaning": declared.meaning,
+            "unit": declared.unit if field.kind is float else "", "options": list(declared.options or ()),
+            "value": shown,
+        }  # fmt: skip
+
+    def _levels(self, drawn: Mapping[str, Chart]) -> list[dict[str, Any]]:
+        """Limits that can be dragged in a picture: which field, and at which height."""
+        found = list[dict[str, Any]]()
+        peak = self.given.get("max_ms", FIELDS["max_ms"].default)
+        if "sensitivity" in drawn:
+            at, text = 20.0 * float(np.log10(peak)), f"Ms <= {peak:g}"
+            found.append({"field": "max_ms", "picture": "sensitivity", "at": at, "text": text})
+        if "stiffness" in drawn:
+            stiffness = self.given.get("max_compliance")
+            at = self._least(drawn["stiffness"]) if stiffness is None else 1e-6 / stiffness
+            text = "no limit of stiffness: drag it up" if stiffness is None else f"stiffness >= {at:.4g}"
+            found.append({"field": "max_compliance", "picture": "stiffness", "at": at, "text": text})
+        return found
+
+    @staticmethod
+    def _least(chart: Chart) -> float:
+        return 0.5 * min(float(np.nanmin(each.y)) for each in chart.panels[0].curves)
+
+    def _look(self, name: str, control: Control) -> Look:
+        known = self._looks.get(name)
+        if known is None or known[0] != control:
+            bench = self.desk.needed.with_control(control)
+            known = self._looks[name] = (control, bench.by_hand.at(bench.by_hand.values))
+        return known[1]
+
+    def _charts(self) -> dict[str, Chart]:
+        bench = self.desk.needed
+        controls = {_TODAY: bench.before.start, _NOW: bench.by_hand.control(self.desk.values)}
+        if self.best is not None:
+            controls[_BEST if self.found is None else _FOUND] = self.best
+        drawn = charts({name: self._look(name, each) for name, each in controls.items()}, {})
+        if self.costs:
+            steps, costs = np.arange(1.0, len(self.costs) + 1.0), np.array(self.costs) / self.costs[0]
+            curve = Curve(steps, costs, "cost of the best so far", 0, said=f"{costs[-1]:.4g} of the first")
+            drawn["search"] = Chart("improvements", (Panel("cost (of the first)", (curve,)),))
+        return {name: drawn[name] for name in ("sensitivity", "stiffness", "open_loop", "search") if name in drawn}
+
+    def _result(self) -> dict[str, Any]:
+        if self.found is None:
+            return {"said": [], "tables": [], "verdict": "", "failure": "", "unfinished": self.best is not None}
+        said, tables = list[str](), list[dict[str, Any]]()
+        for each in self.found.said():
+            if isinstance(each, Table):
+                tables.append(tabled(each))
+            else:
+                said.append(str(each).removeprefix("- "))
+        return {
+            "said": said, "tables": tables, "verdict": self.found.verdict, "failure": self.found.failure or "",
+            "unfinished": False,
+        }  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 from feeddrive.language.errors import FeeddriveError, ParameterError
@@ -10,7 +11,7 @@ from feeddrive.loop.simulate import Run
 from feeddrive.studio.desk import Desk, Values
 from feeddrive.studio.pictures import charts
 from feeddrive.studio.room import Asked, Room, Said, act
-from feeddrive.tuning.by_hand import Look
+from feeddrive.tuning.by_hand import ByHand, Look
 
 TODAY, NOW = "today", "now"
 SNAPSHOTS = ("A", "B", "C")
@@ -94,34 +95,33 @@ class Tune(Room):
         )
 
     def _pictures(self) -> Said:
-        by_hand, values = self.desk.needed.by_hand, self.desk.values
-        found = {TODAY: self._look(TODAY, by_hand.values)}
-        found |= {letter: self._look(letter, kept) for letter, kept in sorted(self.snapshots.items())}
-        found[NOW] = self._look(NOW, values)
+        bench, values = self.desk.needed, self.desk.values
+        found = {TODAY: self._look(TODAY, bench.before, bench.before.values)}
+        found |= {letter: self._look(letter, bench.by_hand, kept) for letter, kept in sorted(self.snapshots.items())}
+        found[NOW] = self._look(NOW, bench.by_hand, values)
         _, now, _ = found[NOW]
         drawn = charts(
             {name: look for name, (_, look, _) in found.items()},
             {name: run for name, (_, _, run) in found.items() if run is not None},
         )
+        limits = bench.by_hand.limits
         said = {
-            "judged": [{"text": f"{each}, limit: {by_hand.limits.only(each.kind)}", "keeps": each.keeps}
+            "judged": [{"text": f"{each}, limit: {limits.only(each.kind)}", "keeps": each.keeps}
                        for each in now.judged],
-            "remarks": self.desk.needed.remarks, "places": len(by_hand.points),
-            "leading": now.leading.point, "stable": now.stable, "values": values,
-            "undo": len(self.desk.undo), "redo": len(self.desk.redo), "kept": sorted(self.snapshots),
+            "remarks": bench.remarks, "places": len(bench.by_hand.points), "leading": now.leading.point,
+            "stable": now.stable, "values": values, "undo": len(self.desk.undo), "redo": len(self.desk.redo),
+            "kept": sorted(self.snapshots),
         }  # fmt: skip
         return Said(said, drawn)
 
-    def _look(self, name: str, values: Values) -> tuple[Values, Look, Run | None]:
+    def _look(self, name: str, by_hand: ByHand, values: Values) -> tuple[Values, Look, Run | None]:
         known = self._seen.get(name)
         if known is None or known[0] != values:
             bench = self.desk.needed
-            look, run = bench.by_hand.at(values), None
+            look, run = by_hand.at(values), None
             if look.stable and bench.loop is not None:
-                try:
-                    run = bench.run(values, name)
-                except FeeddriveError:  # it leaves its bounds: what is linear of it is shown
-                    run = None
+                with suppress(FeeddriveError):  # if it leaves its bounds, what is linear of it is shown
+                    run = bench.run(by_hand.control(values), name)
             known = self._seen[name] = (dict(values), look, run)
         return known
 
