@@ -40,3 +40,23 @@ export function save(text: string, name: string): void {
   link.click();
   URL.revokeObjectURL(link.href);
 }
+
+// A picture that the server has drawn; as an image it can run nothing.
+export function image(svg: string, words: string): HTMLElement {
+  const found = make("img", { alt: words, class: "drawn" });
+  found.src = URL.createObjectURL(new Blob([svg], { type: "image/svg+xml" }));
+  found.addEventListener("load", () => URL.revokeObjectURL(found.src));
+  return make("figure", {}, make("figcaption", {}, words), found);
+}
+
+// A text that can be copied.
+export function copied(title: string, text: string, id: string): HTMLElement {
+  const said = make("span", { role: "status" });
+  const copy = button("Copy", () => {
+    void navigator.clipboard.writeText(text).then(
+      () => (said.textContent = " copied"),
+      () => (said.textContent = " the browser does not allow it: select the text"),
+    );
+  });
+  return make("section", { id }, make("h2", {}, title, " "), copy, said, make("pre", { tabindex: "0", "aria-label": title }, text));
+}

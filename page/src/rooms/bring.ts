@@ -3,14 +3,10 @@
 import { look, whenPainted } from "../look";
 import { button, choice, make, table } from "../parts";
 import { Picture } from "../picture";
+import { tables, type Table } from "../result";
 import { session, type Ask, type Room } from "../room";
 import type { Received } from "../wire";
 
-interface Table {
-  title: string;
-  heads: string[];
-  rows: string[][];
-}
 interface Brought {
   name: string;
   kind: string;
@@ -35,10 +31,6 @@ interface Words {
   made: { said?: string[]; tables?: Table[]; verdict?: string; failure?: string; machine?: boolean };
   ask_axis?: { name: string; axes: string[] };
   go?: string;
-}
-
-export function tables(found: Table[]): HTMLElement[] {
-  return found.map((each) => make("details", { open: "" }, make("summary", {}, each.title), table(each.heads, each.rows)));
 }
 
 export class Bring implements Room {

@@ -4,9 +4,9 @@ import { Levels, type Level } from "../levels";
 import { look, whenPainted } from "../look";
 import { button, make } from "../parts";
 import { Picture } from "../picture";
+import { tables } from "../result";
 import type { Ask, Room } from "../room";
 import type { Received } from "../wire";
-import { tables } from "./bring";
 
 interface Field {
   name: string;
@@ -56,7 +56,7 @@ export class Goal implements Room {
     this.levels = ["sensitivity", "stiffness"].map(
       (name) => new Levels(name, this.pictures.get(name)!, (field, value) => ask({ do: "goal.level", field, value })),
     );
-    this.element.append(this.form, this.buttons, this.outcome, grid);
+    this.element.append(this.form, this.buttons, grid, this.outcome);
     whenPainted(() => this.draw());
   }
 

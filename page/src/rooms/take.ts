@@ -1,13 +1,68 @@
-import { make } from "../parts";
-import type { Ask, Room } from "../room";
+// What is taken away: files to download, exports, and all that was done as commands, Python and a job.
+
+import { button, copied, make } from "../parts";
+import { result as shown, type Result } from "../result";
+import { result, type Ask, type Room } from "../room";
 import type { Received } from "../wire";
+
+interface Words {
+  ready: boolean;
+  targets: string[];
+  results: string[];
+  exports: Record<string, Result & { archive: string }>;
+  verified: Record<string, Result>;
+  commands: string;
+  python: string;
+  job: string;
+  give?: string;
+}
 
 export class Take implements Room {
   readonly name = "take";
   readonly title = "Take away";
   readonly element = make("div", { class: "take" });
 
-  constructor(_ask: Ask) {}
+  constructor(private readonly ask: Ask) {}
 
-  heard(_received: Received): void {}
+  heard(received: Received): void {
+    const words = received.said as unknown as Words;
+    const machine = button("Machine file", () => this.ask({ do: "take.machine" }), { id: "take-machine", class: "main" });
+    machine.disabled = !words.ready;
+    const results = words.results.map((name) => button(`Report: ${name}`, () => this.ask({ do: "take.result", name }), { id: `take-result-${name}` }));
+    const targets = words.targets.map((target) => {
+      const found = button(`Export: ${target}`, () => this.ask({ do: "take.export", target }), { id: `take-export-${target}` });
+      found.disabled = !words.ready;
+      return found;
+    });
+    this.element.replaceChildren(
+      ...(words.ready ? [] : [make("p", {}, "Bring a machine first: a control is written for an axis of a machine file.")]),
+      make("div", { class: "buttons" }, machine, ...results),
+      make("h2", {}, "Exports"),
+      make("div", { class: "buttons" }, ...targets),
+    );
+    for (const [target, found] of Object.entries(words.exports)) {
+      const proof = words.verified[target];
+      this.element.append(
+        make("h3", {}, target),
+        make(
+          "div",
+          { class: "buttons" },
+          make("a", { href: result(found.archive), download: found.archive, id: `take-archive-${target}` }, `Download ${found.archive}`),
+          button("Verify with this machine's compiler", () => this.ask({ do: "take.verify", target })),
+        ),
+        ...shown(found),
+        ...(proof ? shown(proof) : []),
+      );
+    }
+    this.element.append(
+      make("h2", {}, "The same without this page"),
+      copied("Commands", words.commands || "Nothing was done yet.", "recipe-commands"),
+      copied("Python", words.python, "recipe-python"),
+      copied("Job file", words.job || "A job needs a machine.", "recipe-job"),
+    );
+    if (words.give) {
+      const link = make("a", { href: result(words.give), download: words.give });
+      link.click();
+    }
+  }
 }

@@ -37,6 +37,7 @@ class Bench:
     axis     its name there
     remarks  what must be known of the measured responses
     today    today's control, where the one to begin with is another
+    file     of the machine, as it was named; empty if there is none
     from_machine  its points are models of machine files, and not measured
     """
 
@@ -48,6 +49,7 @@ class Bench:
     remarks: tuple[str, ...] = ()
     today: ByHand | None = None
     from_machine: bool = True
+    file: str | Path = ""
 
     @property
     def before(self) -> ByHand:
@@ -77,7 +79,7 @@ class Bench:
         return self.loop
 
     @cached_property
-    def _work(self) -> tuple[Reference, StepForce, float]:
+    def work(self) -> tuple[Reference, StepForce, float]:
         """A move and then a force on the table that comes and goes, within the limits of the machine; how long, s."""
         duty = duty_of(self.needed_loop(), None, None)
         pause = max(0.5 * duty.move.duration, 0.05)
@@ -89,7 +91,7 @@ class Bench:
 
         Raises DivergedError if the axis leaves its bounds, ParameterError without a machine.
         """
-        reference, load, duration = self._work
+        reference, load, duration = self.work
         loop = replace(self.needed_loop(), control=control)
         return simulate(loop, reference, load=load, duration=duration, record=_SIGNALS, name=name)
 
@@ -115,7 +117,9 @@ def bench_of(
     places = {file.name: loop} | {read_machine(each).name: read_machine(each).loop(axis or name) for each in at}
     points = [modelled_point(replace(each, control=loop.control), named) for named, each in places.items()]
     by_hand = ByHand(loop.control, points, limits)
-    return Bench(f"{file.name}, axis {name}", by_hand, Sources(machine, tuple(at), name), file, name)
+    return Bench(
+        f"{file.name}, axis {name}", by_hand, Sources(machine, tuple(at), name), file, name, file=_named(machine)
+    )
 
 
 def bench_of_responses(
@@ -144,4 +148,18 @@ def bench_of_responses(
     measured = [each for each in points if isinstance(each, OperatingPoint)]
     said = [*remarks, *([f"to begin with: {begun}"] if begun else [])]
     title = Path(str(source)).name + ("" if machine is None else f", {machine.name}, axis {name}")
-    return Bench(title, ByHand(control, measured, limits), sources, machine, name, tuple(said), from_machine=False)
+    return Bench(
+        title,
+        ByHand(control, measured, limits),
+        sources,
+        machine,
+        name,
+        tuple(said),
+        from_machine=False,
+        file=_named(baseline or ""),
+    )
+
+
+def _named(machine: MachineLike) -> str | Path:
+    """A machine as commands name it."""
+    return machine.file.name if isinstance(machine, MachineFile) else machine

@@ -41,6 +41,7 @@ class Desk:
     watched   log that grows, which the scope may follow
     brought   files that were named at the start of the command, and stand elsewhere
     epoch     counts the sources
+    base      machine file with the control to begin with
     programs  part programs that were brought, by name
     done      what was done since the source was brought
     """
@@ -49,6 +50,7 @@ class Desk:
         self.folder, self.watched, self.brought = folder, watched, brought
         self.bench: Bench | None = None
         self.epoch = 0
+        self.base: str | Path = ""
         self.values: Values = {}
         self.programs: dict[str, Path] = {}
         self.done: list[Step] = []
@@ -68,9 +70,18 @@ class Desk:
         self.check_free()
         self.bench, self.epoch = bench, self.epoch + 1
         self.values = bench.by_hand.values
+        self.base = self._kept(bench) if same else bench.file
         self.undo, self.redo, self.done = [], [], self.done if same else []
         self._begins = True
         self.changed()
+
+    def _kept(self, bench: Bench) -> str | Path:
+        """A machine file with a control that was found, for what is done next."""
+        if bench.machine is None:
+            return bench.file
+        path = self.folder / f"begun_{self.epoch}.toml"
+        write_whole(path, bench.text(self.values))
+        return path
 
     @property
     def needed(self) -> Bench:

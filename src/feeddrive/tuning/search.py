@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError
+from feeddrive.language.progress import Progress
+from feeddrive.loop.control import Control
 from feeddrive.tuning.criteria import Criteria, Evaluation
 from feeddrive.tuning.limits import Bound
 
@@ -60,18 +63,25 @@ class End(NamedTuple):
 
 
 class Search:
-    """Minimizes the worst goal of all points while every bound keeps its slack above `sure` standard deviations.
+    """Minimizes the worst goal of all points while every bound keeps its slack above `sure` standard deviations."""
 
-    accepted  is called with each step that is taken, and its figures
-    """
-
-    def __init__(
-        self, criteria: Criteria, low: np.ndarray, high: np.ndarray, sure: float = 0.0,
-        accepted: Callable[[np.ndarray, Evaluation], None] | None = None,
-    ) -> None:  # fmt: skip
+    def __init__(self, criteria: Criteria, low: np.ndarray, high: np.ndarray, sure: float = 0.0) -> None:
         self.criteria, self.low, self.high, self.sure = criteria, low, high, sure
-        self.accepted = accepted or (lambda _x, _found: None)
+        self.accepted: Callable[[np.ndarray, Evaluation], None] = lambda _x, _found: None
         self.penalty = _PENALTY
+
+    def report_to(self, progress: Progress, control: Control, names: Sequence[str]) -> None:
+        """Report each control that is the best so far and keeps all bounds."""
+        best = np.inf
+
+        def accepted(x: np.ndarray, found: Evaluation) -> None:
+            nonlocal best
+            cost = float(np.exp(np.max(found.goal)))
+            if cost < best and self.broken(found) <= 0.0:
+                best = cost
+                progress.better(cost, tree.vary(control, dict(zip(names, np.exp(x).tolist(), strict=True))))
+
+        self.accepted = accepted
 
     def judge(self, x: np.ndarray) -> Evaluation | None:
         """The figures, or None if the loop is unstable or has no figures."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -15,7 +14,7 @@ from feeddrive.language.errors import NotIdentifiableError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.control import Control
 from feeddrive.tuning.control_response import ControlResponse
-from feeddrive.tuning.criteria import Criteria, Evaluation, needed, require_covered, require_good, some
+from feeddrive.tuning.criteria import Criteria, needed, require_covered, require_good, some
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.tuning.search import End, Search
@@ -79,17 +78,8 @@ class Tuner:
         x = logarithms(control, names)
         low, high = box(control, names, x, self.points[0].sample_time)
         rough = control.law.period() > 1
-        best = math.inf
-
-        def accepted(x: np.ndarray, found: Evaluation) -> None:
-            nonlocal best
-            cost = float(np.exp(np.max(found.goal)))
-            if cost < best and search.broken(found) <= 0.0:
-                best = cost
-                values = dict(zip(names, np.exp(x).tolist(), strict=True))
-                self.progress.better(cost, tree.vary(control, values))
-
-        search = Search(self.criteria(control, names, rough=rough), low, high, accepted=accepted)
+        search = Search(self.criteria(control, names, rough=rough), low, high)
+        search.report_to(self.progress, control, names)
         self.progress.step("where to begin")
         first = self._begin(search, x, speeds(control, names))
         self.progress.step(f"{len(names)} tunables, first search")

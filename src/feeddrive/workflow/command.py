@@ -256,6 +256,12 @@ COMMANDS: dict[str, Listed] = {
             "--study ball_screw_series --out robust",
         ),
     ),
+    "adjust": Listed(
+        "adjust",
+        "Set named numbers of a control within their bounds; all else in the machine file stays as it is written.",
+        "Tune and compare",
+        ("ball_screw --set law.Kp=52000 --set filters.0.frequency=430 --out mine.toml",),
+    ),
     "compare": Listed(
         "compare",
         "Put all laws on one axis, tuned to equal robustness, beside today's gains, and rank them by criterion.",

@@ -13,7 +13,6 @@ from feeddrive.files.guess import write_roles
 from feeddrive.files.machine import BUNDLED, read_machine
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.language.progress import Progress
-from feeddrive.language.table import Table
 from feeddrive.plot.chart import Chart, Curve, Panel
 from feeddrive.studio.bench import bench_of, bench_of_responses
 from feeddrive.studio.desk import Desk
@@ -21,6 +20,7 @@ from feeddrive.studio.inspect_file import LOG, MACHINE, PROGRAM, RESPONSES, Unde
 from feeddrive.studio.jobs import perform
 from feeddrive.studio.room import Asked, Room, Said, act, tabled
 from feeddrive.studio.uploads import safe_name
+from feeddrive.studio.works import words_of
 from feeddrive.workflow.command import Outcome
 from feeddrive.workflow.frf import FrfRequest
 from feeddrive.workflow.identify_responses import IdentifyRequest
@@ -195,19 +195,10 @@ class Bring(Room):
         self.desk.start(self.name, what, partial(perform, command, request), then)
 
     def _finished(self, outcome: Outcome[Any]) -> None:
-        said, tables = list[str](), list[dict[str, Any]]()
-        for each in outcome.said():
-            if isinstance(each, Table):
-                tables.append(tabled(each))
-            else:
-                said.append(str(each).removeprefix("- "))
         places = {what: Path(str(path)) for what, path in outcome.files.items()}
         self.machine = next((path for path in places.values() if path.name == "machine.toml"), None)
         responses = [path for path in places.values() if path.suffix in (".csv", ".parquet") and path.is_file()]
-        self.made = {
-            "said": said, "tables": tables, "failure": outcome.failure or "", "machine": self.machine is not None,
-            "verdict": outcome.verdict,
-        }  # fmt: skip
+        self.made = {**words_of(outcome), "machine": self.machine is not None}
         if responses:  # what was estimated is a file like one that was brought
             for each in understand(responses, Progress()):
                 self.files[each.name] = each

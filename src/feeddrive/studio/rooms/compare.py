@@ -1,11 +1,62 @@
-"""All laws on this axis at equal robustness."""
+"""All laws on this axis at equal robustness: the trade-off, and a law that is chosen to be tuned on."""
 
 from __future__ import annotations
 
-from feeddrive.studio.room import Room
+from functools import partial
+
+from feeddrive.language.errors import ParameterError
+from feeddrive.studio.desk import Desk
+from feeddrive.studio.room import Asked, Room, Said, act
+from feeddrive.studio.works import Shown, compared
+from feeddrive.workflow.compare import CompareRequest
 
 
 class Compare(Room):
-    """All laws on this axis at equal robustness."""
+    """The comparison of the laws."""
 
     name = "compare"
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__(desk)
+        self._epoch = 0
+        self.found: Shown | None = None
+        self._same = ""
+
+    def begin(self) -> None:
+        """Forget the comparison of another axis."""
+        title = "" if self.desk.bench is None else self.desk.bench.title
+        if title != self._same:
+            self.found, self._same = None, title
+
+    def show(self) -> Said:
+        """Which laws there are, and what the comparison came to."""
+        bench = self.desk.bench
+        words = {"ready": bench is not None and bench.machine is not None, "found": None}
+        if self.found is not None:
+            words |= {"found": dict(self.found.words), "images": dict(self.found.images)}
+        return Said(words)
+
+    @act
+    def start(self, asked: Asked) -> None:
+        """Tune and judge the laws that are named, or all; those that are finished are kept for the next time."""
+        bench = self.desk.needed
+        bench.needed_loop()
+        request = CompareRequest(
+            self.desk.machine_path(), axis=bench.axis, law=tuple(asked.texts("laws")),
+            starts=int(asked.number_or_none("starts") or 2), keep=self.desk.folder / "compared_laws",
+        )  # fmt: skip
+
+        def then(found: Shown) -> None:
+            self.desk.did("compare", request)
+            self.found = found
+
+        self.desk.start(self.name, "compare the laws", partial(compared, request), then)
+
+    @act
+    def take(self, asked: Asked) -> Said:
+        """Go on with a law as it was tuned for the comparison."""
+        name = asked.text("law")
+        if self.found is None or name not in self.found.controls:
+            raise ParameterError(f"the comparison has no law '{name:.60}'")
+        self.desk.take(self.found.controls[name])
+        return Said({**self.show().words, "go": "tune"})

@@ -10,13 +10,13 @@ import numpy as np
 
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.table import Table
 from feeddrive.loop.control import Control
 from feeddrive.plot.chart import Chart, Curve, Panel
 from feeddrive.studio.desk import Desk
 from feeddrive.studio.jobs import Found, perform
 from feeddrive.studio.pictures import charts
-from feeddrive.studio.room import Asked, Room, Said, act, tabled
+from feeddrive.studio.room import Asked, Room, Said, act
+from feeddrive.studio.works import words_of
 from feeddrive.tuning.by_hand import Look
 from feeddrive.tuning.tuned import Tuned
 from feeddrive.workflow.command import Outcome
@@ -176,7 +176,7 @@ class Goal(Room):
         if self.best is not None:
             controls[_BEST if self.found is None else _FOUND] = self.best
         drawn = charts({name: self._look(name, each) for name, each in controls.items()}, {})
-        if self.costs:
+        if len(self.costs) > 1:
             steps, costs = np.arange(1.0, len(self.costs) + 1.0), np.array(self.costs) / self.costs[0]
             curve = Curve(steps, costs, "cost of the best so far", 0, said=f"{costs[-1]:.4g} of the first")
             drawn["search"] = Chart("improvements", (Panel("cost (of the first)", (curve,)),))
@@ -185,13 +185,4 @@ class Goal(Room):
     def _result(self) -> dict[str, Any]:
         if self.found is None:
             return {"said": [], "tables": [], "verdict": "", "failure": "", "unfinished": self.best is not None}
-        said, tables = list[str](), list[dict[str, Any]]()
-        for each in self.found.said():
-            if isinstance(each, Table):
-                tables.append(tabled(each))
-            else:
-                said.append(str(each).removeprefix("- "))
-        return {
-            "said": said, "tables": tables, "verdict": self.found.verdict, "failure": self.found.failure or "",
-            "unfinished": False,
-        }  # fmt: skip
+        return {**words_of(self.found), "unfinished": False}

@@ -1,11 +1,101 @@
-"""The control of now is proven, and works on the machine."""
+"""The control of now is proven: a certificate, the circle test, and a part program on the machine."""
 
 from __future__ import annotations
 
-from feeddrive.studio.room import Room
+import json
+import shutil
+from functools import partial
+from pathlib import Path
+
+from feeddrive.files.atomic_io import write_whole
+from feeddrive.files.machine import BUNDLED
+from feeddrive.language.errors import ParameterError
+from feeddrive.studio.desk import Desk
+from feeddrive.studio.room import Asked, Room, Said, act
+from feeddrive.studio.works import Shown, certified, circled, program_run
+from feeddrive.workflow.certify import CertifyRequest
+from feeddrive.workflow.circle import CircleRequest
+from feeddrive.workflow.run_job import RunRequest
+
+_RULE = "the control that was tuned on the page"
 
 
 class Prove(Room):
-    """The control of now is proven, and works on the machine."""
+    """What is proven of the control of now, and what it does on the machine."""
 
     name = "prove"
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__(desk)
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget what was shown of the control before."""
+        self.shown: dict[str, Shown] = {}
+
+    def show(self) -> Said:
+        """What can be proven, and what came out."""
+        bench = self.desk.bench
+        axes = [] if bench is None or bench.machine is None else list(bench.machine.loops)
+        programs = [*_bundled(), *self.desk.programs]
+        words = {
+            "ready": bool(axes), "axes": axes, "programs": programs,
+            "shown": {name: dict(each.words) for name, each in self.shown.items()},
+            "images": {f"{name}.{key}": svg for name, each in self.shown.items() for key, svg in each.images.items()},
+        }  # fmt: skip
+        return Said(words)
+
+    @act
+    def certify(self, _: Asked) -> None:
+        """Prove the loop stable for plants around the model."""
+        bench = self.desk.needed
+        bench.needed_loop()
+        request = CertifyRequest(self.desk.machine_path(), axis=bench.axis, out=self.desk.folder / "certificate")
+
+        def then(found: Shown) -> None:
+            self.desk.did("certify", request)
+            self.shown["certificate"] = found
+
+        self.desk.start(self.name, "certify", partial(certified, request), then)
+
+    @act
+    def circle(self, asked: Asked) -> None:
+        """The circle test on the simulated machine, with the axes that are named."""
+        machine = self.desk.needed.machine
+        if machine is None or len(machine.loops) < 2:
+            raise ParameterError("a circle needs a machine with two axes, and this one has fewer")
+        x, y = asked.choice("x", machine.loops), asked.choice("y", machine.loops)
+        request = CircleRequest((self.desk.machine_path(),), x=x, y=y, out=self.desk.folder / "circle")
+
+        def then(found: Shown) -> None:
+            self.desk.did("circle", request)
+            self.shown["circle"] = found
+
+        self.desk.start(self.name, "circle test", partial(circled, request), then)
+
+    @act
+    def program(self, asked: Asked) -> None:
+        """A part program on the machine: one that was brought, or a bundled one."""
+        bench = self.desk.needed
+        bench.needed_loop()
+        name = asked.choice("name", [*_bundled(), *self.desk.programs])
+        source = self.desk.programs.get(name) or BUNDLED / "programs" / name
+        if source.parent != self.desk.folder:
+            shutil.copyfile(source, self.desk.folder / Path(name).name)
+        self.desk.machine_path()
+        text = [f"title = {json.dumps(f'{name} on {bench.title}')}", 'machine = "machine.toml"',
+                f"axis = {json.dumps(bench.axis)}", f"rule = {json.dumps(_RULE)}", "", "[program]",
+                f"file = {json.dumps(Path(name).name)}", ""]  # fmt: skip
+        job = self.desk.folder / "job.toml"
+        write_whole(job, "\n".join(text))
+        request = RunRequest(str(job), out=self.desk.folder / "run")
+
+        def then(found: Shown) -> None:
+            self.desk.did("run", request)
+            self.shown["program"] = found
+
+        self.desk.start(self.name, f"run {name}", partial(program_run, request), then)
+
+
+def _bundled() -> list[str]:
+    return sorted(each.name for each in (BUNDLED / "programs").glob("*.ngc"))

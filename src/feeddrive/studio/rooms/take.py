@@ -1,11 +1,106 @@
-"""What is taken away: machine file, report, exports, and all that was done as commands."""
+"""What is taken away: machine file, report, exports, and all that was done as commands, Python and a job."""
 
 from __future__ import annotations
 
-from feeddrive.studio.room import Room
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from feeddrive.export.targets import TARGETS
+from feeddrive.files.atomic_io import write_whole
+from feeddrive.language.errors import ParameterError
+from feeddrive.studio.desk import Desk
+from feeddrive.studio.jobs import perform
+from feeddrive.studio.recipe import recipe_of
+from feeddrive.studio.room import Asked, Room, Said, act
+from feeddrive.studio.works import Shown, exported, packed, words_of
+from feeddrive.workflow.command import Outcome
+from feeddrive.workflow.export import ExportRequest
+from feeddrive.workflow.verify import VerifyRequest
+
+_RESULTS = ("tuned", "certificate", "circle", "run")
 
 
 class Take(Room):
-    """What is taken away: machine file, report, exports, and all that was done as commands."""
+    """Files of what was tuned and proven."""
 
     name = "take"
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__(desk)
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget the exports of another control."""
+        self.exports: dict[str, Shown] = {}
+        self.verified: dict[str, dict[str, Any]] = {}
+
+    def show(self) -> Said:
+        """What can be taken, and the recipe."""
+        bench = self.desk.bench
+        found = recipe_of(self.desk)
+        words = {
+            "ready": bench is not None and bench.machine is not None, "targets": list(TARGETS),
+            "results": self._results(),
+            "exports": {name: dict(each.words) for name, each in self.exports.items()}, "verified": self.verified,
+            "commands": found.commands, "python": found.python, "job": found.job,
+        }  # fmt: skip
+        return Said(words)
+
+    @act
+    def machine(self, _: Asked) -> Said:
+        """The machine file with the control of now."""
+        return self._give(self.desk.machine_path())
+
+    @act
+    def result(self, asked: Asked) -> Said:
+        """The directory of something that was done, packed: its report is inside."""
+        return self._give(packed(self.desk.folder / asked.choice("name", self._results())))
+
+    @act
+    def recipe(self, asked: Asked) -> Said:
+        """Commands, Python or job as a file."""
+        found = recipe_of(self.desk)
+        texts = {
+            "commands": ("commands.sh", found.commands), "python": ("recipe.py", found.python),
+            "job": ("before_and_after.toml", found.job),
+        }  # fmt: skip
+        name, text = texts[asked.choice("kind", texts)]
+        if not text:
+            raise ParameterError("a job needs a machine: measured responses alone move no axis")
+        path = self.desk.folder / name
+        write_whole(path, text)
+        return self._give(path)
+
+    @act
+    def export(self, asked: Asked) -> None:
+        """The control of now for a target."""
+        bench, target = self.desk.needed, asked.choice("target", TARGETS)
+        bench.needed_loop()
+        out = self.desk.folder / f"export_{target}"
+        request = ExportRequest(self.desk.machine_path(), target=target, axis=bench.axis, out=out)
+
+        def then(found: Shown) -> None:
+            self.desk.did("export", request)
+            self.exports[target] = found
+            self.verified.pop(target, None)
+
+        self.desk.start(self.name, f"export for {target}", partial(exported, request), then)
+
+    @act
+    def verify(self, asked: Asked) -> None:
+        """Run the equality proof of an export with this machine's compiler."""
+        target = asked.choice("target", self.exports)
+        request = VerifyRequest(self.desk.folder / f"export_{target}")
+
+        def then(outcome: Outcome[Any]) -> None:
+            self.desk.did("verify", request)
+            self.verified[target] = words_of(outcome)
+
+        self.desk.start(self.name, f"verify the export for {target}", partial(perform, "verify", request), then)
+
+    def _results(self) -> list[str]:
+        return [name for name in _RESULTS if (self.desk.folder / name).is_dir()]
+
+    def _give(self, path: Path) -> Said:
+        return Said({**self.show().words, "give": path.name})

@@ -1,0 +1,138 @@
+"""Long works of the page that end in words and pictures: each runs in a process of its own and gives little back."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from io import StringIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from feeddrive.language.progress import Progress
+from feeddrive.language.table import Table
+from feeddrive.studio.jobs import perform
+from feeddrive.studio.room import tabled
+
+if TYPE_CHECKING:
+    from feeddrive.loop.control import Control
+    from feeddrive.workflow.certify import CertifyRequest
+    from feeddrive.workflow.circle import CircleRequest
+    from feeddrive.workflow.command import Outcome
+    from feeddrive.workflow.compare import CompareRequest
+    from feeddrive.workflow.export import ExportRequest
+    from feeddrive.workflow.run_job import RunRequest
+
+_CORNERS = 8  # worst places of a part program that are drawn
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a work came to.
+
+    words   said, tables, verdict, failure
+    images  SVG by what they show
+    controls  by name of a law, of a comparison
+    """
+
+    words: Mapping[str, Any]
+    images: Mapping[str, str] = field(default_factory=dict[str, str])
+    controls: Mapping[str, Control] = field(default_factory=dict[str, "Control"])
+
+
+def words_of(outcome: Outcome[Any]) -> dict[str, Any]:
+    """Sentences and tables of an outcome, for the page."""
+    said, tables = list[str](), list[dict[str, Any]]()
+    for each in outcome.said():
+        if isinstance(each, Table):
+            tables.append(tabled(each))
+        elif str(each) != outcome.verdict:
+            said.append(str(each).removeprefix("- "))
+    return {"said": said, "tables": tables, "verdict": outcome.verdict, "failure": outcome.failure or ""}
+
+
+def certified(request: CertifyRequest, progress: Progress) -> Shown:
+    """A certificate, its discs in the complex plane and over frequency."""
+    from feeddrive import plot
+
+    outcome = perform("certify", request, progress)
+    progress.step("pictures")
+    images = {"certificate": plot.certificate(outcome.result), "discs": plot.certificate_discs(outcome.result)}
+    return Shown(words_of(outcome), {name: as_svg(each) for name, each in images.items()})
+
+
+def circled(request: CircleRequest, progress: Progress) -> Shown:
+    """The circle test of the machine: the deviation, magnified, and its causes."""
+    from feeddrive import plot
+
+    outcome = perform("circle", request, progress)
+    progress.step("pictures")
+    test = outcome.result.test
+    images = {"circle": plot.circle_test(test), "unrolled": plot.circle_unrolled(test)}
+    return Shown(words_of(outcome), {name: as_svg(each) for name, each in images.items()})
+
+
+def program_run(request: RunRequest, progress: Progress) -> Shown:
+    """A part program on the machine: contour error on the path, and the worst places."""
+    from feeddrive import plot
+
+    outcome = perform("run", request, progress)
+    progress.step("pictures")
+    words = words_of(outcome)
+    images, worst = dict[str, str](), list[dict[str, Any]]()
+    row = outcome.result.rows[0]
+    if row.part is not None:
+        images["contour"] = as_svg(plot.contour_on_path(row.part.contour))
+        for i, each in enumerate(row.part.worst(_CORNERS)):
+            images[f"worst_{i}"] = as_svg(plot.part_zoom({row.name: row.part}, each.time))
+            where = ", ".join(f"{1e3 * value:.3f}" for value in each.position)
+            line = "" if each.line is None else f", line {each.line}"
+            worst.append(
+                {
+                    "image": f"worst_{i}",
+                    "text": f"{1e6 * abs(each.error):.3g} um at {each.time:.3f} s ({where} mm{line})",
+                }
+            )
+        words["tables"] = [tabled(row.part.table()), *words["tables"]]
+    return Shown({**words, "worst": worst}, images)
+
+
+def compared(request: CompareRequest, progress: Progress) -> Shown:
+    """All laws at equal robustness: the trade-off, the table, and the control of each law."""
+    outcome = perform("compare", request, progress)
+    progress.step("pictures")
+    found = outcome.result
+    laws = [{"name": each.name, "why": each.unfit or each.outside, "held": each.held_by} for each in found.competitors]
+    words = {**words_of(outcome), "laws": laws, "rule": found.rule, "seed": found.seed}
+    return Shown(
+        words, {"tradeoff": as_svg(found.plot())}, {each.name: each.loop.control for each in found.competitors}
+    )
+
+
+def exported(request: ExportRequest, progress: Progress) -> Shown:
+    """An export, packed as a ZIP archive beside its directory."""
+    outcome = perform("export", request, progress)
+    assert request.out is not None
+    return Shown({**words_of(outcome), "archive": packed(request.out).name})
+
+
+def packed(folder: Path) -> Path:
+    """A ZIP archive of a directory, beside it, whole or not at all."""
+    from feeddrive.files.atomic_io import written_whole
+
+    archive = folder.with_name(f"{folder.name}.zip")
+    with written_whole(archive) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as file:
+        for each in sorted(folder.rglob("*")):
+            if each.is_file():
+                file.write(each, Path(folder.name) / each.relative_to(folder))
+    return archive
+
+
+def as_svg(figure: Any) -> str:
+    """A picture of matplotlib that stands by itself."""
+    import matplotlib
+
+    text = StringIO()
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "studio"}):
+        figure.savefig(text, format="svg", facecolor="white", metadata={"Date": None, "Creator": None})
+    return text.getvalue()
