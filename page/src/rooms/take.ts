@@ -13,7 +13,7 @@ interface Words {
   verified: Record<string, Result>;
   commands: string;
   python: string;
-  job: string;
+  job_file: string;
   give?: string;
 }
 
@@ -58,7 +58,7 @@ export class Take implements Room {
       make("h2", {}, "The same without this page"),
       copied("Commands", words.commands || "Nothing was done yet.", "recipe-commands"),
       copied("Python", words.python, "recipe-python"),
-      copied("Job file", words.job || "A job needs a machine.", "recipe-job"),
+      copied("Job file", words.job_file || "A job needs a machine.", "recipe-job"),
     );
     if (words.give) {
       const link = make("a", { href: result(words.give), download: words.give });

@@ -13,6 +13,7 @@ from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.studio.jobs import Found, Job, JobState
+from feeddrive.workflow.adjust import AdjustRequest
 
 if TYPE_CHECKING:
     from feeddrive.files.machine import MachineFile
@@ -128,11 +129,37 @@ class Desk:
         else:
             self.put(bench.with_control(control), same=True)
 
-    def machine_path(self) -> Path:
-        """The machine file with the control of now, written into the folder. Raises ParameterError without one."""
+    @property
+    def changes(self) -> Values:
+        """Numbers that differ from those of the control to begin with."""
+        begun = self.needed.by_hand.values
+        return {name: value for name, value in self.values.items() if value != begun[name]}
+
+    def adjusted(self) -> AdjustRequest | None:
+        """What writes the control of now into the machine file to begin with; None if nothing was moved.
+
+        Raises ParameterError without a machine.
+        """
         bench = self.needed
+        bench.needed_loop()
+        pairs = tuple(f"{name}={value!r}" for name, value in self.changes.items())
+        if not pairs:
+            return None
+        return AdjustRequest(self.base, set=pairs, axis=bench.axis, out=self.folder / "machine.toml")
+
+    def machine_path(self) -> str | Path:
+        """A machine file with the control of now: that to begin with, or one that is written into the folder.
+
+        Raises ParameterError without a machine.
+        """
+        request = self.adjusted()
+        if request is None:
+            return self.base
         path = self.folder / "machine.toml"
-        write_whole(path, bench.text(self.values))
+        write_whole(path, self.needed.text(self.values))
+        known = [each.request for each in self.done if each.command == "adjust"]
+        if not known or known[-1] != request:
+            self.did("adjust", request)
         return path
 
     def machine(self) -> MachineFile:

@@ -11,6 +11,7 @@ from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.machine import BUNDLED
 from feeddrive.language.errors import ParameterError
 from feeddrive.studio.desk import Desk
+from feeddrive.studio.recipe import whole
 from feeddrive.studio.room import Asked, Room, Said, act
 from feeddrive.studio.works import Shown, certified, circled, program_run
 from feeddrive.workflow.certify import CertifyRequest
@@ -65,7 +66,7 @@ class Prove(Room):
         if machine is None or len(machine.loops) < 2:
             raise ParameterError("a circle needs a machine with two axes, and this one has fewer")
         x, y = asked.choice("x", machine.loops), asked.choice("y", machine.loops)
-        request = CircleRequest((self.desk.machine_path(),), x=x, y=y, out=self.desk.folder / "circle")
+        request = CircleRequest((Path(self.desk.machine_path()),), x=x, y=y, out=self.desk.folder / "circle")
 
         def then(found: Shown) -> None:
             self.desk.did("circle", request)
@@ -82,8 +83,8 @@ class Prove(Room):
         source = self.desk.programs.get(name) or BUNDLED / "programs" / name
         if source.parent != self.desk.folder:
             shutil.copyfile(source, self.desk.folder / Path(name).name)
-        self.desk.machine_path()
-        text = [f"title = {json.dumps(f'{name} on {bench.title}')}", 'machine = "machine.toml"',
+        machine = json.dumps(whole(self.desk.machine_path()))
+        text = [f"title = {json.dumps(f'{name} on {bench.title}')}", f"machine = {machine}",
                 f"axis = {json.dumps(bench.axis)}", f"rule = {json.dumps(_RULE)}", "", "[program]",
                 f"file = {json.dumps(Path(name).name)}", ""]  # fmt: skip
         job = self.desk.folder / "job.toml"

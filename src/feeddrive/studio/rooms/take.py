@@ -43,14 +43,16 @@ class Take(Room):
             "ready": bench is not None and bench.machine is not None, "targets": list(TARGETS),
             "results": self._results(),
             "exports": {name: dict(each.words) for name, each in self.exports.items()}, "verified": self.verified,
-            "commands": found.commands, "python": found.python, "job": found.job,
+            "commands": found.commands, "python": found.python, "job_file": found.job,
         }  # fmt: skip
         return Said(words)
 
     @act
     def machine(self, _: Asked) -> Said:
         """The machine file with the control of now."""
-        return self._give(self.desk.machine_path())
+        path = self.desk.folder / "machine.toml"
+        write_whole(path, self.desk.needed.text(self.desk.values))
+        return self._give(path)
 
     @act
     def result(self, asked: Asked) -> Said:
