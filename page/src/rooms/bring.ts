@@ -159,14 +159,23 @@ export class Bring implements Room {
       return found;
     };
     if (file.kind === "frequency responses") {
-      const more = [field("sample_time", "Sample time of the control (s)"), field("unit", "Unit, if the file states none"), field("delay", "Dead time that it does not hold (s)")];
+      const chosen_roles: Record<string, string> = {};
+      const known = file.responses.map((each): [string, string] => [each, each]);
+      const several =
+        file.responses.length > 1
+          ? [
+              choice("Response of the table", [["", "by its name"], ...known], (value) => (chosen_roles.load = value)),
+              choice("Response of the motor's encoder", [["", "by its name, or none"], ...known], (value) => (chosen_roles.motor = value)),
+            ]
+          : [];
+      const more = [...several, field("sample_time", "Sample time of the control (s)"), field("unit", "Unit, if the file states none"), field("delay", "Dead time that it does not hold (s)")];
       return [
         head,
         make(
           "div",
           { class: "buttons" },
-          button("Tune on the measured response", () => this.ask({ do: "bring.responses", name, at: at(), ...given() }), { id: "tune-responses", class: "main" }),
-          button("Identify a model", () => this.ask({ do: "bring.identify", name, machine }), { id: "identify" }),
+          button("Tune on the measured response", () => this.ask({ do: "bring.responses", name, at: at(), ...given(), ...chosen_roles }), { id: "tune-responses", class: "main" }),
+          button("Identify a model", () => this.ask({ do: "bring.identify", name, ...chosen_roles, machine }), { id: "identify" }),
         ),
         make("div", { class: "fields" }, chosen, ...more),
         ...also,

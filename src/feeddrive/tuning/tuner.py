@@ -114,17 +114,8 @@ class Tuner:
             if cost > _COSTLY:
                 self._too_costly(search, end, cost)
         self.evaluations += search.criteria.count
-        return Best(
-            control,
-            names,
-            end,
-            search.criteria,
-            sure,
-            cost,
-            max(costs) - min(costs),
-            unsettled,
-            (search.low, search.high),
-        )
+        spread = max(costs) - min(costs)
+        return Best(control, names, end, search.criteria, sure, cost, spread, unsettled, (search.low, search.high))
 
     def _exactly(self, search: Search, control: Control, names: tuple[str, ...], end: End) -> End:
         """The end of a rough search, searched on with all images and all lines of the search."""

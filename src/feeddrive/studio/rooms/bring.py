@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from feeddrive.files.columns import OWN_UNIT, ROLES, Column
+from feeddrive.files.frf import read_frfs, write_frf
 from feeddrive.files.guess import write_roles
 from feeddrive.files.machine import BUNDLED, read_machine
 from feeddrive.language.errors import ParameterError, nearest
@@ -24,6 +25,7 @@ from feeddrive.studio.works import words_of
 from feeddrive.workflow.command import Outcome
 from feeddrive.workflow.frf import FrfRequest
 from feeddrive.workflow.identify_responses import IdentifyRequest
+from feeddrive.workflow.tune_sources import LOAD, MOTOR
 
 
 class Bring(Room):
@@ -139,7 +141,7 @@ class Bring(Room):
             raise ParameterError(f"{found.name} holds no frequency responses")
         places = [self._path(each) for each in asked.texts("at")]
         bench = bench_of_responses(
-            self._path(found.name), at=places, motor=asked.text_or_none("motor"), baseline=self._machine(asked),
+            self._chosen(found, asked), at=places, baseline=self._machine(asked),
             axis=asked.text_or_none("axis"), unit=asked.text_or_none("unit"),
             sample_time=asked.number_or_none("sample_time"), delay=asked.number_or_none("delay") or 0.0,
         )  # fmt: skip
@@ -162,6 +164,19 @@ class Bring(Room):
             return Said({**self.show().words, "ask_axis": {"name": asked.text("name"), "axes": list(file.loops)}})
         self.desk.put(bench_of(machine, axis, at=at))
         return self._on("tune")
+
+    def _chosen(self, found: Understood, asked: Asked) -> Path:
+        """The file, or one with the responses that were chosen of a file with several."""
+        path, load = self._path(found.name), asked.text_or_none("load")
+        if load is None:
+            return path
+        there = read_frfs(path)
+        chosen = [replace(there[asked.choice("load", there)], output=LOAD[0])]
+        if asked.text_or_none("motor") is not None:
+            chosen.append(replace(there[asked.choice("motor", there)], output=MOTOR[0]))
+        kept = self.desk.folder / f"chosen_{Path(found.name).stem}.csv"
+        write_frf(kept, *chosen)
+        return kept
 
     def _machine(self, asked: Asked) -> str | Path | None:
         """The machine that is named: one that was brought, or a bundled one."""
