@@ -6,12 +6,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test studio types tests slow slow-share mutate bench docs format clean
+.PHONY: help demo test page studio wheel types tests slow slow-share mutate bench docs format clean
 
 help:
 	@echo "make demo    install into $(VENV), run the bundled job, name the report to open"
 	@echo "make test    install into $(VENV), then ruff, pyright and the tests without the slow proofs"
 	@echo "make studio  build the page of feeddrive studio (needs node and npm) and open it on a bundled axis"
+	@echo "make wheel   build source distribution and wheel, install it elsewhere, and try demo and studio from it"
 	@echo "make slow    the slow proofs, each with its reason (pytest -m slow --collect-only names them)"
 	@echo "make mutate  change each equation of the shipped laws a little: a claim of its paper must break; writes docs/mutants.md"
 	@echo "make bench   all benchmarks; they print their tables (needs gcc, takes long)"
@@ -34,12 +35,18 @@ types: $(VENV)/installed-dev
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
 # npm packages come by name with the hashes of page/package-lock.json; nothing of them is committed
-studio: src/feeddrive/studio/page/index.html | $(BIN)/python
+page: src/feeddrive/studio/page/index.html
+
+studio: page | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable ".[studio]"
 	$(BIN)/feeddrive studio ball_screw
 
 src/feeddrive/studio/page/index.html: $(wildcard page/src/*) page/index.html page/package-lock.json page/build.mjs
 	cd page && npm ci --no-audit --no-fund && npm run build
+
+# what is released works without the clone: source distribution, the wheel from it, demo and studio from the wheel
+wheel: $(VENV)/installed-dev
+	$(BIN)/python tests/released.py
 
 # without MAKEFLAGS, since the exports that tests build have makefiles of their own
 tests: $(VENV)/installed-dev

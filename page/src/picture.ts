@@ -30,7 +30,8 @@ export const LOOKS: Record<"light" | "dark", Look> = {
 export class Picture {
   readonly element = document.createElement("figure");
   private readonly caption = document.createElement("figcaption");
-  private readonly field = document.createElement("div");
+  private readonly field = document.createElement("div"); // the picture, and over it what can be dragged
+  private readonly surface = document.createElement("div");
   private readonly legend = document.createElement("ul");
   private readonly drawing: ECharts;
   private shape = "";
@@ -39,10 +40,12 @@ export class Picture {
   constructor(readonly title: string) {
     this.caption.textContent = title;
     this.field.className = "field";
-    this.field.setAttribute("role", "img");
+    this.surface.className = "surface";
+    this.surface.setAttribute("role", "img");
+    this.field.append(this.surface);
     this.legend.className = "legend";
     this.element.append(this.caption, this.legend, this.field);
-    this.drawing = init(this.field, null, { renderer: "canvas" });
+    this.drawing = init(this.surface, null, { renderer: "canvas" });
     new ResizeObserver(() => this.drawing.resize()).observe(this.field);
   }
 
@@ -100,7 +103,7 @@ export class Picture {
         return item;
       }),
     );
-    this.field.setAttribute("aria-label", `${this.title}. ${curves.map((c) => `${c.name}: ${c.said.trim()}`).join("; ")}`);
+    this.surface.setAttribute("aria-label", `${this.title}. ${curves.map((c) => `${c.name}: ${c.said.trim()}`).join("; ")}`);
   }
 }
 

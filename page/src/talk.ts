@@ -38,6 +38,7 @@ export class Talk {
     socket.onmessage = (event: MessageEvent<ArrayBuffer>) => {
       const received = decode(event.data);
       if (received.said.number > 0) this.under_way = false;
+      document.documentElement.toggleAttribute("data-busy", this.under_way);
       this.heard(received);
       this.send();
     };
@@ -50,6 +51,7 @@ export class Talk {
     const next = this.waiting.shift();
     if (!next) return;
     this.under_way = true;
+    setTimeout(() => document.documentElement.toggleAttribute("data-busy", this.under_way), 400);
     this.number += 1;
     this.socket.send(JSON.stringify({ ...next, number: this.number, session: session() }));
   }

@@ -1,5 +1,6 @@
 """What each command does, as a function with a declared request, by the name of the command; and what they write."""
 
+from feeddrive.workflow.adjust import adjust as adjust
 from feeddrive.workflow.benchmark import benchmark as benchmark
 from feeddrive.workflow.certify import certify as certify
 from feeddrive.workflow.certify import read_certificate as read_certificate

@@ -153,7 +153,9 @@ class Bring(Room):
         """Work on the machine file that the identification wrote."""
         if self.machine is None:
             raise ParameterError("no machine file was identified yet")
-        self.desk.put(bench_of(self.machine, self.made.get("axis")))
+        steps = list(self.desk.done)
+        self.desk.put(bench_of(self.machine))
+        self.desk.done = steps
         return self._on("tune")
 
     def _put(self, machine: str | Path, asked: Asked) -> Said:

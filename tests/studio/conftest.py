@@ -1,0 +1,98 @@
+"""A real server with the built page, and a real browser: Debian's Chromium, headless."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from feeddrive.studio.server import PAGE
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+
+
+class Opened:
+    """A page of a running server, what it said on its console, and which requests it made."""
+
+    def __init__(self, browser: Any, address: str, width: int = 1280, height: int = 720) -> None:
+        self.context = browser.new_context(viewport={"width": width, "height": height}, bypass_csp=True)
+        self.page = self.context.new_page()
+        self.said = list[str]()
+        self.requests = list[str]()
+        self.page.on("console", lambda each: self.said.append(each.text) if each.type == "error" else None)
+        self.page.on("pageerror", lambda each: self.said.append(str(each)))
+        self.page.on("request", lambda each: self.requests.append(each.url))
+        self.page.goto(address)
+
+    def go(self, room: str) -> None:
+        """Open a room and wait for what the server says of it."""
+        self.page.click(f"#tab-{room}")
+        self.settled()
+
+    def settled(self) -> None:
+        """No request is under way."""
+        self.page.wait_for_timeout(120)
+        self.page.wait_for_function("() => !document.documentElement.hasAttribute('data-busy')")
+        self.page.wait_for_timeout(120)
+
+    def ended(self, seconds: float = 120.0) -> str:
+        """The state of the job, once it has ended."""
+        self.page.wait_for_timeout(300)
+        going = "() => ['done', 'failed', 'canceled'].includes(document.querySelector('#job').dataset.state)"
+        self.page.wait_for_function(going, timeout=1e3 * seconds)
+        self.settled()
+        return str(self.page.get_attribute("#job", "data-state"))
+
+
+class Studio:
+    """`feeddrive studio` as a person starts it, and the browser."""
+
+    def __init__(self, browser: Any, folder: Path, *words: str) -> None:
+        self.browser, self.folder = browser, folder
+        command = [sys.executable, "-c", "from feeddrive.cli.commands import app; app()", "studio", *words]
+        self.server = subprocess.Popen(
+            [*command, "--no-browser", "--folder", str(folder)], stdout=subprocess.PIPE, text=True
+        )
+        assert self.server.stdout is not None
+        found = re.search(r"http://\S+", self.server.stdout.readline())
+        assert found, "no address was printed"
+        self.address = found[0]
+
+    def open(self, width: int = 1280, height: int = 720) -> Opened:
+        """Another page of its own."""
+        return Opened(self.browser, self.address, width, height)
+
+    def close(self) -> None:
+        """End the server as Ctrl-C does."""
+        self.server.terminate()
+        self.server.wait(20.0)
+        if self.server.stdout is not None:
+            self.server.stdout.close()
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """Chromium; tests that need it say loudly where it, its driver or the built page is missing."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="NOT TESTED: pip install playwright")
+    if CHROMIUM is None:
+        pytest.skip("NOT TESTED: the page needs a browser: apt-get install chromium")
+    if not (PAGE / "index.html").is_file():
+        pytest.skip("NOT TESTED: the page is not built: make page")
+    with playwright.sync_playwright() as driver:
+        found = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield found
+        found.close()
+
+
+@pytest.fixture(scope="module")
+def studio(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studio]:
+    """A server for the machine with two axes."""
+    made = Studio(browser, tmp_path_factory.mktemp("studio"), "xy_table", "--axis", "x")
+    yield made
+    made.close()

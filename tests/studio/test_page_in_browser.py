@@ -1,0 +1,146 @@
+"""The page in a real browser: what a person does in each room, and what the page may load."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+
+from feeddrive.studio.server import PAGE
+
+_LARGEST = 1_500_000  # bytes of the page: the bar of its issue
+_ROOMS = ("bring", "tune", "goal", "compare", "prove", "take", "scope")
+
+
+def test_the_page_is_small_and_loads_nothing_from_elsewhere(studio: Any) -> None:
+    opened = studio.open()
+    opened.page.wait_for_selector("#verdict:not(:empty)")
+    own = urlsplit(studio.address).netloc
+    assert all(urlsplit(each).netloc == own for each in opened.requests if not each.startswith(("data:", "blob:")))
+    assert len(opened.requests) <= 10
+    assert sum(each.stat().st_size for each in PAGE.iterdir()) <= _LARGEST
+    assert opened.said == []
+
+
+@pytest.mark.parametrize("look", ["light", "dark"])
+def test_no_room_has_a_serious_violation_of_accessibility(studio: Any, look: str) -> None:
+    axe = pytest.importorskip("axe_core_python.sync_playwright", reason="NOT TESTED: pip install axe-core-python")
+    opened = studio.open()
+    opened.page.wait_for_selector("#verdict:not(:empty)")
+    if look == "dark":
+        opened.page.click("#dark")
+    for room in _ROOMS:
+        opened.go(room)
+        found = axe.Axe().run(opened.page)
+        serious = [
+            (each["id"], node["target"])
+            for each in found["violations"]
+            if each["impact"] in ("serious", "critical")
+            for node in each["nodes"]
+        ]
+        assert serious == [], f"{room}: {serious[:5]}"
+    assert opened.said == []
+
+
+def test_a_number_is_moved_by_slider_field_and_keyboard_and_undone(studio: Any) -> None:
+    page = (opened := studio.open()).page
+    opened.go("tune")
+    page.wait_for_selector("#verdict:not(:empty)")
+    before, words = page.input_value("[id='number-law.Kp']"), page.inner_text("#verdict")
+    slider = page.locator("input[type=range]").nth(1)
+    slider.focus()
+    page.keyboard.press("ArrowRight")
+    opened.settled()
+    moved = page.input_value("[id='number-law.Kp']")
+    assert float(moved) > float(before)
+    assert page.inner_text("#verdict") != words
+    page.fill("[id='number-law.Kp']", "-1")
+    page.keyboard.press("Enter")
+    opened.settled()
+    assert "must be > 0" in page.inner_text("#error")
+    page.keyboard.press("Control+z")
+    opened.settled()
+    assert page.inner_text("#verdict") == words
+
+
+def test_a_reload_keeps_the_room_and_what_was_moved(studio: Any) -> None:
+    page = (opened := studio.open()).page
+    opened.go("tune")
+    page.fill("[id='number-law.Kp']", "91000")
+    page.keyboard.press("Enter")
+    opened.settled()
+    page.reload()
+    page.wait_for_selector("#room-tune:not([hidden]) #verdict:not(:empty)")
+    assert page.input_value("[id='number-law.Kp']") == "91000"
+    other = studio.open()
+    other.go("tune")
+    assert other.page.input_value("[id='number-law.Kp']") != "91000"  # another page sees nothing of it
+
+
+def test_a_work_that_is_killed_leaves_the_page_usable(studio: Any) -> None:
+    page = (opened := studio.open()).page
+    opened.go("goal")
+    page.click("#tune-start")
+    page.wait_for_selector("#job[data-state=running]")
+    page.wait_for_timeout(300)
+    (child,) = _children(studio.server.pid)
+    os.kill(child, signal.SIGKILL)
+    assert opened.ended() == "failed"
+    assert "it was killed, or memory ran out" in page.inner_text("#job")
+    opened.go("prove")
+    page.click("#prove-certify")
+    assert opened.ended() == "done"
+    assert page.locator("#room-prove img").count() == 2
+
+
+def _children(parent: int) -> list[int]:
+    """Processes that work for the server: not the one that keeps track of shared memory."""
+    found = list[int]()
+    for each in Path("/proc").glob("[0-9]*"):
+        try:
+            fields = (each / "stat").read_text(encoding="ascii").rpartition(")")[2].split()
+            words = (each / "cmdline").read_bytes()
+        except OSError:
+            continue
+        if int(fields[1]) == parent and b"spawn_main" in words:
+            found.append(int(each.name))
+    return found
+
+
+def test_a_work_is_canceled(studio: Any) -> None:
+    page = (opened := studio.open()).page
+    opened.go("compare")
+    page.click("#compare-start")
+    page.wait_for_selector("#job[data-state=running]")
+    page.click("#cancel")
+    assert opened.ended() == "canceled"
+
+
+def test_what_is_brought_is_shown_as_text_and_refused_with_what_to_do(studio: Any, tmp_path: Path) -> None:
+    page = (opened := studio.open()).page
+    opened.go("bring")
+    nasty = tmp_path / "run.csv"
+    rows = "\n".join(f"{0.001 * i},{0.01 * i},{i % 7}" for i in range(200))
+    nasty.write_text(f"t_s,<img src=x onerror=alert(1)>,\x1b[31mred\n{rows}\n", encoding="utf-8")
+    empty = tmp_path / "part.ngc"
+    empty.write_text("", encoding="utf-8")
+    page.set_input_files("#files", [str(nasty), str(empty)])
+    assert opened.ended() == "done"
+    assert page.locator("main img[src=x]").count() == 0
+    page.click("text=part.ngc >> nth=0")
+    opened.settled()
+    assert "is empty: a part program has lines" in page.inner_text("#room-bring")
+    assert opened.said == []
+
+
+@pytest.mark.parametrize("size", [(1280, 720), (768, 1024)])
+def test_no_room_is_wider_than_the_screen(studio: Any, size: tuple[int, int]) -> None:
+    opened = studio.open(*size)
+    opened.page.wait_for_selector("#verdict:not(:empty)")
+    for room in _ROOMS:
+        opened.go(room)
+        assert opened.page.evaluate("document.documentElement.scrollWidth") <= size[0], room
