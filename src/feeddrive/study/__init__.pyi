@@ -18,6 +18,5 @@ from feeddrive.study.store import Store as Store
 from feeddrive.study.study import Study as Study
 from feeddrive.study.study import read_study as read_study
 from feeddrive.study.sweep import Sweep as Sweep
-from feeddrive.study.sweep import sweep as sweep
 from feeddrive.study.variants import Variants as Variants
 from feeddrive.study.variants import variants as variants
