@@ -8,7 +8,6 @@ import { Bring } from "./rooms/bring";
 import { Compare } from "./rooms/compare";
 import { Goal } from "./rooms/goal";
 import { Prove } from "./rooms/prove";
-import { Scope } from "./rooms/scope";
 import { Take } from "./rooms/take";
 import { Tune } from "./rooms/tune";
 import { Talk } from "./talk";
@@ -20,7 +19,7 @@ const talk: Talk = new Talk(
   () => fail("The server has ended. Start feeddrive studio again, and open its new address."),
 );
 const ask = (request: Request) => talk.ask(request);
-const rooms: Room[] = [Bring, Tune, Goal, Compare, Prove, Take, Scope].map((Kind) => new Kind(ask));
+const rooms: Room[] = [Bring, Tune, Goal, Compare, Prove, Take].map((Kind) => new Kind(ask));
 const job = new JobBar(ask);
 const error = make("p", { id: "error", role: "alert", hidden: "" });
 const title = document.getElementById("title")!;

@@ -35,6 +35,8 @@ export class Picture {
   private readonly legend = document.createElement("ul");
   private readonly drawing: ECharts;
   private shape = "";
+  private ids = "";
+  private look: Look | null = null;
   private seen = new Map<string, string>();
 
   constructor(readonly title: string) {
@@ -53,14 +55,19 @@ export class Picture {
   draw(chart: Chart, numbers: Float32Array, look: Look): void {
     const axes = frame(chart, look, this.field.clientWidth, this.field.clientHeight);
     const series = chart.panels.flatMap((panel, i) => lines(panel, i, chart, numbers, look));
-    const shape = JSON.stringify([axes, series.map((each) => each.id), look.ink]);
+    const shape = JSON.stringify([axes, look.ink]);
+    const ids = series.map((each) => each.id).join();
     const seen = new Map(series.map((each) => [each.id, each.content]));
-    if (shape !== this.shape) {
-      this.drawing.setOption({ ...axes, series: series.map((each) => each.option) }, { notMerge: true });
-    } else {
-      const changed = series.filter((each) => each.content !== this.seen.get(each.id));
-      if (changed.length) this.drawing.setOption({ series: changed.map((each) => each.option) });
+    const changed = series.filter((each) => each.content !== this.seen.get(each.id));
+    if (ids !== this.ids || look !== this.look) {
+      this.drawing.setOption({ ...axes, series: series.map((each) => each.option()) }, { notMerge: true, lazyUpdate: false });
+    } else if (shape !== this.shape) {
+      this.drawing.setOption({ ...axes, series: changed.map((each) => each.option()) });
+    } else if (changed.length) {
+      this.drawing.setOption({ series: changed.map((each) => each.option()) });
     }
+    this.ids = ids;
+    this.look = look;
     this.shape = shape;
     this.seen = seen;
     this.describe(chart, look);
@@ -175,21 +182,25 @@ function range(panel: Panel): Record<string, unknown> {
   return { min: panel.low ?? undefined, max: panel.high ?? undefined, scale: true };
 }
 
-// One series for ECharts: `content` tells whether it has changed.
+// One series for ECharts: `content` tells whether it has changed; its points are unpacked only then.
 interface Series {
   id: string;
   content: string;
-  option: Record<string, unknown>;
+  option: () => Record<string, unknown>;
 }
 
 function lines(panel: Panel, i: number, chart: Chart, numbers: Float32Array, look: Look): Series[] {
   const place = { xAxisIndex: i, yAxisIndex: i, silent: true, animation: false };
-  const line = { ...place, type: "line", symbol: "none", clip: true, tooltip: { show: false } };
+  const line = { ...place, type: "line", symbol: "none", showSymbol: false, emphasis: { disabled: true }, clip: true, tooltip: { show: false } };
   const found: Series[] = [];
   const add = (kind: string, number: number, content: string, option: Record<string, unknown>): void => {
     const id = `${i} ${kind} ${found.length}`;
     // what stays while somebody drags has a canvas of its own, which is not drawn again
-    found.push({ id, content: `${content} ${option.symbolSize ?? ""}`, option: { id, zlevel: number <= 0 ? 0 : 1, ...option } });
+    const made = (): Record<string, unknown> => {
+      const { data } = option;
+      return { id, zlevel: number <= 0 ? 0 : 1, ...option, data: typeof data === "function" ? (data as () => unknown)() : data };
+    };
+    found.push({ id, content: `${content} ${option.symbolSize ?? ""}`, option: made });
   };
   const low = chart.low ?? -1e9;
   const high = chart.high ?? 1e9;
@@ -217,7 +228,7 @@ function lines(panel: Panel, i: number, chart: Chart, numbers: Float32Array, loo
   }
   for (const curve of panel.curves) {
     const tint = color(curve.number, look);
-    const data = points(curve, numbers);
+    const data = () => points(curve, numbers);
     const content = `${sum(curve, numbers)} ${curve.name} ${curve.number}`;
     if (curve.look === "dots" || curve.look === "plus") {
       const plus = curve.look === "plus";

@@ -76,7 +76,7 @@ class Studio:
             self.server.stdout.close()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     """Chromium; tests that need it say loudly where it, its driver or the built page is missing."""
     playwright = pytest.importorskip("playwright.sync_api", reason="NOT TESTED: pip install playwright")

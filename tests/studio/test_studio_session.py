@@ -12,6 +12,7 @@ import pytest
 
 import feeddrive as fd
 from feeddrive.plot.chart import Chart, Curve, Panel
+from feeddrive.plot.style import envelope
 from feeddrive.studio.bench import Bench, bench_of
 from feeddrive.studio.session import Session
 from feeddrive.studio.wire import message
@@ -51,7 +52,9 @@ def test_a_move_is_judged_and_drawn_beside_today(session: Session, bench: Bench)
     last = curves[-1]
     drawn = numbers[last["at"] + last["n"] : last["at"] + 2 * last["n"]]
     figures = bench.by_hand.at(values).leading.stiffness
-    np.testing.assert_allclose(drawn, 1e-6 * figures.magnitude, rtol=1e-6)  # float32
+    (frequency, heights), at = envelope(figures.frequency, 1e-6 * figures.magnitude, 500), last["at"]
+    np.testing.assert_allclose(numbers[at : at + last["n"]], frequency, rtol=1e-6)  # float32
+    np.testing.assert_allclose(drawn, heights, rtol=1e-6)
 
 
 def test_a_loop_that_is_not_stable_is_said_and_its_open_loop_is_drawn(session: Session) -> None:

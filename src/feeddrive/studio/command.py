@@ -40,7 +40,6 @@ class StudioRequest(Request):
         default=None,
     )
     axis: str | None = option("of a machine file; the only one if left out", default=None)
-    watch: Path | None = option("a log that grows, to be followed live", default=None)
     folder: Path = option(
         "in which each page keeps what it is given and what it writes; nothing else is written",
         default=Path("results/studio"),
@@ -117,7 +116,7 @@ def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench | None]:
         if not request.no_browser:
             webbrowser.open(address)
 
-    app = make_app(bench, door, request.folder, watched=request.watch, brought=brought)
+    app = make_app(bench, door, request.folder, brought=brought)
     try:
         serve(app, request.host, port, ready)
     finally:

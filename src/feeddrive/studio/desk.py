@@ -39,7 +39,6 @@ class Desk:
 
     folder    its own: what was brought stands in `brought`, results beside it
     bench     what is tuned; None before something was brought
-    watched   log that grows, which the scope may follow
     brought   files that were named at the start of the command, and stand elsewhere
     epoch     counts the sources
     base      machine file with the control to begin with
@@ -47,8 +46,8 @@ class Desk:
     done      what was done since the source was brought
     """
 
-    def __init__(self, folder: Path, watched: Path | None = None, brought: tuple[Path, ...] = ()) -> None:
-        self.folder, self.watched, self.brought = folder, watched, brought
+    def __init__(self, folder: Path, brought: tuple[Path, ...] = ()) -> None:
+        self.folder, self.brought = folder, brought
         self.bench: Bench | None = None
         self.epoch = 0
         self.base: str | Path = ""

@@ -27,13 +27,12 @@ _KEY = 64  # characters of the name of a session
 
 def make_app(
     bench: Bench | None, door: Door, folder: Path, page: Path = PAGE,
-    watched: Path | None = None, brought: tuple[Path, ...] = (),
+    brought: tuple[Path, ...] = (),
 ) -> App:  # fmt: skip
     """The ASGI app for pages that begin with one bench, or with none, behind its checks.
 
     door     who is let in
     folder   in which each page gets a directory of its own
-    watched  log that grows, which the scope may follow
     brought  files with which every page begins, as if they had been brought
     Raises MissingExtraError without the extra `studio`.
     """
@@ -50,7 +49,7 @@ def make_app(
     def new_session() -> Session:
         folder.mkdir(parents=True, exist_ok=True)
         own = Path(tempfile.mkdtemp(prefix=time.strftime("%Y-%m-%d_%H%M%S_"), dir=folder))
-        return Session(own, bench, watched, brought)
+        return Session(own, bench, brought)
 
     def session_of(name: str) -> Session:
         return sessions.get(name[:_KEY], new_session)

@@ -24,13 +24,11 @@ class Session:
     """The state of one page.
 
     folder  its own directory: what it reads and writes stands there
-    bench, watched, brought  to begin with
+    bench, brought  to begin with
     """
 
-    def __init__(
-        self, folder: Path, bench: Bench | None = None, watched: Path | None = None, brought: tuple[Path, ...] = ()
-    ) -> None:
-        self.desk = Desk(folder, watched, brought)
+    def __init__(self, folder: Path, bench: Bench | None = None, brought: tuple[Path, ...] = ()) -> None:
+        self.desk = Desk(folder, brought)
         self.desk.changed, self.desk.tell, self.desk.begun = self._another, self.push, self._start
         self.rooms: dict[str, Room] = {each.name: each(self.desk) for each in ROOMS}
         self._pushes = list[Push]()

@@ -16,7 +16,9 @@ from typing import Any
 import numpy as np
 
 from feeddrive.plot.chart import Chart, Curve, Panel
-from feeddrive.plot.style import POINTS, envelope
+from feeddrive.plot.style import envelope
+
+_POINTS = 500  # of a curve, and pixels of the width of a picture
 
 
 def message(said: Mapping[str, Any], charts: Mapping[str, Chart] | None = None) -> bytes:
@@ -32,14 +34,14 @@ def message(said: Mapping[str, Any], charts: Mapping[str, Chart] | None = None) 
 def _chart(chart: Chart, numbers: list[np.ndarray]) -> dict[str, Any]:
     return {
         "label": chart.label, "scale": chart.scale, "low": chart.low, "high": chart.high, "square": chart.square,
-        "panels": [_panel(each, numbers) for each in chart.panels],
+        "panels": [_panel(each, numbers, chart) for each in chart.panels],
     }  # fmt: skip
 
 
-def _panel(panel: Panel, numbers: list[np.ndarray]) -> dict[str, Any]:
+def _panel(panel: Panel, numbers: list[np.ndarray], chart: Chart) -> dict[str, Any]:
     return {
         "label": panel.label, "scale": panel.scale, "low": panel.low, "high": panel.high, "share": panel.share,
-        "curves": [_curve(each, numbers) for each in panel.curves],
+        "curves": [_curve(each, numbers, chart, panel) for each in panel.curves],
         "marks": [asdict(each) for each in panel.marks],
         "levels": [asdict(each) for each in panel.levels],
         "discs": [asdict(each) for each in panel.discs],
@@ -47,8 +49,8 @@ def _panel(panel: Panel, numbers: list[np.ndarray]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _curve(curve: Curve, numbers: list[np.ndarray]) -> dict[str, Any]:
-    x, y = _drawn(np.asarray(curve.x, np.float64), np.asarray(curve.y, np.float64))
+def _curve(curve: Curve, numbers: list[np.ndarray], chart: Chart, panel: Panel) -> dict[str, Any]:
+    x, y = _drawn(np.asarray(curve.x, np.float64), np.asarray(curve.y, np.float64), chart, panel)
     at = sum(each.size for each in numbers)
     for row in (x, y):
         with np.errstate(over="ignore"):
@@ -57,10 +59,28 @@ def _curve(curve: Curve, numbers: list[np.ndarray]) -> dict[str, Any]:
     return {"name": curve.name, "number": curve.number, "look": curve.look, "said": curve.said, "at": at, "n": x.size}
 
 
-def _drawn(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """No more points than a picture shows: over time the envelope, and one point of each gap."""
+def _drawn(x: np.ndarray, y: np.ndarray, chart: Chart, panel: Panel) -> tuple[np.ndarray, np.ndarray]:
+    """No more points than a picture shows: the envelope over x, or of a curve in a plane what moves by a pixel."""
     there = np.isfinite(x) & np.isfinite(y)
-    if np.all(there):
-        return envelope(x, y, POINTS) if np.all(np.diff(x) > 0.0) else (x, y)
-    kept = there | np.roll(there, 1)
+    if not np.all(there):
+        kept = there | np.roll(there, 1)  # one point of each gap
+        return x[kept], y[kept]
+    if x.size > _POINTS and np.all(np.diff(x) > 0.0):
+        return envelope(x, y, _POINTS)
+    limits = chart.low, chart.high, panel.low, panel.high
+    if x.size > _POINTS and chart.square and all(each is not None for each in limits):
+        return _in_plane(x, y, *(float(each) for each in limits if each is not None))
+    return x, y
+
+
+def _in_plane(
+    x: np.ndarray, y: np.ndarray, left: float, right: float, low: float, high: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The points of a curve that are a pixel apart, in a picture and around it; further out fewer."""
+    wide, tall = right - left, high - low
+    off = np.maximum(1.0, np.maximum(np.abs(2.0 * (x - left) / wide - 1.0), np.abs(2.0 * (y - low) / tall - 1.0)))
+    steps = np.hypot(np.diff(x) / wide, np.diff(y) / tall) * _POINTS / np.maximum(off[1:], off[:-1]) ** 2
+    place = np.floor(np.concatenate([[0.0], np.cumsum(steps)]))
+    kept = np.concatenate([[True], np.diff(place) > 0.0])
+    kept |= np.concatenate([kept[1:], [True]])
     return x[kept], y[kept]
