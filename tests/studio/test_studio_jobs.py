@@ -43,7 +43,8 @@ def faulty(progress: Progress) -> None:
 
 
 def reporting(progress: Progress) -> None:
-    progress.better(3.0, "a control")
+    for cost in (3.0, 2.0, 1.0):  # faster than they are drawn: the last one counts
+        progress.better(cost, "a control")
 
 
 @pytest.fixture
@@ -72,7 +73,7 @@ def test_work_gives_its_result_remarks_and_last_step(session: Session) -> None:
 def test_what_work_finds_on_its_way_reaches_its_room(session: Session) -> None:
     met = list[Found]()
     run(session, reporting, found=met.append)
-    assert met == [Found(3.0, "a control")]
+    assert met == [Found(3.0, "a control"), Found(1.0, "a control")]
 
 
 def test_another_work_has_to_wait_and_a_cancel_makes_room(session: Session) -> None:

@@ -105,6 +105,8 @@ def test_snapshots_are_drawn_and_taken(session: Session) -> None:
         ({"do": "tune.move", "name": "law.Kv", "value": True}, "must be a number"),
         ({"do": "tune.move", "name": "law.__class__", "value": 1}, "has no number"),
         ({"do": "tune.keep", "letter": "Z"}, "one of A, B, C"),
+        ({"do": "compare.start", "laws": ["this:X"], "starts": 1}, "compared by the command line alone"),
+        ({"do": "compare.start", "laws": [], "starts": 0}, "starts"),
         ({"do": "answer"}, "none of bring"),
     ],
 )

@@ -197,12 +197,20 @@ class _Reporting(Progress):
         super().__init__()
         self._pipe, self._stop, self._last, self._told = pipe, stop, ("", ""), 0.0
         self._drawn = 0.0
+        self._held: Found | None = None
 
     @property
     def cancelled(self) -> bool:
         return self._stop.is_set()
 
+    def flush(self) -> None:
+        """Send what was held back: the best that was found since the last report."""
+        if self._held is not None:
+            self._pipe.send(("found", self._held))
+            self._held = None
+
     def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
+        self.flush()
         now = time.monotonic()
         if (what, part) == self._last and now - self._told < _OFTEN and done != of:
             return
@@ -213,17 +221,22 @@ class _Reporting(Progress):
         self._pipe.send(("remark", str(said)))
 
     def show_better(self, cost: float, found: object) -> None:
+        self._held = Found(cost, found)
         now = time.monotonic()
         if now - self._drawn > _DRAWN:
             self._drawn = now
-            self._pipe.send(("found", Found(cost, found)))
+            self.flush()
 
 
 def _child(work: Work, pipe: Connection, stop: Event) -> None:
     follow_parent()
     with contextlib.suppress(BrokenPipeError):
+        progress = _Reporting(pipe, stop)
         try:
-            found = work(_Reporting(pipe, stop))
+            try:
+                found = work(progress)
+            finally:
+                progress.flush()
         except CancelledError:
             pipe.send(("canceled",))
         except FeeddriveError as error:

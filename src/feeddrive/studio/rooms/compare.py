@@ -18,15 +18,15 @@ class Compare(Room):
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
-        self._epoch = 0
         self.found: Shown | None = None
         self._same = ""
 
     def begin(self) -> None:
         """Forget the comparison of another axis."""
-        title = "" if self.desk.bench is None else self.desk.bench.title
-        if title != self._same:
-            self.found, self._same = None, title
+        bench = self.desk.bench
+        same = "" if bench is None else f"{bench.file} {bench.title}"
+        if same != self._same:
+            self.found, self._same = None, same
 
     def show(self) -> Said:
         """Which laws there are, and what the comparison came to."""
@@ -41,9 +41,12 @@ class Compare(Room):
         """Tune and judge the laws that are named, or all; those that are finished are kept for the next time."""
         bench = self.desk.needed
         bench.needed_loop()
+        laws = asked.texts("laws")
+        if any(":" in each for each in laws):  # the page runs no code that somebody names
+            raise ParameterError("a law of a module is compared by the command line alone: feeddrive compare --law")
         request = CompareRequest(
-            self.desk.machine_path(), axis=bench.axis, law=tuple(asked.texts("laws")),
-            starts=int(asked.number_or_none("starts") or 2), keep=self.desk.folder / "compared_laws",
+            self.desk.machine_path(), axis=bench.axis, law=tuple(laws),
+            starts=int(asked.number("starts")), keep=self.desk.folder / "compared_laws",
         )  # fmt: skip
 
         def then(found: Shown) -> None:

@@ -87,8 +87,9 @@ class Goal(Room):
         self.costs, self.best, self.found = [], None, None
 
         def met(report: Found) -> None:
-            self.costs.append(report.cost)
-            self.best = report.best
+            if not self.costs or report.cost < min(self.costs):
+                self.costs.append(report.cost)
+                self.best = report.best
 
         def then(outcome: Outcome[Tuned]) -> None:
             self.desk.did("tune", request)
