@@ -26,6 +26,7 @@ interface Words {
   verdict?: string;
   failure?: string;
   unfinished?: boolean;
+  begins?: string;
   go?: string;
 }
 
@@ -72,6 +73,7 @@ export class Goal implements Room {
     this.buttons.replaceChildren(tune, accept, reject);
     this.outcome.replaceChildren(
       ...(words.ready ? [] : [make("p", {}, "Bring a machine or a measured response first.")]),
+      ...(words.begins ? [make("p", {}, words.begins)] : []),
       ...(words.verdict ? [make("p", { class: "verdict" }, words.verdict)] : []),
       ...(words.failure ? [make("p", { class: "bad" }, words.failure)] : []),
       ...(words.unfinished ? [make("p", {}, "The search has not finished: what is shown is the best so far, and is not proven.")] : []),

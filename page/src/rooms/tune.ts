@@ -23,6 +23,7 @@ export class Tune implements Room {
   readonly element = make("div", { class: "tune" });
   private readonly pictures = new Map(Object.entries(TITLES).map(([name, title]) => [name, new Picture(title)]));
   private readonly verdict = make("p", { id: "verdict", "aria-live": "polite" });
+  private readonly remarks = make("ul", { "aria-label": "Remarks" });
   private readonly undo: HTMLButtonElement;
   private readonly redo: HTMLButtonElement;
   private readonly takes = new Map<string, HTMLButtonElement>();
@@ -50,7 +51,7 @@ export class Tune implements Room {
       grid.append(picture.element);
     }
     this.handles = new Handles(this.pictures.get("open_loop")!, moved);
-    this.element.append(section, make("section", { id: "pictures", "aria-label": "Pictures" }, buttons, this.verdict, grid));
+    this.element.append(section, make("section", { id: "pictures", "aria-label": "Pictures" }, buttons, this.verdict, grid, this.remarks));
     document.addEventListener("keydown", (event) => {
       if (this.element.closest("[hidden]") || !(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z") return;
       event.preventDefault();
@@ -73,7 +74,9 @@ export class Tune implements Room {
       for (const [letter, take] of this.takes) take.disabled = !said.kept?.includes(letter);
       const all = said.stable && said.judged.every((each) => each.keeps);
       const words = said.judged.map((each) => (each.keeps ? each.text : `${each.text}: broken`)).join("; ");
-      this.verdict.textContent = said.stable ? words : `Not stable. ${words}`;
+      const place = Number(said.places ?? 1) > 1 ? ` Worst of ${said.places} places: ${said.leading}.` : "";
+      this.verdict.textContent = `${said.stable ? words : `Not stable. ${words}`}${place}`;
+      this.remarks.replaceChildren(...((said.remarks as string[] | undefined) ?? []).map((each) => make("li", {}, each)));
       this.verdict.className = all ? "good" : "bad";
     }
     if (Object.keys(said.charts).length) {

@@ -25,6 +25,7 @@ from feeddrive.workflow.tune import TuneRequest
 
 _SHOWN = ("goal", "max_ms", "phase_margin", "gain_margin", "delay_margin", "max_compliance", "band", "filters", "law",
           "starts")  # fmt: skip
+_BY_RULE = "without a machine file the search begins with a P-PI by a rule, and not with the control of now"
 _TODAY, _NOW, _BEST, _FOUND = "today", "now", "best so far", "found"
 FIELDS: Mapping[str, Field] = {each.name: each for each in fields_of(TuneRequest) if each.name in _SHOWN}
 
@@ -52,7 +53,14 @@ class Goal(Room):
         if self.desk.bench is None:
             return Said(words)
         drawn = self._charts()
-        words |= {"ready": True, "levels": self._levels(drawn), "best": self.best is not None, **self._result()}
+        begins = "" if self.desk.needed.machine is not None else _BY_RULE
+        words |= {
+            "ready": True,
+            "begins": begins,
+            "levels": self._levels(drawn),
+            "best": self.best is not None,
+            **self._result(),
+        }
         return Said(words, drawn)
 
     @act
