@@ -12,7 +12,7 @@ export class Handles {
     private readonly picture: Picture,
     private readonly moved: Moved,
   ) {
-    new ResizeObserver(() => this.show(this.values)).observe(picture.canvas);
+    picture.whenDrawn(() => this.show(this.values));
   }
 
   list(knobs: Knob[]): void {

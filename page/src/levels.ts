@@ -38,6 +38,7 @@ export class Levels {
       to(Number.parseFloat(this.line.style.top) + way);
     });
     picture.canvas.append(this.line);
+    picture.whenDrawn(() => this.place());
   }
 
   show(levels: Level[]): void {
@@ -48,7 +49,11 @@ export class Levels {
     this.line.setAttribute("aria-label", this.level.text);
     this.line.setAttribute("aria-valuenow", String(this.level.at));
     this.line.setAttribute("aria-valuetext", this.level.text);
-    const y = this.picture.pixelHeight(this.level.at);
+    this.place();
+  }
+
+  private place(): void {
+    const y = this.level && this.picture.pixelHeight(this.level.at);
     if (y !== null) this.line.style.top = `${y}px`;
   }
 }

@@ -1,6 +1,24 @@
 // Dark or light: one choice for the whole page, first that of the system.
 
-import { LOOKS, type Look } from "./picture";
+// the colors of the reports (plot/style.py), brighter ones on dark paper
+export interface Look {
+  paper: string;
+  ink: string;
+  muted: string;
+  line: string;
+  alert: string;
+  curves: string[];
+}
+const LOOKS: Record<"light" | "dark", Look> = {
+  light: {
+    paper: "#ffffff", ink: "#1c2329", muted: "#5a6772", line: "#d9dfe4", alert: "#b3261e",
+    curves: ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"],
+  }, // prettier-ignore
+  dark: {
+    paper: "#14191e", ink: "#e6eaee", muted: "#a2adb8", line: "#39424b", alert: "#ff8a80",
+    curves: ["#56b4e9", "#ff9d5c", "#35c79b", "#e7a8cb", "#f0c04d", "#9ad2f2"],
+  }, // prettier-ignore
+};
 
 const painted: (() => void)[] = [];
 

@@ -108,20 +108,3 @@ export function decode(data: ArrayBuffer): Received {
   const said = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length))) as Message;
   return { said, numbers: new Float32Array(data, 4 + length) };
 }
-
-// The points of a curve as x, y pairs, in the memory of the message.
-export function points(curve: Curve, numbers: Float32Array): number[][] {
-  const found = new Array<number[]>(curve.n);
-  for (let i = 0; i < curve.n; i++) {
-    found[i] = [numbers[curve.at + i]!, numbers[curve.at + curve.n + i]!];
-  }
-  return found;
-}
-
-// A checksum (FNV-1a) of the bits of a curve: whether it is the one that was drawn before.
-export function sum(curve: Curve, numbers: Float32Array): number {
-  const bits = new Uint32Array(numbers.buffer, numbers.byteOffset + 4 * curve.at, 2 * curve.n);
-  let found = 0x811c9dc5 ^ curve.n;
-  for (const each of bits) found = Math.imul(found ^ each, 0x01000193);
-  return found >>> 0;
-}

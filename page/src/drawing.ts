@@ -1,0 +1,176 @@
+// Curves, marks and limits of one panel on a canvas, within its axes.
+
+import type { Look } from "./look";
+import type { Curve, Disc, Mark, Panel } from "./wire";
+
+// the dashes and markers of the reports (plot/style.py); widths and sizes in CSS pixels
+export const DASHES: number[][] = [[], [7, 2], [2, 1.5], [7, 2, 2, 2], [12, 3], [4, 1.5, 1, 1.5]];
+const WIDTHS = { line: 1.6, thin: 0.7, bar: 3 };
+const MARK = 3.5;
+const SHAPES: ((path: Path2D, x: number, y: number, r: number) => void)[] = [
+  (path, x, y, r) => path.arc(x, y, r, 0, 2 * Math.PI),
+  (path, x, y, r) => path.rect(x - r, y - r, 2 * r, 2 * r),
+  (path, x, y, r) => polygon(path, x, y, r * 1.2, 3),
+  (path, x, y, r) => polygon(path, x, y, r * 1.2, 4),
+  (path, x, y, r) => polygon(path, x, y, r * 1.1, 5),
+  (path, x, y, r) => polygon(path, x, y, r * 1.1, 6),
+];
+
+// Where a value stands on an axis: `low` at the pixel `from`, `high` at `to`.
+export interface Axis {
+  low: number;
+  high: number;
+  log: boolean;
+  from: number;
+  to: number;
+}
+
+// A value in pixels of the canvas.
+export function pixel(axis: Axis, value: number): number {
+  const { low, high, from, to } = axis;
+  const share = axis.log ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low);
+  return from + share * (to - from);
+}
+
+// The value at a pixel of the canvas.
+export function value(axis: Axis, at: number): number {
+  const share = (at - axis.from) / (axis.to - axis.from);
+  return axis.log ? axis.low * (axis.high / axis.low) ** share : axis.low + share * (axis.high - axis.low);
+}
+
+export function color(number: number, look: Look): string {
+  if (number === -2) return look.alert;
+  return number < 0 ? look.muted : look.curves[number % look.curves.length]!;
+}
+
+// The content of a panel; `ratio` is the number of pixels of the canvas for one of CSS.
+export function paint(ctx: CanvasRenderingContext2D, panel: Panel, numbers: Float32Array, x: Axis, y: Axis, look: Look, ratio: number): void {
+  ctx.save();
+  ctx.beginPath();
+  ctx.rect(x.from, y.to, x.to - x.from, y.from - y.to);
+  ctx.clip();
+  ctx.lineJoin = "round";
+  ctx.font = `${11 * ratio}px system-ui, sans-serif`;
+  for (const level of panel.levels) {
+    const at = pixel(level.upright ? x : y, level.value);
+    ctx.strokeStyle = level.dashed || level.faint ? look.muted : look.ink;
+    ctx.lineWidth = ratio;
+    ctx.setLineDash(level.dashed ? [5 * ratio, 3 * ratio] : []);
+    ctx.beginPath();
+    ctx.moveTo(level.upright ? at : x.from, level.upright ? y.from : at);
+    ctx.lineTo(level.upright ? at : x.to, level.upright ? y.to : at);
+    ctx.stroke();
+    ctx.fillStyle = look.muted;
+    ctx.textAlign = level.upright ? "left" : "right";
+    if (level.upright) ctx.fillText(level.text, at + 4 * ratio, y.to + 12 * ratio);
+    else ctx.fillText(level.text, x.to - 4 * ratio, at - 4 * ratio);
+  }
+  for (const each of panel.discs) disc(ctx, each, x, y, look, ratio);
+  for (const each of panel.curves) curve(ctx, each, numbers, x, y, look, ratio);
+  for (const each of panel.marks) mark(ctx, each, x, y, look, ratio);
+  ctx.setLineDash([]);
+  for (const note of panel.notes) {
+    ctx.fillStyle = color(note.number, look);
+    ctx.textAlign = note.right ? "left" : "right";
+    ctx.fillText(note.text, pixel(x, note.x) + (note.right ? 5 : -5) * ratio, pixel(y, note.y) + (note.right ? -5 : 13) * ratio);
+  }
+  ctx.restore();
+}
+
+function disc(ctx: CanvasRenderingContext2D, disc: Disc, x: Axis, y: Axis, look: Look, ratio: number): void {
+  const [cx, cy] = [pixel(x, disc.x), pixel(y, disc.y)];
+  ctx.beginPath();
+  ctx.ellipse(cx, cy, Math.abs(pixel(x, disc.x + disc.radius) - cx), Math.abs(pixel(y, disc.y + disc.radius) - cy), 0, 0, 2 * Math.PI);
+  const tint = color(disc.number, look);
+  if (disc.filled) {
+    ctx.globalAlpha = 0.18;
+    ctx.fillStyle = tint;
+    ctx.fill();
+    ctx.globalAlpha = 1;
+  }
+  ctx.strokeStyle = tint;
+  ctx.lineWidth = ratio;
+  ctx.setLineDash(disc.number < 0 ? [5 * ratio, 3 * ratio] : scaled(disc.number, ratio));
+  ctx.stroke();
+}
+
+function curve(ctx: CanvasRenderingContext2D, curve: Curve, numbers: Float32Array, x: Axis, y: Axis, look: Look, ratio: number): void {
+  const across = pixels(x, numbers.subarray(curve.at, curve.at + curve.n));
+  const up = pixels(y, numbers.subarray(curve.at + curve.n, curve.at + 2 * curve.n));
+  const tint = color(curve.number, look);
+  ctx.strokeStyle = tint;
+  ctx.fillStyle = tint;
+  ctx.globalAlpha = curve.look === "line" || curve.look === "plus" ? 1 : 0.6;
+  if (curve.look === "dots" || curve.look === "plus") {
+    const path = new Path2D();
+    const r = (curve.look === "plus" ? 6 : 1.5) * ratio;
+    for (let i = 0; i < curve.n; i++) {
+      const [px, py] = [across[i]!, up[i]!];
+      if (Number.isNaN(px + py)) continue;
+      if (curve.look === "dots") {
+        path.rect(px - r, py - r, 2 * r, 2 * r);
+        continue;
+      }
+      path.moveTo(px - r, py);
+      path.lineTo(px + r, py);
+      path.moveTo(px, py - r);
+      path.lineTo(px, py + r);
+    }
+    ctx.lineWidth = 2 * ratio;
+    ctx.setLineDash([]);
+    if (curve.look === "dots") ctx.fill(path);
+    else ctx.stroke(path);
+  } else {
+    ctx.lineWidth = WIDTHS[curve.look] * ratio;
+    ctx.setLineDash(curve.look === "line" ? scaled(curve.number, ratio) : []);
+    ctx.beginPath();
+    let pen = false; // what is not finite interrupts the line
+    for (let i = 0; i < curve.n; i++) {
+      const [px, py] = [across[i]!, up[i]!];
+      if (Number.isNaN(px + py)) pen = false;
+      else if (pen) ctx.lineTo(px, py);
+      else {
+        ctx.moveTo(px, py);
+        pen = true;
+      }
+    }
+    ctx.stroke();
+  }
+  ctx.globalAlpha = 1;
+}
+
+function mark(ctx: CanvasRenderingContext2D, mark: Mark, x: Axis, y: Axis, look: Look, ratio: number): void {
+  const path = new Path2D();
+  SHAPES[mark.number < 0 ? 0 : mark.number % SHAPES.length]!(path, pixel(x, mark.x), pixel(y, mark.y), MARK * ratio);
+  ctx.setLineDash([]);
+  ctx.lineWidth = 1.4 * ratio;
+  ctx.fillStyle = mark.hollow ? look.paper : color(mark.number, look);
+  ctx.strokeStyle = color(mark.number, look);
+  ctx.fill(path);
+  ctx.stroke(path);
+}
+
+// Values in pixels of the canvas; what has no place on a logarithmic axis, or none at all, is NaN. Far outside they are
+// cut, since a canvas draws nothing of a line that reaches beyond what it can count.
+function pixels(axis: Axis, values: Float32Array): Float64Array {
+  const found = new Float64Array(values.length);
+  const factor = (axis.to - axis.from) / (axis.log ? Math.log(axis.high / axis.low) : axis.high - axis.low);
+  for (let i = 0; i < values.length; i++) {
+    const each = values[i]!;
+    const at = axis.from + factor * (axis.log ? (each > 0 ? Math.log(each / axis.low) : NaN) : each - axis.low);
+    found[i] = at > 1e5 ? 1e5 : at < -1e5 ? -1e5 : at;
+  }
+  return found;
+}
+
+function scaled(number: number, ratio: number): number[] {
+  return DASHES[number < 0 ? 0 : number % DASHES.length]!.map((each) => each * ratio);
+}
+
+function polygon(path: Path2D, x: number, y: number, r: number, corners: number): void {
+  for (let i = 0; i < corners; i++) {
+    const turn = (2 * Math.PI * i) / corners - Math.PI / 2;
+    path.lineTo(x + r * Math.cos(turn), y + r * Math.sin(turn));
+  }
+  path.closePath();
+}

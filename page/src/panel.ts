@@ -1,0 +1,238 @@
+// One panel of a picture: axes, cursor and zoom by uPlot, the content by drawing.ts.
+
+import uPlot from "uplot";
+
+import { paint, pixel, value, type Axis } from "./drawing";
+import type { Look } from "./look";
+import { plain, ticks, type Ticks } from "./ticks";
+import type { Curve, Panel as Content } from "./wire";
+
+export const LEFT = 66; // pixels of the axis at the left, the same for all panels so that they stand in line
+const BELOW = { last: 42, other: 10 };
+const [TOP, RIGHT] = [6, 14];
+
+export interface Range {
+  low: number;
+  high: number;
+}
+// What a panel tells its picture.
+export interface Heard {
+  selected: (x: Range | null, y: Range | null) => void;
+  reset: () => void;
+  picked: (x: number, y: number) => void;
+}
+// What is drawn: content of the panel, numbers of its curves, both ranges and scales.
+export interface Drawn {
+  content: Content;
+  numbers: Float32Array;
+  x: Range;
+  y: Range;
+  frequency: boolean;
+  square: boolean;
+  label: string;
+  look: Look;
+}
+
+export class Panel {
+  private readonly plot: uPlot;
+  private readonly readout = document.createElement("div");
+  private drawn: Drawn;
+
+  // Pixels beside the content: across, and up and down.
+  static around(last: boolean): [number, number] {
+    return [LEFT + RIGHT, TOP + (last ? BELOW.last : BELOW.other)];
+  }
+
+  constructor(place: HTMLElement, drawn: Drawn, last: boolean, width: number, height: number, link: string | null, heard: Heard) {
+    this.drawn = drawn;
+    const ink = () => this.drawn.look.ink;
+    const grid = { stroke: () => this.drawn.look.line, width: 1 };
+    const shared = { stroke: ink, grid, ticks: { ...grid, size: 4 }, font: "11px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif" };
+    const divided = (range: () => Range, log: () => boolean, degrees: () => boolean, pixels: () => number, apart: number) => {
+      const found = (): Ticks => ticks(range(), log(), degrees(), Math.max(2, pixels() / apart));
+      return {
+        splits: () => found().at,
+        filter: (_: uPlot, at: number[]) => at.map((each) => (found().named.has(each) ? each : null)),
+        values: (_: uPlot, at: (number | null)[]) => at.map((each) => (each === null ? "" : plain(each))),
+      };
+    };
+    const x = divided(() => this.drawn.x, () => this.drawn.frequency, () => false, () => this.plot.bbox.width / uPlot.pxRatio, 75);
+    const y = divided(
+      () => this.drawn.y,
+      () => this.drawn.content.scale === "log",
+      () => this.drawn.content.scale === "degrees",
+      () => this.plot.bbox.height / uPlot.pxRatio,
+      26,
+    );
+    const below = last ? { size: BELOW.last - 20, labelSize: 20, label: drawn.label, labelGap: 0 } : { size: BELOW.other, values: () => [] };
+    this.plot = new uPlot(
+      {
+        width,
+        height,
+        padding: [TOP, RIGHT, 0, 0],
+        legend: { show: false },
+        scales: {
+          x: { time: false, distr: drawn.frequency ? 3 : 1, range: () => [this.drawn.x.low, this.drawn.x.high] },
+          y: { distr: drawn.content.scale === "log" ? 3 : 1, range: () => [this.drawn.y.low, this.drawn.y.high] },
+        },
+        series: [{}, { paths: () => null, points: { show: false } }],
+        axes: [
+          { ...shared, ...x, ...below },
+          { ...shared, ...y, size: LEFT - 20, label: drawn.content.label, labelSize: 20, labelGap: 0 },
+        ],
+        cursor: {
+          y: drawn.square,
+          points: { show: false },
+          drag: { x: true, y: true, uni: 24, setScale: false },
+          bind: { dblclick: () => () => (heard.reset(), null) },
+          ...(link === null ? {} : { sync: { key: link, scales: ["x", null] as [string, null], setSeries: false } }),
+        },
+        hooks: {
+          draw: [() => this.paint()],
+          setCursor: [() => this.read()],
+          setSelect: [() => this.select(heard)],
+        },
+      },
+      this.corners(),
+      place,
+    );
+    this.readout.className = "readout";
+    this.readout.hidden = true;
+    this.plot.over.append(this.readout);
+    this.plot.over.addEventListener("click", (event) => {
+      const box = this.plot.over.getBoundingClientRect();
+      const { x, y } = this.axes();
+      const { left, top } = this.plot.bbox;
+      heard.picked(value(x, left + (event.clientX - box.left) * uPlot.pxRatio), value(y, top + (event.clientY - box.top) * uPlot.pxRatio));
+    });
+  }
+
+  draw(drawn: Drawn, width: number, height: number): void {
+    this.drawn = drawn;
+    if (this.plot.width !== width || this.plot.height !== height) this.plot.setSize({ width, height });
+    this.plot.setData(this.corners());
+  }
+
+  // Pixels of CSS within the picture: of a value of x, and of y.
+  across(x: number): number {
+    return pixel(this.axes().x, x) / uPlot.pxRatio;
+  }
+
+  up(y: number): number {
+    return this.top + pixel(this.axes().y, y) / uPlot.pxRatio;
+  }
+
+  // Values at a place within the picture; null beside the panel.
+  at(px: number, py: number): { x: number; y: number } | null {
+    const { x, y } = this.axes();
+    const [across, up] = [px * uPlot.pxRatio, (py - this.top) * uPlot.pxRatio];
+    const inside = across >= x.from && across <= x.to && up >= y.to && up <= y.from;
+    return inside ? { x: value(x, across), y: value(y, up) } : null;
+  }
+
+  // The value of y at a height, also above and below the panel.
+  height(py: number): number {
+    return value(this.axes().y, (py - this.top) * uPlot.pxRatio);
+  }
+
+  // Where the cursor stands, as a share of the width; null if it stands nowhere.
+  get cursor(): number | null {
+    const left = this.plot.cursor.left ?? -1;
+    return left < 0 ? null : (left * uPlot.pxRatio) / this.plot.bbox.width;
+  }
+
+  // Put the cursor at a share of the width; what stands there in words.
+  point(share: number): string {
+    const { width, height } = this.plot.bbox;
+    this.plot.setCursor({ left: (share * width) / uPlot.pxRatio, top: height / uPlot.pxRatio / 2 });
+    return this.readout.textContent ?? "";
+  }
+
+  // x at a share of the width.
+  x(share: number): number {
+    const { x } = this.axes();
+    return value(x, x.from + share * (x.to - x.from));
+  }
+
+  close(): void {
+    this.plot.destroy();
+  }
+
+  private get top(): number {
+    return this.plot.root.offsetTop;
+  }
+
+  // uPlot takes its ranges from data: two corners of what is shown.
+  private corners(): uPlot.AlignedData {
+    const { x, y } = this.drawn;
+    return [[x.low, x.high], [y.low, y.high]];
+  }
+
+  private axes(): { x: Axis; y: Axis } {
+    const { left, top, width, height } = this.plot.bbox;
+    const { x, y, frequency, content } = this.drawn;
+    return {
+      x: { ...x, log: frequency, from: left, to: left + width },
+      y: { ...y, log: content.scale === "log", from: top + height, to: top },
+    };
+  }
+
+  private paint(): void {
+    const { content, numbers, look } = this.drawn;
+    const { x, y } = this.axes();
+    paint(this.plot.ctx, content, numbers, x, y, look, uPlot.pxRatio);
+  }
+
+  private select(heard: Heard): void {
+    const { left, top, width, height } = this.plot.select;
+    if (width === 0 && height === 0) return;
+    this.plot.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
+    const { bbox, over } = this.plot;
+    const { x, y } = this.axes();
+    const ratio = uPlot.pxRatio;
+    const wide = width < over.clientWidth && width > 4;
+    const tall = height < over.clientHeight && height > 4;
+    heard.selected(
+      wide ? { low: value(x, bbox.left + left * ratio), high: value(x, bbox.left + (left + width) * ratio) } : null,
+      tall ? { low: value(y, bbox.top + (top + height) * ratio), high: value(y, bbox.top + top * ratio) } : null,
+    );
+  }
+
+  // The values under the cursor, in words.
+  private read(): void {
+    const { left = -1, top = -1 } = this.plot.cursor;
+    this.readout.hidden = left < 0;
+    if (left < 0) return;
+    const { bbox } = this.plot;
+    const { x, y } = this.axes();
+    const at = value(x, bbox.left + left * uPlot.pxRatio);
+    const { content, numbers, square } = this.drawn;
+    const rows = [five(at)];
+    if (square) rows[0] += `, ${five(value(y, bbox.top + top * uPlot.pxRatio))}`;
+    else for (const curve of content.curves.filter((each) => each.look === "line" || each.look === "dots")) {
+      const found = near(curve, numbers, at);
+      if (found !== null) rows.push(`${curve.name ? `${curve.name} ` : ""}${five(found)}`);
+    }
+    this.readout.textContent = rows.join("\n");
+    this.readout.classList.toggle("right", left < this.plot.over.clientWidth / 2);
+  }
+}
+
+function five(value: number): string {
+  return String(Number(value.toPrecision(5)));
+}
+
+// y of a curve at x, between its two points there; null beside it and where it is interrupted.
+function near(curve: Curve, numbers: Float32Array, x: number): number | null {
+  let [low, high] = [0, curve.n - 1];
+  const at = (i: number) => numbers[curve.at + i]!;
+  if (curve.n < 2 || !(at(low) <= x && x <= at(high))) return null;
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (at(middle) <= x) low = middle;
+    else high = middle;
+  }
+  const [left, right] = [numbers[curve.at + curve.n + low]!, numbers[curve.at + curve.n + high]!];
+  const found = at(high) > at(low) ? left + ((right - left) * (x - at(low))) / (at(high) - at(low)) : left;
+  return Number.isNaN(found) ? null : found;
+}
