@@ -10,8 +10,10 @@ import numpy as np
 from feeddrive.language.errors import MissingExtraError, ParameterError
 from feeddrive.language.table import Result, Table
 
+TRUSTED = 0.9  # coherence from which a line may carry a tuning
 AVERAGES = 8  # behind a coherence that comes without a variance
 _LEAST_COHERENCE = 1e-3  # a smaller one counts as this
+_DISC = float(np.sqrt(-np.log(0.05)))  # radius of a disc that holds 95 % of a complex normal error, in roots of E|dG|²
 
 
 def coherence_of(response: np.ndarray, variance: np.ndarray, freedom: np.ndarray | float) -> np.ndarray:
@@ -114,6 +116,14 @@ class FRF(Result):
     def deviation(self) -> np.ndarray | None:
         """Standard deviation of the complex response, √variance, if it is known."""
         return None if self.variance is None else np.sqrt(self.variance)
+
+    @property
+    def radius(self) -> np.ndarray | None:
+        """Radius of the disc round each value that holds the true one with 95 %, √(-ln 0.05 · variance), if known.
+
+        For a complex normal error whose variance is known, not estimated from few averages.
+        """
+        return None if self.variance is None else _DISC * np.sqrt(self.variance)
 
     def known_variance(self, averages: float = AVERAGES) -> np.ndarray | None:
         """The variance; without one that from the coherence of so many averages (`variance_of`), without both None."""

@@ -6,12 +6,18 @@ words.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-LINE, THIN, BAR, DOTS, PLUS = "line", "thin", "bar", "dots", "plus"
-"""Looks of a curve: THIN accompanies a line, BAR is short and wide, DOTS are measured, PLUS is a place by itself."""
+from feeddrive.language.units import turning_text
+
+LINE, THIN, BAR, DOTS, PLUS, CROSS, RING = "line", "thin", "bar", "dots", "plus", "cross", "ring"
+"""Looks of a curve: THIN accompanies a line, BAR is short and wide, DOTS are measured, PLUS is a place by itself.
+
+CROSS are poles, RING are zeros: single places without a line.
+"""
 LINEAR, LOG, DEGREES, FREQUENCY = "linear", "log", "degrees", "frequency"
 """Scales: DEGREES is linear in steps of 45 or 90, FREQUENCY logarithmic with plain numbers in Hz."""
 NEUTRAL, ALERT = -1, -2
@@ -33,6 +39,21 @@ class Curve:
     number: int = 0
     look: str = LINE
     said: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """The area between low(x) and high(x), all of shape (n,), in a pale color; NaN interrupts it.
+
+    name    in the legend; empty if it needs no entry
+    number  of the curve that it belongs to; NEUTRAL is gray
+    """
+
+    x: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    number: int = NEUTRAL
+    name: str = ""
 
 
 @dataclass(frozen=True)
@@ -93,6 +114,7 @@ class Panel:
     levels: tuple[Level, ...] = ()
     discs: tuple[Disc, ...] = ()
     notes: tuple[Note, ...] = ()
+    bands: tuple[Band, ...] = ()
     scale: str = LINEAR
     low: float | None = None
     high: float | None = None
@@ -108,6 +130,7 @@ class Chart:
     square     a unit of x is as long as one of y, as in the complex plane
     height     of a drawing in the width of a report, inches
     columns    of the legend
+    factor     from the SI unit of x to that of the label, for what is dragged in the picture
     """
 
     label: str
@@ -118,3 +141,21 @@ class Chart:
     square: bool = False
     height: float = 3.0
     columns: int = 4
+    factor: float = 1.0
+
+    def turning(self, kept: Collection[str] = ()) -> Chart:
+        """The same of an axis that turns: in rad, N m and kg m2; `kept` is what a person wrote."""
+        return replace(
+            self, label=turning_text(self.label, kept), panels=tuple(_turning(each, kept) for each in self.panels)
+        )
+
+
+def _turning(panel: Panel, kept: Collection[str]) -> Panel:
+    return replace(
+        panel,
+        label=turning_text(panel.label, kept),
+        curves=tuple(replace(each, said=turning_text(each.said, kept)) for each in panel.curves),
+        levels=tuple(replace(each, text=turning_text(each.text, kept)) for each in panel.levels),
+        notes=tuple(replace(each, text=turning_text(each.text, kept)) for each in panel.notes),
+        bands=tuple(replace(each, name=turning_text(each.name, kept)) for each in panel.bands),
+    )

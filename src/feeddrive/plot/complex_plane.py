@@ -8,6 +8,7 @@ import numpy as np
 
 from feeddrive.analysis.margins import Margins
 from feeddrive.analysis.margins import margins as margins_of
+from feeddrive.language.shown_units import USUAL, ShownUnits
 from feeddrive.plot import style
 from feeddrive.plot.chart import ALERT, LINE, PLUS, THIN, Chart, Curve, Disc, Level, Mark, Note, Panel
 from feeddrive.plot.drawing import draw_chart
@@ -40,13 +41,13 @@ def nyquist(loops: Margins | Mapping[str, Margins]) -> Any:
     return figure
 
 
-def nyquist_chart(loops: Margins | Mapping[str, Margins]) -> Chart:
+def nyquist_chart(loops: Margins | Mapping[str, Margins], units: ShownUnits = USUAL) -> Chart:
     """What `nyquist` shows."""
     chosen = style.named(loops)
     curves, marks, discs = list[Curve](), list[Mark](), [Disc(0.0, 0.0, 1.0)]
     for i, (name, margins) in enumerate(chosen.items()):
         L = margins.loop_gain
-        said = f"Ms {margins.sensitivity_peak:.3g} at {margins.modulus_frequency:.4g} Hz"
+        said = f"Ms {margins.sensitivity_peak:.3g} at {units.said(margins.modulus_frequency, 'Hz')}"
         x, y = _visible(_rounded(L.response) if L.coherence is None else L.response)
         caption = (name[:40], i, LINE, f"\n{said}") if len(chosen) > 1 else (name[:40], i, LINE, said)
         curves += [Curve(x, y, *caption), Curve(x, -y, number=i, look=THIN)]

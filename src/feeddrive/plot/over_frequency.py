@@ -9,10 +9,12 @@ import numpy as np
 from feeddrive.analysis.margins import Margins, complementary_sensitivity, tracking_bandwidth
 from feeddrive.analysis.margins import sensitivity as sensitivity_of
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.shown_units import USUAL, ShownUnits
 from feeddrive.language.table import shown
 from feeddrive.plot import style
-from feeddrive.plot.chart import BAR, DEGREES, FREQUENCY, LOG, Chart, Curve, Level, Mark, Panel
+from feeddrive.plot.chart import BAR, DEGREES, FREQUENCY, LINEAR, LOG, Chart, Curve, Level, Mark, Panel
 from feeddrive.plot.drawing import drawn
+from feeddrive.plot.uncertainty import coherence_panels, doubtful, magnitude_band, phase_band
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -83,32 +85,49 @@ def sensitivity(loops: Margins | Mapping[str, Margins]) -> Any:
     return drawn(sensitivity_chart(loops))
 
 
-def sensitivity_chart(loops: Margins | Mapping[str, Margins]) -> Chart:
+def sensitivity_chart(loops: Margins | Mapping[str, Margins], units: ShownUnits = USUAL) -> Chart:
     """What `sensitivity` shows."""
     chosen = style.named(loops)
-    rows: tuple[list[Curve], list[Curve]] = ([], [])
-    marks = list[Mark]()
+    hertz, rows = units.of("Hz")[1], list[tuple[Curve, Curve]]()
+    marks, least = list[Mark](), [0.0, 0.0]
     for i, (name, margins) in enumerate(chosen.items()):
         L, at = margins.loop_gain, margins.modulus_frequency
-        said = f"Ms {margins.sensitivity_peak:.3g} at {at:.4g} Hz"
-        for row, response in zip(rows, (sensitivity_of(L), complementary_sensitivity(L)), strict=True):
-            level = style.decibel(response.magnitude)
-            row.append(
-                Curve(L.frequency, level, name if row is rows[0] else "", i, said=said if row is rows[0] else "")
-            )
-        marks.append(Mark(at, float(style.decibel(np.array(margins.sensitivity_peak))), i))
-    lows = [min(float(np.min(each.y)) for each in row) for row in rows]
-    panels = (
-        Panel("|S| (dB)", tuple(rows[0]), marks=tuple(marks), low=_floor(lows[0])),
-        Panel("|T| (dB)", tuple(rows[1]), low=_floor(lows[1])),
-    )
-    span = _span(margins.loop_gain.frequency for margins in chosen.values())
-    return Chart("frequency (Hz)", panels, FREQUENCY, *span, height=4.4, columns=style.narrow(chosen))
+        said = f"Ms {margins.sensitivity_peak:.3g} at {units.said(at, 'Hz')}"
+        levels = [style.decibel(each.magnitude) for each in (sensitivity_of(L), complementary_sensitivity(L))]
+        least = [min(before, float(np.min(each))) for before, each in zip(least, levels, strict=True)]
+        S, T = (np.asarray(units.from_decibel(each)) for each in levels)
+        rows.append((Curve(hertz * L.frequency, S, name, i, said=said), Curve(hertz * L.frequency, T, number=i)))
+        marks.append(Mark(hertz * at, float(units.from_decibel(_decibel(margins.sensitivity_peak))), i))
+    panels = tuple(
+        Panel(_ratio(what, units), tuple(row[k] for row in rows), marks=(tuple(marks), ())[k], scale=_scale(units),
+              low=_floor(least[k], units))
+        for k, what in enumerate(("|S|", "|T|"))
+    )  # fmt: skip
+    span = _span((margins.loop_gain.frequency for margins in chosen.values()), units)
+    return Chart(_hertz(units), panels, FREQUENCY, *span, height=4.4, columns=style.narrow(chosen), factor=hertz)
 
 
-def _floor(least: float) -> float | None:
-    """Where a panel in dB ends below what matters."""
-    return -60.0 if least < -60.0 else None
+def _decibel(ratio: float) -> float:
+    return float(style.decibel(np.array(ratio)))
+
+
+def _floor(least: float, units: ShownUnits) -> float | None:
+    """Where a panel of gains ends below what matters."""
+    return float(units.from_decibel(-60.0)) if least < -60.0 else None
+
+
+def _scale(units: ShownUnits) -> str:
+    """Of a panel of gains."""
+    return LINEAR if units.decibel else LOG
+
+
+def _ratio(what: str, units: ShownUnits) -> str:
+    """Label of a panel of gains."""
+    return f"{what} (dB)" if units.decibel else what
+
+
+def _hertz(units: ShownUnits) -> str:
+    return f"frequency ({units.of('Hz')[0]})"
 
 
 def stiffness(stiffnesses: Stiffness | Mapping[str, Stiffness]) -> Any:
@@ -116,24 +135,25 @@ def stiffness(stiffnesses: Stiffness | Mapping[str, Stiffness]) -> Any:
     return drawn(stiffness_chart(stiffnesses))
 
 
-def stiffness_chart(stiffnesses: Stiffness | Mapping[str, Stiffness]) -> Chart:
+def stiffness_chart(stiffnesses: Stiffness | Mapping[str, Stiffness], units: ShownUnits = USUAL) -> Chart:
     """What `stiffness` shows."""
     chosen = style.named(stiffnesses)
+    hertz, (unit, factor) = units.of("Hz")[1], units.of("N/m")
     curves, marks, tops = list[Curve](), list[Mark](), list[float]()
     for i, (name, found) in enumerate(chosen.items()):
-        least, where = 1e-6 * found.minimum, found.minimum_frequency
-        said = f"least {least:.3g} N/µm at {where:.3g} Hz"
-        curves.append(Curve(found.frequency, 1e-6 * found.magnitude, name, i, said=said))
-        marks.append(Mark(where, least, i))
+        least, where = factor * found.minimum, found.minimum_frequency
+        said = f"least {least:.3g} {unit} at {units.said(where, 'Hz', 3)}"
+        curves.append(Curve(hertz * found.frequency, factor * found.magnitude, name, i, said=said))
+        marks.append(Mark(hertz * where, least, i))
         # a sampled axis is infinitely stiff at Nyquist, where the sampled position cannot show the motion
-        tops.append(1e-6 * float(np.max(found.magnitude[found.frequency <= 0.8 * found.frequency[-1]], initial=0.0)))
+        tops.append(factor * float(np.max(found.magnitude[found.frequency <= 0.8 * found.frequency[-1]], initial=0.0)))
     lows = [each.y for each in marks]
     panel = Panel(
-        "dynamic stiffness (N/µm)", tuple(curves), marks=tuple(marks), scale=LOG, low=0.5 * min(lows),
+        f"dynamic stiffness ({unit})", tuple(curves), marks=tuple(marks), scale=LOG, low=0.5 * min(lows),
         high=3.0 * max(*tops, *lows),
     )  # fmt: skip
-    span = _span(found.frequency for found in chosen.values())
-    return Chart("frequency (Hz)", (panel,), FREQUENCY, *span, height=3.4, columns=style.narrow(chosen))
+    span = _span((found.frequency for found in chosen.values()), units)
+    return Chart(_hertz(units), (panel,), FREQUENCY, *span, height=3.4, columns=style.narrow(chosen), factor=hertz)
 
 
 def spectrum(spectra: Spectrum | Mapping[str, Spectrum]) -> Any:
@@ -186,9 +206,10 @@ def _banded(found: Spectrum, low: float, high: float) -> tuple[np.ndarray, np.nd
     return centre, amplitude, found.cumulative_rms[1:][ends]
 
 
-def _span(frequencies: Any) -> tuple[float, float]:
-    ends = [(float(f[0]), float(f[-1])) for f in frequencies]
-    return min(low for low, _ in ends), max(high for _, high in ends)
+def _span(frequencies: Any, units: ShownUnits = USUAL) -> tuple[float, float]:
+    """First and last of all frequencies in Hz, in the unit that is shown."""
+    ends, hertz = [(float(f[0]), float(f[-1])) for f in frequencies], units.of("Hz")[1]
+    return hertz * min(low for low, _ in ends), hertz * max(high for _, high in ends)
 
 
 def tuned(found: Tuned) -> Any:
@@ -210,45 +231,55 @@ WRITTEN = 3  # crossovers of a kind with their number, in a picture of one loop
 def open_loop(loops: Margins | Mapping[str, Margins]) -> Any:
     """Magnitude in dB and phase in degrees of loop gains, with every gain and phase crossover.
 
-    A bar on the phase stands for a phase margin, a bar on the magnitude for a gain margin.
+    A bar on the phase stands for a phase margin, a bar on the magnitude for a gain margin.  Of a measured loop gain the
+    bands of 95 %, its coherence in a third row, and shaded where it is 0.9 or less.
     """
     return drawn(open_loop_chart(loops))
 
 
-def open_loop_chart(loops: Margins | Mapping[str, Margins]) -> Chart:
+def open_loop_chart(loops: Margins | Mapping[str, Margins], units: ShownUnits = USUAL) -> Chart:
     """What `open_loop` shows."""
     chosen = style.named(loops)
-    levels, phases = list[Curve](), list[Curve]()
+    hertz, gains = units.of("Hz")[1], [margins.loop_gain for margins in chosen.values()]
+    levels, phases, levels_dB = list[Curve](), list[Curve](), list[np.ndarray]()
     bars: tuple[list[Curve], list[Curve]] = ([], [])
     marks: tuple[list[Mark], list[Mark]] = ([], [])
+    shaded = list(doubtful(gains[-1:], units, ratio=not units.decibel)), list(doubtful(gains[-1:], units))
     for i, (name, margins) in enumerate(chosen.items()):
         L, phase = margins.loop_gain, _phase(margins)
-        levels.append(Curve(L.frequency, style.decibel(L.magnitude), name, i, said=_said(margins)))
-        phases.append(Curve(L.frequency, phase, number=i))
-        _margins(margins, phase, i, len(chosen) == 1, bars, marks)
+        levels_dB.append(style.decibel(L.magnitude))
+        level = np.asarray(units.from_decibel(levels_dB[-1]))
+        levels.append(Curve(hertz * L.frequency, level, name, i, said=_said(margins, units)))
+        phases.append(Curve(hertz * L.frequency, phase, number=i))
+        _margins(margins, phase, i, len(chosen) == 1, bars, marks, units)
+        if i == len(chosen) - 1:  # the axis is the same for all, and so is its uncertainty
+            shaded[0].extend(magnitude_band(L, i, units, "95 % of the measurement"))
+            shaded[1].extend(phase_band(L, phase, i, units))
     low, high = min(*(float(each.y.min()) for each in phases), -180.0), max(float(each.y.max()) for each in phases)
     turns = range(int(np.ceil((low + 180.0) / 360.0)), int(np.floor((high + 180.0) / 360.0)) + 1)
-    bottom, top = min(float(np.min(each.y)) for each in levels), max(float(np.max(each.y)) for each in levels)
+    bottom, top = min(float(np.min(each)) for each in levels_dB), max(float(np.max(each)) for each in levels_dB)
+    ends = [float(units.from_decibel(each)) for each in (max(bottom, -FAR) - 5.0, min(top, 80.0) + 5.0)]
     panels = (
         Panel(
-            "open loop |L| (dB)", (*levels, *bars[0]), marks=tuple(marks[0]), levels=(Level(0.0),),
-            low=max(bottom, -FAR) - 5.0, high=min(top, 80.0) + 5.0, share=3.0,
+            _ratio("open loop |L|", units), (*levels, *bars[0]), marks=tuple(marks[0]), bands=tuple(shaded[0]),
+            levels=(Level(float(units.from_decibel(0.0))),), scale=_scale(units), low=ends[0], high=ends[1], share=3.0,
         ),
         Panel(
             "phase (deg)", (*phases, *bars[1]), marks=tuple(marks[1]), scale=DEGREES, low=low, high=high, share=2.0,
-            levels=tuple(Level(360.0 * turn - 180.0) for turn in turns),
+            levels=tuple(Level(360.0 * turn - 180.0) for turn in turns), bands=tuple(shaded[1]),
         ),
+        *coherence_panels(list(enumerate(gains))[-1:], units),
     )  # fmt: skip
-    span = _span(margins.loop_gain.frequency for margins in chosen.values())
-    return Chart("frequency (Hz)", panels, FREQUENCY, *span, height=5.0, columns=1)
+    span = _span((each.frequency for each in gains), units)
+    return Chart(_hertz(units), panels, FREQUENCY, *span, height=3.0 + len(panels), columns=1, factor=hertz)
 
 
-def _said(margins: Margins) -> str:
+def _said(margins: Margins, units: ShownUnits) -> str:
     said = []
     if margins.crossover is not None:
-        said.append(f"crossover {margins.crossover:.3g} Hz, phase margin {margins.phase_margin_deg:.1f}°")
+        said.append(f"crossover {units.said(margins.crossover, 'Hz', 3)}, phase margin {margins.phase_margin_deg:.1f}°")
     if margins.gain_increase_dB is not None:
-        said.append(f"gain margin {margins.gain_increase_dB:.1f} dB")
+        said.append(f"gain margin {units.gain_said(margins.gain_increase_dB)}")
     return ", ".join(said)
 
 
@@ -262,24 +293,26 @@ def _phase(margins: Margins) -> np.ndarray:
 
 def _margins(
     margins: Margins, phase: np.ndarray, i: int, alone: bool, bars: tuple[list[Curve], list[Curve]],
-    marks: tuple[list[Mark], list[Mark]],
+    marks: tuple[list[Mark], list[Mark]], units: ShownUnits,
 ) -> None:  # fmt: skip
     """Points at the crossovers, and bars from the curve to 0 dB or to the nearest -180°, for both panels."""
-    x = np.log(margins.loop_gain.frequency)
+    x, hertz = np.log(margins.loop_gain.frequency), units.of("Hz")[1]
+    one = float(units.from_decibel(0.0))
     for k, gain in enumerate(margins.gain_crossovers):
         at = float(np.interp(np.log(gain.frequency), x, phase))
         text = f"{gain.phase_margin_deg:.1f}°" if alone and k < WRITTEN else ""
-        marks[0].append(Mark(gain.frequency, 0.0, i))
-        marks[1].append(Mark(gain.frequency, at, i))
-        bars[1].append(_bar(gain.frequency, at - gain.phase_margin_deg, at, i, text))
+        marks[0].append(Mark(hertz * gain.frequency, one, i))
+        marks[1].append(Mark(hertz * gain.frequency, at, i))
+        bars[1].append(_bar(hertz * gain.frequency, at - gain.phase_margin_deg, at, i, text))
     for k, crossing in enumerate(margins.phase_crossovers):
         if abs(crossing.gain_margin_dB) > FAR:
             continue
         at = float(np.interp(np.log(crossing.frequency), x, phase))
-        text = f"{crossing.gain_margin_dB:.1f} dB" if alone and k < WRITTEN else ""
-        marks[1].append(Mark(crossing.frequency, at, i, hollow=True))
-        marks[0].append(Mark(crossing.frequency, -crossing.gain_margin_dB, i, hollow=True))
-        bars[0].append(_bar(crossing.frequency, -crossing.gain_margin_dB, 0.0, i, text))
+        level = float(units.from_decibel(-crossing.gain_margin_dB))
+        text = units.gain_said(crossing.gain_margin_dB) if alone and k < WRITTEN else ""
+        marks[1].append(Mark(hertz * crossing.frequency, at, i, hollow=True))
+        marks[0].append(Mark(hertz * crossing.frequency, level, i, hollow=True))
+        bars[0].append(_bar(hertz * crossing.frequency, level, one, i, text))
 
 
 def _bar(x: float, low: float, high: float, i: int, text: str) -> Curve:

@@ -84,9 +84,6 @@ def excitation(found: Excitation) -> Any:
     return figure
 
 
-_BAND = np.sqrt(-np.log(0.05))  # radius of a 95 % disc, in roots of E|dG|²
-
-
 def response_fit(found: Agreement) -> Any:
     """Magnitude and phase: the measurement as dots with its 95 % band, the model as a line; their distance; coherence.
 
@@ -112,7 +109,7 @@ def response_fit(found: Agreement) -> Any:
         axes[1].plot(f, beside, **dots)
         axes[1].plot(curve.frequency, phase, **style.curve(i))
         axes[2].plot(f, style.decibel(np.abs(fitted.response / measured.response - 1.0)), **dots)
-        radius = _radius(measured)
+        radius = measured.radius
         if radius is not None:
             shade = {"color": style.color(i), "alpha": 0.18, "linewidth": 0.0}
             low, high = style.decibel(np.maximum(size - radius, 0.1 * size)), style.decibel(size + radius)
@@ -196,11 +193,6 @@ def _velocity(unit: str) -> str:
     """A unit of position over force as one of velocity: m/N -> (m/s)/N."""
     above, _, below = unit.partition("/")
     return f"({above}/s)/{below}" if below and "(" not in unit else "velocity over force"
-
-
-def _radius(frf: FRF) -> np.ndarray | None:
-    """Radius of the 95 % disc of each line, if a variance is known."""
-    return None if frf.variance is None else _BAND * np.sqrt(frf.variance)
 
 
 def _frequency(ax: Any, found: Agreement) -> None:

@@ -128,7 +128,7 @@ def figure_legend(figure: Picture, lines: Mapping[str, Any], columns: int = 4) -
         frameon=False, handlelength=2.6, columnspacing=1.6, borderaxespad=0.2, labelcolor=INK,
     )  # fmt: skip
     for handle in drawn.legend_handles:
-        if handle is not None:
+        if handle is not None and not hasattr(handle, "get_facecolor"):  # an area stays pale
             handle.set_alpha(1.0)
 
 

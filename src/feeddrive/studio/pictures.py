@@ -13,8 +13,10 @@ from feeddrive.plot.over_frequency import open_loop_chart, sensitivity_chart, st
 from feeddrive.tuning.by_hand import Look
 
 
-def charts(looks: Mapping[str, Look], runs: Mapping[str, Run]) -> dict[str, Chart]:
+def charts(looks: Mapping[str, Look], runs: Mapping[str, Run], *, rotary: bool = False) -> dict[str, Chart]:
     """By name; of several operating points the one that leads: the largest Ms, or one that is not stable.
+
+    rotary  the axis turns: the pictures are then in rad and N m
 
     A loop that is not stable has an open loop and a Nyquist curve, and neither sensitivity nor stiffness.
     """
@@ -27,7 +29,7 @@ def charts(looks: Mapping[str, Look], runs: Mapping[str, Run]) -> dict[str, Char
         found["stiffness"] = stiffness_chart({name: each.stiffness for name, each in stable.items()})
     if runs:
         found["run"] = run_chart(runs)
-    return found
+    return {name: each.turning() for name, each in found.items()} if rotary else found
 
 
 def run_chart(runs: Mapping[str, Run]) -> Chart:

@@ -267,7 +267,8 @@ def figures(answer: Answer, reading_noise: tuple[float, float]) -> Figures:
     """From a closed loop on all lines of its point."""
     point = answer.point
     f, T = point.frequency, point.sample_time
-    L = FRF(f, answer.gain, "cut", "force", "N/N", T, variance=None if point.variance is None else answer.gain_variance)
+    variance = None if point.variance is None else answer.gain_variance
+    L = FRF(f, answer.gain, "cut", "force", "N/N", T, point.coherence, variance)
     C = FRF(f, answer.compliance, "load_force", "position_load", "m/N", T)
     stable = not unstable(answer)
     recovery = answer.recovery()

@@ -35,6 +35,7 @@ class OperatingPoint:
     moved        of the table itself from both, shape (2, lines)
     variance     of by_force, shape (2, lines), after smoothing; None for a model
     load_variance  of by_load likewise
+    coherence    of by_force as measured, shape (lines,), the smaller of both readings; None where none is known
     at_drive     True if no response to a force on the table is known: stiffness is then that against a force at the
                  drive
     ratio        motor over load reading, by_force and by_load, shape (2, lines), where they have a common error: 1 with
@@ -59,6 +60,7 @@ class OperatingPoint:
     model: StateSpace | None = None
     known_as: Loop | None = None
     by_force_at: Axis | None = None
+    coherence: np.ndarray | None = None
 
     def chosen(self, keep: np.ndarray) -> OperatingPoint:
         """The point on some of its lines, by index."""
@@ -71,6 +73,7 @@ class OperatingPoint:
             variance=None if self.variance is None else self.variance[:, keep],
             load_variance=None if self.load_variance is None else self.load_variance[:, keep],
             ratio=None if self.ratio is None else self.ratio[:, keep],
+            coherence=None if self.coherence is None else self.coherence[keep],
         )
 
     def sparse(self) -> np.ndarray:
@@ -231,7 +234,14 @@ def measured_point(
         at_drive=len(made) == 1,
         ratio=ratio,
         by_force_at=_between(lines, by_force),
+        coherence=_coherence(both, inside, wanted),
     )
+
+
+def _coherence(both: Sequence[FRF], inside: np.ndarray, wanted: np.ndarray) -> np.ndarray | None:
+    """The smaller of those that were measured."""
+    known = [each.coherence[inside][wanted] for each in both if each.coherence is not None]
+    return np.minimum.reduce(known) if known else None
 
 
 def _between(lines: np.ndarray, by_force: np.ndarray) -> Axis:

@@ -25,6 +25,7 @@ from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError, nearest
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
+from feeddrive.loop.frequency_response import TRUSTED
 from feeddrive.report.page import Shown, definitions, header, page, picture, table
 from feeddrive.workflow.channels import column, requested, show, whole_log
 from feeddrive.workflow.command import Outcome, command
@@ -41,7 +42,6 @@ _ONE_OUTPUT = ("position", "y", "x")
 _SI = ("m", "m/s", "m/s2", "N", "rad", "rad/s", "N m", "A", "V")
 _FLAGS = {**dict.fromkeys((name for kind in _OUTPUTS for name in kind), "--output"),
           **dict.fromkeys(_INPUT, "--input")}  # fmt: skip
-TRUSTED = 0.9  # coherence from which a line may carry a tuning
 
 
 class FrfRequest(Request):

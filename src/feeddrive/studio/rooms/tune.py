@@ -103,6 +103,7 @@ class Tune(Room):
         drawn = charts(
             {name: look for name, (_, look, _) in found.items()},
             {name: run for name, (_, _, run) in found.items() if run is not None},
+            rotary=bench.rotary,
         )
         limits = bench.by_hand.limits
         said = {

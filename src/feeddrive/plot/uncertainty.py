@@ -1,0 +1,75 @@
+"""How uncertain a measured or identified response is, in a picture: bands of 95 %, and lines not to be trusted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from feeddrive.language.shown_units import USUAL, ShownUnits
+from feeddrive.loop.frequency_response import FRF, TRUSTED
+from feeddrive.plot import style
+from feeddrive.plot.chart import Band, Curve, Level, Panel
+
+_LEAST = 0.1  # of a magnitude: a band that reaches below is cut off there
+_FAR = 1e4  # dB or degrees beyond all panels
+
+
+def magnitude_band(frf: FRF, number: int, units: ShownUnits = USUAL, name: str = "") -> tuple[Band, ...]:
+    """|G| - r to |G| + r with the radius r of the 95 % disc; none without a variance."""
+    if frf.radius is None:
+        return ()
+    size = frf.magnitude
+    low, high = (style.decibel(each) for each in (np.maximum(size - frf.radius, _LEAST * size), size + frf.radius))
+    return (_band(frf, units.from_decibel(low), units.from_decibel(high), number, units, name),)
+
+
+def phase_band(frf: FRF, phase: np.ndarray, number: int, units: ShownUnits = USUAL) -> tuple[Band, ...]:
+    """Round a phase in degrees, ± arcsin(r/|G|) with the radius r of the 95 % disc; none without a variance."""
+    if frf.radius is None:
+        return ()
+    spread = np.degrees(np.arcsin(np.minimum(frf.radius / frf.magnitude, 1.0)))
+    return (_band(frf, phase - spread, phase + spread, number, units),)
+
+
+def _band(frf: FRF, low: object, high: object, number: int, units: ShownUnits, name: str = "") -> Band:
+    return Band(units.of("Hz")[1] * frf.frequency, np.asarray(low), np.asarray(high), number, name)
+
+
+def doubtful(
+    responses: Iterable[FRF], units: ShownUnits = USUAL, *, ratio: bool = False, name: str = ""
+) -> tuple[Band, ...]:
+    """Stretches of frequency in which a coherence is 0.9 or less, over the whole height of a panel.
+
+    ratio  the panel has a logarithmic scale, as of gains that are not in dB
+    """
+    parts = [each for frf in responses for each in _stretches(frf)]
+    if not parts:
+        return ()
+    x = units.of("Hz")[1] * np.concatenate([[low, high, np.nan] for low, high in parts])
+    low, high = (10.0 ** (-_FAR / 1e3), 10.0 ** (_FAR / 1e3)) if ratio else (-_FAR, _FAR)
+    gap = np.isnan(x)
+    return (Band(x, np.where(gap, np.nan, low), np.where(gap, np.nan, high), name=name),)
+
+
+def _stretches(frf: FRF) -> list[tuple[float, float]]:
+    """First and last frequency in Hz of each row of lines that are not trusted, up to half way to the next line."""
+    if frf.coherence is None:
+        return []
+    low = frf.coherence <= TRUSTED
+    edges = np.sqrt(frf.frequency[1:] * frf.frequency[:-1])
+    edges = np.concatenate([frf.frequency[:1], edges, frf.frequency[-1:]])
+    begins = np.flatnonzero(low & ~np.append(False, low[:-1]))
+    ends = np.flatnonzero(low & ~np.append(low[1:], False))
+    return [(float(edges[a]), float(edges[b + 1])) for a, b in zip(begins, ends, strict=True)]
+
+
+def coherence_panels(responses: Iterable[tuple[int, FRF]], units: ShownUnits = USUAL) -> tuple[Panel, ...]:
+    """A strip with the coherence of those that have one, and where a line may carry a tuning; none without any."""
+    known = [(i, each) for i, each in responses if each.coherence is not None]
+    if not known:
+        return ()
+    curves = tuple(Curve(units.of("Hz")[1] * each.frequency, np.asarray(each.coherence), number=i) for i, each in known)
+    level = Level(TRUSTED, dashed=True)
+    shaded = doubtful((each for _, each in known), units, name=f"coherence {TRUSTED:g} or less")
+    return (Panel("coherence", curves, levels=(level,), bands=shaded, low=0.0, high=1.05),)
