@@ -22,11 +22,11 @@ class PageHook(BuildHookInterface):
 
     def dependencies(self) -> list[str]:
         """Node, where it is needed and not there."""
-        return [] if self._built() or shutil.which("npm") else [NODE]
+        return [] if self._ready() or shutil.which("npm") else [NODE]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Build the page. Raises RuntimeError that says what is missing."""
-        if version == "editable" or (self._built() and not (Path(self.root) / ".git").exists()):
+        if version == "editable" or self._ready():
             return
         npm = _npm()
         for words in (["ci", "--no-audit", "--no-fund"], ["run", "build"]):
@@ -36,8 +36,10 @@ class PageHook(BuildHookInterface):
                     "page/package-lock.json names; its own words stand above"
                 )
 
-    def _built(self) -> bool:
-        return (Path(self.root) / "src/feeddrive/studio/page/index.html").is_file()
+    def _ready(self) -> bool:
+        """Whether the page stands there as it was released; in a clone it may be older than its sources."""
+        root = Path(self.root)
+        return (root / "src/feeddrive/studio/page/index.html").is_file() and not (root / ".git").exists()
 
 
 def _npm() -> Callable[[list[str], Path], int]:

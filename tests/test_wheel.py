@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
 from pathlib import Path
 
+import pytest
 from hatchling.builders.wheel import WheelBuilder
 
 import feeddrive
@@ -19,3 +21,25 @@ def test_a_wheel_holds_every_file_of_the_package() -> None:
     assert {path.suffix for path in there} >= {".py", ".pyi", ".toml", ".j2", ".html", ".css", ".h", ".c"}
     assert SOURCE / "py.typed" in there
     assert there - packed == set()
+
+
+@pytest.mark.parametrize(("clone", "built", "needed"), [
+    (True, True, True), (True, False, True), (False, False, True), (False, True, False),
+])  # fmt: skip
+def test_node_is_taken_as_a_package_wherever_the_page_is_built_and_the_machine_has_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clone: bool, built: bool, needed: bool
+) -> None:
+    """In a clone the page is always built, since it may be older than its sources; a source distribution holds it."""
+    monkeypatch.setenv("PATH", str(tmp_path))
+    if clone:
+        (tmp_path / ".git").touch()
+    if built:
+        (tmp_path / "src/feeddrive/studio/page").mkdir(parents=True)
+        (tmp_path / "src/feeddrive/studio/page/index.html").touch()
+    spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
+    assert spec is not None
+    assert spec.loader is not None
+    hatch_build = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(hatch_build)
+    hook = hatch_build.PageHook(str(tmp_path), {}, None, None, str(tmp_path), "wheel")
+    assert bool(hook.dependencies()) == needed
