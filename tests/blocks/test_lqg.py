@@ -16,6 +16,7 @@ from feeddrive.blocks.controller.lqg import LQG
 from feeddrive.blocks.controller.riccati import steady
 from feeddrive.blocks.reference.polynomial7 import Polynomial7
 from feeddrive.blocks.signals import Reading, Setpoint
+from feeddrive.language import matrix
 from field_axes import R, T, W, golden, judged, loop, overshoot, start_under_weight
 
 MOVE = Polynomial7(distance=0.1, travel_time=0.4)
@@ -264,3 +265,22 @@ def test_a_search_finds_more_than_the_table() -> None:
     assert found.settled
     assert found.proven
     assert found.after[0].rope_snap == pytest.approx(2.84e-9, rel=0.02)
+
+
+@pytest.mark.parametrize("ratio", [1e-6, 0.3, 1.0, 3.0, 1e6])
+@pytest.mark.parametrize("stiffness", [1.0, 1e9])
+def test_its_model_is_held_as_exactly_as_without_the_knowledge_of_its_norm(
+    ratio: float, stiffness: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A force of the whole mass moves the lightest mass at 2 or more, whatever the model: no line of the exported C
+    would ever be run with fewer than two squarings.
+    """
+    plants = (
+        fd.blocks.Rigid(mass=ratio),
+        fd.blocks.TwoMass(mass_motor=100.0, mass_load=100.0 * ratio, stiffness=stiffness),
+    )
+    laws = [LQG(model=plant, omega_c=300.0, omega_o=900.0) for plant in plants]
+    held = [law._hold(T) for law in laws]
+    plainly = matrix.expm1
+    monkeypatch.setattr(matrix, "expm1", lambda a, at_least: plainly(a, 0 * at_least))
+    assert [law._hold(T) for law in laws] == held

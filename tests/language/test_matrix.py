@@ -72,6 +72,21 @@ def test_expm1_up_to_the_largest_norm():
     assert float(matrix.expm1(((np.float64(x),),))[0][0]) == pytest.approx(math.expm1(x), rel=1e-10)
 
 
+@given(sizes, seeds, st.floats(2.0, 400.0))
+@settings(max_examples=30)
+def test_squarings_that_are_needed_anyway_change_no_bit(n: int, seed: int, norm: float):
+    """A norm above 1 is halved twice at least: then no line of the traced text asks whether once would do."""
+    a = np.random.default_rng(seed).normal(size=(n, n))
+    a *= norm / np.max(np.sum(np.abs(a), axis=1)) * (1.0 + 1e-12)
+    assert matrix.expm1(rows(a), at_least=2) == matrix.expm1(rows(a))
+    counts = list[int]()
+    for at_least in (0, 2):
+        graph = Graph()
+        matrix.expm1([[graph.input(f"a{i}{j}") for j in range(n)] for i in range(n)], at_least)
+        counts.append(sum(1 for each in graph.nodes if each[0] == "select"))
+    assert counts[0] - counts[1] == 2 + 2 * n * n  # of the number, and of each entry
+
+
 @given(sizes, seeds)
 @settings(max_examples=30)
 def test_lanes_have_the_bits_of_their_numbers(n: int, seed: int):

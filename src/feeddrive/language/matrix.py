@@ -105,33 +105,40 @@ def _minus(x: Any, ratio: Any, y: Any) -> Any:
     return -(ratio * y) if is_zero(x) else x - ratio * y
 
 
-def expm1(a: Sequence[Sequence[Any]]) -> Matrix:
+def expm1(a: Sequence[Sequence[Any]], at_least: int = 0) -> Matrix:
     """e^A - 1, by a Taylor series of fixed order on A/2ˢ and s squarings (1 + D)² - 1 = 2D + D².
 
     s is the least with ‖A‖∞/2ˢ <= 1/2, for each lane on its own; 2⁹ is the largest norm.  Without the 1 the result
     keeps the digits of a small A, so that an axis at rest does not creep by the rounding of ones.
+
+    at_least  squarings that every A of this kind needs: exported C has no line for fewer, which would never run
     """
-    return expm1_doubled(a)[0][-1]
+    return expm1_doubled(a, at_least)[0][-1]
 
 
-def expm1_doubled(a: Sequence[Sequence[Any]]) -> tuple[list[Matrix], Any]:
+def expm1_doubled(a: Sequence[Sequence[Any]], at_least: int = 0) -> tuple[list[Matrix], Any]:
     """The steps of `expm1`: e^(A/2ˢ) - 1, e^(2A/2ˢ) - 1, ..., e^A - 1, and s.
 
     On symbols, for which s is not known, there are eleven; the last ones repeat e^A - 1.
     """
     norm = _norm(a)
-    squarings: Any = 0.0
-    for s in range(MOST_SQUARINGS):
+    squarings: Any = float(at_least)
+    for s in range(at_least, MOST_SQUARINGS):
         squarings = ops.where(norm > 0.5 * 2.0**s, s + 1.0, squarings)
     small = scale(1.0 / ops.power_of_two(squarings), a)
     total = _series(small)
     found = [total]
     for s in range(_most(squarings)):
         squared = add(scale(2.0, total), multiply(total, total))
-        total = tuple(
-            tuple(x if is_zero(x) and is_zero(y) else ops.where(squarings > s, x, y) for x, y in zip(r, q, strict=True))
-            for r, q in zip(squared, total, strict=True)
-        )
+        if s >= at_least:
+            squared = tuple(
+                tuple(
+                    x if is_zero(x) and is_zero(y) else ops.where(squarings > s, x, y)
+                    for x, y in zip(r, q, strict=True)
+                )
+                for r, q in zip(squared, total, strict=True)
+            )
+        total = squared
         found.append(total)
     return found, squarings
 

@@ -133,13 +133,17 @@ class LQG(Law):
             [
                 *(_times(k, -T * T) for k in made.stiffness[i]),
                 *(_times(c, -T) for c in made.damping[i]),
-                *(total if i == place else 0.0 for place in (0, bodies - 1)),
+                *(total if i == place and bodies > 1 else 0.0 for place in (0, bodies - 1)),
             ]
             for i in range(bodies)
         ]
         moves = [tuple(1.0 if j == bodies + i else 0.0 for j in range(n + 2)) for i in range(bodies)]
         still = [(0.0,) * (n + 2)] * 2
-        return matrix.expm1([*moves, *matrix.solve(made.mass, right), *still])[:n]
+        pulled = matrix.solve(made.mass, right)
+        if bodies == 1:  # its own mass over itself
+            pulled = [(*pulled[0][:n], 1.0, 1.0)]
+        # a force of the whole mass on the lightest one: the norm is 2 or more
+        return matrix.expm1([*moves, *pulled, *still], at_least=2)[:n]
 
     def _feedback(self, hold: Matrix, T: Number) -> tuple[Row, Row]:
         """K of positions and velocities (N/m, N s/m), and of the commands that have not acted yet."""
@@ -278,15 +282,17 @@ def _diagonal(values: Row) -> Matrix:
 
 
 def _times(x: Any, factor: Any) -> Any:
-    return 0.0 if matrix.is_zero(x) else factor * x
+    return x if matrix.is_zero(x) or matrix.is_one(factor) else factor * x
 
 
 def _in_units(hold: Matrix, velocity: Number, force: Number) -> Matrix:
     """[Φ - 1, Γ, Γ] with other units of velocities and forces, in those that it has."""
     n = len(hold)
-    columns = [1.0 if j < n // 2 else velocity if j < n else force for j in range(n + 2)]
+    still = n // 2
+    over: Row = (1.0,) * still + (velocity,) * still + (force,) * 2
+    moving: Row = (1.0 / velocity,) * still + (1.0,) * still + (force / velocity,) * 2
     return tuple(
-        tuple(_times(x, column if i < n // 2 else column / velocity) for x, column in zip(row, columns, strict=True))
+        tuple(_times(x, column) for x, column in zip(row, over if i < still else moving, strict=True))
         for i, row in enumerate(hold)
     )
 
