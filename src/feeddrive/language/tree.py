@@ -149,9 +149,9 @@ def in_paths(block: Block, text: str) -> str:
     return re.sub(found, lambda part: block.place_of(part[1]), text) if fields else text
 
 
-def name_of(block: Any, path: str) -> str:
-    """The name by fields of the leaf with a path. Raises ParameterError for a path that is not there."""
-    names = {each: name for each, name, _ in _placed(block, "", "")}
+def name_of(block: Any, path: str, names: Mapping[str, str] | None = None) -> str:
+    """The name by fields of the leaf with a path, in `names` of all leaves. Raises ParameterError if there is none."""
+    names = names or {each: name for each, name, _ in _placed(block, "", "")}
     if path not in names:
         raise _unknown(block, path, list(names))
     return names[path]
@@ -173,14 +173,14 @@ def _unknown(block: Any, path: str, paths: list[str]) -> ParameterError:
     return ParameterError(f"there is no parameter '{path}'{nearest(path_of(block, path), paths)}")
 
 
-def declaration(block: Block, path: str) -> Declaration:
+def declaration(block: Block, path: str, names: Mapping[str, str] | None = None) -> Declaration:
     """The declaration of the leaf with a path, as its axis moves or turns. Raises ParameterError if it is not there."""
-    owner, last = _owner(block, path)
+    owner, last = _owner(block, path, names)
     return declarations(type(owner))[last].of_axis(bool(getattr(getattr(block, "axis", block), "rotary", False)))
 
 
-def _owner(block: Block, path: str) -> tuple[Block, str]:
-    *fields, last = name_of(block, path).split(".")
+def _owner(block: Block, path: str, names: Mapping[str, str] | None = None) -> tuple[Block, str]:
+    *fields, last = name_of(block, path, names).split(".")
     owner: Any = block
     for field in fields:
         owner = _step(owner, field)
@@ -214,17 +214,17 @@ def vary(block: Tree, changes: Mapping[str, Any]) -> Tree:
     that the block or one of the variants breaks, with the number of the variant.
     """
     check_tree(block)
+    placed = list(_placed(block, "", ""))
+    names = {path: name for path, name, _ in placed}
     given: dict[str, Any] = {}
-    lengths: dict[str, int] = {}
     for name, value in changes.items():
         value = np.asarray(value, dtype=np.float64) if isinstance(value, (list, np.ndarray)) else value
-        given[name] = checked("", name, declaration(block, name), value)  # type: ignore[arg-type]
-        if isinstance(value, np.ndarray):
-            lengths[name] = value.size
+        given[name] = checked("", name, declaration(block, name, names), value)  # type: ignore[arg-type]
+    lengths = {name: value.size for name, value in given.items() if isinstance(value, np.ndarray)}
     if len(set(lengths.values())) > 1:
         shown = ", ".join(f"{name}: {length}" for name, length in lengths.items())
         raise ParameterError(f"arrays of variants must have one length, not {shown}")
-    varied = rebuild(block, (given.get(path, value) for path, _, value in _placed(block, "", "")))
+    varied = rebuild(block, (given.get(path, value) for path, _, value in placed))
     _require(varied)
     return varied
 

@@ -214,15 +214,13 @@ def envelope(x: np.ndarray, y: np.ndarray, points: int = POINTS) -> tuple[np.nda
     n = x.size
     if n <= points:
         return x, y
-    edges = np.linspace(0, n, points // 2 + 1).astype(int)
-    low = _first_of_stretch(y, edges, np.minimum)
-    high = _first_of_stretch(y, edges, np.maximum)
+    long = -(-n // (points // 2))  # points of a stretch; the last one may be shorter
+    whole = n - n % long
+    first = np.arange(0, whole, long)
+    rows = y[:whole].reshape(-1, long)
+    low, high = first + np.argmin(rows, axis=1), first + np.argmax(rows, axis=1)
+    if whole < n:
+        low = np.append(low, whole + np.argmin(y[whole:]))
+        high = np.append(high, whole + np.argmax(y[whole:]))
     kept = np.unique(np.concatenate([[0], low, high, [n - 1]]))
     return x[kept], y[kept]
-
-
-def _first_of_stretch(y: np.ndarray, edges: np.ndarray, extreme: np.ufunc) -> np.ndarray:
-    """Index of the first point in each stretch that has the stretch's extreme value."""
-    values = extreme.reduceat(y, edges[:-1])
-    met = np.flatnonzero(y == np.repeat(values, np.diff(edges)))
-    return met[np.searchsorted(met, edges[:-1])]

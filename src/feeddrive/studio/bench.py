@@ -23,7 +23,7 @@ from feeddrive.tuning.operating_point import OperatingPoint, modelled_point
 from feeddrive.workflow.tune_files import machine_text
 from feeddrive.workflow.tune_sources import Sources, first_control, points_of
 
-_SIGNALS = ("following_error", "force", "tracking_error")
+_SIGNALS = ("following_error", "force")
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ class Bench:
     def work(self) -> tuple[Reference, StepForce, float]:
         """A move and then a force on the table that comes and goes, within the limits of the machine; how long, s."""
         duty = duty_of(self.needed_loop(), None, None)
-        pause = max(0.5 * duty.move.duration, 0.05)
+        pause = max(0.25 * duty.move.duration, 0.05)
         begin = duty.move.duration + pause
         return duty.move, StepForce(force=duty.force, start=begin, end=begin + pause), begin + 2.0 * pause
 

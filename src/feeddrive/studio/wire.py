@@ -18,7 +18,7 @@ import numpy as np
 from feeddrive.plot.chart import Chart, Curve, Panel
 from feeddrive.plot.style import envelope
 
-_POINTS = 500  # of a curve, and pixels of the width of a picture
+POINTS = 1000  # of a curve, and pixels of the width of a picture
 
 
 def message(said: Mapping[str, Any], charts: Mapping[str, Chart] | None = None) -> bytes:
@@ -65,10 +65,10 @@ def _drawn(x: np.ndarray, y: np.ndarray, chart: Chart, panel: Panel) -> tuple[np
     if not np.all(there):
         kept = there | np.roll(there, 1)  # one point of each gap
         return x[kept], y[kept]
-    if x.size > _POINTS and np.all(np.diff(x) > 0.0):
-        return envelope(x, y, _POINTS)
+    if x.size > POINTS and np.all(np.diff(x) > 0.0):
+        return envelope(x, y, POINTS)
     limits = chart.low, chart.high, panel.low, panel.high
-    if x.size > _POINTS and chart.square and all(each is not None for each in limits):
+    if x.size > POINTS and chart.square and all(each is not None for each in limits):
         return _in_plane(x, y, *(float(each) for each in limits if each is not None))
     return x, y
 
@@ -79,7 +79,7 @@ def _in_plane(
     """The points of a curve that are a pixel apart, in a picture and around it; further out fewer."""
     wide, tall = right - left, high - low
     off = np.maximum(1.0, np.maximum(np.abs(2.0 * (x - left) / wide - 1.0), np.abs(2.0 * (y - low) / tall - 1.0)))
-    steps = np.hypot(np.diff(x) / wide, np.diff(y) / tall) * _POINTS / np.maximum(off[1:], off[:-1]) ** 2
+    steps = np.hypot(np.diff(x) / wide, np.diff(y) / tall) * POINTS / np.maximum(off[1:], off[:-1]) ** 2
     place = np.floor(np.concatenate([[0.0], np.cumsum(steps)]))
     kept = np.concatenate([[True], np.diff(place) > 0.0])
     kept |= np.concatenate([kept[1:], [True]])
