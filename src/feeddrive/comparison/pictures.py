@@ -7,17 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.comparison.figures import CRITERIA, Criterion
+from feeddrive.comparison.figures import CRITERIA
 from feeddrive.loop.simulate import Run
 from feeddrive.plot import style
+from feeddrive.plot.chart import LOG, Chart, Mark, Panel
+from feeddrive.plot.drawing import drawn
 
 X, HEIGHTS = "tracking_error_rms_m", ("stiffness_10_Hz_N_per_m", "stiffness_100_Hz_N_per_m")
-_SPOTS = tuple(
-    (reach * dx, reach * dy)
-    for reach in (1.0, 1.9, 2.9, 4.0)
-    for dx, dy in ((1, 0), (-1, 0), (0.7, 0.8), (-0.7, 0.8), (0.7, -0.8), (-0.7, -0.8), (0, 1), (0, -1))
-)  # where a name may stand, in steps of 9 points right and up
-_STEP, _WIDE, _TALL = 9.0, 4.2, 10.5  # points: of a spot; width of a letter; height of a line
 _MOST = 8.0  # a ratio beyond which the color is full
 _BETTER, _WORSE = "#0072b2", "#d55e00"
 
@@ -27,90 +23,45 @@ def tradeoff(rows: Sequence[tuple[str, Mapping[str, float | None], str]]) -> Any
 
     rows  name of a law, its figures in SI by the key of a criterion, and why it is not ranked: its dot is then hollow
     """
+    return drawn(tradeoff_chart(rows))
+
+
+def tradeoff_chart(rows: Sequence[tuple[str, Mapping[str, float | None], str]]) -> Chart:
+    """What `tradeoff` shows; the key of a dot is the name of its law. A law without these figures has no dot."""
     kinds = {criterion.key: criterion for criterion in CRITERIA}
-    figure, axes = style.picture(2, height=8.4)
-    bases = dict.fromkeys(_base(name) for name, _, _ in rows)
-    colors = {base: style.INK if i == 0 else style.color(i - 1) for i, base in enumerate(bases)}
-    for ax, key in zip(axes, HEIGHTS, strict=True):
-        dots = [
-            (name, kinds[X].factor * x, kinds[key].factor * y, why)
+    bases = {base: i - 1 for i, base in enumerate(dict.fromkeys(_base(name) for name, _, _ in rows))}
+    of_x = kinds[X]
+    panels = list[Panel]()
+    for key in HEIGHTS:
+        marks = tuple(
+            Mark(
+                of_x.factor * x, kinds[key].factor * y, bases[_base(name)], bool(why), name,
+                f"{of_x.factor * x:.3g} {of_x.unit}, {kinds[key].factor * y:.3g} {kinds[key].unit}"
+                f"{f'; not ranked: {why}' if why else ''}", name,
+            )
             for name, figures, why in rows
             if (x := figures.get(X)) and (y := figures.get(key)) and np.isfinite([x, y]).all()
-        ]
-        for name, x, y, why in dots:
-            face = style.PAPER if why else colors[_base(name)]
-            edge = colors[_base(name)]
-            ax.plot(x, y, "o", markersize=6.0, markerfacecolor=face, markeredgecolor=edge, markeredgewidth=1.3)
-        ax.set_xscale("log")
-        ax.set_yscale("log")
-        ax.margins(0.16, 0.14)
-        style.labels(ax, None, f"{kinds[key].head}\n({kinds[key].unit})")
-    axes[-1].set_xlabel(f"{kinds[X].head} ({kinds[X].unit}); filled: ranked at equal robustness", fontsize=style.TEXT)
-    figure.draw_without_rendering()
-    for ax, key in zip(axes, HEIGHTS, strict=True):
-        dots = [(name, figures.get(X), figures.get(key)) for name, figures, _ in rows]
-        _name_dots(ax, dots, kinds[X], kinds[key], colors)
-        for each in (ax.xaxis, ax.yaxis):
-            style.plain_decades(each, between=True)
-    return figure
+        )  # fmt: skip
+        low, high = _around([mark.y for mark in marks], 0.14)
+        label = f"{kinds[key].head}\n({kinds[key].unit})"
+        panels.append(Panel(label, marks=marks, scale=LOG, low=low, high=high))
+    left, right = _around([mark.x for panel in panels for mark in panel.marks], 0.16)
+    label = f"{of_x.head} ({of_x.unit}); filled: ranked at equal robustness"
+    return Chart(label, tuple(panels), LOG, left, right, height=8.4)
+
+
+def _around(values: Sequence[float], part: float) -> tuple[float, float]:
+    """A range around positive values on a logarithmic scale, with room on both sides; a decade if there is none."""
+    ends = np.log10([min(values), max(values)]) if values else np.zeros(2)
+    low, high = (
+        style.padded(float(ends[0]), float(ends[1]), part) if np.ptp(ends) > 0.0 else (ends[0] - 0.5, ends[1] + 0.5)
+    )
+    return float(10.0**low), float(10.0**high)
 
 
 def _base(name: str) -> str:
     """The law without what stands beside it: laws of one base have one color."""
     return name.partition(" + ")[0].partition(",")[0]
-
-
-def _name_dots(
-    ax: Any, dots: Sequence[tuple[str, float | None, float | None]], of_x: Criterion, of_y: Criterion,
-    colors: Mapping[str, str],
-) -> None:  # fmt: skip
-    """Names beside their dots, each where it covers neither a dot nor another name; laws at one dot share a name."""
-    at: dict[tuple[float, float], list[str]] = {}
-    data: dict[tuple[float, float], tuple[float, float]] = {}
-    scale = 72.0 / ax.figure.dpi
-    for name, x, y in dots:
-        if not x or not y or not np.isfinite([x, y]).all():
-            continue
-        place = scale * ax.transData.transform((of_x.factor * x, of_y.factor * y))
-        near = next((known for known in at if np.hypot(known[0] - place[0], known[1] - place[1]) < 2.0), None)
-        near = (float(place[0]), float(place[1])) if near is None else near
-        at.setdefault(near, []).append(name)
-        data.setdefault(near, (of_x.factor * x, of_y.factor * y))
-    taken = [(px - 4.0, py - 4.0, px + 4.0, py + 4.0) for px, py in at]
-    edge = scale * ax.bbox.extents
-    for (px, py), names in at.items():
-        text = ", ".join(str(style.caption(name)) for name in names)
-        wide = _WIDE * len(text)
-        best: tuple[float, tuple[float, float, float, float]] | None = None
-        for i, (dx, dy) in enumerate(_SPOTS):
-            left = px + _STEP * dx - wide * (0.0 if dx > 0 else 1.0 if dx < 0 else 0.5)
-            low = py + _STEP * dy - 0.5 * _TALL
-            box = (left, low, left + wide, low + _TALL)
-            over = sum(_shared(box, other) for other in taken)
-            out = max(edge[0] - box[0], 0.0) + max(box[2] - edge[2], 0.0)
-            out += max(edge[1] - box[1], 0.0) + max(box[3] - edge[3], 0.0)
-            cost = over + 20.0 * out + 3.0 * i
-            if best is None or cost < best[0]:
-                best = cost, box
-        assert best is not None
-        box = best[1]
-        taken.append(box)
-        middle = (0.5 * (box[0] + box[2]), 0.5 * (box[1] + box[3]))
-        ax.annotate(
-            text, data[px, py], (middle[0] - px, middle[1] - py), textcoords="offset points", ha="center",
-            va="center", fontsize=style.SMALL - 1, color=colors[_base(names[0])],
-        )  # fmt: skip
-        end = (min(max(px, box[0]), box[2]), min(max(py, box[1]), box[3]))
-        if np.hypot(end[0] - px, end[1] - py) > 0.8 * _STEP:
-            ax.annotate(
-                "", data[px, py], (end[0] - px, end[1] - py), textcoords="offset points",
-                arrowprops={"arrowstyle": "-", "color": colors[_base(names[0])], "linewidth": 0.7},
-            )  # fmt: skip
-
-
-def _shared(a: tuple[float, float, float, float], b: tuple[float, float, float, float]) -> float:
-    """The area that two boxes share."""
-    return max(min(a[2], b[2]) - max(a[0], b[0]), 0.0) * max(min(a[3], b[3]) - max(a[1], b[1]), 0.0)
 
 
 def ratios(rows: Sequence[tuple[str, Mapping[str, float | None]]], base: str) -> Any:

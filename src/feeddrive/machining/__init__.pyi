@@ -30,6 +30,8 @@ from feeddrive.machining.lobes import cut_stability as cut_stability
 from feeddrive.machining.lobes import stability_lobes as stability_lobes
 from feeddrive.machining.part_run import PartRun as PartRun
 from feeddrive.machining.part_run import part_run as part_run
+from feeddrive.machining.quadrant_peaks import QuadrantPeak as QuadrantPeak
+from feeddrive.machining.quadrant_peaks import quadrant_peaks as quadrant_peaks
 from feeddrive.machining.regeneration import Regeneration as Regeneration
 from feeddrive.machining.regeneration import regeneration as regeneration
 from feeddrive.machining.reversal import Reversals as Reversals

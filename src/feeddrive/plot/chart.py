@@ -13,10 +13,11 @@ import numpy as np
 
 from feeddrive.language.units import turning_text
 
-LINE, THIN, BAR, DOTS, PLUS, CROSS, RING = "line", "thin", "bar", "dots", "plus", "cross", "ring"
+LINE, THIN, BAR, DOTS, PLUS = "line", "thin", "bar", "dots", "plus"
+CROSS, RING, SOLID = "cross", "ring", "solid"
 """Looks of a curve: THIN accompanies a line, BAR is short and wide, DOTS are measured, PLUS is a place by itself.
 
-CROSS are poles, RING are zeros: single places without a line.
+CROSS are poles, RING are zeros: single places without a line. SOLID is a filled shape with these corners.
 """
 LINEAR, LOG, DEGREES, FREQUENCY = "linear", "log", "degrees", "frequency"
 """Scales: DEGREES is linear in steps of 45 or 90, FREQUENCY logarithmic with plain numbers in Hz."""
@@ -31,6 +32,8 @@ class Curve:
     name    of what it is of, as a person called it; empty if it needs no entry in the legend
     number  decides color, dashes and marker
     said    its figures, beside the name in the legend; of a bar, beside it
+    heat    a value for each point, shown as color and width by the scale of the panel
+    reach   radius of a disc around each point, in place of the line: all discs are one pale area
     """
 
     x: np.ndarray
@@ -39,6 +42,8 @@ class Curve:
     number: int = 0
     look: str = LINE
     said: str = ""
+    heat: np.ndarray | None = None
+    reach: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +63,20 @@ class Band:
 
 @dataclass(frozen=True)
 class Mark:
-    """A point on a curve; `hollow` tells two kinds of them apart."""
+    """A point on a curve; `hollow` tells two kinds of them apart.
+
+    name  written beside it, where it covers neither a point nor another name
+    said  its figures, for who points at it
+    key   what a click on it means; empty: nothing
+    """
 
     x: float
     y: float
     number: int = 0
     hollow: bool = False
+    name: str = ""
+    said: str = ""
+    key: str = ""
 
 
 @dataclass(frozen=True)
@@ -79,24 +92,35 @@ class Level:
 
 @dataclass(frozen=True)
 class Disc:
-    """A circle, dashed like its curve; filled with a pale color of it if it stands for an area."""
+    """A circle, dashed like its curve; filled with a pale color of it if it stands for an area; faint: of a grid."""
 
     x: float
     y: float
     radius: float
     number: int = NEUTRAL
     filled: bool = False
+    faint: bool = False
 
 
 @dataclass(frozen=True)
 class Note:
-    """A short text at a place: below it at the left, or above it at the right."""
+    """A short text at a place: below it at the left, above it at the right, or around it."""
 
     x: float
     y: float
     text: str
     number: int = NEUTRAL
     right: bool = False
+    middle: bool = False
+
+
+@dataclass(frozen=True)
+class Heat:
+    """The scale of the values of curves that are shown as color: label with its unit, and range."""
+
+    label: str
+    low: float
+    high: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +130,8 @@ class Panel:
     label      of y, with its unit
     low, high  range of y; None: what the curves need
     share      of the height, in relation to the other panels
+    said       a line above it
+    heat       scale of the curves that have values
     """
 
     label: str
@@ -119,6 +145,8 @@ class Panel:
     low: float | None = None
     high: float | None = None
     share: float = 1.0
+    said: str = ""
+    heat: Heat | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +156,7 @@ class Chart:
     label      of x, with its unit
     low, high  range of x
     square     a unit of x is as long as one of y, as in the complex plane
+    bare       without axes: discs and notes say the scale
     height     of a drawing in the width of a report, inches
     columns    of the legend
     factor     from the SI unit of x to that of the label, for what is dragged in the picture
@@ -139,6 +168,7 @@ class Chart:
     low: float | None = None
     high: float | None = None
     square: bool = False
+    bare: bool = False
     height: float = 3.0
     columns: int = 4
     factor: float = 1.0

@@ -6,11 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feeddrive.machining.circle_test import CirclePath, CircleTest
+from feeddrive.machining.circle_test import CirclePath, CircleTest, same_feed
+from feeddrive.machining.quadrant_peaks import deviations, quadrant_peaks
 from feeddrive.plot import style
+from feeddrive.plot.chart import SOLID, THIN, Chart, Curve, Disc, Level, Mark, Note, Panel
+from feeddrive.plot.drawing import draw_chart
 from feeddrive.plot.style import envelope
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from feeddrive.machining.circle_causes import CircleCauses
     from feeddrive.machining.load import AxisLoad
     from feeddrive.machining.reversal import Reversals
@@ -20,17 +25,19 @@ _RING = 6.0  # divisions from the center to the nominal circle
 _STEPS = (1.0, 2.0, 5.0, 10.0)
 _NEAR = 10.0  # degrees of a zoom around a reversal
 _QUADRANTS = ((0.0, "+{}"), (90.0, "+{}"), (180.0, "-{}"), (270.0, "-{}"))
-
-
-def _deviation(circle: CirclePath, center: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Polar angle in degrees, 0 to 360, and radial deviation from nominal in µm, in the order of the motion."""
-    dx, dy = circle.x - center[0], circle.y - center[1]
-    return np.degrees(np.arctan2(dy, dx)) % 360.0, 1e6 * (np.hypot(dx, dy) - circle.radius)
+_HEAD = (0.45, 0.22)  # of an arrow: length and half of its width, divisions
 
 
 def _rows(test: CircleTest) -> list[tuple[CirclePath, np.ndarray, np.ndarray]]:
-    centers = [each.center for each in test.figures if not each.both]
-    return [(each, *_deviation(each, center)) for each, center in zip(test.circles, centers, strict=True)]
+    """Circles with the polar angle in degrees, 0 to 360, and the radial deviation in µm, in the order of the motion."""
+    rows = zip(test.circles, deviations(test), strict=True)
+    return [(each, np.degrees(angle), 1e6 * r) for each, (angle, r) in rows]
+
+
+def _like(circle: CirclePath, test: CircleTest) -> int:
+    """The place of the circle of a test that has the direction and the feed of another one; behind all if none has."""
+    there = (i for i, e in enumerate(test.circles) if e.direction == circle.direction and same_feed(e, circle))
+    return next(there, len(test.circles))
 
 
 def circle_test(test: CircleTest, division: float | None = None, said: str = "") -> Any:
@@ -40,42 +47,74 @@ def circle_test(test: CircleTest, division: float | None = None, said: str = "")
               plots that are to be compared
     said      date, place, state of compensation: a line for the box
     """
-    rows = _rows(test)
-    most = max(float(np.max(np.abs(r))) for _, _, r in rows)
-    each = _division(most / _DIVISIONS) if division is None else division
-    figure, (ax,) = style.picture(1, height=6.2)
-    around = np.linspace(0.0, 2.0 * np.pi, 721)
-    for k in range(-_DIVISIONS, _DIVISIONS + 1):
-        x, y = (_RING + k) * np.cos(around), (_RING + k) * np.sin(around)
-        if k:
-            ax.plot(x, y, color=style.GRID, linewidth=0.8)
-        else:
-            ax.plot(x, y, color=style.INK, linewidth=1.2, linestyle=(0, (6, 3)), label="nominal")
-    feeds = sorted({round(c.feed, 6) for c, _, _ in rows})
-    for circle, angle, r in rows:
-        place = _RING + r / each
-        x, y = place * np.cos(np.radians(angle)), place * np.sin(np.radians(angle))
-        look = {"color": style.color(0 if circle.direction > 0 else 1),
-                "linestyle": style.DASHES[min(len(feeds) - 1 - feeds.index(round(circle.feed, 6)), 3)]}  # fmt: skip
-        ax.plot(np.append(x, x[0]), np.append(y, y[0]), linewidth=1.2, label=circle.name, **look)
-        ax.plot(x[:1], y[:1], "o", color=look["color"], markersize=5.0)
-        k = len(x) // 8 + (0 if circle.direction > 0 else 3)
-        ax.annotate("", (x[k + 12], y[k + 12]), (x[k], y[k]),
-                    arrowprops={"arrowstyle": "-|>", "color": look["color"], "linewidth": 1.6})  # fmt: skip
-    edge = _RING + _DIVISIONS + 0.5
-    for angle, text in _QUADRANTS:
-        name = text.format(test.circles[0].axes[int(angle / 90.0) % 2].upper())
-        at = (edge * np.cos(np.radians(angle)), edge * np.sin(np.radians(angle)))
-        ax.annotate(name, at, ha="center", va="center", fontsize=style.TEXT, color=style.MUTED)
-    ax.set_aspect("equal")
-    ax.set_xlim(-edge - 0.6, edge + 0.6)
-    ax.set_ylim(-edge - 0.6, edge + 0.6)
-    ax.set_axis_off()
+    each = _scale([test]) if division is None else division
+    chart = circle_chart(test, division=each)
+    figure, (ax,) = style.picture(1, height=chart.height)
+    draw_chart(chart, [ax])
     ax.set_anchor("W")
     ax.annotate(_box(test, each, said), (1.02, 0.5), xycoords="axes fraction", ha="left", va="center",
                 fontsize=style.SMALL, color=style.INK, linespacing=1.5)  # fmt: skip
-    style.legend(figure, ax, 3)
+    style.legend(figure, ax, chart.columns)
     return figure
+
+
+def circle_chart(test: CircleTest, before: CircleTest | None = None, division: float | None = None) -> Chart:
+    """What `circle_test` shows: x and y in µm, a point as far from the drawn nominal circle as the machine deviates.
+
+    before  the same circles as they were, which are drawn thin
+    """
+    rows, old = _rows(test), [] if before is None else _rows(before)
+    each = _scale([test] if before is None else [test, before]) if division is None else division
+    ring, edge = _RING * each, (_RING + _DIVISIONS + 0.5) * each
+    curves, marks = list[Curve](), list[Mark]()
+    for circle, angle, r in old:
+        at = _closed(ring + r, angle)
+        curves.append(Curve(*at, f"before: {circle.name}", _like(circle, test), THIN, _gap(before, circle)))
+    for i, (circle, angle, r) in enumerate(rows):
+        x, y = _closed(ring + r, angle)
+        curves.append(Curve(x, y, circle.name, i, said=_gap(test, circle)))
+        marks.append(Mark(float(x[0]), float(y[0]), i))
+        k = len(r) // 8 + (0 if circle.direction > 0 else 3)
+        curves.append(_arrow(float(ring + r[k]), float(np.radians(angle[k])), circle.direction, each, i))
+    rings = tuple(
+        Disc(0.0, 0.0, ring + k * each, faint=k != 0) for k in range(-_DIVISIONS, _DIVISIONS + 1)
+    )  # fmt: skip
+    at = [np.radians(angle) for angle, _ in _QUADRANTS]
+    axes = [text.format(test.circles[0].axes[k % 2].upper()) for k, (_, text) in enumerate(_QUADRANTS)]
+    notes = [
+        Note(edge * float(np.cos(a)), edge * float(np.sin(a)), text, middle=True)
+        for a, text in zip(at, axes, strict=True)
+    ]
+    notes.append(Note(0.0, 0.0, f"rings: {each:g} µm\ndeviation × {1e6 * test.radius / ring:.3g}", middle=True))
+    side = edge + 0.6 * each
+    panel = Panel("y (µm)", tuple(curves), tuple(marks), discs=rings, notes=tuple(notes), low=-side, high=side)
+    return Chart("x (µm)", (panel,), low=-side, high=side, square=True, bare=True, height=6.2, columns=2)
+
+
+def _scale(tests: Sequence[CircleTest]) -> float:
+    """The division with which all deviations of some tests are seen, µm."""
+    return _division(max(float(np.max(np.abs(r))) for test in tests for _, _, r in _rows(test)) / _DIVISIONS)
+
+
+def _closed(place: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    x, y = place * np.cos(np.radians(angle)), place * np.sin(np.radians(angle))
+    return np.append(x, x[0]), np.append(y, y[0])
+
+
+def _gap(test: CircleTest | None, circle: CirclePath) -> str:
+    """G of a circle."""
+    return "" if test is None else next(f"G {1e6 * e.G:.4g} µm" for e in test.figures if e.name == circle.name)
+
+
+def _arrow(radius: float, angle: float, direction: int, division: float, number: int) -> Curve:
+    """The head of an arrow along the circle, in the direction of the motion."""
+    long, wide = (part * division for part in _HEAD)
+    out = np.array([np.cos(angle), np.sin(angle)])
+    along = direction * np.array([-out[1], out[0]])
+    corners = np.array(
+        [radius * out - long * along + wide * out, radius * out, radius * out - long * along - wide * out]
+    )
+    return Curve(corners[:, 0], corners[:, 1], number=number, look=SOLID)
 
 
 def _box(test: CircleTest, division: float, said: str) -> str:
@@ -105,28 +144,47 @@ def circle_unrolled(test: CircleTest) -> Any:
     grid = figure.add_gridspec(2, 4, height_ratios=(1.3, 1.0))
     whole = style.dressed(figure.add_subplot(grid[0, :]))
     zooms = [style.dressed(figure.add_subplot(grid[1, k])) for k in range(4)]
+    draw_chart(unrolled_chart(test), [whole])
+    whole.set_xticks(np.arange(0.0, 361.0, 45.0))
     names = test.circles[0].axes
-    for i, (circle, angle, r) in enumerate(_rows(test)):
-        order = np.argsort(angle)
-        whole.plot(*envelope(angle[order], r[order]), label=circle.name, **style.curve(i))
-        for ax, (at, _) in zip(zooms, _QUADRANTS, strict=True):
+    for k, (ax, (at, text)) in enumerate(zip(zooms, _QUADRANTS, strict=True)):
+        for i, (_, angle, r) in enumerate(_rows(test)):
             off = (angle - at + 180.0) % 360.0 - 180.0
             near = np.flatnonzero(np.abs(off) <= _NEAR)
             near = near[np.argsort(off[near])]
             ax.plot(off[near], r[near], **style.curve(i))
-    rate = max(each.feed / each.radius for each in test.circles)
-    for k, (ax, (at, text)) in enumerate(zip(zooms, _QUADRANTS, strict=True)):
-        whole.axvline(at, color=style.MUTED, linewidth=0.9, linestyle=(0, (4, 3)))
         ax.axvline(0.0, color=style.MUTED, linewidth=0.9, linestyle=(0, (4, 3)))
         ax.set_xlim(-_NEAR, _NEAR)
         style.note(ax, f"{text.format(names[k % 2])}, {names[k % 2]} reverses", x=0.5, align="center")
         style.labels(ax, "angle (deg)", "deviation (µm)" if k == 0 else "")
-    style.note(whole, f"10 deg are {1e3 * np.radians(10.0) / rate:.3g} ms at the highest feed")
-    whole.set_xlim(0.0, 360.0)
-    whole.set_xticks(np.arange(0.0, 361.0, 45.0))
-    style.labels(whole, "angle (deg)", "radial deviation (µm)")
     style.legend(figure, whole, 4)
     return figure
+
+
+def unrolled_chart(test: CircleTest, before: CircleTest | None = None) -> Chart:
+    """The radial deviation in µm over the polar angle in degrees, with the reversals and the peaks after them.
+
+    before  the same circles as they were, which are drawn thin
+    """
+    curves, marks = list[Curve](), list[Mark]()
+    rows = _rows(test)
+    for circle, angle, r in [] if before is None else _rows(before):
+        order = np.argsort(angle)
+        curves.append(Curve(*envelope(angle[order], r[order]), f"before: {circle.name}", _like(circle, test), THIN))
+    for i, (circle, angle, r) in enumerate(rows):
+        order = np.argsort(angle)
+        curves.append(Curve(*envelope(angle[order], r[order]), circle.name, i))
+    for peak in quadrant_peaks(test):
+        said = f"{1e6 * peak.height:.3g} µm after {peak.axis} reversed at {peak.side}{peak.axis}"
+        marks.append(Mark(float(np.degrees(peak.angle)), 1e6 * peak.deviation, peak.circle, True, said=said))
+    axes = test.circles[0].axes
+    levels = tuple(
+        Level(angle, text.format(axes[k % 2]), upright=True, dashed=True) for k, (angle, text) in enumerate(_QUADRANTS)
+    )
+    rate = max(each.feed / each.radius for each in test.circles)
+    said = f"10 deg are {1e3 * np.radians(10.0) / rate:.3g} ms at the highest feed"
+    panel = Panel("radial deviation (µm)", tuple(curves), tuple(marks), levels, said=said)
+    return Chart("angle (deg)", (panel,), low=0.0, high=360.0, height=3.4)
 
 
 def circle_causes(found: CircleCauses, most: int = 12) -> Any:

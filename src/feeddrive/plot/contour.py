@@ -7,20 +7,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from feeddrive.plot import style
+from feeddrive.plot.chart import ALERT, BAR, NEUTRAL, THIN, Chart, Curve, Heat, Mark, Panel
+from feeddrive.plot.drawing import drawn
 from feeddrive.plot.style import envelope
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from feeddrive.machining.contour import ContourError, Corner
+    from feeddrive.machining.contour import ContourError, Corner, Worst
 
-# from small to large errors: cold to warm, and thicker, so that gray print shows it too
-_SIZES = (style.COLORS[0], style.COLORS[5], style.COLORS[2], style.COLORS[4], style.COLORS[1], style.ALERT)
-_WIDTHS = (1.1, 1.3, 1.5, 1.8, 2.2, 2.6)
 _ENLARGED = 0.08  # of the larger extent: the largest deviation as it is drawn
 _STEPS = (1.0, 2.0, 5.0)
 _POINTS = 20_000  # of a path that is drawn
 _MARKED = 5
+_AROUND = 0.12  # of the extent of a path: half of what is shown around a place
+_REACH = 3.0  # times the error of a place: half of what is shown of it 1:1
 
 
 def contour(found: ContourError) -> Any:
@@ -50,33 +51,80 @@ def contour_on_path(found: ContourError, axes: tuple[int, int] = (0, 1), enlarge
     axes      columns of the contour error that span the picture
     enlarged  the factor; default: the largest deviation is a twelfth of the extent
     """
-    every = max(1, len(found.time) // _POINTS)
+    return drawn(path_chart(found, axes, enlarged))
+
+
+def path_chart(found: ContourError, axes: tuple[int, int] = (0, 1), enlarged: float | None = None) -> Chart:
+    """What `contour_on_path` shows: places in mm, the size of the error in µm."""
     i, j = axes
-    kept = found.counted[::every]
-    foot = np.where(kept[:, None], 1e3 * (found.position - found.vector)[::every], np.nan)
-    off = 1e3 * found.vector[::every]
-    size = np.where(kept, 1e6 * np.abs(found.error[::every]), 0.0)
-    wide, high = (float(np.ptp(foot[kept, column])) if np.any(kept) else 0.0 for column in axes)
-    extent = max(wide, high, 1e-9)
-    factor = _round(_ENLARGED * extent / max(1e3 * found.largest, 1e-12)) if enlarged is None else enlarged
-    shape = max(0.35, min(1.0, high / extent))
-    figure, (ax,) = style.picture(1, height=0.8 + 0.75 * style.WIDTH * shape)
-    ax.plot(foot[:, i] + factor * off[:, i], foot[:, j] + factor * off[:, j], color=style.MUTED, linewidth=0.8,
-            label=f"tool, deviation × {factor:.0f}")  # fmt: skip
-    edges = np.linspace(0.0, max(float(size.max()), 1e-9), len(_SIZES) + 1)
-    kind = np.clip(np.searchsorted(edges, size, side="left") - 1, 0, len(_SIZES) - 1)
-    for k, (color, width) in enumerate(zip(_SIZES, _WIDTHS, strict=True)):
-        drawn = kind == k
-        drawn[1:] |= kind[:-1] == k
-        if np.any(kind == k):
-            x, y = (np.where(drawn, foot[:, column], np.nan) for column in axes)
-            ax.plot(x, y, color=color, linewidth=width, solid_capstyle="round",
-                    label=f"{edges[k]:.3g} to {edges[k + 1]:.3g} µm")  # fmt: skip
-    ax.set_aspect("equal", adjustable="datalim")
-    ax.margins(0.05)
-    style.labels(ax, f"{found.axes[i]} (mm)", f"{found.axes[j]} (mm)")
-    style.legend(figure, ax)
-    return figure
+    size = np.where(found.counted, np.abs(found.error), 0.0)
+    rows = envelope(np.arange(len(size), dtype=np.float64), size, _POINTS)[0].astype(np.intp)  # with the largest errors
+    kept = found.counted[rows]
+    foot = np.where(kept[:, None], 1e3 * (found.position - found.vector)[rows], np.nan)
+    factor = _factor(found, axes) if enlarged is None else enlarged
+    tool = foot + factor * 1e3 * found.vector[rows]
+    curves = (
+        Curve(tool[:, i], tool[:, j], f"tool, deviation × {factor:g}", NEUTRAL, THIN),
+        Curve(foot[:, i], foot[:, j], heat=np.where(kept, 1e6 * size[rows], np.nan)),
+    )
+    ends = [style.padded(*_ends(np.append(foot[:, k], tool[:, k]))) for k in axes]
+    (left, right), (low, high) = ends
+    shape = max(0.35, min(1.0, (high - low) / (right - left)))
+    said = f"largest {1e6 * found.largest:.4g} µm, RMS {1e6 * found.rms:.4g} µm"
+    heat = Heat("contour error (µm)", 0.0, max(1e6 * found.largest, 1e-9))
+    panel = Panel(f"{found.axes[j]} (mm)", curves, low=low, high=high, said=said, heat=heat)
+    return Chart(
+        f"{found.axes[i]} (mm)", (panel,), low=left, high=right, square=True, height=0.8 + 0.75 * style.WIDTH * shape
+    )
+
+
+def _factor(found: ContourError, axes: tuple[int, int]) -> float:
+    """By which a deviation is enlarged, so that the largest one is a twelfth of the extent of the path."""
+    foot = (found.position - found.vector)[found.counted]
+    extent = max((float(np.ptp(foot[:, column])) if len(foot) else 0.0 for column in axes), default=0.0)
+    return _round(_ENLARGED * max(extent, 1e-12) / max(found.largest, 1e-15))
+
+
+def _ends(values: np.ndarray) -> tuple[float, float]:
+    there = values[np.isfinite(values)]
+    return (float(np.min(there)), float(np.max(there))) if there.size else (0.0, 0.0)
+
+
+def place_view(found: ContourError, place: Worst, axes: tuple[int, int] = (0, 1)) -> tuple[float, float, float, float]:
+    """The part of `path_chart` around a place: left, right, low, high in mm."""
+    ends = [_ends(1e3 * found.position[found.counted, k]) for k in axes]
+    reach = _AROUND * max(high - low for low, high in ends)
+    x, y = (1e3 * float(place.position[k]) for k in axes)
+    return x - reach, x + reach, y - reach, y + reach
+
+
+def place_chart(found: ContourError, place: Worst) -> Chart:
+    """Commanded path and tool around a place, in µm from the tool and 1:1, in the plane in which most happens."""
+    row = int(np.argmin(np.abs(found.time - place.time)))
+    reach = 1e6 * max(_REACH * abs(place.error), 1e-9)
+    at, tool = (1e6 * (each - found.position[row]) for each in (found.set_position, found.position))
+    near = np.flatnonzero(np.max(np.abs(at - at[row]), axis=1) <= 3.0 * reach)
+    begin, end = _together(near, row)
+    rows = slice(max(0, begin - 1), end + 2)  # a sample before and behind, for the lines at the edge
+    spans = np.ptp(np.vstack([at[rows], tool[rows]]), axis=0)
+    i, j = sorted(int(k) for k in np.argsort(spans)[-2:])
+    curves = (
+        Curve(at[rows, i], at[rows, j], "commanded", NEUTRAL),
+        Curve(tool[rows, i], tool[rows, j], "tool", 1, said=f"{1e6 * abs(place.error):.4g} µm off the path"),
+    )
+    foot = tool[row] - 1e6 * found.vector[row]
+    to_path = Curve(np.array([foot[i], 0.0]), np.array([foot[j], 0.0]), number=ALERT, look=BAR)
+    panel = Panel(f"{found.axes[j]} (µm)", (*curves, to_path), (Mark(0.0, 0.0, 1, True),), low=-reach, high=reach)
+    return Chart(f"{found.axes[i]} (µm)", (panel,), low=-reach, high=reach, square=True, height=4.8)
+
+
+def _together(near: np.ndarray, row: int) -> tuple[int, int]:
+    """First and last of the rows that follow each other around one of them."""
+    gaps = np.flatnonzero(np.diff(near) > 1)
+    k = int(np.searchsorted(near, row))
+    first = gaps[gaps < k]
+    last = gaps[gaps >= k]
+    return int(near[first[-1] + 1] if len(first) else near[0]), int(near[last[0]] if len(last) else near[-1])
 
 
 def corner_zoom(found: ContourError, corners: Sequence[Corner] | None = None, tolerance: float | None = None) -> Any:

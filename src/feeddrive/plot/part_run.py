@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from feeddrive.plot import style
+from feeddrive.plot.chart import Chart, Curve, Panel
+from feeddrive.plot.drawing import drawn
 from feeddrive.plot.style import POINTS, envelope
 
 if TYPE_CHECKING:
@@ -93,12 +95,15 @@ def _busiest(part: PartRun, axis: str) -> float:
 
 def part_zoom(parts: Mapping[str, PartRun], time: float) -> Any:
     """The contour error of each law around an instant."""
-    figure, (ax,) = style.picture(height=3.4)
+    return drawn(part_zoom_chart(parts, time))
+
+
+def part_zoom_chart(parts: Mapping[str, PartRun], time: float) -> Chart:
+    """What `part_zoom` shows: ms from the instant, µm."""
+    curves = list[Curve]()
     for k, (name, part) in enumerate(parts.items()):
         at = part.contour.time
         shown = (at >= time - _BEFORE) & (at <= time + _AFTER)
-        error = 1e6 * np.abs(part.contour.error[shown])
-        ax.plot(1e3 * (at[shown] - time), error, label=style.caption(name), **style.curve(k))
-    style.labels(ax, "time after the worst instant (ms)", "contour error (µm)")
-    style.legend(figure, ax, 3)
-    return figure
+        curves.append(Curve(1e3 * (at[shown] - time), 1e6 * np.abs(part.contour.error[shown]), name, k))
+    panel = Panel("contour error (µm)", tuple(curves))
+    return Chart("time after the worst instant (ms)", (panel,), height=3.4, columns=3)

@@ -22,6 +22,9 @@ COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 # dashes for color-blind readers and gray print; the first curve is solid
 DASHES: tuple[Any, ...] = ("-", (0, (7, 2)), (0, (2, 1.5)), (0, (7, 2, 2, 2)), (0, (12, 3)), (0, (4, 1.5, 1, 1.5)))
 MARKERS = ("o", "s", "^", "D", "v", "P")
+# from small to large values: the lightness falls evenly, so that color-blind readers and gray print have the order
+HEAT = ("#54b0d7", "#4197db", "#5e79d3", "#8554b2", "#98277f", "#8a0c47", "#6c0b1b")
+HEAT_STEPS = 12
 INK, MUTED, GRID, PAPER, ALERT = "#1c2329", "#5a6772", "#d9dfe4", "#ffffff", "#b3261e"
 
 WIDTH = 8.6  # inches: the width of a report's column
@@ -33,6 +36,12 @@ WIDE = 8.0  # a ratio of curves beyond which they need a logarithmic scale, or o
 def color(i: int) -> str:
     """Color of the i-th curve."""
     return COLORS[i % len(COLORS)]
+
+
+def pale(tint: str) -> str:
+    """A color on paper so thin that curves on it can be read."""
+    rgb = (0.22 * int(tint[k : k + 2], 16) + 0.78 * int(PAPER[k : k + 2], 16) for k in (1, 3, 5))
+    return "#" + "".join(f"{round(each):02x}" for each in rgb)
 
 
 def curve(i: int) -> dict[str, Any]:

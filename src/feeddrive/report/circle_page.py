@@ -5,6 +5,7 @@ from __future__ import annotations
 from feeddrive import plot
 from feeddrive.machining.circle_causes import CircleCauses
 from feeddrive.machining.circle_test import CircleTest
+from feeddrive.machining.quadrant_peaks import peaks_table
 from feeddrive.plot import style
 from feeddrive.report.page import Shown, definitions, header, page, picture, table
 from feeddrive.version import __version__
@@ -24,7 +25,8 @@ def build_circle(test: CircleTest, causes: CircleCauses, said: str = "") -> str:
         Shown(
             "unrolled",
             "Over the angle",
-            "The same over the polar angle; below, ten degrees before and behind each reversal.",
+            "The same over the polar angle; hollow: the peak behind each reversal; below, "
+            "ten degrees before and behind each reversal.",
             "Radial deviations over the angle, with zooms of the reversals.",
             lambda: plot.circle_unrolled(test),
         ),
@@ -37,7 +39,7 @@ def build_circle(test: CircleTest, causes: CircleCauses, said: str = "") -> str:
             causes.plot,
         ),
     ]
-    figures, split = test.table(), causes.table()
+    figures, peaks, split = test.table(), peaks_table(test), causes.table()
     first = test.circles[0]
     facts = [
         ("Circles", ", ".join(each.name for each in test.circles)),
@@ -64,6 +66,11 @@ def build_circle(test: CircleTest, causes: CircleCauses, said: str = "") -> str:
         header("feeddrive circle", "Circular test", [largest, f"What draws most: {told}."], links),
         '<section id="figures"><h2>Figures</h2>',
         table("Circular test after ISO 230-4.", [*map(style.written, figures.heads)], figures.rows),
+        table(
+            "Quadrant peaks: outward, in the 10° after a reversal, above the mean of the 10° before it.",
+            [*map(style.written, peaks.heads)],
+            peaks.rows,
+        ),
         table("What draws the deviations.", [*map(style.written, split.heads)], split.rows),
         "</section><section><h2>Pictures</h2>",
         *(picture(each) for each in pictures),

@@ -26,6 +26,7 @@ from feeddrive.language.table import Result, Table
 from feeddrive.loop.simulate import simulate
 from feeddrive.machining.circle_causes import Cause, CircleCauses, circle_causes
 from feeddrive.machining.circle_test import CirclePath, CircleTest, circle_of_run, circle_path, circle_test
+from feeddrive.machining.quadrant_peaks import peaks_table, quadrant_peaks
 from feeddrive.report import build_circle
 from feeddrive.workflow.channels import column
 from feeddrive.workflow.command import Outcome, command
@@ -100,7 +101,8 @@ def circle(request: CircleRequest, progress: Progress) -> Outcome[MeasuredCircle
             (folder / "report.html").write_text(build_circle(test, found.causes, request.said), encoding="utf-8")
             (folder / "circle.json").write_text(json.dumps(_summary(found), indent=1) + "\n", encoding="utf-8")
         files = {"Report": request.out / "report.html", "Figures": request.out / "circle.json"}
-    return Outcome(found, [test.table(), found.causes.table()], _remarks(found), files=files)
+    tables = [test.table(), peaks_table(test), found.causes.table()]
+    return Outcome(found, tables, _remarks(found), files=files)
 
 
 def _reported(paths: tuple[Path, ...], progress: Progress) -> Iterator[Path]:
@@ -203,6 +205,11 @@ def _summary(found: MeasuredCircle) -> dict[str, Any]:
             {"name": each.name, "both_directions": each.both, "G_m": each.G, "F_max_m": each.F_max,
              "F_min_m": each.F_min, "D_m": each.D, "center_m": each.center.tolist()}
             for each in found.test.figures
+        ],
+        "quadrant_peaks": [
+            {"circle": found.test.circles[each.circle].name, "axis": each.axis, "side": each.side,
+             "angle_rad": each.angle, "deviation_m": each.deviation, "height_m": each.height}
+            for each in quadrant_peaks(found.test)
         ],
         "causes": [
             {"name": each.name, "value": _known(each.value, each), "standard_error": _known(each.error, each),
