@@ -27,5 +27,7 @@ from feeddrive.analysis.stability import Encirclement as Encirclement
 from feeddrive.analysis.stability import Stability as Stability
 from feeddrive.analysis.stability import encirclement as encirclement
 from feeddrive.analysis.stability import stability as stability
+from feeddrive.analysis.step_response import StepResponse as StepResponse
+from feeddrive.analysis.step_response import step_response as step_response
 from feeddrive.analysis.stiffness import Stiffness as Stiffness
 from feeddrive.analysis.stiffness import stiffness as stiffness

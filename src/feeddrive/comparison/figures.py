@@ -12,6 +12,7 @@ import numpy as np
 from feeddrive.analysis.effort import effort
 from feeddrive.analysis.loop_model import LoopModel
 from feeddrive.analysis.margins import margins
+from feeddrive.analysis.step_response import settling_time
 from feeddrive.analysis.stiffness import Stiffness, force_noise, reading_deviation, rope_snap, stiffness
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.blocks.load.step_force import StepForce
@@ -159,9 +160,7 @@ def recovered(run: Run, duty: Duty, name: str) -> dict[str, float | None]:
     """Largest error after the force changed, and how long it stays further from 0 than `near`; infinite to the end."""
     begin = int(np.searchsorted(run.time, duty.begin - 1e-9))
     error = np.abs(run["tracking_error"][begin:])
-    far = np.flatnonzero(error > duty.near)
-    never = far.size > 0 and far[-1] == error.size - 1
-    settled = 0.0 if not far.size else math.inf if never else float((far[-1] + 1) * run.sample_time)
+    settled = settling_time(run.sample_time * np.arange(error.size), error, duty.near)
     return {f"{name}_peak_m": float(np.max(error)), f"{name}_settling_s": settled}
 
 

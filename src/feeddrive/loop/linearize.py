@@ -19,6 +19,7 @@ from feeddrive.language.units import units_of
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import SETPOINT, UNITS, Loop, Probe, quantity
 from feeddrive.loop.machine import Machine, System, check_system
+from feeddrive.loop.poles_and_zeros import natural, zeros
 from feeddrive.loop.runner import Prepared
 from feeddrive.loop.trace import lengths, node_values
 from feeddrive.loop.traced_model import push, require_slopes
@@ -57,6 +58,12 @@ class StateSpace(Result):
         """Eigenvalues of A, the largest first."""
         found = np.linalg.eigvals(self.A)
         return found[np.argsort(-np.abs(found))]
+
+    def zeros(self, output: str | None = None, input: str | None = None) -> np.ndarray:  # noqa: A002
+        """Finite zeros in z of the response from one input to one output (default: the first), see `zeros`."""
+        row = 0 if output is None else _place(self.outputs, output, "output")
+        column = 0 if input is None else _place(self.inputs, input, "input")
+        return zeros(self.A, self.B[:, column], self.C[row], float(self.D[row, column]))
 
     def is_stable(self) -> bool:
         """Whether all poles lie inside the unit circle."""
@@ -104,14 +111,11 @@ class StateSpace(Result):
 
     def table(self) -> Table:
         """The poles as frequency and damping."""
-        rows = []
-        for pole in self.poles():
-            s = np.log(pole) / self.sample_time if pole != 0.0 else complex(-np.inf)
-            size = abs(s)
-            ratio = -s.real / size if 0.0 < size < np.inf else 1.0
-            rows.append(
-                [f"{pole.real:.6f}{pole.imag:+.6f}j", f"{abs(pole):.6f}", f"{size / (2 * np.pi):.4g}", f"{ratio:.3f}"]
-            )
+        poles = self.poles()
+        rows = [
+            [f"{pole.real:.6f}{pole.imag:+.6f}j", f"{abs(pole):.6f}", f"{frequency:.4g}", f"{damping:.3f}"]
+            for pole, frequency, damping in zip(poles, *natural(poles, self.sample_time), strict=True)
+        ]
         title = f"{len(self.states)} states, inputs {', '.join(self.inputs)}, outputs {', '.join(self.outputs)}"
         return Table(title, ["pole z", "|z|", "Hz", "damping"], rows)
 

@@ -8,7 +8,6 @@ from feeddrive.plot.circle import circle_test as circle_test
 from feeddrive.plot.circle import circle_unrolled as circle_unrolled
 from feeddrive.plot.circle import reversals as reversals
 from feeddrive.plot.complex_plane import nyquist as nyquist
-from feeddrive.plot.complex_plane import poles as poles
 from feeddrive.plot.contour import contour as contour
 from feeddrive.plot.contour import contour_on_path as contour_on_path
 from feeddrive.plot.contour import corner_zoom as corner_zoom
@@ -48,6 +47,7 @@ from feeddrive.plot.part_run import part_zoom as part_zoom
 from feeddrive.plot.planned import plan_causes as plan_causes
 from feeddrive.plot.planned import plan_profiles as plan_profiles
 from feeddrive.plot.planned import planned as planned
+from feeddrive.plot.pole_map import poles as poles
 from feeddrive.plot.responses import excitation as excitation
 from feeddrive.plot.responses import frequency_estimate as frequency_estimate
 from feeddrive.plot.responses import response_fit as response_fit

@@ -1,4 +1,4 @@
-"""Pictures in the complex plane: Nyquist curve, pole map."""
+"""The Nyquist curve in the complex plane."""
 
 from __future__ import annotations
 
@@ -16,11 +16,7 @@ from feeddrive.plot.drawing import draw_chart
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from matplotlib.axes import Axes
-
-    from feeddrive.analysis.stability import Encirclement, Stability
-    from feeddrive.loop.linearize import StateSpace
-    from feeddrive.tuning.placement import Placement
+    from feeddrive.analysis.stability import Encirclement
 
 FINER = 4  # points drawn for each line of a modeled curve
 REACH = (-2.6, 1.4, -2.0, 2.0)  # of the Nyquist plot: the critical point is -1
@@ -96,53 +92,6 @@ def _at(margins: Margins, frequency: float) -> complex:
     return complex(
         np.interp(np.log(frequency), x, np.real(L.response)), np.interp(np.log(frequency), x, np.imag(L.response))
     )
-
-
-def poles(model: StateSpace) -> Any:
-    """Poles in the z plane with the unit circle, and the same as damping ratio over natural frequency in Hz."""
-    from matplotlib.patches import Circle
-
-    figure, _ = style.picture(1, height=3.9)
-    figure.clear()
-    left, right = (style.dressed(ax) for ax in figure.subplots(1, 2))
-    found = model.poles().astype(complex)
-    outside = np.abs(found) >= 1.0
-    left.add_patch(Circle((0.0, 0.0), 1.0, fill=False, edgecolor=style.MUTED, linewidth=1.0))
-    left.set_aspect("equal")
-    reach = 1.15 * max(1.0, float(np.max(np.abs(found), initial=0.0)))
-    left.set_xlim(-reach, reach)
-    left.set_ylim(-reach, reach)
-    style.labels(left, "real part of z", "imaginary part of z")
-    # a pole at 0 (a pure delay) or at 1 (an integrator) has no frequency and damping
-    there = (np.abs(found) > 1e-9) & (np.abs(found - 1.0) > 1e-9)
-    s = np.zeros_like(found)
-    s[there] = np.log(found[there]) / (2.0 * np.pi * model.sample_time)
-    for chosen, tint, name in ((~outside, style.color(0), "dies out"), (outside, style.ALERT, "does not die out")):
-        if np.any(chosen):
-            _crosses(left, np.real(found[chosen]), np.imag(found[chosen]), tint, name)
-            kept = s[chosen & there]
-            _crosses(right, np.abs(kept), -np.real(kept) / np.abs(kept), tint, None)
-    right.axhline(0.0, color=style.INK, linewidth=1.0)
-    right.set_ylim(-1.08 if np.any(outside[there]) else -0.08, 1.08)
-    sizes = np.abs(s[there])
-    style.frequency_axis(right, 0.5 * float(sizes.min(initial=1e3)), 2.0 * float(sizes.max(initial=1.0)))
-    style.labels(right, "natural frequency (Hz)", "damping ratio")
-    style.legend(figure, left)
-    return figure
-
-
-def _crosses(ax: Axes, x: np.ndarray, y: np.ndarray, tint: str, name: str | None) -> None:
-    ax.plot(x, y, "x", color=tint, markersize=7, markeredgewidth=1.6, label=name)
-
-
-def stability(found: Stability) -> Any:
-    """Poles of the loop."""
-    return poles(found.model)
-
-
-def placement(found: Placement) -> Any:
-    """Poles of the sampled loop."""
-    return poles(found.stability.model)
 
 
 def encirclement(found: Encirclement) -> Any:

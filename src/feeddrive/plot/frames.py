@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from feeddrive.analysis.replay import Observation, Replay
     from feeddrive.analysis.spectrum import Spectrum
     from feeddrive.analysis.stability import Encirclement, Stability
+    from feeddrive.analysis.step_response import StepResponse
     from feeddrive.analysis.stiffness import Stiffness
     from feeddrive.certificate.certificate import Certificate
     from feeddrive.cosimulation.simulate_with_fmu import Cosimulation
@@ -85,6 +86,11 @@ def state_space(model: StateSpace) -> Any:
     """One row a pole."""
     poles = model.poles()
     return frame(np.arange(poles.size), {"real": np.real(poles), "imaginary": np.imag(poles)}, "pole")
+
+
+def step_response(found: StepResponse) -> Any:
+    """The position over time in s."""
+    return frame(found.time, {"position": found.position}, "time")
 
 
 def gradient(found: Gradient) -> Any:

@@ -9,12 +9,13 @@ from pathlib import Path
 
 from feeddrive.blocks.families import Reference
 from feeddrive.blocks.load.step_force import StepForce
-from feeddrive.comparison.figures import duty_of
+from feeddrive.comparison.figures import Duty, duty_of
 from feeddrive.files.frf import FrfLike
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.control import Control
+from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.tuning.by_hand import ByHand
@@ -79,9 +80,14 @@ class Bench:
         return self.loop
 
     @cached_property
+    def duty(self) -> Duty:
+        """The work of a comparison of laws on this axis. Raises ParameterError without a machine."""
+        return duty_of(self.needed_loop(), None, None)
+
+    @cached_property
     def work(self) -> tuple[Reference, StepForce, float]:
         """A move and then a force on the table that comes and goes, within the limits of the machine; how long, s."""
-        duty = duty_of(self.needed_loop(), None, None)
+        duty = self.duty
         pause = max(0.25 * duty.move.duration, 0.05)
         begin = duty.move.duration + pause
         return duty.move, StepForce(force=duty.force, start=begin, end=begin + pause), begin + 2.0 * pause
@@ -94,6 +100,19 @@ class Bench:
         reference, load, duration = self.work
         loop = replace(self.needed_loop(), control=control)
         return simulate(loop, reference, load=load, duration=duration, record=_SIGNALS, name=name)
+
+    def snap(self, control: Control, name: str) -> Run:
+        """A rope pulls the table back at rest, and is cut at `duty.begin`; with friction, counts and limits.
+
+        Raises DivergedError if the axis leaves its bounds, ParameterError without a machine.
+        """
+        duty, loop = self.duty, replace(self.needed_loop(), control=control)
+        duration = duty.begin + duty.rest
+        return simulate(loop, duty.still(), load=duty.snap, duration=duration, record=_SIGNALS, name=name)
+
+    def linear(self, control: Control) -> StateSpace:
+        """The linear loop from the set position to the table. Raises ParameterError without a machine."""
+        return linearize(replace(self.needed_loop(), control=control), ["set_position"], ["position_load"])
 
     def text(self, values: Mapping[str, float]) -> str:
         """The machine file with the control at some values; all else as it is written there."""

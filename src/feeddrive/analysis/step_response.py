@@ -1,0 +1,107 @@
+"""Step of the set position: how far the axis overshoots, and when it has settled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from feeddrive.language.errors import ParameterError, UnstableError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.linearize import StateSpace, linearize
+from feeddrive.loop.loop import Loop
+
+SETTLED = 0.02  # of the step: the band in which a position counts as settled
+_REST = 1e-4  # of the step: what is left at the end of the second half of a response
+_DOUBLINGS = 20  # of the length: a million samples
+_FIRST, _LAST = 0.1, 0.9  # of the step: between them lies the rise
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StepResponse(Result):
+    """Position in m after a step of the set position of 1 m at the time 0, of a linear loop; time in s.
+
+    final      where it comes to rest, m
+    settled    share of `final` within which it counts as settled
+    """
+
+    time: np.ndarray
+    position: np.ndarray
+    final: float
+    settled: float = SETTLED
+
+    @property
+    def overshoot(self) -> float:
+        """By which share of the final position it goes beyond it at most; 0 without overshoot."""
+        return max(float(np.max(self.position / self.final)) - 1.0, 0.0)
+
+    @property
+    def overshoot_time(self) -> float:
+        """When it is farthest, s."""
+        return float(self.time[int(np.argmax(self.position / self.final))])
+
+    @property
+    def settling_time(self) -> float:
+        """From when on it stays within the band, s."""
+        return settling_time(self.time, self.position / self.final - 1.0, self.settled)
+
+    @property
+    def rise_time(self) -> float:
+        """From 10 to 90 % of the final position, s."""
+        reached = self.position / self.final
+        first, last = (int(np.argmax(reached >= share)) for share in (_FIRST, _LAST))
+        return float(self.time[last] - self.time[first])
+
+    def table(self) -> Table:
+        """The figures."""
+        rows = [
+            ["overshoot", f"{100.0 * self.overshoot:.2f} %", f"at {1e3 * self.overshoot_time:.4g} ms"],
+            ["settling time", f"{1e3 * self.settling_time:.4g} ms", f"to {100.0 * self.settled:g} %"],
+            ["rise time", f"{1e3 * self.rise_time:.4g} ms", "10 to 90 %"],
+        ]
+        return Table("step of the set position", ["what", "", ""], rows)
+
+
+def settling_time(time: np.ndarray, error: np.ndarray, near: float) -> float:
+    """The first instant in s after which |error| never exceeds `near`; infinite if it does so at the end.
+
+    time, error  of shape (n,); near in the unit of the error
+    """
+    far = np.flatnonzero(np.abs(error) > near)
+    if not far.size:
+        return float(time[0])
+    return float("inf") if far[-1] == error.size - 1 else float(time[far[-1] + 1])
+
+
+def step_response(system: StateSpace | Loop, *, velocity: float = 0.05) -> StepResponse:
+    """The response of the table to a step of the set position, of the linear loop: of the first input and output.
+
+    The set velocity and its derivatives stay 0, so that what is fed forward of them does not act; a law that
+    differences the set position itself feeds the jump forward.  Guard and force limit are left out, friction is its
+    slope at `velocity` (m/s), see `linearize`.  Of a law with a period of N samples it is given at every N-th sample.
+    Raises UnstableError for a loop that does not come to rest within a million samples, ParameterError for one that
+    does not move.
+    """
+    model = (
+        linearize(system, ["set_position"], ["position_load"], velocity=velocity)
+        if isinstance(system, Loop)
+        else system
+    )
+    A, B, C, D = model.A, model.B[:, :1], model.C[:1], float(model.D[0, 0])
+    n = A.shape[0]
+    if n and float(np.max(np.abs(np.linalg.eigvals(A)))) >= 1.0:
+        raise UnstableError("the loop is not stable: it has no step response that comes to rest; lower its gains first")
+    final = float((C @ np.linalg.solve(np.eye(n) - A, B))[0, 0] + D)
+    if final == 0.0:
+        raise ParameterError("the position does not follow the set position: is a law part of the loop?")
+    # states and the constant input together: with z = [x; 1], z(k + n) = Mⁿ z(k) doubles the length in one product
+    power = np.block([[A, B], [np.zeros((1, n)), np.ones((1, 1))]])
+    states, row = np.zeros((n + 1, 1)), np.append(C[0], D)
+    states[n] = 1.0
+    for _ in range(_DOUBLINGS):
+        states, power = np.hstack([states, power @ states]), power @ power
+        position = row @ states
+        half = position.size // 2
+        if half > 8 and np.max(np.abs(position[half:] / final - 1.0)) < _REST:
+            return StepResponse(model.sample_time * np.arange(position.size), position, final)
+    raise UnstableError("the loop does not come to rest within a million samples: it is at the edge of stability")

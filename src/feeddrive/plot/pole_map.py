@@ -1,0 +1,141 @@
+"""Where the poles of a sampled loop lie: in the s plane, and as damping over natural frequency."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from feeddrive.language.shown_units import USUAL, ShownUnits
+from feeddrive.loop.poles_and_zeros import continuous, natural
+from feeddrive.plot import style
+from feeddrive.plot.chart import (
+    ALERT,
+    CROSS,
+    FREQUENCY,
+    NEUTRAL,
+    RING,
+    THIN,
+    Chart,
+    Curve,
+    Disc,
+    Level,
+    Note,
+    Panel,
+)  # fmt: skip
+from feeddrive.plot.drawing import draw_chart
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from feeddrive.analysis.stability import Stability
+    from feeddrive.loop.linearize import StateSpace
+    from feeddrive.tuning.placement import Placement
+
+
+def poles(model: StateSpace) -> Any:
+    """Poles of a sampled model as s = ln(z)/T in Hz, and the same as damping ratio over natural frequency."""
+    figure, _ = style.picture(1, height=3.9)
+    figure.clear()
+    axes = [style.dressed(ax) for ax in figure.subplots(1, 2)]
+    for ax, chart in zip(axes, (poles_chart(model), damping_chart(model)), strict=True):
+        draw_chart(chart, [ax])
+    style.legend(figure, axes[0])
+    return figure
+
+
+DAMPINGS = (0.1, 0.2, 0.4, 0.7)  # of the rays of a pole map
+_LIGHT = 0.5  # damping up to which a pole decides how much of the plane is shown
+_ROOM, _RIGHT, _BELOW = 1.25, 0.25, 0.04  # around the farthest of them; parts of the height to the right and below
+
+
+def poles_chart(models: StateSpace | Mapping[str, StateSpace], units: ShownUnits = USUAL) -> Chart:
+    """Upper half of the s plane, s = ln(z)/T: poles as crosses, zeros of the first response as rings.
+
+    Rays of equal damping and circles of equal natural frequency; what lies on the right of 0 grows.  So much of the
+    plane is shown as the poles with a damping below 0.5 need.
+    """
+    chosen = style.named(models)
+    unit, hertz = units.of("Hz")
+    found = {name: _upper(model.poles(), model, hertz) for name, model in chosen.items()}
+    light = [abs(s) for each in found.values() for s in each if s.imag > 0.0 and -s.real < _LIGHT * abs(s)]
+    known = light or [abs(s) for each in found.values() for s in each if np.isfinite(s)]
+    reach = _ROOM * max(known, default=hertz)
+    curves, notes = list[Curve](), list[Note]()
+    for ratio in DAMPINGS:
+        x, y = -ratio, float(np.sqrt(1.0 - ratio**2))
+        end = reach * min(1.0 / y, 1.0 / -x)
+        curves.append(Curve(np.array([0.0, end * x]), np.array([0.0, end * y]), number=NEUTRAL, look=THIN))
+        notes.append(Note(0.97 * end * x, 0.97 * end * y, f"{ratio:g}"))
+    circles = [k * _step(reach) for k in range(1, 8) if k * _step(reach) < reach]
+    notes += [Note(0.0, radius, f"{radius:g} {unit}", right=True) for radius in circles]
+    for i, (name, s) in enumerate(found.items()):
+        model, grows = chosen[name], np.real(s) >= 0.0
+        curves.append(Curve(np.real(s[~grows]), np.imag(s[~grows]), name, i, CROSS, _lightest(s, unit)))
+        if np.any(grows):
+            growing = f"{name} grows".strip()
+            curves.append(Curve(np.real(s[grows]), np.imag(s[grows]), growing, ALERT, CROSS))
+        if model.inputs and model.outputs:
+            there = _upper(model.zeros(), model, hertz)
+            curves.append(Curve(np.real(there), np.imag(there), number=i, look=RING))
+    axes = Level(0.0), Level(0.0, upright=True)
+    discs = tuple(Disc(0.0, 0.0, radius) for radius in circles)
+    panel = Panel(f"imaginary part of s ({unit})", tuple(curves), levels=axes, discs=discs, notes=tuple(notes),
+                  low=-_BELOW * reach, high=reach)  # fmt: skip
+    return Chart(
+        f"real part of s ({unit})", (panel,), low=-reach, high=_RIGHT * reach, square=True, height=4.8, factor=hertz
+    )
+
+
+def _upper(z: np.ndarray, model: StateSpace, hertz: float) -> np.ndarray:
+    """s of the upper half plane, in the unit of a frequency that is shown; what is at z = 0 left out."""
+    s = continuous(z, model.sample_time)
+    return hertz / (2.0 * np.pi) * s[np.isfinite(s) & (s.imag >= 0.0)]
+
+
+def _lightest(s: np.ndarray, unit: str) -> str:
+    """The least damped pole that oscillates, in words."""
+    swings = s[s.imag > 0.0]
+    if not swings.size:
+        return "no pole oscillates"
+    ratio = -np.real(swings) / np.abs(swings)
+    at = int(np.argmin(ratio))
+    return f"least damping {ratio[at]:.2g} at {abs(swings[at]):.3g} {unit}"
+
+
+def _step(reach: float) -> float:
+    """A plain number that goes three to seven times into a length."""
+    size = 10.0 ** np.floor(np.log10(reach / 3.0))
+    return float(size * max(each for each in (1.0, 2.0, 2.5, 5.0) if each * size <= reach / 3.0))
+
+
+def damping_chart(models: StateSpace | Mapping[str, StateSpace], units: ShownUnits = USUAL) -> Chart:
+    """Damping ratio over natural frequency of all poles up to Nyquist; real ones have 1, what grows has less than 0."""
+    chosen = style.named(models)
+    unit, hertz = units.of("Hz")
+    curves, sizes, least = list[Curve](), list[float](), 0.0
+    for i, (name, model) in enumerate(chosen.items()):
+        z = model.poles().astype(complex)
+        there = (np.abs(z) > 1e-9) & (np.abs(z - 1.0) > 1e-9) & (z.imag >= 0.0)  # neither delays nor integrators
+        frequency, damping = natural(z[there], model.sample_time)
+        grows = damping <= 0.0
+        said = _lightest(_upper(z[there], model, hertz), unit)
+        curves.append(Curve(hertz * frequency[~grows], damping[~grows], name, i, CROSS, said))
+        if np.any(grows):
+            curves.append(Curve(hertz * frequency[grows], damping[grows], f"{name} grows".strip(), ALERT, CROSS))
+        sizes += [float(each) for each in hertz * frequency]
+        least = min(least, float(np.min(damping, initial=0.0)))
+    panel = Panel("damping ratio", tuple(curves), levels=(Level(0.0),), low=least - 0.08, high=1.08)
+    nyquist = max(0.5 * hertz / model.sample_time for model in chosen.values())
+    low, high = 0.5 * min(sizes, default=1e-3 * nyquist), min(2.0 * max(sizes, default=nyquist), nyquist)
+    return Chart(f"natural frequency ({unit})", (panel,), FREQUENCY, low, high, factor=hertz)
+
+
+def stability(found: Stability) -> Any:
+    """Poles of the loop."""
+    return poles(found.model)
+
+
+def placement(found: Placement) -> Any:
+    """Poles of the sampled loop."""
+    return poles(found.stability.model)
