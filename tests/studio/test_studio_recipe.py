@@ -28,11 +28,13 @@ def done(session: Session, do: str, **more: Any) -> None:
 
 @pytest.fixture(scope="module")
 def worked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Session, Path]:
-    """A page on which a number was moved, the loop certified and its control exported."""
+    """A page on which a number was moved, a filter added, the loop certified and its control exported."""
     folder = tmp_path_factory.mktemp("page")
     session = Session(folder, bench_of("linear_motor"))
     name = next(each for each in session.desk.values if each.startswith("law."))
     done(session, "tune.move", name=name, value=0.9 * session.desk.values[name])
+    done(session, "tune.add", kind="notch")
+    done(session, "tune.move", name="filters.0.damping_pole", value=0.2)
     done(session, "prove.certify")
     done(session, "take.export", target="parameters")
     done(session, "take.machine")
@@ -67,8 +69,8 @@ def test_the_job_runs_today_and_the_control_by_hand(worked: tuple[Session, Path]
     job.write_text(recipe_of(session.desk).job, encoding="utf-8")
     today, by_hand = fd.workflow.run(str(job)).rows
     bench = session.desk.needed
-    for row, values in ((today, bench.by_hand.values), (by_hand, session.desk.values)):
-        run = bench.run(bench.by_hand.control(values), row.name)
+    for row, control in ((today, bench.before.start), (by_hand, session.desk.control)):
+        run = bench.run(control, row.name)
         assert float(abs(row.run["following_error"]).max()) == pytest.approx(
             float(abs(run["following_error"]).max()), rel=1e-9
         )

@@ -81,6 +81,27 @@ def test_a_drag_is_undone_as_one_and_redone(session: Session) -> None:
     assert asked(session, "tune.move", name="law.Kv", value=90.0)["redo"] == 0  # another way: the old future is gone
 
 
+def test_a_filter_is_added_moved_and_undone_with_its_numbers(session: Session) -> None:
+    """An undo step holds parts and numbers; what was kept to compare has its own parts."""
+    asked(session, "tune.move", name="law.Kv", value=90.0)
+    begun = asked(session, "tune.show")
+    said = asked(session, "tune.add", kind="notch", at=222.0)
+    assert said["values"] | {"filters.2.frequency": 222.0} == said["values"]
+    assert [each["name"] for each in said["knobs"] if each["block"] == "notch"][-1] == "filters.2.damping_pole"
+    asked(session, "tune.move", name="filters.2.damping_pole", value=0.3)
+    asked(session, "tune.keep", letter="A")
+    said = asked(session, "tune.remove", place=0)
+    assert said["values"]["filters.1.damping_pole"] == 0.3  # the ones behind it have moved up
+    assert said["undo"] == 4
+    for wanted in ({"filters.2.damping_pole": 0.3}, {"filters.2.frequency": 222.0}, {"law.Kv": 90.0}):
+        said = asked(session, "tune.undo")
+        assert said["values"] | wanted == said["values"]
+    assert said["values"] == begun["values"]
+    assert said["judged"] == begun["judged"]
+    assert asked(session, "tune.take", letter="A")["values"]["filters.2.damping_pole"] == 0.3
+    assert asked(session, "tune.reset")["values"] == session.desk.needed.before.values
+
+
 def test_snapshots_are_drawn_and_taken(session: Session) -> None:
     asked(session, "tune.move", name="law.Kv", value=90.0)
     said = asked(session, "tune.keep", letter="A")
@@ -105,6 +126,10 @@ def test_snapshots_are_drawn_and_taken(session: Session) -> None:
         ({"do": "tune.move", "name": "law.Kv", "value": True}, "must be a number"),
         ({"do": "tune.move", "name": "law.__class__", "value": 1}, "has no number"),
         ({"do": "tune.keep", "letter": "Z"}, "one of A, B, C"),
+        ({"do": "tune.add", "kind": "law"}, "one of low_pass"),
+        ({"do": "tune.add", "kind": "notch", "at": 1e6}, "below half the sample rate"),
+        ({"do": "tune.remove", "place": 2}, "no filters.2 to remove"),
+        ({"do": "tune.remove", "place": 0.5}, "whole number"),
         ({"do": "compare.start", "laws": ["this:X"], "starts": 1}, "compared by the command line alone"),
         ({"do": "compare.start", "laws": [], "starts": 0}, "starts"),
         ({"do": "answer"}, "none of bring"),

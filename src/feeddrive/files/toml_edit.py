@@ -84,8 +84,15 @@ class TomlEdit:
         return key in lines_of_keys(self.text)
 
     def remove(self, key: Key) -> None:
-        """Remove the sections [key] and [[key]] and all that is under them; comments on separate lines are kept."""
-        for begin, end in reversed(self._sections(key)):
+        """Remove the sections [key] and [[key]] and all that is under them; comments on separate lines are kept.
+
+        Raises FileError for what is written in another way, as `filters = [{ ... }]`.
+        """
+        places = self._sections(key)
+        if not places and (self.has(key) or (isinstance(key[-1], int) and self.has(key[:-1]))):
+            named = ".".join(str(each) for each in key if isinstance(each, str))
+            raise FileError(f"{self.name}: write {named} as a section, [{named}] or [[{named}]]: only that is removed")
+        for begin, end in reversed(places):
             lines = self.text.splitlines(keepends=True)
             kept = [line for line in lines[begin:end] if line.lstrip().startswith("#")]
             self.text = "".join([*lines[:begin], *kept, *lines[end:]])

@@ -13,7 +13,8 @@ from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.studio.jobs import Found, Job, JobState
-from feeddrive.workflow.adjust import AdjustRequest
+from feeddrive.tuning.filter_pack import difference
+from feeddrive.workflow.adjust import AdjustRequest, adjusting
 
 if TYPE_CHECKING:
     from feeddrive.files.machine import MachineFile
@@ -34,6 +35,24 @@ class Step:
     request: Request
 
 
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A control as it was: what is undone, redone, and kept to compare.
+
+    bench  with the parts of the control
+    base, written  the machine file that it is written into, and the control there
+    """
+
+    bench: Bench
+    values: Values
+    base: str | Path
+    written: Control
+
+    def same(self, other: Held) -> bool:
+        """Whether parts and numbers are the same."""
+        return self.bench.by_hand is other.bench.by_hand and self.values == other.values
+
+
 class Desk:
     """The state of one page. It is not shared: what one page moves, no other one sees.
 
@@ -41,7 +60,8 @@ class Desk:
     bench     what is tuned; None before something was brought
     brought   files that were named at the start of the command, and stand elsewhere
     epoch     counts the sources
-    base      machine file with the control to begin with
+    base      machine file that the control of now is written into
+    written   the control there
     programs  part programs that were brought, by name
     done      what was done since the source was brought
     """
@@ -51,37 +71,27 @@ class Desk:
         self.bench: Bench | None = None
         self.epoch = 0
         self.base: str | Path = ""
+        self.written: Control | None = None
         self.values: Values = {}
         self.programs: dict[str, Path] = {}
         self.done: list[Step] = []
         self.job: Job | None = None
-        self.undo: list[Values] = []
-        self.redo: list[Values] = []
+        self.undo: list[Held] = []
+        self.redo: list[Held] = []
+        self._files = 0  # machine files of its own
         self._begins = True  # whether the next change is a step of its own, and not one more of a drag
         self.changed: Callable[[], None] = lambda: None  # set by the session: another source
         self.tell: Callable[[str], None] = lambda _: None  # set by the session: show a room again
         self.begun: Callable[[str, str, Callable[[Progress], Any], Callable[[Any], None], Callable[[Found], None]], Job]
 
-    def put(self, bench: Bench, *, same: bool = False) -> None:
-        """Work on another source: all rooms begin anew. Raises ParameterError while a job runs.
-
-        same  it is the same axis with a control of other parts: what was done with it stays
-        """
+    def put(self, bench: Bench) -> None:
+        """Work on another source: all rooms begin anew. Raises ParameterError while a job runs."""
         self.check_free()
         self.bench, self.epoch = bench, self.epoch + 1
-        self.values = bench.by_hand.values
-        self.base = self._kept(bench) if same else bench.file
-        self.undo, self.redo, self.done = [], [], self.done if same else []
+        self.values, self.base, self.written = bench.by_hand.values, bench.file, bench.before.start
+        self.undo, self.redo, self.done = [], [], []
         self._begins = True
         self.changed()
-
-    def _kept(self, bench: Bench) -> str | Path:
-        """A machine file with a control that was found, for what is done next."""
-        if bench.machine is None:
-            return bench.file
-        path = self.folder / f"begun_{self.epoch}.toml"
-        write_whole(path, bench.text(self.values))
-        return path
 
     @property
     def needed(self) -> Bench:
@@ -97,9 +107,44 @@ class Desk:
         if dict(wanted) == self.values:
             return
         if self._begins:
-            self.undo = [*self.undo, self.values][-_UNDONE:]
-            self.redo.clear()
+            self._remember()
         self.values, self._begins = dict(wanted), False
+
+    def exchange(self, control: Control) -> None:
+        """Go on with a control that may have other parts: a step to undo.
+
+        It is written into the machine file of now or into that of the source, if it differs from the control there in
+        filters and numbers alone, and else into a file of its own.
+        """
+        bench = self.needed.with_control(control)
+        self._remember()
+        self.bench, self.values, self._begins = bench, bench.by_hand.values, True
+        known = ((self.base, self.written), (bench.file, bench.before.start))
+        for base, written in known:
+            if written is not None and difference(written, control) is not None:
+                self.base, self.written = base, written
+                return
+        self.base, self.written = self._kept(bench), control
+
+    def _kept(self, bench: Bench) -> str | Path:
+        """A machine file with a control that was found, for what is done next."""
+        if bench.machine is None:
+            return bench.file
+        self._files += 1
+        path = self.folder / f"begun_{self._files}.toml"
+        write_whole(path, bench.text(self.values))
+        return path
+
+    def held(self) -> Held:
+        """The control of now, to be kept."""
+        bench = self.needed
+        return Held(bench, dict(self.values), self.base, self.written or bench.before.start)
+
+    def restore(self, held: Held) -> None:
+        """Go to a control that was kept: a step to undo."""
+        if not held.same(self.held()):
+            self._remember()
+            self._become(held)
 
     def back(self) -> None:
         """Undo a step, if there is one."""
@@ -109,42 +154,50 @@ class Desk:
         """Redo a step, if one was undone."""
         self._swap(self.redo, self.undo)
 
-    def _swap(self, source: list[Values], other: list[Values]) -> None:
+    def _remember(self) -> None:
+        self.undo = [*self.undo, self.held()][-_UNDONE:]
+        self.redo.clear()
+
+    def _swap(self, source: list[Held], other: list[Held]) -> None:
         if source:
-            other.append(self.values)
-            self.values, self._begins = source.pop(), True
+            other.append(self.held())
+            self._become(source.pop())
+
+    def _become(self, held: Held) -> None:
+        self.bench, self.values, self.base = held.bench, dict(held.values), held.base
+        self.written = held.written
+        self._begins = True
 
     def did(self, command: str, request: Request) -> None:
         """Keep what was done, for those who want it as commands."""
         self.done.append(Step(command, request))
 
     def take(self, control: Control) -> None:
-        """Go on with a control that was found: a step that can be undone, if it has the same parts as that of now."""
-        bench = self.needed
-        names = {each.name for each in bench.by_hand.knobs}
-        found = {name: value for name, value in tree.leaves(control) if name in names}
-        if found.keys() == names and bench.by_hand.control(found) == control:
-            self.change({name: float(value) for name, value in found.items()})
+        """Go on with a control that was found: a step that can be undone."""
+        found = difference(self.needed.by_hand.start, control)
+        if found is not None and not (found.removed or found.added) and found.values.keys() <= self.values.keys():
+            self.change({name: float(value) for name, value in tree.leaves(control) if name in self.values})
         else:
-            self.put(bench.with_control(control), same=True)
+            self.exchange(control)
 
     @property
-    def changes(self) -> Values:
-        """Numbers that differ from those of the control to begin with."""
-        begun = self.needed.by_hand.values
-        return {name: value for name, value in self.values.items() if value != begun[name]}
+    def control(self) -> Control:
+        """The control of now."""
+        return self.needed.by_hand.control(self.values)
 
     def adjusted(self) -> AdjustRequest | None:
-        """What writes the control of now into the machine file to begin with; None if nothing was moved.
+        """What writes the control of now into the machine file; None if it stands there.
 
         Raises ParameterError without a machine.
         """
         bench = self.needed
         bench.needed_loop()
-        pairs = tuple(f"{name}={value!r}" for name, value in self.changes.items())
-        if not pairs:
+        assert self.written is not None
+        fields = adjusting(self.written, self.control)
+        assert fields is not None  # `exchange` has seen to it
+        if not any(fields.values()):
             return None
-        return AdjustRequest(self.base, set=pairs, axis=bench.axis, out=self.folder / "machine.toml")
+        return AdjustRequest(self.base, axis=bench.axis, out=self.folder / "machine.toml", **fields)
 
     def machine_path(self) -> str | Path:
         """A machine file with the control of now: that to begin with, or one that is written into the folder.

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from feeddrive.files.blocks_to_toml import to_toml
+from feeddrive.tuning.filter_pack import difference
 
 if TYPE_CHECKING:
     from feeddrive.studio.desk import Desk
@@ -56,10 +57,15 @@ def _job(desk: Desk) -> str:
         to_toml(force, "load").strip(),
         "",
     ]
-    changes = desk.changes
-    if changes:
-        pairs = ", ".join(f'"axis.{bench.axis}.control.{name}" = {value!r}' for name, value in changes.items())
-        lines += ["[[law]]", 'name = "by hand"', f"set = {{ {pairs} }}", ""]
+    written, now = desk.written, desk.control
+    found = None if written is None else difference(written, now)
+    if found is not None and not found.removed and not found.added:
+        if found.values:
+            pairs = ", ".join(f'"axis.{bench.axis}.control.{name}" = {each!r}' for name, each in found.values.items())
+            lines += ["[[law]]", 'name = "by hand"', f"set = {{ {pairs} }}", ""]
+    else:
+        text = to_toml(replace(now, guard=None), "law.control", rotary=bench.rotary).strip()
+        lines += ["[[law]]", 'name = "by hand"', "", text, ""]
     return "\n".join(lines)
 
 

@@ -1,4 +1,4 @@
-"""`feeddrive adjust`: named numbers of a control, set within their bounds and written into its machine file."""
+"""`feeddrive adjust`: filters of a control removed and added, and its numbers set, in its machine file."""
 
 from __future__ import annotations
 
@@ -13,47 +13,95 @@ from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.control import Control
+from feeddrive.tuning.filter_pack import Difference, difference, read_filter, with_filters, written_filter
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import Request, argument, option
 from feeddrive.workflow.tune_files import machine_text
 
 
 class AdjustRequest(Request):
-    """Which machine file, and which numbers of its control get which values."""
+    """Which machine file, and what is done to its control: filters removed, others added, then numbers set."""
 
     machine: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     set: tuple[str, ...] = option(
-        "NAME=VALUE of a number below the control, in SI, as law.Kp=52000 or filters.0.frequency=430; may be repeated",
+        "NAME=VALUE of a number below the control, in SI, as law.Kp=52000 or filters.0.frequency=430, as the filters "
+        "are numbered after --remove and --add; may be repeated",
         default=(),
+    )
+    add: tuple[str, ...] = option(
+        "KIND:NAME=VALUE,... of a filter to add behind the others, in SI, as notch:frequency=164; may be repeated",
+        default=(),
+    )
+    remove: tuple[str, ...] = option(
+        "a filter to remove, as filters.0, as the machine file numbers them; may be repeated", default=()
     )
     axis: str | None = option("its axis, if it has several", default=None)
     out: Path | None = option("machine file to write", short="-o", default=None)
 
+    def check(self) -> None:
+        """Raise ParameterError if there is nothing to do."""
+        if not (self.set or self.add or self.remove):
+            raise ParameterError(
+                "nothing to do: give --set NAME=VALUE of a number, --add KIND:NAME=VALUE of a filter or --remove "
+                "filters.0"
+            )
+
+
+def adjusting(before: Control, after: Control) -> Mapping[str, tuple[str, ...]] | None:
+    """The fields `set`, `add` and `remove` that lead from one control to another; None if no request can.
+
+    All three are empty for equal controls.
+    """
+    found = difference(before, after)
+    return None if found is None else _written(found)
+
+
+def _written(found: Difference) -> Mapping[str, tuple[str, ...]]:
+    return {
+        "set": tuple(f"{name}={float(value)!r}" for name, value in found.values.items()),
+        "add": tuple(written_filter(each) for each in found.added),
+        "remove": tuple(f"filters.{i}" for i in found.removed),
+    }
+
 
 @command(AdjustRequest)
 def adjust(request: AdjustRequest, progress: Progress) -> Outcome[MachineFile]:
-    """Set named numbers of a control within their bounds; all else in the machine file stays as it is written.
+    """Remove and add filters of a control and set its numbers; all else in the machine file stays as it is written.
 
-    The result is the machine file with them. Raises ParameterError for a number that there is not, or outside of its
-    bounds.
+    The result is the machine file with them. Raises ParameterError for a number, filter or kind of filter that there is
+    not, and for a value outside of its bounds.
     """
     progress.step("reading")
     machine = read_machine(request.machine)
     axis = machine.named(request.axis)
-    control = machine.loops[axis].control
-    values = _values(control, request.set)
-    changed = tree.vary(control, values)
+    loop = machine.loops[axis]
+    removed, added = _places(request.remove), tuple(read_filter(each) for each in request.add)
+    begun = with_filters(loop.control, removed, added)
+    values = _values(begun, request.set)
+    loops = {**machine.loops, axis: replace(loop, control=tree.vary(begun, values))}
+    changed = loops[axis].control
     text = machine_text(machine, axis, changed)
-    rows = [(name, f"{tree.get(control, name):.6g}", f"{value:.6g}", tree.declaration(control, name).unit)
-            for name, value in values.items()]  # fmt: skip
+    rows = [(f"filters.{i}", loop.control.filters[i].kind, "removed", "") for i in removed]
+    rows += [(f"filters.{len(begun.filters) - len(added) + i}", "added", each.kind, "") for i, each in enumerate(added)]
+    rows += [(name, f"{tree.get(begun, name):.6g}", f"{value:.6g}", tree.declaration(begun, name).unit)
+             for name, value in values.items()]  # fmt: skip
     files: Mapping[str, Path] = {}
     if request.out is not None:
         write_whole(request.out, text)
         files = {"Machine": request.out}
-    shown = Table(f"{machine.name}, axis {axis}: numbers that were set", ("number", "before", "now", "unit"), rows)
-    loops = {**machine.loops, axis: replace(machine.loops[axis], control=changed)}
+    shown = Table(f"{machine.name}, axis {axis}: what was changed", ("what", "before", "now", "unit"), rows)
     found = replace(machine, loops=loops, file=replace(machine.file, text=text))
     return Outcome(found, [shown], files=files)
+
+
+def _places(given: Sequence[str]) -> tuple[int, ...]:
+    found = list[int]()
+    for each in given:
+        place = each.removeprefix("filters.")
+        if not place.isascii() or not place.isdigit() or place == each or int(place) in found:
+            raise ParameterError(f"--remove {each}: write each filter once as filters.0, with its place in the file")
+        found.append(int(place))
+    return tuple(found)
 
 
 def _values(control: Control, given: Sequence[str]) -> dict[str, float]:
@@ -69,6 +117,4 @@ def _values(control: Control, given: Sequence[str]) -> dict[str, float]:
             found[name] = float(value)
         except ValueError:
             raise ParameterError(f"--set {each}: '{value}' is no number") from None
-    if not found:
-        raise ParameterError(f"--set is missing: NAME=VALUE of a number, one of {', '.join(sorted(known)[:8])}")
     return found

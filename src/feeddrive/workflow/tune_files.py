@@ -32,6 +32,7 @@ from feeddrive.loop.simulate import simulate
 from feeddrive.report.page import Shown, definitions, header, page, picture, table
 from feeddrive.report.sentences import block_sentence
 from feeddrive.tuning.closed_loop import FIGURES, Figures
+from feeddrive.tuning.filter_pack import aligned
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.proof import ROOM
 from feeddrive.tuning.recipes import JudgedRecipe
@@ -344,8 +345,8 @@ def _plain(each: Figures) -> dict[str, float | bool | None]:
 def machine_text(machine: MachineFile, axis: str, control: Control) -> str:
     """The text of the machine's file with another control of one axis.
 
-    A law of the same kind is changed number by number; another law takes the place of the section.  Lists of blocks are
-    changed number by number as far as the kinds are the same, and are written anew otherwise.
+    A law of the same kind is changed number by number; another law takes the place of the section.  Of a list of blocks
+    those that stay are changed number by number, others are removed, and new ones written behind (`aligned`).
     """
     edit = TomlEdit(machine.file.text, machine.file.name)
     old = machine.loops[axis].control
@@ -358,14 +359,13 @@ def machine_text(machine: MachineFile, axis: str, control: Control) -> str:
         edit.remove((*where, "prefilter"))
     for name in _LISTS:
         before, after = getattr(old, name), getattr(control, name)
-        if [tree.structure(each) for each in before] == [tree.structure(each) for each in after[: len(before)]]:
-            for i, (a, b) in enumerate(zip(before, after, strict=False)):
-                _numbers(edit, (*where, name, i), a, b)
-            fresh = after[len(before) :]
-        else:
-            edit.remove((*where, name))
-            fresh = after
-        for block in fresh:
+        kept = aligned(before, after)
+        for place in reversed(range(len(before))):
+            if place not in kept:
+                edit.remove((*where, name, place))
+        for i, place in enumerate(kept):
+            _numbers(edit, (*where, name, i), before[place], after[i])
+        for block in after[len(kept) :]:
             edit.add(_listed(block, ".".join((*where, name)), rotary))
     return edit.text
 

@@ -111,6 +111,7 @@ class Goal(Room):
         if self.best is None:
             raise ParameterError("nothing was found yet: press Tune first")
         self.desk.take(self.best)
+        self.begin()
         said = self.show()
         return Said({**said.words, "go": "tune"}, said.charts)
 

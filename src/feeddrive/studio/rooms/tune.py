@@ -8,12 +8,14 @@ from typing import Any
 
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.table import shown
+from feeddrive.language.tree import check_sampled
 from feeddrive.loop.control import Control
 from feeddrive.loop.simulate import Run
-from feeddrive.studio.desk import Desk, Values
+from feeddrive.studio.desk import Desk, Held, Values
 from feeddrive.studio.pictures import charts
 from feeddrive.studio.room import Asked, Room, Said, act
 from feeddrive.tuning.by_hand import ByHand, Look
+from feeddrive.tuning.filter_pack import begun_filter, filter_kinds, with_filters
 
 TODAY, NOW = "today", "now"
 SNAPSHOTS = ("A", "B", "C")
@@ -31,15 +33,16 @@ class Tune(Room):
 
     def begin(self) -> None:
         """Forget what was kept of the source before."""
-        self.snapshots: dict[str, Values] = {}
-        self._seen: dict[str, tuple[Values, Look, Run | None]] = {}
+        self.snapshots: dict[str, Held] = {}
+        self._seen: dict[str, tuple[ByHand, Values, Look, Run | None]] = {}
+        self._told: ByHand | None = None  # whose numbers the page knows
 
     def show(self) -> Said:
         """The numbers with their declarations, and the pictures."""
         if self.desk.bench is None:
             return Said({"knobs": []})
-        said = self._pictures()
-        return Said({**said.words, "knobs": self._knobs()}, said.charts)
+        self._told = None
+        return self._pictures()
 
     @act
     def move(self, asked: Asked) -> Said:
@@ -64,23 +67,43 @@ class Tune(Room):
 
     @act
     def reset(self, _: Asked) -> Said:
-        """Today's numbers."""
-        self.desk.change(self.desk.needed.by_hand.values)
+        """Today's control."""
+        self.desk.take(self.desk.needed.before.start)
+        return self._pictures()
+
+    @act
+    def add(self, asked: Asked) -> Said:
+        """One more filter: at a frequency in Hz, or where the loop is likely to want it."""
+        bench = self.desk.needed
+        *_, now, _ = self._look(NOW, bench.by_hand, self.desk.values)
+        T = bench.by_hand.points[0].sample_time
+        made = begun_filter(asked.choice("kind", filter_kinds()), now.leading.margins, T, asked.number_or_none("at"))
+        check_sampled(made, T)
+        self.desk.exchange(with_filters(self.desk.control, (), (made,)))
+        return self._pictures()
+
+    @act
+    def remove(self, asked: Asked) -> Said:
+        """A filter less, by its place in the pack."""
+        place = asked.number("place")
+        if place != int(place):
+            raise ParameterError(f"place must be a whole number, not {place!r}")
+        self.desk.exchange(with_filters(self.desk.control, (int(place),), ()))
         return self._pictures()
 
     @act
     def keep(self, asked: Asked) -> Said:
-        """Keep the numbers of now under a letter."""
-        self.snapshots[asked.choice("letter", SNAPSHOTS)] = dict(self.desk.values)
+        """Keep the control of now under a letter."""
+        self.snapshots[asked.choice("letter", SNAPSHOTS)] = self.desk.held()
         return self._pictures()
 
     @act
     def take(self, asked: Asked) -> Said:
-        """Go to the numbers that were kept."""
+        """Go to the control that was kept."""
         letter = asked.choice("letter", SNAPSHOTS)
         if letter not in self.snapshots:
             raise ParameterError(f"nothing was kept as {letter} yet")
-        self.desk.change(self.snapshots[letter])
+        self.desk.restore(self.snapshots[letter])
         return self._pictures()
 
     @act
@@ -100,12 +123,13 @@ class Tune(Room):
     def _pictures(self) -> Said:
         bench, values = self.desk.needed, self.desk.values
         found = {TODAY: self._look(TODAY, bench.before, bench.before.values)}
-        found |= {letter: self._look(letter, bench.by_hand, kept) for letter, kept in sorted(self.snapshots.items())}
+        found |= {letter: self._look(letter, kept.bench.by_hand, kept.values)
+                  for letter, kept in sorted(self.snapshots.items())}  # fmt: skip
         found[NOW] = self._look(NOW, bench.by_hand, values)
-        _, now, _ = found[NOW]
+        now = found[NOW][2]
         drawn = charts(
-            {name: look for name, (_, look, _) in found.items()},
-            {name: run for name, (_, _, run) in found.items() if run is not None},
+            {name: look for name, (*_, look, _) in found.items()},
+            {name: run for name, (*_, run) in found.items() if run is not None},
             rotary=bench.rotary,
         )
         limits = bench.by_hand.limits
@@ -116,14 +140,17 @@ class Tune(Room):
             "stable": now.stable, "values": values, "undo": len(self.desk.undo), "redo": len(self.desk.redo),
             "kept": sorted(self.snapshots),
         }  # fmt: skip
+        if self._told is not bench.by_hand:
+            said |= {"knobs": self._knobs(), "kinds": filter_kinds()}
+            self._told = bench.by_hand
         return Said(said, drawn)
 
-    def _look(self, name: str, by_hand: ByHand, values: Values) -> tuple[Values, Look, Run | None]:
+    def _look(self, name: str, by_hand: ByHand, values: Values) -> tuple[ByHand, Values, Look, Run | None]:
         known = self._seen.get(name)
-        if known is None or known[0] != values:
+        if known is None or known[0] is not by_hand or known[1] != values:
             running = _BESIDE.submit(self._run, name, by_hand.control(values))
             look, run = by_hand.at(values), running.result()
-            known = self._seen[name] = (dict(values), look, run if look.stable else None)
+            known = self._seen[name] = (by_hand, dict(values), look, run if look.stable else None)
         return known
 
     def _run(self, name: str, control: Control) -> Run | None:

@@ -1,0 +1,67 @@
+"""`feeddrive adjust`: filters and numbers of a control in its machine file, which keeps all else as it is written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import feeddrive as fd
+from feeddrive.language import tree
+from feeddrive.language.errors import FeeddriveError, ParameterError
+
+
+def pack(machine: Any) -> list[tuple[str, dict[str, float]]]:
+    return [(each.kind, dict(tree.leaves(each))) for each in machine.loop(None).control.filters]
+
+
+def test_filters_are_removed_and_added_and_numbers_set(tmp_path: Path) -> None:
+    """The file that is written is read back to the same control; what stays keeps its unit and its comments."""
+    before = fd.read_machine("ball_screw")
+    found = fd.workflow.adjust(
+        "ball_screw", remove=("filters.0",), add=("notch:frequency=222,damping_pole=0.3",),
+        set=("filters.0.frequency=2000", "filters.1.damping_zero=0.1", "law.Kv=90"), out=tmp_path / "m.toml",
+    )  # fmt: skip
+    wanted = [
+        ("low_pass2", {"frequency": 2000.0, "damping": 0.7}),
+        ("notch", {"frequency": 222.0, "damping_zero": 0.1, "damping_pole": 0.3}),
+    ]
+    assert pack(found) == pack(fd.read_machine(tmp_path / "m.toml")) == wanted
+    text = (tmp_path / "m.toml").read_text(encoding="utf-8")
+    assert "frequency_kHz = 2.0  # was 2.5" in text
+    head = before.file.text.partition("[axis.x.control.law]")[0]
+    assert text.startswith(head)
+
+
+def test_added_and_removed_again_the_control_is_the_same(tmp_path: Path) -> None:
+    fd.workflow.adjust("ball_screw", add=("notch:frequency=222",), out=tmp_path / "more.toml")
+    back = fd.workflow.adjust(tmp_path / "more.toml", remove=("filters.2",))
+    assert pack(back) == pack(fd.read_machine("ball_screw"))
+
+
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        ({}, "nothing to do: give --set"),
+        ({"remove": ("filters.5",)}, r"no filters\.5 to remove"),
+        ({"remove": ("law",)}, r"--remove law: write each filter once as filters\.0"),
+        ({"remove": ("filters.0", "filters.0")}, "each filter once"),
+        ({"add": ("notch",)}, "needs frequency in Hz"),
+        ({"add": ("notch:frequency=99999",)}, "below half the sample rate"),
+        ({"remove": ("filters.1",), "set": ("filters.1.damping=1",)}, r"no number 'filters\.1\.damping'"),
+    ],
+)
+def test_what_cannot_be_done_says_why(given: Any, reason: str) -> None:
+    with pytest.raises(ParameterError, match=reason):
+        fd.workflow.adjust("ball_screw", **given)
+
+
+def test_a_list_in_one_line_is_not_half_removed(tmp_path: Path) -> None:
+    text = fd.read_machine("ball_screw").file.text
+    begin, end = text.index("[[axis.x.control.filters]]"), text.index("[[axis.x.control.feedforward]]")
+    line = "[axis.x.control]\nfilters = [{kind = 'notch', frequency = 460}]\n"
+    path = tmp_path / "inline.toml"
+    path.write_text((text[:begin] + text[end:]).replace("[axis.x.control]\n", line), encoding="utf-8")
+    with pytest.raises(FeeddriveError, match=r"write axis\.x\.control\.filters as a section"):
+        fd.workflow.adjust(path, remove=("filters.0",))
