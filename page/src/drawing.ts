@@ -1,12 +1,13 @@
 // Curves, marks and limits of one panel on a canvas, within its axes.
 
 import type { Look } from "./look";
-import type { Curve, Disc, Mark, Panel } from "./wire";
+import type { Band, Curve, Disc, Mark, Panel } from "./wire";
 
 // the dashes and markers of the reports (plot/style.py); widths and sizes in CSS pixels
 export const DASHES: number[][] = [[], [7, 2], [2, 1.5], [7, 2, 2, 2], [12, 3], [4, 1.5, 1, 1.5]];
 const WIDTHS = { line: 1.6, thin: 0.7, bar: 3 };
 const MARK = 3.5;
+const SINGLE = { dots: 1.5, plus: 6, cross: 4.5, ring: 4 };
 const SHAPES: ((path: Path2D, x: number, y: number, r: number) => void)[] = [
   (path, x, y, r) => path.arc(x, y, r, 0, 2 * Math.PI),
   (path, x, y, r) => path.rect(x - r, y - r, 2 * r, 2 * r),
@@ -65,6 +66,7 @@ export function paint(ctx: CanvasRenderingContext2D, panel: Panel, numbers: Floa
     if (level.upright) ctx.fillText(level.text, at + 4 * ratio, y.to + 12 * ratio);
     else ctx.fillText(level.text, x.to - 4 * ratio, at - 4 * ratio);
   }
+  for (const each of panel.bands) band(ctx, each, numbers, x, y, look);
   for (const each of panel.discs) disc(ctx, each, x, y, look, ratio);
   for (const each of panel.curves) curve(ctx, each, numbers, x, y, look, ratio);
   for (const each of panel.marks) mark(ctx, each, x, y, look, ratio);
@@ -100,29 +102,33 @@ function curve(ctx: CanvasRenderingContext2D, curve: Curve, numbers: Float32Arra
   const tint = color(curve.number, look);
   ctx.strokeStyle = tint;
   ctx.fillStyle = tint;
-  ctx.globalAlpha = curve.look === "line" || curve.look === "plus" ? 1 : 0.6;
-  if (curve.look === "dots" || curve.look === "plus") {
+  const kind = curve.look;
+  ctx.globalAlpha = kind === "thin" || kind === "bar" || kind === "dots" ? 0.6 : 1;
+  if (kind === "dots" || kind === "plus" || kind === "cross" || kind === "ring") {
     const path = new Path2D();
-    const r = (curve.look === "plus" ? 6 : 1.5) * ratio;
+    const r = SINGLE[kind] * ratio;
     for (let i = 0; i < curve.n; i++) {
       const [px, py] = [across[i]!, up[i]!];
       if (Number.isNaN(px + py)) continue;
-      if (curve.look === "dots") {
-        path.rect(px - r, py - r, 2 * r, 2 * r);
-        continue;
+      if (kind === "dots") path.rect(px - r, py - r, 2 * r, 2 * r);
+      else if (kind === "ring") {
+        path.moveTo(px + r, py);
+        path.arc(px, py, r, 0, 2 * Math.PI);
+      } else {
+        const slant = kind === "cross" ? r : 0;
+        path.moveTo(px - r, py - slant);
+        path.lineTo(px + r, py + slant);
+        path.moveTo(px - slant, py + r);
+        path.lineTo(px + slant, py - r);
       }
-      path.moveTo(px - r, py);
-      path.lineTo(px + r, py);
-      path.moveTo(px, py - r);
-      path.lineTo(px, py + r);
     }
-    ctx.lineWidth = 2 * ratio;
+    ctx.lineWidth = (kind === "ring" ? 1.4 : 2) * ratio;
     ctx.setLineDash([]);
-    if (curve.look === "dots") ctx.fill(path);
+    if (kind === "dots") ctx.fill(path);
     else ctx.stroke(path);
   } else {
-    ctx.lineWidth = WIDTHS[curve.look] * ratio;
-    ctx.setLineDash(curve.look === "line" ? scaled(curve.number, ratio) : []);
+    ctx.lineWidth = WIDTHS[kind] * ratio;
+    ctx.setLineDash(kind === "line" ? scaled(curve.number, ratio) : []);
     ctx.beginPath();
     let pen = false; // what is not finite interrupts the line
     for (let i = 0; i < curve.n; i++) {
@@ -136,6 +142,25 @@ function curve(ctx: CanvasRenderingContext2D, curve: Curve, numbers: Float32Arra
     }
     ctx.stroke();
   }
+  ctx.globalAlpha = 1;
+}
+
+// What is not finite interrupts it; each piece is one shape, along its upper end and back along the lower one.
+function band(ctx: CanvasRenderingContext2D, band: Band, numbers: Float32Array, x: Axis, y: Axis, look: Look): void {
+  const row = (k: number) => numbers.subarray(band.at + k * band.n, band.at + (k + 1) * band.n);
+  const [across, low, high] = [pixels(x, row(0)), pixels(y, row(1)), pixels(y, row(2))];
+  ctx.fillStyle = color(band.number, look);
+  ctx.globalAlpha = 0.18;
+  ctx.beginPath();
+  let first = 0;
+  for (let i = 0; i <= band.n; i++) {
+    if (i < band.n && !Number.isNaN(across[i]! + low[i]! + high[i]!)) continue;
+    for (let k = first; k < i; k++) k === first ? ctx.moveTo(across[k]!, high[k]!) : ctx.lineTo(across[k]!, high[k]!);
+    for (let k = i - 1; k >= first; k--) ctx.lineTo(across[k]!, low[k]!);
+    if (i > first) ctx.closePath();
+    first = i + 1;
+  }
+  ctx.fill();
   ctx.globalAlpha = 1;
 }
 

@@ -3,8 +3,10 @@
 import { color, DASHES } from "./drawing";
 import { look as chosen, type Look } from "./look";
 import { Panel, type Drawn, type Range } from "./panel";
-import type { Chart, Panel as Content } from "./wire";
+import type { Chart, Curve, Panel as Content } from "./wire";
 
+// How the legend shows a look that is no line.
+const SAMPLES: Partial<Record<Curve["look"], string>> = { cross: "cross", ring: "ring", dots: "dots" };
 const pictures = new WeakMap<Element, Picture>();
 
 export class Picture {
@@ -89,13 +91,18 @@ export class Picture {
     }
   }
 
-  // x of a place on the picture, in the unit of its axis; null beside the panels
+  // x of a place on the picture, in SI whatever unit its axis has; null beside the panels
   at(place: [number, number]): number | null {
-    return this.panels[0]?.at(...place)?.x ?? null;
+    const found = this.panels[0]?.at(...place);
+    return found ? found.x / this.factor : null;
   }
 
   pixel(x: number): number {
-    return this.panels[0]?.across(x) ?? 0;
+    return this.panels[0]?.across(x * this.factor) ?? 0;
+  }
+
+  private get factor(): number {
+    return this.chart?.factor ?? 1;
   }
 
   // y of a height in the first panel, in the unit of its axis; null before something was drawn
@@ -147,17 +154,22 @@ export class Picture {
 
   private describe(chart: Chart, look: Look): void {
     const curves = chart.panels.flatMap((panel) => panel.curves).filter((curve) => curve.name);
-    const words = curves.map((curve) => `${curve.name}: ${curve.said.trim()}`);
-    const shown = JSON.stringify([words, curves.map((each) => each.number), look.ink]);
+    const bands = chart.panels.flatMap((panel) => panel.bands).filter((band) => band.name);
+    const named = [
+      ...curves.map(({ number, name, said, look }) => ({ number, kind: SAMPLES[look] ?? `dash${number < 0 ? 0 : number % DASHES.length}`, said: said ? `${name}: ${said.trim()}` : name })),
+      ...bands.map(({ number, name }) => ({ number, kind: "area", said: name })),
+    ];
+    const words = named.map((each) => each.said);
+    const shown = JSON.stringify([named, look.ink]);
     if (shown === this.legend_shown) return;
     this.legend_shown = shown;
     this.legend.replaceChildren(
-      ...curves.map((curve, i) => {
+      ...named.map(({ number, kind, said }) => {
         const item = document.createElement("li");
         const sample = document.createElement("span");
-        sample.className = `sample dash${curve.number < 0 ? 0 : curve.number % DASHES.length}`;
-        sample.style.color = color(curve.number, look);
-        item.append(sample, words[i]!);
+        sample.className = `sample ${kind}`;
+        sample.style.color = color(number, look);
+        item.append(sample, said);
         return item;
       }),
     );

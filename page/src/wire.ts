@@ -3,8 +3,15 @@
 export interface Curve {
   name: string;
   number: number;
-  look: "line" | "thin" | "bar" | "dots" | "plus";
+  look: "line" | "thin" | "bar" | "dots" | "plus" | "cross" | "ring";
   said: string;
+  at: number;
+  n: number;
+}
+// An area: n numbers of x, then n of its lower and n of its upper end.
+export interface Band {
+  name: string;
+  number: number;
   at: number;
   n: number;
 }
@@ -46,6 +53,7 @@ export interface Panel {
   levels: Level[];
   discs: Disc[];
   notes: Note[];
+  bands: Band[];
 }
 export interface Chart {
   label: string;
@@ -53,6 +61,7 @@ export interface Chart {
   low: number | null;
   high: number | null;
   square: boolean;
+  factor: number; // from what is dragged, in SI, to the numbers of the axis of x
   panels: Panel[];
 }
 export interface Knob {

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
-from feeddrive.plot.chart import Chart, Curve, Panel
+from feeddrive.plot.chart import Band, Chart, Curve, Panel
 from feeddrive.plot.style import envelope
 from feeddrive.studio.bench import Bench, bench_of
 from feeddrive.studio.session import Session
@@ -179,6 +179,23 @@ def test_a_message_is_whole_numbers_and_all(session: Session) -> None:
     assert np.isnan(x[1])
     assert broken["n"] == 3  # one point stands for the gap
     assert numbers.size == broken["at"] + 2 * broken["n"]
+
+
+def test_a_band_goes_over_the_wire_with_both_ends_and_never_narrower() -> None:
+    x = np.linspace(0.0, 1.0, 30_001)
+    spike = np.where(np.arange(x.size) == 12_345, 5.0, 1.0)
+    gap = np.array([0.0, 1.0, np.nan, 2.0, 3.0])
+    chart = Chart("time (s)", (Panel("y", bands=(Band(x, -spike, spike, 2, "wide"), Band(gap, gap, gap + 1.0))),))
+    said, numbers = read(message({"number": 1}, {"x": chart}))
+    wide, broken = said["charts"]["x"]["panels"][0]["bands"]
+    assert (wide["name"], wide["number"]) == ("wide", 2)
+    across, low, high = (numbers[wide["at"] + k * wide["n"] :][: wide["n"]] for k in range(3))
+    assert wide["n"] <= 1000
+    assert (across[0], across[-1]) == (0.0, 1.0)
+    assert (low.min(), high.max()) == (-5.0, 5.0)
+    assert np.all(np.diff(across) > 0.0)
+    rows = [numbers[broken["at"] + k * broken["n"] :][: broken["n"]] for k in range(3)]
+    np.testing.assert_array_equal(rows, [gap, gap, gap + 1.0])
 
 
 def test_knobs_are_in_the_units_that_people_read(session: Session) -> None:

@@ -1,7 +1,7 @@
 """What goes to the browser: a header in JSON and the numbers of all curves as 32-bit floats, in one message.
 
 4 bytes   length of the header, little-endian, a multiple of 4 (padded with blanks)
-header    JSON; a curve in it says at which number its x begins, and how many there are; its y follow
+header    JSON; a curve in it says at which number its x begins, and how many there are; its y follow, of a band both
 numbers   float32, little-endian; what is not finite is NaN and interrupts a line
 """
 
@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from feeddrive.plot.chart import Chart, Curve, Panel
+from feeddrive.plot.chart import Band, Chart, Curve, Panel
 from feeddrive.plot.style import envelope
 
 POINTS = 1000  # of a curve, and pixels of the width of a picture
@@ -34,6 +34,7 @@ def message(said: Mapping[str, Any], charts: Mapping[str, Chart] | None = None) 
 def _chart(chart: Chart, numbers: list[np.ndarray]) -> dict[str, Any]:
     return {
         "label": chart.label, "scale": chart.scale, "low": chart.low, "high": chart.high, "square": chart.square,
+        "factor": chart.factor,
         "panels": [_panel(each, numbers, chart) for each in chart.panels],
     }  # fmt: skip
 
@@ -46,17 +47,35 @@ def _panel(panel: Panel, numbers: list[np.ndarray], chart: Chart) -> dict[str, A
         "levels": [asdict(each) for each in panel.levels],
         "discs": [asdict(each) for each in panel.discs],
         "notes": [asdict(each) for each in panel.notes],
+        "bands": [_band(each, numbers) for each in panel.bands],
     }  # fmt: skip
 
 
 def _curve(curve: Curve, numbers: list[np.ndarray], chart: Chart, panel: Panel) -> dict[str, Any]:
     x, y = _drawn(np.asarray(curve.x, np.float64), np.asarray(curve.y, np.float64), chart, panel)
+    at = _put((x, y), numbers)
+    return {"name": curve.name, "number": curve.number, "look": curve.look, "said": curve.said, "at": at, "n": x.size}
+
+
+def _put(rows: Sequence[np.ndarray], numbers: list[np.ndarray]) -> int:
+    """Add rows of numbers; at which number they begin."""
     at = sum(each.size for each in numbers)
-    for row in (x, y):
+    for row in rows:
         with np.errstate(over="ignore"):
             small = row.astype(np.float32)
         numbers.append(np.where(np.isfinite(small), small, np.float32(np.nan)))
-    return {"name": curve.name, "number": curve.number, "look": curve.look, "said": curve.said, "at": at, "n": x.size}
+    return at
+
+
+def _band(band: Band, numbers: list[np.ndarray]) -> dict[str, Any]:
+    """Of a band with more points than a picture shows the widest of each stretch."""
+    x, low, high = (np.asarray(each, np.float64) for each in (band.x, band.low, band.high))
+    if x.size > POINTS and np.all(np.isfinite(x)):
+        begins = np.linspace(0, x.size, POINTS, endpoint=False).astype(int)
+        low, high = np.minimum.reduceat(low, begins), np.maximum.reduceat(high, begins)
+        x = np.append(x[begins[:-1]], x[-1])
+    at = _put((x, low, high), numbers)
+    return {"name": band.name, "number": band.number, "at": at, "n": x.size}
 
 
 def _drawn(x: np.ndarray, y: np.ndarray, chart: Chart, panel: Panel) -> tuple[np.ndarray, np.ndarray]:
