@@ -54,7 +54,10 @@ class Progress:
         self.show_remark(said)
 
     def counted(self, of: int) -> Progress:
-        """The progress for work that reports only the names of its steps: it counts them up to `of`."""
+        """The progress for work that reports only the names of its steps: it counts them up to `of`.
+
+        A step that has a count of its own is a part of the one before, and is shown with that.
+        """
         return _Forwarded(self, of=of)
 
     def named(self, part: str) -> Progress:
@@ -94,7 +97,7 @@ class _Forwarded(Progress):
         self._whole.cancel()
 
     def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
-        if self._of is not None:
+        if self._of is not None and of is None:
             done, of = self._begun, self._of
             self._begun += 1
         self._whole.show_step(what, done, of, part or self._part)

@@ -33,12 +33,12 @@ class Recorded(Mapping[str, np.ndarray]):
 
     def __init__(self, names: Sequence[str], rows: np.ndarray) -> None:
         self._places = {name: place for place, name in enumerate(names)}
-        self._rows = rows
+        self.rows = rows
         self._read: dict[str, np.ndarray] = {}
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self._read:
-            self._read[name] = np.ascontiguousarray(self._rows[:, self._places[name]])
+            self._read[name] = np.ascontiguousarray(self.rows[:, self._places[name]])
         return self._read[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -142,6 +142,7 @@ def simulate(
     arithmetic: str = "exact",
     bound: float | None = None,
     name: str = "run",
+    progress: Progress | None = None,
 ) -> Run:
     """One run of a loop along a reference, or of a machine along one for each axis.
 
@@ -159,16 +160,24 @@ def simulate(
     record      names of signals; default: all
     arithmetic  "exact" (default: the same bits everywhere), "libm" or "fma"
     bound       m; default: the larger of 1 m and 100 times the travel
+    progress    reports the seconds of the run that are done, and may cancel
 
     Raises DivergedError with the sample at which |tracking error| left `bound` or became NaN, ParameterError for a
     signal or an arithmetic that is not known and for a change with a bad place, name or value, and StructureError for a
     change of the structure.
     """
-    whole = stream(
+    pieces = stream(
         loop, reference, load=load, added_force=added_force, enable=enable, changes=changes, duration=duration,
-        start=start, seed=seed, record=record, arithmetic=arithmetic, bound=bound, chunk=None, name=name,
+        start=start, seed=seed, record=record, arithmetic=arithmetic, bound=bound,
+        chunk=None if progress is None else CHUNK, name=name, progress=progress,
     )  # fmt: skip
-    return next(whole)
+    found = list(pieces)
+    first = found[0]
+    if len(found) == 1:
+        return first
+    names = list(first.signals)
+    rows = np.concatenate([piece.signals.rows for piece in found if isinstance(piece.signals, Recorded)])
+    return Run(name, Recorded(names, rows), first.sample_time, len(rows), 0, first.turning)
 
 
 def known(system: System, record: Sequence[str], arithmetic: str) -> list[str]:
@@ -317,6 +326,7 @@ def stream(
     bound: float | None = None,
     chunk: int | None = CHUNK,
     name: str = "stream",
+    progress: Progress | None = None,
 ) -> Iterator[Run]:
     """The run of `simulate`, yielded in chunks of samples: constant memory for any length.
 
@@ -345,6 +355,8 @@ def stream(
     course = Course(prepared, [(at, Prepared(changed, work.first(), start, seed, limit)) for at, changed in later])
     for first in range(0, count, chunk):
         size = min(chunk, count - first)
+        if progress is not None:
+            progress.step(f"{name}: seconds of the run", int(first * work.T), int(count * work.T))
         rows = course.advance(made, work, states, first, size)
         _check_inside(states[left, 0], limit, work.T)
         yield Run(name, Recorded(record, rows), work.T, size, first, turning_ports(loop))

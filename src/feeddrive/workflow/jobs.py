@@ -193,8 +193,12 @@ def _scaled(value: float | None, factor: float, form: str) -> str:
     return "-" if value is None else format(factor * value, form)
 
 
+STEPS = 2
+"""Steps of each law; along a part program there is one more."""
+
+
 def run_laws(job: Job, progress: Progress | None = None) -> JobResult:
-    """Run all laws of a job. `progress` reports the name of each law before it.
+    """Run all laws of a job. `progress` reports what is done with each law, in `STEPS` steps or one more.
 
     Raises UnstableError for a law whose loop is not stable, DivergedError for one whose run leaves its bounds, and
     LogError for a log that does not fit the job.
@@ -211,13 +215,12 @@ def run_laws(job: Job, progress: Progress | None = None) -> JobResult:
     velocity = _velocity(job.reference, measured, next(iter(job.loops.values())).sample_time)
     rows: list[Entry] = []
     observers = listening(job)
+    progress = progress or Progress()
     for name, loop in job.loops.items():
-        if progress is not None:
-            progress.step(name)
-        rows.append(_row(job, name, loop, measured, velocity, observers))
+        rows.append(_row(job, name, loop, measured, velocity, observers, progress))
     if measured is not None and rows[0].replay is not None:
         said += of_injected(rows[0].loop, measured, rows[0].replay)
-    if observers and progress is not None:
+    if observers:
         progress.step("chatter")
     verdicts = chatter(job, rows)
     remarks = (*said, *chatter_remarks(verdicts), *_matched(job), *_remarks(rows))
@@ -236,10 +239,12 @@ def _matched(job: Job) -> list[str]:
 
 
 def _row(
-    job: Job, name: str, loop: Loop, measured: Mapping[str, np.ndarray] | None, velocity: float, observers: Listening
-) -> Entry:
+    job: Job, name: str, loop: Loop, measured: Mapping[str, np.ndarray] | None, velocity: float, observers: Listening,
+    progress: Progress,
+) -> Entry:  # fmt: skip
     """One law, analyzed and simulated; errors name the job and the law."""
     where = f"{job.file.name}: law '{name}'"
+    progress.step(f"{name}: its linear model")
     whole: System = job.machines.get(name, loop)
     idle = out_of_the_work(job, whole)
     why = ""
@@ -249,18 +254,21 @@ def _row(
         why = str(error)
     try:
         again, together = None, None
+        progress.step(f"{name}: the run")
         if measured is not None:
             again = replay(loop, measured, skip=job.log.skip_samples if job.log else 0, name=name)
             run = again.run
         elif isinstance(whole, Machine):
-            together = _together(job, whole, loop.name, name)
+            together = _together(job, whole, loop.name, name, progress)
             run = dataclasses.replace(together.axis(loop.name), name=name)
         else:
-            run = _simulated(job, loop, name)
+            run = _simulated(job, loop, name, progress)
         nyquist = 0.5 / loop.sample_time
         frequency = np.geomspace(min(1.0, 0.01 * nyquist), nyquist, RESPONSE_LINES)
         known = not why and period_of(idle) <= MOST
         gain = loop_gain(idle, frequency, velocity=velocity, axis=loop.name) if known else None
+        if job.program is not None:
+            progress.step(f"{name}: its path")
         return Entry(
             name=name,
             description=described(loop.control),
@@ -278,19 +286,23 @@ def _row(
         raise type(error)(f"{where}: {error}") from None
 
 
-def _simulated(job: Job, loop: Loop, name: str) -> Run:
+def _simulated(job: Job, loop: Loop, name: str, progress: Progress) -> Run:
     assert job.reference is not None
-    return simulate(loop, job.reference, load=job.load, duration=job.duration, seed=job.seed, name=name)
+    return simulate(
+        loop, job.reference, load=job.load, duration=job.duration, seed=job.seed, name=name, progress=progress
+    )
 
 
-def _together(job: Job, machine: Machine, axis: str, name: str) -> Run:
+def _together(job: Job, machine: Machine, axis: str, name: str, progress: Progress) -> Run:
     """All axes in one run: the one of the rows along the job's reference, the others along theirs or at rest."""
     assert job.reference is not None
     given = {axis: Other(job.reference, job.load), **job.others}
     still = LinearMove(distance=0.0, travel_time=max(job.reference.duration, machine.sample_time))
     references = {each: given[each].reference or still if each in given else still for each in machine.axes()}
     loads = {each: load for each, what in given.items() if (load := what.load) is not None}
-    return simulate(machine, references, load=loads or None, duration=job.duration, seed=job.seed, name=name)
+    return simulate(
+        machine, references, load=loads or None, duration=job.duration, seed=job.seed, name=name, progress=progress
+    )
 
 
 def _log(job: Job) -> Log | None:

@@ -24,7 +24,7 @@ from feeddrive.language import tree
 from feeddrive.language.progress import Progress
 from feeddrive.report import Entry, build
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.jobs import JobResult, numbers, run_laws
+from feeddrive.workflow.jobs import STEPS, JobResult, numbers, run_laws
 from feeddrive.workflow.request import OUT, Request, argument, option, stem
 
 _TEXT = 100_000  # rows: a longer run is not written as text
@@ -64,8 +64,11 @@ def run(request: RunRequest, progress: Progress) -> Outcome[JobResult]:
     Raises UnstableError for a law whose loop is not stable, DivergedError for one whose run leaves its bounds, and
     LogError for a log that does not fit the job.
     """
+    progress.step("reading the job")
     job = read_job(request.job, request.log)
-    progress = progress.counted(len(job.loops) + (1 if job.program is None or not job.program.cuts else 2))
+    program, out = job.program, int(request.out is not None)
+    laws = len(job.loops) * (STEPS if program is None else STEPS + 1)
+    progress = progress.counted(laws + out + int(program is not None and bool(program.cuts)))
     found = run_laws(job, progress)
     files: dict[str, Path] = {}
     if request.out is not None:
