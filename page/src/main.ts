@@ -3,6 +3,7 @@
 import { JobBar } from "./job";
 import { paint } from "./look";
 import { button, make } from "./parts";
+import { whenZoomed } from "./picture";
 import type { Request, Room } from "./room";
 import { Bring } from "./rooms/bring";
 import { Compare } from "./rooms/compare";
@@ -59,6 +60,8 @@ export function go(name: string): void {
   tabs.get(name)!.room.shown?.();
   ask({ do: `${name}.show` });
 }
+
+whenZoomed((label, x) => ask({ do: "view.window", label, low: x?.low ?? null, high: x?.high ?? null, shows: open }));
 
 // A room may send the person on: new CustomEvent("go", { detail: "tune", bubbles: true })
 document.addEventListener("go", (event) => go((event as CustomEvent<string>).detail));

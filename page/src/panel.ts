@@ -30,6 +30,7 @@ export interface Drawn {
   frequency: boolean;
   square: boolean;
   label: string;
+  names: Map<number, string>; // of curves, by number: panels below the first do not name them again
   look: Look;
 }
 
@@ -85,7 +86,7 @@ export class Panel {
           points: { show: false },
           drag: { x: true, y: true, uni: 24, setScale: false },
           bind: { dblclick: () => () => (heard.reset(), null) },
-          ...(link === null ? {} : { sync: { key: link, scales: ["x", null] as [string, null], setSeries: false } }),
+          ...(link === null ? {} : { sync: { key: link, scales: ["x", null] as [string, null], setSeries: false, filters: { pub: still } } }),
         },
         hooks: {
           draw: [() => this.paint()],
@@ -99,6 +100,7 @@ export class Panel {
     this.readout.className = "readout";
     this.readout.hidden = true;
     this.plot.over.append(this.readout);
+    this.plot.over.addEventListener("pointerenter", () => this.plot.syncRect(true)); // it may have been moved on the page
     this.plot.over.addEventListener("click", (event) => {
       const box = this.plot.over.getBoundingClientRect();
       const { x, y } = this.axes();
@@ -206,16 +208,21 @@ export class Panel {
     const { bbox } = this.plot;
     const { x, y } = this.axes();
     const at = value(x, bbox.left + left * uPlot.pxRatio);
-    const { content, numbers, square } = this.drawn;
+    const { content, numbers, square, names } = this.drawn;
     const rows = [five(at)];
     if (square) rows[0] += `, ${five(value(y, bbox.top + top * uPlot.pxRatio))}`;
     else for (const curve of content.curves.filter((each) => each.look === "line" || each.look === "dots")) {
       const found = near(curve, numbers, at);
-      if (found !== null) rows.push(`${curve.name ? `${curve.name} ` : ""}${five(found)}`);
+      if (found !== null) rows.push(`${names.get(curve.number) ?? ""} ${five(found)}`.trim());
     }
     this.readout.textContent = rows.join("\n");
     this.readout.classList.toggle("right", left < this.plot.over.clientWidth / 2);
   }
+}
+
+// The cursor is linked, and a drag is not: what it selects is shown by the picture.
+function still(type: string, plot: uPlot): boolean {
+  return type === "mouseleave" || (type === "mousemove" && !(plot.cursor.event && plot.cursor.event.buttons));
 }
 
 function five(value: number): string {

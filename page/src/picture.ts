@@ -8,6 +8,12 @@ import type { Chart, Curve, Panel as Content } from "./wire";
 // How the legend shows a look that is no line.
 const SAMPLES: Partial<Record<Curve["look"], string>> = { cross: "cross", ring: "ring", dots: "dots" };
 const pictures = new WeakMap<Element, Picture>();
+const asked: ((label: string, x: Range | null) => void)[] = [];
+
+// A part of x is looked at: the server has more points of it.
+export function whenZoomed(act: (label: string, x: Range | null) => void): void {
+  asked.push(act);
+}
 
 export class Picture {
   readonly element = document.createElement("figure");
@@ -50,8 +56,9 @@ export class Picture {
     const [width, height] = [this.field.clientWidth, this.field.clientHeight];
     if (width < 120 || height < 60) return; // not laid out yet
     const x = this.x ?? reach(chart, numbers);
+    const names = new Map(chart.panels.flatMap(({ curves }) => curves.filter((each) => each.name).map((each) => [each.number, each.name])));
     const drawn: Drawn[] = chart.panels.map((content, i) => ({
-      content, numbers, x, look,
+      content, numbers, x, look, names,
       y: this.y.get(i) ?? range(content, numbers, x),
       frequency: chart.scale === "frequency", square: chart.square, label: chart.label,
     })); // prettier-ignore
@@ -89,6 +96,7 @@ export class Picture {
       if (x || y === null) each.x = x;
       each.redraw();
     }
+    if (this.chart && !this.chart.square && (x || y === null)) for (const act of asked) act(this.chart.label, x);
   }
 
   // x of a place on the picture, in SI whatever unit its axis has; null beside the panels

@@ -137,6 +137,43 @@ def test_what_is_brought_is_shown_as_text_and_refused_with_what_to_do(studio: An
     assert opened.said == []
 
 
+def test_a_picture_is_zoomed_and_its_cursor_stands_in_all_over_the_same_x(studio: Any) -> None:
+    page = (opened := studio.open(1280, 1400)).page
+    opened.go("tune")
+    page.wait_for_selector("#verdict:not(:empty)")
+    opened.settled()
+    area = page.locator("#picture-sensitivity .u-over").first
+    box = area.bounding_box()
+    page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 20)
+    page.wait_for_timeout(100)
+    readings = page.locator("#picture-sensitivity .readout, #picture-stiffness .readout, #picture-open_loop .readout")
+    said = [each.splitlines() for each in readings.all_inner_texts()]
+    assert len(said) == 5  # panels
+    assert len({each[0] for each in said}) == 1, said  # one frequency
+    assert all(each[1].startswith("today ") and each[2].startswith("now ") for each in said)
+    middle = float(said[0][0])
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.6 * box["width"], box["y"] + 22, steps=4)
+    page.mouse.up()
+    opened.settled()
+    page.mouse.move(box["x"] + 1.0, box["y"] + 20)  # the left end is what was the middle
+    page.wait_for_timeout(100)
+    left = [float(each.splitlines()[0]) for each in readings.all_inner_texts()]
+    assert left == pytest.approx([middle] * 5, rel=0.01)  # a pixel is 0.6 %
+    surface = page.locator("#picture-stiffness .surface")
+    surface.focus()
+    page.keyboard.press("0")
+    opened.settled()
+    for _ in range(3):
+        page.keyboard.press("Shift+ArrowRight")
+    spoken = page.inner_text("#picture-stiffness .spoken")
+    assert "today" in spoken
+    page.mouse.move(box["x"] + 1.0, box["y"] + 20)
+    page.wait_for_timeout(100)
+    assert float(page.locator("#picture-sensitivity .readout").first.inner_text().splitlines()[0]) < 0.1 * middle
+    assert opened.said == []
+
+
 @pytest.mark.parametrize("size", [(1280, 720), (768, 1024)])
 def test_no_room_is_wider_than_the_screen(studio: Any, size: tuple[int, int]) -> None:
     opened = studio.open(*size)

@@ -168,16 +168,17 @@ def test_a_message_is_whole_numbers_and_all(session: Session) -> None:
     """Offsets are those of the numbers; what is not finite interrupts a line; over time peaks stay."""
     time = np.linspace(0.0, 1.0, 50_001)
     peak = np.where(np.arange(time.size) == 31_234, 7.0, 0.0)
-    gap = np.array([1.0, np.nan, np.nan, 4.0]), np.array([1.0, 2.0, np.inf, 8.0])
+    gap = np.linspace(0.0, 1.0, 5_000), np.linspace(1.0, 8.0, 5_000)
+    gap[1][2_000:3_000] = np.inf
     chart = Chart("time (s)", (Panel("error (µm)", (Curve(time, peak, "long"), Curve(*gap, "broken"))),))
     said, numbers = read(message({"number": 1}, {"x": chart}))
     long, broken = said["charts"]["x"]["panels"][0]["curves"]
     assert long["n"] < 3000
     assert np.max(numbers[long["at"] + long["n"] :][: long["n"]]) == 7.0
     x, y = (numbers[broken["at"] + k * broken["n"] :][: broken["n"]] for k in (0, 1))
-    assert (x[0], y[0], x[-1], y[-1]) == (1.0, 1.0, 4.0, 8.0)
-    assert np.isnan(x[1])
-    assert broken["n"] == 3  # one point stands for the gap
+    assert (x[0], y[0], x[-1], y[-1]) == (0.0, 1.0, 1.0, 8.0)
+    assert np.flatnonzero(np.isnan(x)).size == 1  # one point stands for the gap
+    assert broken["n"] < 1_010
     assert numbers.size == broken["at"] + 2 * broken["n"]
 
 
@@ -196,6 +197,39 @@ def test_a_band_goes_over_the_wire_with_both_ends_and_never_narrower() -> None:
     assert np.all(np.diff(across) > 0.0)
     rows = [numbers[broken["at"] + k * broken["n"] :][: broken["n"]] for k in range(3)]
     np.testing.assert_array_equal(rows, [gap, gap, gap + 1.0])
+
+
+def test_a_part_of_a_curve_that_is_looked_at_has_its_own_points(session: Session) -> None:
+    time = np.linspace(0.0, 1.0, 50_001)
+    chart = Chart("time (s)", (Panel("error (µm)", (Curve(time, np.sin(3e4 * time)),)),))
+    said, numbers = read(message({"number": 1}, {"x": chart}, {"time (s)": (0.5, 0.51)}))
+    (curve,) = said["charts"]["x"]["panels"][0]["curves"]
+    x, y = (numbers[curve["at"] + k * curve["n"] :][: curve["n"]] for k in (0, 1))
+    there = (time >= 0.5 - 1.5 / 50_000) & (time <= 0.51 + 0.5 / 50_000)  # every sample, and one more before
+    np.testing.assert_array_equal(x, time[there].astype(np.float32))
+    np.testing.assert_array_equal(y, np.sin(3e4 * time[there]).astype(np.float32))
+
+
+def test_a_window_of_the_page_holds_until_all_is_shown(session: Session) -> None:
+    def window(**given: Any) -> dict[str, Any]:
+        return asked(session, "view.window", label="time (s)", shows="tune", **given)
+
+    def reach(said: bytes) -> tuple[float, float]:
+        found, numbers = read(said)
+        curve = found["charts"]["run"]["panels"][0]["curves"][0]
+        x = numbers[curve["at"] :][: curve["n"]]
+        return float(x[0]), float(x[-1])
+
+    show = {"number": 1, "do": "tune.show"}
+    whole = reach(session.answer(show))
+    assert "error" not in window(low=0.2, high=0.3)
+    low, high = reach(session.answer(show))
+    step = session.desk.needed.needed_loop().sample_time + 1e-7  # and 32-bit floats
+    assert 0.2 - step <= low <= 0.2 + 1e-7
+    assert 0.3 - 1e-7 <= high <= 0.3 + step
+    assert "from low to high, not from 0.3 to 0.2" in window(low=0.3, high=0.2)["error"]
+    window(low=None, high=None)
+    assert reach(session.answer(show)) == whole
 
 
 def test_knobs_are_in_the_units_that_people_read(session: Session) -> None:

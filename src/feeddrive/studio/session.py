@@ -15,9 +15,10 @@ from feeddrive.studio.desk import Desk
 from feeddrive.studio.jobs import DONE, Found, Job, JobState, Work
 from feeddrive.studio.room import Asked, Room, Said
 from feeddrive.studio.rooms import ROOMS
-from feeddrive.studio.wire import message
+from feeddrive.studio.wire import Window, message
 
 Push = Callable[[bytes], None]
+_WINDOWS = 50  # parts of x that are looked at: labels come from the page
 
 
 class Session:
@@ -32,6 +33,7 @@ class Session:
         self.desk.changed, self.desk.tell, self.desk.begun = self._another, self.push, self._start
         self.rooms: dict[str, Room] = {each.name: each(self.desk) for each in ROOMS}
         self._pushes = list[Push]()
+        self._windows: dict[str, Window] = {}
         self._lock = threading.RLock()
         if bench is not None:
             self.desk.put(bench)
@@ -45,6 +47,8 @@ class Session:
             if name == "job":
                 self._job(act)
                 return self._message(number, "", Said())
+            if name == "view":
+                name, act = self._view(act, Asked(asked)), "show"
             if name not in self.rooms:
                 raise ParameterError(f"the page asks for '{name:.60}', which is none of {', '.join(self.rooms)}")
             with self._lock:
@@ -54,6 +58,7 @@ class Session:
 
     def listen(self, push: Push) -> Callable[[], None]:
         """Get what is said without a request; the function that is given back ends it."""
+        self._windows.clear()  # a page that has just been loaded looks at all
         self._pushes.append(push)
         return lambda: self._pushes.remove(push)
 
@@ -74,6 +79,20 @@ class Session:
         if act != "cancel":
             raise ParameterError(f"a job can be canceled, and not '{act:.60}'")
         self.desk.cancel()
+
+    def _view(self, act: str, asked: Asked) -> str:
+        """Look at a part of x in all pictures over it, or at all of it; the room that is shown."""
+        if act != "window":
+            raise ParameterError(f"a view has a window, and not '{act:.60}'")
+        label, low, high = asked.text("label"), asked.number_or_none("low"), asked.number_or_none("high")
+        self._windows.pop(label, None)
+        if low is not None and high is not None:
+            if not low < high:
+                raise ParameterError(f"a window reaches from low to high, not from {low:g} to {high:g}")
+            if len(self._windows) >= _WINDOWS:
+                self._windows.clear()
+            self._windows[label] = low, high
+        return asked.choice("shows", self.rooms)
 
     def _another(self) -> None:
         for each in self.rooms.values():
@@ -112,7 +131,7 @@ class Session:
             words["job"] = {**asdict(state), "error": self._plain(state.error)}
         if "error" in words:
             words["error"] = self._plain(str(words["error"]))
-        return message(words, said.charts)
+        return message(words, said.charts, self._windows)
 
     def _plain(self, said: str) -> str:
         """Files by the names under which they were brought."""

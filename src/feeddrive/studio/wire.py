@@ -19,30 +19,36 @@ from feeddrive.plot.chart import Band, Chart, Curve, Panel
 from feeddrive.plot.style import envelope
 
 POINTS = 1000  # of a curve, and pixels of the width of a picture
+Window = tuple[float, float]
 
 
-def message(said: Mapping[str, Any], charts: Mapping[str, Chart] | None = None) -> bytes:
-    """One message: what is said, and charts by name."""
-    numbers = list[np.ndarray]()
-    shown = {name: _chart(each, numbers) for name, each in (charts or {}).items()}
+def message(
+    said: Mapping[str, Any], charts: Mapping[str, Chart] | None = None, windows: Mapping[str, Window] | None = None
+) -> bytes:
+    """One message: what is said, and charts by name.
+
+    windows  the part of x that is looked at, by label of x: curves over it have their points there
+    """
+    numbers, windows = list[np.ndarray](), windows or {}
+    shown = {name: _chart(each, numbers, windows.get(each.label)) for name, each in (charts or {}).items()}
     header = json.dumps({**said, "charts": shown}, allow_nan=False, separators=(",", ":")).encode()
     header += b" " * (-len(header) % 4)
     body = np.concatenate(numbers).astype("<f4").tobytes() if numbers else b""
     return struct.pack("<I", len(header)) + header + body
 
 
-def _chart(chart: Chart, numbers: list[np.ndarray]) -> dict[str, Any]:
+def _chart(chart: Chart, numbers: list[np.ndarray], window: Window | None) -> dict[str, Any]:
     return {
         "label": chart.label, "scale": chart.scale, "low": chart.low, "high": chart.high, "square": chart.square,
         "factor": chart.factor,
-        "panels": [_panel(each, numbers, chart) for each in chart.panels],
+        "panels": [_panel(each, numbers, chart, window) for each in chart.panels],
     }  # fmt: skip
 
 
-def _panel(panel: Panel, numbers: list[np.ndarray], chart: Chart) -> dict[str, Any]:
+def _panel(panel: Panel, numbers: list[np.ndarray], chart: Chart, window: Window | None) -> dict[str, Any]:
     return {
         "label": panel.label, "scale": panel.scale, "low": panel.low, "high": panel.high, "share": panel.share,
-        "curves": [_curve(each, numbers, chart, panel) for each in panel.curves],
+        "curves": [_curve(each, numbers, chart, panel, window) for each in panel.curves],
         "marks": [asdict(each) for each in panel.marks],
         "levels": [asdict(each) for each in panel.levels],
         "discs": [asdict(each) for each in panel.discs],
@@ -51,8 +57,12 @@ def _panel(panel: Panel, numbers: list[np.ndarray], chart: Chart) -> dict[str, A
     }  # fmt: skip
 
 
-def _curve(curve: Curve, numbers: list[np.ndarray], chart: Chart, panel: Panel) -> dict[str, Any]:
-    x, y = _drawn(np.asarray(curve.x, np.float64), np.asarray(curve.y, np.float64), chart, panel)
+def _curve(
+    curve: Curve, numbers: list[np.ndarray], chart: Chart, panel: Panel, window: Window | None
+) -> dict[str, Any]:
+    x, y = np.asarray(curve.x, np.float64), np.asarray(curve.y, np.float64)
+    if x.size > POINTS:
+        x, y = _thinned(x, y, chart, panel, window)
     at = _put((x, y), numbers)
     return {"name": curve.name, "number": curve.number, "look": curve.look, "said": curve.said, "at": at, "n": x.size}
 
@@ -78,16 +88,31 @@ def _band(band: Band, numbers: list[np.ndarray]) -> dict[str, Any]:
     return {"name": band.name, "number": band.number, "at": at, "n": x.size}
 
 
-def _drawn(x: np.ndarray, y: np.ndarray, chart: Chart, panel: Panel) -> tuple[np.ndarray, np.ndarray]:
-    """No more points than a picture shows: the envelope over x, or of a curve in a plane what moves by a pixel."""
+def _thinned(
+    x: np.ndarray, y: np.ndarray, chart: Chart, panel: Panel, window: Window | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """No more points than a picture shows: the envelope over x, or of a curve in a plane what moves by a pixel.
+
+    What is not finite interrupts a curve; its pieces share the points by their lengths.
+    """
     there = np.isfinite(x) & np.isfinite(y)
     if not np.all(there):
-        kept = there | np.roll(there, 1)  # one point of each gap
-        return x[kept], y[kept]
-    if x.size > POINTS and np.all(np.diff(x) > 0.0):
+        ends = np.flatnonzero(np.diff(there)) + 1
+        pieces = [(u, v) for u, v in zip(np.split(x, ends), np.split(y, ends), strict=True)]
+        found = list[tuple[np.ndarray, np.ndarray]]()
+        for u, v in pieces:
+            if np.isfinite(u[0]) and np.isfinite(v[0]):
+                found.append(envelope(u, v, max(2, POINTS * u.size // x.size)) if np.all(np.diff(u) > 0.0) else (u, v))
+            else:
+                found.append((np.array([np.nan]), np.array([np.nan])))  # one point of each gap
+        return np.concatenate([u for u, _ in found]), np.concatenate([v for _, v in found])
+    if np.all(np.diff(x) > 0.0):
+        if window is not None:  # and one point more on either side
+            first, last = np.searchsorted(x, window)
+            x, y = x[max(0, first - 1) : last + 1], y[max(0, first - 1) : last + 1]
         return envelope(x, y, POINTS)
     limits = chart.low, chart.high, panel.low, panel.high
-    if x.size > POINTS and chart.square and all(each is not None for each in limits):
+    if chart.square and all(each is not None for each in limits):
         return _in_plane(x, y, *(float(each) for each in limits if each is not None))
     return x, y
 
