@@ -62,7 +62,7 @@ def run(session: Session, work: Any, **more: Any) -> tuple[Desk, list[Any]]:
 
 def test_work_gives_its_result_remarks_and_last_step(session: Session) -> None:
     said = list[bytes]()
-    session.listen(said.append)
+    session.listen(lambda _, each: said.append(each))
     desk, ended = run(session, partial(counted, 4))
     state = desk.job_state()
     assert state is not None

@@ -17,7 +17,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from feeddrive.studio.bench import bench_of
-from feeddrive.studio.protection import COOKIE, Door
+from feeddrive.studio.protection import Door
 from feeddrive.studio.server import make_app
 
 TOKEN = "the-token-of-this-start"
@@ -41,9 +41,13 @@ class Server(NamedTuple):
     def host(self) -> str:
         return f"127.0.0.1:{self.port}"
 
+    @property
+    def cookie(self) -> str:
+        return Door((self.host,), "").cookie
+
     def get(self, path: str, method: str = "GET", body: str = "", **headers: str) -> Answer:
         """A request with the cookie of one who has opened the page, unless headers say otherwise."""
-        given = {"Host": self.host, "Cookie": f"{COOKIE}={TOKEN}"} | {k.title(): v for k, v in headers.items()}
+        given = {"Host": self.host, "Cookie": f"{self.cookie}={TOKEN}"} | {k.title(): v for k, v in headers.items()}
         made = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
         try:
             made.putrequest(method, path, skip_host=True)
@@ -61,8 +65,8 @@ class Server(NamedTuple):
         """A WebSocket as a page of some origin opens it."""
         own = f"http://{self.host}" if origin == "own" else origin
         return connect(
-            f"ws://{self.host}{path}", origin=own, additional_headers={"Cookie": f"{COOKIE}={cookie}"}, max_size=None,
-            proxy=None,
+            f"ws://{self.host}{path}", origin=own, additional_headers={"Cookie": f"{self.cookie}={cookie}"},
+            max_size=None, proxy=None,
         )  # fmt: skip
 
 
@@ -109,7 +113,7 @@ def test_the_token_opens_the_page_and_gives_way_to_a_cookie(server: Server) -> N
     assert first.status == 303
     assert first.headers["location"] == "/"  # the token leaves the address bar
     kept = first.headers["set-cookie"]
-    assert kept.startswith(f"{COOKIE}={TOKEN};")
+    assert kept.startswith(f"{server.cookie}={TOKEN};")
     assert "HttpOnly" in kept
     assert "SameSite=Strict" in kept
     found = server.get("/")
@@ -119,7 +123,7 @@ def test_the_token_opens_the_page_and_gives_way_to_a_cookie(server: Server) -> N
 
 @pytest.mark.parametrize("query", ["", "?token=", "?token=guessed", f"?token={TOKEN}x"])
 def test_without_the_token_there_is_nothing(server: Server, query: str) -> None:
-    for cookie in ("", f"{COOKIE}=guessed", f"other={TOKEN}"):
+    for cookie in ("", f"{server.cookie}=guessed", f"other={TOKEN}"):
         found = server.get(f"/{query}", cookie=cookie)
         assert found.status == 403
         assert "carries the token" in found.text
@@ -219,7 +223,7 @@ def test_a_page_on_the_network_asks_for_the_password_and_the_token_does_not_help
         assert "set-cookie" not in found.headers
     opened = enter(guarded, PASSWORD)
     assert opened.status == 303
-    assert opened.headers["set-cookie"].startswith(f"{COOKIE}={TOKEN};")
+    assert opened.headers["set-cookie"].startswith(f"{guarded.cookie}={TOKEN};")
     assert guarded.get("/").status == 200
 
 

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import ipaddress
+import os
 import secrets
 import socket
+import tempfile
+import threading
 import webbrowser
+from collections.abc import Generator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from feeddrive.files.atomic_io import refusal
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.studio.bench import Bench, bench_of
@@ -87,16 +93,62 @@ def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench | None]:
             "this installation holds no built page: in a clone of the repository run  make studio  once, which needs "
             "node and npm"
         )
-    family = socket.AF_INET6 if ":" in request.host else socket.AF_INET
-    with socket.socket(family) as wanted:
+    with writable(request.folder), listening(request.host, request.port) as at:
+        serve_at(at, request, bench, brought, progress)
+    return Outcome(bench)
+
+
+@contextmanager
+def writable(folder: Path) -> Generator[None]:
+    """The folder is there, and the temporary files of readers stand in it too.
+
+    Raises FileError for one that cannot be written, with what to do.
+    """
+    before, place = os.environ.get("TMPDIR"), folder / "temporary"
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=place).close()
+    except OSError as error:
+        raise FileError(f"--folder {refusal(folder, 'written', error)}") from None
+    os.environ["TMPDIR"] = str(place.resolve())  # of the processes that read and compute
+    try:
+        yield
+    finally:
+        os.environ.pop("TMPDIR")
+        if before is not None:
+            os.environ["TMPDIR"] = before
+        with suppress(OSError):
+            place.rmdir()
+
+
+def listening(host: str, port: int) -> socket.socket:
+    """A socket at an address. Raises ParameterError for one that is taken or not of this machine."""
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        made = socket.socket(family)
+        if (
+            os.name == "posix"
+        ):  # a port that was in use a moment ago is free; Windows would share it with another server
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            wanted.bind((request.host, request.port))
-        except OSError as error:
-            raise ParameterError(
-                f"--host {request.host} --port {request.port}: cannot be used ({error.strerror}): choose another one, "
-                "or port 0 for a free one"
-            ) from None
-        port = wanted.getsockname()[1]
+            made.bind(address)
+            made.listen()
+        except OSError:
+            made.close()
+            raise
+    except OSError as error:
+        raise ParameterError(
+            f"--host {host} --port {port}: cannot be used ({error.strerror}): choose another one, or port 0 for a "
+            "free one"
+        ) from None
+    return made
+
+
+def serve_at(
+    at: socket.socket, request: StudioRequest, bench: Bench | None, brought: tuple[Path, ...], progress: Progress
+) -> None:
+    """Serve the page at a socket until Ctrl-C, which ends the work of all pages too."""
+    port = at.getsockname()[1]
     named = f"[{request.host}]" if ":" in request.host else request.host
     every = port if request.host in _EVERY else None
     hosts = tuple(f"{each}:{port}" for each in (named, "localhost", socket.gethostname()))
@@ -114,11 +166,15 @@ def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench | None]:
             )
         progress.remark(address)
         if not request.no_browser:
-            webbrowser.open(address)
+            threading.Thread(target=browse, daemon=True).start()  # a browser of a terminal stays until it is left
+
+    def browse() -> None:
+        if not webbrowser.open(address):
+            progress.remark("No browser was found on this machine: open this address in one.")
 
     app = make_app(bench, door, request.folder, brought=brought)
     try:
-        serve(app, request.host, port, ready)
+        with suppress(KeyboardInterrupt):  # its usual end
+            serve(app, at, ready)
     finally:
         end_all()
-    return Outcome(bench)

@@ -7,8 +7,10 @@ import multiprocessing
 import os
 import threading
 import time
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from feeddrive.language.errors import CancelledError, FeeddriveError
@@ -17,7 +19,6 @@ from feeddrive.language.progress import Progress
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
-    from multiprocessing.synchronize import Event
 
     from feeddrive.workflow.command import Outcome
     from feeddrive.workflow.request import Request
@@ -27,14 +28,16 @@ WAITING, RUNNING, DONE, FAILED, CANCELLED = "waiting", "running", "done", "faile
 _OFTEN = 0.05  # s between two reports of a step
 _DRAWN = 0.2  # s between two reports of what is best so far
 _PATIENCE = 1.5  # s in which canceled work may end by itself
+_ASKED = 0.01  # s between two looks whether the work was canceled
 _PLACES = threading.BoundedSemaphore(os.cpu_count() or 1)  # of all pages together
-_RUNNING = set[Any]()  # processes; they are no daemons, since some of them begin processes of their own
+_BEGIN = threading.Lock()  # one process begins at a time, and none while all are ended
+_GOING = set["Job"]()  # jobs that have not ended; their processes are no daemons: some begin processes of their own
 _CONTEXT = multiprocessing.get_context("spawn")
 
 
 def end_all() -> None:
-    """End the work of all pages, as at the end of the server."""
-    for each in tuple(_RUNNING):
+    """End the work of all pages, that which waits for a processor too, as at the end of the server."""
+    for each in tuple(_GOING):
         each.kill()
 
 
@@ -94,64 +97,77 @@ class Job:
     ) -> None:  # fmt: skip
         self.state = JobState(room, what)
         self._work, self._heard, self._found, self._ended = work, heard, found, ended
-        self._stop: Event = _CONTEXT.Event()
+        self._stop = threading.Event()  # of this process: one that is killed may leave a shared one locked
+        self._over = threading.Event()
         self._begun = time.monotonic()
         self._process: Any = None
+        self._pipe: Connection | None = None
         self._thread = threading.Thread(target=self._follow, daemon=True)
 
     def start(self) -> None:
         """Begin, as soon as a processor is free for it."""
+        _GOING.add(self)
         self._thread.start()
 
     def cancel(self) -> None:
         """Ask the work to stop; if it does not, end its process."""
-        self._stop.set()
-        if self._process is not None:
-            threading.Thread(target=self._end, args=(self._process,), daemon=True).start()
+        if not self._stop.is_set():
+            self._stop.set()
+            threading.Thread(target=self._end, daemon=True).start()
 
     def kill(self) -> None:
-        """End its process at once, as at the end of the server."""
-        self._stop.set()
-        if self._process is not None:
-            self._process.kill()
+        """End its process at once, as at the end of the server; work that has not begun never does."""
+        with _BEGIN:
+            self._stop.set()
+            if self._process is not None:
+                self._process.kill()
 
     def join(self, seconds: float | None = None) -> None:
         """Wait for its end."""
         self._thread.join(seconds)
 
-    @staticmethod
-    def _end(process: Any) -> None:
-        process.join(_PATIENCE)
-        if process.is_alive():
-            process.terminate()
+    def _end(self) -> None:
+        with _BEGIN, contextlib.suppress(OSError):  # it may have ended meanwhile
+            if self._pipe is not None:
+                self._pipe.send("stop")
+        if not self._over.wait(_PATIENCE):
+            self.kill()
 
     def _say(self, **changes: Any) -> None:
         self.state = replace(self.state, seconds=time.monotonic() - self._begun, **changes)
         self._heard(self.state)
 
     def _follow(self) -> None:
-        while not _PLACES.acquire(timeout=0.1):
-            if self._stop.is_set():
-                self._say(state=CANCELLED)
-                return
         try:
-            self._run()
+            while not _PLACES.acquire(timeout=0.1):
+                if self._stop.is_set():
+                    self._say(state=CANCELLED)
+                    return
+            try:
+                self._run()
+            finally:
+                _PLACES.release()
         finally:
-            _PLACES.release()
+            _GOING.discard(self)
+            self._over.set()
 
     def _run(self) -> None:
-        if self._stop.is_set():
+        ours, theirs = _CONTEXT.Pipe()
+        process = _CONTEXT.Process(target=_child, args=(self._work, theirs))
+        try:
+            with _BEGIN, one_thread():
+                if not self._stop.is_set():
+                    process.start()
+                    self._process, self._pipe = process, ours
+        except OSError as error:
+            reason = error.strerror or str(error)
+            self._say(state=FAILED, error=f"{self.state.what} cannot begin: {reason}; close other programs")
+            return
+        finally:
+            theirs.close()
+        if self._process is None:
             self._say(state=CANCELLED)
             return
-        ours, theirs = _CONTEXT.Pipe(duplex=False)
-        with one_thread():
-            process = _CONTEXT.Process(target=_child, args=(self._work, theirs, self._stop))
-            process.start()
-            self._process = process
-            _RUNNING.add(self._process)
-        theirs.close()
-        if self._stop.is_set():  # while it began
-            self.cancel()
         self._say(state=RUNNING)
         try:
             while self._take(*ours.recv()):
@@ -162,10 +178,14 @@ class Job:
             else:
                 said = f"{self.state.what} ended without a word: it was killed, or memory ran out; begin it again"
                 self._say(state=FAILED, error=said)
+        except Exception as error:  # in what a room made of a report
+            self.kill()
+            self._say(state=FAILED, error=fault(error))
         finally:
-            self._process.join()
-            _RUNNING.discard(self._process)
-            ours.close()
+            with _BEGIN:
+                self._pipe = None
+                ours.close()
+            process.join()
 
     def _take(self, kind: str, *given: Any) -> bool:
         """One report; False after the last."""
@@ -181,6 +201,8 @@ class Job:
                 self._ended(given[0])
             except FeeddriveError as error:
                 self._say(state=FAILED, error=str(error))
+            except Exception as error:
+                self._say(state=FAILED, error=fault(error))
             else:
                 self._say(state=DONE)
         elif kind == "canceled":
@@ -193,15 +215,21 @@ class Job:
 class _Reporting(Progress):
     """The progress of the process: each report goes to the page, steps not too often."""
 
-    def __init__(self, pipe: Connection, stop: Event) -> None:
+    def __init__(self, pipe: Connection) -> None:
         super().__init__()
-        self._pipe, self._stop, self._last, self._told = pipe, stop, ("", ""), 0.0
+        self._pipe, self._last, self._told, self._looked = pipe, ("", ""), 0.0, 0.0
         self._drawn = 0.0
         self._held: Found | None = None
 
     @property
     def cancelled(self) -> bool:
-        return self._stop.is_set()
+        now = time.monotonic()
+        if now - self._looked > _ASKED and not self._cancelled.is_set():
+            self._looked = now
+            with contextlib.suppress(OSError):  # the server has ended, and `follow_parent` ends this process
+                if self._pipe.poll():
+                    self._cancelled.set()
+        return self._cancelled.is_set()
 
     def flush(self) -> None:
         """Send what was held back: the best that was found since the last report."""
@@ -228,10 +256,17 @@ class _Reporting(Progress):
             self.flush()
 
 
-def _child(work: Work, pipe: Connection, stop: Event) -> None:
+def fault(error: Exception) -> str:
+    """An error that feeddrive did not foresee, in one sentence with its place."""
+    last = traceback.extract_tb(error.__traceback__)[-1:]
+    place = "".join(f" in {Path(each.filename).name}, line {each.lineno}" for each in last)
+    return f"a fault in feeddrive, please report it: {type(error).__name__}{place}: {error}"
+
+
+def _child(work: Work, pipe: Connection) -> None:
     follow_parent()
     with contextlib.suppress(BrokenPipeError):
-        progress = _Reporting(pipe, stop)
+        progress = _Reporting(pipe)
         try:
             try:
                 found = work(progress)
@@ -244,7 +279,7 @@ def _child(work: Work, pipe: Connection, stop: Event) -> None:
         except MemoryError:
             pipe.send(("failed", "memory ran out: close other programs, or take a smaller piece of the file"))
         except Exception as error:  # a fault of feeddrive: the page stays usable, and says what to report
-            pipe.send(("failed", f"a fault in feeddrive, please report it: {type(error).__name__}: {error}"))
+            pipe.send(("failed", fault(error)))
             raise
         else:
             pipe.send(("done", found))

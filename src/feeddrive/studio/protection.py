@@ -24,7 +24,6 @@ Receive: TypeAlias = Callable[[], Awaitable[MutableMapping[str, Any]]]
 Send: TypeAlias = Callable[[MutableMapping[str, Any]], Awaitable[None]]
 App: TypeAlias = Callable[[Scope, Receive, Send], Awaitable[None]]
 
-COOKIE = "feeddrive_studio"
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -61,6 +60,11 @@ class Door:
     token: str
     password: str = ""
     port: int | None = None
+
+    @property
+    def cookie(self) -> str:
+        """Name of the cookie: browsers keep one set for all ports of a machine, on which another studio may be open."""
+        return f"feeddrive_studio_{self.hosts[0].rpartition(':')[2]}"
 
     def own(self, host: str) -> bool:
         """Whether a Host header is an address of this server."""
@@ -107,7 +111,7 @@ class Protected:
         await self._app(scope, receive, guarded)
 
     async def _open(self, send: Send) -> None:
-        cookie = f"{COOKIE}={self._door.token}; Path=/; HttpOnly; SameSite=Strict"
+        cookie = f"{self._door.cookie}={self._door.token}; Path=/; HttpOnly; SameSite=Strict"
         await _answer(send, 303, "", ((b"location", b"/"), (b"set-cookie", cookie.encode())))
 
     async def _ask(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -146,7 +150,7 @@ class Protected:
 
     def _knows(self, scope: Scope, headers: dict[str, str]) -> bool:
         try:
-            kept = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+            kept = SimpleCookie(headers.get("cookie", "")).get(self._door.cookie)
         except CookieError:
             kept = None
         found = [] if kept is None else [kept.value]

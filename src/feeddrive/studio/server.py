@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
+import socket
 import tempfile
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from feeddrive.language.errors import FileError, MissingExtraError
-from feeddrive.language.recent import Recent
+from feeddrive.files.atomic_io import refusal
+from feeddrive.language.errors import FeeddriveError, MissingExtraError, ParameterError
 from feeddrive.studio.bench import Bench
 from feeddrive.studio.protection import App, Door, Protected
 from feeddrive.studio.session import Session
@@ -40,19 +43,16 @@ def make_app(
         from starlette.applications import Starlette
         from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
         from starlette.routing import Route, WebSocketRoute
-        from starlette.websockets import WebSocket, WebSocketDisconnect
+        from starlette.websockets import WebSocket
     except ImportError as error:
         raise MissingExtraError("starlette", "studio", "the studio") from error
-
-    sessions: Recent[Session] = Recent(_SESSIONS)
 
     def new_session() -> Session:
         folder.mkdir(parents=True, exist_ok=True)
         own = Path(tempfile.mkdtemp(prefix=time.strftime("%Y-%m-%d_%H%M%S_"), dir=folder))
         return Session(own, bench, brought)
 
-    def session_of(name: str) -> Session:
-        return sessions.get(name[:_KEY], new_session)
+    sessions = Sessions(new_session)
 
     async def file(request: Any) -> Any:
         name = request.path_params.get("name") or "index.html"
@@ -63,45 +63,49 @@ def make_app(
 
     async def upload(request: Any) -> Any:
         given, size = request.query_params, request.headers.get("content-length", "")
-        into = session_of(given.get("session", "")).desk.folder / "brought"
         try:
+            into = sessions.named(given.get("session", "")).desk.folder / "brought"
             kept = await keep(given.get("name", ""), request.stream(), into, int(size) if size.isdecimal() else None)
-        except FileError as error:
+        except FeeddriveError as error:
             return JSONResponse({"error": str(error)}, 413 if "larger" in str(error) else 400)
         return JSONResponse({"name": kept.name})
 
     async def result(request: Any) -> Any:
         try:
             name = safe_name(request.path_params["name"])
-        except FileError as error:
+            path = sessions.named(request.query_params.get("session", "")).desk.folder / name
+        except FeeddriveError as error:
             return PlainTextResponse(f"{error}\n", 404)
-        path = session_of(request.query_params.get("session", "")).desk.folder / name
         if not path.is_file() or path.is_symlink():
             return PlainTextResponse("there is no such file\n", 404)
         return FileResponse(path, media_type="application/octet-stream", filename=name)
 
-    async def talk(socket: WebSocket) -> None:
-        await socket.accept()
-        loop, waiting = asyncio.get_running_loop(), asyncio.Queue[bytes]()
+    async def talk(opened: WebSocket) -> None:
+        await opened.accept()
+        loop, waiting = asyncio.get_running_loop(), Outbox()
 
         async def send() -> None:
             while True:
-                await socket.send_bytes(await waiting.get())
+                await opened.send_bytes(await waiting.take())
 
         sender = asyncio.create_task(send())
         leave: Callable[[], None] | None = None
         session: Session | None = None
         try:
             while True:
-                asked = _asked(await socket.receive_text())
+                asked = _asked(await opened.receive())
                 if asked is None:
-                    waiting.put_nowait(message({"number": 0, "error": "the page sent what is no request"}))
+                    waiting.put(message({"number": 0, "error": "the page sent what is no request"}))
                     continue
                 if session is None or leave is None:
-                    session = await asyncio.to_thread(session_of, str(asked.get("session")))
-                    leave = session.listen(lambda said: _put(loop, waiting, said))
-                waiting.put_nowait(await asyncio.to_thread(session.answer, asked))
-        except WebSocketDisconnect:
+                    try:
+                        session = await asyncio.to_thread(sessions.named, str(asked.get("session")))
+                    except FeeddriveError as error:
+                        waiting.put(message({"number": asked.get("number"), "error": str(error)}))
+                        continue
+                    leave = session.listen(lambda of, said: _put(loop, waiting, of, said))
+                waiting.put(await asyncio.to_thread(session.answer, asked))
+        except _LeftError:
             pass
         finally:
             sender.cancel()
@@ -115,14 +119,67 @@ def make_app(
     return Protected(Starlette(routes=routes), door)
 
 
-def _put(loop: asyncio.AbstractEventLoop, waiting: asyncio.Queue[bytes], said: bytes) -> None:
+class Sessions:
+    """The pages whose state is kept: when there are too many, the one that was left the longest ago is ended."""
+
+    def __init__(self, make: Callable[[], Session]) -> None:
+        self._make, self._lock = make, threading.Lock()
+        self._held = dict[str, Session]()  # the latest last
+
+    def named(self, name: str) -> Session:
+        """The session of a page, new for a page that is not known.
+
+        Raises ParameterError where all that are kept are open, FileError where the folder cannot be written.
+        """
+        with self._lock:
+            found = self._held.pop(name[:_KEY], None)
+            if found is None:
+                if len(self._held) >= _SESSIONS:
+                    left = next((key for key, each in self._held.items() if not each.heard), None)
+                    if left is None:
+                        raise ParameterError(f"{_SESSIONS} pages are open: close one of them, and load this one again")
+                    self._held.pop(left).close()
+                try:
+                    found = self._make()
+                except OSError as error:
+                    raise refusal(error.filename or "the folder of the page", "written", error) from None
+            self._held[name[:_KEY]] = found
+            return found
+
+
+class Outbox:
+    """What waits for a page to read it: every answer, and of what is said unasked the latest of each kind."""
+
+    def __init__(self) -> None:
+        self._held, self._count = dict[int | str, bytes](), 0
+        self._there = asyncio.Event()
+
+    def put(self, said: bytes, of: str = "") -> None:
+        """One message; one that waits with the same `of` is replaced."""
+        self._count += 1
+        self._held.pop(of, None)
+        self._held[of or self._count] = said
+        self._there.set()
+
+    async def take(self) -> bytes:
+        """The message that has waited the longest."""
+        while not self._held:
+            self._there.clear()
+            await self._there.wait()
+        return self._held.pop(next(iter(self._held)))
+
+
+def _put(loop: asyncio.AbstractEventLoop, waiting: Outbox, of: str, said: bytes) -> None:
     """From another thread; nothing if the server has ended."""
-    if not loop.is_closed():
-        loop.call_soon_threadsafe(waiting.put_nowait, said)
+    with contextlib.suppress(RuntimeError):
+        loop.call_soon_threadsafe(waiting.put, said, of)
 
 
-def _asked(text: str) -> dict[str, Any] | None:
-    """The request in a text; None for what is none."""
+def _asked(received: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The request in what came over a WebSocket; None for what is none."""
+    if received["type"] == "websocket.disconnect":
+        raise _LeftError
+    text = received.get("text") or ""
     if len(text) > _LARGEST:
         return None
     try:
@@ -132,8 +189,12 @@ def _asked(text: str) -> dict[str, Any] | None:
     return found if isinstance(found, dict) else None
 
 
-def serve(app: App, host: str, port: int, ready: Callable[[], None]) -> None:
-    """Serve until Ctrl-C. Raises MissingExtraError without the extra `studio`."""
+class _LeftError(Exception):
+    """The page was closed."""
+
+
+def serve(app: App, listening: socket.socket, ready: Callable[[], None]) -> None:
+    """Serve at a bound socket until Ctrl-C. Raises MissingExtraError without the extra `studio`."""
     try:
         import uvicorn
     except ImportError as error:
@@ -146,7 +207,7 @@ def serve(app: App, host: str, port: int, ready: Callable[[], None]) -> None:
                 ready()
 
     config = uvicorn.Config(
-        app, host=host, port=port, log_level="error", access_log=False, ws="websockets-sansio", ws_max_size=_LARGEST,
+        app, log_level="error", access_log=False, ws="websockets-sansio", ws_max_size=_LARGEST,
         lifespan="off", server_header=False, date_header=False, timeout_graceful_shutdown=1,
     )  # fmt: skip
-    Server(config).run()
+    Server(config).run(sockets=[listening])

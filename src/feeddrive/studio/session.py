@@ -12,12 +12,12 @@ from typing import Any
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.studio.bench import Bench
 from feeddrive.studio.desk import Desk
-from feeddrive.studio.jobs import DONE, Found, Job, JobState, Work
+from feeddrive.studio.jobs import DONE, Found, Job, JobState, Work, fault
 from feeddrive.studio.room import Asked, Room, Said
 from feeddrive.studio.rooms import ROOMS
 from feeddrive.studio.wire import Window, message
 
-Push = Callable[[bytes], None]
+Push = Callable[[str, bytes], None]
 _WINDOWS = 50  # parts of x that are looked at: labels come from the page
 
 
@@ -54,22 +54,34 @@ class Session:
             with self._lock:
                 return self._message(number, name, self.rooms[name].do(act, Asked(asked)))
         except FeeddriveError as error:
-            return self._message(number, name if name in self.rooms else "", Said({"error": str(error)}))
+            said = str(error)
+        except Exception as error:  # the page goes on, and says what to report
+            said = fault(error)
+        return self._message(number, name if name in self.rooms else "", Said({"error": said}))
 
     def listen(self, push: Push) -> Callable[[], None]:
-        """Get what is said without a request; the function that is given back ends it."""
+        """Get what is said without a request, each with what it replaces: the room, or the job. What is given back ends
+        it.
+        """
         self._windows.clear()  # a page that has just been loaded looks at all
         self._pushes.append(push)
         return lambda: self._pushes.remove(push)
+
+    @property
+    def heard(self) -> bool:
+        """Whether a page listens."""
+        return bool(self._pushes)
 
     def push(self, name: str) -> None:
         """Show a room again, unasked."""
         with self._lock:
             try:
-                said = self.rooms[name].show()
+                made = self._message(0, name, self.rooms[name].show())
             except FeeddriveError as error:
-                said = Said({"error": str(error)})
-            self._send(self._message(0, name, said))
+                made = self._message(0, name, Said({"error": str(error)}))
+            except Exception as error:
+                made = self._message(0, name, Said({"error": fault(error)}))
+            self._send(name, made)
 
     def close(self) -> None:
         """End what runs in it."""
@@ -102,7 +114,7 @@ class Session:
         self, room: str, what: str, work: Work, then: Callable[[Any], None], found: Callable[[Found], None]
     ) -> Job:
         def heard(state: JobState) -> None:
-            self._send(self._message(0, "", Said(), state))
+            self._send("job", self._message(0, "", Said(), state))
             if not state.going:
                 self.push(room)
 
@@ -138,6 +150,6 @@ class Session:
         folder = self.desk.folder
         return said.replace(f"{folder / 'brought'}{os.sep}", "").replace(f"{folder}{os.sep}", "")
 
-    def _send(self, said: bytes) -> None:
+    def _send(self, of: str, said: bytes) -> None:
         for each in tuple(self._pushes):
-            each(said)
+            each(of, said)
