@@ -44,8 +44,9 @@ def test_a_move_is_judged_and_drawn_beside_today(session: Session, bench: Bench)
     assert set(said["charts"]) == {"open_loop", "nyquist", "sensitivity", "stiffness", "run"}
     (judged,) = said["judged"]
     values = bench.by_hand.values | {"law.Kv": 150.0}
-    peak = bench.by_hand.at(values).leading.margins.sensitivity_peak
-    assert judged["text"] == f"Ms {peak:.4g}, limit: Ms <= 2"
+    margins = bench.by_hand.at(values).leading.margins
+    peak = margins.sensitivity_peak
+    assert judged["text"] == f"Ms {peak:.4g} at {margins.modulus_frequency:.4g} Hz, limit: Ms <= 2"
     assert judged["keeps"] == (peak <= 2.0)
     curves = said["charts"]["stiffness"]["panels"][0]["curves"]
     assert [each["name"] for each in curves] == ["today", "now"]
@@ -100,6 +101,56 @@ def test_a_filter_is_added_moved_and_undone_with_its_numbers(session: Session) -
     assert said["judged"] == begun["judged"]
     assert asked(session, "tune.take", letter="A")["values"]["filters.2.damping_pole"] == 0.3
     assert asked(session, "tune.reset")["values"] == session.desk.needed.before.values
+
+
+def test_a_filter_is_held_in_the_picture(session: Session) -> None:
+    """Grips lie on |L|; a drag is one step to undo, keys are one each."""
+    said = asked(session, "tune.show")
+    grips = {each["name"]: each for each in said["grips"]}
+    assert set(grips) == {"filters.0.frequency", "filters.0.width", "filters.1.frequency"}
+    for i, x in enumerate((450.0, 400.0, 350.0)):
+        said = asked(session, "tune.drag", name="filters.0.frequency", x=x, y=-20.0, first=i == 0)
+    assert said["undo"] == 1
+    (grip,) = (each for each in said["grips"] if each["name"] == "filters.0.frequency")
+    assert (grip["x"], grip["y"]) == (350.0, pytest.approx(-20.0, abs=0.1))
+    said = asked(session, "tune.step", name="filters.0.width", across=1, up=0)
+    assert said["values"]["filters.0.damping_pole"] == pytest.approx(0.6 * 1.02)
+    assert said["undo"] == 2
+    assert asked(session, "tune.undo")["values"]["filters.0.frequency"] == 350.0
+    assert asked(session, "tune.undo")["values"]["filters.0.frequency"] == 460.0
+
+
+def test_the_whole_loop_is_made_faster_as_one_drag(session: Session) -> None:
+    said = asked(session, "tune.show")
+    begun, crossover = said["values"], said["speed"]
+    for i, share in enumerate((1.1, 1.3, 1.2)):
+        said = asked(session, "tune.speed", value=share * crossover, first=i == 0)
+    for name, power in {"law.Kv": 1.0, "law.Kp": 1.0, "law.Tn": -1.0}.items():
+        assert said["values"][name] == pytest.approx(begun[name] * 1.2**power, rel=1e-6)
+    assert said["speed"] == pytest.approx(1.2 * crossover, rel=0.05)  # behind filters and a spring not exactly
+    assert said["undo"] == 1
+    assert asked(session, "tune.undo")["values"] == begun
+    assert "must be > 0 Hz" in asked(session, "tune.speed", value=0.0)["error"]
+
+
+def test_what_is_broken_stands_at_its_place_in_the_picture(session: Session) -> None:
+    """Limits are those of the goal; the one that is broken most comes first."""
+    for field, value in (("max_ms", "1.2"), ("phase_margin", "89"), ("max_compliance", "0.01")):
+        asked(session, "goal.set", field=field, value=value)
+    said = asked(session, "tune.show")
+    assert [each["keeps"] for each in said["judged"]] == [False, False, False]
+    assert said["judged"][0]["text"].startswith("peak compliance")
+    stiff = said["charts"]["stiffness"]["panels"][0]
+    assert [each["text"] for each in stiff["levels"]] == ["stiffness >= 100 N/µm"]
+    (note,) = stiff["notes"]
+    look = session.rooms["tune"]._now  # pyright: ignore[reportPrivateUsage,reportAttributeAccessIssue]
+    found = look.leading.stiffness
+    assert (note["x"], note["y"]) == (
+        pytest.approx(found.minimum_frequency),
+        pytest.approx(1e-6 * found.minimum, rel=1e-3),
+    )
+    assert any("phase margin" in each["text"] for each in said["charts"]["open_loop"]["panels"][0]["notes"])
+    assert f"{1e-6 * found.minimum:.4g} N/µm at {found.minimum_frequency:.4g} Hz" in said["figures"]
 
 
 def test_snapshots_are_drawn_and_taken(session: Session) -> None:

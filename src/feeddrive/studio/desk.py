@@ -14,12 +14,14 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.studio.jobs import Found, Job, JobState
 from feeddrive.tuning.filter_pack import difference
+from feeddrive.tuning.limits import Limits
 from feeddrive.workflow.adjust import AdjustRequest, adjusting
 
 if TYPE_CHECKING:
     from feeddrive.files.machine import MachineFile
     from feeddrive.loop.control import Control
     from feeddrive.studio.bench import Bench
+    from feeddrive.tuning.by_hand import ByHand
     from feeddrive.workflow.request import Request
 
 T = TypeVar("T")
@@ -62,6 +64,7 @@ class Desk:
     epoch     counts the sources
     base      machine file that the control of now is written into
     written   the control there
+    limits    that the loop is judged by: those of the goal
     programs  part programs that were brought, by name
     done      what was done since the source was brought
     """
@@ -73,11 +76,13 @@ class Desk:
         self.base: str | Path = ""
         self.written: Control | None = None
         self.values: Values = {}
+        self.limits = Limits()
         self.programs: dict[str, Path] = {}
         self.done: list[Step] = []
         self.job: Job | None = None
         self.undo: list[Held] = []
         self.redo: list[Held] = []
+        self._made: tuple[ByHand, Values, Control] | None = None  # the control of now, once it is needed
         self._files = 0  # machine files of its own
         self._begins = True  # whether the next change is a step of its own, and not one more of a drag
         self.changed: Callable[[], None] = lambda: None  # set by the session: another source
@@ -102,13 +107,14 @@ class Desk:
 
     def change(self, wanted: Mapping[str, float], *, begins: bool = True) -> None:
         """Other numbers; of a drag only the first change `begins` a step to undo. Raises ParameterError for bounds."""
-        self.needed.by_hand.control(wanted)
+        made = self.needed.by_hand.control(wanted)
         self._begins = self._begins or begins
         if dict(wanted) == self.values:
             return
         if self._begins:
             self._remember()
         self.values, self._begins = dict(wanted), False
+        self._made = self.needed.by_hand, self.values, made
 
     def exchange(self, control: Control) -> None:
         """Go on with a control that may have other parts: a step to undo.
@@ -183,7 +189,10 @@ class Desk:
     @property
     def control(self) -> Control:
         """The control of now."""
-        return self.needed.by_hand.control(self.values)
+        by_hand, known = self.needed.by_hand, self._made
+        if known is None or known[0] is not by_hand or known[1] is not self.values:
+            known = self._made = by_hand, self.values, by_hand.control(self.values)
+        return known[2]
 
     def adjusted(self) -> AdjustRequest | None:
         """What writes the control of now into the machine file; None if it stands there.

@@ -79,11 +79,36 @@ def _kind(control: Control, name: str) -> str:
 
 
 @dataclass(frozen=True)
+class Verdict:
+    """A figure against its limit, at the point and the frequency that leave least room.
+
+    frequency  Hz; None where the figure has none, as the force noise
+    used       share of the limit that is used up: above 1 it is broken
+    """
+
+    judged: Judged
+    point: str
+    frequency: float | None
+    used: float
+
+    @property
+    def keeps(self) -> bool:
+        """Whether the limit is kept."""
+        return self.judged.keeps
+
+    def __str__(self) -> str:
+        return f"{self.judged}" + ("" if self.frequency is None else f" at {self.frequency:.4g} Hz")
+
+
+@dataclass(frozen=True)
 class Look:
-    """A control at some values: its figures at each point, and each limit at the point that keeps it worst."""
+    """A control at some values: its figures at each point, and each limit at the point that keeps it worst.
+
+    judged  that which uses most of its limit first
+    """
 
     figures: tuple[Figures, ...]
-    judged: tuple[Judged, ...]
+    judged: tuple[Verdict, ...]
 
     @property
     def stable(self) -> bool:
@@ -92,8 +117,9 @@ class Look:
 
     @property
     def leading(self) -> Figures:
-        """The point that decides: one that is not stable, else the one with the largest Ms."""
-        return max(self.figures, key=lambda each: (not each.stable, each.margins.sensitivity_peak))
+        """The point that decides: one that is not stable, else that which uses most of a limit, else the largest Ms."""
+        worst = self.judged[0].point if self.judged and self.stable else ""
+        return max(self.figures, key=lambda each: (not each.stable, each.point == worst, each.margins.sensitivity_peak))
 
 
 class ByHand:
@@ -122,15 +148,18 @@ class ByHand:
         """The control at other numbers. Raises ParameterError for one that is unknown or outside of its bounds."""
         return tree.vary(self.start, dict(values))
 
-    def at(self, values: Mapping[str, float]) -> Look:
-        """The loop at all points. Raises ParameterError for a number outside of its bounds, and for a control without a
-        finite response there.
+    def at(self, values: Mapping[str, float], limits: Limits | None = None) -> Look:
+        """The loop at all points, judged by its own limits or by others.
+
+        Raises ParameterError for a number outside of its bounds, and for a control without a finite response there.
         """
         self.control(values)
+        limits = limits or self.limits
         row = np.array([values.get(each.name, each.value) for each in self.knobs])
-        found = tuple(figures(answer(each, self._response(each, row)), (0.0, 0.0)) for each in self.points)
-        verdicts = [judged(self.limits, each.margins, each.peak_compliance, None, ROOM) for each in found]
-        return Look(found, tuple(_worst(kinds) for kinds in zip(*verdicts, strict=True)))
+        found = tuple(figures(answer(each, self._response(each, row)), limits.reading_noise) for each in self.points)
+        verdicts = [_verdicts(limits, each) for each in found]
+        worst = (max(kinds, key=lambda each: each.used) for kinds in zip(*verdicts, strict=True))
+        return Look(found, tuple(sorted(worst, key=lambda each: -each.used)))
 
     def _response(self, point: OperatingPoint, row: np.ndarray) -> Response:
         made = self._made[point.sample_time]
@@ -139,12 +168,27 @@ class ByHand:
         return made.of_model(made.models(row[None])[0], point.frequency)
 
 
-def _worst(found: Sequence[Judged]) -> Judged:
-    """Of one limit at several points the verdict that leads: a broken one first, else that of the worst value."""
-    broken = [each for each in found if not each.keeps]
-    known = [each for each in broken or found if each.value is not None]
-    if not known:
-        return found[0]
-    sizes = [abs(each.value or 0.0) for each in known]
-    larger = known[0].kind in ("Ms", "peak compliance", "force noise")
-    return known[int(np.argmax(sizes) if larger else np.argmin(sizes))]
+def _verdicts(limits: Limits, each: Figures) -> list[Verdict]:
+    """Each limit at one point."""
+    found = judged(limits, each.margins, each.peak_compliance, each.force_noise, ROOM)
+    return [Verdict(one, each.point, _where(one.kind, each), limits.used(one)) for one in found]
+
+
+def _where(kind: str, each: Figures) -> float | None:
+    """The frequency in Hz at which a figure is what it is."""
+    m = each.margins
+    match kind:
+        case "Ms":
+            return m.modulus_frequency
+        case "peak compliance":
+            return each.stiffness.minimum_frequency
+        case "phase margin":
+            place = min(m.gain_crossovers, key=lambda one: abs(one.phase_margin_deg), default=None)
+        case "delay margin":
+            place = min(m.gain_crossovers, key=lambda one: one.delay_margin, default=None)
+        case "gain margin":
+            rising = (one for one in m.phase_crossovers if one.gain_margin_dB >= 0.0)
+            place = min(rising, key=lambda one: one.gain_margin_dB, default=None)
+        case _:
+            place = None
+    return None if place is None else place.frequency

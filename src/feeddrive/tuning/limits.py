@@ -72,6 +72,19 @@ class Limits:
         """One limit, as a clause; by the name of its bound."""
         return self._clauses()[kind]
 
+    def used(self, judged: Judged) -> float:
+        """How much of its limit a figure uses up: above 1 it is broken, 0 if the figure does not occur."""
+        bound = {
+            "Ms": self.sensitivity_peak, "gain margin": self.gain_margin_dB, "phase margin": self.phase_margin_deg,
+            "delay margin": self.delay_margin_samples, "small-gain delay": self.small_gain_samples,
+            "peak compliance": None if self.compliance_peak is None else 1e6 * self.compliance_peak,
+            "force noise": self.force_noise,
+        }[judged.kind]  # fmt: skip
+        if judged.value is None or bound is None:
+            return 0.0
+        size = max(abs(judged.value), 1e-300)
+        return size / bound if judged.kind in ("Ms", "peak compliance", "force noise") else bound / size
+
     def eased(self, kind: str, factor: float) -> Limits:
         """The same limits with one of them wider by a factor; for Ms the factor applies to its distance from 1."""
         match kind:

@@ -23,8 +23,8 @@ from feeddrive.workflow.command import Outcome
 from feeddrive.workflow.request import Field, fields_of
 from feeddrive.workflow.tune import TuneRequest
 
-_SHOWN = ("goal", "max_ms", "phase_margin", "gain_margin", "delay_margin", "max_compliance", "band", "filters", "law",
-          "starts")  # fmt: skip
+_SHOWN = ("goal", "max_ms", "phase_margin", "gain_margin", "delay_margin", "max_compliance", "reading_noise",
+          "max_noise", "band", "filters", "law", "starts")  # fmt: skip
 _BY_RULE = "without a machine file the search begins with a P-PI by a rule, and not with the control of now"
 _TODAY, _NOW, _BEST, _FOUND = "today", "now", "best so far", "found"
 FIELDS: Mapping[str, Field] = {each.name: each for each in fields_of(TuneRequest) if each.name in _SHOWN}
@@ -71,8 +71,7 @@ class Goal(Room):
         given = {key: value for key, value in self.given.items() if key != field.name}
         if text:
             given[field.name] = self._read(field, text)
-        TuneRequest("ball_screw", **given)  # refuses what it cannot be
-        self.given = given
+        self._take(given)
 
     @act
     def level(self, asked: Asked) -> None:
@@ -85,8 +84,7 @@ class Goal(Room):
             if not height > 0.0:
                 raise ParameterError("the dynamic stiffness must be > 0")
             given = {**self.given, name: 1.0 / (1e6 * float(f"{height:.3g}"))}
-        TuneRequest("ball_screw", **given)
-        self.given = given
+        self._take(given)
 
     @act
     def tune(self, _: Asked) -> None:
@@ -119,6 +117,11 @@ class Goal(Room):
     def reject(self, _: Asked) -> None:
         """Forget what was found."""
         self.begin()
+
+    def _take(self, given: dict[str, Any]) -> None:
+        """Goal and limits from now on; the limits are those of tuning by hand as well."""
+        self.desk.limits = TuneRequest("ball_screw", **given).limits()  # refuses what it cannot be
+        self.given = given
 
     def _request(self) -> TuneRequest:
         bench = self.desk.needed

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from typing import Any
+from dataclasses import asdict
+from typing import Any, NamedTuple
 
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.table import shown
@@ -14,12 +15,28 @@ from feeddrive.loop.simulate import Run
 from feeddrive.studio.desk import Desk, Held, Values
 from feeddrive.studio.pictures import charts
 from feeddrive.studio.room import Asked, Room, Said, act
+from feeddrive.studio.verdicts import figure_words, verdict_words, with_verdicts
+from feeddrive.tuning.bandwidth import quickened, speed_powers, speed_range
 from feeddrive.tuning.by_hand import ByHand, Look
+from feeddrive.tuning.filter_grips import filter_dragged, filter_grips, filter_stepped
 from feeddrive.tuning.filter_pack import begun_filter, filter_kinds, with_filters
+from feeddrive.tuning.limits import Limits
 
 TODAY, NOW = "today", "now"
 SNAPSHOTS = ("A", "B", "C")
+_REACH = 10.0  # times the crossover of today: the slider of the loop as a whole
+_STEPS = 100
 _BESIDE = ThreadPoolExecutor(thread_name_prefix="run")  # the run is simulated while the loop is looked at
+
+
+class _Seen(NamedTuple):
+    """A look and a run, kept until parts, numbers or limits are others."""
+
+    by_hand: ByHand
+    values: Values
+    limits: Limits
+    look: Look
+    run: Run | None
 
 
 class Tune(Room):
@@ -34,7 +51,8 @@ class Tune(Room):
     def begin(self) -> None:
         """Forget what was kept of the source before."""
         self.snapshots: dict[str, Held] = {}
-        self._seen: dict[str, tuple[ByHand, Values, Look, Run | None]] = {}
+        self._seen: dict[str, _Seen] = {}
+        self._from: tuple[Control, Values, float] | None = None  # where a drag of the whole loop began
         self._told: ByHand | None = None  # whose numbers the page knows
 
     def show(self) -> Said:
@@ -74,10 +92,10 @@ class Tune(Room):
     @act
     def add(self, asked: Asked) -> Said:
         """One more filter: at a frequency in Hz, or where the loop is likely to want it."""
-        bench = self.desk.needed
-        *_, now, _ = self._look(NOW, bench.by_hand, self.desk.values)
-        T = bench.by_hand.points[0].sample_time
-        made = begun_filter(asked.choice("kind", filter_kinds()), now.leading.margins, T, asked.number_or_none("at"))
+        T, at = self._sample_time, asked.number_or_none("at")
+        if at is not None and not at > 0.0:
+            raise ParameterError(f"the frequency of a filter must be > 0 Hz, not {at:g} Hz")
+        made = begun_filter(asked.choice("kind", filter_kinds()), self._now.leading.margins, T, at)
         check_sampled(made, T)
         self.desk.exchange(with_filters(self.desk.control, (), (made,)))
         return self._pictures()
@@ -89,6 +107,43 @@ class Tune(Room):
         if place != int(place):
             raise ParameterError(f"place must be a whole number, not {place!r}")
         self.desk.exchange(with_filters(self.desk.control, (int(place),), ()))
+        return self._pictures()
+
+    @act
+    def drag(self, asked: Asked) -> Said:
+        """A filter, by a place in the open loop: Hz and, unless only its frequency is moved, dB."""
+        name, y = asked.text("name"), asked.number_or_none("y")
+        loop = self._now.leading.margins
+        values = filter_dragged(self.desk.control, name, asked.number("x"), y, loop, self._sample_time)
+        self.desk.change({**self.desk.values, **values}, begins=asked.yes("first", True))
+        return self._pictures()
+
+    @act
+    def step(self, asked: Asked) -> Said:
+        """The same by keys: steps across and upwards."""
+        loop, steps = self._now.leading.margins, (asked.number("across"), asked.number("up"))
+        if max(map(abs, steps)) > _STEPS:
+            raise ParameterError(f"a filter is moved by at most {_STEPS} steps at once")
+        values = filter_stepped(self.desk.control, asked.text("name"), *steps, loop, self._sample_time)
+        self.desk.change({**self.desk.values, **values}, begins=asked.yes("first", True))
+        return self._pictures()
+
+    @act
+    def speed(self, asked: Asked) -> Said:
+        """The whole loop faster or slower, by the crossover in Hz that it would have on a free mass."""
+        wanted, first = asked.number("value"), asked.yes("first", True)
+        if not wanted > 0.0:
+            raise ParameterError(f"the crossover must be > 0 Hz, not {wanted:g} Hz")
+        if first or self._from is None:
+            crossover = self._now.leading.margins.crossover
+            if crossover is None:
+                raise ParameterError("|L| crosses 1 nowhere: move the numbers one by one until it does")
+            self._from = self.desk.control, self.desk.values, crossover
+        control, values, crossover = self._from
+        low, high = speed_range(control, self._sample_time)
+        scaled = quickened(control, min(max(wanted / crossover, low), high))
+        changed = {name: float(f"{value:.7g}") for name, value in scaled.items()}
+        self.desk.change({**values, **changed}, begins=first)
         return self._pictures()
 
     @act
@@ -120,38 +175,65 @@ class Tune(Room):
             {"file": bench.text(self.desk.values), "file_name": bench.machine.file.name if bench.machine else ""}
         )
 
+    @property
+    def _now(self) -> Look:
+        return self._look(NOW, self.desk.needed.by_hand, self.desk.values).look
+
     def _pictures(self) -> Said:
         bench, values = self.desk.needed, self.desk.values
         found = {TODAY: self._look(TODAY, bench.before, bench.before.values)}
         found |= {letter: self._look(letter, kept.bench.by_hand, kept.values)
                   for letter, kept in sorted(self.snapshots.items())}  # fmt: skip
         found[NOW] = self._look(NOW, bench.by_hand, values)
-        now = found[NOW][2]
+        now, limits = found[NOW].look, self.desk.limits
         drawn = charts(
-            {name: look for name, (*_, look, _) in found.items()},
-            {name: run for name, (*_, run) in found.items() if run is not None},
+            {name: each.look for name, each in found.items()},
+            {name: each.run for name, each in found.items() if each.run is not None},
             rotary=bench.rotary,
         )
-        limits = bench.by_hand.limits
+        drawn = with_verdicts(drawn, now, limits)
+        margins = now.leading.margins
         said = {
-            "judged": [{"text": f"{each}, limit: {limits.only(each.kind)}", "keeps": each.keeps}
-                       for each in now.judged],
-            "remarks": bench.remarks, "places": len(bench.by_hand.points), "leading": now.leading.point,
-            "stable": now.stable, "values": values, "undo": len(self.desk.undo), "redo": len(self.desk.redo),
+            "judged": verdict_words(now, limits, rotary=bench.rotary),
+            "figures": figure_words(now, rotary=bench.rotary),
+            "grips": [asdict(each) for each in filter_grips(self.desk.control, margins, self._sample_time)],
+            "speed": margins.crossover, "remarks": bench.remarks, "places": len(bench.by_hand.points),
+            "leading": now.leading.point, "stable": now.stable, "values": values,
+            "undo": len(self.desk.undo), "redo": len(self.desk.redo),
             "kept": sorted(self.snapshots),
         }  # fmt: skip
         if self._told is not bench.by_hand:
-            said |= {"knobs": self._knobs(), "kinds": filter_kinds()}
+            said |= {"knobs": self._knobs(), "kinds": filter_kinds(), "faster": self._faster()}
             self._told = bench.by_hand
         return Said(said, drawn)
 
-    def _look(self, name: str, by_hand: ByHand, values: Values) -> tuple[ByHand, Values, Look, Run | None]:
-        known = self._seen.get(name)
-        if known is None or known[0] is not by_hand or known[1] != values:
-            running = _BESIDE.submit(self._run, name, by_hand.control(values))
-            look, run = by_hand.at(values), running.result()
-            known = self._seen[name] = (by_hand, dict(values), look, run if look.stable else None)
+    def _look(self, name: str, by_hand: ByHand, values: Values) -> _Seen:
+        known, limits = self._seen.get(name), self.desk.limits
+        if known is None or known[0] is not by_hand or known[1:3] != (values, limits):
+            control = self.desk.control if name == NOW else by_hand.control(values)
+            running = _BESIDE.submit(self._run, name, control)
+            look, run = by_hand.at(values, limits), running.result()
+            known = self._seen[name] = _Seen(by_hand, dict(values), limits, look, run if look.stable else None)
         return known
+
+    @property
+    def _sample_time(self) -> float:
+        return self.desk.needed.by_hand.points[0].sample_time
+
+    def _faster(self) -> dict[str, Any]:
+        """The slider of the loop as a whole: its range in Hz of the crossover, and what it moves."""
+        today = self.desk.needed.before
+        names = list(speed_powers(self.desk.control))
+        crossover = self._look(TODAY, today, today.values).look.leading.margins.crossover
+        if not names or crossover is None:
+            why = "no number of the law is a rate or a gain with a unit" if not names else "|L| crosses 1 nowhere"
+            return {"low": 1.0, "high": 2.0, "meaning": f"The loop cannot be made faster as a whole: {why}."}
+        moved = f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
+        meaning = (
+            f"The crossover, moved by {moved}, each with the power of 1/s in its unit. The shape of the loop stays "
+            f"as far as the axis is a free mass; filters, feedforward and models of the axis stay as they are."
+        )
+        return {"low": crossover / _REACH, "high": crossover * _REACH, "meaning": meaning}
 
     def _run(self, name: str, control: Control) -> Run | None:
         """None if the axis leaves its bounds: then what is linear of it is shown."""
