@@ -150,10 +150,14 @@ export class Panel {
     return this.readout.textContent ?? "";
   }
 
-  // x at a share of the width.
-  x(share: number): number {
+  // x at a share of the width, as it is shown now.
+  scale(): (share: number) => number {
     const { x } = this.axes();
-    return value(x, x.from + share * (x.to - x.from));
+    return (share) => value(x, x.from + share * (x.to - x.from));
+  }
+
+  get area(): DOMRect {
+    return this.plot.over.getBoundingClientRect();
   }
 
   close(): void {

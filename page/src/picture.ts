@@ -3,6 +3,7 @@
 import { color, DASHES } from "./drawing";
 import { look as chosen, type Look } from "./look";
 import { Panel, type Drawn, type Range } from "./panel";
+import { pinch } from "./pinch";
 import type { Chart, Curve, Panel as Content } from "./wire";
 
 // How the legend shows a look that is no line.
@@ -38,8 +39,14 @@ export class Picture {
     this.surface.className = "surface";
     this.surface.setAttribute("role", "img");
     this.surface.tabIndex = 0;
-    this.surface.title = "Drag to zoom, double click for all. Keys: left and right move the cursor, + and - zoom, 0 shows all.";
+    this.surface.title = "Drag or pinch to zoom, double click for all. Keys: left and right move the cursor, + and - zoom, 0 shows all.";
     this.surface.addEventListener("keydown", (event) => this.key(event));
+    pinch(this.surface, {
+      area: () => this.panels[0]!.area,
+      scale: () => this.panels[0]!.scale(),
+      show: (x) => this.look_at(x),
+      ended: (x) => this.zoom(x, null),
+    });
     this.legend.className = "legend";
     this.spoken.className = "spoken";
     this.spoken.setAttribute("role", "status");
@@ -92,11 +99,16 @@ export class Picture {
   zoom(x: Range | null, y: Range | null, panel = 0): void {
     if (x === null && y === null) this.all();
     if (y) this.y.set(panel, y);
+    if (x || y === null) this.look_at(x);
+    else this.redraw();
+    if (this.chart && !this.chart.square && (x || y === null)) for (const act of asked) act(this.chart.label, x);
+  }
+
+  private look_at(x: Range | null): void {
     for (const each of this.linked()) {
-      if (x || y === null) each.x = x;
+      each.x = x;
       each.redraw();
     }
-    if (this.chart && !this.chart.square && (x || y === null)) for (const act of asked) act(this.chart.label, x);
   }
 
   // x of a place on the picture, in SI whatever unit its axis has; null beside the panels
@@ -151,7 +163,8 @@ export class Picture {
       const to = Math.min(1, Math.max(0, now + way * (event.shiftKey ? 0.1 : 0.01)));
       this.spoken.textContent = this.panels.map((each) => each.point(to)).join("; ");
     } else if (event.key === "+") {
-      this.zoom({ low: first.x(Math.max(0, now - 0.25)), high: first.x(Math.min(1, now + 0.25)) }, null);
+      const at = first.scale();
+      this.zoom({ low: at(Math.max(0, now - 0.25)), high: at(Math.min(1, now + 0.25)) }, null);
     } else if (["-", "0", "Escape"].includes(event.key)) {
       this.zoom(null, null);
     } else {

@@ -174,6 +174,47 @@ def test_a_picture_is_zoomed_and_its_cursor_stands_in_all_over_the_same_x(studio
     assert opened.said == []
 
 
+def test_two_fingers_zoom_a_picture_and_together_show_all(studio: Any) -> None:
+    context = studio.browser.new_context(viewport={"width": 768, "height": 1024}, has_touch=True, bypass_csp=True)
+    page = context.new_page()
+    page.goto(studio.address)
+    page.click("#tab-tune")
+    page.wait_for_selector("#verdict:not(:empty)")
+    area = page.locator("#picture-sensitivity .u-over").first
+    area.scroll_into_view_if_needed()
+    page.wait_for_timeout(300)
+    box = area.bounding_box()
+    touch = context.new_cdp_session(page)
+
+    def fingers(kind: str, *shares: float) -> None:
+        points = [{"x": box["x"] + share * box["width"], "y": box["y"] + 30, "id": i} for i, share in enumerate(shares)]
+        touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    def reach() -> tuple[float, float]:
+        found = list[float]()
+        for share in (0.001, 0.999):
+            page.mouse.move(box["x"] + share * box["width"], box["y"] + 30)
+            page.wait_for_timeout(80)
+            found.append(float(page.locator("#picture-sensitivity .readout").first.inner_text().splitlines()[0]))
+        return found[0], found[1]
+
+    low, high = whole = reach()
+    fingers("touchStart", 0.4, 0.6)
+    fingers("touchMove", 0.3, 0.7)
+    fingers("touchMove", 0.2, 0.8)
+    fingers("touchEnd")
+    page.wait_for_timeout(500)
+    # what was between 1/3 and 2/3 of the logarithmic axis; a pixel and a half of 680 is 2.4 %
+    third = (high / low) ** (1.0 / 3.0)
+    assert reach() == pytest.approx((low * third, high / third), rel=0.03)
+    fingers("touchStart", 0.2, 0.8)
+    fingers("touchMove", 0.4, 0.6)
+    fingers("touchEnd")
+    page.wait_for_timeout(500)
+    assert reach() == pytest.approx(whole, rel=0.03)
+    context.close()
+
+
 @pytest.mark.parametrize("size", [(1280, 720), (768, 1024)])
 def test_no_room_is_wider_than_the_screen(studio: Any, size: tuple[int, int]) -> None:
     opened = studio.open(*size)
