@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+import feeddrive as fd
+from feeddrive.analysis.friction_map import FrictionMap
 from feeddrive.analysis.margins import margins
 from feeddrive.analysis.stiffness import stiffness
+from feeddrive.identification.response.fit_axis import fit_axis
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.shown_units import ShownUnits
 from feeddrive.loop.frequency_response import FRF
-from feeddrive.plot.chart import LOG
+from feeddrive.loop.linearize import linearize
+from feeddrive.plot.chart import DOTS, LOG
+from feeddrive.plot.friction import friction_chart
 from feeddrive.plot.over_frequency import open_loop_chart, sensitivity_chart, stiffness_chart
+from feeddrive.plot.responses import Overlay, overlay_chart
 from feeddrive.plot.uncertainty import doubtful, magnitude_band, phase_band
 
 F = np.geomspace(1.0, 1000.0, 31)
@@ -90,3 +98,83 @@ def test_a_picture_of_an_axis_that_turns_says_torque_and_angle() -> None:
     chart = stiffness_chart({"now": stiffness(compliance)}).turning()
     assert chart.panels[0].label == "dynamic stiffness (N m/µrad)"
     assert "N m/µrad at" in chart.panels[0].curves[0].said
+
+
+def test_the_band_of_an_identified_model_is_what_its_covariance_makes_of_its_response() -> None:
+    """dG = J dθ with θ drawn from the covariance of the fit: E|dG|² on each line, by the model run again."""
+    plant = fd.blocks.TwoMass(mass_motor=60.0, mass_load=40.0, stiffness=2e7, damping=2000.0)
+    law = fd.blocks.CascadePPI(Kv=20.0, Kp=1e4)
+    loop = fd.Loop(control=fd.Control(law=law), axis=fd.Axis(plant=plant), sample_time=1e-4)
+    f, random = np.geomspace(10.0, 600.0, 120), np.random.default_rng(5)
+    exact = linearize(loop, ["cut"], ["reading_motor", "reading_load"])
+    made = list[FRF]()
+    for reading in exact.outputs:
+        G = exact.response(f, reading, "cut")
+        error = (
+            0.02 * G.magnitude * np.sqrt(0.5) * (random.standard_normal(f.size) + 1j * random.standard_normal(f.size))
+        )
+        made.append(FRF(f, G.response + error, "force", reading, "m/N", 1e-4, variance=(0.02 * G.magnitude) ** 2))
+    fit = fit_axis(made[0], made[1], structure="two-mass").fit
+    drawn = fit.agreement.drawn[1]
+    assert drawn.variance is not None
+    names = [each.name for each in fit.estimates]
+    values = np.array([each.value for each in fit.estimates])
+
+    def load(theta: np.ndarray) -> np.ndarray:
+        found = dict(zip(names, theta, strict=True))
+        tau = found.pop("dead_time", 0.0)
+        pole = found.pop("current_loop", np.inf)
+        s = 2j * np.pi * drawn.frequency
+        m1, m2, k, c = (found[name] for name in ("mass_motor", "mass_load", "stiffness", "damping"))
+        b1, b2 = (found.get(name, getattr(fit.plant, name)) for name in ("viscous_motor", "viscous_load"))
+        cross = c * s + k
+        whole = (m1 * s**2 + b1 * s + cross) * (m2 * s**2 + b2 * s + cross) - cross**2
+        return np.asarray(cross / whole * np.exp(-s * tau) / (1.0 + s / (2.0 * np.pi * pole)))
+
+    steps = np.diag(1e-5 * np.maximum(np.abs(values), 1e-5))
+    slopes = np.stack([(load(values + each) - load(values - each)) / (2.0 * np.sum(each)) for each in steps], axis=1)
+    hold = drawn.magnitude / np.abs(load(values))  # of the zero-order hold, the same for all parameters
+    expected = np.real(np.einsum("li,ij,lj->l", slopes, fit.covariance, np.conj(slopes))) * hold**2
+    np.testing.assert_allclose(drawn.variance, expected, rtol=2e-3)  # the hold differs at a resonance
+
+
+def test_a_measured_response_lies_over_its_model_with_a_band_each() -> None:
+    model = FRF(F, 1.02 * GAIN, "force", "load", "m/N")
+    chart = overlay_chart([Overlay("", replace(measured(np.linspace(0.5, 1.0, F.size)), unit="m/N"), model, model)])
+    assert [each.label for each in chart.panels] == [
+        "magnitude (dB re 1 m/N)", "phase (deg)", "error (dB)", "coherence",
+    ]  # fmt: skip
+    assert [each.name for each in chart.panels[0].curves] == ["measured", "model"]
+    np.testing.assert_allclose(chart.panels[2].curves[0].y, 20.0 * np.log10(0.02), atol=1e-9)
+    assert [each.name for each in chart.panels[0].bands] == ["", "95 % of the measurement"]
+    absolute = overlay_chart([Overlay("", None, None, model)], ShownUnits(gain="absolute"))
+    assert absolute.panels[0].label == "magnitude (µm/N)"
+    np.testing.assert_allclose(absolute.panels[0].curves[0].y, 1e6 * 1.02 * np.abs(GAIN))
+
+
+def test_two_measurements_shade_what_they_share_once() -> None:
+    coherence = np.ones(F.size)
+    coherence[5:9] = 0.3
+    other = np.ones(F.size)
+    other[7:12] = 0.3
+    (band,) = doubtful([measured(coherence), measured(other)])
+    half = np.sqrt(F[1] / F[0])
+    np.testing.assert_allclose(band.x[:2], [F[5] / half, F[11] * half])
+    assert band.x.size == 3
+
+
+def test_what_a_friction_model_leaves_of_the_measured_points_is_their_distance_from_all_of_its_friction() -> None:
+    """Force 50 N sign(v) + 300 N s/m v, of which the plant has the viscous part."""
+    axis = fd.Axis(plant=fd.blocks.Rigid(mass=100.0, viscous=300.0), friction_load=fd.blocks.Coulomb(coulomb=50.0))
+    loop = fd.Loop(control=fd.Control(law=fd.blocks.CascadePPI(Kv=20.0, Kp=1e4)), axis=axis, sample_time=1e-3)
+    v = np.array([-0.2, -0.1, 0.1, 0.2])
+    off = np.array([1.0, -2.0, 3.0, 0.0])
+    seen = FrictionMap(v, 50.0 * np.sign(v) + 300.0 * v + off, np.full(4, 0.5), np.full(4, 10))
+    chart = friction_chart(loop, measured=seen, units=ShownUnits(force="kN"))
+    above, below = chart.panels
+    assert above.label == "friction against\nthe motion (kN)"
+    whole = next(each for each in above.curves if each.name.startswith("model with"))
+    there = ~np.isnan(whole.x)
+    np.testing.assert_allclose(whole.y[there], 0.05 * np.sign(whole.x[there]) + 3e-4 * whole.x[there], atol=1e-12)
+    points = next(each for each in below.curves if each.look == DOTS)
+    np.testing.assert_allclose(points.y, 1e-3 * off, atol=1e-12)

@@ -1,4 +1,4 @@
-"""Pictures of identified drives: fits over measurements, residuals, friction curves and cogging."""
+"""Pictures of identified drives: fits over measurements, residuals and cogging."""
 
 from __future__ import annotations
 
@@ -6,25 +6,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feeddrive.identification.estimate import NORMAL
 from feeddrive.plot import style
 from feeddrive.plot.style import envelope
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
-    from feeddrive.analysis.friction_map import FrictionMap
-    from feeddrive.blocks.families import Friction
     from feeddrive.identification.cogging import CoggingFit, CoggingRun
-    from feeddrive.identification.friction_curve import FrictionCurve
     from feeddrive.identification.motion.control_law import ControlFit
     from feeddrive.identification.motion.delay import DelayFit
     from feeddrive.identification.motion.identify import Identified
     from feeddrive.identification.motion.rigid import RigidFit
     from feeddrive.identification.regression import Residuals, Validation
-    from feeddrive.identification.steady_runs import SteadyRuns
-    from feeddrive.loop.loop import Loop
-    from feeddrive.loop.simulate import Run
 
 _LAGS = 40  # of an autocorrelation
 
@@ -97,41 +90,6 @@ def control_fit(found: ControlFit) -> Any:
     return figure
 
 
-def steady_runs(runs: SteadyRuns) -> Any:
-    """Force over velocity."""
-    figure, (ax,) = style.picture(1, height=3.2)
-    _points(ax, runs)
-    return figure
-
-
-def identified_friction(curve: FrictionCurve) -> Any:
-    """The runs, the curve with its 95 % band, and the residuals."""
-    figure, axes = style.picture(2, height=4.2, ratios=(2, 1))
-    _points(axes[0], curve.runs)
-    top = float(np.max(np.abs(curve.runs.velocity)))
-    factor, unit = _scale(curve.runs)
-    force, force_unit = _force_scale(curve.runs)
-    label: str | None = curve.model.name
-    for sign in (-1.0, 1.0):
-        v = sign * top * np.geomspace(1e-4, 1.0, 300)
-        axes[0].plot(factor * v, force * curve.at(v), label=label, **style.curve(0))
-        half = NORMAL * curve.error(v)
-        axes[0].fill_between(
-            factor * v, force * (curve.at(v) - half), force * (curve.at(v) + half), color=style.color(0), alpha=0.18,
-            linewidth=0.0, label=None if label is None else "95 % band of the curve",
-        )  # fmt: skip
-        axes[1].fill_between(factor * v, -force * half, force * half, color=style.color(0), alpha=0.18, linewidth=0.0)
-        label = None
-    axes[1].axhline(0.0, color=style.MUTED, linewidth=0.8)
-    axes[1].plot(factor * curve.runs.velocity, force * curve.residual, "o-", markersize=3.5, color=style.color(1),
-                 linewidth=0.8)  # fmt: skip
-    axes[0].set_xlabel("")
-    style.labels(axes[1], f"velocity ({unit})", f"residual ({force_unit})")
-    figure.align_ylabels(axes)
-    style.legend(figure, axes[0])
-    return figure
-
-
 def cogging(fit: CoggingFit) -> Any:
     """Amplitudes by order, with twice their standard errors: cogging, and the part that changes sign with direction."""
     figure, (ax,) = style.picture(1, height=3.2)
@@ -175,118 +133,6 @@ def cogging_over_turn(fit: CoggingFit, runs: Sequence[CoggingRun]) -> Any:
     return figure
 
 
-def _scale(runs: SteadyRuns) -> tuple[float, str]:
-    return (1e3, "mm/s") if runs.frame.velocity == "m/s" else (1.0, runs.frame.velocity)
-
-
-def _force_scale(runs: SteadyRuns) -> tuple[float, str]:
-    small = runs.frame.force == "N m" and float(np.max(np.abs(runs.force))) < 0.1
-    return (1e3, "mN m") if small else (1.0, runs.frame.force)
-
-
-def _points(ax: Any, runs: SteadyRuns) -> None:
-    factor, unit = _scale(runs)
-    force, force_unit = _force_scale(runs)
-    errors = None if np.any(np.isnan(runs.error)) else 2.0 * force * runs.error
-    ax.axhline(0.0, color=style.MUTED, linewidth=0.8)
-    ax.errorbar(
-        factor * runs.velocity, force * runs.force, errors, fmt="o", markersize=4.0, color=style.INK,
-        ecolor=style.MUTED, elinewidth=0.8, label="measured",
-    )  # fmt: skip
-    style.labels(ax, f"velocity ({unit})", f"force ({force_unit})")
-    ax.margins(x=0.03)
-
-
 def identified(found: Identified) -> Any:
     """Measured and fitted force of the fit to the moving mass."""
     return rigid_fit(found.rigid)
-
-
-CELLS = 160  # size of the picture in points: of points that coincide one is drawn
-
-
-def friction(
-    loops: Loop | Mapping[str, Loop],
-    run: Run | None = None,
-    measured: FrictionMap | None = None,
-) -> Any:
-    """Force against the motion in N over velocity in mm/s, both directions.
-
-    Of loops with the same friction one curve is drawn.  `run` adds the friction in a run of the first loop.
-    """
-    figure, (ax,) = style.picture(1, height=3.4)
-    ax.axhline(0.0, color=style.MUTED, linewidth=0.8)
-    ax.axvline(0.0, color=style.MUTED, linewidth=0.8)
-    chosen = style.named(loops)
-    reach = _reach(run, measured)
-    curves = _different(chosen)
-    if run is not None and chosen:
-        _met(ax, next(iter(chosen.values())), run)
-    for i, (name, block) in enumerate(curves.items()):
-        for sign in (-1.0, 1.0):
-            v = sign * reach * np.concatenate([[1e-9], np.geomspace(1e-5, 1.0, 400)])
-            force = [float(block.steady(np.float64(x))) for x in v]
-            ax.plot(1e3 * v, force, label=style.caption(name) if sign > 0.0 else None, **style.curve(i))
-    if measured is not None:
-        ax.errorbar(
-            1e3 * measured.velocity, measured.force, measured.deviation, fmt="o", markersize=3.5, color=style.INK,
-            ecolor=style.MUTED, elinewidth=0.8, label="measured, mean and deviation",
-        )  # fmt: skip
-    style.labels(ax, "velocity (mm/s)", "friction against\nthe motion (N)")
-    ax.set_xlim(-1.03e3 * reach, 1.03e3 * reach)
-    style.legend(figure, ax)
-    return figure
-
-
-def has_friction(loop: Loop) -> bool:
-    """Whether there is a curve to draw."""
-    return loop.axis.friction_load is not None or loop.axis.friction_motor is not None
-
-
-def _reach(run: Run | None, measured: FrictionMap | None) -> float:
-    found = [0.0]
-    if run is not None:
-        found.append(float(np.max(np.abs(run["velocity_load"]), initial=0.0)))
-    if measured is not None:
-        found.append(float(np.max(np.abs(measured.velocity), initial=0.0)))
-    return max(found) or 0.1
-
-
-def _different(loops: Mapping[str, Loop]) -> dict[str, Friction]:
-    """The different frictions, by name."""
-    found: dict[str, Friction] = {}
-    seen: set[str] = set()
-    places = {"friction_load": "guideway", "friction_motor": "screw and bearings"}
-    several = any(loop.axis.friction_motor is not None for loop in loops.values())
-    for name, loop in loops.items():
-        for field, place in places.items():
-            block = getattr(loop.axis, field)
-            if block is None or f"{field} {block!r}" in seen:
-                continue
-            seen.add(f"{field} {block!r}")
-            label = f"model, {place}" if several else "model"
-            found[label if label not in found else f"{label}, {name}"] = block
-    return found
-
-
-def _met(ax: Any, loop: Loop, run: Run) -> None:
-    """Friction in the run: the force of a row belongs to the velocity at the end of its sample."""
-    label: str | None = "met in the run"
-    for place in ("load", "motor"):
-        block = getattr(loop.axis, f"friction_{place}")
-        if block is None or run.time.size < 3:
-            continue
-        velocity = run[f"velocity_{place}"][1:]
-        force = -run[f"friction_{place}"][:-1] + float(block.linear()) * velocity
-        cells = np.column_stack([np.rint(CELLS * x / (np.max(np.abs(x)) or 1.0)) for x in (velocity, force)])
-        _, kept = np.unique(cells, axis=0, return_index=True)
-        ax.plot(
-            1e3 * velocity[kept], force[kept], "o", markersize=4.0, color=style.color(5), alpha=0.45,
-            markeredgewidth=0, label=label,
-        )  # fmt: skip
-        label = None
-
-
-def friction_map(found: FrictionMap) -> Any:
-    """Measured friction over velocity."""
-    return friction({}, measured=found)

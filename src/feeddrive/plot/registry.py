@@ -12,7 +12,7 @@ from feeddrive.language.table import frame_of, picture_of
 # module and class of a result -> the function of this package that draws it
 PICTURES = {
     "analysis.effort:Effort": "distributions:effort",
-    "analysis.friction_map:FrictionMap": "identification:friction_map",
+    "analysis.friction_map:FrictionMap": "friction:friction_map",
     "analysis.margin_intervals:MarginIntervals": "over_frequency:measured_loop",
     "analysis.margins:Margins": "over_frequency:open_loop",
     "analysis.measured_loop:MeasuredLoop": "over_frequency:measured_loop",
@@ -30,7 +30,7 @@ PICTURES = {
     "identification.cogging:CoggingFit": "identification:cogging",
     "identification.excitation.excitation:Excitation": "responses:excitation",
     "identification.excitation.frequency_estimate:FrequencyEstimate": "responses:frequency_estimate",
-    "identification.friction_curve:FrictionCurve": "identification:identified_friction",
+    "identification.friction_curve:FrictionCurve": "friction:identified_friction",
     "identification.motion.control_law:ControlFit": "identification:control_fit",
     "identification.motion.delay:DelayFit": "identification:delay_fit",
     "identification.motion.identify:Identified": "identification:identified",
@@ -42,7 +42,7 @@ PICTURES = {
     "identification.response.fit_axis:AxisFits": "responses:axis_fits",
     "identification.response.modal_fit:ModalFit": "responses:fitted",
     "identification.response.plant_fit:PlantFit": "responses:fitted",
-    "identification.steady_runs:SteadyRuns": "identification:steady_runs",
+    "identification.steady_runs:SteadyRuns": "friction:steady_runs",
     "loop.frequency_response:FRF": "over_frequency:bode",
     "loop.gradient:Gradient": "distributions:gradient",
     "loop.linearize:StateSpace": "pole_map:poles",

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from feeddrive.language.shown_units import USUAL, ShownUnits
 from feeddrive.plot import style
+from feeddrive.plot.chart import DEGREES, DOTS, FREQUENCY, LINEAR, LOG, THIN, Chart, Curve, Panel
+from feeddrive.plot.drawing import drawn
 from feeddrive.plot.style import envelope
+from feeddrive.plot.uncertainty import coherence_panels, doubtful, magnitude_band, phase_band
 
 if TYPE_CHECKING:
     from feeddrive.identification.excitation.excitation import Excitation
@@ -84,57 +89,113 @@ def excitation(found: Excitation) -> Any:
     return figure
 
 
-def response_fit(found: Agreement) -> Any:
-    """Magnitude and phase: the measurement as dots with its 95 % band, the model as a line; their distance; coherence.
+class Overlay(NamedTuple):
+    """A response: as measured, by the model on the same lines, and the model as a curve; what there is not is None."""
 
-    The distance is |model/measured - 1| in dB; the dashed line of the same color is the radius of the 95 % disc.
+    name: str
+    measured: FRF | None
+    fitted: FRF | None
+    drawn: FRF | None
+
+
+def response_fit(found: Agreement) -> Any:
+    """Magnitude and phase: the measurement as dots, the model as a line, each in its 95 % band; distance; coherence.
+
+    The distance is |model/measured - 1| in dB; the thin line is the radius of the 95 % disc of the measurement.
     """
-    every = list(zip(found.measured, found.fitted, strict=True))
-    coherent = any(measured.coherence is not None for measured, _ in every)
-    ratios = [3, 2, 1.4, 1] if coherent else [3, 2, 1.4]
-    figure, axes = style.picture(len(ratios), height=6.8 if coherent else 5.8, ratios=ratios)
-    lows, highs = [], []
-    for i, (measured, fitted) in enumerate(every):
-        f, size, curve = measured.frequency, measured.magnitude, found.drawn[i]
-        dots = style.curve(i) | {"linestyle": "none", "marker": ".", "markersize": 3.0, "alpha": 0.6}
-        name = measured.output if len(every) > 1 else ""
-        phase = curve.phase_deg
-        on_lines = np.degrees(np.angle(fitted.response))
-        on_lines += 360.0 * np.round((np.interp(f, curve.frequency, phase) - on_lines) / 360.0)
-        beside = on_lines + np.degrees(np.angle(measured.response / fitted.response))
-        axes[0].plot(f, style.decibel(size), label=style.caption(name, "measured"), **dots)
-        axes[0].plot(
-            curve.frequency, style.decibel(curve.magnitude), label=style.caption(name, "fitted"), **style.curve(i)
-        )
-        axes[1].plot(f, beside, **dots)
-        axes[1].plot(curve.frequency, phase, **style.curve(i))
-        axes[2].plot(f, style.decibel(np.abs(fitted.response / measured.response - 1.0)), **dots)
-        radius = measured.radius
-        if radius is not None:
-            shade = {"color": style.color(i), "alpha": 0.18, "linewidth": 0.0}
-            low, high = style.decibel(np.maximum(size - radius, 0.1 * size)), style.decibel(size + radius)
-            axes[0].fill_between(f, low, high, **shade)
-            spread = np.degrees(np.arcsin(np.minimum(radius / size, 1.0)))
-            axes[1].fill_between(f, beside - spread, beside + spread, **shade)
-            axes[2].plot(f, style.decibel(radius / size), color=style.color(i), linewidth=0.8, linestyle=(0, (4, 3)))
-        if measured.coherence is not None:
-            axes[3].plot(f, measured.coherence, **style.curve(i))
-        lows.append(float(np.min(phase)))
-        highs.append(float(np.max(phase)))
-    unit = every[0][0].unit
-    style.labels(axes[0], None, f"magnitude (dB re 1 {unit})" if unit else "magnitude (dB)")
-    style.labels(axes[1], None, "phase (deg)")
-    style.labels(axes[2], None, "error (dB)")
-    if coherent:
-        least = min(float(np.min(m.coherence)) for m, _ in every if m.coherence is not None)
-        axes[3].set_ylim(max(0.0, min(0.98, 0.9 * least)), 1.002)
-        style.labels(axes[3], None, "coherence")
-    axes[-1].set_xlabel("frequency (Hz)", fontsize=style.TEXT)
-    style.degrees_axis(axes[1], min(lows), max(highs))
-    _frequency(axes[-1], found)
-    style.frequency_grid(axes)
-    style.legend(figure, axes[0], 2)
-    return figure
+    return drawn(response_fit_chart(found))
+
+
+def response_fit_chart(found: Agreement, units: ShownUnits = USUAL) -> Chart:
+    """What `response_fit` shows."""
+    rows = zip(found.measured, found.fitted, found.drawn, strict=True)
+    several = len(found.measured) > 1
+    return overlay_chart([Overlay(each.output if several else "", each, *model) for each, *model in rows], units)
+
+
+def overlay_chart(rows: Sequence[Overlay], units: ShownUnits = USUAL) -> Chart:
+    """Measured responses and those of a model over each other: magnitude, phase, distance, and coherence."""
+    known = [each for row in rows for each in (row.drawn, row.measured) if each is not None]
+    factor, label = _magnitudes(known[0].unit, units)
+    hertz, log = units.of("Hz")[1], not units.decibel
+    coherent = [(i, row.measured) for i, row in enumerate(rows) if row.measured is not None]
+    levels, phases, apart = list[Curve](), list[Curve](), list[Curve]()
+    shaded = doubtful((each for _, each in coherent), units, ratio=log)
+    bands = list(shaded), list(doubtful((each for _, each in coherent), units))
+    ends = list[float]()
+    for i, (name, measured, fitted, curve) in enumerate(rows):
+        phase = None if curve is None else curve.phase_deg
+        before = f"{name}, " if name else ""
+        if measured is not None:
+            beside = measured.phase_deg if curve is None else _by_model(measured, fitted, curve)
+            x = hertz * measured.frequency
+            level = units.from_decibel(style.decibel(factor * measured.magnitude))
+            levels.append(Curve(x, np.asarray(level), f"{before}measured", i, DOTS))
+            phases.append(Curve(x, beside, number=i, look=DOTS))
+            ends += [float(np.min(beside)), float(np.max(beside))]
+            bands[0].extend(
+                magnitude_band(measured, i, units, "95 % of the measurement" if i == 0 else "", factor=factor)
+            )
+            bands[1].extend(phase_band(measured, beside, i, units))
+            if fitted is not None:
+                off = style.decibel(np.abs(fitted.response / measured.response - 1.0))
+                apart.append(Curve(x, np.asarray(units.from_decibel(off)), number=i, look=DOTS))
+            if fitted is not None and measured.radius is not None:
+                level = style.decibel(measured.radius / measured.magnitude)
+                apart.append(Curve(x, np.asarray(units.from_decibel(level)), number=i, look=THIN))
+        if curve is not None and phase is not None:
+            level = units.from_decibel(style.decibel(factor * curve.magnitude))
+            levels.append(Curve(hertz * curve.frequency, np.asarray(level), f"{before}model", i))
+            phases.append(Curve(hertz * curve.frequency, phase, number=i))
+            ends += [float(np.min(phase)), float(np.max(phase))]
+            name = "" if i else "95 % of the model"
+            bands[0].extend(magnitude_band(curve, _OTHER, units, name, factor=factor, model=True))
+            bands[1].extend(phase_band(curve, phase, _OTHER, units, model=True))
+    scale = LOG if log else LINEAR
+    panels = [
+        Panel(label, tuple(levels), bands=tuple(bands[0]), scale=scale, share=3.0, **_span_of(levels, log)),
+        Panel("phase (deg)", tuple(phases), bands=tuple(bands[1]), scale=DEGREES, low=min(ends), high=max(ends),
+              share=2.0),
+    ]  # fmt: skip
+    if apart:
+        label = "error (part of it)" if log else "error (dB)"
+        panels.append(Panel(label, tuple(apart), bands=shaded, scale=scale, share=1.4, **_span_of(apart, log)))
+    panels += coherence_panels(coherent, units)
+    x = [hertz * float(each.frequency[k]) for each in known for k in (0, -1)]
+    return Chart(
+        f"frequency ({units.of('Hz')[0]})", tuple(panels), FREQUENCY, min(x), max(x), height=2.6 + 1.05 * len(panels),
+        columns=2, factor=hertz,
+    )  # fmt: skip
+
+
+_OTHER = 4  # number of the band of a model, to be told from that of the measurement
+
+
+def _by_model(measured: FRF, fitted: FRF | None, curve: FRF) -> np.ndarray:
+    """The phase of a measurement in degrees, in the turn of its model on each line."""
+    if fitted is None:
+        return _beside(measured.phase_deg, measured.frequency, curve)
+    on_lines = np.degrees(np.angle(fitted.response))
+    on_lines += 360.0 * np.round((np.interp(measured.frequency, curve.frequency, curve.phase_deg) - on_lines) / 360.0)
+    return on_lines + np.degrees(np.angle(measured.response / fitted.response))
+
+
+def _magnitudes(unit: str, units: ShownUnits) -> tuple[float, str]:
+    """Factor to what is shown of a response of this unit, and the label of its magnitude."""
+    if units.decibel:
+        return 1.0, f"magnitude (dB re 1 {unit})" if unit else "magnitude (dB)"
+    shown, factor = units.of(unit)
+    return factor, f"magnitude ({shown})" if shown else "magnitude"
+
+
+def _span_of(curves: Sequence[Curve], log: bool) -> dict[str, float]:
+    """The range of y of all curves with some room, so that what is shaded over the whole height widens nothing."""
+    values = np.concatenate([each.y for each in curves])
+    values = values[np.isfinite(values) & ((values > 0.0) | (not log))]
+    low, high = float(np.min(values)), float(np.max(values))
+    if log:
+        return {"low": low / 1.3, "high": high * 1.3}
+    return dict(zip(("low", "high"), style.padded(low, high), strict=True))
 
 
 def response_residuals(found: Agreement) -> Any:

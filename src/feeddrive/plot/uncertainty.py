@@ -15,20 +15,38 @@ _LEAST = 0.1  # of a magnitude: a band that reaches below is cut off there
 _FAR = 1e4  # dB or degrees beyond all panels
 
 
-def magnitude_band(frf: FRF, number: int, units: ShownUnits = USUAL, name: str = "") -> tuple[Band, ...]:
-    """|G| - r to |G| + r with the radius r of the 95 % disc; none without a variance."""
-    if frf.radius is None:
+def magnitude_band(
+    frf: FRF, number: int, units: ShownUnits = USUAL, name: str = "", *, factor: float = 1.0, model: bool = False
+) -> tuple[Band, ...]:
+    """|G| - r to |G| + r with the radius r of the 95 % disc; none without a variance.
+
+    factor  from the unit of the response to the one that is shown
+    model   the error comes from few real parameters and may lie along one direction: r is then 1.96 √variance
+    """
+    radius = _radius(frf, model)
+    if radius is None:
         return ()
     size = frf.magnitude
-    low, high = (style.decibel(each) for each in (np.maximum(size - frf.radius, _LEAST * size), size + frf.radius))
+    low, high = (style.decibel(factor * each) for each in (np.maximum(size - radius, _LEAST * size), size + radius))
     return (_band(frf, units.from_decibel(low), units.from_decibel(high), number, units, name),)
 
 
-def phase_band(frf: FRF, phase: np.ndarray, number: int, units: ShownUnits = USUAL) -> tuple[Band, ...]:
-    """Round a phase in degrees, ± arcsin(r/|G|) with the radius r of the 95 % disc; none without a variance."""
-    if frf.radius is None:
+def _radius(frf: FRF, model: bool) -> np.ndarray | None:
+    if not model or frf.variance is None:
+        return frf.radius
+    from feeddrive.identification.estimate import NORMAL
+
+    return NORMAL * np.sqrt(frf.variance)
+
+
+def phase_band(
+    frf: FRF, phase: np.ndarray, number: int, units: ShownUnits = USUAL, *, model: bool = False
+) -> tuple[Band, ...]:
+    """Round a phase in degrees, ± arcsin(r/|G|) with the radius r of `magnitude_band`; none without a variance."""
+    radius = _radius(frf, model)
+    if radius is None:
         return ()
-    spread = np.degrees(np.arcsin(np.minimum(frf.radius / frf.magnitude, 1.0)))
+    spread = np.degrees(np.arcsin(np.minimum(radius / frf.magnitude, 1.0)))
     return (_band(frf, phase - spread, phase + spread, number, units),)
 
 
@@ -43,7 +61,11 @@ def doubtful(
 
     ratio  the panel has a logarithmic scale, as of gains that are not in dB
     """
-    parts = [each for frf in responses for each in _stretches(frf)]
+    parts = list[tuple[float, float]]()
+    for low, high in sorted(each for frf in responses for each in _stretches(frf)):
+        if parts and low <= parts[-1][1]:  # what two of them share is shaded once
+            low, high = parts[-1][0], max(high, parts.pop()[1])
+        parts.append((low, high))
     if not parts:
         return ()
     x = units.of("Hz")[1] * np.concatenate([[low, high, np.nan] for low, high in parts])

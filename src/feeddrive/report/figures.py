@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from feeddrive import plot
 from feeddrive.analysis.friction_map import FrictionMap, friction_map, worst_window
-from feeddrive.plot.identification import has_friction
+from feeddrive.plot.friction import has_friction
 from feeddrive.plot.over_time import alike
 from feeddrive.plot.style import POINTS
 from feeddrive.report.page import Entry, LawsReport, Shown

@@ -98,11 +98,11 @@ def answer(point: OperatingPoint, response: Response, below: Recovery | None = N
     y = yd + yu * back * S
     dy = (yu * S)[:, None] * (dback - (back * S)[:, None] * dL)
     zero = np.zeros(point.frequency.size)
-    gain_variance = zero if point.variance is None else _through(point, 0, C)
+    gain_variance = zero if point.variance is None else through(point, 0, C)
     return Answer(point, response, L, dL, gain_variance, y, dy, _of_compliance(point, C, back, S), below)
 
 
-def _through(point: OperatingPoint, source: int, factors: np.ndarray) -> np.ndarray:
+def through(point: OperatingPoint, source: int, factors: np.ndarray) -> np.ndarray:
     """The variance of Σ factor · reading of one source (0: the command, 1: a force on the table).
 
     Where the motor's reading is the load's times a ratio, they have a common error; elsewhere they count as
@@ -126,10 +126,10 @@ def _of_compliance(point: OperatingPoint, C: np.ndarray, back: np.ndarray, S: np
     table = np.array([[0.0], [1.0]])
     yu = point.moved[0]
     if point.at_drive:  # y = y_u S: all of it comes from one measurement
-        return _through(point, 0, table * S + C * (yu * S * S))
-    found = found + _through(point, 0, C * (yu * back * S * S) + table * (back * S))
+        return through(point, 0, table * S + C * (yu * S * S))
+    found = found + through(point, 0, C * (yu * back * S * S) + table * (back * S))
     if point.load_variance is not None:
-        found = found + _through(point, 1, C * (yu * S) + table)
+        found = found + through(point, 1, C * (yu * S) + table)
     return found
 
 

@@ -31,7 +31,9 @@ _SURE = 0.1  # standard error over value up to which a parameter of such a combi
 class Agreement(Result):
     """Measured and fitted responses, and the RMS of ln(fitted/measured) on used and on unused lines.
 
-    drawn        the model as a curve: so many frequencies between the lines that no step in the complex plane is long
+    drawn        the model as a curve: so many frequencies between the lines that no step in the complex plane is long;
+                 its variance is that of the fitted parameters, J C Jᴴ with their covariance C and the slopes J, and
+                 holds nothing of what the model lacks
     unused       each line was predicted by a fit without it and without every fifth line
     spread       standard deviation of the weighted residual; near 1 if variances were measured and the model agrees
                  within them
@@ -121,14 +123,15 @@ def agreement(
         replace(frf, response=response, variance=None, coherence=None)
         for frf, (response, _) in zip(responses, model(found.values), strict=True)
     )
-    drawn = tuple(_curves(model, responses, found.values, order))
+    drawn = tuple(_curves(model, responses, found, order))
     return Agreement(
         tuple(responses), fitted, found.residuals, used, unused, found.spread, found.model_error, drawn, order
     )
 
 
-def _curves(model: LineModel, responses: Sequence[FRF], values: np.ndarray, order: int) -> list[FRF]:
+def _curves(model: LineModel, responses: Sequence[FRF], refined: Refined, order: int) -> list[FRF]:
     """The model between the first and the last line; steps are halved where velocity over force moves far in one."""
+    values = refined.values
     lines = [np.geomspace(frf.frequency[0], frf.frequency[-1], _COARSE) for frf in responses]
     for _ in range(_MOST_HALVED):
         found = [response for response, _ in model.on(lines)(values)]
@@ -141,9 +144,15 @@ def _curves(model: LineModel, responses: Sequence[FRF], values: np.ndarray, orde
             break
         lines = finer
     return [
-        replace(frf, frequency=f, response=response, variance=None, coherence=None)
-        for frf, f, (response, _) in zip(responses, lines, model.on(lines)(values), strict=True)
+        replace(frf, frequency=f, response=response, variance=_variance(slopes, refined.covariance), coherence=None)
+        for frf, f, (response, slopes) in zip(responses, lines, model.on(lines)(values), strict=True)
     ]
+
+
+def _variance(slopes: np.ndarray, covariance: np.ndarray) -> np.ndarray | None:
+    """E|dG|² of each line, to first order; None where a parameter has no error."""
+    found = np.real(np.einsum("li,ij,lj->l", slopes, covariance, np.conj(slopes)))
+    return np.maximum(found, 0.0) if np.all(np.isfinite(found)) else None
 
 
 def predicted(

@@ -1,0 +1,201 @@
+"""Friction over velocity: of a model, as met in a run, as measured, and what the model leaves of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from feeddrive.identification.estimate import NORMAL
+from feeddrive.language.shown_units import USUAL, ShownUnits
+from feeddrive.plot import style
+from feeddrive.plot.chart import DOTS, NEUTRAL, THIN, Band, Chart, Curve, Level, Panel
+from feeddrive.plot.drawing import drawn
+
+if TYPE_CHECKING:
+    from feeddrive.analysis.friction_map import FrictionMap
+    from feeddrive.blocks.families import Friction
+    from feeddrive.identification.friction_curve import FrictionCurve
+    from feeddrive.identification.steady_runs import SteadyRuns
+    from feeddrive.loop.loop import Loop
+    from feeddrive.loop.simulate import Run
+
+CELLS = 160  # size of the picture in points: of points that coincide one is drawn
+_MET, _ALL = 5, "model with the viscous friction of the plant"
+_SLOWEST = 1e-5  # of the largest velocity: where curves begin on both sides of standstill
+_ZERO = Level(0.0, faint=True), Level(0.0, upright=True, faint=True)
+
+
+def friction(loops: Loop | Mapping[str, Loop], run: Run | None = None, measured: FrictionMap | None = None) -> Any:
+    """Force against the motion over velocity, both directions; what was measured, and what the model leaves of it.
+
+    Of loops with the same friction one curve is drawn.  `run` adds the friction in a run of the first loop.
+    """
+    return drawn(friction_chart(loops, run, measured))
+
+
+def friction_chart(
+    loops: Loop | Mapping[str, Loop], run: Run | None = None, measured: FrictionMap | None = None,
+    units: ShownUnits = USUAL,
+) -> Chart:  # fmt: skip
+    """What `friction` shows."""
+    chosen = style.named(loops)
+    reach, (unit, newton) = _reach(run, measured), units.of("N")
+    curves = list[Curve]()
+    first = next(iter(chosen.values()), None)
+    if run is not None and first is not None:
+        curves += _met(first, run, newton)
+    for i, (name, block) in enumerate(_different(chosen).items()):
+        v, force = _both(lambda v, block=block: _steady((block,), v), reach)
+        curves.append(Curve(1e3 * v, newton * force, name, i))
+    left = list[Curve]()
+    if measured is not None:
+        curves += _measured(
+            measured.velocity, measured.force, measured.deviation, newton, "measured, mean and deviation"
+        )
+        if first is not None:
+            curves += _whole(first, reach, newton, len(curves))
+            rest = measured.force - _of(first, measured.velocity)
+            left += _measured(measured.velocity, rest, measured.deviation, newton)
+    panels = [Panel(f"friction against\nthe motion ({unit})", tuple(curves), levels=_ZERO, share=2.0)]
+    if left:
+        panels.append(Panel(f"measured -\nmodel ({unit})", tuple(left), levels=_ZERO))
+    end = 1.03e3 * reach
+    return Chart("velocity (mm/s)", tuple(panels), low=-end, high=end, height=3.4 if len(panels) == 1 else 4.4)
+
+
+def _steady(blocks: Iterable[Friction], velocity: np.ndarray) -> np.ndarray:
+    return np.array([sum(float(each.steady(np.float64(v))) for each in blocks) for v in velocity])
+
+
+def _both(force: Any, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Velocities of both directions with a gap at standstill, and the force there."""
+    ahead = reach * np.concatenate([[1e-4 * _SLOWEST], np.geomspace(_SLOWEST, 1.0, 400)])
+    return (
+        np.concatenate([-ahead[::-1], [np.nan], ahead]),
+        np.concatenate([force(-ahead[::-1]), [np.nan], force(ahead)]),
+    )
+
+
+def _of(loop: Loop, velocity: np.ndarray) -> np.ndarray:
+    """All friction of an axis that moves as one body, in N: of its blocks, and the viscous one of its plant."""
+    from feeddrive.tuning.candidates import axis_model
+
+    model = axis_model(loop)
+    return np.array([model.dry_friction(float(v)) + model.viscous * float(v) for v in velocity])
+
+
+def _whole(loop: Loop, reach: float, newton: float, number: int) -> list[Curve]:
+    """The curve of all friction, where it is more than that of one block."""
+    blocks = [each for each in (loop.axis.friction_motor, loop.axis.friction_load) if each is not None]
+    v, force = _both(lambda v: _of(loop, v), reach)
+    alone = _both(lambda v: _steady(blocks, v), reach)[1] if len(blocks) == 1 else None
+    if alone is not None and np.allclose(alone, force, rtol=1e-9, equal_nan=True):
+        return []
+    return [Curve(1e3 * v, newton * force, _ALL, number)]
+
+
+def _measured(
+    velocity: np.ndarray, force: np.ndarray, deviation: np.ndarray | None, newton: float, name: str = ""
+) -> list[Curve]:
+    """Points, and a bar of one deviation on both sides of each."""
+    points = Curve(1e3 * velocity, newton * force, name, NEUTRAL, DOTS)
+    if deviation is None:
+        return [points]
+    x = np.column_stack([velocity, velocity, np.full(velocity.size, np.nan)]).ravel()
+    y = np.column_stack([force - deviation, force + deviation, np.full(velocity.size, np.nan)]).ravel()
+    return [Curve(1e3 * x, newton * y, number=NEUTRAL, look=THIN), points]
+
+
+def has_friction(loop: Loop) -> bool:
+    """Whether there is a curve to draw."""
+    return loop.axis.friction_load is not None or loop.axis.friction_motor is not None
+
+
+def _reach(run: Run | None, measured: FrictionMap | None) -> float:
+    found = [0.0]
+    if run is not None:
+        found.append(float(np.max(np.abs(run["velocity_load"]), initial=0.0)))
+    if measured is not None:
+        found.append(float(np.max(np.abs(measured.velocity), initial=0.0)))
+    return max(found) or 0.1
+
+
+def _different(loops: Mapping[str, Loop]) -> dict[str, Friction]:
+    """The different frictions, by name."""
+    found: dict[str, Friction] = {}
+    seen: set[str] = set()
+    places = {"friction_load": "guideway", "friction_motor": "screw and bearings"}
+    several = any(loop.axis.friction_motor is not None for loop in loops.values())
+    for name, loop in loops.items():
+        for field, place in places.items():
+            block = getattr(loop.axis, field)
+            if block is None or f"{field} {block!r}" in seen:
+                continue
+            seen.add(f"{field} {block!r}")
+            label = f"model, {place}" if several else "model"
+            found[label if label not in found else f"{label}, {name}"] = block
+    return found
+
+
+def _met(loop: Loop, run: Run, newton: float) -> list[Curve]:
+    """Friction in the run: the force of a row belongs to the velocity at the end of its sample."""
+    found = list[Curve]()
+    for place in ("load", "motor"):
+        block = getattr(loop.axis, f"friction_{place}")
+        if block is None or run.time.size < 3:
+            continue
+        velocity = run[f"velocity_{place}"][1:]
+        force = -run[f"friction_{place}"][:-1] + float(block.linear()) * velocity
+        cells = np.column_stack([np.rint(CELLS * x / (np.max(np.abs(x)) or 1.0)) for x in (velocity, force)])
+        _, kept = np.unique(cells, axis=0, return_index=True)
+        name = "" if found else "met in the run"
+        found.append(Curve(1e3 * velocity[kept], newton * force[kept], name, _MET, DOTS))
+    return found
+
+
+def friction_map(found: FrictionMap) -> Any:
+    """Measured friction over velocity."""
+    return friction({}, measured=found)
+
+
+def steady_runs(runs: SteadyRuns) -> Any:
+    """Force over velocity."""
+    unit, _, force_unit, newton = _scales(runs)
+    panel = Panel(f"force ({force_unit})", tuple(_points(runs, newton)), levels=_ZERO)
+    return drawn(Chart(f"velocity ({unit})", (panel,), height=3.2))
+
+
+def identified_friction(curve: FrictionCurve) -> Any:
+    """The runs, the curve with its 95 % band, and the residuals."""
+    runs = curve.runs
+    unit, factor, force_unit, newton = _scales(runs)
+    v, force = _both(curve.at, float(np.max(np.abs(runs.velocity))))
+    half = NORMAL * _both(curve.error, float(np.max(np.abs(runs.velocity))))[1]
+    name = "95 % band of the curve"
+    low, high = newton * (force - half), newton * (force + half)
+    above = Panel(
+        f"force ({force_unit})", (*_points(runs, newton), Curve(factor * v, newton * force, curve.model.name)),
+        levels=_ZERO, bands=(Band(factor * v, low, high, 0, name),), share=2.0,
+    )  # fmt: skip
+    left = Curve(factor * runs.velocity, newton * curve.residual, number=1, look=DOTS)
+    below = Panel(
+        f"residual ({force_unit})", (left,), levels=_ZERO,
+        bands=(Band(factor * v, -newton * half, newton * half, 0),),
+    )  # fmt: skip
+    return drawn(Chart(f"velocity ({unit})", (above, below), height=4.2))
+
+
+def _scales(runs: SteadyRuns) -> tuple[str, float, str, float]:
+    """Unit and factor of the velocity, and of the force, from those of the runs."""
+    small = runs.frame.force == "N m" and float(np.max(np.abs(runs.force))) < 0.1
+    velocity = ("mm/s", 1e3) if runs.frame.velocity == "m/s" else (runs.frame.velocity, 1.0)
+    return (*velocity, *(("mN m", 1e3) if small else (runs.frame.force, 1.0)))
+
+
+def _points(runs: SteadyRuns, newton: float) -> list[Curve]:
+    """The mean of each run, with two standard errors on both sides where they are known."""
+    factor = _scales(runs)[1]
+    errors = None if np.any(np.isnan(runs.error)) else 2.0 * runs.error
+    return _measured(1e-3 * factor * runs.velocity, runs.force, errors, newton, "measured")
