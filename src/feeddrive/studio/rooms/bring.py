@@ -250,12 +250,8 @@ class Bring(Room):
     def _column(asked: Asked, role: str, name: str) -> Column:
         unit, factor = str(asked.given.get("unit") or ""), asked.given.get("factor")
         if factor in (None, ""):
-            return (
-                Column(name=name, unit=unit).checked(role)
-                if hasattr(Column, "checked")
-                else Column(name=name, unit=unit)
-            )
-        return Column(name=name, unit=unit if role in OWN_UNIT else "", factor=asked.number("factor"))
+            return Column(name=name, unit=unit).checked(role)
+        return Column(name=name, unit=unit if role in OWN_UNIT else "", factor=asked.number("factor")).checked(role)
 
     def _columns(self, found: Understood) -> list[dict[str, Any]]:
         """Each column with its role, unit and reason; then what needs a factor."""
