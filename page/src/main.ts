@@ -12,6 +12,7 @@ import { Prove } from "./rooms/prove";
 import { Take } from "./rooms/take";
 import { Tune } from "./rooms/tune";
 import { Talk } from "./talk";
+import { Tour, type Step } from "./tour";
 import type { Received } from "./wire";
 
 const talk: Talk = new Talk(
@@ -22,6 +23,7 @@ const talk: Talk = new Talk(
 const ask = (request: Request) => talk.ask(request);
 const rooms: Room[] = [Bring, Tune, Goal, Compare, Prove, Take].map((Kind) => new Kind(ask));
 const job = new JobBar(ask);
+const tour = new Tour(ask, go);
 const error = make("p", { id: "error", role: "alert", hidden: "" });
 const title = document.getElementById("title")!;
 const tabs = new Map<string, { room: Room; tab: HTMLButtonElement; panel: HTMLElement }>();
@@ -45,7 +47,7 @@ list.addEventListener("keydown", (event) => {
   tabs.get(next.name)!.tab.focus();
 });
 document.querySelector("header")!.append(list, button("Dark", dark, { id: "dark", "aria-pressed": "false" }));
-document.querySelector("main")!.append(job.element, error, ...[...tabs.values()].map(({ panel }) => panel));
+document.querySelector("main")!.append(tour.element, job.element, error, ...[...tabs.values()].map(({ panel }) => panel));
 
 // Open a room and ask the server what it shows.
 export function go(name: string): void {
@@ -81,6 +83,7 @@ function heard(received: Received): void {
     const target = tabs.has(kept) ? kept : said.epoch ? "tune" : "bring";
     if (target !== "bring" || open === "") go(target);
   } else if (other && said.room !== open) ask({ do: `${open}.show` });
+  tour.heard((said.tour as Step | null | undefined) ?? null);
 }
 
 function fail(words: string): void {

@@ -6,7 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -96,3 +96,17 @@ def studio(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[S
     made = Studio(browser, tmp_path_factory.mktemp("studio"), "xy_table", "--axis", "x")
     yield made
     made.close()
+
+
+@pytest.fixture
+def served(browser: Any, tmp_path: Path) -> Iterator[Callable[..., Studio]]:
+    """Starts servers of a test by the words of the command line, and ends them."""
+    made = list[Studio]()
+
+    def start(*words: str) -> Studio:
+        made.append(Studio(browser, tmp_path / f"studio_{len(made)}", *words))
+        return made[-1]
+
+    yield start
+    for each in made:
+        each.close()

@@ -27,8 +27,10 @@ interface Words {
   files: Brought[];
   open: string;
   roles: Record<string, string>;
+  start_from: string;
+  offers_tour: boolean;
   columns?: Column[];
-  made: { said?: string[]; tables?: Table[]; verdict?: string; failure?: string; machine?: boolean };
+  made: { of?: string; said?: string[]; tables?: Table[]; verdict?: string; failure?: string; machine?: boolean };
   ask_axis?: { name: string; axes: string[] };
   go?: string;
 }
@@ -43,6 +45,9 @@ export class Bring implements Room {
   private readonly list = make("ul", { class: "files", "aria-label": "Files" });
   private readonly detail = make("section", { "aria-label": "The open file" });
   private readonly picture = new Picture("Columns of the log");
+  private readonly tour = make("p", {});
+  private readonly made = new Picture("Model over measurement");
+  private readonly given = new Map<string, string>(); // what a person wrote into the fields, by file and field
   private last: Received | null = null;
 
   constructor(private readonly ask: Ask) {
@@ -52,11 +57,13 @@ export class Bring implements Room {
       make("label", { for: "files" }, "Drop a log, a frequency response, a machine file or a part program here, or choose it: "),
       chooser,
     );
+    this.tour.append(button("Tour: your axis in ten minutes", () => this.ask({ do: "bring.tour" }), { id: "bring-tour" }), " from a simulated log to an exported control, one button after another");
     for (const kind of ["dragover", "drop"]) document.addEventListener(kind, (event) => event.preventDefault());
     document.addEventListener("drop", (event) => void this.bring([...(event.dataTransfer?.files ?? [])]));
     this.element.append(
       this.place,
       this.wrong,
+      this.tour,
       make("h2", {}, "Or begin with a bundled machine"),
       this.bundled,
       make("h2", {}, "Files"),
@@ -64,12 +71,14 @@ export class Bring implements Room {
       this.detail,
     );
     this.picture.element.id = "picture-columns";
+    this.made.element.id = "picture-made";
     whenPainted(() => this.draw());
   }
 
   heard(received: Received): void {
     const words = received.said as unknown as Words;
     this.last = received;
+    this.tour.hidden = !words.offers_tour;
     this.bundled.replaceChildren(
       ...words.bundled.map((name) => button(name.replaceAll("_", " "), () => this.ask({ do: "bring.bundled", name }), { id: `bundled-${name}` })),
     );
@@ -93,7 +102,7 @@ export class Bring implements Room {
       ),
     );
     const open = words.files.find((file) => file.name === words.open);
-    this.detail.replaceChildren(...(open ? this.shows(open, words) : []), ...this.outcome(words));
+    this.detail.replaceChildren(...this.outcome(words), ...(open ? this.shows(open, words) : []));
     if (words.go) document.dispatchEvent(new CustomEvent("go", { detail: words.go }));
     this.draw();
   }
@@ -103,8 +112,11 @@ export class Bring implements Room {
   }
 
   private draw(): void {
-    const chart = this.last?.said.charts.columns;
-    if (chart && this.picture.element.isConnected && !this.element.closest("[hidden]")) this.picture.draw(chart, this.last!.numbers, look());
+    if (!this.last || this.element.closest("[hidden]")) return;
+    for (const [name, picture] of [["columns", this.picture], ["made", this.made]] as const) {
+      const chart = this.last.said.charts[name];
+      if (chart && picture.element.isConnected) picture.draw(chart, this.last.numbers, look());
+    }
   }
 
   private async bring(files: File[]): Promise<void> {
@@ -141,16 +153,21 @@ export class Bring implements Room {
       return [head, make("div", { class: "buttons" }, ...acts), ...also, ...tables(file.tables)];
     }
     if (file.kind === "part program") return [head, make("p", {}, "It runs on the machine in the room Prove.")];
-    let machine = "";
-    const chosen = choice(file.kind === "log" ? "Machine file to start from" : "Today's machine", machines, (value) => (machine = value));
+    const kept = (key: string, usual = "") => this.given.get(`${file.name} ${key}`) ?? usual;
+    const keep = (key: string, value: string) => this.given.set(`${file.name} ${key}`, value);
+    const start = file.kind === "log" ? words.start_from : "";
+    const chosen = choice(file.kind === "log" ? "Machine file to start from" : "Today's machine", machines, (value) => keep("machine", value));
+    chosen.querySelector("select")!.value = kept("machine", start);
     const fields = new Map<string, HTMLInputElement>();
     const field = (key: string, label: string): HTMLElement => {
       const input = make("input", { type: "text", inputmode: "decimal", size: "8", id: `bring-${key}` });
+      input.value = kept(key);
+      input.addEventListener("input", () => keep(key, input.value));
       fields.set(key, input);
       return make("label", { for: input.id }, `${label} `, input);
     };
     const given = (): Record<string, unknown> => {
-      const found: Record<string, unknown> = { machine };
+      const found: Record<string, unknown> = { machine: kept("machine", start) };
       for (const [key, input] of fields) {
         const text = input.value.trim();
         const value = Number(text.replace(",", "."));
@@ -175,7 +192,7 @@ export class Bring implements Room {
           "div",
           { class: "buttons" },
           button("Tune on the measured response", () => this.ask({ do: "bring.responses", name, at: at(), ...given(), ...chosen_roles }), { id: "tune-responses", class: "main" }),
-          button("Identify a model", () => this.ask({ do: "bring.identify", name, ...chosen_roles, machine }), { id: "identify" }),
+          button("Identify a model", () => this.ask({ do: "bring.identify", name, ...chosen_roles, machine: kept("machine", start) }), { id: "identify" }),
         ),
         make("div", { class: "fields" }, chosen, ...more),
         ...also,
@@ -213,7 +230,7 @@ export class Bring implements Room {
       for (const part of [select, unit, factor]) part.addEventListener("change", set);
       return [each.column, select, unit, factor, each.why];
     });
-    return make("details", { open: "" }, make("summary", {}, "Columns: what each is"), table(["column", "role", "unit", "factor", "why"], rows));
+    return make("details", { open: "", id: "columns-of-log" }, make("summary", {}, "Columns: what each is"), table(["column", "role", "unit", "factor", "why"], rows));
   }
 
   private outcome(words: Words): HTMLElement[] {
@@ -221,10 +238,11 @@ export class Bring implements Room {
     if (!made.said) return [];
     const take = made.machine ? [button("Tune this axis", () => this.ask({ do: "bring.take" }), { id: "take-identified", class: "main" })] : [];
     return [
-      make("h2", {}, "What was found"),
+      make("h2", {}, `What was found in ${made.of}`),
       ...(made.verdict ? [make("p", { class: "verdict" }, made.verdict)] : []),
       ...(made.failure ? [make("p", { class: "bad" }, made.failure)] : []),
       ...take,
+      ...(this.last?.said.charts.made ? [this.made.element] : []),
       make("ul", {}, ...made.said.filter((each) => each !== made.verdict).map((each) => make("li", {}, each))),
       ...tables(made.tables ?? []),
     ];

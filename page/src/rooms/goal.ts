@@ -43,7 +43,8 @@ export class Goal implements Room {
   readonly element = make("div", { class: "goal" });
   private readonly form = make("div", { class: "fields" });
   private readonly buttons = make("div", { class: "buttons" });
-  private readonly outcome = make("section", { "aria-label": "What was found", "aria-live": "polite" });
+  private readonly verdict = make("div", { "aria-live": "polite" });
+  private readonly outcome = make("section", { "aria-label": "What was found" });
   private readonly pictures = new Map(Object.entries(TITLES).map(([name, title]) => [name, new Picture(title)]));
   private readonly levels: Levels[];
   private last: Received | null = null;
@@ -57,7 +58,7 @@ export class Goal implements Room {
     this.levels = ["sensitivity", "stiffness"].map(
       (name) => new Levels(name, this.pictures.get(name)!, (field, value) => ask({ do: "goal.level", field, value })),
     );
-    this.element.append(this.form, this.buttons, grid, this.outcome);
+    this.element.append(this.form, this.buttons, this.verdict, grid, this.outcome);
     whenPainted(() => this.draw());
   }
 
@@ -71,12 +72,14 @@ export class Goal implements Room {
     tune.disabled = !words.ready;
     accept.disabled = reject.disabled = !words.best;
     this.buttons.replaceChildren(tune, accept, reject);
-    this.outcome.replaceChildren(
+    this.verdict.replaceChildren(
       ...(words.ready ? [] : [make("p", {}, "Bring a machine or a measured response first.")]),
       ...(words.begins ? [make("p", {}, words.begins)] : []),
       ...(words.verdict ? [make("p", { class: "verdict" }, words.verdict)] : []),
       ...(words.failure ? [make("p", { class: "bad" }, words.failure)] : []),
       ...(words.unfinished ? [make("p", {}, "The search has not finished: what is shown is the best so far, and is not proven.")] : []),
+    );
+    this.outcome.replaceChildren(
       make("ul", {}, ...(words.said ?? []).filter((each) => each !== words.verdict).map((each) => make("li", {}, each))),
       ...tables(words.tables ?? []),
     );

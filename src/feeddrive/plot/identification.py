@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from feeddrive.plot import style
+from feeddrive.plot.chart import DOTS, NEUTRAL, THIN, Chart, Curve, Panel
+from feeddrive.plot.drawing import drawn
 from feeddrive.plot.style import envelope
 
 if TYPE_CHECKING:
@@ -24,18 +26,42 @@ _LAGS = 40  # of an autocorrelation
 
 def rigid_fit(fit: RigidFit) -> Any:
     """Measured and fitted force over time, and the residual."""
-    figure, axes = style.picture(2, height=3.8, ratios=(2, 1))
+    return drawn(rigid_fit_chart(fit))
+
+
+def rigid_fit_chart(fit: RigidFit) -> Chart:
+    """Measured and fitted force over time, and the residual."""
     measured, off = fit.residuals.measured, fit.residuals.values
-    axes[0].plot(*envelope(fit.time, measured), color=style.MUTED, linewidth=2.6, alpha=0.55, label="measured")
-    axes[0].plot(*envelope(fit.time, measured - off), color=style.color(0), linewidth=1.0, label="fitted")
-    axes[1].plot(*envelope(fit.time, off), **style.curve(1) | {"linestyle": "-", "linewidth": 0.9})
     unit = style.written(fit.frame.force)
-    style.labels(axes[0], None, f"force ({unit})")
-    style.labels(axes[1], "time (s)", f"residual ({unit})")
-    style.note(axes[1], f"{100.0 * fit.residuals.relative:.3g} % of the force's RMS")
-    figure.align_ylabels(axes)
-    style.legend(figure, axes[0])
-    return figure
+    forces = (
+        Curve(*envelope(fit.time, measured), "measured", NEUTRAL, DOTS),
+        Curve(*envelope(fit.time, measured - off), "fitted", 0),
+    )
+    said = f"{100.0 * fit.residuals.relative:.3g} % of the force's RMS"
+    left = Curve(*envelope(fit.time, off), "residual", 1, THIN, said=said)
+    panels = Panel(f"force ({unit})", forces, share=2.0), Panel(f"residual ({unit})", (left,))
+    return Chart("time (s)", panels, low=float(fit.time[0]), high=float(fit.time[-1]), height=3.8)
+
+
+def identified_chart(found: Identified) -> Chart:
+    """The model over the log: the loop in a simulation of the same reference if its law is known, else the force."""
+    if found.refinement is None:
+        return rigid_fit_chart(found.rigid)
+    replay = found.refinement.replay
+    time, after = replay.run.time, replay.run.time[replay.skipped :]
+    panels = list[Panel]()
+    for name, words, unit, factor in (("following_error", "following error", "µm", 1e6), ("force", "force", "N", 1.0)):
+        if name not in replay.measured:
+            continue
+        off = factor * replay.residual(name)
+        said = f"RMS {np.sqrt(np.mean(off**2)):.4g} {unit}, peak {np.max(np.abs(off)):.4g} {unit}"
+        both = (
+            Curve(*envelope(time, factor * replay.measured[name]), "" if panels else "measured", NEUTRAL, DOTS),
+            Curve(*envelope(time, factor * replay.run[name]), "" if panels else "model", 0),
+        )
+        left = Curve(*envelope(after, off), f"residual of the {words}", 1, THIN, said=said)
+        panels += [Panel(f"{words} ({unit})", both, share=2.0), Panel(f"residual ({unit})", (left,))]
+    return Chart("time (s)", tuple(panels), low=float(time[0]), high=float(time[-1]), height=5.4)
 
 
 def residuals(found: Residuals) -> Any:
@@ -134,5 +160,5 @@ def cogging_over_turn(fit: CoggingFit, runs: Sequence[CoggingRun]) -> Any:
 
 
 def identified(found: Identified) -> Any:
-    """Measured and fitted force of the fit to the moving mass."""
-    return rigid_fit(found.rigid)
+    """The model over the log."""
+    return drawn(identified_chart(found))

@@ -17,8 +17,10 @@ from feeddrive.files.atomic_io import refusal
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.studio.bench import Bench, bench_of
+from feeddrive.studio.desk import Desk
 from feeddrive.studio.jobs import end_all
 from feeddrive.studio.protection import Door
+from feeddrive.studio.rooms.tune import Tune
 from feeddrive.studio.server import PAGE, make_app, serve
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import Request, argument, option
@@ -37,6 +39,13 @@ def _local(host: str) -> bool:
         return host == "localhost"
 
 
+def _prepare(bench: Bench, folder: Path) -> None:
+    """Compute the first pictures once: what they need is then imported and compiled when the page asks."""
+    desk = Desk(folder)
+    desk.put(bench)
+    Tune(desk).show()
+
+
 class StudioRequest(Request):
     """Which axis is opened, and where the page listens."""
 
@@ -46,6 +55,7 @@ class StudioRequest(Request):
         default=None,
     )
     axis: str | None = option("of a machine file; the only one if left out", default=None)
+    tour: bool = option("begin with a guided tour: from a simulated log to an exported control", default=False)
     folder: Path = option(
         "in which each page keeps what it is given and what it writes; nothing else is written",
         default=Path("results/studio"),
@@ -59,7 +69,9 @@ class StudioRequest(Request):
     no_browser: bool = option("open no browser: print the address alone", default=False)
 
     def check(self) -> None:
-        """Raise ParameterError for a page that is open to the network without a password."""
+        """Raise ParameterError for a page that is open to the network without a password, and for two beginnings."""
+        if self.tour and self.source is not None:
+            raise ParameterError(f"--tour brings a log of its own: leave {self.source} out, and bring it afterwards")
         if self.password is None and not _local(self.host):
             raise ParameterError(
                 f"--host {self.host}: others on the network could open the page: give a --password too, or leave "
@@ -93,6 +105,8 @@ def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench | None]:
             "this installation holds no built page: in a clone of the repository run  make studio  once, which needs "
             "node and npm"
         )
+    if bench is not None:
+        _prepare(bench, request.folder)
     with writable(request.folder), listening(request.host, request.port) as at:
         serve_at(at, request, bench, brought, progress)
     return Outcome(bench)
@@ -172,7 +186,7 @@ def serve_at(
         if not webbrowser.open(address):
             progress.remark("No browser was found on this machine: open this address in one.")
 
-    app = make_app(bench, door, request.folder, brought=brought)
+    app = make_app(bench, door, request.folder, brought=brought, tour=request.tour)
     try:
         with suppress(KeyboardInterrupt):  # its usual end
             serve(app, at, ready)

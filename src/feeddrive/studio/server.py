@@ -30,13 +30,14 @@ _KEY = 64  # characters of the name of a session
 
 def make_app(
     bench: Bench | None, door: Door, folder: Path, page: Path = PAGE,
-    brought: tuple[Path, ...] = (),
+    brought: tuple[Path, ...] = (), *, tour: bool = False,
 ) -> App:  # fmt: skip
     """The ASGI app for pages that begin with one bench, or with none, behind its checks.
 
     door     who is let in
     folder   in which each page gets a directory of its own
     brought  files with which every page begins, as if they had been brought
+    tour     every page begins with the guided tour
     Raises MissingExtraError without the extra `studio`.
     """
     try:
@@ -50,7 +51,7 @@ def make_app(
     def new_session() -> Session:
         folder.mkdir(parents=True, exist_ok=True)
         own = Path(tempfile.mkdtemp(prefix=time.strftime("%Y-%m-%d_%H%M%S_"), dir=folder))
-        return Session(own, bench, brought)
+        return Session(own, bench, brought, tour=tour)
 
     sessions = Sessions(new_session)
 

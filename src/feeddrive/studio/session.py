@@ -15,6 +15,7 @@ from feeddrive.studio.desk import Desk
 from feeddrive.studio.jobs import DONE, Found, Job, JobState, Work, fault
 from feeddrive.studio.room import Asked, Room, Said
 from feeddrive.studio.rooms import ROOMS
+from feeddrive.studio.rooms.tour import Tour
 from feeddrive.studio.wire import Window, message
 
 Push = Callable[[str, bytes], None]
@@ -26,17 +27,24 @@ class Session:
 
     folder  its own directory: what it reads and writes stands there
     bench, brought  to begin with
+    tour    begin with the guided tour
     """
 
-    def __init__(self, folder: Path, bench: Bench | None = None, brought: tuple[Path, ...] = ()) -> None:
+    def __init__(
+        self, folder: Path, bench: Bench | None = None, brought: tuple[Path, ...] = (), *, tour: bool = False
+    ) -> None:
         self.desk = Desk(folder, brought)
         self.desk.changed, self.desk.tell, self.desk.begun = self._another, self.push, self._start
         self.rooms: dict[str, Room] = {each.name: each(self.desk) for each in ROOMS}
+        self._tour = Tour(self.desk)
+        self.rooms[Tour.name] = self._tour
         self._pushes = list[Push]()
         self._windows: dict[str, Window] = {}
         self._lock = threading.RLock()
         if bench is not None:
             self.desk.put(bench)
+        if tour:
+            self.answer({"do": "bring.tour"})
 
     def answer(self, asked: Mapping[str, Any]) -> bytes:
         """The message that a request of the page gets: what its room says, or what is wrong with the request."""
@@ -52,7 +60,9 @@ class Session:
             if name not in self.rooms:
                 raise ParameterError(f"the page asks for '{name:.60}', which is none of {', '.join(self.rooms)}")
             with self._lock:
-                return self._message(number, name, self.rooms[name].do(act, Asked(asked)))
+                said = self.rooms[name].do(act, Asked(asked))
+                self._tour.heard(f"{name}.{act}")
+                return self._message(number, name, said)
         except FeeddriveError as error:
             said = str(error)
         except Exception as error:  # the page goes on, and says what to report
@@ -136,7 +146,7 @@ class Session:
         bench = self.desk.bench
         words = {
             "number": number, "room": room, "epoch": self.desk.epoch, "title": "" if bench is None else bench.title,
-            **said.words,
+            "tour": self._tour.words, **said.words,
         }  # fmt: skip
         state = job or self.desk.job_state()
         if state is not None:

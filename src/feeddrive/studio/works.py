@@ -16,12 +16,16 @@ from feeddrive.studio.room import tabled
 
 if TYPE_CHECKING:
     from feeddrive.loop.control import Control
+    from feeddrive.plot.chart import Chart
+    from feeddrive.studio.inspect_file import Understood
     from feeddrive.workflow.certify import CertifyRequest
     from feeddrive.workflow.circle import CircleRequest
     from feeddrive.workflow.command import Outcome
     from feeddrive.workflow.compare import CompareRequest
     from feeddrive.workflow.export import ExportRequest
+    from feeddrive.workflow.request import Request
     from feeddrive.workflow.run_job import RunRequest
+    from feeddrive.workflow.tour import TourRequest
 
 _CORNERS = 8  # worst places of a part program that are drawn
 
@@ -33,11 +37,15 @@ class Shown:
     words   said, tables, verdict, failure
     images  SVG by what they show
     controls  by name of a law, of a comparison
+    charts  by what they show
+    files   that were written
     """
 
     words: Mapping[str, Any]
     images: Mapping[str, str] = field(default_factory=dict[str, str])
     controls: Mapping[str, Control] = field(default_factory=dict[str, "Control"])
+    charts: Mapping[str, Chart] = field(default_factory=dict[str, "Chart"])
+    files: Mapping[str, Path] = field(default_factory=dict[str, Path])
 
 
 def words_of(outcome: Outcome[Any]) -> dict[str, Any]:
@@ -49,6 +57,28 @@ def words_of(outcome: Outcome[Any]) -> dict[str, Any]:
         elif str(each) != outcome.verdict:
             said.append(str(each).removeprefix("- "))
     return {"said": said, "tables": tables, "verdict": outcome.verdict, "failure": outcome.failure or ""}
+
+
+def fitted(command: str, request: Request, progress: Progress) -> Shown:
+    """A model or responses from logs; of a motion the model over the log."""
+    from feeddrive.identification.motion.identify import Identified
+    from feeddrive.plot.identification import identified_chart
+
+    outcome = perform(command, request, progress)
+    found = outcome.result
+    charts = {"made": identified_chart(found)} if isinstance(found, Identified) else {}
+    if outcome.turns:
+        charts = {name: each.turning() for name, each in charts.items()}
+    files = {what: Path(str(path)) for what, path in outcome.files.items()}
+    return Shown(words_of(outcome), charts=charts, files=files)
+
+
+def toured(request: TourRequest, progress: Progress) -> list[Understood]:
+    """The log of the tour, written and read."""
+    from feeddrive.studio.inspect_file import understand
+
+    outcome = perform("tour", request, progress)
+    return understand([Path(str(path)) for path in outcome.files.values()], progress)
 
 
 def certified(request: CertifyRequest, progress: Progress) -> Shown:

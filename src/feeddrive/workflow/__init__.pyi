@@ -32,6 +32,7 @@ from feeddrive.workflow.run_job import run as run
 from feeddrive.workflow.run_job import write_results as write_results
 from feeddrive.workflow.setpath import setpath as setpath
 from feeddrive.workflow.sweep import sweep as sweep
+from feeddrive.workflow.tour import tour as tour
 from feeddrive.workflow.tune import tune as tune
 from feeddrive.workflow.verify import verify as verify
 from feeddrive.workflow.virtual_drive import virtual_drive as virtual_drive

@@ -328,6 +328,12 @@ COMMANDS: dict[str, Listed] = {
         "Simulate",
         ("--out demo", "mill --out demo_mill"),
     ),
+    "tour": Listed(
+        "tour",
+        "Simulate the log of the first tour: the bundled ball screw with a workpiece, more friction, noise and counts.",
+        "Simulate",
+        ("--out tour",),
+    ),
     "reproduce": Listed(
         "reproduce",
         "Run a paper's experiments and write what it claims, by which rule, and what came out; 1 if a claim fails.",

@@ -18,13 +18,13 @@ from feeddrive.plot.chart import Chart, Curve, Panel
 from feeddrive.studio.bench import bench_of, bench_of_responses
 from feeddrive.studio.desk import Desk
 from feeddrive.studio.inspect_file import LOG, MACHINE, PROGRAM, RESPONSES, Understood, understand
-from feeddrive.studio.jobs import perform
 from feeddrive.studio.room import Asked, Room, Said, act, tabled
 from feeddrive.studio.uploads import safe_name
-from feeddrive.studio.works import words_of
-from feeddrive.workflow.command import Outcome
+from feeddrive.studio.works import Shown, fitted, toured
 from feeddrive.workflow.frf import FrfRequest
 from feeddrive.workflow.identify_responses import IdentifyRequest
+from feeddrive.workflow.tour import MACHINE as MACHINE_OF_TOUR
+from feeddrive.workflow.tour import TourRequest
 from feeddrive.workflow.tune_sources import LOAD, MOTOR
 
 
@@ -37,9 +37,11 @@ class Bring(Room):
         super().__init__(desk)
         self.files: dict[str, Understood] = {}
         self.open = ""  # the file that is shown
-        self.made: dict[str, Any] = {}  # the words of the last identification
+        self.made: Shown | None = None  # the last identification
+        self._made_of = ""  # the file that it was about
         self.machine: Path | None = None  # that it wrote
         self.places: dict[str, Path] = {}  # of files that were made here
+        self.start_from = ""  # the machine that is chosen before a person chooses one
         self._began = False
 
     def show(self) -> Said:
@@ -50,13 +52,17 @@ class Bring(Room):
         words: dict[str, Any] = {
             "bundled": _bundled(),
             "files": [self._file(each) for each in self.files.values()],
-            "open": self.open, "made": self.made, "roles": dict(ROLES),
+            "open": self.open, "made": {}, "roles": dict(ROLES), "start_from": self.start_from,
+            "offers_tour": not self.files and self.desk.bench is None,
         }  # fmt: skip
         charts = dict[str, Chart]()
         found = self.files.get(self.open)
         if found is not None and found.guess is not None:
             words["columns"] = self._columns(found)
             charts["columns"] = _preview(found)
+        if self.made is not None:
+            words["made"] = {**self.made.words, "of": self._made_of, "machine": self.machine is not None}
+            charts |= self.made.charts
         return Said(words, charts)
 
     @act
@@ -80,6 +86,20 @@ class Bring(Room):
     def bundled(self, asked: Asked) -> Said:
         """Work on a bundled machine."""
         return self._put(asked.choice("name", _bundled()), asked)
+
+    @act
+    def tour(self, _: Asked) -> None:
+        """Simulate the log of the tour and bring it; the machine file to start from is that of its control."""
+        out = self.desk.folder / "tour"
+        request = TourRequest(out=out)
+
+        def then(found: list[Understood]) -> None:
+            self.desk.did("tour", request)
+            self.start_from = MACHINE_OF_TOUR
+            for each in found:
+                self._show(each, out / each.name)
+
+        self.desk.start(self.name, "simulate the log of the tour", partial(toured, request), then)
 
     @act
     def axis(self, asked: Asked) -> Said:
@@ -117,7 +137,7 @@ class Bring(Room):
             lead=asked.number_or_none("lead"), force_constant=asked.number_or_none("force_constant"),
             sample_time=asked.number_or_none("sample_time"),
         )  # fmt: skip
-        self._start("identify", f"identify {found.name}", request)
+        self._start("identify", found.name, f"identify {found.name}", request)
 
     @act
     def estimate(self, asked: Asked) -> None:
@@ -129,9 +149,8 @@ class Bring(Room):
         more = [self._path(each) for each in names if asked.yes("all")]
         out = self.desk.folder / f"frf_{Path(found.name).stem}"
         logs = (self._path(found.name), *more)
-        self._start(
-            "frf", f"estimate responses from {found.name}", FrfRequest(logs, channels=self._roles(found), out=out)
-        )
+        request = FrfRequest(logs, channels=self._roles(found), out=out)
+        self._start("frf", found.name, f"estimate responses from {found.name}", request)
 
     @act
     def responses(self, asked: Asked) -> Said:
@@ -204,23 +223,26 @@ class Bring(Room):
 
         self.desk.start(self.name, what, partial(understand, paths), then)
 
-    def _start(self, command: str, what: str, request: Any) -> None:
-        def then(outcome: Outcome[Any]) -> None:
+    def _start(self, command: str, name: str, what: str, request: Any) -> None:
+        def then(found: Shown) -> None:
             self.desk.did(command, request)
-            self._finished(outcome)
+            self._made_of = name
+            self._finished(found)
 
-        self.desk.start(self.name, what, partial(perform, command, request), then)
+        self.desk.start(self.name, what, partial(fitted, command, request), then)
 
-    def _finished(self, outcome: Outcome[Any]) -> None:
-        places = {what: Path(str(path)) for what, path in outcome.files.items()}
+    def _finished(self, found: Shown) -> None:
+        places = found.files
         self.machine = next((path for path in places.values() if path.name == "machine.toml"), None)
         responses = [path for path in places.values() if path.suffix in (".csv", ".parquet") and path.is_file()]
-        self.made = {**words_of(outcome), "machine": self.machine is not None}
+        self.made = found
         if responses:  # what was estimated is a file like one that was brought
             for each in understand(responses, Progress()):
-                self.files[each.name] = each
-                self.places[each.name] = responses[0].parent / each.name
-                self.open = each.name
+                self._show(each, responses[0].parent / each.name)
+
+    def _show(self, made: Understood, path: Path) -> None:
+        """A file that was made here stands among those that were brought."""
+        self.files[made.name], self.places[made.name], self.open = made, path, made.name
 
     def _known(self, asked: Asked) -> Understood:
         name = asked.text("name")

@@ -1,0 +1,184 @@
+"""The guided tour: at each step what to look at and which button is next, until a control is exported."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from feeddrive.studio.desk import Desk
+from feeddrive.studio.room import Asked, Room, Said, act
+
+TITLE = "Tour: your axis in ten minutes"
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step of the tour.
+
+    title, text  what to look at, and which button is next, in two sentences
+    room         in which it happens
+    marked       elements of the page to look at and to press, by their ids, in this order
+    act          that ends the step, as the page asks for it; or
+    command      of the workflow, whose end ends it; without either the button Next does
+    """
+
+    title: str
+    text: str
+    room: str
+    marked: tuple[str, ...] = ()
+    act: str = ""
+    command: str = ""
+
+
+STEPS = (
+    Step(
+        "A log",
+        "This log of three strokes was simulated from the bundled ball screw, with a workpiece on the table of which "
+        "the machine file knows nothing. Look at what each column was taken for and why, and press Next.",
+        "bring",
+        ("columns-of-log", "tour-next"),
+    ),
+    Step(
+        "Identify",
+        "The machine file to start from states the control that ran; ball screw (bundled) is chosen already. Press "
+        "Identify, which takes about ten seconds.",
+        "bring",
+        ("identify",),
+        command="identify",
+    ),
+    Step(
+        "Model over measurement",
+        "The picture lays the model over the log, and mass_load shows that the workpiece of 12 kg was found on top of "
+        "the 33 kg of the file. Press Tune this axis.",
+        "bring",
+        ("take-identified",),
+        act="bring.take",
+    ),
+    Step(
+        "Today's control",
+        "The sentence above the pictures says that Ms, the peak of the sensitivity, breaks its limit with this "
+        "workpiece; drag a slider, see all pictures follow, and press Undo. Then open Tune by goal.",
+        "tune",
+        ("tab-goal",),
+        act="goal.show",
+    ),
+    Step(
+        "A goal",
+        "So that the axis does not become softer, write 0.16 into max compliance, or drag the line of the dynamic "
+        "stiffness up to about 6.25 N/um. Then press Tune, and watch the search.",
+        "goal",
+        ("goal-field-max_compliance", "tune-start"),
+        command="tune",
+    ),
+    Step(
+        "What was found",
+        "The sentence below the buttons says what gets worse first, and each picture has today's control beside what "
+        "was found. Press Accept to go on with it.",
+        "goal",
+        ("goal-accept",),
+        act="goal.accept",
+    ),
+    Step(
+        "Before and after",
+        "All limits hold now; look at today and now in each picture, the simulated move with friction and counts among "
+        "them. Then open Prove.",
+        "tune",
+        ("tab-prove",),
+        act="prove.show",
+    ),
+    Step(
+        "A proof",
+        "A certificate proves the loop stable for each plant in a disc around the model. Press Certify.",
+        "prove",
+        ("prove-certify",),
+        command="certify",
+    ),
+    Step(
+        "What is proven",
+        "Read below the pictures what was proven, and what is outside of it. Then open Take away.",
+        "prove",
+        ("tab-take",),
+        act="take.show",
+    ),
+    Step(
+        "Export",
+        "Each target gets a control that equals the simulation in every bit. Press Export: c.",
+        "take",
+        ("take-export-c",),
+        command="export",
+    ),
+    Step(
+        "Your control",
+        "Download the archive, in which the control stands in C with a test; below it the whole tour stands as "
+        "commands, as Python and as a job. Press End, and bring a log of your own.",
+        "take",
+        ("take-archive-c", "tour-next"),
+    ),
+)
+
+
+class Tour(Room):
+    """Where the tour is. It has no tab: its panel stands above all rooms."""
+
+    name = "tour"
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__(desk)
+        self.at: int | None = None  # the step; None: there is no tour
+        self._before = 0  # how often its command had been done before it
+
+    @property
+    def words(self) -> dict[str, Any] | None:
+        """The step, for the page; None without a tour."""
+        self._follow()
+        if self.at is None:
+            return None
+        step = STEPS[self.at]
+        return {
+            "label": TITLE, "number": self.at + 1, "of": len(STEPS), "title": step.title, "text": step.text,
+            "room": step.room, "marked": step.marked, "next": "Next" if self.at + 1 < len(STEPS) else "End",
+        }  # fmt: skip
+
+    def heard(self, act: str) -> None:
+        """An act of the page was done: begin with the first step, or end a step."""
+        if act == "bring.tour":
+            self._go(0)
+        elif self.at is not None and STEPS[self.at].act == act:
+            self._go(self.at + 1)
+
+    @act
+    def next(self, _: Asked) -> None:
+        """One step on, also where what it asks for was not done; after the last one the tour ends."""
+        if self.at is not None:
+            self._go(self.at + 1)
+
+    @act
+    def back(self, _: Asked) -> None:
+        """One step back."""
+        if self.at:
+            self._go(self.at - 1)
+
+    @act
+    def leave(self, _: Asked) -> None:
+        """End the tour; all that was done stays."""
+        self.at = None
+
+    def show(self) -> Said:
+        """Nothing of its own: its step goes with every message."""
+        return Said()
+
+    def _go(self, at: int) -> None:
+        self.at = at if at < len(STEPS) else None
+        self._before = self._done()
+
+    def _done(self) -> int:
+        """How often the command of the step was done."""
+        wanted = "" if self.at is None else STEPS[self.at].command
+        return sum(1 for each in self.desk.done if each.command == wanted)
+
+    def _follow(self) -> None:
+        """Go on if the command of the step has come to its end."""
+        done = self._done()
+        if done > self._before and self.at is not None:
+            self._go(self.at + 1)
+        self._before = min(self._before, done)  # another source begins with nothing done

@@ -1,0 +1,99 @@
+"""`feeddrive tour`: the log of the first tour, of an axis whose numbers are not all those of its machine file.
+
+tour.csv   what a drive would record: set position, both encoders, force, every sample
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from feeddrive.blocks.reference.recorded import Recorded
+from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
+from feeddrive.blocks.sensor.encoder import Encoder
+from feeddrive.files.atomic_io import new_directory
+from feeddrive.files.machine import read_machine
+from feeddrive.files.run_files import write_run_csv
+from feeddrive.language import tree
+from feeddrive.language.progress import Progress
+from feeddrive.language.table import Table
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.simulate import Run, simulate
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.request import OUT, Request, option
+
+MACHINE = "ball_screw"
+WORKPIECE = 12.0  # kg on the table
+DRIER = 25.0  # N of dry friction more than the file says
+NOISE = 5e-9  # m, standard deviation of both readings, before they are rounded to the counts of the file
+SEED = 16
+_STROKES = ((0.06, 0.25, 4.0), (0.03, 0.1, 3.0), (0.005, 0.02, 1.0))  # m, m/s, m/s2: there and back
+_JERK, _SNAP, _PAUSE = 200.0, 2e4, 0.05  # m/s3, m/s4, s
+
+
+class TourRequest(Request):
+    """Where the log goes."""
+
+    out: Path | None = option(OUT, short="-o", default=None)
+
+    def usual_out(self) -> Path:
+        """Beside other results."""
+        return Path("results/tour")
+
+
+@command(TourRequest)
+def tour(request: TourRequest, progress: Progress) -> Outcome[Run]:
+    """Simulate the log of the first tour: the bundled ball screw with a workpiece, more friction, noise and counts.
+
+    Today's control is that of the file. The result is the run.
+    """
+    loop = axis()
+    progress.step("simulating three strokes")
+    reference = strokes(loop.sample_time)
+    moved = simulate(loop, Recorded(position=reference, sample_time=loop.sample_time), seed=SEED, name="tour")
+    files = dict[str, Path]()
+    if request.out is not None:
+        progress.step("writing the log")
+        rows = slice(0, reference.size)
+        millimetres = {"set_position": reference, "position_load": moved["reading_load"][rows],
+                       "position_motor": moved["reading_motor"][rows]}  # fmt: skip
+        columns: dict[str, np.ndarray] = {name: np.round(1e3 * each, 6) for name, each in millimetres.items()}
+        columns["force"] = np.round(moved["force"][rows], 3)
+        with new_directory(request.out) as folder:
+            write_run_csv(folder / "tour.csv", np.round(moved.time[rows], 9), columns,
+                          {**dict.fromkeys(millimetres, "mm"), "force": "N"})  # fmt: skip
+        files["Log"] = request.out / "tour.csv"
+    rows_of_table = [("workpiece", f"{WORKPIECE:g}", "kg"), ("dry friction", f"{DRIER:g}", "N"),
+                     ("noise of both encoders", f"{1e9 * NOISE:g}", "nm")]  # fmt: skip
+    shown = Table(f"the axis of the log: {MACHINE}, and more of", ("what", "more", "unit"), rows_of_table)
+    log = files.get("Log", "the log")
+    notes = [f"Next: feeddrive identify {log} --machine {MACHINE}; or all of it on a page: feeddrive studio --tour."]
+    return Outcome(moved, [shown], [f"seed {SEED}"], notes=notes, files=files)
+
+
+def axis() -> Loop:
+    """The axis that is measured on the tour, under today's control."""
+    loop = read_machine(MACHINE).loop("x")
+    place = loop.place_of("axis")
+    more = {"plant.mass_load": WORKPIECE, "friction_motor.coulomb": DRIER, "friction_motor.breakaway": DRIER}
+    changed = tree.vary(loop, {f"{place}.{name}": tree.get(loop, f"{place}.{name}") + by for name, by in more.items()})
+    motor, load = changed.axis.encoder_motor, changed.axis.encoder_load
+    assert isinstance(motor, Encoder)
+    assert isinstance(load, Encoder)
+    noisy = replace(changed.axis, encoder_motor=replace(motor, noise=NOISE), encoder_load=replace(load, noise=NOISE))
+    return replace(changed, axis=noisy)
+
+
+def strokes(sample_time: float) -> np.ndarray:
+    """Set positions of three strokes, there and back, each slower than the one before (m)."""
+    moves = [
+        SnapLimitedMove(
+            distance=distance, velocity=velocity, acceleration=acceleration, jerk=_JERK, snap=_SNAP, back=True,
+            dwell_before=_PAUSE, dwell_after=_PAUSE,
+        )
+        for distance, velocity, acceleration in _STROKES
+    ]  # fmt: skip
+    times = [np.arange(round(each.duration / sample_time)) * sample_time for each in moves]
+    return np.concatenate([each.at(time).position for each, time in zip(moves, times, strict=True)])
