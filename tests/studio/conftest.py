@@ -21,7 +21,7 @@ class Opened:
     """A page of a running server, what it said on its console, and which requests it made."""
 
     def __init__(self, browser: Any, address: str, width: int = 1280, height: int = 720) -> None:
-        self.context = browser.new_context(viewport={"width": width, "height": height}, bypass_csp=True)
+        self.context = browser.new_context(viewport={"width": width, "height": height})
         self.page = self.context.new_page()
         self.said = list[str]()
         self.requests = list[str]()
@@ -38,14 +38,14 @@ class Opened:
     def settled(self) -> None:
         """No request is under way."""
         self.page.wait_for_timeout(120)
-        self.page.wait_for_function("() => !document.documentElement.hasAttribute('data-busy')")
+        self.page.locator("html:not([data-busy])").wait_for(state="attached")
         self.page.wait_for_timeout(120)
 
     def ended(self, seconds: float = 120.0) -> str:
         """The state of the job, once it has ended."""
         self.page.wait_for_timeout(300)
-        going = "() => ['done', 'failed', 'canceled'].includes(document.querySelector('#job').dataset.state)"
-        self.page.wait_for_function(going, timeout=1e3 * seconds)
+        ended = ", ".join(f"#job[data-state={each}]" for each in ("done", "failed", "canceled"))
+        self.page.locator(ended).wait_for(state="attached", timeout=1e3 * seconds)
         self.settled()
         return str(self.page.get_attribute("#job", "data-state"))
 
