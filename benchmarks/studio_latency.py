@@ -71,7 +71,7 @@ def main() -> None:
 
 
 def measure(page: object) -> None:
-    box = page.locator("input[type=range]").nth(1).bounding_box()  # type: ignore[attr-defined]
+    box = page.locator("#numbers-list input[type=range]").nth(1).bounding_box()  # type: ignore[attr-defined]
     y, x = box["y"] + box["height"] / 2, box["x"] + box["width"] / 2
     mouse = page.mouse  # type: ignore[attr-defined]
     mouse.move(x, y)

@@ -1,54 +1,108 @@
-// Frequencies of filters as lines in the open loop that can be dragged.
+// Places in a picture by which something is held: dragged across and up, or moved by the arrow keys.
 
-import type { Moved } from "./numbers";
+import { make } from "./parts";
 import type { Picture } from "./picture";
-import type { Knob } from "./wire";
+
+// Where it is, in SI across and in the unit of the picture up, and what it says.
+export interface Grip {
+  name: string;
+  x: number;
+  y: number;
+  label: string;
+  text: string;
+}
+
+export interface Held {
+  dragged(name: string, x: number, y: number | null, first: boolean): void; // y is null with Shift: only across
+  stepped(name: string, across: number, up: number): void;
+  turned?(name: string, steps: number): void; // by the wheel
+}
+
+const KEYS: Record<string, [number, number]> = {
+  ArrowLeft: [-1, 0],
+  ArrowRight: [1, 0],
+  ArrowDown: [0, -1],
+  ArrowUp: [0, 1],
+  PageDown: [0, -10],
+  PageUp: [0, 10],
+};
 
 export class Handles {
-  private readonly lines = new Map<string, { knob: Knob; line: HTMLElement }>();
-  private values: Record<string, number> = {};
+  private readonly shown = new Map<string, { grip: Grip; element: HTMLElement }>();
 
   constructor(
     private readonly picture: Picture,
-    private readonly moved: Moved,
+    private readonly held: Held,
+    private readonly sign: (grip: Grip) => string, // a letter or two on it
   ) {
-    picture.whenDrawn(() => this.show(this.values));
+    picture.whenDrawn(() => this.place());
   }
 
-  list(knobs: Knob[]): void {
-    for (const { line } of this.lines.values()) line.remove();
-    this.lines.clear();
-    for (const knob of knobs.filter((each) => each.dragged)) {
-      const line = document.createElement("div");
-      line.className = "handle";
-      line.title = `${knob.name}: drag to move`;
-      const name = document.createElement("span");
-      name.textContent = knob.block.replaceAll("_", " ");
-      line.append(name);
-      let held = false;
-      line.addEventListener("pointerdown", (event) => {
-        line.setPointerCapture(event.pointerId);
-        held = false;
-      });
-      line.addEventListener("pointermove", (event) => {
-        if (!line.hasPointerCapture(event.pointerId)) return;
-        const box = this.picture.canvas.getBoundingClientRect();
-        const x = this.picture.at([event.clientX - box.left, 40]);
-        if (x === null) return;
-        const wanted = Math.min(knob.high, Math.max(knob.low, Number(x.toPrecision(4))));
-        this.moved(knob.name, wanted, !held);
-        held = true;
-      });
-      this.picture.canvas.append(line);
-      this.lines.set(knob.name, { knob, line });
+  show(grips: Grip[]): void {
+    const names = new Set(grips.map((each) => each.name));
+    for (const [name, { element }] of this.shown) {
+      if (names.has(name)) continue;
+      element.remove();
+      this.shown.delete(name);
     }
+    for (const grip of grips) {
+      const known = this.shown.get(grip.name) ?? { grip, element: this.made(grip) };
+      known.grip = grip;
+      this.shown.set(grip.name, known);
+      known.element.title = `${grip.label}: ${grip.text}\nDrag it, with Shift across only; or use the arrow keys.`;
+      known.element.setAttribute("aria-label", grip.label);
+      known.element.setAttribute("aria-valuenow", String(grip.x));
+      known.element.setAttribute("aria-valuetext", grip.text);
+    }
+    this.place();
   }
 
-  show(values: Record<string, number>): void {
-    this.values = values;
-    for (const [name, { line }] of this.lines) {
-      const value = values[name];
-      if (value !== undefined) line.style.left = `${this.picture.pixel(value)}px`;
+  private made(grip: Grip): HTMLElement {
+    const { name } = grip;
+    const element = make("div", { class: "grip", role: "slider", tabindex: "0", "data-grip": name }, make("span", {}, this.sign(grip)));
+    let [off, first] = [[0, 0], true];
+    element.addEventListener("pointerdown", (event) => {
+      const box = element.getBoundingClientRect();
+      off = [event.clientX - box.left - box.width / 2, event.clientY - box.top - box.height / 2];
+      first = true;
+      element.setPointerCapture(event.pointerId);
+      event.stopPropagation();
+    });
+    element.addEventListener("pointermove", (event) => {
+      if (!element.hasPointerCapture(event.pointerId)) return;
+      const box = this.picture.canvas.getBoundingClientRect();
+      const [across, up] = [event.clientX - box.left - off[0]!, event.clientY - box.top - off[1]!];
+      const [x, y] = [this.picture.across(across), this.picture.height(up)];
+      if (x === null || y === null) return;
+      this.held.dragged(name, x, event.shiftKey ? null : y, first);
+      first = false;
+    });
+    element.addEventListener("keydown", (event) => {
+      const way = KEYS[event.key];
+      if (!way || event.ctrlKey || event.metaKey || event.altKey) return;
+      event.preventDefault();
+      event.stopPropagation();
+      this.held.stepped(name, way[0] * (event.shiftKey ? 10 : 1), way[1]);
+    });
+    element.addEventListener(
+      "wheel",
+      (event) => {
+        if (!this.held.turned || event.deltaY === 0) return;
+        event.preventDefault();
+        this.held.turned(name, event.deltaY < 0 ? 1 : -1);
+      },
+      { passive: false },
+    );
+    this.picture.canvas.append(element);
+    return element;
+  }
+
+  private place(): void {
+    for (const { grip, element } of this.shown.values()) {
+      const [left, top] = [this.picture.pixel(grip.x), this.picture.pixelHeight(grip.y)];
+      element.hidden = top === null || this.picture.at([left, top]) === null; // it may have been zoomed out of sight
+      element.style.left = `${left}px`;
+      element.style.top = `${top ?? 0}px`;
     }
   }
 }

@@ -1,5 +1,6 @@
 // The numbers of the control: a slider and a field each, by block; the page knows no law, all comes from declarations.
 
+import { button } from "./parts";
 import type { Knob } from "./wire";
 
 export type Moved = (name: string, value: number, first: boolean) => void;
@@ -12,6 +13,7 @@ export class Numbers {
   constructor(
     private readonly section: HTMLElement,
     private readonly moved: Moved,
+    private readonly removed: (place: number) => void = () => {},
   ) {}
 
   list(knobs: Knob[]): void {
@@ -27,6 +29,8 @@ export class Numbers {
         const legend = document.createElement("legend");
         legend.textContent = `${held || "control"} (${knob.block.replaceAll("_", " ")})`;
         group.append(legend);
+        const place = /^filters\.(\d+)$/.exec(held)?.[1];
+        if (place) group.append(button("Remove", () => this.removed(Number(place)), { class: "remove", "aria-label": `Remove ${legend.textContent}` }));
         this.section.append(group);
       }
       group.append(this.row(knob));

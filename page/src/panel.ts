@@ -132,6 +132,11 @@ export class Panel {
     return inside ? { x: value(x, across), y: value(y, up) } : null;
   }
 
+  // The value of x at a distance from the left, also beside the panel.
+  along(px: number): number {
+    return value(this.axes().x, px * uPlot.pxRatio);
+  }
+
   // The value of y at a height, also above and below the panel.
   height(py: number): number {
     return value(this.axes().y, (py - this.top) * uPlot.pxRatio);

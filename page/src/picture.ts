@@ -78,7 +78,7 @@ export class Picture {
         const heard = {
           selected: (x: Range | null, y: Range | null) => this.zoom(x, y, i),
           reset: () => this.zoom(null, null),
-          picked: (x: number, y: number) => this.onpick?.(x, y, i),
+          picked: (x: number, y: number) => this.onpick?.(x / this.factor, y, i),
         };
         return new Panel(this.surface, each, i === drawn.length - 1, ...sizes[i]!, link, heard);
       });
@@ -115,6 +115,12 @@ export class Picture {
   at(place: [number, number]): number | null {
     const found = this.panels[0]?.at(...place);
     return found ? found.x / this.factor : null;
+  }
+
+  // x at a distance from the left, also beside the panels, in SI; null before something was drawn
+  across(place: number): number | null {
+    const found = this.panels[0]?.along(place);
+    return found === undefined ? null : found / this.factor;
   }
 
   pixel(x: number): number {

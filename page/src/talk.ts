@@ -1,7 +1,9 @@
-// The conversation with the server: one request at a time; of requests that wait, moves of the same number are one.
+// The conversation with the server: one request at a time; of requests that wait, those of one drag are one.
 
 import { session, type Request } from "./room";
 import { decode, type Received } from "./wire";
+
+const DRAGS = /\.(move|drag|speed)$/;
 
 export class Talk {
   private socket: WebSocket | null = null;
@@ -19,7 +21,7 @@ export class Talk {
 
   ask(request: Request): void {
     const last = this.waiting.at(-1);
-    if (last && last.do === request.do && request.do.endsWith(".move") && last.name === request.name && !request.first) {
+    if (last && last.do === request.do && DRAGS.test(request.do) && last.name === request.name && request.first === false) {
       Object.assign(last, { ...request, first: last.first });
     } else {
       this.waiting.push({ ...request });

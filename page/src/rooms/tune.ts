@@ -1,6 +1,8 @@
 // Tuning by hand: numbers at the left, pictures that follow them, and what the limits say.
 
-import { Handles } from "../handles";
+import { Adder } from "../adder";
+import { WholeLoop, type Faster } from "../faster";
+import { Handles, type Grip } from "../handles";
 import { Numbers } from "../numbers";
 import { Picture } from "../picture";
 import { button, make, save } from "../parts";
@@ -28,13 +30,21 @@ export class Tune implements Room {
   private readonly redo: HTMLButtonElement;
   private readonly takes = new Map<string, HTMLButtonElement>();
   private readonly numbers: Numbers;
+  private readonly whole: WholeLoop;
+  private readonly adder: Adder;
   private readonly handles: Handles;
+  private readonly figures = make("p", { id: "figures" });
+  private grips: Grip[] = [];
   private last: Received | null = null;
 
   constructor(ask: Ask) {
     const moved = (name: string, value: number, first: boolean) => ask({ do: "tune.move", name, value, first });
     const section = make("section", { id: "numbers", "aria-label": "Numbers of the control", tabindex: "0" });
-    this.numbers = new Numbers(section, moved);
+    const list = make("div", { id: "numbers-list" });
+    this.whole = new WholeLoop((value, first) => ask({ do: "tune.speed", value, first }));
+    this.adder = new Adder((kind, at) => ask({ do: "tune.add", kind, at }));
+    this.numbers = new Numbers(list, moved, (place) => ask({ do: "tune.remove", place }));
+    section.append(this.whole.element, this.adder.element, list);
     this.undo = button("Undo", () => ask({ do: "tune.undo" }), { id: "undo", title: "Ctrl+Z" });
     this.redo = button("Redo", () => ask({ do: "tune.redo" }), { id: "redo", title: "Ctrl+Shift+Z" });
     const buttons = make("div", { class: "buttons" }, this.undo, this.redo);
@@ -50,8 +60,18 @@ export class Tune implements Room {
       picture.element.id = `picture-${name}`;
       grid.append(picture.element);
     }
-    this.handles = new Handles(this.pictures.get("open_loop")!, moved);
-    this.element.append(section, make("section", { id: "pictures", "aria-label": "Pictures" }, buttons, this.verdict, grid, this.remarks));
+    const open_loop = this.pictures.get("open_loop")!;
+    open_loop.onpick = (x) => this.adder.pick(x);
+    const held = {
+      dragged: (name: string, x: number, y: number | null, first: boolean) => ask({ do: "tune.drag", name, x, y, first }),
+      stepped: (name: string, across: number, up: number) => ask({ do: "tune.step", name, across, up }),
+      turned: (name: string, steps: number) => {
+        const width = name.replace(/[^.]*$/, "width");
+        if (this.grips.some((each) => each.name === width)) ask({ do: "tune.step", name: width, across: steps, up: 0 });
+      },
+    };
+    this.handles = new Handles(open_loop, held, (grip) => (grip.name.endsWith(".width") ? "↔" : grip.name.split(".")[1]!));
+    this.element.append(section, make("section", { id: "pictures", "aria-label": "Pictures" }, buttons, this.verdict, this.figures, grid, this.remarks));
     document.addEventListener("keydown", (event) => {
       if (this.element.closest("[hidden]") || !(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z") return;
       event.preventDefault();
@@ -65,10 +85,14 @@ export class Tune implements Room {
     if (said.file !== undefined) return save(said.file, said.file_name ?? "machine.toml");
     if (said.knobs) {
       this.numbers.list(said.knobs);
-      this.handles.list(said.knobs);
     }
     if (said.values) this.numbers.show(said.values);
+    if (said.kinds) this.adder.list(said.kinds as string[]);
+    if (said.faster) this.whole.list(said.faster as Faster);
+    if (said.speed !== undefined) this.whole.show(said.speed as number | null);
+    if (said.grips) this.grips = said.grips as Grip[];
     if (said.judged) {
+      this.figures.textContent = String(said.figures ?? "");
       this.undo.disabled = !said.undo;
       this.redo.disabled = !said.redo;
       for (const [letter, take] of this.takes) take.disabled = !said.kept?.includes(letter);
@@ -82,7 +106,7 @@ export class Tune implements Room {
     if (Object.keys(said.charts).length) {
       this.last = received;
       this.draw();
-      this.handles.show(said.values ?? {});
+      this.handles.show(this.grips);
     }
   }
 

@@ -48,7 +48,7 @@ class Grip:
     """A place in the open loop at which a filter is held.
 
     name   filters.0.frequency, or filters.0.width for the edge of a notch
-    x, y   Hz, and dB on |L|
+    x, y   Hz, and dB on |L|; of a width on |L| at the middle of the notch
     label  what it moves
     text   its value in words
     """
@@ -80,7 +80,7 @@ def filter_grips(control: Control, loop: Margins, sample_time: float) -> tuple[G
             ratio, f = float(block.damping_pole), float(block.frequency)
             edge = _edge(block, sample_time)
             text = f"{2.0 * ratio * f:.4g} Hz wide, damping of the poles {ratio:.3g}"
-            found.append(Grip(f"filters.{i}.{WIDTH}", edge, _on(loop, edge), f"filter {i}, {kind}: width", text))
+            found.append(Grip(f"filters.{i}.{WIDTH}", edge, _on(loop, f), f"filter {i}, {kind}: width", text))
     return tuple(found)
 
 

@@ -229,10 +229,7 @@ class Tune(Room):
             why = "no number of the law is a rate or a gain with a unit" if not names else "|L| crosses 1 nowhere"
             return {"low": 1.0, "high": 2.0, "meaning": f"The loop cannot be made faster as a whole: {why}."}
         moved = f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
-        meaning = (
-            f"The crossover, moved by {moved}, each with the power of 1/s in its unit. The shape of the loop stays "
-            f"as far as the axis is a free mass; filters, feedforward and models of the axis stay as they are."
-        )
+        meaning = f"Moves {moved}, each with the power of 1/s in its unit; filters, feedforward and models stay."
         return {"low": crossover / _REACH, "high": crossover * _REACH, "meaning": meaning}
 
     def _run(self, name: str, control: Control) -> Run | None:
