@@ -6,6 +6,7 @@ import { Panel, type Drawn, type Range } from "./panel";
 import { pinch } from "./pinch";
 import type { Chart, Curve, Panel as Content } from "./wire";
 
+const [HEIGHT, MORE] = [280, 80]; // pixels of a picture, as page.css has it, and of each panel beyond two
 // How the legend shows a look that is no line.
 const SAMPLES: Partial<Record<Curve["look"], string>> = { cross: "cross", ring: "ring", dots: "dots" };
 const pictures = new WeakMap<Element, Picture>();
@@ -60,6 +61,7 @@ export class Picture {
     if (this.chart && this.chart.label !== chart.label) this.all();
     this.chart = chart;
     this.numbers = numbers;
+    this.field.style.height = chart.panels.length > 2 ? `${HEIGHT + MORE * (chart.panels.length - 2)}px` : "";
     const [width, height] = [this.field.clientWidth, this.field.clientHeight];
     if (width < 120 || height < 60) return; // not laid out yet
     const x = this.x ?? reach(chart, numbers);

@@ -9,21 +9,17 @@ import { button, make, save } from "../parts";
 import type { Ask, Room } from "../room";
 import type { Received } from "../wire";
 import { look, whenPainted } from "../look";
+import { See, type Choice, type Unit } from "../see";
 
-const TITLES: Record<string, string> = {
-  open_loop: "Open loop",
-  nyquist: "Nyquist",
-  stiffness: "Dynamic stiffness",
-  sensitivity: "Sensitivity",
-  run: "Move, then a force on the table",
-};
 const LETTERS = ["A", "B", "C"];
 
 export class Tune implements Room {
   readonly name = "tune";
   readonly title = "Tune by hand";
   readonly element = make("div", { class: "tune" });
-  private readonly pictures = new Map(Object.entries(TITLES).map(([name, title]) => [name, new Picture(title)]));
+  private readonly pictures = new Map<string, Picture>(); // in the order of the server
+  private readonly grid = make("div", { class: "grid" });
+  private readonly see: See;
   private readonly verdict = make("p", { id: "verdict", "aria-live": "polite" });
   private readonly remarks = make("ul", { "aria-label": "Remarks" });
   private readonly undo: HTMLButtonElement;
@@ -55,12 +51,8 @@ export class Tune implements Room {
       buttons.append(button(`Keep as ${letter}`, () => ask({ do: "tune.keep", letter })), take);
     }
     buttons.append(button("Save machine file", () => ask({ do: "tune.file" }), { id: "save" }));
-    const grid = make("div", { class: "grid" });
-    for (const [name, picture] of this.pictures) {
-      picture.element.id = `picture-${name}`;
-      grid.append(picture.element);
-    }
-    const open_loop = this.pictures.get("open_loop")!;
+    this.see = new See(ask);
+    const open_loop = this.picture("open_loop", "Open loop");
     open_loop.onpick = (x) => this.adder.pick(x);
     const held = {
       dragged: (name: string, x: number, y: number | null, first: boolean) => ask({ do: "tune.drag", name, x, y, first }),
@@ -71,7 +63,7 @@ export class Tune implements Room {
       },
     };
     this.handles = new Handles(open_loop, held, (grip) => (grip.name.endsWith(".width") ? "↔" : grip.name.split(".")[1]!));
-    this.element.append(section, make("section", { id: "pictures", "aria-label": "Pictures" }, buttons, this.verdict, this.figures, grid, this.remarks));
+    this.element.append(section, make("section", { id: "pictures", "aria-label": "Pictures" }, buttons, this.see.element, this.verdict, this.figures, this.grid, this.remarks));
     document.addEventListener("keydown", (event) => {
       if (this.element.closest("[hidden]") || !(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z") return;
       event.preventDefault();
@@ -85,6 +77,11 @@ export class Tune implements Room {
     if (said.file !== undefined) return save(said.file, said.file_name ?? "machine.toml");
     if (said.knobs) {
       this.numbers.list(said.knobs);
+    }
+    if (said.pictures) {
+      const choices = said.pictures as Choice[];
+      for (const { name, title } of choices) this.picture(name, title);
+      this.see.list(choices, said.units as Unit[]);
     }
     if (said.values) this.numbers.show(said.values);
     if (said.kinds) this.adder.list(said.kinds as string[]);
@@ -103,7 +100,7 @@ export class Tune implements Room {
       this.remarks.replaceChildren(...((said.remarks as string[] | undefined) ?? []).map((each) => make("li", {}, each)));
       this.verdict.className = all ? "good" : "bad";
     }
-    if (Object.keys(said.charts).length) {
+    if (said.values) {
       this.last = received;
       this.draw();
       this.handles.show(this.grips);
@@ -112,6 +109,17 @@ export class Tune implements Room {
 
   shown(): void {
     this.draw();
+  }
+
+  private picture(name: string, title: string): Picture {
+    const known = this.pictures.get(name);
+    if (known) return known;
+    const made = new Picture(title);
+    made.element.id = `picture-${name}`;
+    made.element.hidden = true;
+    this.pictures.set(name, made);
+    this.grid.append(made.element);
+    return made;
   }
 
   private draw(): void {

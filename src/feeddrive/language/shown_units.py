@@ -66,9 +66,17 @@ class ShownUnits:
         """A gain in dB, or the ratio that it stands for: 10^(level/20)."""
         return level if self.decibel else 10.0 ** (np.asarray(level) / 20.0)
 
+    def to_decibel(self, gain: float) -> float:
+        """The gain in dB of a height in a picture of gains. Raises ParameterError for a ratio that is not positive."""
+        if self.decibel:
+            return gain
+        if not gain > 0.0:
+            raise ParameterError(f"a gain must be > 0, not {gain:g}")
+        return 20.0 * float(np.log10(gain))
+
     def gain_said(self, level: float, digits: int = 1) -> str:
         """A gain given in dB, as a person reads it."""
-        return f"{level:.{digits}f} dB" if self.decibel else f"factor {10.0 ** (level / 20.0):.3g}"
+        return f"{level:.{digits}f} dB" if self.decibel else f"a factor of {10.0 ** (level / 20.0):.3g}"
 
 
 USUAL = ShownUnits()

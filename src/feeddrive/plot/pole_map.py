@@ -66,7 +66,7 @@ def poles_chart(models: StateSpace | Mapping[str, StateSpace], units: ShownUnits
         x, y = -ratio, float(np.sqrt(1.0 - ratio**2))
         end = reach * min(1.0 / y, 1.0 / -x)
         curves.append(Curve(np.array([0.0, end * x]), np.array([0.0, end * y]), number=NEUTRAL, look=THIN))
-        notes.append(Note(0.97 * end * x, 0.97 * end * y, f"{ratio:g}"))
+        notes.append(Note(0.9 * end * x, 0.9 * end * y, f"{ratio:g}"))
     circles = [k * _step(reach) for k in range(1, 8) if k * _step(reach) < reach]
     notes += [Note(0.0, radius, f"{radius:g} {unit}", right=True) for radius in circles]
     for i, (name, s) in enumerate(found.items()):

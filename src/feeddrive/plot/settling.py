@@ -85,13 +85,12 @@ def snap_chart(runs: Mapping[str, Run], begin: float, near: float, units: ShownU
     for i, (name, run) in enumerate(runs.items()):
         peak, settled = known[name]
         rest = "not settled" if np.isinf(settled) else f"settled in {_MS * settled:.4g} ms"
-        said = f"peak {micro * peak:.4g} {length}, {rest}"
+        said = f"peak {micro * peak:.4g} {length}, {rest} to ±{micro * near:.3g} {length}"
         there = (run.time >= begin - _BEFORE * end) & (run.time <= begin + end)
         time = _MS * (run.time[there] - begin)
         errors.append(Curve(time, micro * run["tracking_error"][there], name, i, said=said))
         forces.append(Curve(time, newton * run["force"][there], number=i))
-    bounds = Level(micro * near, f"settled: within {micro * near:.3g} {length}", dashed=True)
-    levels = Level(0.0, faint=True), bounds, Level(-micro * near, dashed=True)
+    levels = Level(0.0, faint=True), Level(micro * near, dashed=True), Level(-micro * near, dashed=True)
     panels = (
         Panel(f"error of the table ({length})", tuple(errors), levels=levels, share=2.0),
         Panel(f"force ({force})", tuple(forces)),

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
+from feeddrive.analysis.friction_map import FrictionMap
 from feeddrive.blocks.families import Reference
 from feeddrive.blocks.load.step_force import StepForce
 from feeddrive.comparison.figures import Duty, duty_of
@@ -15,16 +18,20 @@ from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.control import Control
+from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
+from feeddrive.plot.responses import Overlay
 from feeddrive.tuning.by_hand import ByHand
+from feeddrive.tuning.closed_loop import through
 from feeddrive.tuning.limits import Limits
-from feeddrive.tuning.operating_point import OperatingPoint, modelled_point
+from feeddrive.tuning.operating_point import READINGS, OperatingPoint, modelled_point, one_encoder
 from feeddrive.workflow.tune_files import machine_text
 from feeddrive.workflow.tune_sources import Sources, first_control, points_of
 
 _SIGNALS = ("following_error", "force")
+_REST = ("tracking_error", "force")  # of the rope snap
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +46,7 @@ class Bench:
     remarks  what must be known of the measured responses
     today    today's control, where the one to begin with is another
     file     of the machine, as it was named; empty if there is none
+    friction  over velocity, where it was measured
     from_machine  its points are models of machine files, and not measured
     """
 
@@ -51,6 +59,7 @@ class Bench:
     today: ByHand | None = None
     from_machine: bool = True
     file: str | Path = ""
+    friction: FrictionMap | None = None
 
     @property
     def before(self) -> ByHand:
@@ -108,11 +117,36 @@ class Bench:
         """
         duty, loop = self.duty, replace(self.needed_loop(), control=control)
         duration = duty.begin + duty.rest
-        return simulate(loop, duty.still(), load=duty.snap, duration=duration, record=_SIGNALS, name=name)
+        return simulate(loop, duty.still(), load=duty.snap, duration=duration, record=_REST, name=name)
 
     def linear(self, control: Control) -> StateSpace:
         """The linear loop from the set position to the table. Raises ParameterError without a machine."""
         return linearize(replace(self.needed_loop(), control=control), ["set_position"], ["position_load"])
+
+    def overlays(self, place: str) -> tuple[Overlay, ...]:
+        """The responses of the axis to the command at one of its places: measured, of the machine, or both."""
+        if place not in self._overlays:
+            self._overlays[place] = tuple(self._overlaid(next(p for p in self.by_hand.points if p.name == place)))
+        return self._overlays[place]
+
+    @cached_property
+    def _overlays(self) -> dict[str, tuple[Overlay, ...]]:
+        return {}
+
+    def _overlaid(self, point: OperatingPoint) -> Iterator[Overlay]:
+        f, loop = point.frequency, point.loop or self.loop
+        model = None if loop is None else linearize(loop, ["cut"], READINGS)
+        for k, reading in enumerate(READINGS):
+            if k == 0 and one_encoder(point):
+                continue
+            own = None if model is None else model.response(f[f <= 0.5 / model.sample_time], reading, "cut")
+            measured = None
+            if not self.from_machine:
+                variance = None if point.variance is None else through(point, 0, np.eye(2)[[k]].T * np.ones(f.size))
+                T, coherence = point.sample_time, point.coherence
+                measured = FRF(f, point.by_force[k], "force", reading, "m/N", T, coherence, variance)
+            same = own is not None and own.frequency.size == f.size
+            yield Overlay(reading.replace("_", " of the "), measured, own if same else None, own)
 
     def text(self, values: Mapping[str, float]) -> str:
         """The machine file with the control at some values; all else as it is written there."""

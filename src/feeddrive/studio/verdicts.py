@@ -8,57 +8,65 @@ from typing import Any
 
 import numpy as np
 
+from feeddrive.language.shown_units import ShownUnits
 from feeddrive.language.units import turning_text
 from feeddrive.plot.chart import ALERT, Chart, Level, Mark, Note
 from feeddrive.tuning.by_hand import Look, Verdict
 from feeddrive.tuning.limits import Limits
 
 
-def verdict_words(look: Look, limits: Limits, *, rotary: bool) -> list[dict[str, Any]]:
+def verdict_words(look: Look, limits: Limits, units: ShownUnits, *, rotary: bool) -> list[dict[str, Any]]:
     """Each limit in a sentence, that which uses most of its limit first; whether it is kept."""
     several, found = len(look.figures) > 1, list[dict[str, Any]]()
     for each in look.judged:
         where = f" ({each.point})" if several else ""
-        text = f"{each}{where}, limit: {limits.only(each.judged.kind)}"
+        at = "" if each.frequency is None else f" at {units.said(each.frequency, 'Hz')}"
+        text = f"{each.judged}{at}{where}, limit: {limits.only(each.judged.kind)}"
         found.append({"text": turning_text(text) if rotary else text, "keeps": each.keeps})
     return found
 
 
-def figure_words(look: Look, *, rotary: bool) -> str:
+def figure_words(look: Look, units: ShownUnits, *, rotary: bool) -> str:
     """Crossover, margins and the least stiffness of the leading place, each with its frequency."""
     leading, said = look.leading, list[str]()
     margins = leading.margins
     if margins.crossover is not None:
         first = margins.gain_crossovers[0]
-        said.append(f"crossover {margins.crossover:.4g} Hz with a phase margin of {first.phase_margin_deg:.3g}°")
+        said.append(
+            f"crossover {units.said(margins.crossover, 'Hz')} with a phase margin of {first.phase_margin_deg:.3g}°"
+        )
     if margins.gain_increase_dB is not None:
-        said.append(f"the gain may rise by {margins.gain_increase_dB:.3g} dB")
+        said.append(f"the gain may rise by {units.gain_said(margins.gain_increase_dB)}")
     if look.stable:
         stiff = leading.stiffness
         against = " against a force at the drive" if leading.at_drive else ""
-        said.append(f"least stiffness{against} {1e-6 * stiff.minimum:.4g} N/µm at {stiff.minimum_frequency:.4g} Hz")
+        least, where = units.said(stiff.minimum, "N/m"), units.said(stiff.minimum_frequency, "Hz")
+        said.append(f"least stiffness{against} {least} at {where}")
     text = "; ".join(said)
     return turning_text(text) if rotary else text
 
 
-def with_verdicts(drawn: Mapping[str, Chart], look: Look, limits: Limits) -> dict[str, Chart]:
+def with_verdicts(
+    drawn: Mapping[str, Chart], look: Look, limits: Limits, units: ShownUnits, *, rotary: bool
+) -> dict[str, Chart]:
     """The pictures with the limits of Ms and stiffness as lines, and what is broken written at its place."""
     found, lines = dict(drawn), dict[str, Level]()
     if limits.sensitivity_peak is not None:
-        at = 20.0 * float(np.log10(limits.sensitivity_peak))
-        lines["sensitivity"] = Level(at, limits.only("Ms"), dashed=True)
+        lines["sensitivity"] = Level(_gain(units, limits.sensitivity_peak), limits.only("Ms"), dashed=True)
     if limits.compliance_peak is not None:
-        least = 1e-6 / limits.compliance_peak
-        lines["stiffness"] = Level(least, f"stiffness >= {least:.4g} N/µm", dashed=True)
+        text = f"stiffness >= {units.said(1.0 / limits.compliance_peak, 'N/m')}"
+        least = units.of("N/m")[1] / limits.compliance_peak
+        lines["stiffness"] = Level(least, turning_text(text) if rotary else text, dashed=True)
     for name, line in lines.items():
         if name in found:
             first, *rest = found[name].panels
             found[name] = replace(found[name], panels=(replace(first, levels=(*first.levels, line)), *rest))
     for each in look.judged if look.stable else ():
-        place = _place(each)
+        place = _place(each, units)
         if not each.keeps and place is not None and place[0] in found and each.point == look.leading.point:
             name, x, y = place
-            note = Note(x, y, f"{each.judged}", ALERT)
+            text = f"{each.judged}"
+            note = Note(x, y, turning_text(text) if rotary else text, ALERT)
             mark = Mark(x, y, ALERT)
             first, *rest = found[name].panels
             first = replace(first, notes=(*first.notes, note), marks=(*first.marks, mark))
@@ -66,17 +74,22 @@ def with_verdicts(drawn: Mapping[str, Chart], look: Look, limits: Limits) -> dic
     return found
 
 
-def _place(each: Verdict) -> tuple[str, float, float] | None:
+def _gain(units: ShownUnits, ratio: float) -> float:
+    return float(units.from_decibel(20.0 * float(np.log10(ratio))))
+
+
+def _place(each: Verdict, units: ShownUnits) -> tuple[str, float, float] | None:
     """In which picture a figure is seen, and where in its first panel."""
     value = each.judged.value
     if value is None or each.frequency is None:
         return None
+    x = units.of("Hz")[1] * each.frequency
     match each.judged.kind:
         case "Ms":
-            return "sensitivity", each.frequency, 20.0 * float(np.log10(value))
+            return "sensitivity", x, _gain(units, value)
         case "peak compliance":
-            return "stiffness", each.frequency, 1.0 / value
+            return "stiffness", x, units.of("N/m")[1] * 1e6 / value
         case "gain margin":
-            return "open_loop", each.frequency, -value
+            return "open_loop", x, float(units.from_decibel(-value))
         case _:
-            return "open_loop", each.frequency, 0.0
+            return "open_loop", x, float(units.from_decibel(0.0))

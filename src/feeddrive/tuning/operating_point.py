@@ -315,7 +315,7 @@ def disagreement(point: OperatingPoint, loop: Loop, velocity: float = 0.05) -> f
         lines = np.arange(point.frequency.size)
     off: list[float] = []
     for k, reading in enumerate(READINGS):
-        if k == 0 and _one_encoder(point):
+        if k == 0 and one_encoder(point):
             continue
         true = model.response(point.frequency[lines], reading, "cut").response
         apart = np.abs(point.by_force[k, lines] / true - 1.0) ** 2
@@ -353,7 +353,7 @@ def with_table_force(
     # y = S y_d (1 - C_m y_u (r_u - r_d)), r = motor/load: the stiffness depends on the difference of the ratios, so the
     # plant gives this difference; a second ratio would have an error as large as the difference itself
     apart = found["cut"][0] / found["cut"][1] - by_load[0] / by_load[1]
-    if _one_encoder(point):
+    if one_encoder(point):
         apart = 0.0 * apart
     by_load = np.array([by_load[1] * (point.by_force[0] / point.by_force[1] - apart), by_load[1]])
     variance = None
@@ -372,6 +372,6 @@ def with_table_force(
     )
 
 
-def _one_encoder(point: OperatingPoint) -> bool:
+def one_encoder(point: OperatingPoint) -> bool:
     """Whether one encoder gives both readings."""
     return point.ratio is not None and bool(np.all(point.ratio[0] == 1.0))

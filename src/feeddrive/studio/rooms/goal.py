@@ -188,7 +188,7 @@ class Goal(Room):
         controls = {_TODAY: bench.before.start, _NOW: bench.by_hand.control(self.desk.values)}
         if self.best is not None:
             controls[_BEST if self.found is None else _FOUND] = self.best
-        drawn = charts({name: self._look(name, each) for name, each in controls.items()}, {}, rotary=bench.rotary)
+        drawn = charts(bench, {name: self._look(name, each) for name, each in controls.items()})
         if len(self.costs) > 1:
             steps, costs = np.arange(1.0, len(self.costs) + 1.0), np.array(self.costs) / self.costs[0]
             curve = Curve(steps, costs, "cost of the best so far", 0, said=f"{costs[-1]:.4g} of the first")

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any, NamedTuple
 
-from feeddrive.language.errors import FeeddriveError, ParameterError
-from feeddrive.language.table import shown
+from feeddrive.analysis.margins import Margins
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.shown_units import CHOICES, ShownUnits
 from feeddrive.language.tree import check_sampled
+from feeddrive.language.units import turning
 from feeddrive.loop.control import Control
-from feeddrive.loop.simulate import Run
 from feeddrive.studio.desk import Desk, Held, Values
-from feeddrive.studio.pictures import charts
+from feeddrive.studio.parts import Parts
+from feeddrive.studio.pictures import PICTURES, USUAL, charts, choices
 from feeddrive.studio.room import Asked, Room, Said, act
 from feeddrive.studio.verdicts import figure_words, verdict_words, with_verdicts
 from feeddrive.tuning.bandwidth import quickened, speed_powers, speed_range
@@ -36,7 +37,7 @@ class _Seen(NamedTuple):
     values: Values
     limits: Limits
     look: Look
-    run: Run | None
+    parts: Parts
 
 
 class Tune(Room):
@@ -46,6 +47,7 @@ class Tune(Room):
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
+        self.chosen, self.units = USUAL, ShownUnits()  # pictures and units stay with another source
         self.begin()
 
     def begin(self) -> None:
@@ -59,6 +61,25 @@ class Tune(Room):
         """The numbers with their declarations, and the pictures."""
         if self.desk.bench is None:
             return Said({"knobs": []})
+        self._told = None
+        return self._pictures()
+
+    @act
+    def see(self, asked: Asked) -> Said:
+        """The pictures that are drawn; of the others nothing is computed."""
+        wanted = asked.texts("names")
+        for each in wanted:
+            if each not in PICTURES:
+                raise ParameterError(f"there is no picture '{each:.60}': there are {', '.join(PICTURES)}")
+        self.chosen = tuple(name for name in PICTURES if name in wanted)
+        self._told = None
+        return self._pictures()
+
+    @act
+    def unit(self, asked: Asked) -> Said:
+        """In which unit lengths, forces, frequencies or gains are read."""
+        kind = asked.choice("kind", CHOICES)
+        self.units = replace(self.units, **{kind: asked.choice("unit", CHOICES[kind])})
         self._told = None
         return self._pictures()
 
@@ -113,6 +134,7 @@ class Tune(Room):
     def drag(self, asked: Asked) -> Said:
         """A filter, by a place in the open loop: Hz and, unless only its frequency is moved, dB."""
         name, y = asked.text("name"), asked.number_or_none("y")
+        y = None if y is None else self.units.to_decibel(y)
         loop = self._now.leading.margins
         values = filter_dragged(self.desk.control, name, asked.number("x"), y, loop, self._sample_time)
         self.desk.change({**self.desk.values, **values}, begins=asked.yes("first", True))
@@ -186,24 +208,22 @@ class Tune(Room):
                   for letter, kept in sorted(self.snapshots.items())}  # fmt: skip
         found[NOW] = self._look(NOW, bench.by_hand, values)
         now, limits = found[NOW].look, self.desk.limits
-        drawn = charts(
-            {name: each.look for name, each in found.items()},
-            {name: each.run for name, each in found.items() if each.run is not None},
-            rotary=bench.rotary,
-        )
-        drawn = with_verdicts(drawn, now, limits)
+        looks, parts = ({name: getattr(each, what) for name, each in found.items()} for what in ("look", "parts"))
+        drawn = charts(bench, looks, parts, self.chosen, self.units)
+        drawn = with_verdicts(drawn, now, limits, self.units, rotary=bench.rotary)
         margins = now.leading.margins
         said = {
-            "judged": verdict_words(now, limits, rotary=bench.rotary),
-            "figures": figure_words(now, rotary=bench.rotary),
-            "grips": [asdict(each) for each in filter_grips(self.desk.control, margins, self._sample_time)],
+            "judged": verdict_words(now, limits, self.units, rotary=bench.rotary),
+            "figures": figure_words(now, self.units, rotary=bench.rotary),
+            "grips": self._grips(margins),
             "speed": margins.crossover, "remarks": bench.remarks, "places": len(bench.by_hand.points),
             "leading": now.leading.point, "stable": now.stable, "values": values,
             "undo": len(self.desk.undo), "redo": len(self.desk.redo),
             "kept": sorted(self.snapshots),
         }  # fmt: skip
         if self._told is not bench.by_hand:
-            said |= {"knobs": self._knobs(), "kinds": filter_kinds(), "faster": self._faster()}
+            said |= {"knobs": self._knobs(), "kinds": filter_kinds(), "faster": self._faster(),
+                     "pictures": choices(bench, self.chosen), "units": self._units()}  # fmt: skip
             self._told = bench.by_hand
         return Said(said, drawn)
 
@@ -211,10 +231,26 @@ class Tune(Room):
         known, limits = self._seen.get(name), self.desk.limits
         if known is None or known[0] is not by_hand or known[1:3] != (values, limits):
             control = self.desk.control if name == NOW else by_hand.control(values)
-            running = _BESIDE.submit(self._run, name, control)
-            look, run = by_hand.at(values, limits), running.result()
-            known = self._seen[name] = _Seen(by_hand, dict(values), limits, look, run if look.stable else None)
+            parts = Parts(self.desk.needed, control, name)
+            running = _BESIDE.submit(lambda: "run" in self.chosen and parts.run)
+            look = by_hand.at(values, limits)
+            running.result()
+            known = self._seen[name] = _Seen(by_hand, dict(values), limits, look, parts)
         return known
+
+    def _grips(self, loop: Margins) -> list[dict[str, Any]]:
+        """Where filters are held: Hz, and a height in the picture."""
+        found = filter_grips(self.desk.control, loop, self._sample_time)
+        return [{**asdict(each), "y": float(self.units.from_decibel(each.y))} for each in found]
+
+    def _units(self) -> list[dict[str, Any]]:
+        """For each kind of quantity the units that a person can choose."""
+        rotary = self.desk.needed.rotary
+        return [
+            {"kind": kind, "chosen": getattr(self.units, kind),
+             "among": [[each, turning(each) if rotary else each] for each in among]}
+            for kind, among in CHOICES.items()
+        ]  # fmt: skip
 
     @property
     def _sample_time(self) -> float:
@@ -232,19 +268,13 @@ class Tune(Room):
         meaning = f"Moves {moved}, each with the power of 1/s in its unit; filters, feedforward and models stay."
         return {"low": crossover / _REACH, "high": crossover * _REACH, "meaning": meaning}
 
-    def _run(self, name: str, control: Control) -> Run | None:
-        """None if the axis leaves its bounds: then what is linear of it is shown."""
-        bench = self.desk.needed
-        with suppress(FeeddriveError):
-            return None if bench.loop is None else bench.run(control, name)
-        return None
-
     def _knobs(self) -> list[dict[str, Any]]:
         """What the page shows of each number, in the units that people read."""
         bench, found = self.desk.needed, list[dict[str, Any]]()
         for each in bench.by_hand.knobs:
             declared = each.declared.of_axis(bench.rotary)
-            unit, factor = shown(declared.unit)
+            unit, factor = self.units.of(each.declared.unit)
+            unit = turning(unit) if bench.rotary else unit
             dragged = each.declared.unit == "Hz" and each.name.startswith("filters.")
             found.append({
                 "name": each.name, "block": each.block, "unit": unit, "factor": factor, "low": each.low,

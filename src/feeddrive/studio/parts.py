@@ -1,0 +1,52 @@
+"""What pictures show of a control beside its loop: runs, step and poles, each computed when first needed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cached_property
+from typing import TypeVar
+
+from feeddrive.analysis.step_response import StepResponse, step_response
+from feeddrive.language.errors import FeeddriveError
+from feeddrive.loop.control import Control
+from feeddrive.loop.linearize import StateSpace
+from feeddrive.loop.simulate import Run
+from feeddrive.studio.bench import Bench
+
+T = TypeVar("T")
+
+
+class Parts:
+    """A control on a bench. What it does not have is None: without a machine, where it is not stable, out of bounds."""
+
+    def __init__(self, bench: Bench, control: Control, name: str) -> None:
+        self.bench, self.control, self.name = bench, control, name
+
+    @cached_property
+    def run(self) -> Run | None:
+        """The move, and then the force on the table."""
+        return self._if_there(lambda: self.bench.run(self.control, self.name))
+
+    @cached_property
+    def snap(self) -> Run | None:
+        """The rope that is cut."""
+        return self._if_there(lambda: self.bench.snap(self.control, self.name))
+
+    @cached_property
+    def linear(self) -> StateSpace | None:
+        """The linear loop from the set position to the table."""
+        return self._if_there(lambda: self.bench.linear(self.control))
+
+    @cached_property
+    def step(self) -> StepResponse | None:
+        """The step of the set position."""
+        model = self.linear
+        return None if model is None else self._if_there(lambda: step_response(model))
+
+    def _if_there(self, made: Callable[[], T]) -> T | None:
+        if self.bench.loop is None:
+            return None
+        with suppress(FeeddriveError):
+            return made()
+        return None
