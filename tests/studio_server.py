@@ -6,6 +6,7 @@ import http.client
 import json
 import os
 import re
+import select
 import struct
 import subprocess
 import sys
@@ -104,13 +105,13 @@ class Served:
             size = len(body) if isinstance(body, bytes) else size
             made.putheader(*(("Transfer-Encoding", "chunked") if size is None else ("Content-Length", str(size))))
             made.endheaders()
-            try:
-                for each in pieces:
-                    made.send(each if size is not None else b"%x\r\n%s\r\n" % (len(each), each))
+            for each in pieces:
+                made.send(each if size is not None else b"%x\r\n%s\r\n" % (len(each), each))
+                if select.select([made.sock], [], [], 0.0)[0]:  # it has answered already
+                    break
+            else:
                 if size is None:
                     made.send(b"0\r\n\r\n")
-            except OSError:  # the server has answered and listens no more
-                pass
             found = made.getresponse()
             return found.status, json.loads(found.read())
         finally:

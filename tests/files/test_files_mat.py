@@ -230,3 +230,18 @@ def test_without_h5py_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(builtins, "__import__", absent)
     with pytest.raises(MissingExtraError, match=r"a\.mat: .*needs the package 'h5py'.*feeddrive\[matlab\]"):
         read_mat73("a.mat", b"", None)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {f"x{i}": np.zeros(4_000_000) for i in range(5)},  # 160 MB in 160 kB, each part of them below the limit
+        {"x": np.zeros(20_000_000, "i1")},  # 20 MB that are 160 MB as numbers
+        {"s": {f"x{i}": np.zeros(4_000_000, "i1") for i in range(5)}},
+    ],
+)
+def test_a_bomb_of_many_variables_or_of_small_numbers_is_refused(content: dict[str, Any]) -> None:
+    packed = mat5(content)
+    assert len(packed) < 200_000
+    with pytest.raises(LogError, match="zip bomb"):
+        read_mat("a.mat", packed, None)

@@ -8,7 +8,10 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+import numpy as np
+import pyarrow as arrow
 import pytest
+from pyarrow import parquet
 
 from feeddrive.studio.server import PAGE
 
@@ -123,14 +126,17 @@ def test_a_work_is_canceled(studio: Any) -> None:
 def test_what_is_brought_is_shown_as_text_and_refused_with_what_to_do(studio: Any, tmp_path: Path) -> None:
     page = (opened := studio.open()).page
     opened.go("bring")
-    nasty = tmp_path / "run.csv"
-    rows = "\n".join(f"{0.001 * i},{0.01 * i},{i % 7}" for i in range(200))
-    nasty.write_text(f"t_s,<img src=x onerror=alert(1)>,\x1b[31mred\n{rows}\n", encoding="utf-8")
+    nasty = tmp_path / "run.parquet"
+    names = ["t_s", "<img src=x onerror=alert(1)>", "\x1b[31mred"]
+    parquet.write_table(arrow.table({name: 1e-3 * np.arange(200) for name in names}), nasty)
     empty = tmp_path / "part.ngc"
     empty.write_text("", encoding="utf-8")
     page.set_input_files("#files", [str(nasty), str(empty)])
     assert opened.ended() == "done"
     assert page.locator("main img[src=x]").count() == 0
+    page.click("#room-bring button:has-text('run.parquet')")
+    opened.settled()
+    assert names[1] in page.inner_text("#room-bring")  # as text
     page.click("text=part.ngc >> nth=0")
     opened.settled()
     assert "is empty: a part program has lines" in page.inner_text("#room-bring")

@@ -125,12 +125,13 @@ export class Bring implements Room {
     for (const file of files) {
       const where = `/upload?session=${encodeURIComponent(session())}&name=${encodeURIComponent(file.name)}`;
       try {
-        const answer = await fetch(where, { method: "POST", body: file });
+        const may = await fetch(`${where}&ask=${file.size}`, { method: "POST" });
+        const answer = may.ok ? await fetch(where, { method: "POST", body: file }) : may;
         const said = (await answer.json()) as { name?: string; error?: string };
         if (said.name) names.push(said.name);
         else this.wrong.textContent = said.error ?? "the file was refused";
       } catch {
-        this.wrong.textContent = `${file.name} could not be sent: it may be too large (256 MB), or the server has ended`;
+        this.wrong.textContent = `${file.name} could not be sent: the server has ended, or the file was changed meanwhile`;
       }
     }
     if (names.length) this.ask({ do: "bring.look", names });

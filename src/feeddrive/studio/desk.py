@@ -216,11 +216,21 @@ class Desk:
         request = self.adjusted()
         if request is None:
             return self.base
-        path = self.folder / "machine.toml"
-        write_whole(path, self.needed.text(self.values))
+        path = self.write_machine()
         known = [each.request for each in self.done if each.command == "adjust"]
         if not known or known[-1] != request:
             self.did("adjust", request)
+        return path
+
+    def write_machine(self) -> Path:
+        """The machine file with the control of now, written into the folder.
+
+        Raises ParameterError without a machine, and while a job may yet read the one that stands there.
+        """
+        path, text = self.folder / "machine.toml", self.needed.text(self.values)
+        if not path.is_file() or path.read_bytes() != text.encode():
+            self.check_free()
+            write_whole(path, text)
         return path
 
     def machine(self) -> MachineFile:

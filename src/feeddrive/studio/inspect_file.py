@@ -6,7 +6,7 @@ It is read in a process of its own, so that a file on which a reader fails leave
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -76,7 +76,11 @@ def _understood(path: Path, progress: Progress) -> Understood:
     from feeddrive.workflow.command import load
 
     outcome = load("channels").run(load("channels").request(path), progress)
-    tables = tuple(each for each in outcome.tables if isinstance(each, Table))
+    tables = tuple(
+        replace(each, title=each.title.replace(str(path), path.name))
+        for each in outcome.tables
+        if isinstance(each, Table)
+    )
     file = OpenedFile(path)
     if names_frequency(file):
         return Understood(path.name, RESPONSES, tables=tables, responses=tuple(read_frfs(file)))
@@ -116,4 +120,7 @@ def _log(path: Path, file: OpenedFile, guess: Guess, tables: tuple[Table, ...]) 
         y = np.asarray(values, np.float64)
         if y.ndim == 1 and y.size > 1 and np.all(np.isfinite(y)):
             columns[name] = envelope(np.asarray(log.time, np.float64), y, _POINTS)
+    if file.columns.left_out:
+        rows = [[name, why] for name, why in file.columns.left_out.items()]
+        tables = (*tables, Table("not read", ("column", "why"), rows, sentences=1))
     return Understood(path.name, LOG, tables=tables, guess=guess, columns=columns, units=dict(log.units))

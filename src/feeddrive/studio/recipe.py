@@ -47,9 +47,9 @@ def _job(desk: Desk) -> str:
         return ""
     move, force, duration = bench.work
     lines = [
-        f"title = {json.dumps(f'{bench.title}: before and after')}",
-        f"machine = {json.dumps(whole(desk.base))}",
-        f"axis = {json.dumps(bench.axis)}",
+        f"title = {quoted(f'{bench.title}: before and after')}",
+        f"machine = {quoted(whole(desk.base))}",
+        f"axis = {quoted(bench.axis)}",
         f"duration = {duration!r}",
         "",
         to_toml(move, "reference").strip(),
@@ -61,12 +61,18 @@ def _job(desk: Desk) -> str:
     found = None if written is None else difference(written, now)
     if found is not None and not found.removed and not found.added:
         if found.values:
-            pairs = ", ".join(f'"axis.{bench.axis}.control.{name}" = {each!r}' for name, each in found.values.items())
+            keys = {quoted(f"axis.{bench.axis}.control.{name}"): each for name, each in found.values.items()}
+            pairs = ", ".join(f"{key} = {each!r}" for key, each in keys.items())
             lines += ["[[law]]", 'name = "by hand"', f"set = {{ {pairs} }}", ""]
     else:
         text = to_toml(replace(now, guard=None), "law.control", rotary=bench.rotary).strip()
         lines += ["[[law]]", 'name = "by hand"', "", text, ""]
     return "\n".join(lines)
+
+
+def quoted(text: str) -> str:
+    """A text as TOML writes it."""
+    return json.dumps(text, ensure_ascii=False)
 
 
 def whole(machine: str | Path) -> str:

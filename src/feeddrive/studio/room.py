@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast
@@ -47,7 +48,13 @@ class Asked:
         found = self.given.get(name)
         if isinstance(found, bool) or not isinstance(found, (int, float)):
             raise ParameterError(f"{name} must be a number, not {found!r:.60}")
-        return float(found)
+        try:
+            value = float(found)
+        except OverflowError:  # a whole number of any length
+            value = math.inf
+        if not math.isfinite(value):
+            raise ParameterError(f"{name} must be a finite number, not {found!r:.60}")
+        return value
 
     def yes(self, name: str, usual: bool = False) -> bool:
         """True or false."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import re
 import socket
 import tempfile
 import threading
@@ -18,7 +19,7 @@ from feeddrive.language.errors import FeeddriveError, MissingExtraError, Paramet
 from feeddrive.studio.bench import Bench
 from feeddrive.studio.protection import App, Door, Protected
 from feeddrive.studio.session import Session
-from feeddrive.studio.uploads import keep, safe_name
+from feeddrive.studio.uploads import keep, place_of, safe_name
 from feeddrive.studio.wire import message
 
 PAGE = Path(__file__).parent / "page"  # built from the TypeScript in `page/` of the repository
@@ -26,6 +27,7 @@ _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".
 _SESSIONS = 64  # pages whose state is kept, the latest
 _LARGEST = 64_000  # bytes of a request of the page
 _KEY = 64  # characters of the name of a session
+_WHOLE = re.compile(r"[0-9]{1,18}")
 
 
 def make_app(
@@ -66,7 +68,11 @@ def make_app(
         given, size = request.query_params, request.headers.get("content-length", "")
         try:
             into = sessions.named(given.get("session", "")).desk.folder / "brought"
-            kept = await keep(given.get("name", ""), request.stream(), into, int(size) if size.isdecimal() else None)
+            name = given.get("name", "")
+            if given.get("ask"):  # whether it may be sent: nothing of it has come
+                kept = place_of(name, into, int(given["ask"]) if _WHOLE.fullmatch(given["ask"]) else None)
+            else:
+                kept = await keep(name, request.stream(), into, int(size) if _WHOLE.fullmatch(size) else None)
         except FeeddriveError as error:
             return JSONResponse({"error": str(error)}, 413 if "larger" in str(error) else 400)
         return JSONResponse({"name": kept.name})

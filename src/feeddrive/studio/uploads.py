@@ -24,27 +24,39 @@ def safe_name(name: str) -> str:
     return name
 
 
-async def keep(name: str, pieces: AsyncIterator[bytes], folder: Path, promised: int | None = None) -> Path:
-    """Write a file that arrives in pieces into the folder, whole or not at all.
+def place_of(name: str, folder: Path, promised: int | None = None) -> Path:
+    """Where a file that is brought will stand.
 
     promised  its size, bytes, if the browser said it
-    Raises FileError for its name, for more than `LARGEST` bytes, and for more than `MANY` files.
+    Raises FileError for its name, for a link that stands there, for more than `LARGEST` bytes, and for more than
+    `MANY` files.
     """
     path = folder / safe_name(name)
-    too_large = FileError(
-        f"{path.name} is larger than {LARGEST // 1_000_000} MB: take a shorter piece of the log, or use feeddrive on "
-        "the command line, which reads it where it is"
-    )
     if promised is not None and promised > LARGEST:
-        raise too_large
-    folder.mkdir(parents=True, exist_ok=True)
-    if not path.exists() and sum(1 for _ in folder.iterdir()) >= MANY:
+        raise _too_large(path)
+    if path.is_symlink():
+        raise FileError(f"{path.name} is a link to another file: remove it from {folder}, or rename the file")
+    if folder.exists() and not path.exists() and sum(1 for _ in folder.iterdir()) >= MANY:
         raise FileError(f"{MANY} files were brought already: open a new page for more")
+    return path
+
+
+async def keep(name: str, pieces: AsyncIterator[bytes], folder: Path, promised: int | None = None) -> Path:
+    """Write a file that arrives in pieces into the folder, whole or not at all. Raises the errors of `place_of`."""
+    path = place_of(name, folder, promised)
+    folder.mkdir(parents=True, exist_ok=True)
     with written_whole(path) as temporary, temporary.open("wb") as file:
         size = 0
         async for piece in pieces:
             size += len(piece)
             if size > LARGEST:
-                raise too_large
+                raise _too_large(path)
             file.write(piece)
     return path
+
+
+def _too_large(path: Path) -> FileError:
+    return FileError(
+        f"{path.name} is larger than {LARGEST // 1_000_000} MB: take a shorter piece of the log, or use feeddrive on "
+        "the command line, which reads it where it is"
+    )

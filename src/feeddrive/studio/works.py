@@ -153,7 +153,7 @@ def packed(folder: Path) -> Path:
     archive = folder.with_name(f"{folder.name}.zip")
     with written_whole(archive) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as file:
         for each in sorted(folder.rglob("*")):
-            if each.is_file():
+            if each.is_file() and not each.is_symlink():
                 file.write(each, Path(folder.name) / each.relative_to(folder))
     return archive
 

@@ -164,11 +164,13 @@ def read_mat(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
     whole = _Bytes(memoryview(content), order)
     at = 128
     last = ""
+    left = most_unpacked(len(content))
     try:
         while at < len(content):
             kind, piece, at = whole.element(at)
             if kind == _PACKED:
-                piece = _unpacked(piece, most_unpacked(len(content)))
+                piece = _unpacked(name, piece, left)
+                left -= len(piece.content)
             for variable, found in _arrays(piece, "", 0):
                 last = variable
                 if not variable:  # internal data of MATLAB objects
@@ -176,6 +178,9 @@ def read_mat(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
                 if isinstance(found, str):
                     left_out[variable] = found
                 else:
+                    numbers = sum(column.size for column in values.values()) + found.size
+                    if wanted is None:
+                        check_unpacked(name, numbers, len(content))
                     unread += _keep(variable, found, wanted, values, constants)
     except (_DamagedError, zlib.error, OverflowError):
         after = f" after variable '{last}'" if last else ""
@@ -185,13 +190,15 @@ def read_mat(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
     return Columns("MATLAB 5", values, {}, constants, tuple(unread), left_out)
 
 
-def _unpacked(packed: _Bytes, most: int) -> _Bytes:
-    """The element in a packed one, with exactly the length of its tag, and at most `most` bytes."""
+def _unpacked(name: str, packed: _Bytes, most: int) -> _Bytes:
+    """The element in a packed one, with exactly the length of its tag. Raises LogError for more than `most` bytes."""
     zip_ = zlib.decompressobj()
     tag = _Bytes(memoryview(zip_.decompress(packed.content, 8)), packed.order)
     kind, length = tag.word(0), tag.word(4)
-    if kind != _MATRIX or length > most:
+    if kind != _MATRIX:
         raise _DamagedError
+    if length > most:
+        raise LogError(f"{name}: its packed variables hold more than allowed; it is damaged or a zip bomb")
     inner = zip_.decompress(zip_.unconsumed_tail, length) if length else b""
     if len(inner) != length:
         raise _DamagedError

@@ -80,6 +80,7 @@ class Bring(Room):
         """Forget a file."""
         found = self._known(asked)
         del self.files[found.name]
+        self.desk.programs.pop(found.name, None)
         self.open = "" if self.open == found.name else self.open
 
     @act
@@ -258,12 +259,13 @@ class Bring(Room):
             if each.name == name:
                 return each
         path = self.desk.folder / "brought" / safe_name(name)
-        if not path.is_file():
+        if not path.is_file() or path.is_symlink():
             raise ParameterError(f"no file {name!r:.80} was brought")
         return path
 
     def _roles(self, found: Understood) -> Path:
         assert found.guess is not None
+        self.desk.check_free()
         path = self.desk.folder / f"roles_{Path(found.name).stem}.toml"
         write_roles(path, found.guess, self._path(found.name))
         return path

@@ -89,6 +89,7 @@ class Goal(Room):
     @act
     def tune(self, _: Asked) -> None:
         """Search, from the control of now."""
+        self.desk.check_free()
         request = self._request()
         self.costs, self.best, self.found = [], None, None
 

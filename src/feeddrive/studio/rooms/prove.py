@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from functools import partial
 from pathlib import Path
@@ -11,7 +10,7 @@ from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.machine import BUNDLED
 from feeddrive.language.errors import ParameterError
 from feeddrive.studio.desk import Desk
-from feeddrive.studio.recipe import whole
+from feeddrive.studio.recipe import quoted, whole
 from feeddrive.studio.room import Asked, Room, Said, act
 from feeddrive.studio.works import Shown, certified, circled, program_run
 from feeddrive.workflow.certify import CertifyRequest
@@ -80,13 +79,14 @@ class Prove(Room):
         bench = self.desk.needed
         bench.needed_loop()
         name = asked.choice("name", [*_bundled(), *self.desk.programs])
+        self.desk.check_free()
         source = self.desk.programs.get(name) or BUNDLED / "programs" / name
         if source.parent != self.desk.folder:
             shutil.copyfile(source, self.desk.folder / Path(name).name)
-        machine = json.dumps(whole(self.desk.machine_path()))
-        text = [f"title = {json.dumps(f'{name} on {bench.title}')}", f"machine = {machine}",
-                f"axis = {json.dumps(bench.axis)}", f"rule = {json.dumps(_RULE)}", "", "[program]",
-                f"file = {json.dumps(Path(name).name)}", ""]  # fmt: skip
+        machine = quoted(whole(self.desk.machine_path()))
+        text = [f"title = {quoted(f'{name} on {bench.title}')}", f"machine = {machine}",
+                f"axis = {quoted(bench.axis)}", f"rule = {quoted(_RULE)}", "", "[program]",
+                f"file = {quoted(Path(name).name)}", ""]  # fmt: skip
         job = self.desk.folder / "job.toml"
         write_whole(job, "\n".join(text))
         request = RunRequest(str(job), out=self.desk.folder / "run")

@@ -50,9 +50,7 @@ class Take(Room):
     @act
     def machine(self, _: Asked) -> Said:
         """The machine file with the control of now."""
-        path = self.desk.folder / "machine.toml"
-        write_whole(path, self.desk.needed.text(self.desk.values))
-        return self._give(path)
+        return self._give(self.desk.write_machine())
 
     @act
     def result(self, asked: Asked) -> Said:
