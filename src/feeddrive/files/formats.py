@@ -73,7 +73,7 @@ _OTHERS = (
 def read_columns(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
     """The columns of a log of any known format. Raises LogError for a damaged file and for a file of another kind."""
     content = unpacked(name, content)
-    return _reader(name, content)(name, content, wanted)
+    return reader_of(name, content)(name, content, wanted)
 
 
 class OpenedFile:
@@ -115,11 +115,11 @@ class OpenedFile:
     @cached_property
     def columns(self) -> Columns:
         """The columns of a file of any known format. Raises LogError."""
-        reader = _reader(str(self), self.unpacked)
+        reader = reader_of(str(self), self.unpacked)
         return self.csv if reader is read_csv else reader(str(self), self.unpacked, None)
 
 
-def _reader(name: str, content: bytes) -> Reader:
+def reader_of(name: str, content: bytes) -> Reader:
     """The reader of a content. Raises LogError for a file of another kind."""
     if content.startswith(b"MATLAB 5.0 MAT-file"):
         return read_mat

@@ -194,7 +194,7 @@ def _values(
         )
     unit = columns.units.get(column.name, "")
     as_it_is = role != "time" and role not in asked
-    factor = 1.0 if as_it_is else _factor(path, role, column, unit)
+    factor = 1.0 if as_it_is else factor_of(path, role, column, unit)
     held = numbers if factor == 1.0 else numbers * factor
     held.flags.writeable = False
     if as_it_is or (role in OWN_UNIT and not column.unit):
@@ -202,7 +202,7 @@ def _values(
     return held, column.unit if role in OWN_UNIT else ROLES[role]
 
 
-def _factor(path: str, role: str, column: Column, unit: str) -> float:
+def factor_of(path: str, role: str, column: Column, unit: str) -> float:
     """The factor from the column's unit to that of its role: as given, else by the file, else by the end of its name.
 
     A name that ends with `_in` means input and not inch.

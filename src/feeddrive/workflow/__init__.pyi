@@ -14,6 +14,7 @@ from feeddrive.workflow.compare import compare as compare
 from feeddrive.workflow.cosimulate import cosimulate as cosimulate
 from feeddrive.workflow.excite import excite as excite
 from feeddrive.workflow.export import export as export
+from feeddrive.workflow.follow import follow as follow
 from feeddrive.workflow.force import force as force
 from feeddrive.workflow.frf import frf as frf
 from feeddrive.workflow.friction import friction as friction

@@ -219,6 +219,12 @@ COMMANDS: dict[str, Listed] = {
         "Measure",
         ("--drive drive.toml --seconds 2",),
     ),
+    "follow": Listed(
+        "follow",
+        "Wait for a trigger in a log that is being written, a pipe or a drive on a bus, and keep the window around it.",
+        "Measure",
+        ("run.csv --channel force --level 100", "drive.toml --window 2"),
+    ),
     "frf": Listed(
         "frf",
         "Estimate a frequency response with coherence, variance, noise and distortion from measured logs.",

@@ -285,12 +285,16 @@ def _numbers(name: str, piece: Piece, layout: CsvLayout, chosen: list[int]) -> n
             plain = plain.replace(",", ".")
         if not plain.strip():
             return np.empty((0, len(chosen)))
-        found = _numbers_by_arrow(plain, layout, chosen) if layout.separator else None
-        if found is None:
-            found = _numbers_by_loadtxt(plain, layout, chosen)
+        found = plain_numbers(plain, layout, chosen)
         if found is not None:
             return found
     return _numbers_one_by_one(name, piece, layout, chosen)
+
+
+def plain_numbers(plain: str, layout: CsvLayout, chosen: list[int]) -> np.ndarray | None:
+    """The chosen columns of lines that are all rows, with decimal points, without quotes; None if one is not."""
+    found = _numbers_by_arrow(plain, layout, chosen) if layout.separator else None
+    return _numbers_by_loadtxt(plain, layout, chosen) if found is None else found
 
 
 def _numbers_by_arrow(plain: str, layout: CsvLayout, chosen: list[int]) -> np.ndarray | None:

@@ -1,0 +1,307 @@
+"""Signals that are followed while they are recorded: the last seconds of them, and the window around a trigger.
+
+scope = Oscilloscope(window=0.5, before=0.2, mode=NORMAL, trigger=Trigger("force", 100.0))
+scope.feed(source)                  # a `LiveSource`: as often as one likes
+shown = scope.shown()               # the last window that was caught, or None
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from feeddrive.analysis.trigger import Crossings, Trigger
+from feeddrive.language.errors import ParameterError, nearest
+
+AUTO, NORMAL, SINGLE = "auto", "normal", "single"
+MODES: Mapping[str, str] = {
+    AUTO: "the last window around a trigger; without one the last seconds run by",
+    NORMAL: "the last window around a trigger, until there is another",
+    SINGLE: "the first window around a trigger, and no other one before it is armed again",
+}
+MOST_NUMBERS = 1_000_000  # of all channels and their time that are kept: 8 MB
+_LONG = 0.5  # s: longer windows are shown while they fill
+_SPARE = 1.5  # windows that are kept
+
+
+class Rows(NamedTuple):
+    """What has come of several signals since the last look.
+
+    time    rising, s (or samples, of a source without a clock), shape (n,)
+    values  shape (n, channels); a row of NaN is a gap
+    anew    what came before is over: a file that was replaced or cut, a clock that began again
+    """
+
+    time: np.ndarray
+    values: np.ndarray
+    anew: bool = False
+
+
+class LiveSource(Protocol):
+    """Signals that are recorded right now."""
+
+    name: str
+    channels: Mapping[str, str]
+    """Units by name, empty where none is known; nothing before the first rows."""
+    clock: str
+    """Unit of the time: `s`, or `samples` where the source has no clock."""
+
+    def take(self) -> Rows:
+        """What has come since the last call; it does not wait. Raises FeeddriveError where the source is broken."""
+        ...
+
+    def state(self) -> str:
+        """How it stands, as a sentence: that rows come, that it waits and for what, what was left out."""
+        ...
+
+    def close(self) -> None:
+        """Let it go; never raises."""
+
+
+class Recording:
+    """The last rows of several channels, in bounded memory: `MOST_NUMBERS`, of which the oldest are dropped."""
+
+    def __init__(self, channels: int) -> None:
+        self._most = max(2, MOST_NUMBERS // (channels + 1))
+        self._rows = np.empty((64, channels + 1))
+        self._from = self._to = 0
+
+    def __len__(self) -> int:
+        return self._to - self._from
+
+    @property
+    def time(self) -> np.ndarray:
+        """s, shape (n,); a view that the next `add` may change."""
+        return self._rows[self._from : self._to, 0]
+
+    @property
+    def values(self) -> np.ndarray:
+        """Shape (n, channels); a view that the next `add` may change."""
+        return self._rows[self._from : self._to, 1:]
+
+    def add(self, time: np.ndarray, values: np.ndarray) -> None:
+        """Rows whose time does not run backward."""
+        if not time.size:
+            return
+        time, values = time[-self._most :], values[-self._most :]
+        self._from += min(max(0, len(self) + time.size - self._most), len(self))
+        if self._to + time.size > len(self._rows):
+            self._make_room(time.size)
+        there = slice(self._to, self._to + time.size)
+        self._rows[there, 0], self._rows[there, 1:] = time, values
+        self._to = there.stop
+
+    def _make_room(self, more: int) -> None:
+        """Move the kept rows to the front of a buffer that has twice the room that they need."""
+        held, needed = self._rows[self._from : self._to], len(self) + more
+        fitting = needed <= len(self._rows) // 2
+        rows = self._rows if fitting else np.empty((2 * needed, self._rows.shape[1]))
+        rows[: len(held)] = held.copy() if fitting else held
+        self._rows, self._from, self._to = rows, 0, len(held)
+
+    def keep(self, seconds: float) -> None:
+        """Drop what is older than so many s before the last row."""
+        if len(self):
+            self._from += int(np.searchsorted(self.time, self.time[-1] - seconds))
+
+    def between(self, start: float, end: float) -> tuple[np.ndarray, np.ndarray]:
+        """Copies of time and values of the rows from `start` to `end`, s, both included."""
+        first, last = np.searchsorted(self.time, start, "left"), np.searchsorted(self.time, end, "right")
+        return self.time[first:last].copy(), self.values[first:last].copy()
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """A window of signals.
+
+    time, values  as recorded, shapes (n,) and (n, channels)
+    zero          the instant that a picture calls 0: of the trigger, or the end
+    start, end    of the window in relation to it
+    triggered     whether there was a trigger
+    whole         whether all of it was recorded
+    """
+
+    time: np.ndarray
+    values: np.ndarray
+    zero: float
+    start: float
+    end: float
+    triggered: bool
+    whole: bool = True
+
+
+class Readout(NamedTuple):
+    """What two cursors read: at times a and b, in relation to the zero of a window, values of all channels.
+
+    A value is that of the straight line between two samples; NaN beside the window and in gaps.
+    """
+
+    a: float
+    b: float
+    at_a: np.ndarray
+    at_b: np.ndarray
+
+    @property
+    def step(self) -> float:
+        """b - a."""
+        return self.b - self.a
+
+    @property
+    def rate(self) -> float:
+        """1/(b - a): Hz, if the time is in s. Infinite for cursors at one place."""
+        return math.inf if self.b == self.a else 1.0 / (self.b - self.a)
+
+    @property
+    def rise(self) -> np.ndarray:
+        """Values at b less those at a."""
+        return self.at_b - self.at_a
+
+
+def readout(shown: Shown, a: float, b: float) -> Readout:
+    """The values of a window at two places, in relation to its zero."""
+    return Readout(a, b, _at(shown, a), _at(shown, b))
+
+
+def _at(shown: Shown, place: float) -> np.ndarray:
+    time, at = shown.time, shown.zero + place
+    if not time.size or not time[0] <= at <= time[-1]:
+        return np.full(shown.values.shape[1], np.nan)
+    k = int(np.clip(np.searchsorted(time, at, "left"), 1, time.size - 1)) if time.size > 1 else 0
+    if time[k] == at or k == 0:
+        return shown.values[k].copy()
+    if time[k - 1] == at:
+        return shown.values[k - 1].copy()
+    share = (at - time[k - 1]) / (time[k] - time[k - 1])
+    return (1.0 - share) * shown.values[k - 1] + share * shown.values[k]
+
+
+class Oscilloscope:
+    """The last seconds of a source, and the windows that its trigger catches.
+
+    window   length of what is shown, s (or samples)
+    before   share of it that lies before the trigger, 0 to 0.95
+    mode     of `MODES`
+    trigger  None: the last seconds run by in every mode
+
+    Trigger and mode may be changed at any time; what was caught stays until there is another.
+    """
+
+    def __init__(
+        self, window: float = 1.0, before: float = 0.2, mode: str = AUTO, trigger: Trigger | None = None
+    ) -> None:
+        self.channels: dict[str, str] = {}
+        self.caught: Shown | None = None
+        self.recording = Recording(0)
+        self._fed = -math.inf  # time of the last row
+        self.rows = 0  # that have come in all
+        self.set(window, before, mode, trigger)
+
+    def set(self, window: float, before: float, mode: str, trigger: Trigger | None) -> None:
+        """Other settings; it looks for the trigger from now on. Raises ParameterError."""
+        if not 0.0 < window < math.inf:
+            raise ParameterError(f"window = {window:g} s must be > 0 s and finite")
+        if not 0.0 <= before <= 0.95:
+            raise ParameterError(f"before = {before:g}, the share of the window before the trigger, must be 0 to 0.95")
+        if mode not in MODES:
+            raise ParameterError(f"mode = '{mode:.20}' must be one of {', '.join(MODES)}")
+        self.window, self.before, self.mode, self.trigger = window, before, mode, trigger
+        self.arm()
+
+    def arm(self) -> None:
+        """Look for the trigger from now on; in mode single for one more."""
+        if self.trigger is not None and self.channels and self.trigger.channel not in self.channels:
+            raise ParameterError(
+                f"there is no channel '{self.trigger.channel:.60}'{nearest(self.trigger.channel, self.channels)}"
+            )
+        self._crossings = None if self.trigger is None else Crossings(self.trigger)
+        self._ready = -math.inf  # time from which an instant counts
+        self._filling: float | None = None  # instant whose window is not yet whole
+        self.count = 0  # windows that were caught
+
+    @property
+    def waits(self) -> bool:
+        """Whether it looks for a trigger."""
+        return self._crossings is not None and not (self.mode == SINGLE and (self.count or self._filling is not None))
+
+    def feed(self, source: LiveSource) -> int:
+        """Take what has come; how many rows."""
+        rows = source.take()
+        if dict(source.channels) != self.channels:
+            self.channels = dict(source.channels)
+            self._forget()
+        self.rows += rows.time.size
+        if rows.time.size:
+            self._add(rows)
+        return rows.time.size
+
+    def _forget(self) -> None:
+        """What was recorded belongs to another clock, or to other channels; what was caught stays."""
+        self.recording = Recording(len(self.channels))
+        self._crossings = None if self.trigger is None else Crossings(self.trigger)
+        self._ready, self._filling, self._fed = -math.inf, None, -math.inf
+
+    def _add(self, rows: Rows) -> None:
+        last = self._fed
+        back = np.flatnonzero(np.diff(rows.time, prepend=last) < 0.0)
+        if back.size:  # the clock began again: only what came after it is one record
+            self._forget()
+            rows = Rows(rows.time[back[-1] :], rows.values[back[-1] :])
+        elif rows.anew and len(self.recording):  # another file, by the same clock: a gap
+            gap = np.full((1, rows.values.shape[1]), np.nan)
+            rows = Rows(np.concatenate([rows.time[:1], rows.time]), np.concatenate([gap, rows.values]))
+        most = 1 << 14  # rows at a time, so that every window of a long piece is still there when it is whole
+        for k in range(0, rows.time.size, most):
+            self._piece(rows.time[k : k + most], rows.values[k : k + most])
+
+    def _piece(self, time: np.ndarray, values: np.ndarray) -> None:
+        self.recording.add(time, values)
+        self._fed = float(time[-1])
+        if self._crossings is not None and self.trigger is not None and self.trigger.channel in self.channels:
+            for instant in self._crossings.take(time, values[:, [*self.channels].index(self.trigger.channel)]).tolist():
+                self._complete(instant)
+                if self._filling is None and instant >= self._ready and self.waits:
+                    self._filling = instant
+                    self._ready = instant + self.trigger.hold
+        self._complete(self._fed)
+        self.recording.keep(_SPARE * self.window)
+
+    def _complete(self, until: float) -> None:
+        """Keep the window that fills, if it was whole by then."""
+        if self._filling is not None and until >= self._filling + (1.0 - self.before) * self.window:
+            self.caught, self._filling = self._around(self._filling, whole=True), None
+            self.count += 1
+
+    def _around(self, instant: float, *, whole: bool) -> Shown:
+        start, end = -self.before * self.window, (1.0 - self.before) * self.window
+        time, values = self.recording.between(instant + start, instant + end)
+        return Shown(time, values, instant, start, end, True, whole)
+
+    def shown(self) -> Shown | None:
+        """What a picture shows now; None if there is nothing yet."""
+        if self.trigger is None or (self.mode == AUTO and self._overdue):
+            return self.last()
+        if self._filling is not None and (self.window >= _LONG or self.caught is None):
+            return self._around(self._filling, whole=False)
+        if self.caught is None and self.mode == AUTO:
+            return self.last()
+        return self.caught
+
+    @property
+    def _overdue(self) -> bool:
+        """Whether there was no trigger for a window, and what is held back, after the last one."""
+        if self._filling is not None or self.caught is None or self.trigger is None:
+            return False
+        since = self._fed - (self.caught.zero + self.caught.end)
+        return since < 0.0 or since > max(self.window, _LONG, self.trigger.hold)
+
+    def last(self) -> Shown | None:
+        """The last window of what was recorded, whose zero is its end; None if there is nothing."""
+        if not len(self.recording):
+            return None
+        end = float(self.recording.time[-1])
+        time, values = self.recording.between(end - self.window, end)
+        return Shown(time, values, end, -self.window, 0.0, False, time[0] > float(self.recording.time[0]))

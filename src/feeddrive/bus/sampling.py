@@ -1,0 +1,186 @@
+"""Actual values of a drive over its bus, without anything that commands it.
+
+Only what the drive tells is mapped: no controlword, mode, target or limit is sent or written, and no watchdog set, so
+that sampling neither enables nor moves a drive.  The drive is taken to OPERATIONAL (CANopen: its messages answer SYNC)
+or OP (EtherCAT) and left as the transport leaves it; as `play` and `listen` do, it refuses a bus with another master.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import time as clock
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from feeddrive.analysis.oscilloscope import Rows
+from feeddrive.bus.cia402 import TOLD, Layout, state_of
+from feeddrive.bus.client import transport_of
+from feeddrive.bus.commissioning import check_scaling, identify
+from feeddrive.bus.drive_file import BusDrive, DriveFile, DriveScaling
+from feeddrive.bus.pace import Pace
+from feeddrive.bus.transport import Transport, has_object
+from feeddrive.language.errors import BusError, FeeddriveError
+from feeddrive.language.processes import follow_parent
+
+_CONTEXT = multiprocessing.get_context("spawn")
+_TOGETHER = 0.02  # s of rows that are handed over at once
+_LOST = 1000  # cycles in a row without an answer after which the drive is given up
+_SILENT = 3.0  # s of the same
+_END = 3.0  # s in which the process ends by itself
+
+# channels, the objects that they are made of, and their units
+_CHANNELS: Mapping[str, tuple[str, str]] = {
+    "position": ("position", "m"), "velocity": ("velocity", "m/s"), "force": ("torque", "N"),
+    "following_error": ("following_error", "m"), "position_second": ("second_position", "m"),
+    "status": ("statusword", ""),
+}  # fmt: skip
+_NEEDED = ("position", "torque", "statusword")
+
+
+class Sampler:
+    """The exchange with one drive: `open`, `cycle` as often as one likes, `close`. All raise BusError."""
+
+    def __init__(self, transport: Transport, drive: BusDrive) -> None:
+        self.transport, self.drive = transport, drive
+        self.pace = Pace(drive.cycle_time)
+        self.channels: dict[str, str] = {}
+        self.said = ""
+        self._told = Layout(())
+        self._lost = 0
+        self._heard = clock.monotonic()
+
+    def open(self) -> None:
+        """Find and compare the drive, map what it tells, and begin the exchange."""
+        transport = self.transport
+        transport.open()
+        known = identify(transport, self.drive)
+        remarks = check_scaling(transport, self.drive.scaling)
+        there = [name for group in TOLD for name in group if has_object(transport, name)]
+        missing = [name for name in _NEEDED if name not in there]
+        if missing:
+            raise BusError(f"{transport.where}: has no object for {', '.join(missing)}, and cannot be sampled")
+        self._told = Layout(TOLD).keeping(there)
+        self.channels = {name: unit for name, (of, unit) in _CHANNELS.items() if of in there}
+        self.said = " ".join([f"{known.get('name') or 'a drive without a name'}.", *remarks])
+        transport.map(Layout(()), self._told)
+        transport.operate(b"")
+
+    def cycle(self) -> tuple[float, list[float] | None]:
+        """One cycle: by how much it began late (s), and the values of the channels, None for a lost frame."""
+        late = self.pace.wait()
+        self.transport.put(b"")
+        told = self.transport.take(max(2e-3, 2.0 * self.drive.cycle_time))
+        if told is None:
+            self._lost += 1
+            if self._lost >= _LOST or clock.monotonic() - self._heard > _SILENT:
+                raise BusError(f"{self.transport.where}: no answer for {_SILENT:g} s: {self.transport.state()}")
+            return late, None
+        self._lost, self._heard = 0, clock.monotonic()
+        return late, values_of(self._told.unpack(told), self.channels, self.drive.scaling)
+
+    def close(self) -> None:
+        """Leave the drive as the transport leaves it; never raises."""
+        self.transport.close()
+
+
+def values_of(raw: Mapping[str, int], channels: Mapping[str, str], scaling: DriveScaling) -> list[float]:
+    """Objects as numbers in the units of the channels: increments as m, thousandths of the rated torque as N."""
+    factor = {"m": scaling.metre, "m/s": scaling.metre, "N": scaling.newton, "": 1.0}
+    return [raw[_CHANNELS[name][0]] * factor[unit] for name, unit in channels.items()]
+
+
+def sample(sampler: Sampler, give: Callable[[np.ndarray, np.ndarray], None], stopped: Callable[[], bool]) -> None:
+    """Sample until `stopped`, and give time (s) and values in pieces; a lost frame is a row of NaN.
+
+    Row k has the time k T of the bus, T its cycle; where this computer began a cycle late by more than T, the time goes
+    on by that much. Raises BusError.
+    """
+    T, k, slipped = sampler.drive.cycle_time, 0, 0.0
+    gap = [float("nan")] * len(sampler.channels)
+    times, rows, given = list[float](), list[list[float]](), clock.monotonic()
+    while not stopped():
+        late, values = sampler.cycle()
+        slipped += late if late > T else 0.0
+        times.append(k * T + slipped)
+        rows.append(gap if values is None else values)
+        k += 1
+        if clock.monotonic() - given > _TOGETHER:
+            give(np.array(times), np.array(rows))
+            times, rows, given = [], [], clock.monotonic()
+
+
+def _child(file: DriveFile, line: Any) -> None:
+    """In a process of its own, so that neither a page nor a picture delays a cycle."""
+    follow_parent()
+    sampler = Sampler(transport_of(file.drive, file.interface, file.bitrate), file.drive)
+    try:
+        sampler.open()
+        line.send(("open", sampler.channels, sampler.said))
+        sample(sampler, lambda time, values: line.send(("rows", time, values)), line.poll)
+    except FeeddriveError as error:
+        with suppress(OSError):
+            line.send(("error", f"{file.name}: {error}"))
+    except (OSError, EOFError):
+        pass  # who asked is gone
+    finally:
+        sampler.close()
+
+
+class DriveSamples:
+    """The actual values of the drive of a drive file. See `LiveSource`; position (m), velocity (m/s), force (N).
+
+    The bus is held while it is open: by one alone.
+    """
+
+    clock = "s"
+
+    def __init__(self, file: DriveFile) -> None:
+        self.name = file.name
+        self.channels: Mapping[str, str] = {}
+        self._said, self._state, self._rows = "", "opens the bus", 0
+        self._line, theirs = _CONTEXT.Pipe()
+        self._process = _CONTEXT.Process(target=_child, args=(file, theirs), daemon=True)
+        self._process.start()
+        theirs.close()
+
+    def take(self) -> Rows:
+        """The samples since the last call. Raises BusError as soon as the drive cannot be sampled."""
+        times, values = list[np.ndarray](), list[np.ndarray]()
+        try:
+            while self._line.poll():
+                kind, *found = self._line.recv()
+                if kind == "error":
+                    raise BusError(found[0])
+                if kind == "open":
+                    self.channels, self._said = found
+                else:
+                    times.append(found[0])
+                    values.append(found[1])
+        except (EOFError, OSError):
+            raise BusError(f"{self.name}: the process that samples the drive has ended") from None
+        if not times:
+            return Rows(np.empty(0), np.empty((0, len(self.channels))))
+        rows = Rows(np.concatenate(times), np.concatenate(values))
+        self._state = self._power(rows.values)
+        return rows
+
+    def _power(self, values: np.ndarray) -> str:
+        told = values[np.isfinite(values[:, -1]), -1]
+        state = state_of(int(told[-1])) if told.size else None
+        return "no answers" if not told.size else f"'{'unknown' if state is None else state.words}'"
+
+    def state(self) -> str:
+        """Which drive it is and in what power state."""
+        return f"{self._said} {self._state}".strip() + "; sampled, not commanded"
+
+    def close(self) -> None:
+        """End the exchange."""
+        with suppress(OSError):
+            self._line.send("stop")
+        self._process.join(_END)
+        if self._process.is_alive():
+            self._process.terminate()
+        self._line.close()

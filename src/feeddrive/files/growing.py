@@ -1,0 +1,380 @@
+"""Tables in text that grow while they are read: a log that is being written, or rows from a pipe.
+
+    rows = GrowingTable(GrowingFile("run.csv"))
+    rows.take()     # what is there, then what has come since
+
+Only whole lines count.  A file that is cut, written anew or replaced begins anew; one that is not there yet, or no
+longer, is waited for.  A file is opened for each look and closed again, so that its writer may rename it.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+import threading
+import time as clock
+from collections.abc import Mapping
+from pathlib import Path
+from typing import BinaryIO, NamedTuple, Protocol
+
+import numpy as np
+
+from feeddrive.analysis.oscilloscope import Rows
+from feeddrive.files.atomic_io import refusal
+from feeddrive.files.columns import Column, Columns, is_time
+from feeddrive.files.formats import reader_of
+from feeddrive.files.guess import unit_in_name
+from feeddrive.files.read_log import factor_of
+from feeddrive.files.readers.csv_text import (
+    CsvLayout,
+    is_skipped,
+    layout_of,
+    plain_numbers,
+    read_csv,
+    split,
+    text_of,
+)
+from feeddrive.files.readers.recorders import COUNTER, read_halsampler
+from feeddrive.language.errors import FileError, LogError
+
+HEAD = 64_000  # bytes from the beginning in which heads and first rows stand
+FIRST = 8_000_000  # bytes of a long file that are read at first, from its end
+_MARK = 64  # bytes before the place of reading that tell a file written anew
+_LONGEST = 1_000_000  # bytes of a line
+_LEAST = 3  # rows by which a layout is known
+_SILENT = 1.0  # s without rows that are said
+_MOST = 16_000_000  # bytes of a pipe that wait for a page
+
+
+class Grown(NamedTuple):
+    """Bytes that have come.
+
+    begins  they are the first ones of the file or pipe
+    anew    what came before is over
+    ended   no more will come
+    """
+
+    content: bytes
+    begins: bool = False
+    anew: bool = False
+    ended: bool = False
+
+
+class GrowingBytes(Protocol):
+    """Bytes that grow at their end."""
+
+    name: str
+
+    def head(self) -> bytes:
+        """The first bytes, `HEAD` at most, as far as they are there."""
+        ...
+
+    def read(self) -> Grown:
+        """What has come since the last call. Raises FileError."""
+        ...
+
+    def waits(self) -> str:
+        """What is waited for; empty if nothing is."""
+        ...
+
+
+class GrowingFile:
+    """A file at whose end somebody writes.
+
+    inside  a folder that it must not leave by a symbolic link; None: it may be anywhere
+    """
+
+    def __init__(self, path: str | Path, inside: Path | None = None) -> None:
+        self.path, self.name, self._inside = Path(path), str(path), inside
+        self._at, self._mark, self._which, self._written = 0, b"", (0, 0), 0
+        self._head = b""
+        self._begun = False
+        self._missing = False
+
+    def head(self) -> bytes:
+        """Of the file as it was at the last `read`."""
+        return self._head
+
+    def waits(self) -> str:
+        """For the file, if it is not there."""
+        return "waits for the file: it is not there" if self._missing else ""
+
+    def read(self) -> Grown:
+        """The new bytes. Of a file that is long at first only the last `FIRST` bytes, from the begin of a line."""
+        try:
+            if self._inside is not None and not Path(os.path.realpath(self.path)).is_relative_to(
+                os.path.realpath(self._inside)
+            ):
+                raise FileError(f"{self.name}: leads out of {self._inside}: name it on the command line (--follow)")
+            found = os.stat(self.path)
+            if not stat.S_ISREG(found.st_mode):
+                raise FileError(f"{self.name}: is no file that grows, but a directory, a device or a pipe")
+            self._missing = False
+            same = (found.st_dev, found.st_ino) == self._which and found.st_size == self._at
+            if same and found.st_mtime_ns == self._written:
+                return Grown(b"")
+            with self.path.open("rb") as file:
+                return self._more(file)
+        except FileNotFoundError:
+            self._missing = True
+            return Grown(b"")
+        except OSError as error:
+            raise refusal(self.name, "read", error) from None
+
+    def _more(self, file: BinaryIO) -> Grown:
+        found = os.fstat(file.fileno())
+        which = found.st_dev, found.st_ino
+        file.seek(max(0, self._at - len(self._mark)))
+        anew = which != self._which or found.st_size < self._at or file.read(len(self._mark)) != self._mark
+        self._written, self._which = found.st_mtime_ns, which
+        skip = b""
+        if anew:
+            file.seek(0)
+            self._head = file.read(HEAD)
+            self._at = max(0, found.st_size - FIRST)
+            file.seek(self._at)
+            if self._at:
+                skip = file.readline(_LONGEST)
+        elif len(self._head) < HEAD:
+            file.seek(0)
+            self._head = file.read(HEAD)
+            file.seek(self._at)
+        content = file.read(FIRST)
+        self._at += len(skip) + len(content)
+        self._mark = (self._mark + content)[-_MARK:] if not anew else (skip + content)[-_MARK:]
+        begun, self._begun = self._begun, True
+        return Grown(content, anew and self._at == len(content), anew and begun)
+
+
+class Pipe:
+    """Rows that come through a pipe, as from `halsampler -t | feeddrive studio --follow -`.
+
+    They are read once, by a thread, and kept for all who follow them: the last `_MOST` bytes.
+    """
+
+    def __init__(self, stream: BinaryIO, name: str = "-") -> None:
+        self.name = name
+        self._stream, self._lock = stream, threading.Lock()
+        self._content, self._begin, self.ended = bytearray(), 0, False
+        self.first = b""
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def _read(self) -> None:
+        try:
+            while piece := self._stream.read1(65536):  # type: ignore[attr-defined]
+                with self._lock:
+                    self.first = (self.first + piece)[:HEAD] if len(self.first) < HEAD else self.first
+                    self._content += piece
+                    if len(self._content) > 2 * _MOST:
+                        gone = len(self._content) - _MOST
+                        del self._content[:gone]
+                        self._begin += gone
+        except (OSError, ValueError):
+            pass
+        self.ended = True
+
+    def since(self, at: int) -> tuple[bytes, int, bool]:
+        """The bytes from a place on, the place behind them, and whether some before them are gone."""
+        with self._lock:
+            begin = max(at, self._begin)
+            return bytes(self._content[begin - self._begin :]), self._begin + len(self._content), begin > at
+
+    def follower(self) -> PipeFollower:
+        """For one who reads it."""
+        return PipeFollower(self)
+
+
+class PipeFollower:
+    """One who reads a pipe, beside others."""
+
+    def __init__(self, pipe: Pipe) -> None:
+        self._pipe, self._at, self.name = pipe, 0, pipe.name
+
+    def head(self) -> bytes:
+        """The first bytes of the pipe."""
+        return self._pipe.first
+
+    def waits(self) -> str:
+        """For the first bytes."""
+        return "" if self._pipe.first else "waits for rows from the pipe"
+
+    def read(self) -> Grown:
+        """What has come; from the begin of a line where older ones are gone."""
+        ended, begins = self._pipe.ended, self._at == 0
+        content, self._at, lost = self._pipe.since(self._at)
+        return Grown(content.partition(b"\n")[2] if lost else content, begins and not lost, False, ended)
+
+
+class GrowingTable:
+    """The rows of a text that grows: of CSV of any kind, or of halsampler. See `LiveSource`.
+
+    sample_time  s, of a table without a column of time; None: rows are counted in samples
+    time_unit    of a column of time that states none; None: s
+
+    Lines that are no rows are left out and counted.  halsampler's `overrun` is a gap; its numbers of samples are the
+    clock.
+    """
+
+    def __init__(
+        self, content: GrowingBytes, *, sample_time: float | None = None, time_unit: str | None = None
+    ) -> None:
+        self.name, self._content = content.name, content
+        self.channels: Mapping[str, str] = {}
+        self.clock = "s"
+        self._sample_time, self._time_unit = sample_time, time_unit
+        self._layout: CsvLayout | None = None
+        self._rest = b""
+        self._anew = self._ended = self._from_begin = False
+        self._count = self._wrong = 0
+        self._last_wrong = ""
+        self._heard = clock.monotonic()
+
+    def take(self) -> Rows:
+        """The rows that have come. Raises LogError for what is no table, FileError where it cannot be read."""
+        grown = self._content.read()
+        self._ended = grown.ended
+        if grown.anew:
+            self._rest, self._layout, self._anew = b"", None, True
+            self._count = 0
+        if grown.begins or grown.anew:
+            self._from_begin = grown.begins
+        self._rest += grown.content
+        if len(self._rest) > _LONGEST and b"\n" not in self._rest[-_LONGEST:]:
+            raise LogError(f"{self.name}: has a line of more than {_LONGEST / 1e6:g} MB; it is no table of rows")
+        if self._layout is None and not self._understand():
+            return Rows(np.empty(0), np.empty((0, len(self.channels))))
+        whole, line, self._rest = self._rest.rpartition(b"\n")
+        rows = self._parsed((whole + line).decode(self._encoding, "replace").replace("\r", ""))
+        if rows.time.size:
+            self._heard, self._anew = clock.monotonic(), False
+        return rows
+
+    def state(self) -> str:
+        """Rows, silence, and lines that were left out."""
+        waiting = self._content.waits()
+        if waiting:
+            return waiting
+        if self._ended:
+            said = "the pipe has ended"
+        elif self._layout is None:
+            said = f"waits for {_LEAST} rows of numbers"
+        else:
+            silent = clock.monotonic() - self._heard
+            said = f"no new rows for {silent:.0f} s" if silent > _SILENT else "rows come"
+        if self._wrong:
+            said += f"; {self._wrong} lines were no rows, the last one '{self._last_wrong}'"
+        return said
+
+    def close(self) -> None:
+        """There is nothing to let go: the file is open only while it is read."""
+
+    def _understand(self) -> bool:
+        """Find layout, names, units and clock in the first lines, once there are enough of them."""
+        head = self._content.head()
+        head = head[: head.rfind(b"\n") + 1]
+        if head.count(b"\n") < _LEAST:
+            return False
+        if head.startswith((b"\xff\xfe", b"\xfe\xff", b"\x1f\x8b")):
+            raise LogError(f"{self.name}: is packed or in UTF-16, and cannot be followed: write it as plain text")
+        reader = reader_of(self.name, head)
+        if reader not in (read_csv, read_halsampler):
+            raise LogError(
+                f"{self.name}: is of a format whose rows cannot be read while it grows; followed are CSV and other "
+                "tables in text, and halsampler: bring it when it is complete"
+            )
+        text = text_of(head)
+        layout = layout_of(head.decode(text.encoding, "replace").replace("\r", ""))
+        if layout is None:
+            if len(head) < HEAD // 2:
+                return False
+            raise LogError(f"{self.name}: holds no rows of numbers")
+        rows = [line for line in head.decode(text.encoding, "replace").split("\n")[layout.first :] if line.strip()]
+        if len(rows) < _LEAST:
+            return False
+        self._encoding = text.encoding
+        self._set(layout, reader(self.name, head, None) if reader is read_halsampler else None)
+        return True
+
+    def _set(self, layout: CsvLayout, sampler: Columns | None) -> None:
+        names = list(layout.names)
+        counter = None
+        if sampler is not None and sampler.metadata.get("counter") == COUNTER:
+            counter, names[0] = 0, COUNTER
+        self._chosen = [k for k, numeric in enumerate(layout.numeric) if numeric]
+        stamps = next((k for k in self._chosen if is_time(names[k])), None) if counter is None else None
+        self._stamps = None if stamps is None else self._chosen.index(stamps)
+        self._counter = None if counter is None else self._chosen.index(counter)
+        self._factor = 1.0
+        if stamps is not None:
+            unit = layout.units[stamps]
+            column = Column(name=names[stamps], unit="" if unit else self._time_unit or "")
+            self._factor = factor_of(self.name, "time", column, unit)
+        elif self._sample_time is not None:
+            self._factor = self._sample_time
+        self.clock = "s" if stamps is not None or self._sample_time is not None else "samples"
+        self.states_time_unit = stamps is not None and bool(layout.units[stamps] or "_" in names[stamps])
+        self._layout = layout
+        self._values = [k for k in range(len(self._chosen)) if k not in (self._stamps, self._counter)]
+        numbers = {names[self._chosen[k]]: layout.units[self._chosen[k]] for k in self._values}
+        self.channels = {name: unit or unit_in_name(name) for name, unit in numbers.items()}
+        if self._from_begin:  # the heads stand before the first row
+            lines = self._rest.split(b"\n", layout.first)
+            self._rest = lines[-1] if len(lines) > layout.first else b""
+
+    def _parsed(self, text: str) -> Rows:
+        assert self._layout is not None
+        layout = self._layout
+        plain = text
+        if any(mark in plain for mark in '#%/"') or "\n\n" in plain or plain[:1] == "\n":
+            plain = "".join(f"{line}\n" for line in plain.split("\n") if not is_skipped(line))
+        found = None
+        if plain and '"' not in plain:
+            dotted = plain.replace(",", ".") if layout.decimal == "," else plain
+            found = plain_numbers(dotted, layout, self._chosen)
+        if found is None:
+            found = self._line_by_line(plain)
+        if self._stamps is not None:
+            time = self._factor * found[:, self._stamps]
+            kept = np.isfinite(time)
+            self._wrong += int(np.count_nonzero(~kept & np.isfinite(found).any(axis=1)))
+            time, found = time[kept], found[kept]
+        elif self._counter is not None:
+            found = found[:0] if not np.isfinite(found[:, self._counter]).any() else found
+            time = self._factor * _filled(found[:, self._counter])
+        else:
+            time = self._factor * np.arange(self._count, self._count + len(found), dtype=np.float64)
+        self._count += len(found)
+        values = found[:, self._values]
+        values[~np.isfinite(values)] = np.nan
+        return Rows(time, values, self._anew)
+
+    def _line_by_line(self, text: str) -> np.ndarray:
+        """The rows among the lines; `overrun` becomes a row of NaN."""
+        assert self._layout is not None
+        layout = self._layout
+        rows = list[list[float]]()
+        for line in text.split("\n"):
+            if is_skipped(line):
+                continue
+            cells = split(line, layout.separator)
+            good = len(cells) == len(layout.names) and all(layout.is_number(cells[k]) for k in self._chosen)
+            if good:
+                rows.append([float(cells[k].replace(",", ".") if layout.decimal == "," else cells[k])
+                             for k in self._chosen])  # fmt: skip
+                continue
+            self._wrong += 1
+            self._last_wrong = "".join(each for each in line.strip()[:40] if each.isprintable())
+            if self._stamps is None and "overrun" in line.lower():
+                rows.append([np.nan] * len(self._chosen))
+        return np.array(rows, dtype=np.float64).reshape(len(rows), len(self._chosen))
+
+
+def _filled(counter: np.ndarray) -> np.ndarray:
+    """Numbers of samples, where a gap has that of the row after it, or before it at the end."""
+    bad = ~np.isfinite(counter)
+    if not bad.any():
+        return counter
+    good = np.flatnonzero(~bad)
+    after = good[np.minimum(np.searchsorted(good, np.arange(counter.size)), good.size - 1)]
+    return np.where(bad, counter[after], counter)

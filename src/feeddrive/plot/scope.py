@@ -1,0 +1,135 @@
+"""The picture of signals that are followed: a panel for each unit, the trigger, and two cursors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from feeddrive.analysis.oscilloscope import Readout, Shown
+from feeddrive.plot.chart import Chart, Curve, Level, Panel
+from feeddrive.plot.style import first_of_stretch, written
+
+POINTS = 480  # of a curve, two for each stretch of the window; one more in a stretch with a gap
+_PANEL = 1.7  # inches of a panel
+_SPACE = 0.05  # of the range of a panel, above and below its curves
+_LEAST_USED = 0.4  # of a panel: a range is kept while its curves need that much of it
+_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
+
+Ranges = dict[str, tuple[float, float]]
+"""The range of each panel by its label."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A channel that is drawn.
+
+    name    by which the source calls it
+    place   of its column among the values
+    unit    in which it is shown; empty where none is known
+    factor  from the unit of the source to it
+    """
+
+    name: str
+    place: int
+    unit: str = ""
+    factor: float = 1.0
+
+
+def scope_chart(
+    shown: Shown, channels: Sequence[Channel], clock: str = "s", *, level: tuple[str, float] | None = None,
+    cursors: Readout | None = None, before: Mapping[str, tuple[float, float]] | None = None,
+) -> tuple[Chart, Ranges]:  # fmt: skip
+    """The chart of a window, and the ranges of its panels, which the next one may be given as `before`.
+
+    level  channel of the trigger, and its level in the unit of the source
+    A range stays while its curves fit into it and need a good part of it, so that a picture that is drawn again and
+    again stands still.
+    """
+    grouped: dict[str, list[Channel]] = {}
+    for each in channels:
+        label = f"{written(each.unit)}" if each.unit else each.name
+        grouped.setdefault(label, []).append(each)
+    panels, ranges = list[Panel](), Ranges()
+    for unit, group in grouped.items():
+        label = f"({unit})" if group[0].unit else unit
+        label = f"{group[0].name} {label}" if len(group) == 1 and group[0].unit else label
+        panels.append(_panel(label, shown, group, [*channels], level, cursors, before or {}))
+        low, high = panels[-1].low, panels[-1].high
+        assert low is not None
+        assert high is not None
+        ranges[label] = low, high
+    zero = "from the trigger" if shown.triggered else "until now"
+    chart = Chart(
+        f"time {zero} ({clock})", tuple(panels), low=shown.start, high=shown.end, height=_PANEL * max(len(panels), 1)
+    )
+    return chart, ranges
+
+
+def _panel(
+    label: str, shown: Shown, group: Sequence[Channel], all_: Sequence[Channel], level: tuple[str, float] | None,
+    cursors: Readout | None, before: Mapping[str, tuple[float, float]],
+) -> Panel:  # fmt: skip
+    curves, levels = list[Curve](), list[Level]()
+    width = 2.0 * (shown.end - shown.start) / POINTS
+    for each in group:
+        y = each.factor * shown.values[:, each.place]
+        kept = kept_points(shown.time, y, width)
+        x = shown.time[kept] - shown.zero
+        number = [one.name for one in all_].index(each.name)
+        curves.append(Curve(x, y[kept], each.name, number, said=_said(y, each.unit)))
+    finite = np.concatenate([each.y for each in curves]) if curves else np.empty(0)
+    finite = finite[np.isfinite(finite)]
+    place = [each for each in group if level is not None and each.name == level[0]]
+    if level is not None and place:
+        levels.append(Level(place[0].factor * level[1], "trigger", dashed=True))
+        finite = np.append(finite, levels[0].value)
+    if shown.triggered:
+        levels.append(Level(0.0, upright=True, faint=True))
+    if cursors is not None:
+        levels += [Level(cursors.a, "1", upright=True, dashed=True), Level(cursors.b, "2", upright=True, dashed=True)]
+    low, high = steady_range(finite, before.get(label))
+    return Panel(label, tuple(curves), levels=tuple(levels), low=low, high=high)
+
+
+def _said(y: np.ndarray, unit: str) -> str:
+    there = y[np.isfinite(y)]
+    return f"{there[-1]:.5g} {written(unit)}".strip() if there.size else "nothing"
+
+
+def kept_points(time: np.ndarray, y: np.ndarray, width: float) -> np.ndarray:
+    """The rows of a curve that are drawn: of each stretch of `width` s its lowest and its highest, in their order.
+
+    Stretches begin at whole multiples of the width, so that a curve that runs by keeps its points.  The first and the
+    last row stay, and one of each gap (NaN).  A short curve has all its rows.
+    """
+    if time.size <= POINTS:
+        return np.arange(time.size)
+    stretch = np.floor(time / width)
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(stretch)) + 1, [time.size]])
+    gap = ~np.isfinite(y)
+    low = first_of_stretch(np.where(gap, np.inf, y), edges, np.minimum)
+    high = first_of_stretch(np.where(gap, -np.inf, y), edges, np.maximum)
+    gaps = np.flatnonzero(gap)
+    if gaps.size:  # one of each stretch
+        gaps = gaps[np.diff(stretch[gaps], prepend=-np.inf) > 0.0]
+    return np.unique(np.concatenate([[0], low, high, gaps, [time.size - 1]]))
+
+
+def steady_range(y: np.ndarray, before: tuple[float, float] | None = None) -> tuple[float, float]:
+    """A range with round ends around some values; the one before, if they fit into it and need a good part of it."""
+    if not y.size:
+        return before or (-1.0, 1.0)
+    low, high = float(np.min(y)), float(np.max(y))
+    span = max(high - low, 1e-9 * max(abs(low), abs(high)), 1e-15)
+    if before is not None and before[0] <= low and high <= before[1] and span >= _LEAST_USED * (before[1] - before[0]):
+        return before
+    low, high = low - _SPACE * span, high + _SPACE * span
+    step = _round_up((high - low) / 5.0)
+    return float(step * np.floor(low / step)), float(step * np.ceil(high / step))
+
+
+def _round_up(step: float) -> float:
+    size = 10.0 ** np.floor(np.log10(step))
+    return float(next(each for each in _STEPS if step <= each * size * (1.0 + 1e-9)) * size)

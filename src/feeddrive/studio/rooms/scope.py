@@ -1,0 +1,347 @@
+"""Signals are followed while they are recorded: trigger, cursors, and the window kept as a log."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from feeddrive.analysis.oscilloscope import MODES, Oscilloscope, Readout, Shown, readout
+from feeddrive.files.log import write_log
+from feeddrive.language import units
+from feeddrive.language.errors import ParameterError, nearest
+from feeddrive.language.table import shown as usual_unit
+from feeddrive.plot.chart import Chart
+from feeddrive.plot.scope import Channel, Ranges, scope_chart
+from feeddrive.plot.style import written
+from feeddrive.studio.desk import Desk
+from feeddrive.studio.live import Following
+from feeddrive.studio.room import Asked, Room, Said, act
+from feeddrive.workflow.follow import FollowRequest, between, window_log
+from feeddrive.workflow.request import Field, fields_of
+
+_FIELDS: Mapping[str, Field] = {each.name: each for each in fields_of(FollowRequest)}
+_SHOWN = ("window", "before", "level", "edge", "hysteresis", "hold", "sample_time", "time_unit")
+_OF_CHANNEL = ("level", "hysteresis")  # in the unit in which the channel of the trigger is shown
+_OF_CLOCK = ("sample_time", "time_unit")
+_FEW = 4  # channels that are shown at first
+_MOST = 8  # at once
+_UNITS = ("nm", "um", "mm", "m", "um/s", "mm/s", "m/s", "m/min", "mm/s2", "m/s2", "mN", "N", "kN", "mN m", "N m", "mA",
+          "A", "mV", "V", "mdeg", "deg", "rad", "deg/s", "rad/s", "rpm", "percent", "1", "s", "ms", "us")  # fmt: skip
+
+
+class Scope(Room):
+    """A source that is followed, and how it is looked at."""
+
+    name = "scope"
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__(desk)
+        self.scope = Oscilloscope()
+        self.following: Following | None = None
+        self.chosen = ""  # the source
+        self.given: dict[str, Any] = {}  # what was set, in SI or the unit of the source
+        self.mode = "auto"
+        self.trigger = ""  # its channel
+        self.drawn: dict[str, bool] = {}  # channels that are shown or not, as a person chose
+        self.stated: dict[str, str] = {}  # units of channels whose source states none
+        self.in_unit: dict[str, str] = {}  # units in which channels are shown
+        self.cursors: tuple[float, float] | None = None
+        self.held: Shown | None = None
+        self.saved = ""
+        self._count = 0
+        self._ranges = Ranges()
+
+    def show(self) -> Said:
+        """What may be followed, the settings, the channels, and the window of now."""
+        frame = self._frame()
+        channels = self._units()
+        return Said(
+            {
+                **frame.words, "live": False,
+                "sources": [{"name": name, "kind": each.kind} for name, each in self.desk.live.offered().items()],
+                "chosen": self.chosen, "fields": [self._field(name) for name in _SHOWN], "mode": self.mode,
+                "modes": dict(MODES), "trigger": self.trigger, "saved": self.saved,
+                "channels": [self._channel(name) for name in channels],
+            },
+            frame.charts,
+        )  # fmt: skip
+
+    @act
+    def frame(self, _: Asked) -> Said:
+        """The window of now, and what the cursors read: as often as the page can draw."""
+        return self._frame()
+
+    @act
+    def follow(self, asked: Asked) -> None:
+        """Follow a source."""
+        name = asked.text("name")
+        request = self._request(self.given)
+        source = self.desk.live.open(name, request.sample_time, request.time_unit)
+        self._stop()
+        if name != self.chosen:
+            self.trigger, self.drawn, self.stated, self.in_unit = "", {}, {}, {}
+            self.given = {key: value for key, value in self.given.items() if key not in _OF_CHANNEL}
+            self.cursors = None
+        self.chosen, self.held, self._ranges = name, None, Ranges()
+        self.scope = Oscilloscope(request.window, request.before, self.mode, self._request(self.given).trigger())
+        self.following = Following(source, self.scope, self.desk.watched)
+        self.desk.closing.append(self._stop)
+
+    @act
+    def stop(self, _: Asked) -> None:
+        """Let the source go; what was recorded stays."""
+        self._stop()
+
+    @act
+    def set(self, asked: Asked) -> None:
+        """A field, as a person writes it; empty: its usual value."""
+        name = asked.choice("field", _SHOWN)
+        text = asked.text("value").strip()
+        given = {key: value for key, value in self.given.items() if key != name}
+        if text:
+            given[name] = self._read(_FIELDS[name], text)
+        self._apply(given, self.mode)
+        if name in _OF_CLOCK and self.following is not None:
+            self.follow(Asked({"name": self.chosen}))
+
+    @act
+    def look(self, asked: Asked) -> None:
+        """The mode, and the channel of the trigger; empty: none."""
+        mode, channel = asked.choice("mode", MODES), asked.text("channel")
+        known = self._units()
+        if channel and channel not in known:
+            raise ParameterError(f"there is no channel {channel!r:.60}{nearest(channel, known)}")
+        given = dict(self.given)
+        if channel != self.trigger:
+            given = {key: value for key, value in given.items() if key not in _OF_CHANNEL}
+            if channel and (middle := self._middle(channel)) is not None:
+                given["level"] = middle
+        self.trigger = channel
+        self._apply(given, mode)
+
+    @act
+    def arm(self, _: Asked) -> None:
+        """Look for the trigger from now on."""
+        self.held = None
+        self._apply(self.given, self.mode)
+
+    @act
+    def hold(self, asked: Asked) -> None:
+        """Let the picture stand while recording goes on, or let it go on."""
+        with self._lock():
+            self.held = self.scope.shown() if asked.yes("on") else None
+
+    @act
+    def channel(self, asked: Asked) -> None:
+        """Show a channel or not; state its unit if the source does not; choose the unit in which it is shown."""
+        name, known = asked.text("name"), self._units()
+        if name not in known:
+            raise ParameterError(f"there is no channel {name!r:.60}{nearest(name, known)}")
+        drawn = asked.yes("shown")
+        if drawn and name not in self._drawn() and len(self._drawn()) >= _MOST:
+            raise ParameterError(f"{_MOST} channels are shown at most: take one away first")
+        stated, shown_in = asked.text_or_none("stated"), asked.text_or_none("unit")
+        if stated is not None and not self.scope.channels.get(name):
+            units.measure(stated)
+        elif stated is None or self.scope.channels.get(name):
+            stated = ""
+        of = self.scope.channels.get(name) or stated
+        if shown_in is not None and shown_in not in _choices(of):
+            raise ParameterError(f"{name} is in '{of}' and cannot be shown in '{shown_in:.20}'")
+        self.drawn[name] = drawn
+        self.stated = {**{key: unit for key, unit in self.stated.items() if key != name}, **({name: stated} if stated else {})}
+        if shown_in is not None:
+            self.in_unit[name] = shown_in
+        elif self.in_unit.get(name) not in _choices(of):
+            self.in_unit.pop(name, None)
+
+    @act
+    def cursor(self, asked: Asked) -> Said:
+        """Put a cursor at a time of the picture; without a time both are taken away."""
+        place = asked.number_or_none("x")
+        if place is None:
+            self.cursors = None
+            return self._frame()
+        if not math.isfinite(place):
+            raise ParameterError("a cursor stands at a finite time")
+        shown = self._shown()
+        if shown is not None:
+            place = min(max(place, shown.start), shown.end)
+        a, b = self.cursors or (place, place)
+        if self.cursors is None and shown is not None:  # the other one not at the same place
+            other = shown.start + 0.75 * (shown.end - shown.start)
+            a, b = (place, other) if asked.choice("which", ("1", "2")) == "1" else (other, place)
+        self.cursors = (place, b) if asked.choice("which", ("1", "2")) == "1" else (a, place)
+        return self._frame()
+
+    @act
+    def save(self, asked: Asked) -> Said:
+        """Keep the window, or what lies between the cursors, as a log among the files that were brought."""
+        shown = self._shown()
+        if shown is None:
+            raise ParameterError("nothing was recorded yet")
+        if asked.yes("between"):
+            if self.cursors is None:
+                raise ParameterError("set both cursors first: what lies between them is kept")
+            shown = between(shown, *self.cursors)
+        self._count += 1
+        name = f"scope_{self._count}.parquet"
+        clock = "s" if self.following is None else self.following.source.clock
+        log = window_log(f"{Path(self.chosen).stem}, scope", shown, self._units(), clock, self._drawn())
+        folder = self.desk.folder / "brought"
+        folder.mkdir(parents=True, exist_ok=True)
+        write_log(folder / name, log)
+        self.saved = name
+        return Said({**self.show().words, "bring": name})
+
+    def _lock(self) -> Any:
+        from contextlib import nullcontext
+
+        return nullcontext() if self.following is None else self.following.lock
+
+    def _stop(self) -> None:
+        if self.following is not None:
+            self.following.stop()
+
+    def _request(self, given: Mapping[str, Any]) -> FollowRequest:
+        return FollowRequest(Path("x"), channel=self.trigger or None, **given)
+
+    def _apply(self, given: Mapping[str, Any], mode: str) -> None:
+        request = self._request(given)
+        with self._lock():
+            self.scope.set(request.window, request.before, mode, request.trigger())
+        self.given, self.mode = dict(given), mode
+        if self.scope.window != (self.held.end - self.held.start if self.held else self.scope.window):
+            self.held = None
+
+    def _units(self) -> dict[str, str]:
+        """Of all channels: as the source states them, or as a person did."""
+        return {name: unit or self.stated.get(name, "") for name, unit in self.scope.channels.items()}
+
+    def _drawn(self) -> list[str]:
+        usual = [name for name in self.scope.channels if name not in self.drawn][:_FEW] if not self.drawn else []
+        return [name for name in self.scope.channels if self.drawn.get(name, name in usual)]
+
+    def _factor(self, name: str) -> tuple[str, float]:
+        """The unit in which a channel is shown, and the factor to it from that of the source."""
+        unit = self._units().get(name, "")
+        chosen = self.in_unit.get(name)
+        if chosen is None:
+            chosen = usual_unit(unit)[0] if usual_unit(unit)[0] in _choices(unit) else unit
+        return chosen, units.factor(unit, chosen) if unit and chosen != unit else 1.0
+
+    def _read(self, field: Field, text: str) -> Any:
+        if field.kind is str:
+            return text
+        try:
+            number = float(text.replace(",", "."))
+        except ValueError:
+            raise ParameterError(f"{field.name.replace('_', ' ')}: '{text:.40}' is no number") from None
+        factor = 1.0 / self._factor(self.trigger)[1] if field.name in _OF_CHANNEL else field.factor
+        return units.scaled(number, factor)
+
+    def _middle(self, channel: str) -> float | None:
+        """Halfway between the least and the largest value of what is shown: a level that is met."""
+        shown = self._shown()
+        if shown is None:
+            return None
+        values = shown.values[:, [*self.scope.channels].index(channel)]
+        values = values[np.isfinite(values)]
+        return float(f"{0.5 * (np.min(values) + np.max(values)):.4g}") if values.size else None
+
+    def _shown(self) -> Shown | None:
+        if self.held is not None:
+            return self.held
+        with self._lock():
+            return self.scope.shown()
+
+    def _frame(self) -> Said:
+        shown, following = self._shown(), self.following
+        with self._lock():
+            waits, count, channels = self.scope.waits, self.scope.count, dict(self.scope.channels)
+        words: dict[str, Any] = {
+            "live": True, "following": following is not None and following.going,
+            "state": "" if following is None else following.state(),
+            "failed": following is not None and bool(following.failed),
+            "rate": 0.0 if following is None else following.rate,
+            "held": self.held is not None, "of": sorted(channels), "look": self._looking(shown, waits, count),
+            "readout": [], "cursors": None,
+        }  # fmt: skip
+        drawn = [Channel(name, [*channels].index(name), *self._factor(name)) for name in self._drawn() if name in channels]
+        if shown is None or not drawn or shown.values.shape[1] != len(channels):
+            return Said(words)
+        clock = "s" if following is None else following.source.clock
+        read = None if self.cursors is None else readout(shown, *self.cursors)
+        level = (self.trigger, self.given.get("level", 0.0)) if self.trigger else None
+        chart, self._ranges = scope_chart(shown, drawn, clock, level=level, cursors=read, before=self._ranges)
+        if read is not None:
+            words["cursors"] = [read.a, read.b]
+            words["readout"] = _said(read, drawn, clock)
+        words["span"] = [shown.start, shown.end]
+        charts: dict[str, Chart] = {"scope": chart}
+        return Said(words, charts)
+
+    def _looking(self, shown: Shown | None, waits: bool, count: int) -> str:
+        """What the trigger does, as a sentence."""
+        if self.held is not None:
+            return "paused: the picture stands, recording goes on"
+        if shown is None:
+            return "waits for the trigger" if self.trigger and waits else "nothing to show yet"
+        if not self.trigger:
+            return "runs by: choose a channel for the trigger to let it stand"
+        if not shown.triggered:
+            return "waits for the trigger, and runs by meanwhile"
+        if not shown.whole:
+            return "triggered: the window fills"
+        after = "; waits for the next one" if waits else "; press Arm for another one"
+        return f"triggered at {shown.zero:.6g} s of its clock, window {count}{after}"
+
+    def _field(self, name: str) -> dict[str, Any]:
+        field = _FIELDS[name]
+        unit, factor = field.declared.unit, 1.0 / field.factor
+        if name in _OF_CHANNEL:
+            unit, factor = self._factor(self.trigger) if self.trigger else ("", 1.0)
+        value = self.given.get(name, field.default)
+        text = "" if value is None else f"{factor * value:.6g}" if isinstance(value, float) else str(value)
+        return {
+            "name": name, "label": name.replace("_", " "), "meaning": field.declared.meaning,
+            "unit": written(unit) if field.kind is float else "", "options": list(field.declared.options or ()),
+            "value": text,
+        }  # fmt: skip
+
+    def _channel(self, name: str) -> dict[str, Any]:
+        known = self.scope.channels.get(name, "")
+        unit = known or self.stated.get(name, "")
+        return {
+            "name": name, "shown": name in self._drawn(), "states": bool(known), "unit": unit,
+            "in_unit": self._factor(name)[0], "units": _choices(unit),
+        }  # fmt: skip
+
+
+def _choices(unit: str) -> list[str]:
+    """Usual units of the same dimension, and the unit itself."""
+    if not unit:
+        return []
+    found = []
+    for each in _UNITS:
+        try:
+            units.factor(unit, each)
+        except ParameterError:
+            continue
+        found.append(each)
+    return found if unit in found else [unit, *found]
+
+
+def _said(read: Readout, drawn: list[Channel], clock: str) -> list[list[str]]:
+    """Rows of the table of the cursors: time, then each channel, at 1, at 2, and their difference."""
+    rate = "" if read.step == 0.0 else f"; 1/Δt {abs(read.rate):.6g} {'Hz' if clock == 's' else 'per sample'}"
+    rows = [[f"time ({clock})", f"{read.a:.6g}", f"{read.b:.6g}", f"{read.step:.6g}{rate}"]]
+    for each in drawn:
+        values = [each.factor * float(row[each.place]) for row in (read.at_a, read.at_b, read.rise)]
+        head = f"{each.name} ({written(each.unit)})" if each.unit else each.name
+        rows.append([head, *(f"{value:.6g}" if math.isfinite(value) else "nothing" for value in values)])
+    return rows

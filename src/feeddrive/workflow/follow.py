@@ -1,0 +1,173 @@
+"""`feeddrive follow`: wait for a trigger in signals that are being recorded, and keep the window around it as a log."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from feeddrive.analysis.oscilloscope import SINGLE, LiveSource, Oscilloscope, Shown
+from feeddrive.analysis.trigger import RISING, Trigger
+from feeddrive.files.growing import GrowingBytes, GrowingFile, GrowingTable, Pipe
+from feeddrive.files.log import Log, write_log
+from feeddrive.files.read_log import checked_clock
+from feeddrive.language.errors import FileError, LogError, ParameterError, nearest
+from feeddrive.language.progress import Progress
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.request import OUT_FILE, Request, argument, option
+
+PIPE = "-"
+_OFTEN = 0.02  # s between two looks
+
+
+class FollowRequest(Request):
+    """What is followed, which window is kept, and for how long it is waited for."""
+
+    source: Path = argument(
+        "A table in text that grows, as a log that is being written; - for rows from a pipe, as of halsampler; or the "
+        "drive file (TOML) of a drive, which is sampled and neither enabled nor moved"
+    )
+    channel: str | None = option("that triggers; none: the first window that is whole is kept", default=None)
+    level: float = option("at which it triggers, in the unit of the channel", default=0.0)
+    edge: str = option("in which direction it passes the level", default=RISING, options=("rising", "falling"))
+    hysteresis: float = option(
+        "by which the channel must have been on the other side before, in its unit", default=0.0, least=0.0
+    )
+    hold: float = option("after a trigger, the time in which no other one counts", default=0.0, unit="s", least=0.0)
+    window: float = option("length of the window", default=1.0, unit="s", least=1e-4, most=600.0)
+    before: float = option("share of the window before the trigger", default=0.2, least=0.0, most=0.95)
+    sample_time: float | None = option(
+        "of a table without a column of time", default=None, unit="s", above=0.0, most=10.0
+    )
+    time_unit: str | None = option(
+        "of a column of time that states none; default: s", default=None, options=("s", "ms", "us", "ns")
+    )
+    timeout: float = option("without a window, after which it ends", default=60.0, unit="s", above=0.0)
+    out: Path | None = option(OUT_FILE + "; .parquet", short="-o", default=None)
+
+    def usual_out(self) -> Path:
+        """By the name of what it is about."""
+        return Path("results") / f"window_{'pipe' if str(self.source) == PIPE else self.source.stem}.parquet"
+
+    def trigger(self) -> Trigger | None:
+        """As it is declared; None without a channel."""
+        if self.channel is None:
+            return None
+        return Trigger(self.channel, self.level, self.edge, self.hysteresis, self.hold)
+
+
+@command(FollowRequest)
+def follow(request: FollowRequest, progress: Progress) -> Outcome[Log]:
+    """Wait for the trigger in what is being recorded, and keep the window around it as a log.
+
+    Raises FileError, LogError, BusError for a source that cannot be followed, LogError too where no window came.
+    """
+    pipe = Pipe(sys.stdin.buffer) if str(request.source) == PIPE else None
+    source = opened(request.source, pipe, sample_time=request.sample_time, time_unit=request.time_unit)
+    scope = Oscilloscope(request.window, request.before, SINGLE, request.trigger())
+    until, said = time.monotonic() + request.timeout, ""
+    try:
+        while True:
+            scope.feed(source)
+            check_channel(scope)
+            shown = scope.caught if scope.trigger is not None else _whole(scope)
+            if shown is not None:
+                break
+            state = source.state()
+            if state != said:
+                progress.step(f"{source.name}: {state}")
+                said = state
+            progress.check()
+            if time.monotonic() > until:
+                raise LogError(
+                    f"{source.name}: no window came within {request.timeout:g} s ({state}; {scope.rows} rows in all): "
+                    "look at level and channel, or give a longer --timeout"
+                )
+            time.sleep(_OFTEN)
+    finally:
+        source.close()
+    log = window_log(f"{source.name}, window", shown, scope.channels, source.clock)
+    files = dict[str, str | Path]()
+    if request.out is not None:
+        request.out.parent.mkdir(parents=True, exist_ok=True)
+        write_log(request.out, log)
+        files["Log"] = request.out
+    at = f"triggered at {shown.zero:.6g} s" if shown.triggered else f"until {shown.zero:.6g} s"
+    return Outcome(log, [log.table()], [f"{at} of the clock of {source.name}", *log.remarks], files=files)
+
+
+def _whole(scope: Oscilloscope) -> Shown | None:
+    shown = scope.last()
+    return shown if shown is not None and shown.whole else None
+
+
+def opened(
+    source: Path, pipe: Pipe | None = None, *, sample_time: float | None = None, time_unit: str | None = None,
+    inside: Path | None = None,
+) -> LiveSource:  # fmt: skip
+    """A source by what it is called: - for the pipe, a drive file for its drive, else a table that grows.
+
+    inside  a folder that a file must not leave
+    Raises FileError and ParameterError of a drive file; a table that is not there yet is waited for, in a folder that
+    there is.
+    """
+    if source.suffix.lower() == ".toml" and inside is None:
+        from feeddrive.bus.drive_file import read_drive
+        from feeddrive.bus.sampling import DriveSamples
+
+        return DriveSamples(read_drive(source))
+    if pipe is None and not source.parent.is_dir():
+        raise FileError(f"{source}: there is no folder {source.parent}: check the name")
+    content: GrowingBytes = GrowingFile(source, inside) if pipe is None else pipe.follower()
+    return GrowingTable(content, sample_time=sample_time, time_unit=time_unit)
+
+
+def check_channel(scope: Oscilloscope) -> None:
+    """Raise ParameterError if the source has no such channel to trigger by."""
+    if scope.trigger is not None and scope.channels and scope.trigger.channel not in scope.channels:
+        name = scope.trigger.channel
+        raise ParameterError(f"there is no channel '{name:.60}' to trigger by{nearest(name, scope.channels)}")
+
+
+def window_log(
+    name: str, shown: Shown, units: Mapping[str, str], clock: str = "s", channels: Collection[str] | None = None
+) -> Log:
+    """A window as a log, whose time begins at the trigger, or ends at 0.
+
+    units     of all channels, in their order
+    channels  that are kept; None: all
+
+    Raises LogError for gaps in it and for a clock that is not uniform, with their place; ParameterError for a source
+    without a clock.
+    """
+    if clock != "s":
+        raise ParameterError(f"{name}: has no clock: give the sample time, so that its rows have times in s")
+    names = [each for each in units if channels is None or each in channels]
+    values = {each: shown.values[:, k] for k, each in enumerate(units) if each in names}
+    lost = np.flatnonzero(np.any([~np.isfinite(row) for row in values.values()], axis=0)) if values else np.empty(0)
+    if lost.size:
+        at = float(shown.time[int(lost[0])]) - shown.zero
+        raise LogError(
+            f"{name}: has {lost.size} gap{'s' * (lost.size != 1)}, the first at {at:.6g} s; keep a window without one: "
+            "between the cursors, or a shorter one"
+        )
+    time = shown.time - shown.zero
+    found = checked_clock(name, time, lambda row: f"{time[row]:.6g} s")
+    return Log(
+        name=name, time=time, channels=values, units={each: units[each] for each in names},
+        sample_time=found.sample_time, jitter=found.jitter,
+        provenance={"written_by": "feeddrive follow", "zero": shown.zero, "triggered": shown.triggered},
+    )  # fmt: skip
+
+
+def between(shown: Shown, a: float, b: float) -> Shown:
+    """The part of a window between two places, in relation to its zero. Raises ParameterError where nothing is."""
+    low, high = min(a, b), max(a, b)
+    kept = (shown.time - shown.zero >= low) & (shown.time - shown.zero <= high)
+    if not kept.any():
+        raise ParameterError(f"nothing was recorded between the cursors at {low:.6g} s and {high:.6g} s")
+    return replace(shown, time=shown.time[kept], values=shown.values[kept], start=low, end=high)
