@@ -9,6 +9,7 @@ import { Bring } from "./rooms/bring";
 import { Compare } from "./rooms/compare";
 import { Goal } from "./rooms/goal";
 import { Prove } from "./rooms/prove";
+import { Scope } from "./rooms/scope";
 import { Take } from "./rooms/take";
 import { Tune } from "./rooms/tune";
 import { Talk } from "./talk";
@@ -21,7 +22,7 @@ const talk: Talk = new Talk(
   () => fail("The server has ended. Start feeddrive studio again, and open its new address."),
 );
 const ask = (request: Request) => talk.ask(request);
-const rooms: Room[] = [Bring, Tune, Goal, Compare, Prove, Take].map((Kind) => new Kind(ask));
+const rooms: Room[] = [Bring, Scope, Tune, Goal, Compare, Prove, Take].map((Kind) => new Kind(ask));
 const job = new JobBar(ask);
 const tour = new Tour(ask, go);
 const error = make("p", { id: "error", role: "alert", hidden: "" });
@@ -72,7 +73,7 @@ function heard(received: Received): void {
   const { said } = received;
   job.show(said.job);
   title.textContent = said.title || "feeddrive";
-  if (said.number > 0) fail(said.error ?? "");
+  if (said.number > 0 && (said.error || !said.live)) fail(said.error ?? ""); // what runs by takes no words away
   else if (said.error) fail(said.error);
   const other = said.epoch !== undefined && said.epoch !== epoch;
   if (other) epoch = said.epoch!;

@@ -53,8 +53,11 @@ export class Talk {
     const next = this.waiting.shift();
     if (!next) return;
     this.under_way = true;
-    setTimeout(() => document.documentElement.toggleAttribute("data-busy", this.under_way), 400);
     this.number += 1;
+    const mine = this.number;
+    setTimeout(() => {
+      if (this.under_way && this.number === mine) document.documentElement.toggleAttribute("data-busy", true);
+    }, 400);
     this.socket.send(JSON.stringify({ ...next, number: this.number, session: session() }));
   }
 }

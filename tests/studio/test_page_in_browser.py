@@ -16,7 +16,7 @@ from pyarrow import parquet
 from feeddrive.studio.server import PAGE
 
 _LARGEST = 1_500_000  # bytes of the page: the bar of its issue
-_ROOMS = ("bring", "tune", "goal", "compare", "prove", "take")
+_ROOMS = ("bring", "scope", "tune", "goal", "compare", "prove", "take")
 
 
 def test_the_page_is_small_and_loads_nothing_from_elsewhere(studio: Any) -> None:

@@ -24,7 +24,7 @@ MODES: Mapping[str, str] = {
     SINGLE: "the first window around a trigger, and no other one before it is armed again",
 }
 MOST_NUMBERS = 1_000_000  # of all channels and their time that are kept: 8 MB
-_LONG = 0.5  # s: longer windows are shown while they fill
+_LONG = 2.0  # s: windows from here on are shown while they fill
 _SPARE = 1.5  # windows that are kept
 
 
@@ -49,6 +49,8 @@ class LiveSource(Protocol):
     """Units by name, empty where none is known; nothing before the first rows."""
     clock: str
     """Unit of the time: `s`, or `samples` where the source has no clock."""
+    over: bool
+    """No more will come."""
 
     def take(self) -> Rows:
         """What has come since the last call; it does not wait. Raises FeeddriveError where the source is broken."""
@@ -187,7 +189,8 @@ class Oscilloscope:
     mode     of `MODES`
     trigger  None: the last seconds run by in every mode
 
-    Trigger and mode may be changed at any time; what was caught stays until there is another.
+    A trigger counts once the share before it is recorded, and not while a window fills.  Trigger and mode may be
+    changed at any time; what was caught stays until there is another.
     """
 
     def __init__(
@@ -263,7 +266,8 @@ class Oscilloscope:
         if self._crossings is not None and self.trigger is not None and self.trigger.channel in self.channels:
             for instant in self._crossings.take(time, values[:, [*self.channels].index(self.trigger.channel)]).tolist():
                 self._complete(instant)
-                if self._filling is None and instant >= self._ready and self.waits:
+                recorded = instant - self.before * self.window >= self.recording.time[0]
+                if self._filling is None and instant >= self._ready and recorded and self.waits:
                     self._filling = instant
                     self._ready = instant + self.trigger.hold
         self._complete(self._fed)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from feeddrive.analysis.oscilloscope import Rows
-from feeddrive.bus.cia402 import TOLD, Layout, state_of
+from feeddrive.bus.cia402 import TOLD, VIRTUAL, Layout, state_of
 from feeddrive.bus.client import transport_of
 from feeddrive.bus.commissioning import check_scaling, identify
 from feeddrive.bus.drive_file import BusDrive, DriveFile, DriveScaling
@@ -47,7 +47,7 @@ class Sampler:
         self.transport, self.drive = transport, drive
         self.pace = Pace(drive.cycle_time)
         self.channels: dict[str, str] = {}
-        self.said = ""
+        self.said, self.virtual = "", False
         self._told = Layout(())
         self._lost = 0
         self._heard = clock.monotonic()
@@ -64,6 +64,7 @@ class Sampler:
             raise BusError(f"{transport.where}: has no object for {', '.join(missing)}, and cannot be sampled")
         self._told = Layout(TOLD).keeping(there)
         self.channels = {name: unit for name, (of, unit) in _CHANNELS.items() if of in there}
+        self.virtual = known.get("name") == VIRTUAL
         self.said = " ".join([f"{known.get('name') or 'a drive without a name'}.", *remarks])
         transport.map(Layout(()), self._told)
         transport.operate(b"")
@@ -72,7 +73,7 @@ class Sampler:
         """One cycle: by how much it began late (s), and the values of the channels, None for a lost frame."""
         late = self.pace.wait()
         self.transport.put(b"")
-        told = self.transport.take(max(2e-3, 2.0 * self.drive.cycle_time))
+        told = self.transport.take(1.0 if self.virtual else max(2e-3, 2.0 * self.drive.cycle_time))
         if told is None:
             self._lost += 1
             if self._lost >= _LOST or clock.monotonic() - self._heard > _SILENT:
@@ -96,14 +97,14 @@ def sample(sampler: Sampler, give: Callable[[np.ndarray, np.ndarray], None], sto
     """Sample until `stopped`, and give time (s) and values in pieces; a lost frame is a row of NaN.
 
     Row k has the time k T of the bus, T its cycle; where this computer began a cycle late by more than T, the time goes
-    on by that much. Raises BusError.
+    on by that much, but not that of a virtual drive, which is counted in cycles. Raises BusError.
     """
     T, k, slipped = sampler.drive.cycle_time, 0, 0.0
     gap = [float("nan")] * len(sampler.channels)
     times, rows, given = list[float](), list[list[float]](), clock.monotonic()
     while not stopped():
         late, values = sampler.cycle()
-        slipped += late if late > T else 0.0
+        slipped += late if late > T and not sampler.virtual else 0.0
         times.append(k * T + slipped)
         rows.append(gap if values is None else values)
         k += 1
@@ -135,7 +136,7 @@ class DriveSamples:
     The bus is held while it is open: by one alone.
     """
 
-    clock = "s"
+    clock, over = "s", False
 
     def __init__(self, file: DriveFile) -> None:
         self.name = file.name

@@ -21,7 +21,7 @@ import numpy as np
 
 from feeddrive.analysis.oscilloscope import Rows
 from feeddrive.files.atomic_io import refusal
-from feeddrive.files.columns import Column, Columns, is_time
+from feeddrive.files.columns import Column, is_time
 from feeddrive.files.formats import reader_of
 from feeddrive.files.guess import unit_in_name
 from feeddrive.files.read_log import factor_of
@@ -34,7 +34,7 @@ from feeddrive.files.readers.csv_text import (
     split,
     text_of,
 )
-from feeddrive.files.readers.recorders import COUNTER, read_halsampler
+from feeddrive.files.readers.recorders import COUNTER, counts_samples, read_halsampler
 from feeddrive.language.errors import FileError, LogError
 
 HEAD = 64_000  # bytes from the beginning in which heads and first rows stand
@@ -162,7 +162,7 @@ class Pipe:
 
     def _read(self) -> None:
         try:
-            while piece := self._stream.read1(65536):  # type: ignore[attr-defined]
+            while piece := os.read(self._stream.fileno(), 65536):  # not by its buffer, which is locked meanwhile
                 with self._lock:
                     self.first = (self.first + piece)[:HEAD] if len(self.first) < HEAD else self.first
                     self._content += piece
@@ -225,7 +225,7 @@ class GrowingTable:
         self._sample_time, self._time_unit = sample_time, time_unit
         self._layout: CsvLayout | None = None
         self._rest = b""
-        self._anew = self._ended = self._from_begin = False
+        self._anew = self.over = self._from_begin = False
         self._count = self._wrong = 0
         self._last_wrong = ""
         self._heard = clock.monotonic()
@@ -233,7 +233,7 @@ class GrowingTable:
     def take(self) -> Rows:
         """The rows that have come. Raises LogError for what is no table, FileError where it cannot be read."""
         grown = self._content.read()
-        self._ended = grown.ended
+        self.over = grown.ended
         if grown.anew:
             self._rest, self._layout, self._anew = b"", None, True
             self._count = 0
@@ -255,7 +255,7 @@ class GrowingTable:
         waiting = self._content.waits()
         if waiting:
             return waiting
-        if self._ended:
+        if self.over:
             said = "the pipe has ended"
         elif self._layout is None:
             said = f"waits for {_LEAST} rows of numbers"
@@ -293,14 +293,20 @@ class GrowingTable:
         if len(rows) < _LEAST:
             return False
         self._encoding = text.encoding
-        self._set(layout, reader(self.name, head, None) if reader is read_halsampler else None)
+        numbered = False
+        if reader is read_halsampler and len(layout.names) > 1:
+            cells = [split(line, layout.separator) for line in rows]
+            numbers = [float(each[0]) for each in cells if len(each) == len(layout.names)]
+            numbered = counts_samples(np.array(numbers))
+        self._set(layout, numbered)
         return True
 
-    def _set(self, layout: CsvLayout, sampler: Columns | None) -> None:
+    def _set(self, layout: CsvLayout, numbered: bool) -> None:
+        """`numbered`: the first column are the numbers of the samples."""
         names = list(layout.names)
-        counter = None
-        if sampler is not None and sampler.metadata.get("counter") == COUNTER:
-            counter, names[0] = 0, COUNTER
+        counter = 0 if numbered else None
+        if numbered:
+            names[0] = COUNTER
         self._chosen = [k for k, numeric in enumerate(layout.numeric) if numeric]
         stamps = next((k for k in self._chosen if is_time(names[k])), None) if counter is None else None
         self._stamps = None if stamps is None else self._chosen.index(stamps)

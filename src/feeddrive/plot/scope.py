@@ -9,9 +9,9 @@ import numpy as np
 
 from feeddrive.analysis.oscilloscope import Readout, Shown
 from feeddrive.plot.chart import Chart, Curve, Level, Panel
-from feeddrive.plot.style import first_of_stretch, written
+from feeddrive.plot.style import written
 
-POINTS = 480  # of a curve, two for each stretch of the window; one more in a stretch with a gap
+POINTS = 960  # of a curve, two for each stretch of the window; one more in a stretch with a gap
 _PANEL = 1.7  # inches of a panel
 _SPACE = 0.05  # of the range of a panel, above and below its curves
 _LEAST_USED = 0.4  # of a panel: a range is kept while its curves need that much of it
@@ -75,7 +75,8 @@ def _panel(
     width = 2.0 * (shown.end - shown.start) / POINTS
     for each in group:
         y = each.factor * shown.values[:, each.place]
-        kept = kept_points(shown.time, y, width)
+        whole = shown.triggered and bool(np.all(np.diff(shown.time) > 0.0)) and bool(np.all(np.isfinite(y)))
+        kept = np.arange(y.size) if whole else kept_points(shown.time, y, width)  # a part of what stands is enlarged
         x = shown.time[kept] - shown.zero
         number = [one.name for one in all_].index(each.name)
         curves.append(Curve(x, y[kept], each.name, number, said=_said(y, each.unit)))
@@ -109,12 +110,19 @@ def kept_points(time: np.ndarray, y: np.ndarray, width: float) -> np.ndarray:
     stretch = np.floor(time / width)
     edges = np.concatenate([[0], np.flatnonzero(np.diff(stretch)) + 1, [time.size]])
     gap = ~np.isfinite(y)
-    low = first_of_stretch(np.where(gap, np.inf, y), edges, np.minimum)
-    high = first_of_stretch(np.where(gap, -np.inf, y), edges, np.maximum)
+    low = _first_of_stretch(np.where(gap, np.inf, y), edges, np.minimum)
+    high = _first_of_stretch(np.where(gap, -np.inf, y), edges, np.maximum)
     gaps = np.flatnonzero(gap)
     if gaps.size:  # one of each stretch
         gaps = gaps[np.diff(stretch[gaps], prepend=-np.inf) > 0.0]
     return np.unique(np.concatenate([[0], low, high, gaps, [time.size - 1]]))
+
+
+def _first_of_stretch(y: np.ndarray, edges: np.ndarray, extreme: np.ufunc) -> np.ndarray:
+    """Index of the first row in each stretch that has the stretch's extreme value."""
+    values = extreme.reduceat(y, edges[:-1])
+    met = np.flatnonzero(y == np.repeat(values, np.diff(edges)))
+    return met[np.searchsorted(met, edges[:-1])]
 
 
 def steady_range(y: np.ndarray, before: tuple[float, float] | None = None) -> tuple[float, float]:

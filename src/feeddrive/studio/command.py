@@ -6,6 +6,7 @@ import ipaddress
 import os
 import secrets
 import socket
+import sys
 import tempfile
 import threading
 import webbrowser
@@ -14,15 +15,18 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from feeddrive.files.atomic_io import refusal
+from feeddrive.files.growing import Pipe
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.studio.bench import Bench, bench_of
 from feeddrive.studio.desk import Desk
 from feeddrive.studio.jobs import end_all
+from feeddrive.studio.live import Followable
 from feeddrive.studio.protection import Door
 from feeddrive.studio.rooms.tune import Tune
 from feeddrive.studio.server import PAGE, make_app, serve
 from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.follow import PIPE, check_followed
 from feeddrive.workflow.request import Request, argument, option
 from feeddrive.workflow.tune_sources import machine_of
 
@@ -56,6 +60,11 @@ class StudioRequest(Request):
     )
     axis: str | None = option("of a machine file; the only one if left out", default=None)
     tour: bool = option("begin with a guided tour: from a simulated log to an exported control", default=False)
+    follow: tuple[Path, ...] = option(
+        "what the room Scope may follow: a table that grows, - for rows from a pipe, or a drive file of a drive, which "
+        "is sampled and not moved; may be repeated. Tables in --folder and a log that is opened may be followed anyway",
+        default=(),
+    )
     folder: Path = option(
         "in which each page keeps what it is given and what it writes; nothing else is written",
         default=Path("results/studio"),
@@ -100,6 +109,7 @@ def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench | None]:
             raise ParameterError(f"{request.source} has several axes: give one with --axis: {', '.join(machine.loops)}")
         else:
             raise FileError(f"{request.source}: no such file")
+    check_followed(request.follow)
     if not (PAGE / "index.html").is_file():
         raise ParameterError(
             "this installation holds no built page: in a clone of the repository run  make studio  once, which needs "
@@ -171,6 +181,9 @@ def serve_at(
         "" if request.password else f"?token={door.token}"
     )
 
+    pipe = Pipe(sys.stdin.buffer) if PIPE in map(str, request.follow) else None
+    live = Followable((*request.follow, *brought), request.folder, pipe)
+
     def ready() -> None:
         if not _local(request.host):
             progress.remark(
@@ -186,7 +199,7 @@ def serve_at(
         if not webbrowser.open(address):
             progress.remark("No browser was found on this machine: open this address in one.")
 
-    app = make_app(bench, door, request.folder, brought=brought, tour=request.tour)
+    app = make_app(bench, door, request.folder, brought=brought, live=live, tour=request.tour)
     try:
         with suppress(KeyboardInterrupt):  # its usual end
             serve(app, at, ready)

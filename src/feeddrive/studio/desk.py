@@ -13,6 +13,7 @@ from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.studio.jobs import Found, Job, JobState
+from feeddrive.studio.live import Followable
 from feeddrive.tuning.filter_pack import difference
 from feeddrive.tuning.limits import Limits
 from feeddrive.workflow.adjust import AdjustRequest, adjusting
@@ -66,11 +67,14 @@ class Desk:
     written   the control there
     limits    that the loop is judged by: those of the goal
     programs  part programs that were brought, by name
+    live      what may be followed while it is recorded
+    closing   what is called at the end of the session
     done      what was done since the source was brought
     """
 
-    def __init__(self, folder: Path, brought: tuple[Path, ...] = ()) -> None:
+    def __init__(self, folder: Path, brought: tuple[Path, ...] = (), live: Followable | None = None) -> None:
         self.folder, self.brought = folder, brought
+        self.live = live or Followable()
         self.bench: Bench | None = None
         self.epoch = 0
         self.base: str | Path = ""
@@ -86,6 +90,8 @@ class Desk:
         self._files = 0  # machine files of its own
         self._begins = True  # whether the next change is a step of its own, and not one more of a drag
         self.changed: Callable[[], None] = lambda: None  # set by the session: another source
+        self.closing: list[Callable[[], None]] = []
+        self.watched: Callable[[], bool] = lambda: True  # set by the session: whether a page is open
         self.tell: Callable[[str], None] = lambda _: None  # set by the session: show a room again
         self.begun: Callable[[str, str, Callable[[Progress], Any], Callable[[Any], None], Callable[[Found], None]], Job]
 
@@ -270,3 +276,5 @@ class Desk:
         with suppress(Exception):
             if self.job is not None:
                 self.job.kill()
+        for each in self.closing:
+            each()

@@ -60,8 +60,8 @@ class Followable:
         found = self.offered().get(name)
         if found is None:
             raise ParameterError(
-                f"{name!r:.80} may not be followed: name it with --follow when feeddrive studio is started, or write it "
-                f"into {self._folder}"
+                f"{name!r:.80} may not be followed: name it with --follow when feeddrive studio is started, or write "
+                f"it into {self._folder}"
             )
         pipe = self.pipe if found.kind == _OF_PIPE else None
         return opened(found.path, pipe, sample_time=sample_time, time_unit=time_unit, inside=found.inside)

@@ -17,6 +17,7 @@ from typing import Any
 from feeddrive.files.atomic_io import refusal
 from feeddrive.language.errors import FeeddriveError, MissingExtraError, ParameterError
 from feeddrive.studio.bench import Bench
+from feeddrive.studio.live import Followable
 from feeddrive.studio.protection import App, Door, Protected
 from feeddrive.studio.session import Session
 from feeddrive.studio.uploads import keep, place_of, safe_name
@@ -32,7 +33,7 @@ _WHOLE = re.compile(r"[0-9]{1,18}")
 
 def make_app(
     bench: Bench | None, door: Door, folder: Path, page: Path = PAGE,
-    brought: tuple[Path, ...] = (), *, tour: bool = False,
+    brought: tuple[Path, ...] = (), live: Followable | None = None, *, tour: bool = False,
 ) -> App:  # fmt: skip
     """The ASGI app for pages that begin with one bench, or with none, behind its checks.
 
@@ -40,6 +41,7 @@ def make_app(
     folder   in which each page gets a directory of its own
     brought  files with which every page begins, as if they had been brought
     tour     every page begins with the guided tour
+    live     what every page may follow while it is recorded
     Raises MissingExtraError without the extra `studio`.
     """
     try:
@@ -53,7 +55,7 @@ def make_app(
     def new_session() -> Session:
         folder.mkdir(parents=True, exist_ok=True)
         own = Path(tempfile.mkdtemp(prefix=time.strftime("%Y-%m-%d_%H%M%S_"), dir=folder))
-        return Session(own, bench, brought, tour=tour)
+        return Session(own, bench, brought, live, tour=tour)
 
     sessions = Sessions(new_session)
 

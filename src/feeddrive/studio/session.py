@@ -13,6 +13,7 @@ from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.studio.bench import Bench
 from feeddrive.studio.desk import Desk
 from feeddrive.studio.jobs import DONE, Found, Job, JobState, Work, fault
+from feeddrive.studio.live import Followable
 from feeddrive.studio.room import Asked, Room, Said
 from feeddrive.studio.rooms import ROOMS
 from feeddrive.studio.rooms.tour import Tour
@@ -27,19 +28,22 @@ class Session:
 
     folder  its own directory: what it reads and writes stands there
     bench, brought  to begin with
+    live    what may be followed
     tour    begin with the guided tour
     """
 
     def __init__(
-        self, folder: Path, bench: Bench | None = None, brought: tuple[Path, ...] = (), *, tour: bool = False
-    ) -> None:
-        self.desk = Desk(folder, brought)
+        self, folder: Path, bench: Bench | None = None, brought: tuple[Path, ...] = (), live: Followable | None = None,
+        *, tour: bool = False,
+    ) -> None:  # fmt: skip
+        self.desk = Desk(folder, brought, live)
         self.desk.changed, self.desk.tell, self.desk.begun = self._another, self.push, self._start
         self.rooms: dict[str, Room] = {each.name: each(self.desk) for each in ROOMS}
         self._tour = Tour(self.desk)
         self.rooms[Tour.name] = self._tour
         self._pushes = list[Push]()
         self._windows: dict[str, Window] = {}
+        self.desk.watched = lambda: self.heard
         self._lock = threading.RLock()
         if bench is not None:
             self.desk.put(bench)

@@ -22,6 +22,7 @@ from feeddrive.workflow.request import OUT_FILE, Request, argument, option
 
 PIPE = "-"
 _OFTEN = 0.02  # s between two looks
+_NO_CLOCK = "{name}: has no clock: give the sample time, so that its rows have times in s"
 
 
 class FollowRequest(Request):
@@ -72,8 +73,10 @@ def follow(request: FollowRequest, progress: Progress) -> Outcome[Log]:
     until, said = time.monotonic() + request.timeout, ""
     try:
         while True:
-            scope.feed(source)
+            came = scope.feed(source)
             check_channel(scope)
+            if scope.channels and source.clock != "s":
+                raise ParameterError(_NO_CLOCK.format(name=source.name))
             shown = scope.caught if scope.trigger is not None else _whole(scope)
             if shown is not None:
                 break
@@ -82,10 +85,11 @@ def follow(request: FollowRequest, progress: Progress) -> Outcome[Log]:
                 progress.step(f"{source.name}: {state}")
                 said = state
             progress.check()
-            if time.monotonic() > until:
+            if time.monotonic() > until or (source.over and not came):
+                within = "" if source.over else f" within {request.timeout:g} s"
                 raise LogError(
-                    f"{source.name}: no window came within {request.timeout:g} s ({state}; {scope.rows} rows in all): "
-                    "look at level and channel, or give a longer --timeout"
+                    f"{source.name}: no window came{within} ({state}; {scope.rows} rows in all): look at level, "
+                    "channel and length of the window" + ("" if source.over else ", or give a longer --timeout")
                 )
             time.sleep(_OFTEN)
     finally:
@@ -120,10 +124,22 @@ def opened(
         from feeddrive.bus.sampling import DriveSamples
 
         return DriveSamples(read_drive(source))
-    if pipe is None and not source.parent.is_dir():
-        raise FileError(f"{source}: there is no folder {source.parent}: check the name")
+    if pipe is None:
+        check_followed([source])
     content: GrowingBytes = GrowingFile(source, inside) if pipe is None else pipe.follower()
     return GrowingTable(content, sample_time=sample_time, time_unit=time_unit)
+
+
+def check_followed(sources: Collection[Path]) -> None:
+    """Raise the errors of sources that were named and can never be followed: no folder, no good drive file."""
+    for each in sources:
+        if each.suffix.lower() == ".toml":
+            from feeddrive.bus.drive_file import read_drive
+
+            read_drive(each)
+        elif str(each) != PIPE and (each.is_dir() or not each.parent.is_dir()):
+            wrong = "is a folder: name a table in it" if each.is_dir() else f"there is no folder {each.parent}"
+            raise FileError(f"{each}: {wrong}")
 
 
 def check_channel(scope: Oscilloscope) -> None:
@@ -145,7 +161,7 @@ def window_log(
     without a clock.
     """
     if clock != "s":
-        raise ParameterError(f"{name}: has no clock: give the sample time, so that its rows have times in s")
+        raise ParameterError(_NO_CLOCK.format(name=name))
     names = [each for each in units if channels is None or each in channels]
     values = {each: shown.values[:, k] for k, each in enumerate(units) if each in names}
     lost = np.flatnonzero(np.any([~np.isfinite(row) for row in values.values()], axis=0)) if values else np.empty(0)

@@ -205,7 +205,8 @@ class SlaveController:
                 written = True
         for there, content in read:
             made[there : there + len(content)] = content
-        self._due = self._due or written
+        listened = bool(read) and not self._outputs.size  # by a master that commands nothing
+        self._due = self._due or written or listened
         return counted
 
     def _read(self, register: int, size: int) -> bytes:

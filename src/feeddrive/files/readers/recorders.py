@@ -178,7 +178,7 @@ def read_halsampler(name: str, content: bytes, wanted: frozenset[str] | None) ->
     values = dict(found.values)
     first = values.get("column_1")
     metadata: dict[str, str] = {}
-    if first is not None and len(values) > 1 and _counts(first):
+    if first is not None and len(values) > 1 and counts_samples(first):
         del values["column_1"]
         values = {COUNTER: first, **values}
         metadata["counter"] = COUNTER
@@ -189,7 +189,7 @@ def read_halsampler(name: str, content: bytes, wanted: frozenset[str] | None) ->
     return replace(found, format="halsampler", values=kept, unread=unread, metadata=metadata)
 
 
-def _counts(numbers: np.ndarray) -> bool:
+def counts_samples(numbers: np.ndarray) -> bool:
     """True for whole numbers that rise, mostly by one: the numbers of samples."""
     steps = np.diff(numbers)
     return bool(

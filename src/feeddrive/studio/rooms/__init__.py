@@ -7,7 +7,8 @@ from feeddrive.studio.rooms.bring import Bring
 from feeddrive.studio.rooms.compare import Compare
 from feeddrive.studio.rooms.goal import Goal
 from feeddrive.studio.rooms.prove import Prove
+from feeddrive.studio.rooms.scope import Scope
 from feeddrive.studio.rooms.take import Take
 from feeddrive.studio.rooms.tune import Tune
 
-ROOMS: tuple[type[Room], ...] = (Bring, Tune, Goal, Compare, Prove, Take)
+ROOMS: tuple[type[Room], ...] = (Bring, Scope, Tune, Goal, Compare, Prove, Take)

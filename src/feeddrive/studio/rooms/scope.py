@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from feeddrive.analysis.oscilloscope import MODES, Oscilloscope, Readout, Shown, readout
+from feeddrive.files.columns import unit_of
 from feeddrive.files.log import write_log
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError, nearest
@@ -54,6 +55,7 @@ class Scope(Room):
         self.saved = ""
         self._count = 0
         self._ranges = Ranges()
+        desk.closing.append(self._stop)
 
     def show(self) -> Said:
         """What may be followed, the settings, the channels, and the window of now."""
@@ -89,7 +91,6 @@ class Scope(Room):
         self.chosen, self.held, self._ranges = name, None, Ranges()
         self.scope = Oscilloscope(request.window, request.before, self.mode, self._request(self.given).trigger())
         self.following = Following(source, self.scope, self.desk.watched)
-        self.desk.closing.append(self._stop)
 
     @act
     def stop(self, _: Asked) -> None:
@@ -144,23 +145,21 @@ class Scope(Room):
         drawn = asked.yes("shown")
         if drawn and name not in self._drawn() and len(self._drawn()) >= _MOST:
             raise ParameterError(f"{_MOST} channels are shown at most: take one away first")
-        stated, shown_in = asked.text_or_none("stated"), asked.text_or_none("unit")
-        if stated is not None and not self.scope.channels.get(name):
-            units.measure(stated)
-        elif stated is None or self.scope.channels.get(name):
-            stated = ""
-        of = self.scope.channels.get(name) or stated
+        stated, shown_in = asked.text_or_none("stated") or "", asked.text_or_none("unit")
+        unit = unit_of(stated)
+        if unit is None:
+            raise ParameterError(f"{name}: '{stated:.20}' is no unit: write it as mm, mm/s, N, rad or deg")
+        of = self.scope.channels.get(name) or unit
         if shown_in is not None and shown_in not in _choices(of):
-            raise ParameterError(f"{name} is in '{of}' and cannot be shown in '{shown_in:.20}'")
+            if unit == self.stated.get(name, ""):
+                raise ParameterError(f"{name} is in '{of}' and cannot be shown in '{shown_in:.20}'")
+            shown_in = None  # chosen for the unit before
         self.drawn[name] = drawn
-        self.stated = {**{key: unit for key, unit in self.stated.items() if key != name}, **({name: stated} if stated else {})}
-        if shown_in is not None:
-            self.in_unit[name] = shown_in
-        elif self.in_unit.get(name) not in _choices(of):
-            self.in_unit.pop(name, None)
+        self.stated[name] = unit
+        self.in_unit[name] = shown_in or ""
 
     @act
-    def cursor(self, asked: Asked) -> Said:
+    def move(self, asked: Asked) -> Said:
         """Put a cursor at a time of the picture; without a time both are taken away."""
         place = asked.number_or_none("x")
         if place is None:
@@ -174,16 +173,18 @@ class Scope(Room):
         a, b = self.cursors or (place, place)
         if self.cursors is None and shown is not None:  # the other one not at the same place
             other = shown.start + 0.75 * (shown.end - shown.start)
-            a, b = (place, other) if asked.choice("which", ("1", "2")) == "1" else (other, place)
-        self.cursors = (place, b) if asked.choice("which", ("1", "2")) == "1" else (a, place)
+            a, b = (place, other) if asked.choice("name", ("1", "2")) == "1" else (other, place)
+        self.cursors = (place, b) if asked.choice("name", ("1", "2")) == "1" else (a, place)
         return self._frame()
 
     @act
     def save(self, asked: Asked) -> Said:
         """Keep the window, or what lies between the cursors, as a log among the files that were brought."""
         shown = self._shown()
-        if shown is None:
-            raise ParameterError("nothing was recorded yet")
+        if shown is not None and shown.triggered and not shown.whole:
+            shown = self.scope.caught  # that before the one that fills
+        if shown is None or not shown.time.size:
+            raise ParameterError("there is no whole window yet: wait for it, or follow a source first")
         if asked.yes("between"):
             if self.cursors is None:
                 raise ParameterError("set both cursors first: what lies between them is kept")
@@ -215,22 +216,19 @@ class Scope(Room):
         with self._lock():
             self.scope.set(request.window, request.before, mode, request.trigger())
         self.given, self.mode = dict(given), mode
-        if self.scope.window != (self.held.end - self.held.start if self.held else self.scope.window):
-            self.held = None
 
     def _units(self) -> dict[str, str]:
         """Of all channels: as the source states them, or as a person did."""
         return {name: unit or self.stated.get(name, "") for name, unit in self.scope.channels.items()}
 
     def _drawn(self) -> list[str]:
-        usual = [name for name in self.scope.channels if name not in self.drawn][:_FEW] if not self.drawn else []
-        return [name for name in self.scope.channels if self.drawn.get(name, name in usual)]
+        return [name for k, name in enumerate(self.scope.channels) if self.drawn.get(name, k < _FEW)]
 
     def _factor(self, name: str) -> tuple[str, float]:
         """The unit in which a channel is shown, and the factor to it from that of the source."""
         unit = self._units().get(name, "")
         chosen = self.in_unit.get(name)
-        if chosen is None:
+        if not chosen:
             chosen = usual_unit(unit)[0] if usual_unit(unit)[0] in _choices(unit) else unit
         return chosen, units.factor(unit, chosen) if unit and chosen != unit else 1.0
 
@@ -271,7 +269,9 @@ class Scope(Room):
             "held": self.held is not None, "of": sorted(channels), "look": self._looking(shown, waits, count),
             "readout": [], "cursors": None,
         }  # fmt: skip
-        drawn = [Channel(name, [*channels].index(name), *self._factor(name)) for name in self._drawn() if name in channels]
+        drawn = [
+            Channel(name, [*channels].index(name), *self._factor(name)) for name in self._drawn() if name in channels
+        ]
         if shown is None or not drawn or shown.values.shape[1] != len(channels):
             return Said(words)
         clock = "s" if following is None else following.source.clock
@@ -297,6 +297,8 @@ class Scope(Room):
             return "waits for the trigger, and runs by meanwhile"
         if not shown.whole:
             return "triggered: the window fills"
+        if waits and not count:
+            return "waits for the trigger; what is shown is the one before"
         after = "; waits for the next one" if waits else "; press Arm for another one"
         return f"triggered at {shown.zero:.6g} s of its clock, window {count}{after}"
 
