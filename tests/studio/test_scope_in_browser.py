@@ -115,7 +115,7 @@ def test_at_most_20_pictures_come_each_second_and_none_while_nobody_looks(scope:
     came.clear()
     opened.page.wait_for_timeout(2000)
     assert 4 < len(came) <= 42
-    assert max(came) < 16_000  # two curves of 480 points, each 8 bytes, and words
+    assert max(came) < 20_000  # two curves of 960 points, each 8 bytes, and words
     opened.go("bring")
     came.clear()
     opened.page.wait_for_timeout(1000)

@@ -17,6 +17,8 @@ from feeddrive.analysis.margins import margins as margins
 from feeddrive.analysis.margins import sensitivity as sensitivity
 from feeddrive.analysis.measured_loop import MeasuredLoop as MeasuredLoop
 from feeddrive.analysis.measured_loop import measured_loop as measured_loop
+from feeddrive.analysis.oscilloscope import Oscilloscope as Oscilloscope
+from feeddrive.analysis.oscilloscope import readout as readout
 from feeddrive.analysis.replay import Observation as Observation
 from feeddrive.analysis.replay import Replay as Replay
 from feeddrive.analysis.replay import observe as observe
@@ -31,3 +33,4 @@ from feeddrive.analysis.step_response import StepResponse as StepResponse
 from feeddrive.analysis.step_response import step_response as step_response
 from feeddrive.analysis.stiffness import Stiffness as Stiffness
 from feeddrive.analysis.stiffness import stiffness as stiffness
+from feeddrive.analysis.trigger import Trigger as Trigger

@@ -8,3 +8,4 @@ from feeddrive.bus.drive_file import DriveScaling as DriveScaling
 from feeddrive.bus.drive_file import read_drive as read_drive
 from feeddrive.bus.play import play_profile as play_profile
 from feeddrive.bus.profile import read_profile as read_profile
+from feeddrive.bus.sampling import DriveSamples as DriveSamples

@@ -9,6 +9,8 @@ from feeddrive.files.frf import read_controllers as read_controllers
 from feeddrive.files.frf import read_frf as read_frf
 from feeddrive.files.frf import read_frfs as read_frfs
 from feeddrive.files.frf import write_frf as write_frf
+from feeddrive.files.growing import GrowingFile as GrowingFile
+from feeddrive.files.growing import GrowingTable as GrowingTable
 from feeddrive.files.guess import Guess as Guess
 from feeddrive.files.guess import guess_roles as guess_roles
 from feeddrive.files.guess import write_roles as write_roles
