@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -49,10 +48,10 @@ def _panel(panel: Panel, numbers: list[np.ndarray], chart: Chart, window: Window
     return {
         "label": panel.label, "scale": panel.scale, "low": panel.low, "high": panel.high, "share": panel.share,
         "curves": [_curve(each, numbers, chart, panel, window) for each in panel.curves],
-        "marks": [asdict(each) for each in panel.marks],
-        "levels": [asdict(each) for each in panel.levels],
-        "discs": [asdict(each) for each in panel.discs],
-        "notes": [asdict(each) for each in panel.notes],
+        "marks": [vars(each) for each in panel.marks],
+        "levels": [vars(each) for each in panel.levels],
+        "discs": [vars(each) for each in panel.discs],
+        "notes": [vars(each) for each in panel.notes],
         "bands": [_band(each, numbers) for each in panel.bands],
     }  # fmt: skip
 

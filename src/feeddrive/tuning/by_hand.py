@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
@@ -110,12 +111,12 @@ class Look:
     figures: tuple[Figures, ...]
     judged: tuple[Verdict, ...]
 
-    @property
+    @cached_property
     def stable(self) -> bool:
         """At every point."""
         return all(each.stable for each in self.figures)
 
-    @property
+    @cached_property
     def leading(self) -> Figures:
         """The point that decides: one that is not stable, else that which uses most of a limit, else the largest Ms."""
         worst = self.judged[0].point if self.judged and self.stable else ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -247,12 +248,12 @@ class Figures:
     deviation: float
     at_drive: bool
 
-    @property
+    @cached_property
     def margins(self) -> Margins:
         """Of the loop gain."""
         return margins(self.loop_gain)
 
-    @property
+    @cached_property
     def stiffness(self) -> Stiffness:
         """The inverse of the compliance."""
         return stiffness(self.compliance)
