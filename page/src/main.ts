@@ -4,6 +4,7 @@ import { JobBar } from "./job";
 import { paint } from "./look";
 import { button, make } from "./parts";
 import { whenZoomed } from "./picture";
+import { printable } from "./print";
 import type { Request, Room } from "./room";
 import { Bring } from "./rooms/bring";
 import { Compare } from "./rooms/compare";
@@ -97,4 +98,5 @@ function dark(): void {
   document.getElementById("dark")!.setAttribute("aria-pressed", String(now));
   paint(now);
 }
+printable();
 paint(matchMedia("(prefers-color-scheme: dark)").matches);

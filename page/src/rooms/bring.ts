@@ -46,7 +46,11 @@ export class Bring implements Room {
   private readonly detail = make("section", { "aria-label": "The open file" });
   private readonly picture = new Picture("Columns of the log");
   private readonly tour = make("p", {});
-  private readonly made = new Picture("Model over measurement");
+  private readonly made = new Map([
+    ["made", new Picture("Model over measurement")],
+    ["response", new Picture("Response of the axis, with bands of 95 %")],
+    ["friction", new Picture("Friction over velocity")],
+  ]);
   private readonly given = new Map<string, string>(); // what a person wrote into the fields, by file and field
   private last: Received | null = null;
 
@@ -71,7 +75,7 @@ export class Bring implements Room {
       this.detail,
     );
     this.picture.element.id = "picture-columns";
-    this.made.element.id = "picture-made";
+    for (const [name, picture] of this.made) picture.element.id = `picture-${name === "made" ? name : `made-${name}`}`;
     whenPainted(() => this.draw());
   }
 
@@ -113,7 +117,7 @@ export class Bring implements Room {
 
   private draw(): void {
     if (!this.last || this.element.closest("[hidden]")) return;
-    for (const [name, picture] of [["columns", this.picture], ["made", this.made]] as const) {
+    for (const [name, picture] of [["columns", this.picture] as const, ...this.made]) {
       const chart = this.last.said.charts[name];
       if (chart && picture.element.isConnected) picture.draw(chart, this.last.numbers, look());
     }
@@ -243,7 +247,7 @@ export class Bring implements Room {
       ...(made.verdict ? [make("p", { class: "verdict" }, made.verdict)] : []),
       ...(made.failure ? [make("p", { class: "bad" }, made.failure)] : []),
       ...take,
-      ...(this.last?.said.charts.made ? [this.made.element] : []),
+      ...[...this.made].filter(([name]) => this.last?.said.charts[name]).map(([, picture]) => picture.element),
       make("ul", {}, ...made.said.filter((each) => each !== made.verdict).map((each) => make("li", {}, each))),
       ...tables(made.tables ?? []),
     ];

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -166,6 +167,23 @@ def overlay_chart(rows: Sequence[Overlay], units: ShownUnits = USUAL) -> Chart:
         f"frequency ({units.of('Hz')[0]})", tuple(panels), FREQUENCY, min(x), max(x), height=2.6 + 1.05 * len(panels),
         columns=2, factor=hertz,
     )  # fmt: skip
+
+
+def estimates_chart(found: Sequence[FrequencyEstimate], units: ShownUnits = USUAL) -> Chart:
+    """Responses that were estimated, those in the unit of the first: each in its 95 % band, with its coherence.
+
+    The radius counts that the variance itself is estimated (`FrequencyEstimate.radius`).
+    """
+    alike = [each for each in found if each.frf.unit == found[0].frf.unit]
+    rows = list[Overlay]()
+    for each in alike:
+        frf = each.frf
+        if frf.radius is not None:
+            with np.errstate(all="ignore"):
+                wider = np.where(frf.radius > 0.0, each.radius() / frf.radius, 1.0)
+            frf = replace(frf, variance=frf.variance * wider**2)
+        rows.append(Overlay(frf.output.replace("_", " ") if len(alike) > 1 else "", frf, None, None))
+    return overlay_chart(rows, units)
 
 
 _OTHER = 4  # number of the band of a model, to be told from that of the measurement

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from io import StringIO
 from pathlib import Path
@@ -15,6 +15,7 @@ from feeddrive.studio.jobs import perform
 from feeddrive.studio.room import tabled
 
 if TYPE_CHECKING:
+    from feeddrive.analysis.friction_map import FrictionMap
     from feeddrive.loop.control import Control
     from feeddrive.plot.chart import Chart
     from feeddrive.studio.inspect_file import Understood
@@ -39,6 +40,7 @@ class Shown:
     controls  by name of a law, of a comparison
     charts  by what they show
     files   that were written
+    friction  over velocity, of an identified motion
     """
 
     words: Mapping[str, Any]
@@ -46,6 +48,7 @@ class Shown:
     controls: Mapping[str, Control] = field(default_factory=dict[str, "Control"])
     charts: Mapping[str, Chart] = field(default_factory=dict[str, "Chart"])
     files: Mapping[str, Path] = field(default_factory=dict[str, Path])
+    friction: FrictionMap | None = None
 
 
 def words_of(outcome: Outcome[Any]) -> dict[str, Any]:
@@ -61,16 +64,34 @@ def words_of(outcome: Outcome[Any]) -> dict[str, Any]:
 
 def fitted(command: str, request: Request, progress: Progress) -> Shown:
     """A model or responses from logs; of a motion the model over the log."""
-    from feeddrive.identification.motion.identify import Identified
-    from feeddrive.plot.identification import identified_chart
-
     outcome = perform(command, request, progress)
-    found = outcome.result
-    charts = {"made": identified_chart(found)} if isinstance(found, Identified) else {}
+    charts = dict(_fit_charts(outcome.result))
     if outcome.turns:
         charts = {name: each.turning() for name, each in charts.items()}
     files = {what: Path(str(path)) for what, path in outcome.files.items()}
-    return Shown(words_of(outcome), charts=charts, files=files)
+    return Shown(words_of(outcome), charts=charts, files=files, friction=getattr(outcome.result, "friction", None))
+
+
+def _fit_charts(found: Any) -> Iterator[tuple[str, Chart]]:
+    """Of a motion the model over the log and the friction, of responses each in its band, and the model over them."""
+    from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
+    from feeddrive.identification.motion.identify import Identified
+    from feeddrive.identification.response.fit_axis import AxisFits
+    from feeddrive.identification.response.modal_fit import ModalFit
+    from feeddrive.plot.friction import friction_chart
+    from feeddrive.plot.identification import identified_chart
+    from feeddrive.plot.responses import estimates_chart, response_fit_chart
+
+    if isinstance(found, Identified):
+        yield "made", identified_chart(found)
+        if found.loop is not None and found.friction is not None:
+            yield "friction", friction_chart(found.loop, measured=found.friction)
+    elif isinstance(found, AxisFits | ModalFit):
+        yield "response", response_fit_chart((found.fit if isinstance(found, AxisFits) else found).agreement)
+    else:
+        known = [each for each in found if isinstance(each, FrequencyEstimate)]
+        if known:
+            yield "response", estimates_chart(known)
 
 
 def toured(request: TourRequest, progress: Progress) -> list[Understood]:

@@ -174,7 +174,8 @@ class Bring(Room):
         if self.machine is None:
             raise ParameterError("no machine file was identified yet")
         steps = list(self.desk.done)
-        self.desk.put(bench_of(self.machine))
+        friction = None if self.made is None else self.made.friction
+        self.desk.put(replace(bench_of(self.machine), friction=friction))
         self.desk.done = steps
         return self._on("tune")
 
