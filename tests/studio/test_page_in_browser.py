@@ -123,6 +123,20 @@ def test_a_work_is_canceled(studio: Any) -> None:
     assert opened.ended() == "canceled"
 
 
+def test_a_page_that_is_loaded_again_amid_a_work_shows_it_and_can_cancel_it(studio: Any) -> None:
+    page = (opened := studio.open()).page
+    opened.go("compare")
+    page.click("#compare-start")
+    page.wait_for_selector("#job[data-state=running]")
+    page.reload()
+    page.wait_for_selector("#job[data-state=running]")
+    opened.go("prove")
+    page.click("#prove-certify")
+    page.wait_for_selector("#error:has-text('is running: wait for its end, or cancel it')")
+    page.click("#cancel")
+    assert opened.ended() == "canceled"
+
+
 def test_what_is_brought_is_shown_as_text_and_refused_with_what_to_do(studio: Any, tmp_path: Path) -> None:
     page = (opened := studio.open()).page
     opened.go("bring")

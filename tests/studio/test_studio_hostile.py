@@ -145,7 +145,8 @@ def test_names_in_requests_stay_in_the_folder(served: Served, outside: Path) -> 
             assert served.upload(session, "linked.csv", b"overwritten")[0] == 400
         for name in names:
             assert served.result(session, name)[0] == 404
-            for do in ("bring.look", "bring.axis", "bring.identify", "prove.program", "take.result", "take.export"):
+            for do in ("bring.look", "bring.axis", "bring.identify", "prove.program", "take.result", "take.export",
+                       "scope.follow"):  # fmt: skip
                 said = page.ask(do, name=name, names=[name], target=name, at=[name])
                 assert "error" in said, do
                 assert SECRET not in json.dumps(said["error"])
