@@ -3,7 +3,7 @@
 import { session, type Request } from "./room";
 import { decode, type Received } from "./wire";
 
-const DRAGS = /\.(move|drag|speed)$/;
+const DRAGS = /\.(move|drag|speed|pole)$/;
 
 export class Talk {
   private socket: WebSocket | null = null;

@@ -16,6 +16,7 @@ from feeddrive.plot.style import envelope
 from feeddrive.studio.bench import Bench, bench_of
 from feeddrive.studio.session import Session
 from feeddrive.studio.wire import POINTS, message
+from feeddrive.tuning.candidates import control_with
 
 
 @pytest.fixture(scope="module")
@@ -131,6 +132,36 @@ def test_the_whole_loop_is_made_faster_as_one_drag(session: Session) -> None:
     assert said["undo"] == 1
     assert asked(session, "tune.undo")["values"] == begun
     assert "must be > 0 Hz" in asked(session, "tune.speed", value=0.0)["error"]
+
+
+def test_a_pole_of_the_loop_is_dragged_and_keeps_its_name(session: Session) -> None:
+    """The gains follow; a drag is one step to undo."""
+    assert "poles" not in asked(session, "tune.show")  # nothing is computed for a picture that is not shown
+    said = asked(session, "tune.see", names=["poles"])
+    assert "law.Kv, law.Kp and law.Tn follow" in said["poles_said"]
+    begun, pair = said["values"], next(each for each in said["poles"] if each["y"] > 0.0)
+    for i, share in enumerate((1.0, 1.05, 1.1)):
+        said = asked(session, "tune.pole", name=pair["name"], x=share * pair["x"], y=pair["y"], first=i == 0)
+    now = next(each for each in said["poles"] if each["name"] == pair["name"])
+    assert (now["x"], now["y"]) == (pytest.approx(1.1 * pair["x"], rel=1e-3), pytest.approx(pair["y"], rel=1e-3))
+    assert said["undo"] == 1
+    assert asked(session, "tune.undo")["values"] == begun
+    assert "no pole 'loop.99'" in asked(session, "tune.pole", name="loop.99", x=-1.0, y=0.0)["error"]
+
+
+def test_the_poles_that_a_law_places_are_dragged(session: Session) -> None:
+    """Another law is a step to undo, and so is the drag."""
+    session.desk.take(control_with(session.desk.needed.needed_loop(), "pole_placement"))
+    asked(session, "tune.unit", kind="frequency", unit="rad/s")
+    said = asked(session, "tune.see", names=["poles"])
+    assert {each["name"] for each in said["poles"]} == {"law.bandwidth", "law.rigid_frequency", "law.axial_frequency"}
+    said = asked(session, "tune.pole", name="law.bandwidth", x=-44.0, y=0.0)
+    assert said["values"]["law.bandwidth"] == 44.0
+    said = asked(session, "tune.pole", name="law.rigid_frequency", x=-44.0 * 0.6, y=2.0 * np.pi * 44.0 * 0.8)
+    assert said["values"]["law.rigid_damping"] == pytest.approx(0.6)  # y is in the unit of the picture
+    asked(session, "tune.undo")
+    asked(session, "tune.undo")
+    assert asked(session, "tune.undo")["values"] == session.desk.needed.before.values
 
 
 def test_what_is_broken_stands_at_its_place_in_the_picture(session: Session) -> None:

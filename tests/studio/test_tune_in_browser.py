@@ -185,3 +185,34 @@ def test_the_limit_that_is_broken_is_said_with_its_place(opened: Any) -> None:
     assert said.startswith("phase margin")
     assert "Hz, limit: phase margin >= 85 deg: broken" in said
     assert "least stiffness" in page.inner_text("#figures")
+
+
+def test_a_pole_is_dragged_in_the_pole_map(opened: Any) -> None:
+    """The gains follow; as by the arrow keys."""
+    page, names = opened.page, ("law.Kv", "law.Kp", "law.Tn")
+    page.click("#see summary")
+    page.check("#see-poles")
+    page.wait_for_selector("#picture-poles [data-grip]")
+    page.click("#see summary")
+    opened.settled()
+    assert "follow with the smallest change" in page.inner_text("#poles-said")
+    grip = page.locator("#picture-poles [data-grip]").last
+    begun, said = {name: number(page, name) for name in names}, grip.get_attribute("aria-valuetext")
+    grip.scroll_into_view_if_needed()
+    box = grip.bounding_box()
+    page.mouse.move(box["x"] + 12, box["y"] + 12)
+    page.mouse.down()
+    for share in (2, 4, 6, 8):
+        page.mouse.move(box["x"] + 12 - share, box["y"] + 12 - share)
+        page.wait_for_timeout(60)
+    page.mouse.up()
+    opened.settled()
+    assert {name: number(page, name) for name in names} != begun
+    assert grip.get_attribute("aria-valuetext") != said
+    page.keyboard.press("Control+z")
+    opened.settled()
+    assert {name: number(page, name) for name in names} == begun
+    grip.focus()
+    page.keyboard.press("ArrowLeft")
+    opened.settled()
+    assert {name: number(page, name) for name in names} != begun

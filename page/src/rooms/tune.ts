@@ -29,11 +29,13 @@ export class Tune implements Room {
   private readonly whole: WholeLoop;
   private readonly adder: Adder;
   private readonly handles: Handles;
+  private poles: Handles | null = null;
   private readonly figures = make("p", { id: "figures" });
+  private readonly poles_said = make("p", { id: "poles-said", class: "meaning", hidden: "" });
   private grips: Grip[] = [];
   private last: Received | null = null;
 
-  constructor(ask: Ask) {
+  constructor(private readonly ask: Ask) {
     const moved = (name: string, value: number, first: boolean) => ask({ do: "tune.move", name, value, first });
     const section = make("section", { id: "numbers", "aria-label": "Numbers of the control", tabindex: "0" });
     const list = make("div", { id: "numbers-list" });
@@ -63,7 +65,7 @@ export class Tune implements Room {
       },
     };
     this.handles = new Handles(open_loop, held, (grip) => (grip.name.endsWith(".width") ? "↔" : grip.name.split(".")[1]!));
-    this.element.append(section, make("section", { id: "pictures", "aria-label": "Pictures" }, buttons, this.see.element, this.verdict, this.figures, this.grid, this.remarks));
+    this.element.append(section, make("section", { id: "pictures", "aria-label": "Pictures" }, buttons, this.see.element, this.verdict, this.figures, this.poles_said, this.grid, this.remarks));
     document.addEventListener("keydown", (event) => {
       if (this.element.closest("[hidden]") || !(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z") return;
       event.preventDefault();
@@ -81,6 +83,7 @@ export class Tune implements Room {
     if (said.pictures) {
       const choices = said.pictures as Choice[];
       for (const { name, title } of choices) this.picture(name, title);
+      this.poles ??= this.held(this.pictures.get("poles"));
       this.see.list(choices, said.units as Unit[]);
     }
     if (said.values) this.numbers.show(said.values);
@@ -104,6 +107,9 @@ export class Tune implements Room {
       this.last = received;
       this.draw();
       this.handles.show(this.grips);
+      this.poles?.show((said.poles as Grip[] | undefined) ?? []);
+      this.poles_said.textContent = String(said.poles_said ?? "");
+      this.poles_said.hidden = !said.poles_said;
     }
   }
 
@@ -120,6 +126,16 @@ export class Tune implements Room {
     this.pictures.set(name, made);
     this.grid.append(made.element);
     return made;
+  }
+
+  private held(picture: Picture | undefined): Handles | null {
+    if (!picture) return null;
+    const { ask } = this;
+    const placed = {
+      dragged: (name: string, x: number, y: number | null, first: boolean) => ask({ do: "tune.pole", name, x, y, first }),
+      stepped: (name: string, across: number, up: number) => ask({ do: "tune.pole_step", name, across, up }),
+    };
+    return new Handles(picture, placed, () => "×");
   }
 
   private draw(): void {

@@ -123,6 +123,13 @@ class Bench:
         """The linear loop from the set position to the table. Raises ParameterError without a machine."""
         return linearize(replace(self.needed_loop(), control=control), ["set_position"], ["position_load"])
 
+    @cached_property
+    def mechanics(self) -> StateSpace:
+        """The linear axis from the command to both readings, without its control. Raises ParameterError without a
+        machine.
+        """
+        return linearize(self.needed_loop(), ["cut"], READINGS)
+
     def overlays(self, place: str) -> tuple[Overlay, ...]:
         """The responses of the axis to the command at one of its places: measured, of the machine, or both."""
         if place not in self._overlays:

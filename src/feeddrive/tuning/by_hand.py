@@ -162,6 +162,18 @@ class ByHand:
         worst = (max(kinds, key=lambda each: each.used) for kinds in zip(*verdicts, strict=True))
         return Look(found, tuple(sorted(worst, key=lambda each: -each.used)))
 
+    def model(self, values: Mapping[str, float], names: Sequence[str]) -> tuple[np.ndarray, np.ndarray] | None:
+        """[A B; c d] of the control at some values, and its slopes to named numbers; None for one with two rates.
+
+        At the sample time of the first point.
+        """
+        made = self._made[self.points[0].sample_time]
+        if made.period > 1:
+            return None
+        known = [each.name for each in self.knobs]
+        matrix, slopes = made.model([values.get(each.name, each.value) for each in self.knobs])
+        return matrix, slopes[:, :, [known.index(name) for name in names]]
+
     def _response(self, point: OperatingPoint, row: np.ndarray) -> Response:
         made = self._made[point.sample_time]
         if made.period > 1:

@@ -6,6 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from feeddrive.analysis.margins import Margins
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.shown_units import CHOICES, ShownUnits
@@ -13,6 +15,7 @@ from feeddrive.language.tree import check_sampled
 from feeddrive.language.units import turning
 from feeddrive.loop.control import Control
 from feeddrive.studio.desk import Desk, Held, Values
+from feeddrive.studio.held_poles import HeldPoles
 from feeddrive.studio.parts import Parts
 from feeddrive.studio.pictures import PICTURES, USUAL, charts, choices
 from feeddrive.studio.room import Asked, Room, Said, act
@@ -54,6 +57,7 @@ class Tune(Room):
         """Forget what was kept of the source before."""
         self.snapshots: dict[str, Held] = {}
         self._seen: dict[str, _Seen] = {}
+        self._poles = HeldPoles(self.desk)
         self._from: tuple[Control, Values, float] | None = None  # where a drag of the whole loop began
         self._told: ByHand | None = None  # whose numbers the page knows
 
@@ -151,6 +155,25 @@ class Tune(Room):
         return self._pictures()
 
     @act
+    def pole(self, asked: Asked) -> Said:
+        """A pole, by its place in the pole map: Hz across and, unless it stays, the height in the unit shown."""
+        _, factor = self.units.of("Hz")
+        name, up = asked.text("name"), asked.number_or_none("y")
+        height = self._poles.at(name).imag if up is None else 2.0 * np.pi * up / factor
+        values = self._poles.moved(name, complex(2.0 * np.pi * asked.number("x"), height))
+        self.desk.change({**self.desk.values, **values}, begins=asked.yes("first", True))
+        return self._pictures()
+
+    @act
+    def pole_step(self, asked: Asked) -> Said:
+        """The same by keys: steps across and upwards."""
+        steps = asked.number("across"), asked.number("up")
+        if max(map(abs, steps)) > _STEPS:
+            raise ParameterError(f"a pole is moved by at most {_STEPS} steps at once")
+        self.desk.change({**self.desk.values, **self._poles.stepped(asked.text("name"), *steps)})
+        return self._pictures()
+
+    @act
     def speed(self, asked: Asked) -> Said:
         """The whole loop faster or slower, by the crossover in Hz that it would have on a free mass."""
         wanted, first = asked.number("value"), asked.yes("first", True)
@@ -221,6 +244,8 @@ class Tune(Room):
             "undo": len(self.desk.undo), "redo": len(self.desk.redo),
             "kept": sorted(self.snapshots),
         }  # fmt: skip
+        if "poles" in drawn:
+            said |= {"poles": self._poles.grips(self.units), "poles_said": self._poles.said()}
         if self._told is not bench.by_hand:
             said |= {"knobs": self._knobs(), "kinds": filter_kinds(), "faster": self._faster(),
                      "pictures": choices(bench, self.chosen), "units": self._units()}  # fmt: skip

@@ -1,0 +1,123 @@
+"""Poles that are held in the pole map: those that the law places, or else those of the closed loop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from feeddrive.language import tree
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.shown_units import ShownUnits
+from feeddrive.studio.desk import Desk, Values
+from feeddrive.tuning.loop_poles import LoopPole, Model, loop_poles, nearest_pole, pole_moved
+from feeddrive.tuning.placed_poles import placed_dragged, placed_poles
+from feeddrive.tuning.tunables import own_tunables
+
+_ACROSS = 0.02  # of |s|: a step of a key
+_LOOP = "loop"  # loop.0, loop.1: poles of the closed loop
+
+
+class HeldPoles:
+    """The poles of the control of now that can be moved. Poles of the loop keep their names while they move."""
+
+    def __init__(self, desk: Desk) -> None:
+        self.desk = desk
+        self._named: dict[str, complex] = {}
+
+    def grips(self, units: ShownUnits) -> list[dict[str, Any]]:
+        """Where each one is held: Hz across, and a height in the unit of the picture; none without a machine."""
+        if self.desk.needed.loop is None:
+            return []
+        placed = placed_poles(self.desk.control)
+        found = [(each.name, each.label, each.s) for each in placed] if placed else self._of_loop()
+        return [self._grip(name, label, s, units) for name, label, s in found]
+
+    def said(self) -> str:
+        """What is dragged, in a sentence."""
+        bench = self.desk.needed
+        if bench.loop is None:
+            return ""
+        if placed_poles(self.desk.control):
+            return (
+                "Dragged are the poles that the law places; the crosses are those of the sampled loop, with delay, "
+                "filters and modes that the law does not know."
+            )
+        names = self._gains()
+        if not names or not self._of_loop():
+            return "No gain of this law moves a pole by itself: move its numbers."
+        moved = f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
+        return f"Dragged are poles of the loop; {moved} follow with the smallest change that takes the pole there."
+
+    def moved(self, name: str, s: complex) -> Values:
+        """The numbers with which a pole is at a place (1/s), as near as they take it. Raises ParameterError."""
+        if not np.isfinite(abs(s)):
+            raise ParameterError("a pole must be taken to a finite place")
+        if not name.startswith(f"{_LOOP}."):
+            return placed_dragged(self.desk.control, name, s)
+        if name not in self._named:
+            self._of_loop()
+        if name not in self._named:
+            raise ParameterError(f"there is no pole '{name:.60}' that the gains move")
+        axis, model, gains = self._loop()
+        values, self._named[name] = pole_moved(axis, model, gains, self._named[name], s)
+        return {each: float(f"{value:.6g}") for each, value in zip(self._gains(), values, strict=True)}
+
+    def at(self, name: str) -> complex:
+        """Where a pole is, 1/s. Raises ParameterError for one that there is not."""
+        placed = {each.name: each.s for each in placed_poles(self.desk.control)}
+        now = placed.get(name, self._named.get(name))
+        if now is None:
+            raise ParameterError(f"there is no pole '{name:.60}' that can be moved")
+        return now
+
+    def stepped(self, name: str, across: float, up: float) -> Values:
+        """`moved` by keys: steps of 2 % of the distance from 0."""
+        now = self.at(name)
+        return self.moved(name, now + _ACROSS * abs(now) * complex(across, up))
+
+    def _gains(self) -> Sequence[str]:
+        """Tunables that have a logarithm."""
+        control = self.desk.control
+        return [name for name in own_tunables(control) if float(tree.get(control, name)) > 0.0]
+
+    def _loop(self) -> tuple[Any, Model, np.ndarray]:
+        bench, values, names = self.desk.needed, self.desk.values, self._gains()
+
+        def model(gains: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            found = bench.by_hand.model({**values, **dict(zip(names, gains, strict=True))}, names)
+            assert found is not None  # `_of_loop` has seen to it
+            return found
+
+        return bench.mechanics, model, np.array([values[name] for name in names])
+
+    def _of_loop(self) -> list[tuple[str, str, complex]]:
+        """Poles of the loop with their names: each has that of the nearest one before."""
+        names = self._gains()
+        if not names or self.desk.needed.by_hand.model(self.desk.values, names) is None:
+            return []
+        there, before = list[LoopPole](loop_poles(*self._loop())), dict(self._named)
+        self._named = {}
+        for name, s in sorted(before.items(), key=lambda each: _distance(there, each[1])):
+            nearest = nearest_pole(there, s)
+            if nearest is not None:
+                there.remove(nearest)
+                self._named[name] = nearest.s
+        fresh = (f"{_LOOP}.{i}" for i in range(len(before) + len(there)) if f"{_LOOP}.{i}" not in self._named)
+        self._named |= {name: pole.s for name, pole in zip(fresh, there, strict=False)}
+        return [(name, "pole of the loop", s) for name, s in self._named.items()]
+
+    @staticmethod
+    def _grip(name: str, label: str, s: complex, units: ShownUnits) -> dict[str, Any]:
+        unit, factor = units.of("Hz")
+        hertz, ratio = abs(s) / (2.0 * np.pi), -s.real / abs(s)
+        text = f"{factor * hertz:.4g} {unit}, damping ratio {ratio:.3g}"
+        return {
+            "name": name, "label": label, "text": text, "x": s.real / (2.0 * np.pi),
+            "y": factor * s.imag / (2.0 * np.pi),
+        }  # fmt: skip
+
+
+def _distance(poles: Sequence[LoopPole], s: complex) -> float:
+    return min((abs(each.s - s) for each in poles), default=0.0)
