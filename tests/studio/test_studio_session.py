@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,11 @@ import feeddrive as fd
 from feeddrive.plot.chart import Band, Chart, Curve, Panel
 from feeddrive.plot.style import envelope
 from feeddrive.studio.bench import Bench, bench_of
-from feeddrive.studio.session import Session
+from feeddrive.studio.session import FIELDS, Session
 from feeddrive.studio.wire import POINTS, message
 from feeddrive.tuning.candidates import control_with
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -319,3 +322,21 @@ def test_knobs_are_in_the_units_that_people_read(session: Session) -> None:
     assert found["law.Tn"]["unit"] == "ms"
     assert found["law.Tn"]["factor"] == 1e3
     assert [name for name, each in found.items() if each["dragged"]] == ["filters.0.frequency", "filters.1.frequency"]
+
+
+def test_what_is_missing_is_named_as_the_field_of_the_page_is(tmp_path: Path) -> None:
+    frequency = np.geomspace(1.0, 500.0, 200)
+    response = 1.0 / (100.0 * (2j * np.pi * frequency) ** 2)
+    rows = "\n".join(f"{f},{h.real},{h.imag}" for f, h in zip(frequency, response, strict=True))
+    (tmp_path / "brought").mkdir()
+    (tmp_path / "brought" / "axis.csv").write_text(f"frequency_Hz,load_re,load_im\n{rows}\n", encoding="utf-8")
+    session = Session(tmp_path)
+    ended = threading.Event()
+    session.listen(lambda _, said: ended.set() if read(said)[0].get("files") else None)
+    session.answer({"number": 1, "do": "bring.look", "names": ["axis.csv"]})
+    assert ended.wait(30.0)
+    said = asked(session, "bring.responses", name="axis.csv")
+    assert said["error"].startswith("axis.csv: does not say with which sample time")
+    assert "give it with 'Sample time', or today's machine with 'Today's machine'" in said["error"]
+    words = "".join(each.read_text(encoding="utf-8") for each in (ROOT / "page" / "src" / "rooms").glob("*.ts"))
+    assert [each for each in FIELDS.values() if f'"{each}' not in words] == []

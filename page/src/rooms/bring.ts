@@ -157,7 +157,7 @@ export class Bring implements Room {
       const acts = file.axes.map((axis) => button(`Tune axis ${axis}`, () => this.ask({ do: "bring.axis", name, axis, at: at() }), { id: `tune-${axis}` }));
       return [head, make("div", { class: "buttons" }, ...acts), ...also, ...tables(file.tables)];
     }
-    if (file.kind === "part program") return [head, make("p", {}, "It runs on the machine in the room Prove.")];
+    if (file.kind === "part program") return [head, make("p", {}, "It runs on the machine, under Prove.")];
     const kept = (key: string, usual = "") => this.given.get(`${file.name} ${key}`) ?? usual;
     const keep = (key: string, value: string) => this.given.set(`${file.name} ${key}`, value);
     const start = file.kind === "log" ? words.start_from : "";

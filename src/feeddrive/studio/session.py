@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
@@ -19,6 +20,12 @@ from feeddrive.studio.rooms import ROOMS
 from feeddrive.studio.rooms.tour import Tour
 from feeddrive.studio.wire import Window, message
 
+# labels of fields on the page, by the options that errors of the commands name
+FIELDS = {
+    "--sample-time": "Sample time", "--baseline": "Today's machine", "--unit": "Unit", "--delay": "Dead time",
+    "--machine": "Machine file to start from", "--lead": "Lead of the screw", "--load": "Response of the table",
+    "--motor": "Response of the motor's encoder", "--force-constant": "N per unit of the command",
+}  # fmt: skip
 Push = Callable[[str, bytes], None]
 _WINDOWS = 50  # parts of x that are looked at: labels come from the page
 
@@ -157,12 +164,17 @@ class Session:
             words["job"] = {**asdict(state), "error": self._plain(state.error)}
         if "error" in words:
             words["error"] = self._plain(str(words["error"]))
+        if "remarks" in words:
+            words["remarks"] = [self._plain(str(each)) for each in words["remarks"]]
         return message(words, said.charts, self._windows)
 
     def _plain(self, said: str) -> str:
-        """Files by the names under which they were brought."""
+        """Files by the names under which they were brought, options by the fields of the page that stand for them."""
         folder = self.desk.folder
-        return said.replace(f"{folder / 'brought'}{os.sep}", "").replace(f"{folder}{os.sep}", "")
+        said = said.replace(f"{folder / 'brought'}{os.sep}", "").replace(f"{folder}{os.sep}", "")
+        if "feeddrive " in said:  # a command to enter elsewhere
+            return said
+        return re.sub(r"--[a-z-]+", lambda found: f"'{FIELDS[found[0]]}'" if found[0] in FIELDS else found[0], said)
 
     def _send(self, of: str, said: bytes) -> None:
         for each in tuple(self._pushes):
