@@ -172,7 +172,7 @@ def test_what_a_friction_model_leaves_of_the_measured_points_is_their_distance_f
     seen = FrictionMap(v, 50.0 * np.sign(v) + 300.0 * v + off, np.full(4, 0.5), np.full(4, 10))
     chart = friction_chart(loop, measured=seen, units=ShownUnits(force="kN"))
     above, below = chart.panels
-    assert above.label == "friction against\nthe motion (kN)"
+    assert above.label == "friction (kN)"
     whole = next(each for each in above.curves if each.name.startswith("model with"))
     there = ~np.isnan(whole.x)
     np.testing.assert_allclose(whole.y[there], 0.05 * np.sign(whole.x[there]) + 3e-4 * whole.x[there], atol=1e-12)

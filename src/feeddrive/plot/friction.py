@@ -58,9 +58,9 @@ def friction_chart(
             curves += _whole(first, reach, newton, len(curves))
             rest = measured.force - _of(first, measured.velocity)
             left += _measured(measured.velocity, rest, measured.deviation, newton)
-    panels = [Panel(f"friction against\nthe motion ({unit})", tuple(curves), levels=_ZERO, share=2.0)]
+    panels = [Panel(f"friction ({unit})", tuple(curves), levels=_ZERO, share=2.0)]
     if left:
-        panels.append(Panel(f"measured -\nmodel ({unit})", tuple(left), levels=_ZERO))
+        panels.append(Panel(f"residual ({unit})", tuple(left), levels=_ZERO))
     end = 1.03e3 * reach
     return Chart("velocity (mm/s)", tuple(panels), low=-end, high=end, height=3.4 if len(panels) == 1 else 4.4)
 

@@ -17,11 +17,14 @@ from feeddrive.files.frf import FrfLike
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
+from feeddrive.language.shown_units import ShownUnits
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
+from feeddrive.plot.chart import Chart
+from feeddrive.plot.friction import friction_chart
 from feeddrive.plot.responses import Overlay
 from feeddrive.tuning.by_hand import ByHand
 from feeddrive.tuning.closed_loop import through
@@ -135,6 +138,18 @@ class Bench:
         if place not in self._overlays:
             self._overlays[place] = tuple(self._overlaid(next(p for p in self.by_hand.points if p.name == place)))
         return self._overlays[place]
+
+    def friction_shown(self, units: ShownUnits) -> Chart | None:
+        """Friction over velocity, of the machine and as it was measured; None without a machine."""
+        if self.loop is None:
+            return None
+        if units not in self._frictions:
+            self._frictions[units] = friction_chart(self.loop, measured=self.friction, units=units)
+        return self._frictions[units]
+
+    @cached_property
+    def _frictions(self) -> dict[ShownUnits, Chart]:
+        return {}
 
     @cached_property
     def _overlays(self) -> dict[str, tuple[Overlay, ...]]:

@@ -10,7 +10,6 @@ from feeddrive.language import shown_units
 from feeddrive.language.shown_units import ShownUnits
 from feeddrive.plot.chart import Chart
 from feeddrive.plot.complex_plane import nyquist_chart
-from feeddrive.plot.friction import friction_chart
 from feeddrive.plot.over_frequency import open_loop_chart, sensitivity_chart, stiffness_chart
 from feeddrive.plot.pole_map import damping_chart, poles_chart
 from feeddrive.plot.responses import overlay_chart
@@ -97,8 +96,7 @@ def _damping(view: View) -> Chart | None:
 
 
 def _friction(view: View) -> Chart | None:
-    loop = view.bench.loop
-    return None if loop is None else friction_chart(loop, measured=view.bench.friction, units=view.units)
+    return view.bench.friction_shown(view.units)
 
 
 def _response(view: View) -> Chart:
