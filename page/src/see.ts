@@ -26,13 +26,16 @@ export class See {
   // Only when the choice is another one: what has the focus keeps it.
   list(choices: Choice[], units: Unit[]): void {
     const held = document.activeElement?.id ?? "";
+    const reasons = [...new Set(choices.map((each) => each.why).filter((each) => each !== ""))];
     const boxes = choices.map(({ name, title, chosen, why }) => {
       const box = make("input", { type: "checkbox", id: `see-${name}`, value: name });
       box.checked = chosen && !why;
       box.disabled = why !== "";
       box.addEventListener("change", () => this.choose());
-      return make("li", {}, make("label", {}, box, ` ${title}`), ...(why ? [make("small", {}, ` ${why}`)] : []));
+      if (why) box.setAttribute("aria-describedby", `why-${reasons.indexOf(why)}`);
+      return make("li", {}, make("label", {}, box, ` ${title}`));
     });
+    const notes = reasons.map((each, i) => make("p", { class: "why", id: `why-${i}` }, `What cannot be chosen ${each}.`));
     const lists = units.map(({ kind, chosen, among }) => {
       const select = make("select", { id: `unit-${kind}` }, ...among.map(([value, text]) => make("option", { value }, text)));
       select.value = chosen;
@@ -40,7 +43,7 @@ export class See {
       return make("label", {}, `${kind} `, select);
     });
     this.place.replaceChildren(
-      make("fieldset", {}, make("legend", {}, "Pictures"), make("ul", {}, ...boxes)),
+      make("fieldset", {}, make("legend", {}, "Pictures"), make("ul", {}, ...boxes), ...notes),
       make("fieldset", { class: "units" }, make("legend", {}, "Units"), ...lists),
     );
     if (held.startsWith("see-") || held.startsWith("unit-")) document.getElementById(held)?.focus();

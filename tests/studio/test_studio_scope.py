@@ -164,7 +164,7 @@ def test_single_stands_until_it_is_armed_and_a_pause_lets_recording_go_on(sessio
         ({"do": "scope.look", "mode": "normal", "channel": "y"}, "there is no channel 'y'"),
         ({"do": "scope.channel", "name": "note", "shown": True, "stated": "parsec"}, "'parsec' is no unit"),
         ({"do": "scope.channel", "name": "x_mm", "shown": True, "unit": "N"}, "cannot be shown in 'N'"),
-        ({"do": "scope.move", "name": "1", "x": math.nan}, "a cursor stands at a finite time"),
+        ({"do": "scope.move", "name": "1", "x": math.nan}, "x must be a finite number"),
         ({"do": "scope.save", "between": True}, "set both cursors first"),
     ],
 )

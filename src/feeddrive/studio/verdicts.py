@@ -31,9 +31,10 @@ def figure_words(look: Look, units: ShownUnits, *, rotary: bool) -> str:
     leading, said = look.leading, list[str]()
     margins = leading.margins
     if margins.crossover is not None:
-        first = margins.gain_crossovers[0]
+        least = min(margins.gain_crossovers, key=lambda each: abs(each.phase_margin_deg))
+        where = "" if least is margins.gain_crossovers[0] else f" at {units.said(least.frequency, 'Hz')}"
         said.append(
-            f"crossover {units.said(margins.crossover, 'Hz')} with a phase margin of {first.phase_margin_deg:.3g}°"
+            f"crossover {units.said(margins.crossover, 'Hz')}, phase margin {least.phase_margin_deg:.3g}°{where}"
         )
     if margins.gain_increase_dB is not None:
         said.append(f"the gain may rise by {units.gain_said(margins.gain_increase_dB)}")
