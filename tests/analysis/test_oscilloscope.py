@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ class Played:
     name, clock, over = "played", "s", False
 
     def __init__(self, *pieces: Rows, channels: tuple[str, ...] = ("x", "y")) -> None:
-        self.channels = dict.fromkeys(channels, "m")
+        self.channels: Mapping[str, str] = dict.fromkeys(channels, "m")
         self._pieces = iter(pieces)
 
     def take(self) -> Rows:

@@ -10,42 +10,11 @@ import numpy as np
 import pytest
 
 from bus_bench import in_a_namespace
+from falling_drive import BESIDE, FEEDDRIVE, HANGING
 from feeddrive.files.read_log import read_log
 from hal_programs import needs_linuxcnc
 
-FEEDDRIVE = f"{sys.executable} -c 'from feeddrive.cli import main; main()'"
-# 100 kg that nothing but 1 N moves: 0.01 m/s²
-HANGING = """
-name = "hanging"
-source = "made for a test"
-sample_time_ms = 1
-
-[axis.x.plant]
-kind = "rigid"
-mass_kg = 100
-
-[[axis.x.forces]]
-kind = "gravity"
-force_N = -1
-
-[axis.x.control.law]
-kind = "cascade_ppi"
-Kv = 100
-Kp = 8000
-"""
-BESIDE = """
-set -e
-: > ready.txt
-{feeddrive} virtual-drive hanging.toml {drive} --drive-file drive.toml > ready.txt 2>&1 &
-served=$!
-trap 'kill -KILL $served 2>/dev/null || true' EXIT
-for attempt in $(seq 300); do grep -q Ready ready.txt && break; sleep 0.1; done
-{feeddrive} follow drive.toml --channel position --level -2e-4 --edge falling --window 0.4 --before 0.4 \
-    --out heard.parquet
-kill -INT $served
-wait $served
-cat ready.txt
-"""
+KEPT = "follow drive.toml --channel position --level -2e-4 --edge falling --window 0.4 --before 0.4 --out heard.parquet"
 WRITER = """
 import math, time
 with open("run.csv", "w") as file:
@@ -118,7 +87,7 @@ def test_rows_from_a_pipe_and_what_is_wrong_is_said(tmp_path: Path) -> None:
 def test_a_drive_is_sampled_over_its_bus_and_neither_enabled_nor_held(tmp_path: Path, drive: str, before: str) -> None:
     """It falls by Newton all the while: x = -a t²/2 with a = 0.01 m/s², v = -a t; and stays switched off."""
     (tmp_path / "hanging.toml").write_text(HANGING, encoding="utf-8")
-    script = before + BESIDE.format(feeddrive=FEEDDRIVE, drive=drive)
+    script = before + BESIDE.format(feeddrive=FEEDDRIVE, drive=drive, command=f"{FEEDDRIVE} {KEPT}")
     done = in_a_namespace("bash", "-c", script, cwd=tmp_path)
     assert done.returncode == 0, done.stderr + done.stdout
     assert "last in 'switch on disabled'" in done.stdout

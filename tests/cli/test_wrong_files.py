@@ -43,6 +43,7 @@ COMMANDS = {
     "prefilter FILE --job FILE --out OUT": LOGS,
     "play FILE --drive FILE --yes --out OUT": ("machine.toml", *MACHINES[1:]),
     "listen --drive FILE --out OUT": ("machine.toml", *MACHINES[1:]),
+    "follow FILE --timeout 0.2 --out OUT": LOGS,
     "check FILE": tuple(WRONG),
     "verify FILE": tuple(WRONG),
 }

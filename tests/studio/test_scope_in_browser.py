@@ -6,11 +6,10 @@ import math
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
-
-from conftest import Studio
 
 # 2 mm of sine at 3 Hz, at 1 kHz and by the clock
 WRITER = """
@@ -28,15 +27,12 @@ with open(sys.argv[1], "w") as file:
 """
 
 
-@pytest.fixture(scope="module")
-def scope(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studio]:
+@pytest.fixture
+def scope(served: Any, tmp_path: Path) -> Iterator[Any]:
     """A server that may follow a file which is written all the while."""
-    folder = tmp_path_factory.mktemp("scope")
-    writer = subprocess.Popen([sys.executable, "-c", WRITER, str(folder / "run.csv")])
+    writer = subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path / "run.csv")])
     try:
-        made = Studio(browser, folder / "studio", "--follow", str(folder / "run.csv"))
-        yield made
-        made.close()
+        yield served("--follow", str(tmp_path / "run.csv"))
     finally:
         writer.kill()
         writer.wait()
@@ -46,7 +42,7 @@ def legend(page: Any) -> str:
     return str(page.inner_text("#picture-scope .legend"))
 
 
-def test_the_curve_moves_triggers_and_is_read_by_cursors_and_kept(scope: Studio) -> None:
+def test_the_curve_moves_triggers_and_is_read_by_cursors_and_kept(scope: Any) -> None:
     page = (opened := scope.open()).page
     opened.go("scope")
     page.click("#scope-follow")
@@ -103,7 +99,7 @@ def test_the_curve_moves_triggers_and_is_read_by_cursors_and_kept(scope: Studio)
     assert opened.said == []
 
 
-def test_at_most_20_pictures_come_each_second_and_none_while_nobody_looks(scope: Studio) -> None:
+def test_at_most_20_pictures_come_each_second_and_none_while_nobody_looks(scope: Any) -> None:
     opened = scope.open()
     came = list[int]()
     opened.page.on("websocket", lambda socket: socket.on("framereceived", lambda data: came.append(len(data))))
@@ -127,7 +123,7 @@ def test_at_most_20_pictures_come_each_second_and_none_while_nobody_looks(scope:
 
 
 @pytest.mark.parametrize("look", ["light", "dark"])
-def test_the_room_that_follows_has_no_serious_violation_of_accessibility(scope: Studio, look: str) -> None:
+def test_the_room_that_follows_has_no_serious_violation_of_accessibility(scope: Any, look: str) -> None:
     axe = pytest.importorskip("axe_core_python.sync_playwright", reason="NOT TESTED: pip install axe-core-python")
     opened = scope.open(768, 1024)
     if look == "dark":

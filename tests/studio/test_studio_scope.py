@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import struct
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -13,6 +15,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bus_bench import in_a_namespace
+from falling_drive import BESIDE, FEEDDRIVE, HANGING
+from feeddrive.files.growing import Pipe
 from feeddrive.files.read_log import read_log
 from feeddrive.studio import live
 from feeddrive.studio.live import Followable
@@ -254,3 +259,86 @@ def test_a_source_without_a_clock_is_counted_in_samples_and_kept_once_it_has_one
     finally:
         leave()
         made.close()
+
+
+def test_rows_from_a_pipe_reach_every_page(tmp_path: Path) -> None:
+    reading, writing = os.pipe()
+    pages = [tmp_path / name for name in "ab"]
+    with open(reading, "rb") as stream, open(writing, "wb", buffering=0) as end:
+        followable = Followable((Path("-"),), pipe=Pipe(stream))
+        made = list[Session]()
+        for page in pages:
+            page.mkdir()
+            made.append(Session(page, live=followable))
+        leaves = [each.listen(lambda _, __: None) for each in made]
+        try:
+            end.write("".join(f"{k} {k / 4:f} \n" for k in range(100)).encode())
+            for each in made:
+                ask(each, "scope.set", field="sample_time", value="0.001")
+                assert "error" not in ask(each, "scope.follow", name="-")
+            end.write("".join(f"{k} {k / 4:f} \n" for k in range(100, 1200)).encode())
+            for each in made:
+                said = until(each, lambda said: bool(said["charts"]) and curve(said, "column_2")[1][-1] == 1199 / 4)
+                x, y = curve(said, "column_2")
+                np.testing.assert_allclose(y, (1199 + 1e3 * x) / 4, atol=1e-3)
+            end.close()
+            until(made[0], lambda said: said["state"] == "the pipe has ended")
+        finally:
+            for leave, each in zip(leaves, made, strict=True):
+                leave()
+                each.close()
+
+
+DRIVEN = """
+import json, sys, time
+from pathlib import Path
+from feeddrive.studio.live import Followable
+from feeddrive.studio.session import Session
+
+sys.path[:0] = {here!r}
+from test_studio_scope import ask, curve, until
+
+def main():
+    pages = []
+    for name in "ab":
+        Path(name).mkdir()
+        pages.append(Session(Path(name), live=Followable((Path("drive.toml"),))))
+        pages[-1].listen(lambda _, __: None)
+    one, other = pages
+    ask(one, "scope.follow", name="drive.toml")
+    until(one, lambda said: bool(said["charts"]), 30.0)
+    found = {{"first": float(curve(until(one, lambda said: bool(said["charts"])), "position")[1][-1])}}
+    ask(other, "scope.follow", name="drive.toml")
+    found["refused"] = until(other, lambda said: said["failed"], 30.0)["state"]
+    said = until(one, lambda said: curve(said, "position")[1][-1] < found["first"] - 1000.0)
+    found["state"], found["unit"] = said["state"], ask(one, "scope.show")["channels"][0]["in_unit"]
+    ask(one, "scope.stop")
+    ask(other, "scope.follow", name="drive.toml")
+    until(other, lambda said: bool(said["charts"]), 30.0)
+    found["then"] = True
+    for each in pages:
+        each.close()
+    print("FOUND", json.dumps(found))
+
+if __name__ == "__main__":
+    main()
+"""
+
+
+def test_a_drive_is_sampled_by_one_page_and_free_for_the_next(tmp_path: Path) -> None:
+    """Over CANopen between processes; the axis falls by 1 N on 100 kg."""
+    (tmp_path / "hanging.toml").write_text(HANGING, encoding="utf-8")
+    here = [str(each) for each in Path(__file__).parents[:2]]
+    (tmp_path / "pages.py").write_text(DRIVEN.format(here=here), encoding="utf-8")
+    drive = "--bus canopen --station 9 --interface udp_multicast:239.74.163.2"
+    script = "ip link set lo up; ip route add 239.0.0.0/8 dev lo\n" + BESIDE.format(
+        feeddrive=FEEDDRIVE, drive=drive, command=f"{sys.executable} pages.py"
+    )
+    done = in_a_namespace("bash", "-c", script, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr + done.stdout
+    (line,) = [each for each in done.stdout.splitlines() if each.startswith("FOUND ")]
+    found = json.loads(line.removeprefix("FOUND "))
+    assert "the interface is driven by another feeddrive" in found["refused"]
+    assert found["state"] == "feeddrive virtual drive. 'switch on disabled'; sampled, not commanded"
+    assert (found["unit"], found["then"]) == ("um", True)
+    assert "last in 'switch on disabled'" in done.stdout

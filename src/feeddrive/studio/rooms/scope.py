@@ -165,8 +165,6 @@ class Scope(Room):
         if place is None:
             self.cursors = None
             return self._frame()
-        if not math.isfinite(place):
-            raise ParameterError("a cursor stands at a finite time")
         shown = self._shown()
         if shown is not None:
             place = min(max(place, shown.start), shown.end)
