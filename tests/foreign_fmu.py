@@ -125,7 +125,7 @@ def slide(folder: Path, *, description: str = DESCRIPTION, place: str | None = N
     headers = Path(feeddrive.__file__).parent / "export" / "fmu" / "headers"
     source, library = folder / "slide.c", folder / "slide.so"
     if not library.exists():
-        source.write_text(SOURCE)
+        source.write_text(SOURCE, encoding="utf-8")
         words = [*compiler(), "-shared", "-fPIC", "-I", str(headers), "-o", str(library), str(source), "-lm"]
         subprocess.run(words, check=True)
     path = folder / "slide.fmu"

@@ -41,7 +41,9 @@ def run(*words: str, cwd: Path | None = None) -> None:
 def studio(program: Path, place: Path) -> None:
     """The page and its script come from the server of the wheel, and all of it is small."""
     words = [str(program), "studio", "ball_screw", "--no-browser"]
-    with subprocess.Popen(words, cwd=place, stdout=subprocess.PIPE, text=True) as server:
+    with subprocess.Popen(
+        words, cwd=place, stdout=subprocess.PIPE, text=True, encoding="utf-8", errors="replace"
+    ) as server:
         try:
             assert server.stdout is not None
             found = re.search(r"(http://\S+?/)\?token=\S+", server.stdout.readline())

@@ -66,5 +66,5 @@ def write_durations(found: Mapping[str, float]) -> None:
 def commit() -> str:
     """The hash of the commit that is checked out; of nothing outside a repository."""
     asked = ["git", "-C", str(DURATIONS.parent), "rev-parse", "HEAD"]
-    done = subprocess.run(asked, capture_output=True, text=True, check=False)
+    done = subprocess.run(asked, capture_output=True, text=True, encoding="utf-8", errors="replace", check=False)
     return done.stdout.strip() or "no commit"

@@ -22,8 +22,9 @@ import pytest
 from websockets.sync.client import ClientConnection, connect
 
 FEEDDRIVE = [sys.executable, "-c", "from feeddrive.cli import main; main()"]
+PROC = Path("/proc") if sys.platform == "linux" else Path()
 needs_proc = pytest.mark.skipif(
-    not sys.platform.startswith("linux"), reason="NOT TESTED: processes and their memory are looked up in /proc"
+    sys.platform != "linux", reason="NOT TESTED: processes and their memory are looked up in /proc"
 )
 
 # In every process that begins: what it opens, lists, makes, removes, begins and imports, and its most memory.
@@ -199,7 +200,7 @@ class Talking:
 
 def memory_of(process: int) -> float:
     """MB that a process has in memory."""
-    text = Path(f"/proc/{process}/status").read_text(encoding="ascii")
+    text = (PROC / str(process) / "status").read_text(encoding="ascii")
     found = re.search(r"VmRSS:\s+(\d+) kB", text)
     return 1e-3 * int(found[1]) if found else 0.0
 
@@ -207,7 +208,7 @@ def memory_of(process: int) -> float:
 def descendants(process: int) -> list[int]:
     """Processes that compute for a process, those that they began too; not the one that keeps track of memory."""
     parents, working = dict[int, int](), set[int]()
-    for each in Path("/proc").glob("[0-9]*"):
+    for each in PROC.glob("[0-9]*"):
         try:
             fields = (each / "stat").read_text(encoding="ascii").rpartition(")")[2].split()
             words = (each / "cmdline").read_bytes()
@@ -227,7 +228,7 @@ def descendants(process: int) -> list[int]:
 def alive(process: int) -> bool:
     """Whether a process is there and no zombie."""
     try:
-        text = Path(f"/proc/{process}/stat").read_text(encoding="ascii")
+        text = (PROC / str(process) / "stat").read_text(encoding="ascii")
     except OSError:
         return False
     return text.rpartition(")")[2].split()[0] != "Z"

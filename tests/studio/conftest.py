@@ -57,7 +57,11 @@ class Studio:
         self.browser, self.folder = browser, folder
         command = [sys.executable, "-c", "from feeddrive.cli.commands import app; app()", "studio", *words]
         self.server = subprocess.Popen(
-            [*command, "--no-browser", "--folder", str(folder)], stdout=subprocess.PIPE, text=True
+            [*command, "--no-browser", "--folder", str(folder)],
+            stdout=subprocess.PIPE,
+            text=True,
+            encoding="utf-8",
+            errors="replace",
         )
         assert self.server.stdout is not None
         found = re.search(r"http://\S+", self.server.stdout.readline())

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from feeddrive.language.errors import FileError
 from feeddrive.studio import uploads
@@ -30,13 +32,31 @@ def test_a_file_is_kept_under_its_name(tmp_path: Path, name: str) -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["", "../a.csv", "..", "a/b.csv", "a\\b.csv", "/etc/passwd", ".feeddrive", "C:a.csv", "nul", "con.csv",
+    ["", "../a.csv", "..", "a/b.csv", "a\\b.csv", "/etc/passwd", ".feeddrive", "C:a.csv", "nul", "con.csv", "con .csv",
+     "COM¹.csv", "lpt9 .tar.gz", "a\\..\\b.csv", "a.csv:hidden", "\\\\host\\a.csv",
      "a\x1b[2J.csv", "<b>.csv", "a\n.csv", "a.csv.", "x" * 121, "-rf"],
 )  # fmt: skip
 def test_no_name_leaves_the_folder(tmp_path: Path, name: str) -> None:
     with pytest.raises(FileError, match="is no name for a file here"):
         kept(name, tmp_path / "brought")
     assert not list(tmp_path.rglob("*.csv"))
+
+
+@given(st.text(st.characters(exclude_categories=["Cs"]), max_size=12) | st.from_regex(uploads._NAME, fullmatch=True))
+def test_a_name_that_is_kept_is_one_of_a_file_in_the_folder_on_windows_too(name: str) -> None:
+    """What Windows would take for a drive, a folder, a stream or a device, or would write under another name."""
+    try:
+        kept = uploads.safe_name(name)
+    except FileError:
+        return
+    folder = PureWindowsPath("C:\\studio")
+    assert (folder / kept).parent == folder
+    assert (folder / kept).name == kept
+    assert not PureWindowsPath(kept).drive
+    assert not PureWindowsPath(kept).is_reserved()
+    assert not set(kept) & set('<>:"/\\|?*')
+    for each in (kept, f"identified_{uploads.stem_of(kept)}"):
+        assert each == each.rstrip(" .")
 
 
 @pytest.mark.parametrize("promised", [None, 3_001])

@@ -289,7 +289,16 @@ def _made(bundle: Path, *targets: str, given: Mapping[str, bytes] | None = None,
             (folder / file).write_bytes(content)
         command = ["make", "-s", *targets]
         try:
-            done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=PATIENCE, check=False)
+            done = subprocess.run(
+                command,
+                cwd=folder,
+                capture_output=True,
+                text=True,
+                encoding="utf-8",
+                errors="replace",
+                timeout=PATIENCE,
+                check=False,
+            )
         except subprocess.TimeoutExpired:
             raise EmulatorError(f"{bundle}: `{' '.join(command)}` did not end within {PATIENCE:g} s") from None
         if done.returncode != 0:

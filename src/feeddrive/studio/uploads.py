@@ -12,7 +12,7 @@ from feeddrive.language.errors import FileError
 LARGEST = 256_000_000  # bytes of one file
 MANY = 64  # files of one session
 _NAME = re.compile(r"[^\W_][\w .()+,=@~-]{0,119}")
-_DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)  # what Windows takes for devices
+_DEVICES = re.compile(r"(con|prn|aux|nul|(com|lpt)[\d¹²³]) *(\..*)?", re.IGNORECASE)  # what Windows takes for devices
 
 
 def safe_name(name: str) -> str:
@@ -22,6 +22,11 @@ def safe_name(name: str) -> str:
             f"{name!r:.80} is no name for a file here: rename it with letters, digits, blanks and . - _ ( ) + , = @ ~"
         )
     return name
+
+
+def stem_of(name: str) -> str:
+    """A name without its ending, as a part of other names: Windows drops blanks and dots at their end."""
+    return Path(name).stem.rstrip(" .")
 
 
 def place_of(name: str, folder: Path, promised: int | None = None) -> Path:

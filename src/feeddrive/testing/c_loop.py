@@ -156,12 +156,14 @@ def compiled(source: str, folder: Path, *flags: str) -> ctypes.CDLL:
     if compiler is None:
         pytest.skip("no C compiler (gcc, clang or cc) on this machine: the C text was NOT compiled and NOT compared")
     text, made = folder / "loop.c", folder / "loop.so"
-    text.write_text(source)
+    text.write_text(source, encoding="utf-8")
     strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-Wno-unknown-pragmas"]
     done = subprocess.run(
         [compiler, *strict, "-O2", "-ffp-contract=off", *flags, "-shared", "-fPIC", "-o", str(made), str(text), "-lm"],
         capture_output=True,
         text=True,
+        encoding="utf-8",
+        errors="replace",
         check=False,
     )
     assert done.returncode == 0, done.stderr[:3000]

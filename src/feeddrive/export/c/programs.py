@@ -299,7 +299,14 @@ def compiler(command: str | None = None) -> list[str]:
 
 def version(command: str | None = None) -> str:
     """The first line of the compiler's version text."""
-    done = subprocess.run([*compiler(command), "--version"], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [*compiler(command), "--version"],
+        capture_output=True,
+        text=True,
+        encoding="utf-8",
+        errors="replace",
+        check=False,
+    )
     lines = done.stdout.strip().splitlines()
     return lines[0] if lines else Path(compiler(command)[0]).name
 
@@ -321,7 +328,9 @@ def compiled(folder: Path, sources: Sequence[str], flags: Sequence[str], command
 
 
 def _run(words: Sequence[str], folder: Path) -> None:
-    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        words, cwd=folder, capture_output=True, text=True, encoding="utf-8", errors="replace", check=False
+    )
     if done.returncode != 0:
         said = (done.stderr.strip() or "no message").splitlines()
         first = next((line for line in said if "error" in line), said[0])

@@ -186,7 +186,9 @@ def compiled(files: Mapping[str, str], sources: Sequence[str]) -> bytes:
 
 
 def _run(words: Sequence[str], folder: str) -> None:
-    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        words, cwd=folder, capture_output=True, text=True, encoding="utf-8", errors="replace", check=False
+    )
     if done.returncode != 0:
         first = (done.stderr.strip() or "no message").splitlines()[0]
         raise FileError(f"the C compiler ({words[0]}) cannot make a shared library: {first}")

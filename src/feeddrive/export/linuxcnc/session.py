@@ -53,7 +53,12 @@ def check_session() -> None:
     """Raise MissingProgramError as `check_programs`, and HalError if this system allows no isolated session."""
     check_programs()
     tried = subprocess.run(
-        [*_alone(), "mount", "-t", "tmpfs", "feeddrive", MODULES], capture_output=True, text=True, check=False
+        [*_alone(), "mount", "-t", "tmpfs", "feeddrive", MODULES],
+        capture_output=True,
+        text=True,
+        encoding="utf-8",
+        errors="replace",
+        check=False,
     )
     if tried.returncode != 0:
         said = (tried.stderr.splitlines() or ["no message."])[0]
@@ -84,8 +89,8 @@ def session(folder: Path, components: Sequence[Path], run: str, patience: float 
     names = " ".join(each.name for each in components)
     user = _NOBODY if os.geteuid() == 0 else _USER
     script = folder / "session.sh"
-    script.write_text(_SESSION.format(modules=MODULES, components=names, user=user))
-    (folder / "run.sh").write_text(f"{run}\n")
+    script.write_text(_SESSION.format(modules=MODULES, components=names, user=user), encoding="utf-8")
+    (folder / "run.sh").write_text(f"{run}\n", encoding="utf-8")
     status, printed = _ran(script, patience)
     for _ in range(_AGAIN):
         if status != 0 and _LATE in printed:
@@ -98,7 +103,7 @@ def session(folder: Path, components: Sequence[Path], run: str, patience: float 
 def _ran(script: Path, patience: float) -> tuple[int, str]:
     """Status and output of a session's script."""
     program = subprocess.Popen(
-        [*_alone(), "bash", script.name], cwd=script.parent, text=True, errors="replace",
+        [*_alone(), "bash", script.name], cwd=script.parent, text=True, encoding="utf-8", errors="replace",
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True,
     )  # fmt: skip
     try:
@@ -177,9 +182,9 @@ def halrun(
     """
     if not 0 < len(types) < STREAMER_PINS or not 0 < len(taken) <= STREAMER_PINS:
         raise ParameterError(f"a run has 1 to {STREAMER_PINS - 1} numbers in and 1 to {STREAMER_PINS} out")
-    (folder / "in.txt").write_text(_rows(given, types))
-    (folder / "drain.py").write_text(_DRAIN)
-    (folder / "unpaced.c").write_text(_UNPACED)
+    (folder / "in.txt").write_text(_rows(given, types), encoding="utf-8")
+    (folder / "drain.py").write_text(_DRAIN, encoding="utf-8")
+    (folder / "unpaced.c").write_text(_UNPACED, encoding="utf-8")
     lines = [
         f"loadrt threads name1=servo-thread period1={period}",
         f"loadrt streamer depth={len(given) + 2} cfg={types}b",
@@ -190,7 +195,7 @@ def halrun(
         "start", *meanwhile,
         f"loadusr -w /usr/bin/python3 drain.py {len(given)} {patience}", *at_end,
     ]  # fmt: skip
-    (folder / "run.hal").write_text("\n".join(lines) + "\n")
+    (folder / "run.hal").write_text("\n".join(lines) + "\n", encoding="utf-8")
     unpaced = "gcc -shared -fPIC -O1 -o unpaced.so unpaced.c; LD_PRELOAD=$PWD/unpaced.so "
     printed = session(folder, components, f"{'' if paced else unpaced}halrun -f run.hal", patience)
     out = folder / "out.bin"

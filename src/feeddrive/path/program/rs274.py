@@ -85,7 +85,7 @@ def rs274_commands(
         for option, text in (("-t", _tool_table(tools, unit)), ("-v", _parameter_file(numbered, unit))):
             if text or option == "-t":  # without a table the interpreter has tools of its own
                 table = Path(folder) / f"table{option}"
-                table.write_text(text)
+                table.write_text(text, encoding="utf-8")
                 command += [option, str(table)]
         output = Path(folder) / "canonical.txt"
         code, complaint = _run([*command, str(copy), str(output)], program, output)

@@ -19,7 +19,7 @@ from feeddrive.studio.bench import bench_of, bench_of_responses
 from feeddrive.studio.desk import Desk
 from feeddrive.studio.inspect_file import LOG, MACHINE, PROGRAM, RESPONSES, Understood, understand
 from feeddrive.studio.room import Asked, Room, Said, act, tabled
-from feeddrive.studio.uploads import safe_name
+from feeddrive.studio.uploads import safe_name, stem_of
 from feeddrive.studio.works import Shown, fitted, toured
 from feeddrive.workflow.frf import FrfRequest
 from feeddrive.workflow.identify_responses import IdentifyRequest
@@ -131,7 +131,7 @@ class Bring(Room):
     def identify(self, asked: Asked) -> None:
         """Find masses, friction and dead time, or modes; a machine file is written where the law is known."""
         found = self._known(asked)
-        path, out = self._path(found.name), self.desk.folder / f"identified_{Path(found.name).stem}"
+        path, out = self._path(found.name), self.desk.folder / f"identified_{stem_of(found.name)}"
         request = IdentifyRequest(
             path, channels=self._roles(found) if found.kind == LOG else None, out=out, machine=self._machine(asked),
             axis=asked.text_or_none("axis"), motor=asked.text_or_none("motor"), load=asked.text_or_none("load"),
@@ -148,7 +148,7 @@ class Bring(Room):
             raise ParameterError(f"{found.name} is no log but: {found.kind}")
         names = [each.name for each in self.files.values() if each.kind == LOG and each.name != found.name]
         more = [self._path(each) for each in names if asked.yes("all")]
-        out = self.desk.folder / f"frf_{Path(found.name).stem}"
+        out = self.desk.folder / f"frf_{stem_of(found.name)}"
         logs = (self._path(found.name), *more)
         request = FrfRequest(logs, channels=self._roles(found), out=out)
         self._start("frf", found.name, f"estimate responses from {found.name}", request)
@@ -197,7 +197,7 @@ class Bring(Room):
         chosen = [replace(there[asked.choice("load", there)], output=LOAD[0])]
         if asked.text_or_none("motor") is not None:
             chosen.append(replace(there[asked.choice("motor", there)], output=MOTOR[0]))
-        kept = self.desk.folder / f"chosen_{Path(found.name).stem}.csv"
+        kept = self.desk.folder / f"chosen_{stem_of(found.name)}.csv"
         write_frf(kept, *chosen)
         return kept
 
@@ -267,7 +267,7 @@ class Bring(Room):
     def _roles(self, found: Understood) -> Path:
         assert found.guess is not None
         self.desk.check_free()
-        path = self.desk.folder / f"roles_{Path(found.name).stem}.toml"
+        path = self.desk.folder / f"roles_{stem_of(found.name)}.toml"
         write_roles(path, found.guess, self._path(found.name))
         return path
 
