@@ -45,6 +45,6 @@ def zeros(A: np.ndarray, b: np.ndarray, c: np.ndarray, d: float) -> np.ndarray:
     pencil = np.block([[A, wide * b[:, None]], [tall * c[None, :], np.array([[wide * tall * d]])]])
     mass = np.zeros((n + 1, n + 1))
     mass[:n, :n] = np.eye(n)
-    alpha, beta = eigvals(pencil, mass, homogeneous_eigvals=True)
+    alpha, beta = np.asarray(eigvals(pencil, mass, homogeneous_eigvals=True))
     finite = np.abs(alpha) < _FAR * np.abs(beta)
     return alpha[finite] / beta[finite]

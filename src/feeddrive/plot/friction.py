@@ -190,8 +190,9 @@ def identified_friction(curve: FrictionCurve) -> Any:
 def _scales(runs: SteadyRuns) -> tuple[str, float, str, float]:
     """Unit and factor of the velocity, and of the force, from those of the runs."""
     small = runs.frame.force == "N m" and float(np.max(np.abs(runs.force))) < 0.1
-    velocity = ("mm/s", 1e3) if runs.frame.velocity == "m/s" else (runs.frame.velocity, 1.0)
-    return (*velocity, *(("mN m", 1e3) if small else (runs.frame.force, 1.0)))
+    velocity, factor = ("mm/s", 1e3) if runs.frame.velocity == "m/s" else (runs.frame.velocity, 1.0)
+    force, newton = ("mN m", 1e3) if small else (runs.frame.force, 1.0)
+    return velocity, factor, force, newton
 
 
 def _points(runs: SteadyRuns, newton: float) -> list[Curve]:

@@ -90,12 +90,12 @@ def poles_chart(models: StateSpace | Mapping[str, StateSpace], units: ShownUnits
 def _upper(z: np.ndarray, model: StateSpace, hertz: float) -> np.ndarray:
     """s of the upper half plane, in the unit of a frequency that is shown; what is at z = 0 left out."""
     s = continuous(z, model.sample_time)
-    return hertz / (2.0 * np.pi) * s[np.isfinite(s) & (s.imag >= 0.0)]
+    return hertz / (2.0 * np.pi) * s[np.isfinite(s) & (np.imag(s) >= 0.0)]
 
 
 def _lightest(s: np.ndarray, unit: str) -> str:
     """The least damped pole that oscillates, in words."""
-    swings = s[s.imag > 0.0]
+    swings = s[np.imag(s) > 0.0]
     if not swings.size:
         return "no pole oscillates"
     ratio = -np.real(swings) / np.abs(swings)
@@ -116,7 +116,7 @@ def damping_chart(models: StateSpace | Mapping[str, StateSpace], units: ShownUni
     curves, sizes, least = list[Curve](), list[float](), 0.0
     for i, (name, model) in enumerate(chosen.items()):
         z = model.poles().astype(complex)
-        there = (np.abs(z) > 1e-9) & (np.abs(z - 1.0) > 1e-9) & (z.imag >= 0.0)  # neither delays nor integrators
+        there = (np.abs(z) > 1e-9) & (np.abs(z - 1.0) > 1e-9) & (np.imag(z) >= 0.0)  # neither delays nor integrators
         frequency, damping = natural(z[there], model.sample_time)
         grows = damping <= 0.0
         said = _lightest(_upper(z[there], model, hertz), unit)

@@ -10,7 +10,7 @@ import numpy as np
 
 from feeddrive.language.shown_units import USUAL, ShownUnits
 from feeddrive.plot import style
-from feeddrive.plot.chart import DEGREES, DOTS, FREQUENCY, LINEAR, LOG, THIN, Chart, Curve, Panel
+from feeddrive.plot.chart import DEGREES, DOTS, FREQUENCY, LINEAR, LOG, THIN, Band, Chart, Curve, Panel
 from feeddrive.plot.drawing import drawn
 from feeddrive.plot.style import envelope
 from feeddrive.plot.uncertainty import coherence_panels, doubtful, magnitude_band, phase_band
@@ -154,13 +154,13 @@ def overlay_chart(rows: Sequence[Overlay], units: ShownUnits = USUAL) -> Chart:
             bands[1].extend(phase_band(curve, phase, _OTHER, units, model=True))
     scale = LOG if log else LINEAR
     panels = [
-        Panel(label, tuple(levels), bands=tuple(bands[0]), scale=scale, share=3.0, **_span_of(levels, log)),
+        _gains(label, levels, bands[0], scale, 3.0),
         Panel("phase (deg)", tuple(phases), bands=tuple(bands[1]), scale=DEGREES, low=min(ends), high=max(ends),
               share=2.0),
     ]  # fmt: skip
     if apart:
         label = "error (part of it)" if log else "error (dB)"
-        panels.append(Panel(label, tuple(apart), bands=shaded, scale=scale, share=1.4, **_span_of(apart, log)))
+        panels.append(_gains(label, apart, shaded, scale, 1.4))
     panels += coherence_panels(coherent, units)
     x = [hertz * float(each.frequency[k]) for each in known for k in (0, -1)]
     return Chart(
@@ -186,6 +186,7 @@ def estimates_chart(found: Sequence[FrequencyEstimate], units: ShownUnits = USUA
     return overlay_chart(rows, units)
 
 
+_ROOM = 1.3  # a factor above and below the gains of a panel
 _OTHER = 4  # number of the band of a model, to be told from that of the measurement
 
 
@@ -206,14 +207,13 @@ def _magnitudes(unit: str, units: ShownUnits) -> tuple[float, str]:
     return factor, f"magnitude ({shown})" if shown else "magnitude"
 
 
-def _span_of(curves: Sequence[Curve], log: bool) -> dict[str, float]:
-    """The range of y of all curves with some room, so that what is shaded over the whole height widens nothing."""
+def _gains(label: str, curves: Sequence[Curve], bands: Sequence[Band], scale: str, share: float) -> Panel:
+    """A panel whose range is that of its curves with some room: what is shaded over its height widens nothing."""
     values = np.concatenate([each.y for each in curves])
-    values = values[np.isfinite(values) & ((values > 0.0) | (not log))]
+    values = values[np.isfinite(values) & ((values > 0.0) | (scale != LOG))]
     low, high = float(np.min(values)), float(np.max(values))
-    if log:
-        return {"low": low / 1.3, "high": high * 1.3}
-    return dict(zip(("low", "high"), style.padded(low, high), strict=True))
+    low, high = (low / _ROOM, high * _ROOM) if scale == LOG else style.padded(low, high)
+    return Panel(label, tuple(curves), bands=tuple(bands), scale=scale, share=share, low=low, high=high)
 
 
 def response_residuals(found: Agreement) -> Any:
