@@ -80,6 +80,18 @@ def test_overshoot_and_settling_are_those_of_the_second_order(damping: float) ->
     assert found.rise_time == pytest.approx(rise[1] - rise[0], abs=2e-5)
 
 
+def test_a_slow_rest_that_is_small_is_waited_for() -> None:
+    """1 - 0.975 e^(-t/0.001) - 0.025 e^(-t/0.5): settled to 2 % at 0.5 ln(0.025/0.02) s."""
+    step, times = 1e-4, np.array([1e-3, 0.5])
+    decay = np.exp(-step / times)
+    shares = np.array([0.975, 0.025])
+    model = StateSpace(np.diag(decay), (1.0 - decay)[:, None], shares[None], np.zeros((1, 1)), step, ("fast", "slow"),
+                       ("set_position",), ("position_load",))  # fmt: skip
+    found = step_response(model)
+    assert found.settling_time == pytest.approx(0.5 * np.log(0.025 / 0.02), abs=2.1e-4)
+    assert found.overshoot == 0.0
+
+
 def test_a_loop_that_grows_has_no_step_response_and_what_never_settles_says_so() -> None:
     with pytest.raises(UnstableError, match="not stable"):
         step_response(second_order(30.0, -0.1))
