@@ -59,6 +59,18 @@ def test_a_notch_begins_on_the_resonance() -> None:
     assert values(begun_filter("notch", resonant(300.0, 0.01), T, at=123.0))["frequency"] == 123.0
 
 
+def test_of_several_resonances_that_nearest_to_minus_one_is_taken() -> None:
+    """The first is a circle of 3 on the side away from -1, the second one of 0.7 towards it."""
+    f = np.geomspace(1.0, 1000.0, 6000)
+
+    def circle(at: float) -> np.ndarray:
+        return 1.0 / (1.0 + 1j * (f / at - at / f) / 0.02)
+
+    L = (10.0 / (1j * f)) ** 2 + 3.0 * circle(60.0) - 0.7 * circle(200.0)
+    loop = margins(fd.FRF(f, L, "cut", "force", "N/N", T))
+    assert values(begun_filter("notch", loop, T))["frequency"] == pytest.approx(200.0, rel=2e-3)
+
+
 @pytest.mark.parametrize("kind", filter_kinds())
 @pytest.mark.parametrize("resonance", [35.0, 300.0])
 def test_a_filter_begins_with_little_phase_at_the_crossover(kind: str, resonance: float) -> None:

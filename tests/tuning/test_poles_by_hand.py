@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -145,7 +145,7 @@ def test_a_control_with_two_rates_has_no_such_poles(loop: Loop) -> None:
     assert slow.model({}, GAINS) is None
 
 
-def sorted_by_damping(poles: Sequence[complex]) -> np.ndarray:
+def sorted_by_damping(poles: Iterable[complex]) -> np.ndarray:
     return np.array(sorted(poles, key=lambda s: s.real / abs(s)))
 
 

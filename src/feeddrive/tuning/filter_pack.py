@@ -17,6 +17,7 @@ from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.loop.control import Control
 
 _RISE = 3.0  # dB by which a resonance stands out of the loop gain below it
+_AROUND = 1.1  # factor of the frequency of a resonance within which it counts
 _BEYOND = 3.0  # times the crossover: where a filter begins if nothing stands out
 _HIGHEST = 0.45  # of the sample rate
 _COSTS = 10.0  # degrees of phase at the crossover that a filter may take to begin with
@@ -41,7 +42,7 @@ def read_filter(text: str) -> Filter:
     Raises ParameterError for an unknown kind or field, a missing one, no number, and a value outside of its bounds.
     """
     kind, _, rest = text.partition(":")
-    made = find(Filter, kind.strip())  # type: ignore[type-abstract]
+    made: type[Any] = find(Filter, kind.strip())  # type: ignore[type-abstract]
     known = [name for name, each in declarations(made).items() if each.role == "parameter"]
     given = dict[str, float]()
     for pair in filter(None, (each.strip() for each in rest.split(","))):
@@ -68,7 +69,7 @@ def filter_response(block: Filter, frequency: np.ndarray, sample_time: float) ->
     rest = block.start(made, 0.0)
     count = sum(1 for _ in tree.leaves(rest))
 
-    def stepped(state: Sequence[float], value: float) -> list[float]:
+    def stepped(state: np.ndarray, value: float) -> list[float]:
         after, output = block.step(made, tree.rebuild(rest, iter(state)), value)
         return [*(float(each) for _, each in tree.leaves(after)), float(output)]
 
@@ -83,14 +84,16 @@ def filter_response(block: Filter, frequency: np.ndarray, sample_time: float) ->
 def begun_filter(kind: str, loop: Margins, sample_time: float, at: float | None = None) -> Filter:
     """A filter with start values for a loop gain: at a frequency in Hz, or where it is likely to be wanted.
 
-    A filter that passes high frequencies begins at the highest resonance beyond the crossover, one that stands out of
-    the loop gain below it by 3 dB; without one at three times the crossover.  Where it would take more than 10° of the
-    phase at the crossover it begins narrower: all its damping ratios smaller by a common factor.  A low-pass begins at
-    the lowest frequency at which it takes no more than 10°.  Never above 0.45 times the sample rate.
+    A filter that passes high frequencies begins at the resonance beyond the crossover that brings the loop nearest to
+    -1, of those that stand out of the loop gain by 3 dB; without one at three times the crossover.  Where it would take
+    more than 10° of the phase at the crossover it begins narrower: all its damping ratios smaller by a common factor.
+    A low-pass begins at the lowest frequency at which it takes no more than 10°.  Never above 0.45 times the sample
+    rate.
 
     Raises ParameterError for a filter with a number that is neither a frequency nor has a default.
     """
-    made, highest = find(Filter, kind), _HIGHEST / sample_time  # type: ignore[type-abstract]
+    made: type[Any] = find(Filter, kind)  # type: ignore[type-abstract]
+    highest = _HIGHEST / sample_time
     names = list[str]()
     for each in dataclasses.fields(made):  # type: ignore[arg-type]
         declared = declarations(made)[each.name]
@@ -132,16 +135,17 @@ def _least(admits: Callable[[float], bool], low: float, high: float) -> float:
 
 
 def _resonance(loop: Margins, crossover: float) -> float:
-    """Hz of the highest peak of |L| beyond its crossover."""
+    """Hz of that peak of |L| beyond its crossover which brings the loop nearest to -1."""
     from scipy.signal import find_peaks  # not with every command
 
-    f = loop.loop_gain.frequency
-    beyond = f > crossover
-    level = 20.0 * np.log10(np.maximum(loop.loop_gain.magnitude[beyond], 1e-30))
+    beyond = loop.loop_gain.frequency > crossover
+    f, L = loop.loop_gain.frequency[beyond], loop.loop_gain.response[beyond]
+    level = 20.0 * np.log10(np.maximum(np.abs(L), 1e-30))
     peaks, _ = find_peaks(level, prominence=_RISE)
     if not peaks.size:
-        return min(_BEYOND * crossover, float(f[-1]))
-    return float(f[beyond][peaks[np.argmax(level[peaks])]])
+        return min(_BEYOND * crossover, float(loop.loop_gain.frequency[-1]))
+    near = [np.min(np.abs(1.0 + L[(f > f[k] / _AROUND) & (f < f[k] * _AROUND)])) for k in peaks]
+    return float(f[peaks[int(np.argmin(near))]])
 
 
 @dataclasses.dataclass(frozen=True)

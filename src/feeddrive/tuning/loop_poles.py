@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -64,7 +64,8 @@ def loop_poles(axis: StateSpace, model: Model, gains: np.ndarray) -> list[LoopPo
     loop, changes = closed(axis, *model(gains))
     loop, (scale, _) = matrix_balance(loop, permute=False, separate=True)  # states are in m and in N
     changes = changes * (scale / scale[:, None])[:, :, None]
-    z, left, right = eig(loop, left=True, right=True)
+    solved: Any = eig(loop, left=True, right=True)
+    z, left, right = solved
     nyquist, found = np.pi / T, list[LoopPole]()
     for k in range(z.size):
         if z[k].imag < 0.0 or (z[k].imag == 0.0 and z[k].real <= 0.0):
@@ -101,9 +102,9 @@ def pole_moved(
         apart = wanted - pole.s
         if abs(apart) <= _NEAR * abs(wanted):
             break
-        rows, right = [pole.slope.real], [apart.real]
+        rows, right = [np.real(pole.slope)], [apart.real]
         if pole.s.imag > 0.0:
-            rows, right = [*rows, pole.slope.imag], [*right, apart.imag]
+            rows, right = [*rows, np.imag(pole.slope)], [*right, apart.imag]
         change = np.linalg.pinv(np.array(rows), rcond=_WEAK) @ np.array(right)
         change *= min(1.0, _STEP / max(float(np.max(np.abs(change))), 1e-300))
         for _ in range(_HALVINGS):
