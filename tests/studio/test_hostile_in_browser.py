@@ -52,7 +52,8 @@ def foreign(studio: Any) -> Iterator[str]:
 
     server = HTTPServer(("127.0.0.1", 0), Answers)
     threading.Thread(target=server.serve_forever, daemon=True).start()
-    yield f"http://127.0.0.1:{server.server_port}/"
+    host, port = server.server_address[:2]
+    yield f"http://{host!s}:{port}/"
     server.shutdown()
     server.server_close()
 

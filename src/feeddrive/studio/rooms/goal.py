@@ -79,7 +79,7 @@ class Goal(Room):
         height = asked.number("value")
         name = asked.choice("field", ("max_ms", "max_compliance"))
         if name == "max_ms":
-            given: dict[str, Any] = {**self.given, name: float(f"{max(10.0 ** (height / 20.0), 1.02):.3g}")}
+            given: dict[str, Any] = {**self.given, name: float(f"{max(10.0 ** min(height / 20.0, 300.0), 1.02):.3g}")}
         else:
             if not height > 0.0:
                 raise ParameterError("the dynamic stiffness must be > 0")
@@ -145,7 +145,11 @@ class Goal(Room):
             number = float(text.replace(",", "."))
         except ValueError:
             raise ParameterError(f"{field.flag}: '{text:.40}' is no number") from None
-        return int(number) if field.kind is int else units.scaled(number, field.factor)
+        if field.kind is not int:
+            return units.scaled(number, field.factor)
+        if not number.is_integer():
+            raise ParameterError(f"{field.flag} must be a whole number, not {text:.40}")
+        return int(number)
 
     def _field(self, field: Field) -> dict[str, Any]:
         value = self.given.get(field.name, field.default)

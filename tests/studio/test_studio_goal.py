@@ -1,0 +1,195 @@
+"""A goal is set and searched for: limits are dragged, a search is stopped, and what it found is taken or not."""
+
+from __future__ import annotations
+
+import math
+import time
+import tomllib
+import zipfile
+from collections.abc import Callable, Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import feeddrive as fd
+from feeddrive.language import tree
+from feeddrive.language.errors import FeeddriveError
+from feeddrive.studio.bench import bench_of
+from feeddrive.studio.jobs import CANCELLED, DONE
+from feeddrive.studio.recipe import recipe_of
+from feeddrive.studio.room import Asked, Said
+from feeddrive.studio.session import Session
+
+SLOW = "ball_screw"  # its search takes long enough to be stopped
+
+
+@pytest.fixture
+def begin(tmp_path: Path) -> Iterator[Callable[[str], Session]]:
+    made = list[Session]()
+
+    def one(machine: str) -> Session:
+        folder = tmp_path / f"page_{len(made)}"
+        folder.mkdir()
+        made.append(Session(folder, bench_of(machine)))
+        return made[-1]
+
+    yield one
+    for each in made:
+        each.close()
+
+
+def do(session: Session, what: str, **more: Any) -> Said:
+    """An act; what is wrong with it is raised."""
+    room, _, act = what.partition(".")
+    found = session.rooms[room].do(act, Asked(more))
+    assert isinstance(found, Said)
+    return found
+
+
+def done(session: Session) -> str:
+    """The end of the job."""
+    assert session.desk.job is not None
+    session.desk.job.join(120.0)
+    return session.desk.job.state.state
+
+
+def test_a_level_that_is_dragged_is_a_limit_of_search_and_of_tuning_by_hand(begin: Callable[[str], Session]) -> None:
+    session = begin("linear_motor")
+    said = do(session, "goal.level", field="max_ms", value=20.0 * math.log10(1.7))
+    level = next(each for each in said.words["levels"] if each["field"] == "max_ms")
+    assert level["picture"] == "sensitivity"
+    assert 10.0 ** (level["at"] / 20.0) == pytest.approx(1.7)
+    assert session.rooms["goal"]._request().max_ms == 1.7  # type: ignore[attr-defined]
+    judged = do(session, "tune.show").words["judged"]
+    assert any("Ms <= 1.7" in each["text"] for each in judged)
+    do(session, "goal.level", field="max_ms", value=1e6)  # far out of the picture: no limit
+    do(session, "goal.level", field="max_compliance", value=25.0)  # N/um
+    assert session.rooms["goal"]._request().max_compliance == pytest.approx(4e-8)  # type: ignore[attr-defined]
+    assert do(session, "goal.set", field="max_compliance", value="").words["fields"]
+    assert session.rooms["goal"]._request().max_compliance is None  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("act", "more"),
+    [
+        ("level", {"field": "max_compliance", "value": 0.0}),
+        ("level", {"field": "max_compliance", "value": -3.0}),
+        ("level", {"field": "max_compliance", "value": 1e-320}),
+        ("level", {"field": "phase_margin", "value": 30.0}),
+        ("set", {"field": "max_ms", "value": "0.9"}),
+        ("set", {"field": "max_ms", "value": "much"}),
+        ("set", {"field": "starts", "value": "1.5"}),
+        ("set", {"field": "starts", "value": "1e999"}),
+        ("set", {"field": "out", "value": "/elsewhere"}),
+    ],
+)
+def test_a_goal_that_cannot_be_is_refused_and_the_one_before_stays(
+    begin: Callable[[str], Session], act: str, more: dict[str, Any]
+) -> None:
+    session = begin("linear_motor")
+    do(session, "goal.level", field="max_ms", value=4.0)
+    before = dict(session.rooms["goal"].given)  # type: ignore[attr-defined]
+    with pytest.raises(FeeddriveError):
+        do(session, f"goal.{act}", **more)
+    assert session.rooms["goal"].given == before  # type: ignore[attr-defined]
+
+
+def test_a_search_that_was_stopped_gives_its_best_which_is_said_to_be_unproven(
+    begin: Callable[[str], Session], tmp_path: Path
+) -> None:
+    session = begin(SLOW)
+    goal, before = session.rooms["goal"], dict(session.desk.values)
+    with pytest.raises(FeeddriveError, match="nothing was found yet"):
+        do(session, "goal.accept")
+    do(session, "goal.tune")
+    until = time.monotonic() + 60.0
+    while len(goal.costs) < 2 and time.monotonic() < until:  # type: ignore[attr-defined]
+        time.sleep(0.01)
+    session.answer({"number": 1, "do": "job.cancel"})
+    assert done(session) == CANCELLED
+    said = do(session, "goal.show").words
+    assert (said["best"], said["unfinished"], said["verdict"]) == (True, True, "")
+    costs = list(goal.costs)  # type: ignore[attr-defined]
+    assert costs == sorted(costs, reverse=True)
+    assert session.desk.values == before  # nothing is taken before a person accepts
+    best = goal.best  # type: ignore[attr-defined]
+    assert do(session, "goal.accept").words["go"] == "tune"
+    assert numbers(session.desk.control) == numbers(best)
+    assert do(session, "goal.show").words["best"] is False
+    do(session, "tune.undo")
+    assert session.desk.values == before
+    do(session, "tune.redo")
+    do(session, "take.machine")
+    check_repeated(session, tmp_path / "again")
+    assert "tune" not in [each.command for each in session.desk.done]  # a search that was stopped proves nothing
+
+
+def numbers(control: Any) -> dict[str, Any]:
+    """All of a control by name, and the kinds of its parts."""
+    parts = [control.law, *control.filters, *control.feedforward]
+    return {"kinds": [each.kind for each in parts], **dict(tree.leaves(control))}
+
+
+def check_repeated(session: Session, folder: Path) -> None:
+    """The recipe in Python writes the machine file that the page gives, with the numbers of now in seven digits."""
+    folder.mkdir()
+    own = session.desk.folder
+    exec(recipe_of(session.desk).python.replace(str(own), str(folder)))  # as a person would run it
+    text = (folder / "machine.toml").read_text(encoding="utf-8")
+    assert text == (own / "machine.toml").read_text(encoding="utf-8")
+    written, now = (numbers(each) for each in (fd.read_machine(folder / "machine.toml").loop(None).control,
+                                               session.desk.control))  # fmt: skip
+    assert written.keys() == now.keys()
+    assert written.pop("kinds") == now.pop("kinds")
+    for name, value in now.items():
+        assert written[name] == (pytest.approx(value, rel=1e-6) if isinstance(value, float) else value), name
+
+
+def test_what_was_found_is_accepted_and_taken_away(begin: Callable[[str], Session], tmp_path: Path) -> None:
+    session = begin("linear_motor")
+    do(session, "goal.set", field="starts", value="1")
+    do(session, "goal.tune")
+    assert done(session) == DONE
+    said = do(session, "goal.show").words
+    assert said["verdict"]
+    assert not said["unfinished"]
+    found = session.rooms["goal"].found.result.control  # type: ignore[attr-defined]
+    do(session, "goal.accept")
+    assert numbers(session.desk.control) == numbers(found)
+    do(session, "take.export", target="parameters")
+    assert done(session) == DONE
+    said = do(session, "take.show").words
+    assert said["results"] == ["tuned"]
+    archive = said["exports"]["parameters"]["archive"]
+    given = do(session, "take.result", name="tuned").words["give"]
+    for name in (archive, given):
+        with zipfile.ZipFile(BytesIO((session.desk.folder / name).read_bytes())) as packed:
+            assert packed.testzip() is None
+            assert all(each.startswith(name.removesuffix(".zip") + "/") for each in packed.namelist())
+            assert len(packed.namelist()) > 1
+    do(session, "take.machine")
+    check_repeated(session, tmp_path / "again")
+    job = tomllib.loads(recipe_of(session.desk).job)
+    assert job["machine"]
+
+
+def test_a_search_is_not_begun_beside_another_work_and_what_was_found_stays(begin: Callable[[str], Session]) -> None:
+    session = begin("linear_motor")
+    do(session, "goal.set", field="starts", value="1")
+    do(session, "goal.tune")
+    assert done(session) == DONE
+    found = session.rooms["goal"].found  # type: ignore[attr-defined]
+    do(session, "compare.start", laws=[], starts=2)
+    do(session, "tune.move", name="law.Kp", value=0.9 * session.desk.values["law.Kp"])
+    for act in ("goal.tune", "prove.certify", "take.machine", "bring.bundled"):
+        with pytest.raises(FeeddriveError, match="wait for its end, or cancel it"):
+            do(session, act, name="emps")
+    assert session.rooms["goal"].found is found  # type: ignore[attr-defined]
+    assert not (session.desk.folder / "machine.toml").exists()
+    before = dict(session.desk.values)
+    assert do(session, "goal.reject").words["best"] is False
+    with pytest.raises(FeeddriveError, match="nothing was found yet"):
+        do(session, "goal.accept")
+    assert session.desk.values == before
