@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -65,3 +66,46 @@ def test_a_list_in_one_line_is_not_half_removed(tmp_path: Path) -> None:
     path.write_text((text[:begin] + text[end:]).replace("[axis.x.control]\n", line), encoding="utf-8")
     with pytest.raises(FeeddriveError, match=r"write axis\.x\.control\.filters as a section"):
         fd.workflow.adjust(path, remove=("filters.0",))
+
+
+def test_limits_of_the_machine_are_written_too(tmp_path: Path) -> None:
+    """What the table says was set stands in the file, also beside the law: force limit and guard."""
+    path = tmp_path / "m.toml"
+    fd.workflow.adjust("ball_screw", set=("force_limit=5000", "guard.velocity_limit=2"), out=path)
+    before, control = (fd.read_machine(each).loop(None).control for each in ("ball_screw", path))
+    assert before.guard is not None
+    assert control.force_limit == 5000.0
+    wanted = replace(before.guard, velocity_limit=2.0)
+    assert dict(tree.leaves(control.guard)) == dict(tree.leaves(wanted))
+
+
+def test_a_control_without_a_guard_gets_one(tmp_path: Path) -> None:
+    """And nothing else in the file moves; a second call changes it."""
+    text = fd.read_machine("ball_screw").file.text
+    begin, end = text.index("[axis.x.control.guard]"), text.index("[axis.x.control.law]")
+    path = tmp_path / "bare.toml"
+    path.write_text(text[:begin] + text[end:], encoding="utf-8")
+    assert fd.read_machine(path).loop(None).control.guard is None
+    fd.workflow.adjust(path, guard="following_error_limit=0.002, velocity_limit=1.5", out=tmp_path / "m.toml")
+    made = fd.read_machine(tmp_path / "m.toml")
+    guard = made.loop(None).control.guard
+    assert guard is not None
+    assert (guard.following_error_limit, guard.velocity_limit, guard.travel_most) == (0.002, 1.5, None)
+    assert made.file.text.startswith(path.read_text(encoding="utf-8").rstrip())
+    again = fd.workflow.adjust(tmp_path / "m.toml", guard="travel_most=0.4").loop(None).control.guard
+    assert again is not None
+    assert (again.following_error_limit, again.travel_most) == (0.002, 0.4)
+
+
+@pytest.mark.parametrize(
+    ("guard", "reason"),
+    [
+        ("velocity", "--guard velocity: write it as NAME=VALUE"),
+        ("velocity_limt=1", "no number 'velocity_limt'; did you mean velocity_limit"),
+        ("velocity_limit=fast", "'fast' is no number"),
+        ("velocity_limit=-1", "must be > 0"),
+    ],
+)
+def test_a_guard_that_cannot_be_says_why(guard: str, reason: str) -> None:
+    with pytest.raises(ParameterError, match=reason):
+        fd.workflow.adjust("ball_screw", guard=guard)

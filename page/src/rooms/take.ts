@@ -14,6 +14,7 @@ interface Words {
   commands: string;
   python: string;
   job_file: string;
+  bounds: { name: string; meaning: string; unit: string }[];
   give?: string;
 }
 
@@ -37,6 +38,7 @@ export class Take implements Room {
     this.element.replaceChildren(
       ...(words.ready ? [] : [make("p", {}, "Bring a machine first: a control is written for an axis of a machine file.")]),
       make("div", { class: "buttons" }, machine, ...results),
+      ...this.guard(words.bounds),
       make("h2", {}, "Exports"),
       make("div", { class: "buttons" }, ...targets),
     );
@@ -64,5 +66,27 @@ export class Take implements Room {
       const link = make("a", { href: result(words.give), download: words.give });
       link.click();
     }
+  }
+
+  // Fields for a control without a guard: what is written into them goes to the server as it is.
+  private guard(bounds: Words["bounds"]): HTMLElement[] {
+    if (!bounds.length) return [];
+    const inputs = bounds.map((each) => make("input", { id: `guard-${each.name}`, type: "text", inputmode: "decimal", size: "8" }));
+    const labels = bounds.map((each, i) => make("label", { for: inputs[i]!.id }, `${each.meaning} `, inputs[i]!, ` ${each.unit}`));
+    const add = () => {
+      const request: Record<string, unknown> = {};
+      for (const [i, each] of bounds.entries()) {
+        const text = inputs[i]!.value.trim();
+        const value = Number(text.replace(",", "."));
+        if (text) request[each.name] = Number.isFinite(value) ? value : text;
+      }
+      this.ask({ do: "take.guard", ...request });
+    };
+    return [
+      make("h2", {}, "Guard"),
+      make("p", {}, "This control has no guard yet, and an export needs one: bounds of your machine beyond which the loop trips. Leave out what it need not watch."),
+      make("div", { class: "fields" }, ...labels),
+      make("div", { class: "buttons" }, button("Add the guard", add, { id: "guard-add" })),
+    ];
   }
 }

@@ -30,6 +30,15 @@ Values = dict[str, float]
 _UNDONE = 200  # steps that are kept
 
 
+def free_name(folder: Path, name: str) -> Path:
+    """A path in a folder that is not taken: name.toml, name_2.toml, ..."""
+    path, count = folder / name, 1
+    while path.exists():
+        count += 1
+        path = folder / f"{Path(name).stem}_{count}{Path(name).suffix}"
+    return path
+
+
 @dataclass(frozen=True)
 class Step:
     """One thing that was done: a command of the workflow with its request."""
@@ -70,6 +79,7 @@ class Desk:
     live      what may be followed while it is recorded
     closing   what is called at the end of the session
     done      what was done since the source was brought
+    kept      machine files with controls that no command of `done` writes
     """
 
     def __init__(self, folder: Path, brought: tuple[Path, ...] = (), live: Followable | None = None) -> None:
@@ -87,7 +97,7 @@ class Desk:
         self.undo: list[Held] = []
         self.redo: list[Held] = []
         self._made: tuple[ByHand, Values, Control] | None = None  # the control of now, once it is needed
-        self._files = 0  # machine files of its own
+        self.kept: list[Path] = []
         self._begins = True  # whether the next change is a step of its own, and not one more of a drag
         self.changed: Callable[[], None] = lambda: None  # set by the session: another source
         self.closing: list[Callable[[], None]] = []
@@ -122,15 +132,20 @@ class Desk:
         self.values, self._begins = dict(wanted), False
         self._made = self.needed.by_hand, self.values, made
 
-    def exchange(self, control: Control) -> None:
+    def exchange(self, control: Control, file: Path | None = None) -> None:
         """Go on with a control that may have other parts: a step to undo.
 
-        It is written into the machine file of now or into that of the source, if it differs from the control there in
-        filters and numbers alone, and else into a file of its own.
+        file  a machine file in which a command has written it
+
+        Without one it is written into the machine file of now or into that of the source, if it differs from the
+        control there in filters and numbers alone, and else into a file of its own.
         """
         bench = self.needed.with_control(control)
         self._remember()
         self.bench, self.values, self._begins = bench, bench.by_hand.values, True
+        if file is not None:
+            self.base, self.written = file, control
+            return
         known = ((self.base, self.written), (bench.file, bench.before.start))
         for base, written in known:
             if written is not None and difference(written, control) is not None:
@@ -142,9 +157,9 @@ class Desk:
         """A machine file with a control that was found, for what is done next."""
         if bench.machine is None:
             return bench.file
-        self._files += 1
-        path = self.folder / f"begun_{self._files}.toml"
+        path = free_name(self.folder, "begun.toml")
         write_whole(path, bench.text(self.values))
+        self.kept.append(path)
         return path
 
     def held(self) -> Held:
@@ -184,13 +199,16 @@ class Desk:
         """Keep what was done, for those who want it as commands."""
         self.done.append(Step(command, request))
 
-    def take(self, control: Control) -> None:
-        """Go on with a control that was found: a step that can be undone."""
+    def take(self, control: Control, file: Path | None = None) -> None:
+        """Go on with a control that was found: a step that can be undone.
+
+        file  a machine file in which a command has written it, if there is one
+        """
         found = difference(self.needed.by_hand.start, control)
         if found is not None and not (found.removed or found.added) and found.values.keys() <= self.values.keys():
             self.change({name: float(value) for name, value in tree.leaves(control) if name in self.values})
         else:
-            self.exchange(control)
+            self.exchange(control, file)
 
     @property
     def control(self) -> Control:
@@ -212,7 +230,10 @@ class Desk:
         assert fields is not None  # `exchange` has seen to it
         if not any(fields.values()):
             return None
-        return AdjustRequest(self.base, axis=bench.axis, out=self.folder / "machine.toml", **fields)
+        return AdjustRequest(
+            self.base, set=fields["set"], add=fields["add"], remove=fields["remove"], axis=bench.axis,
+            out=self.folder / "machine.toml",
+        )  # fmt: skip
 
     def machine_path(self) -> str | Path:
         """A machine file with the control of now: that to begin with, or one that is written into the folder.

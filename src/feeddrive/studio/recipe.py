@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from feeddrive.studio.desk import Desk
 
 
+_NOT_MADE = "a control that was chosen on the page before a search had ended, or of a comparison; keep this file"
+
+
 @dataclass(frozen=True)
 class Recipe:
     """The same work without the page.
@@ -35,7 +38,9 @@ def recipe_of(desk: Desk) -> Recipe:
     if moved is not None and moved not in [request for _, request in steps]:
         steps.append(("adjust", moved))
     commands = [request.command_line(name) for name, request in steps]
-    python = ["import feeddrive as fd", ""]
+    kept = [f"# {path}: {_NOT_MADE}" for path in desk.kept if any(str(path) in each for each in commands)]
+    commands = [*kept, *commands]
+    python = ["import feeddrive as fd", "", *kept]
     python += [request.python(name) for name, request in steps]
     return Recipe("\n".join([*commands, ""]), "\n".join([*python, ""]), _job(desk))
 

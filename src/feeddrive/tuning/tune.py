@@ -138,7 +138,8 @@ def _tuner(
     if goal == "rope-snap" and not ControlResponse(control, made[0].sample_time, (), velocity).integrates(()):
         raise ParameterError(
             f"goal = 'rope-snap' needs a control with integral action: without it ('{control.law.kind}' as it is) "
-            "a force causes a permanent offset of the table; give it one, such as law.Tn, or take the goal stiffness"
+            "a force causes a permanent offset of the table; give it one, such as law.Tn, let the search begin with "
+            "one (law cascade_ppi), or take the goal stiffness"
         )
     return tuner
 

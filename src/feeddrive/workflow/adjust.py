@@ -1,4 +1,4 @@
-"""`feeddrive adjust`: filters of a control removed and added, and its numbers set, in its machine file."""
+"""`feeddrive adjust`: filters of a control removed and added, its numbers and its guard set, in its machine file."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from pathlib import Path
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language import tree
+from feeddrive.language.block import declarations
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.control import Control
+from feeddrive.loop.guard import Guard
 from feeddrive.tuning.filter_pack import Difference, difference, read_filter, with_filters, written_filter
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import Request, argument, option
@@ -20,7 +22,7 @@ from feeddrive.workflow.tune_files import machine_text
 
 
 class AdjustRequest(Request):
-    """Which machine file, and what is done to its control: filters removed, others added, then numbers set."""
+    """Which machine file, and what is done to its control: filters removed, others added, guard, then numbers set."""
 
     machine: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     set: tuple[str, ...] = option(
@@ -35,15 +37,20 @@ class AdjustRequest(Request):
     remove: tuple[str, ...] = option(
         "a filter to remove, as filters.0, as the machine file numbers them; may be repeated", default=()
     )
+    guard: str | None = option(
+        "NAME=VALUE,... of bounds beyond which the loop trips, in SI, as following_error_limit=0.001,velocity_limit=1; "
+        "a control without a guard gets one",
+        default=None,
+    )
     axis: str | None = option("its axis, if it has several", default=None)
     out: Path | None = option("machine file to write", short="-o", default=None)
 
     def check(self) -> None:
         """Raise ParameterError if there is nothing to do."""
-        if not (self.set or self.add or self.remove):
+        if not (self.set or self.add or self.remove or self.guard):
             raise ParameterError(
-                "nothing to do: give --set NAME=VALUE of a number, --add KIND:NAME=VALUE of a filter or --remove "
-                "filters.0"
+                "nothing to do: give --set NAME=VALUE of a number, --add KIND:NAME=VALUE of a filter, --remove "
+                "filters.0 or --guard NAME=VALUE"
             )
 
 
@@ -77,12 +84,17 @@ def adjust(request: AdjustRequest, progress: Progress) -> Outcome[MachineFile]:
     loop = machine.loops[axis]
     removed, added = _places(request.remove), tuple(read_filter(each) for each in request.add)
     begun = with_filters(loop.control, removed, added)
+    bounds = {} if request.guard is None else _bounds(request.guard)
+    if bounds:
+        begun = replace(begun, guard=replace(begun.guard or Guard(), **bounds))
     values = _values(begun, request.set)
     loops = {**machine.loops, axis: replace(loop, control=tree.vary(begun, values))}
     changed = loops[axis].control
     text = machine_text(machine, axis, changed)
     rows = [(f"filters.{i}", loop.control.filters[i].kind, "removed", "") for i in removed]
     rows += [(f"filters.{len(begun.filters) - len(added) + i}", "added", each.kind, "") for i, each in enumerate(added)]
+    rows += [(f"guard.{name}", _before(loop.control.guard, name), f"{value:.6g}", declarations(Guard)[name].unit)
+             for name, value in bounds.items()]  # fmt: skip
     rows += [(name, f"{tree.get(begun, name):.6g}", f"{value:.6g}", tree.declaration(begun, name).unit)
              for name, value in values.items()]  # fmt: skip
     files: Mapping[str, Path] = {}
@@ -92,6 +104,28 @@ def adjust(request: AdjustRequest, progress: Progress) -> Outcome[MachineFile]:
     shown = Table(f"{machine.name}, axis {axis}: what was changed", ("what", "before", "now", "unit"), rows)
     found = replace(machine, loops=loops, file=replace(machine.file, text=text))
     return Outcome(found, [shown], files=files)
+
+
+def _before(guard: Guard | None, name: str) -> str:
+    value = None if guard is None else getattr(guard, name)
+    return "none" if value is None else f"{float(value):.6g}"
+
+
+def _bounds(given: str) -> dict[str, float]:
+    """The numbers of a guard. Raises ParameterError for one that it has not, and for no number."""
+    known = [name for name, each in declarations(Guard).items() if each.role == "parameter"]
+    found = dict[str, float]()
+    for each in given.split(","):
+        name, equals, value = (part.strip() for part in each.partition("="))
+        if not equals:
+            raise ParameterError(f"--guard {each}: write it as NAME=VALUE, such as velocity_limit=1")
+        if name not in known:
+            raise ParameterError(f"--guard {each}: a guard has no number '{name}'{nearest(name, known)}")
+        try:
+            found[name] = float(value)
+        except ValueError:
+            raise ParameterError(f"--guard {each}: '{value}' is no number") from None
+    return found
 
 
 def _places(given: Sequence[str]) -> tuple[int, ...]:

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -39,6 +38,7 @@ from feeddrive.tuning.recipes import JudgedRecipe
 from feeddrive.tuning.tunables import readable
 from feeddrive.tuning.tuned import TIMES, Tuned, broken_limits, two_digits
 from feeddrive.workflow.certify import write_certificate
+from feeddrive.workflow.tune_summary import summary
 
 _LISTS = ("filters", "feedforward", "compensation")
 _DIGITS = 7
@@ -71,7 +71,8 @@ def write_tuned(
     """
     with new_directory(out) as folder:
         (folder / "report.html").write_text(build(found, story), encoding="utf-8")
-        (folder / "summary.json").write_text(summary_text(summary(found, story), rotary=story.rotary), encoding="utf-8")
+        figures = summary_text(summary(found, story.said, story.rules), rotary=story.rotary)
+        (folder / "summary.json").write_text(figures, encoding="utf-8")
         if found.holds:
             (folder / "control.toml").write_text(to_toml(found.control, f"axis.{axis}.control"), encoding="utf-8")
             if machine is not None:
@@ -310,43 +311,12 @@ def _pictures(found: Tuned, story: Story) -> Iterator[Shown]:
         )
 
 
-def summary(found: Tuned, story: Story) -> dict[str, Any]:
-    """All figures as plain numbers; what does not occur is null."""
-    return {
-        "rule": found.rule,
-        "recommendation": found.recommendation(),
-        "holds": found.holds,
-        "tunables": dict(found.tunables),
-        "today": {name: None if math.isnan(value) else value for name, value in found.started.items()},
-        "figures": {
-            name: {each.point: _plain(each) for each in row}
-            for name, row in (("today", found.before), ("new", found.after))
-        },
-        "held_back_by": [
-            {"what": h.what, "point": h.point, "frequency_Hz": h.frequency, "gain_percent": h.gain} for h in found.held
-        ],
-        "against": "a force at the drive" if found.at_drive else "a force on the table",
-        "remarks": [*story.said, *found.advice],
-        "rules": {
-            rule.name: {"reason": rule.reason, "figures": {each.point: _plain(each) for each in rule.figures}}
-            for rule in story.rules
-        },
-        "standard_deviations_kept": found.sure,
-        "probability_that_all_limits_hold": found.confidence,
-        "proof": {line.what: {"holds": line.holds, "said": line.said} for line in found.proof},
-    }
-
-
-def _plain(each: Figures) -> dict[str, float | bool | None]:
-    values = {head: read(each) if each.stable else None for head, _, read in FIGURES}
-    return {"stable": each.stable, **{k: None if v is None or not math.isfinite(v) else v for k, v in values.items()}}
-
-
 def machine_text(machine: MachineFile, axis: str, control: Control) -> str:
     """The text of the machine's file with another control of one axis.
 
-    A law of the same kind is changed number by number; another law takes the place of the section.  Of a list of blocks
-    those that stay are changed number by number, others are removed, and new ones written behind (`aligned`).
+    A law of the same kind is changed number by number; another law takes the place of the section, and so does a
+    prefilter.  Numbers of guard, force limit and delay are set, and stay where the control has none.  Of a list of
+    blocks those that stay are changed number by number, others are removed, and new ones written behind (`aligned`).
     """
     edit = TomlEdit(machine.file.text, machine.file.name)
     old = machine.loops[axis].control
@@ -357,6 +327,20 @@ def machine_text(machine: MachineFile, axis: str, control: Control) -> str:
         edit.replace((*where, "law"), to_toml(control.law, ".".join((*where, "law")), rotary=rotary))
     if old.prefilter is not None and control.prefilter is None:
         edit.remove((*where, "prefilter"))
+    elif control.prefilter is not None and control.prefilter != old.prefilter:
+        if old.prefilter is not None and tree.structure(old.prefilter) == tree.structure(control.prefilter):
+            _numbers(edit, (*where, "prefilter"), old.prefilter, control.prefilter)
+        else:
+            text = to_toml(control.prefilter, ".".join((*where, "prefilter")), rotary=rotary)
+            edit.replace((*where, "prefilter"), text)
+    if control.guard is not None and old.guard is None:
+        edit.add(to_toml(control.guard, ".".join((*where, "guard")), rotary=rotary))
+    elif control.guard is not None and old.guard is not None:
+        _numbers(edit, (*where, "guard"), old.guard, control.guard)
+    for name in ("feedback_delay", "force_limit"):
+        before, after = getattr(old, name), getattr(control, name)
+        if after is not None and after != before:
+            edit.set((*where, name), float(after), tree.declaration(control, name).unit, _DIGITS)
     for name in _LISTS:
         before, after = getattr(old, name), getattr(control, name)
         kept = aligned(before, after)

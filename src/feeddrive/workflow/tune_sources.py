@@ -106,15 +106,23 @@ def points_of(given: Sources, loop: Loop | None, progress: Progress) -> tuple[li
 def first_control(law: str | None, loop: Loop | None, points: Sequence[OperatingPoint | Loop]) -> tuple[Control, str]:
     """Where a search begins: today's control, another law on the same axis, or a P-PI by robust margins.
 
+    Today's law by name gets an integral where today's control has none.
     And what stands in the place of today's control, if there is none.
     """
     if loop is None:
         if law not in (None, "cascade_ppi"):
             raise ParameterError(f"--law {law} needs a machine to take its model from: give it with --baseline")
         return Control(law=replace(margin_goals(points[0]).law, velocity_encoder="motor")), "rule margins-robust"
-    if law is None or law == loop.control.law.kind:
+    if law is None or (law == loop.control.law.kind and has_integral(loop.control, loop.sample_time)):
         return loop.control, ""
-    return control_with(loop, law), ""
+    begun = control_with(loop, law)
+    keeps = law == loop.control.law.kind and not has_integral(begun, loop.sample_time)
+    return loop.control if keeps else begun, ""
+
+
+def has_integral(control: Control, sample_time: float) -> bool:
+    """Whether a constant force on the table leaves no offset."""
+    return ControlResponse(control, float(sample_time), ()).integrates(())
 
 
 def machine_of(source: object) -> MachineFile | None:

@@ -25,7 +25,8 @@ from feeddrive.study.robust import SNAP, Robust, RobustTuner, in_percent, said
 from feeddrive.tuning.candidates import candidates, control_with
 from feeddrive.tuning.tunables import law_tunables
 from feeddrive.workflow.command import Outcome
-from feeddrive.workflow.tune_files import Story, machine_text, summary, tables
+from feeddrive.workflow.tune_files import Story, machine_text, tables
+from feeddrive.workflow.tune_summary import summary
 
 EVERY = "every"  # in place of a law: all that can be tuned on the axis
 
@@ -163,7 +164,7 @@ def _write(tuner: RobustTuner, laws: Laws, text: str | None, out: Path, again: M
         "machines": {"sampled": len(tuner.sample.points), "share": best.share, "decide": list(best.active)},
         "laws": {name: _share(each.after) for name, each in laws.found.items()},
         "not_tuned": dict(laws.refused),
-        "tuning": summary(best.tuned, story),
+        "tuning": summary(best.tuned, story.said, story.rules),
     }
     with new_directory(out) as folder:
         (folder / "report.html").write_text(_page(tuner, laws, story), encoding="utf-8")

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from feeddrive.files.machine import read_machine
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.control import Control
 from feeddrive.plot.chart import Chart, Curve, Panel
-from feeddrive.studio.desk import Desk
+from feeddrive.studio.desk import Desk, free_name
 from feeddrive.studio.jobs import Found, perform
 from feeddrive.studio.pictures import charts
 from feeddrive.studio.room import Asked, Room, Said, act
@@ -22,10 +24,15 @@ from feeddrive.tuning.tuned import Tuned
 from feeddrive.workflow.command import Outcome
 from feeddrive.workflow.request import Field, fields_of
 from feeddrive.workflow.tune import TuneRequest
+from feeddrive.workflow.tune_sources import has_integral
 
 _SHOWN = ("goal", "max_ms", "phase_margin", "gain_margin", "delay_margin", "max_compliance", "reading_noise",
           "max_noise", "band", "filters", "law", "starts")  # fmt: skip
 _BY_RULE = "without a machine file the search begins with a P-PI by a rule, and not with the control of now"
+_NO_INTEGRAL = (
+    "the control of now has no integral action, which the goal rope-snap needs: write cascade_ppi into the field law, "
+    "so that the search begins with one, or take the goal stiffness"
+)
 _TODAY, _NOW, _BEST, _FOUND = "today", "now", "best so far", "found"
 FIELDS: Mapping[str, Field] = {each.name: each for each in fields_of(TuneRequest) if each.name in _SHOWN}
 
@@ -46,6 +53,7 @@ class Goal(Room):
         self.best: Control | None = None
         self.found: Outcome[Tuned] | None = None
         self._looks: dict[str, tuple[Control, Look]] = {}
+        self._integral: tuple[Control, bool] | None = None  # of the control of now
 
     def show(self) -> Said:
         """The goal with its limits, how the search goes, and the loop before and after it."""
@@ -53,10 +61,9 @@ class Goal(Room):
         if self.desk.bench is None:
             return Said(words)
         drawn = self._charts()
-        begins = "" if self.desk.needed.machine is not None else _BY_RULE
         words |= {
             "ready": True,
-            "begins": begins,
+            "begins": self._begins(),
             "levels": self._levels(drawn),
             "best": self.best is not None,
             **self._result(),
@@ -109,10 +116,19 @@ class Goal(Room):
         """Go on with what was found, or with the best so far of a search that was stopped."""
         if self.best is None:
             raise ParameterError("nothing was found yet: press Tune first")
-        self.desk.take(self.best)
+        written = self._written()
+        if written is None:
+            self.desk.take(self.best)
+        else:
+            self.desk.take(read_machine(written).loop(self.desk.needed.axis).control, written)
         self.begin()
         said = self.show()
         return Said({**said.words, "go": "tune"}, said.charts)
+
+    def _written(self) -> Path | None:
+        """The machine file with what was found, rounded as it was proven; None for a search that was stopped."""
+        place = None if self.found is None else self.found.files.get("Machine")
+        return None if place is None else Path(place)
 
     @act
     def reject(self, _: Asked) -> None:
@@ -127,7 +143,7 @@ class Goal(Room):
     def _request(self) -> TuneRequest:
         bench = self.desk.needed
         source = bench.sources
-        out = self.desk.folder / "tuned"
+        out = free_name(self.desk.folder, "tuned")  # one that was accepted stays what it was
         given: dict[str, Any] = {**self.given, "out": out, "at": tuple(source.at), "axis": bench.axis or None}
         if bench.from_machine:
             return TuneRequest(self.desk.machine_path(), **given)
@@ -136,6 +152,19 @@ class Goal(Room):
             source.source, baseline=baseline, motor=tuple(source.motor), unit=source.unit,
             sample_time=source.sample_time, delay=source.delay, **given,
         )  # fmt: skip
+
+    def _begins(self) -> str:
+        """What a person should know before the search; empty if there is nothing."""
+        bench = self.desk.needed
+        if bench.loop is None:
+            return _BY_RULE
+        goal, law = (self.given.get(name, FIELDS[name].default) for name in ("goal", "law"))
+        if goal != "rope-snap" or law is not None:
+            return ""
+        control = bench.by_hand.control(self.desk.values)
+        if self._integral is None or self._integral[0] != control:
+            self._integral = control, has_integral(control, bench.loop.sample_time)
+        return "" if self._integral[1] else _NO_INTEGRAL
 
     @staticmethod
     def _read(field: Field, text: str) -> Any:

@@ -8,17 +8,23 @@ from typing import Any
 
 from feeddrive.export.targets import TARGETS
 from feeddrive.files.atomic_io import write_whole
+from feeddrive.language import units
+from feeddrive.language.block import declarations
 from feeddrive.language.errors import ParameterError
-from feeddrive.studio.desk import Desk
+from feeddrive.language.progress import Progress
+from feeddrive.loop.guard import Guard
+from feeddrive.studio.desk import Desk, free_name
 from feeddrive.studio.jobs import perform
 from feeddrive.studio.recipe import recipe_of
 from feeddrive.studio.room import Asked, Room, Said, act
 from feeddrive.studio.works import Shown, exported, packed, words_of
+from feeddrive.workflow.adjust import AdjustRequest
 from feeddrive.workflow.command import Outcome
 from feeddrive.workflow.export import ExportRequest
 from feeddrive.workflow.verify import VerifyRequest
 
 _RESULTS = ("tuned", "certificate", "circle", "run")
+_BOUNDS = ("following_error_limit", "velocity_limit", "travel_least", "travel_most", "safe_force")
 
 
 class Take(Room):
@@ -43,6 +49,7 @@ class Take(Room):
             "ready": bench is not None and bench.machine is not None, "targets": list(TARGETS),
             "results": self._results(),
             "exports": {name: dict(each.words) for name, each in self.exports.items()}, "verified": self.verified,
+            "bounds": self._bounds(),
             "commands": found.commands, "python": found.python, "job_file": found.job,
         }  # fmt: skip
         return Said(words)
@@ -73,6 +80,39 @@ class Take(Room):
         return self._give(path)
 
     @act
+    def guard(self, asked: Asked) -> None:
+        """Bounds beyond which the loop trips, as a person writes them into the fields of `_bounds`."""
+        bench = self.desk.needed
+        bench.needed_loop()
+        self.desk.check_free()
+        found = dict[str, float]()
+        for each in self._bounds():
+            value = asked.number_or_none(each["name"])
+            if value is not None:
+                found[each["name"]] = value * each["factor"]
+        if not found.keys() - {"safe_force"}:
+            raise ParameterError("a guard needs a bound: give the largest following error or the largest velocity")
+        said = ",".join(f"{name}={value!r}" for name, value in found.items())
+        path = free_name(self.desk.folder, "guarded.toml")
+        request = AdjustRequest(self.desk.machine_path(), guard=said, axis=bench.axis, out=path)
+        made = perform("adjust", request, Progress()).result
+        self.desk.did("adjust", request)
+        self.desk.exchange(made.loop(bench.axis).control, path)
+
+    def _bounds(self) -> list[dict[str, Any]]:
+        """Fields of a guard, for a control that has none: every export but that of parameters needs one."""
+        bench = self.desk.bench
+        if bench is None or bench.loop is None or self.desk.control.guard is not None:
+            return []
+        found = list[dict[str, Any]]()
+        for name in _BOUNDS:
+            declared = declarations(Guard)[name].of_axis(bench.rotary)
+            unit = "mm" if declared.unit == "m" else declared.unit
+            factor = units.factor(unit, declared.unit) if unit != declared.unit else 1.0
+            found.append({"name": name, "meaning": declared.meaning, "unit": unit, "factor": factor})
+        return found
+
+    @act
     def export(self, asked: Asked) -> None:
         """The control of now for a target."""
         bench, target = self.desk.needed, asked.choice("target", TARGETS)
@@ -100,7 +140,9 @@ class Take(Room):
         self.desk.start(self.name, f"verify the export for {target}", partial(perform, "verify", request), then)
 
     def _results(self) -> list[str]:
-        return [name for name in _RESULTS if (self.desk.folder / name).is_dir()]
+        return [name for name in _RESULTS if (self.desk.folder / name).is_dir()] + sorted(
+            each.name for each in self.desk.folder.glob("tuned_*") if each.is_dir()
+        )
 
     def _give(self, path: Path) -> Said:
         return Said({**self.show().words, "give": path.name})
