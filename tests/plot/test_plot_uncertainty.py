@@ -11,6 +11,7 @@ import feeddrive as fd
 from feeddrive.analysis.friction_map import FrictionMap
 from feeddrive.analysis.margins import margins
 from feeddrive.analysis.stiffness import stiffness
+from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate, Level
 from feeddrive.identification.response.fit_axis import fit_axis
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.shown_units import ShownUnits
@@ -19,7 +20,7 @@ from feeddrive.loop.linearize import linearize
 from feeddrive.plot.chart import DOTS, LOG
 from feeddrive.plot.friction import friction_chart
 from feeddrive.plot.over_frequency import open_loop_chart, sensitivity_chart, stiffness_chart
-from feeddrive.plot.responses import Overlay, overlay_chart
+from feeddrive.plot.responses import Overlay, estimates_chart, overlay_chart
 from feeddrive.plot.uncertainty import doubtful, magnitude_band, phase_band
 
 F = np.geomspace(1.0, 1000.0, 31)
@@ -178,3 +179,15 @@ def test_what_a_friction_model_leaves_of_the_measured_points_is_their_distance_f
     np.testing.assert_allclose(whole.y[there], 0.05 * np.sign(whole.x[there]) + 3e-4 * whole.x[there], atol=1e-12)
     points = next(each for each in below.curves if each.look == DOTS)
     np.testing.assert_allclose(points.y, 1e-3 * off, atol=1e-12)
+
+
+def test_the_band_of_an_estimate_counts_that_its_variance_is_estimated_too() -> None:
+    noise = np.full(F.size, 0.5)
+    level = {"noise": Level(F, 0.1 * np.abs(GAIN), 0.1 * np.abs(GAIN))}
+    found = FrequencyEstimate(measured(np.ones(F.size)), "by hand", np.full(F.size, 3.0), noise, levels=level)
+    chart = estimates_chart([found])
+    (band,) = [each for each in chart.panels[0].bands if each.name == "95 % of the measurement"]
+    np.testing.assert_allclose(band.high, 20.0 * np.log10(np.abs(GAIN) + found.radius()), rtol=1e-9)
+    assert np.all(found.radius() > 1.1 * measured().radius)
+    assert [each.name for each in chart.panels[0].curves] == ["measured", "noise"]
+    np.testing.assert_allclose(chart.panels[0].curves[1].y, 20.0 * np.log10(0.1 * np.abs(GAIN)))

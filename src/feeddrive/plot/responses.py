@@ -28,42 +28,42 @@ _LEVELS = {"noise": "noise", "nonlinear": "scatter beyond noise", "odd": "odd di
 
 
 def frequency_estimate(found: FrequencyEstimate, model: FRF | None = None) -> Any:
-    """Magnitude with the 95 % band, noise and distortion; phase with its band; coherence. `model` is drawn behind."""
-    frf = found.frf
-    assert frf.coherence is not None
-    figure, axes = style.picture(3, height=5.8, ratios=[3, 2, 1])
-    f, size, radius = frf.frequency, frf.magnitude, found.radius()
-    floor = 1e-3 * float(np.min(size))
-    if model is not None:
-        axes[0].plot(model.frequency, style.decibel(model.magnitude), label="model", **style.curve(1))
-        axes[1].plot(model.frequency, _beside(model.phase_deg, model.frequency, frf), **style.curve(1))
-    axes[0].plot(f, style.decibel(size), label="measured, 95 % band", **style.curve(0))
-    low, high = style.decibel(np.maximum(size - radius, floor)), style.decibel(size + radius)
-    axes[0].fill_between(f, low, high, color=style.color(0), alpha=0.25, linewidth=0.0)
+    """Magnitude with the 95 % band, noise and distortion; phase with its band; coherence. `model` is a line."""
+    return drawn(estimates_chart([found], model=model))
+
+
+def estimates_chart(found: Sequence[FrequencyEstimate], units: ShownUnits = USUAL, model: FRF | None = None) -> Chart:
+    """Responses that were estimated, those in the unit of the first: each in its 95 % band, with its coherence.
+
+    Of one alone the levels of noise and distortion too.  The radius counts that the variance itself is estimated
+    (`FrequencyEstimate.radius`).
+    """
+    alike = [each for each in found if each.frf.unit == found[0].frf.unit]
+    rows = list[Overlay]()
+    for each in alike:
+        frf = each.frf
+        if frf.radius is not None and frf.variance is not None:
+            with np.errstate(all="ignore"):
+                wider = np.where(frf.radius > 0.0, each.radius() / frf.radius, 1.0)
+            frf = replace(frf, variance=frf.variance * wider**2)
+        rows.append(Overlay(frf.output.replace("_", " ") if len(alike) > 1 else "", frf, None, model))
+    return overlay_chart(rows, units, _levels(alike[0], units) if len(alike) == 1 else ())
+
+
+def _levels(found: FrequencyEstimate, units: ShownUnits) -> list[Curve]:
+    """Noise and distortion over frequency, as far as the excitation shows them."""
+    factor, curves = _magnitudes(found.frf.unit, units)[0], list[Curve]()
     for i, (name, text) in enumerate(_LEVELS.items(), start=2):
         level = found.levels.get(name)
         if level is None or not np.any(there := np.isfinite(level.response) & (level.response > 0.0)):
             continue
-        look = style.curve(i) | {"linestyle": "none", "marker": ".", "markersize": 2.5}
-        axes[0].plot(level.frequency[there], style.decibel(level.response[there]), label=text, **look)
-    phase = frf.phase_deg
-    spread = np.degrees(np.arcsin(np.minimum(radius / size, 1.0)))
-    axes[1].plot(f, phase, **style.curve(0))
-    axes[1].fill_between(f, phase - spread, phase + spread, color=style.color(0), alpha=0.25, linewidth=0.0)
-    axes[2].plot(f, frf.coherence, **style.curve(0))
-    axes[2].set_ylim(min(0.98, 0.9 * float(np.min(frf.coherence))), 1.002)
-    style.labels(axes[0], None, f"magnitude (dB re 1 {frf.unit})" if frf.unit else "magnitude (dB)")
-    style.labels(axes[1], None, "phase (deg)")
-    style.labels(axes[2], "frequency (Hz)", "coherence")
-    style.degrees_axis(axes[1], float(np.min(phase)), float(np.max(phase)))
-    style.frequency_axis(axes[2], float(f[0]), float(f[-1]))
-    style.frequency_grid(axes)
-    style.legend(figure, axes[0], 3)
-    return figure
+        y = np.asarray(units.from_decibel(style.decibel(factor * level.response[there])))
+        curves.append(Curve(units.of("Hz")[1] * level.frequency[there], y, text, i, DOTS))
+    return curves
 
 
 def _beside(phase: np.ndarray, frequency: np.ndarray, frf: FRF) -> np.ndarray:
-    """The phase of a model, shifted by whole turns next to the measured one."""
+    """A phase in degrees over a frequency in Hz, shifted by whole turns next to that of a response."""
     at = float(np.interp(frf.frequency[0], frequency, phase))
     return phase + 360.0 * round((float(frf.phase_deg[0]) - at) / 360.0)
 
@@ -114,8 +114,11 @@ def response_fit_chart(found: Agreement, units: ShownUnits = USUAL) -> Chart:
     return overlay_chart([Overlay(each.output if several else "", each, *model) for each, *model in rows], units)
 
 
-def overlay_chart(rows: Sequence[Overlay], units: ShownUnits = USUAL) -> Chart:
-    """Measured responses and those of a model over each other: magnitude, phase, distance, and coherence."""
+def overlay_chart(rows: Sequence[Overlay], units: ShownUnits = USUAL, more: Sequence[Curve] = ()) -> Chart:
+    """Measured responses and those of a model over each other: magnitude, phase, distance, and coherence.
+
+    more  curves beside the magnitudes, as shown
+    """
     known = [each for row in rows for each in (row.drawn, row.measured) if each is not None]
     factor, label = _magnitudes(known[0].unit, units)
     hertz, log = units.of("Hz")[1], not units.decibel
@@ -154,7 +157,7 @@ def overlay_chart(rows: Sequence[Overlay], units: ShownUnits = USUAL) -> Chart:
             bands[1].extend(phase_band(curve, phase, _OTHER, units, model=True))
     scale = LOG if log else LINEAR
     panels = [
-        _gains(label, levels, bands[0], scale, 3.0),
+        _gains(label, [*levels, *more], bands[0], scale, 3.0),
         Panel("phase (deg)", tuple(phases), bands=tuple(bands[1]), scale=DEGREES, low=min(ends), high=max(ends),
               share=2.0),
     ]  # fmt: skip
@@ -167,23 +170,6 @@ def overlay_chart(rows: Sequence[Overlay], units: ShownUnits = USUAL) -> Chart:
         f"frequency ({units.of('Hz')[0]})", tuple(panels), FREQUENCY, min(x), max(x), height=2.6 + 1.05 * len(panels),
         columns=2, factor=hertz,
     )  # fmt: skip
-
-
-def estimates_chart(found: Sequence[FrequencyEstimate], units: ShownUnits = USUAL) -> Chart:
-    """Responses that were estimated, those in the unit of the first: each in its 95 % band, with its coherence.
-
-    The radius counts that the variance itself is estimated (`FrequencyEstimate.radius`).
-    """
-    alike = [each for each in found if each.frf.unit == found[0].frf.unit]
-    rows = list[Overlay]()
-    for each in alike:
-        frf = each.frf
-        if frf.radius is not None:
-            with np.errstate(all="ignore"):
-                wider = np.where(frf.radius > 0.0, each.radius() / frf.radius, 1.0)
-            frf = replace(frf, variance=frf.variance * wider**2)
-        rows.append(Overlay(frf.output.replace("_", " ") if len(alike) > 1 else "", frf, None, None))
-    return overlay_chart(rows, units)
 
 
 _ROOM = 1.3  # a factor above and below the gains of a panel
