@@ -8,6 +8,8 @@ export interface Grip {
   name: string;
   x: number;
   y: number;
+  low: number; // between which x may lie
+  high: number;
   label: string;
   text: string;
 }
@@ -15,7 +17,8 @@ export interface Grip {
 export interface Held {
   dragged(name: string, x: number, y: number | null, first: boolean): void; // y is null with Shift: only across
   stepped(name: string, across: number, up: number): void;
-  turned?(name: string, steps: number): void; // by the wheel
+  turned?(name: string, steps: number): boolean; // by the wheel; false if it means nothing here
+  removed?(name: string): void; // by the key Delete
 }
 
 const KEYS: Record<string, [number, number]> = {
@@ -49,8 +52,10 @@ export class Handles {
       const known = this.shown.get(grip.name) ?? { grip, element: this.made(grip) };
       known.grip = grip;
       this.shown.set(grip.name, known);
-      known.element.title = `${grip.label}: ${grip.text}\nDrag it, with Shift across only; or use the arrow keys.`;
+      known.element.title = `${grip.label}: ${grip.text}\nDrag it, with Shift across only; or use the arrow keys.${this.held.removed ? " Delete removes it." : ""}`;
       known.element.setAttribute("aria-label", grip.label);
+      known.element.setAttribute("aria-valuemin", String(grip.low));
+      known.element.setAttribute("aria-valuemax", String(grip.high));
       known.element.setAttribute("aria-valuenow", String(grip.x));
       known.element.setAttribute("aria-valuetext", grip.text);
     }
@@ -78,6 +83,7 @@ export class Handles {
       first = false;
     });
     element.addEventListener("keydown", (event) => {
+      if (event.key === "Delete") this.held.removed?.(name);
       const way = KEYS[event.key];
       if (!way || event.ctrlKey || event.metaKey || event.altKey) return;
       event.preventDefault();
@@ -87,9 +93,7 @@ export class Handles {
     element.addEventListener(
       "wheel",
       (event) => {
-        if (!this.held.turned || event.deltaY === 0) return;
-        event.preventDefault();
-        this.held.turned(name, event.deltaY < 0 ? 1 : -1);
+        if (event.deltaY !== 0 && this.held.turned?.(name, event.deltaY < 0 ? 1 : -1)) event.preventDefault();
       },
       { passive: false },
     );

@@ -147,6 +147,8 @@ def test_a_pole_of_the_loop_is_dragged_and_keeps_its_name(session: Session) -> N
         said = asked(session, "tune.pole", name=pair["name"], x=share * pair["x"], y=pair["y"], first=i == 0)
     now = next(each for each in said["poles"] if each["name"] == pair["name"])
     assert (now["x"], now["y"]) == (pytest.approx(1.1 * pair["x"], rel=1e-3), pytest.approx(pair["y"], rel=1e-3))
+    assert {each["name"] for each in said["poles"]} == {f"loop.{i}" for i in range(4)}
+    assert len({(each["x"], each["y"]) for each in said["poles"]}) == 4  # each name has its own pole
     assert said["undo"] == 1
     assert asked(session, "tune.undo")["values"] == begun
     assert "no pole 'loop.99'" in asked(session, "tune.pole", name="loop.99", x=-1.0, y=0.0)["error"]

@@ -145,6 +145,12 @@ def test_a_notch_is_moved_by_keys_and_told_to_a_screen_reader(opened: Any) -> No
     page.mouse.wheel(0, -120)
     opened.settled()
     assert number(page, f"{place}.damping_pole") > 1.03 * wide
+    low, at, high = (float(grip.get_attribute(f"aria-value{each}")) for each in ("min", "now", "max"))
+    assert low < at < high
+    grip.focus()
+    page.keyboard.press("Delete")
+    opened.settled()
+    assert page.locator(f"[data-grip='{place}.frequency']").count() == 0
 
 
 def test_the_bandwidth_is_slid_and_undone_as_one(opened: Any) -> None:

@@ -61,8 +61,11 @@ export class Tune implements Room {
       stepped: (name: string, across: number, up: number) => ask({ do: "tune.step", name, across, up }),
       turned: (name: string, steps: number) => {
         const width = name.replace(/[^.]*$/, "width");
-        if (this.grips.some((each) => each.name === width)) ask({ do: "tune.step", name: width, across: steps, up: 0 });
+        const there = this.grips.some((each) => each.name === width);
+        if (there) ask({ do: "tune.step", name: width, across: steps, up: 0 });
+        return there;
       },
+      removed: (name: string) => ask({ do: "tune.remove", place: Number(name.split(".")[1]) }),
     };
     this.handles = new Handles(open_loop, held, (grip) => (grip.name.endsWith(".width") ? "↔" : grip.name.split(".")[1]!));
     this.element.append(section, make("section", { id: "pictures", "aria-label": "Pictures" }, buttons, this.see.element, this.verdict, this.figures, this.poles_said, this.grid, this.remarks));

@@ -26,29 +26,27 @@ class HeldPoles:
         self.desk = desk
         self._named: dict[str, complex] = {}
 
-    def grips(self, units: ShownUnits) -> list[dict[str, Any]]:
-        """Where each one is held: Hz across, and a height in the unit of the picture; none without a machine."""
-        if self.desk.needed.loop is None:
-            return []
-        placed = placed_poles(self.desk.control)
-        found = [(each.name, each.label, each.s) for each in placed] if placed else self._of_loop()
-        return [self._grip(name, label, s, units) for name, label, s in found]
+    def shown(self, units: ShownUnits) -> tuple[list[dict[str, Any]], str]:
+        """Where each one is held: Hz across, and a height in the unit of the picture; and in a sentence what they are.
 
-    def said(self) -> str:
-        """What is dragged, in a sentence."""
+        Nothing without a machine.
+        """
         bench = self.desk.needed
         if bench.loop is None:
-            return ""
-        if placed_poles(self.desk.control):
-            return (
+            return [], ""
+        placed, nyquist = placed_poles(self.desk.control), 0.5 / float(bench.loop.sample_time)
+        if placed:
+            said = (
                 "Dragged are the poles that the law places; the crosses are those of the sampled loop, with delay, "
                 "filters and modes that the law does not know."
             )
-        names = self._gains()
-        if not names or not self._of_loop():
-            return "No gain of this law moves a pole by itself: move its numbers."
+            return [_grip(each.name, each.label, each.s, nyquist, units) for each in placed], said
+        names, found = self._gains(), self._of_loop()
+        if not found:
+            return [], "No gain of this law moves a pole by itself: move its numbers."
         moved = f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
-        return f"Dragged are poles of the loop; {moved} follow with the smallest change that takes the pole there."
+        said = f"Dragged are poles of the loop; {moved} follow with the smallest change that takes the pole there."
+        return [_grip(name, "pole of the loop", s, nyquist, units) for name, s in found], said
 
     def moved(self, name: str, s: complex) -> Values:
         """The numbers with which a pole is at a place (1/s), as near as they take it. Raises ParameterError."""
@@ -92,7 +90,7 @@ class HeldPoles:
 
         return bench.mechanics, model, np.array([values[name] for name in names])
 
-    def _of_loop(self) -> list[tuple[str, str, complex]]:
+    def _of_loop(self) -> list[tuple[str, complex]]:
         """Poles of the loop with their names: each has that of the nearest one before."""
         names = self._gains()
         if not names or self.desk.needed.by_hand.model(self.desk.values, names) is None:
@@ -102,21 +100,21 @@ class HeldPoles:
         for name, s in sorted(before.items(), key=lambda each: _distance(there, each[1])):
             nearest = nearest_pole(there, s)
             if nearest is not None:
-                there.remove(nearest)
+                there = [each for each in there if each is not nearest]
                 self._named[name] = nearest.s
         fresh = (f"{_LOOP}.{i}" for i in range(len(before) + len(there)) if f"{_LOOP}.{i}" not in self._named)
         self._named |= {name: pole.s for name, pole in zip(fresh, there, strict=False)}
-        return [(name, "pole of the loop", s) for name, s in self._named.items()]
+        return list(self._named.items())
 
-    @staticmethod
-    def _grip(name: str, label: str, s: complex, units: ShownUnits) -> dict[str, Any]:
-        unit, factor = units.of("Hz")
-        hertz, ratio = abs(s) / (2.0 * np.pi), -s.real / abs(s)
-        text = f"{factor * hertz:.4g} {unit}, damping ratio {ratio:.3g}"
-        return {
-            "name": name, "label": label, "text": text, "x": s.real / (2.0 * np.pi),
-            "y": factor * s.imag / (2.0 * np.pi),
-        }  # fmt: skip
+
+def _grip(name: str, label: str, s: complex, nyquist: float, units: ShownUnits) -> dict[str, Any]:
+    unit, factor = units.of("Hz")
+    hertz, ratio = abs(s) / (2.0 * np.pi), -s.real / abs(s)
+    text = f"{factor * hertz:.4g} {unit}, damping ratio {ratio:.3g}"
+    return {
+        "name": name, "label": label, "text": text, "low": -nyquist, "high": nyquist, "x": s.real / (2.0 * np.pi),
+        "y": factor * s.imag / (2.0 * np.pi),
+    }  # fmt: skip
 
 
 def _distance(poles: Sequence[LoopPole], s: complex) -> float:

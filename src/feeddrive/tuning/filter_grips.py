@@ -49,6 +49,7 @@ class Grip:
 
     name   filters.0.frequency, or filters.0.width for the edge of a notch
     x, y   Hz, and dB on |L|; of a width on |L| at the middle of the notch
+    low, high  between which x may lie, Hz
     label  what it moves
     text   its value in words
     """
@@ -56,6 +57,8 @@ class Grip:
     name: str
     x: float
     y: float
+    low: float
+    high: float
     label: str
     text: str
 
@@ -65,7 +68,7 @@ def filter_grips(control: Control, loop: Margins, sample_time: float) -> tuple[G
 
     The edge lies where a notch that is deep attenuates by 3 dB, at f (ζ + √(1 + ζ²)) with ζ its damping_pole.
     """
-    found = list[Grip]()
+    found, ends = list[Grip](), (float(loop.loop_gain.frequency[0]), _HIGHEST / sample_time)
     for i, block in enumerate(control.filters):
         kind = block.kind.replace("_", " ")
         for name in _frequencies(block):
@@ -75,12 +78,14 @@ def filter_grips(control: Control, loop: Margins, sample_time: float) -> tuple[G
                 "" if height is None else " and depth" if isinstance(block, Notch) else " and damping"
             )
             own = _decibel(_gain(block, x, sample_time))
-            found.append(Grip(f"filters.{i}.{name}", x, _on(loop, x), label, f"{x:.4g} Hz, gain {own:.1f} dB there"))
+            found.append(
+                Grip(f"filters.{i}.{name}", x, _on(loop, x), *ends, label, f"{x:.4g} Hz, gain {own:.1f} dB there")
+            )
         if isinstance(block, Notch):
             ratio, f = float(block.damping_pole), float(block.frequency)
             edge = _edge(block, sample_time)
             text = f"{2.0 * ratio * f:.4g} Hz wide, damping of the poles {ratio:.3g}"
-            found.append(Grip(f"filters.{i}.{WIDTH}", edge, _on(loop, f), f"filter {i}, {kind}: width", text))
+            found.append(Grip(f"filters.{i}.{WIDTH}", edge, _on(loop, f), *ends, f"filter {i}, {kind}: width", text))
     return tuple(found)
 
 

@@ -245,7 +245,7 @@ class Tune(Room):
             "kept": sorted(self.snapshots),
         }  # fmt: skip
         if "poles" in drawn:
-            said |= {"poles": self._poles.grips(self.units), "poles_said": self._poles.said()}
+            said |= dict(zip(("poles", "poles_said"), self._poles.shown(self.units), strict=True))
         if self._told is not bench.by_hand:
             said |= {"knobs": self._knobs(), "kinds": filter_kinds(), "faster": self._faster(),
                      "pictures": choices(bench, self.chosen), "units": self._units()}  # fmt: skip
