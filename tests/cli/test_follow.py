@@ -14,7 +14,15 @@ from falling_drive import BESIDE, FEEDDRIVE, HANGING
 from feeddrive.files.read_log import read_log
 from hal_programs import needs_linuxcnc
 
-KEPT = "follow drive.toml --channel position --level -2e-4 --edge falling --window 0.4 --before 0.4 --out heard.parquet"
+KEPT = """follow drive.toml --channel position --level -{fallen} --edge falling --window 0.4 --before 0.4 \\
+    --out heard.parquet"""
+KILLED = """
+{feeddrive} follow drive.toml --channel status --level 1e9 --out never.parquet > killed.txt 2>&1 &
+killed=$!
+sleep 3
+kill -KILL $killed
+sleep 1
+"""
 WRITER = """
 import math, time
 with open("run.csv", "w") as file:
@@ -74,27 +82,38 @@ def test_rows_from_a_pipe_and_what_is_wrong_is_said(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("drive", "before"),
+    ("drive", "before", "killed", "fallen"),
     [
-        ("--interface veth1 --master veth0", ""),
+        ("--interface veth1 --master veth0", "", True, 0.08),
         (
             "--bus canopen --station 9 --interface udp_multicast:239.74.163.2",
             "ip link set lo up; ip route add 239.0.0.0/8 dev lo\n",
+            False,
+            2e-4,
         ),
     ],
     ids=["ethercat", "canopen"],
 )
-def test_a_drive_is_sampled_over_its_bus_and_neither_enabled_nor_held(tmp_path: Path, drive: str, before: str) -> None:
-    """It falls by Newton all the while: x = -a t²/2 with a = 0.01 m/s², v = -a t; and stays switched off."""
+def test_a_drive_is_sampled_over_its_bus_and_neither_enabled_nor_held(
+    tmp_path: Path, drive: str, before: str, killed: bool, fallen: float
+) -> None:
+    """It falls by Newton all the while: x = -a t²/2 with a = 0.01 m/s², v = -a t; and stays switched off.
+
+    Where one who samples it was killed before, the drive was left in order, or it would be refused to the next one.
+    """
     (tmp_path / "hanging.toml").write_text(HANGING, encoding="utf-8")
-    script = before + BESIDE.format(feeddrive=FEEDDRIVE, drive=drive, command=f"{FEEDDRIVE} {KEPT}")
+    command = f"{FEEDDRIVE} {KEPT.format(fallen=fallen)}"
+    if killed:
+        command = KILLED.format(feeddrive=FEEDDRIVE) + command
+    script = before + BESIDE.format(feeddrive=FEEDDRIVE, drive=drive, command=command)
     done = in_a_namespace("bash", "-c", script, cwd=tmp_path)
     assert done.returncode == 0, done.stderr + done.stdout
     assert "last in 'switch on disabled'" in done.stdout
     log = read_log(tmp_path / "heard.parquet")
     assert log.sample_time == 1e-3
     assert len(log) == pytest.approx(400, abs=1)
-    elapsed = log.time + np.sqrt(2.0 * 2e-4 / 0.01)  # since it began to fall
+    # since it began to fall: its time passes with the cycles alone, before and after
+    elapsed = log.time + np.sqrt(2.0 * fallen / 0.01)
     # increments of 10 nm; a velocity is a difference over some samples, up to 10 ms old
     np.testing.assert_allclose(log["position"], -0.005 * elapsed**2, atol=0.01 * 1e-3 * 0.6)
     np.testing.assert_allclose(log["velocity"], -0.01 * elapsed, atol=1e-4)

@@ -285,6 +285,25 @@ def test_a_pipe_is_read_once_for_all_who_follow_it(monkeypatch: pytest.MonkeyPat
     assert "the pipe has ended" in late.state()
 
 
+@pytest.mark.parametrize("most", range(1000, 1022))
+def test_who_follows_a_pipe_late_begins_with_a_whole_line(most: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wherever the older bytes end: lines have 22 bytes."""
+    monkeypatch.setattr(growing, "_MOST", most)
+    reading, writing = os.pipe()
+    with open(reading, "rb") as stream, open(writing, "wb", buffering=0) as end:
+        pipe = Pipe(stream)
+        end.write("".join(f"{k:06d} {k + 100_000:f} \n" for k in range(400)).encode())
+        table = GrowingTable(pipe.follower(), sample_time=1.0)
+        for _ in range(500):
+            if pipe.since(0)[1] == 400 * 22:
+                break
+            time.sleep(0.01)
+        rows = table.take()
+    assert 30 < rows.time.size < 400
+    np.testing.assert_array_equal(rows.values[:, 0], rows.time + 100_000)
+    assert "no rows" not in table.state()
+
+
 def _until(table: GrowingTable, least: int) -> Rows:
     for _ in range(200):
         rows = table.take()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -81,6 +83,13 @@ def test_channels_of_one_unit_share_a_panel_and_lines_stand_where_they_are_read(
     again, kept = scope_chart(window, channels, before=ranges)
     assert kept["torque"] == ranges["torque"]
     assert again.panels[1].low == chart.panels[1].low
+
+
+def test_what_runs_by_has_few_points_and_what_stands_has_all_to_be_enlarged() -> None:
+    time = np.arange(20_000) * 1e-4
+    window = Shown(time, np.sin(50.0 * time)[:, None], 1.9999, -2.0, 0.0, False)
+    assert scope_chart(window, [Channel("x", 0)])[0].panels[0].curves[0].x.size <= 1000
+    assert scope_chart(replace(window, triggered=True), [Channel("x", 0)])[0].panels[0].curves[0].x.size == 20_000
 
 
 def test_it_is_drawn_in_a_report_too() -> None:

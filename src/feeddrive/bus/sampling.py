@@ -8,6 +8,7 @@ or OP (EtherCAT) and left as the transport leaves it; as `play` and `listen` do,
 from __future__ import annotations
 
 import multiprocessing
+import signal
 import time as clock
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -23,7 +24,6 @@ from feeddrive.bus.drive_file import BusDrive, DriveFile, DriveScaling
 from feeddrive.bus.pace import Pace
 from feeddrive.bus.transport import Transport, has_object
 from feeddrive.language.errors import BusError, FeeddriveError
-from feeddrive.language.processes import follow_parent
 
 _CONTEXT = multiprocessing.get_context("spawn")
 _TOGETHER = 0.02  # s of rows that are handed over at once
@@ -114,8 +114,11 @@ def sample(sampler: Sampler, give: Callable[[np.ndarray, np.ndarray], None], sto
 
 
 def _child(file: DriveFile, line: Any) -> None:
-    """In a process of its own, so that neither a page nor a picture delays a cycle."""
-    follow_parent()
+    """In a process of its own, so that neither a page nor a picture delays a cycle.
+
+    However the one that began it ends, the line ends with it, and the drive is left in order.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     sampler = Sampler(transport_of(file.drive, file.interface, file.bitrate), file.drive)
     try:
         sampler.open()

@@ -21,7 +21,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.studio.bench import Bench, bench_of
 from feeddrive.studio.desk import Desk
 from feeddrive.studio.jobs import end_all
-from feeddrive.studio.live import Followable
+from feeddrive.studio.live import Followable, stop_all
 from feeddrive.studio.protection import Door
 from feeddrive.studio.rooms.tune import Tune
 from feeddrive.studio.server import PAGE, make_app, serve
@@ -205,3 +205,4 @@ def serve_at(
             serve(app, at, ready)
     finally:
         end_all()
+        stop_all()
