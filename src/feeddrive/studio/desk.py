@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 Values = dict[str, float]
 _UNDONE = 200  # steps that are kept
+_ANOTHER = "This is of a control that was changed since: do it again for the control of now."
 
 
 def free_name(folder: Path, name: str) -> Path:
@@ -166,6 +167,11 @@ class Desk:
         """The control of now, to be kept."""
         bench = self.needed
         return Held(bench, dict(self.values), self.base, self.written or bench.before.start)
+
+    def said_of(self, held: Held, words: Mapping[str, Any]) -> dict[str, Any]:
+        """What was said of a control, with a sentence before it if another one is on the desk now."""
+        same = held.same(self.held())
+        return {**words, "said": [*([] if same else [_ANOTHER]), *words["said"]]}
 
     def restore(self, held: Held) -> None:
         """Go to a control that was kept: a step to undo."""

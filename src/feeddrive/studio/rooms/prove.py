@@ -9,7 +9,7 @@ from pathlib import Path
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.machine import BUNDLED
 from feeddrive.language.errors import ParameterError
-from feeddrive.studio.desk import Desk
+from feeddrive.studio.desk import Desk, Held
 from feeddrive.studio.recipe import quoted, whole
 from feeddrive.studio.room import Asked, Room, Said, act
 from feeddrive.studio.works import Shown, certified, circled, program_run
@@ -31,7 +31,7 @@ class Prove(Room):
 
     def begin(self) -> None:
         """Forget what was shown of the control before."""
-        self.shown: dict[str, Shown] = {}
+        self.shown: dict[str, tuple[Held, Shown]] = {}
 
     def show(self) -> Said:
         """What can be proven, and what came out."""
@@ -40,8 +40,8 @@ class Prove(Room):
         programs = [*_bundled(), *self.desk.programs]
         words = {
             "ready": bool(axes), "axes": axes, "programs": programs,
-            "shown": {name: dict(each.words) for name, each in self.shown.items()},
-            "images": {f"{name}.{key}": svg for name, each in self.shown.items() for key, svg in each.images.items()},
+            "shown": {name: self.desk.said_of(held, each.words) for name, (held, each) in self.shown.items()},
+            "images": {f"{name}.{key}": svg for name, (_, of) in self.shown.items() for key, svg in of.images.items()},
         }  # fmt: skip
         return Said(words)
 
@@ -51,10 +51,11 @@ class Prove(Room):
         bench = self.desk.needed
         bench.needed_loop()
         request = CertifyRequest(self.desk.machine_path(), axis=bench.axis, out=self.desk.folder / "certificate")
+        held = self.desk.held()
 
         def then(found: Shown) -> None:
             self.desk.did("certify", request)
-            self.shown["certificate"] = found
+            self.shown["certificate"] = held, found
 
         self.desk.start(self.name, "certify", partial(certified, request), then)
 
@@ -66,10 +67,11 @@ class Prove(Room):
             raise ParameterError("a circle needs a machine with two axes, and this one has fewer")
         x, y = asked.choice("x", machine.loops), asked.choice("y", machine.loops)
         request = CircleRequest((Path(self.desk.machine_path()),), x=x, y=y, out=self.desk.folder / "circle")
+        held = self.desk.held()
 
         def then(found: Shown) -> None:
             self.desk.did("circle", request)
-            self.shown["circle"] = found
+            self.shown["circle"] = held, found
 
         self.desk.start(self.name, "circle test", partial(circled, request), then)
 
@@ -90,10 +92,11 @@ class Prove(Room):
         job = self.desk.folder / "job.toml"
         write_whole(job, "\n".join(text))
         request = RunRequest(str(job), out=self.desk.folder / "run")
+        held = self.desk.held()
 
         def then(found: Shown) -> None:
             self.desk.did("run", request)
-            self.shown["program"] = found
+            self.shown["program"] = held, found
 
         self.desk.start(self.name, f"run {name}", partial(program_run, request), then)
 

@@ -13,7 +13,7 @@ from feeddrive.language.block import declarations
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.guard import Guard
-from feeddrive.studio.desk import Desk, free_name
+from feeddrive.studio.desk import Desk, Held, free_name
 from feeddrive.studio.jobs import perform
 from feeddrive.studio.recipe import recipe_of
 from feeddrive.studio.room import Asked, Room, Said, act
@@ -38,7 +38,7 @@ class Take(Room):
 
     def begin(self) -> None:
         """Forget the exports of another control."""
-        self.exports: dict[str, Shown] = {}
+        self.exports: dict[str, tuple[Held, Shown]] = {}
         self.verified: dict[str, dict[str, Any]] = {}
 
     def show(self) -> Said:
@@ -48,7 +48,8 @@ class Take(Room):
         words = {
             "ready": bench is not None and bench.machine is not None, "targets": list(TARGETS),
             "results": self._results(),
-            "exports": {name: dict(each.words) for name, each in self.exports.items()}, "verified": self.verified,
+            "exports": {name: self.desk.said_of(held, each.words) for name, (held, each) in self.exports.items()},
+            "verified": self.verified,
             "bounds": self._bounds(),
             "commands": found.commands, "python": found.python, "job_file": found.job,
         }  # fmt: skip
@@ -119,10 +120,11 @@ class Take(Room):
         bench.needed_loop()
         out = self.desk.folder / f"export_{target}"
         request = ExportRequest(self.desk.machine_path(), target=target, axis=bench.axis, out=out)
+        held = self.desk.held()
 
         def then(found: Shown) -> None:
             self.desk.did("export", request)
-            self.exports[target] = found
+            self.exports[target] = held, found
             self.verified.pop(target, None)
 
         self.desk.start(self.name, f"export for {target}", partial(exported, request), then)
