@@ -40,7 +40,7 @@ export class Talk {
     socket.onmessage = (event: MessageEvent<ArrayBuffer>) => {
       const received = decode(event.data);
       if (received.said.number > 0) this.under_way = false;
-      document.documentElement.toggleAttribute("data-busy", this.under_way);
+      if (!this.under_way) this.idle();
       this.heard(received);
       this.send();
     };
@@ -53,11 +53,16 @@ export class Talk {
     const next = this.waiting.shift();
     if (!next) return;
     this.under_way = true;
+    document.documentElement.toggleAttribute("data-asked", true); // for those who wait for an answer, as tests do
     this.number += 1;
     const mine = this.number;
     setTimeout(() => {
       if (this.under_way && this.number === mine) document.documentElement.toggleAttribute("data-busy", true);
     }, 400);
     this.socket.send(JSON.stringify({ ...next, number: this.number, session: session() }));
+  }
+
+  private idle(): void {
+    for (const each of ["data-asked", "data-busy"]) document.documentElement.toggleAttribute(each, false);
   }
 }

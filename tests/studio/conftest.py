@@ -37,8 +37,8 @@ class Opened:
 
     def settled(self) -> None:
         """No request is under way."""
-        self.page.wait_for_timeout(120)
-        self.page.locator("html:not([data-busy])").wait_for(state="attached")
+        self.page.wait_for_timeout(60)
+        self.page.locator("html:not([data-asked])").wait_for(state="attached")
         self.page.wait_for_timeout(120)
 
     def ended(self, seconds: float = 120.0) -> str:
