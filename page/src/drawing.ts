@@ -1,12 +1,14 @@
 // Curves, marks and limits of one panel on a canvas, within its axes.
 
+import { heated, spread } from "./heat";
 import type { Look } from "./look";
+import { names } from "./names";
 import type { Band, Curve, Disc, Mark, Panel } from "./wire";
 
 // the dashes and markers of the reports (plot/style.py); widths and sizes in CSS pixels
 export const DASHES: number[][] = [[], [7, 2], [2, 1.5], [7, 2, 2, 2], [12, 3], [4, 1.5, 1, 1.5]];
 const WIDTHS = { line: 1.6, thin: 0.7, bar: 3 };
-const MARK = 3.5;
+const [MARK, NAMED] = [3.5, 5];
 const SINGLE = { dots: 1.5, plus: 6, cross: 4.5, ring: 4 };
 const SHAPES: ((path: Path2D, x: number, y: number, r: number) => void)[] = [
   (path, x, y, r) => path.arc(x, y, r, 0, 2 * Math.PI),
@@ -68,22 +70,30 @@ export function paint(ctx: CanvasRenderingContext2D, panel: Panel, numbers: Floa
   }
   for (const each of panel.bands) band(ctx, each, numbers, x, y, look);
   for (const each of panel.discs) disc(ctx, each, x, y, look, ratio);
-  for (const each of panel.curves) curve(ctx, each, numbers, x, y, look, ratio);
+  for (const each of panel.curves) curve(ctx, each, panel, numbers, x, y, look, ratio);
   for (const each of panel.marks) mark(ctx, each, x, y, look, ratio);
   ctx.setLineDash([]);
   for (const note of panel.notes) {
     ctx.fillStyle = color(note.number, look);
-    ctx.textAlign = note.right ? "left" : "right";
-    ctx.fillText(note.text, pixel(x, note.x) + (note.right ? 5 : -5) * ratio, pixel(y, note.y) + (note.right ? -5 : 13) * ratio);
+    ctx.textAlign = note.middle ? "center" : note.right ? "left" : "right";
+    const lines = note.text.split("\n");
+    const [off, down] = note.middle ? [0, 4 - 7 * (lines.length - 1)] : note.right ? [5, -5] : [-5, 13];
+    lines.forEach((line, i) => ctx.fillText(line, pixel(x, note.x) + off * ratio, pixel(y, note.y) + (down + 14 * i) * ratio));
   }
+  names(ctx, panel.marks, x, y, look, ratio);
   ctx.restore();
+  if (!panel.said) return; // above the panel
+  ctx.font = `${11 * ratio}px system-ui, sans-serif`;
+  ctx.textAlign = "right";
+  ctx.fillStyle = look.muted;
+  ctx.fillText(panel.said, x.to, y.to - 5 * ratio);
 }
 
 function disc(ctx: CanvasRenderingContext2D, disc: Disc, x: Axis, y: Axis, look: Look, ratio: number): void {
   const [cx, cy] = [pixel(x, disc.x), pixel(y, disc.y)];
   ctx.beginPath();
   ctx.ellipse(cx, cy, Math.abs(pixel(x, disc.x + disc.radius) - cx), Math.abs(pixel(y, disc.y + disc.radius) - cy), 0, 0, 2 * Math.PI);
-  const tint = color(disc.number, look);
+  const tint = disc.faint ? look.line : color(disc.number, look);
   if (disc.filled) {
     ctx.globalAlpha = 0.18;
     ctx.fillStyle = tint;
@@ -92,14 +102,17 @@ function disc(ctx: CanvasRenderingContext2D, disc: Disc, x: Axis, y: Axis, look:
   }
   ctx.strokeStyle = tint;
   ctx.lineWidth = ratio;
-  ctx.setLineDash(disc.number < 0 ? [5 * ratio, 3 * ratio] : scaled(disc.number, ratio));
+  ctx.setLineDash(disc.faint ? [] : disc.number < 0 ? [5 * ratio, 3 * ratio] : scaled(disc.number, ratio));
   ctx.stroke();
 }
 
-function curve(ctx: CanvasRenderingContext2D, curve: Curve, numbers: Float32Array, x: Axis, y: Axis, look: Look, ratio: number): void {
+function curve(ctx: CanvasRenderingContext2D, curve: Curve, panel: Panel, numbers: Float32Array, x: Axis, y: Axis, look: Look, ratio: number): void {
   const across = pixels(x, numbers.subarray(curve.at, curve.at + curve.n));
   const up = pixels(y, numbers.subarray(curve.at + curve.n, curve.at + 2 * curve.n));
   const tint = color(curve.number, look);
+  const third = numbers.subarray(curve.at + 2 * curve.n, curve.at + 3 * curve.n);
+  if (curve.heat) return panel.heat ? heated(ctx, across, up, third, panel.heat, look, ratio) : undefined;
+  if (curve.reach) return spread(ctx, across, up, third, (x.to - x.from) / (x.high - x.low), tint, look);
   ctx.strokeStyle = tint;
   ctx.fillStyle = tint;
   const kind = curve.look;
@@ -126,6 +139,10 @@ function curve(ctx: CanvasRenderingContext2D, curve: Curve, numbers: Float32Arra
     ctx.setLineDash([]);
     if (kind === "dots") ctx.fill(path);
     else ctx.stroke(path);
+  } else if (kind === "solid") {
+    ctx.beginPath();
+    for (let i = 0; i < curve.n; i++) ctx.lineTo(across[i]!, up[i]!);
+    ctx.fill();
   } else {
     ctx.lineWidth = WIDTHS[kind] * ratio;
     ctx.setLineDash(kind === "line" ? scaled(curve.number, ratio) : []);
@@ -166,7 +183,7 @@ function band(ctx: CanvasRenderingContext2D, band: Band, numbers: Float32Array, 
 
 function mark(ctx: CanvasRenderingContext2D, mark: Mark, x: Axis, y: Axis, look: Look, ratio: number): void {
   const path = new Path2D();
-  SHAPES[mark.number < 0 ? 0 : mark.number % SHAPES.length]!(path, pixel(x, mark.x), pixel(y, mark.y), MARK * ratio);
+  SHAPES[mark.number < 0 ? 0 : mark.number % SHAPES.length]!(path, pixel(x, mark.x), pixel(y, mark.y), (mark.name ? NAMED : MARK) * ratio);
   ctx.setLineDash([]);
   ctx.lineWidth = 1.4 * ratio;
   ctx.fillStyle = mark.hollow ? look.paper : color(mark.number, look);

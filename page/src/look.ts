@@ -8,15 +8,18 @@ export interface Look {
   line: string;
   alert: string;
   curves: string[];
+  heat: string[]; // from small to large values
 }
 const LOOKS: Record<"light" | "dark", Look> = {
   light: {
     paper: "#ffffff", ink: "#1c2329", muted: "#5a6772", line: "#d9dfe4", alert: "#b3261e",
     curves: ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"],
+    heat: ["#54b0d7", "#4197db", "#5e79d3", "#8554b2", "#98277f", "#8a0c47", "#6c0b1b"],
   }, // prettier-ignore
   dark: {
     paper: "#14191e", ink: "#e6eaee", muted: "#a2adb8", line: "#39424b", alert: "#ff8a80",
     curves: ["#56b4e9", "#ff9d5c", "#35c79b", "#e7a8cb", "#f0c04d", "#9ad2f2"],
+    heat: ["#256acf", "#a066ce", "#e464b6", "#ff7c97", "#ffa28d", "#ffc28b", "#fce26c"],
   }, // prettier-ignore
 };
 

@@ -4,12 +4,13 @@ import uPlot from "uplot";
 
 import { paint, pixel, value, type Axis } from "./drawing";
 import type { Look } from "./look";
+import { pointed } from "./names";
 import { plain, ticks, type Ticks } from "./ticks";
 import type { Curve, Panel as Content } from "./wire";
 
 export const LEFT = 66; // pixels of the axis at the left, the same for all panels so that they stand in line
 const BELOW = { last: 42, other: 10 };
-const [TOP, RIGHT] = [6, 14];
+const [TOP, RIGHT, SAID] = [6, 14, 20]; // above, with a line above, and at the right
 
 export interface Range {
   low: number;
@@ -19,7 +20,7 @@ export interface Range {
 export interface Heard {
   selected: (x: Range | null, y: Range | null) => void;
   reset: () => void;
-  picked: (x: number, y: number) => void;
+  picked: (x: number, y: number, key: string) => void;
 }
 // What is drawn: content of the panel, numbers of its curves, both ranges and scales.
 export interface Drawn {
@@ -29,6 +30,7 @@ export interface Drawn {
   y: Range;
   frequency: boolean;
   square: boolean;
+  bare: boolean;
   label: string;
   names: Map<number, string>; // of curves, by number: panels below the first do not name them again
   look: Look;
@@ -40,8 +42,10 @@ export class Panel {
   private drawn: Drawn;
 
   // Pixels beside the content: across, and up and down.
-  static around(last: boolean): [number, number] {
-    return [LEFT + RIGHT, TOP + (last ? BELOW.last : BELOW.other)];
+  static around(last: boolean, bare: boolean, said: boolean): [number, number] {
+    const top = said ? SAID : TOP;
+    if (bare) return [2 * RIGHT, top + RIGHT];
+    return [LEFT + RIGHT, top + (last ? BELOW.last : BELOW.other)];
   }
 
   constructor(place: HTMLElement, drawn: Drawn, last: boolean, width: number, height: number, link: string | null, heard: Heard) {
@@ -65,12 +69,13 @@ export class Panel {
       () => this.plot.bbox.height / uPlot.pxRatio,
       26,
     );
+    const top = drawn.content.said ? SAID : TOP;
     const below = last ? { size: BELOW.last - 20, labelSize: 20, label: drawn.label, labelGap: 0 } : { size: BELOW.other, values: () => [] };
     this.plot = new uPlot(
       {
         width,
         height,
-        padding: [TOP, RIGHT, 0, 0],
+        padding: drawn.bare ? [top, RIGHT, RIGHT, RIGHT] : [top, RIGHT, 0, 0],
         legend: { show: false },
         scales: {
           x: { time: false, distr: drawn.frequency ? 3 : 1, range: () => [this.drawn.x.low, this.drawn.x.high] },
@@ -78,8 +83,8 @@ export class Panel {
         },
         series: [{}, { paths: () => null, points: { show: false } }],
         axes: [
-          { ...shared, ...x, ...below },
-          { ...shared, ...y, size: LEFT - 20, label: drawn.content.label, labelSize: 20, labelGap: 0 },
+          { ...shared, ...x, ...below, show: !drawn.bare },
+          { ...shared, ...y, show: !drawn.bare, size: LEFT - 20, label: drawn.content.label, labelSize: 20, labelGap: 0 },
         ],
         cursor: {
           y: drawn.square,
@@ -101,11 +106,15 @@ export class Panel {
     this.readout.hidden = true;
     this.plot.over.append(this.readout);
     this.plot.over.addEventListener("pointerenter", () => this.plot.syncRect(true)); // it may have been moved on the page
+    let pressed = { x: 0, y: 0 };
+    this.plot.over.addEventListener("mousedown", (event) => (pressed = { x: event.clientX, y: event.clientY }));
     this.plot.over.addEventListener("click", (event) => {
+      if (Math.hypot(event.clientX - pressed.x, event.clientY - pressed.y) > 4) return; // the end of a drag
       const box = this.plot.over.getBoundingClientRect();
       const { x, y } = this.axes();
       const { left, top } = this.plot.bbox;
-      heard.picked(value(x, left + (event.clientX - box.left) * uPlot.pxRatio), value(y, top + (event.clientY - box.top) * uPlot.pxRatio));
+      const [px, py] = [left + (event.clientX - box.left) * uPlot.pxRatio, top + (event.clientY - box.top) * uPlot.pxRatio];
+      heard.picked(value(x, px), value(y, py), pointed(this.drawn.content.marks, x, y, px, py, uPlot.pxRatio)?.key ?? "");
     });
   }
 
@@ -217,14 +226,19 @@ export class Panel {
     const { bbox } = this.plot;
     const { x, y } = this.axes();
     const at = value(x, bbox.left + left * uPlot.pxRatio);
-    const { content, numbers, square, names } = this.drawn;
-    const rows = [five(at)];
-    if (square) rows[0] += `, ${five(value(y, bbox.top + top * uPlot.pxRatio))}`;
-    else for (const curve of content.curves.filter((each) => each.look === "line" || each.look === "dots")) {
+    const { content, numbers, square, bare, names } = this.drawn;
+    const up = bbox.top + top * uPlot.pxRatio;
+    const mark = pointed(content.marks, x, y, bbox.left + left * uPlot.pxRatio, up, uPlot.pxRatio);
+    this.plot.over.style.cursor = mark?.key ? "pointer" : "";
+    const rows = bare ? [] : [five(at)];
+    if (square && !bare) rows[0] += `, ${five(value(y, up))}`;
+    else if (!square) for (const curve of content.curves.filter((each) => each.look === "line" || each.look === "dots")) {
       const found = near(curve, numbers, at);
       if (found !== null) rows.push(`${names.get(curve.number) ?? ""} ${five(found)}`.trim());
     }
+    if (mark) rows.push([mark.name, mark.said].filter((each) => each).join(": "));
     this.readout.textContent = rows.join("\n");
+    this.readout.hidden = rows.length === 0;
     this.readout.classList.toggle("right", left < this.plot.over.clientWidth / 2);
   }
 }

@@ -41,14 +41,6 @@ export function save(text: string, name: string): void {
   URL.revokeObjectURL(link.href);
 }
 
-// A picture that the server has drawn; as an image it can run nothing.
-export function image(svg: string, words: string): HTMLElement {
-  const found = make("img", { alt: words, class: "drawn" });
-  found.src = URL.createObjectURL(new Blob([svg], { type: "image/svg+xml" }));
-  found.addEventListener("load", () => URL.revokeObjectURL(found.src));
-  return make("figure", {}, make("figcaption", {}, words), found);
-}
-
 // A text that can be copied.
 export function copied(title: string, text: string, id: string): HTMLElement {
   const said = make("span", { role: "status" });

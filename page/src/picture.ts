@@ -1,6 +1,7 @@
 // A chart of the server: panels below each other over the same x, with a legend that tells the figures of each curve.
 
 import { color, DASHES } from "./drawing";
+import { scaled_bar } from "./heat";
 import { look as chosen, type Look } from "./look";
 import { Panel, type Drawn, type Range } from "./panel";
 import { pinch } from "./pinch";
@@ -19,7 +20,7 @@ export function whenZoomed(act: (label: string, x: Range | null) => void): void 
 
 export class Picture {
   readonly element = document.createElement("figure");
-  onpick: ((x: number, y: number, panel: number) => void) | null = null;
+  onpick: ((x: number, y: number, panel: number, key: string) => void) | null = null; // key: of the mark that was clicked
   private readonly followers: (() => void)[] = [];
   private readonly caption = document.createElement("figcaption");
   private readonly field = document.createElement("div"); // the picture, and over it what can be dragged
@@ -69,10 +70,10 @@ export class Picture {
     const drawn: Drawn[] = chart.panels.map((content, i) => ({
       content, numbers, x, look, names,
       y: this.y.get(i) ?? range(content, numbers, x),
-      frequency: chart.scale === "frequency", square: chart.square, label: chart.label,
+      frequency: chart.scale !== "linear", square: chart.square, bare: chart.bare, label: chart.label,
     })); // prettier-ignore
     const sizes = layout(chart, drawn, width, height);
-    const shape = JSON.stringify([chart.label, chart.scale, chart.square, chart.panels.map((each) => [each.label, each.scale])]);
+    const shape = JSON.stringify([chart.label, chart.scale, chart.square, chart.bare, chart.panels.map((each) => [each.label, each.scale, each.said !== ""])]);
     if (shape !== this.shape) {
       for (const each of this.panels) each.close();
       const link = chart.square ? null : chart.label;
@@ -80,7 +81,7 @@ export class Picture {
         const heard = {
           selected: (x: Range | null, y: Range | null) => this.zoom(x, y, i),
           reset: () => this.zoom(null, null),
-          picked: (x: number, y: number) => this.onpick?.(x / this.factor, y, i),
+          picked: (x: number, y: number, key: string) => this.onpick?.(x / this.factor, y, i, key),
         };
         return new Panel(this.surface, each, i === drawn.length - 1, ...sizes[i]!, link, heard);
       });
@@ -185,11 +186,12 @@ export class Picture {
     const curves = chart.panels.flatMap((panel) => panel.curves).filter((curve) => curve.name);
     const bands = chart.panels.flatMap((panel) => panel.bands).filter((band) => band.name);
     const named = [
-      ...curves.map(({ number, name, said, look }) => ({ number, kind: SAMPLES[look] ?? `dash${number < 0 ? 0 : number % DASHES.length}`, said: said ? `${name}: ${said.trim()}` : name })),
+      ...curves.map(({ number, name, said, look, reach }) => ({ number, kind: reach ? "area" : SAMPLES[look] ?? `dash${number < 0 ? 0 : number % DASHES.length}`, said: said ? `${name}: ${said.trim()}` : name })),
       ...bands.map(({ number, name }) => ({ number, kind: "area", said: name })),
     ];
-    const words = named.map((each) => each.said);
-    const shown = JSON.stringify([named, look.ink]);
+    const heats = chart.panels.flatMap((panel) => panel.heat ?? []);
+    const words = [...named.map((each) => each.said), ...heats.map(({ label, low, high }) => `${label} as color, ${low} to ${Number(high.toPrecision(3))}`)];
+    const shown = JSON.stringify([named, heats, look.ink]);
     if (shown === this.legend_shown) return;
     this.legend_shown = shown;
     this.legend.replaceChildren(
@@ -201,6 +203,7 @@ export class Picture {
         item.append(sample, said);
         return item;
       }),
+      ...heats.map((each) => scaled_bar(each, look)),
     );
     this.surface.setAttribute("aria-label", `${this.title}. ${words.join("; ")}`);
   }
@@ -208,7 +211,7 @@ export class Picture {
 
 // All of x that the curves have.
 function reach(chart: Chart, numbers: Float32Array): Range {
-  const log = chart.scale === "frequency";
+  const log = chart.scale !== "linear";
   const found = span(chart.panels.flatMap((panel) => panel.curves.map((each) => numbers.subarray(each.at, each.at + each.n))), log);
   return { low: chart.low ?? found.low, high: chart.high ?? found.high };
 }
@@ -245,13 +248,16 @@ function span(rows: ArrayLike<number>[], log: boolean): Range {
 
 // Width and height of each panel; of a square chart so that a unit of x is as long as one of y.
 function layout(chart: Chart, drawn: Drawn[], width: number, height: number): [number, number][] {
-  const around = drawn.map((_, i) => Panel.around(i === drawn.length - 1));
+  const around = drawn.map((_, i) => Panel.around(i === drawn.length - 1, chart.bare, chart.panels[i]!.said !== ""));
   const shares = chart.panels.reduce((sum, panel) => sum + panel.share, 0);
   const free = height - around.reduce((sum, each) => sum + each[1], 0);
   return drawn.map(({ x, y }, i) => {
     const [beside, below] = around[i]!;
-    const tall = (free * chart.panels[i]!.share) / shares;
-    const wide = chart.square ? Math.min(width - beside, (tall * (x.high - x.low)) / (y.high - y.low)) : width - beside;
+    let [wide, tall] = [width - beside, (free * chart.panels[i]!.share) / shares];
+    if (chart.square) {
+      const unit = Math.min(wide / (x.high - x.low), tall / (y.high - y.low));
+      [wide, tall] = [unit * (x.high - x.low), unit * (y.high - y.low)];
+    }
     return [Math.round(wide + beside), Math.round(tall + below)];
   });
 }

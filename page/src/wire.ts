@@ -3,10 +3,12 @@
 export interface Curve {
   name: string;
   number: number;
-  look: "line" | "thin" | "bar" | "dots" | "plus" | "cross" | "ring";
+  look: "line" | "thin" | "bar" | "dots" | "plus" | "cross" | "ring" | "solid";
   said: string;
   at: number;
   n: number;
+  heat: boolean; // n values follow y: they are shown as color and width
+  reach: boolean; // n radii follow y: of discs, which together are one pale area
 }
 // An area: n numbers of x, then n of its lower and n of its upper end.
 export interface Band {
@@ -20,6 +22,9 @@ export interface Mark {
   y: number;
   number: number;
   hollow: boolean;
+  name: string; // beside it
+  said: string; // for who points at it
+  key: string; // what a click on it means; empty: nothing
 }
 export interface Level {
   value: number;
@@ -34,6 +39,7 @@ export interface Disc {
   radius: number;
   number: number;
   filled: boolean;
+  faint: boolean;
 }
 export interface Note {
   x: number;
@@ -41,6 +47,13 @@ export interface Note {
   text: string;
   number: number;
   right: boolean;
+  middle: boolean;
+}
+// The scale of the values of curves that are shown as color.
+export interface Heat {
+  label: string;
+  low: number;
+  high: number;
 }
 export interface Panel {
   label: string;
@@ -54,13 +67,16 @@ export interface Panel {
   discs: Disc[];
   notes: Note[];
   bands: Band[];
+  said: string;
+  heat: Heat | null;
 }
 export interface Chart {
   label: string;
-  scale: "linear" | "frequency";
+  scale: "linear" | "log" | "frequency";
   low: number | null;
   high: number | null;
   square: boolean;
+  bare: boolean; // without axes
   factor: number; // from what is dragged, in SI, to the numbers of the axis of x
   panels: Panel[];
 }

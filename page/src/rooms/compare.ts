@@ -1,14 +1,18 @@
-// All laws at equal robustness: the trade-off, and a law that is chosen to be tuned on.
+// Laws at equal robustness: which are compared, the trade-off, and a law that is chosen to be tuned on.
 
-import { button, image, make, table } from "../parts";
+import { look, whenPainted } from "../look";
+import { button, make, table } from "../parts";
+import { Picture } from "../picture";
 import { result, type Result } from "../result";
 import type { Ask, Room } from "../room";
 import type { Received } from "../wire";
 
 interface Words {
   ready: boolean;
-  found: (Result & { laws: { name: string; why: string; held: string }[]; rule: string; seed: number }) | null;
-  images?: Record<string, string>;
+  always?: string;
+  laws?: { name: string; wanted: boolean; remark: string }[];
+  refused?: { name: string; reason: string }[];
+  found: (Result & { laws: { name: string; why: string; held: string; drawn: boolean }[]; rule: string; seed: number }) | null;
   go?: string;
 }
 
@@ -16,33 +20,99 @@ export class Compare implements Room {
   readonly name = "compare";
   readonly title = "Compare laws";
   readonly element = make("div", { class: "compare" });
+  private readonly start: HTMLButtonElement;
+  private readonly starts = make("input", { type: "number", min: "1", max: "20", value: "2", id: "compare-starts" });
+  private readonly laws = make("fieldset", { id: "compare-laws" });
+  private readonly refused = make("div");
+  private readonly hint = make("p");
+  private readonly rule = make("p");
+  private readonly picture = new Picture("Trade-off at equal robustness: better is left and up. Click a law to tune on with it.");
+  private readonly outcome = make("div");
+  private last: Received | null = null;
 
-  constructor(private readonly ask: Ask) {}
+  constructor(private readonly ask: Ask) {
+    this.start = button("Compare", () => ask({ do: "compare.start", starts: Number(this.starts.value) }), { id: "compare-start", class: "main" });
+    this.picture.element.id = "compare-tradeoff";
+    this.picture.onpick = (_x, _y, _panel, key) => key && this.take(key);
+    const head = make("div", { class: "buttons" }, this.start, make("label", { for: this.starts.id }, "searches for each law ", this.starts));
+    this.element.append(head, this.laws, this.refused, this.hint, this.rule, this.picture.element, this.outcome);
+    whenPainted(() => this.draw());
+  }
 
   heard(received: Received): void {
+    this.last = received;
     const words = received.said as unknown as Words;
-    const starts = make("input", { type: "number", min: "1", max: "20", value: "2", id: "compare-starts" });
-    const start = button("Compare all laws", () => this.ask({ do: "compare.start", laws: [], starts: Number(starts.value) }), { id: "compare-start", class: "main" });
-    start.disabled = !words.ready;
-    const head = make("div", { class: "buttons" }, start, make("label", { for: starts.id }, "searches for each law ", starts));
     const { found } = words;
-    this.element.replaceChildren(head);
-    if (!words.ready) this.element.append(make("p", {}, "Bring a machine first: a measured response alone has no laws to compare."));
-    else if (!found) this.element.append(make("p", {}, "This takes minutes. Laws that are finished are kept: after a cancel the comparison goes on where it was."));
-    if (found) {
-      const rows = found.laws.map((law) => [
-        law.name,
-        law.why || "at equal robustness",
-        law.held,
-        button("Tune on with it", () => this.ask({ do: "compare.take", law: law.name }), { "aria-label": `Tune on with ${law.name}` }),
-      ]);
-      this.element.append(
-        make("p", {}, `Rule: ${found.rule} Seed ${found.seed}.`),
-        image(words.images?.tradeoff ?? "", "Stiffness over tracking error: better is left and up"),
-        table(["law", "ranked", "held back by", ""], rows),
-        ...result(found),
-      );
-    }
+    const laws = words.laws ?? [];
+    this.start.disabled = !words.ready;
+    this.start.textContent = `Compare ${laws.filter((each) => each.wanted).length} laws`;
+    this.choose(laws, words.always ?? "");
+    this.refuse(words.refused ?? []);
+    this.hint.hidden = words.ready && found !== null;
+    this.hint.textContent = words.ready
+      ? "This takes minutes. Laws that are finished are kept: after a cancel the comparison goes on where it was."
+      : "Bring a machine first: a measured response alone has no laws to compare.";
+    this.rule.textContent = found ? `Rule: ${found.rule} Seed ${found.seed}.` : "";
+    this.outcome.replaceChildren(
+      ...(found
+        ? [
+            table(
+              ["law", "ranked", "held back by", ""],
+              found.laws.map((law) => [
+                law.name,
+                `${law.why ? `no: ${law.why}` : "at equal robustness"}${law.drawn ? "" : " (not in the picture)"}`,
+                law.held,
+                button("Tune on with it", () => this.take(law.name), { "aria-label": `Tune on with ${law.name}` }),
+              ]),
+            ),
+            ...result(found),
+          ]
+        : []),
+    );
+    this.draw();
     if (words.go) document.dispatchEvent(new CustomEvent("go", { detail: words.go }));
+  }
+
+  shown(): void {
+    this.draw();
+  }
+
+  private take(law: string): void {
+    this.ask({ do: "compare.take", law });
+  }
+
+  // Check boxes of the laws that can control the axis; the focus stays where it was.
+  private choose(laws: NonNullable<Words["laws"]>, always: string): void {
+    const focused = document.activeElement?.id;
+    this.laws.hidden = !laws.length;
+    const tell = (wanted: string[]) => this.ask({ do: "compare.choose", laws: wanted });
+    const boxes = laws.map((law, i) => {
+      const box = make("input", { type: "checkbox", value: law.name, id: `compare-law-${i}` });
+      box.checked = law.wanted;
+      box.disabled = law.name === always;
+      box.addEventListener("change", () => tell(boxes.filter((each) => each.checked).map((each) => each.value)));
+      return box;
+    });
+    const all = button("All", () => tell(laws.map((each) => each.name)), { id: "compare-all" });
+    const none = button(`Only ${always}`, () => tell([]), { id: "compare-none" });
+    this.laws.replaceChildren(
+      make("legend", {}, "Laws that are compared"),
+      make("div", { class: "buttons" }, all, none),
+      make("div", { class: "choices" }, ...boxes.map((box, i) => make("label", { for: box.id, title: laws[i]!.remark }, box, ` ${laws[i]!.name}`))),
+    );
+    if (focused?.startsWith("compare-")) document.getElementById(focused)?.focus();
+  }
+
+  private refuse(laws: { name: string; reason: string }[]): void {
+    const rows = laws.map((each) => [each.name, each.reason]);
+    this.refused.replaceChildren(
+      ...(rows.length ? [make("details", {}, make("summary", {}, `${rows.length} laws cannot control this axis`), table(["law", "why"], rows))] : []),
+    );
+  }
+
+  private draw(): void {
+    const chart = this.last?.said.charts.tradeoff;
+    this.picture.element.hidden = !chart;
+    if (chart && !this.element.closest("[hidden]")) this.picture.draw(chart, this.last!.numbers, look());
   }
 }

@@ -1,74 +1,144 @@
 // The control of now is proven: a certificate, the circle test, and a part program on the machine.
 
-import { button, choice, image, make } from "../parts";
+import { look, whenPainted } from "../look";
+import { button, choice, make } from "../parts";
+import { Picture } from "../picture";
 import { result, type Result } from "../result";
 import type { Ask, Room } from "../room";
 import type { Received } from "../wire";
 
+interface Place {
+  text: string;
+  view: number[]; // of the picture: left, right, and of a plane low, high
+}
 interface Words {
   ready: boolean;
   axes: string[];
   programs: string[];
-  shown: Record<string, Result & { worst?: { image: string; text: string }[] }>;
-  images: Record<string, string>;
+  shown: Record<string, Result & { old: boolean; worst?: Place[]; peaks?: Place[] }>;
 }
 
-const CAPTIONS: Record<string, string> = {
-  "certificate.certificate": "What is proven, over frequency",
-  "certificate.discs": "Discs of the loop in the complex plane",
-  "circle.circle": "Circle test: the deviation, magnified",
-  "circle.unrolled": "Deviation over the angle",
-  "program.contour": "Contour error as color on the path",
+// by part, then by chart; of the chosen worst place `place_3` is drawn in `program.place`
+const PICTURES: Record<string, Record<string, string>> = {
+  certificate: { certificate: "What is proven, over frequency", discs: "Discs of the loop in the complex plane" },
+  circle: { circle: "Circle test: the deviation, magnified", unrolled: "Deviation over the angle; hollow: quadrant peaks" },
+  program: { path: "Contour error as color on the path", place: "The place, 1 to 1", time: "Contour error around the instant" },
 };
+const HEADS: Record<string, string> = { certificate: "Certificate", circle: "Circle test", program: "Part program" };
+const OLD = "The control has been changed since: run it again for that of now.";
+
+interface Part {
+  section: HTMLElement;
+  old: HTMLElement;
+  pictures: Map<string, Picture>;
+  list: HTMLElement; // places that can be looked at
+  outcome: HTMLElement;
+}
 
 export class Prove implements Room {
   readonly name = "prove";
   readonly title = "Prove";
   readonly element = make("div", { class: "prove" });
+  private readonly hint = make("p", {}, "Bring a machine first: what moves on the machine needs its masses and limits.");
+  private readonly buttons = make("div", { class: "buttons" });
+  private readonly parts = new Map(Object.keys(PICTURES).map((name) => [name, part(name)]));
+  private readonly chosen = { x: "", y: "", program: "" };
+  private place = 0;
+  private last: Received | null = null;
 
-  constructor(private readonly ask: Ask) {}
+  constructor(private readonly ask: Ask) {
+    this.element.append(this.hint, this.buttons, ...[...this.parts.values()].map((each) => each.section));
+    whenPainted(() => this.draw());
+  }
 
   heard(received: Received): void {
+    this.last = received;
     const words = received.said as unknown as Words;
-    if (!words.ready) {
-      this.element.replaceChildren(make("p", {}, "Bring a machine first: what moves on the machine needs its masses and limits."));
-      return;
+    this.hint.hidden = words.ready;
+    this.buttons.hidden = !words.ready;
+    this.head(words);
+    for (const [name, each] of this.parts) {
+      const found = words.shown[name];
+      each.section.hidden = !found;
+      if (!found) continue;
+      each.old.textContent = found.old ? OLD : "";
+      each.outcome.replaceChildren(...result(found));
+      if (name === "program") this.list(each, "Worst places: choose one to look at it", found.worst ?? [], (at, i) => this.look(at, i));
+      if (name === "circle") this.list(each, "Quadrant peaks: choose one to look at it", found.peaks ?? [], (at) => zoom(each.pictures.get("unrolled")!, at));
     }
-    let [x, y] = [words.axes[0] ?? "", words.axes[1] ?? ""];
-    let program = words.programs[0] ?? "";
-    const axes = words.axes.map((each): [string, string] => [each, each]);
-    const circle = [
-      choice("x", axes, (value) => (x = value)),
-      choice("y", [...axes.slice(1), ...axes.slice(0, 1)], (value) => (y = value)),
-      button("Circle test", () => this.ask({ do: "prove.circle", x, y }), { id: "prove-circle" }),
-    ];
-    this.element.replaceChildren(
-      make(
-        "div",
-        { class: "buttons" },
-        button("Certify", () => this.ask({ do: "prove.certify" }), { id: "prove-certify", class: "main" }),
-        choice("Part program", words.programs.map((each): [string, string] => [each, each]), (value) => (program = value)),
-        button("Run it on the machine", () => this.ask({ do: "prove.program", name: program }), { id: "prove-program" }),
-        ...(words.axes.length > 1 ? circle : []),
-      ),
-    );
-    for (const [name, found] of Object.entries(words.shown)) {
-      const drawn = Object.entries(CAPTIONS).filter(([key]) => key.startsWith(`${name}.`) && words.images[key]);
-      this.element.append(
-        make("h2", {}, { certificate: "Certificate", circle: "Circle test", program: "Part program" }[name] ?? name),
-        make("div", { class: "grid" }, ...drawn.map(([key, caption]) => image(words.images[key]!, caption))),
-        ...this.worst(found.worst ?? [], words.images),
-        ...result(found),
-      );
-    }
+    this.draw();
   }
 
-  private worst(places: { image: string; text: string }[], images: Record<string, string>): HTMLElement[] {
-    if (!places.length) return [];
-    const zoom = make("div", { "aria-live": "polite" });
-    const list = places.map((each) =>
-      make("li", {}, button(each.text, () => zoom.replaceChildren(image(images[`program.${each.image}`] ?? "", each.text)), { class: "worst" })),
-    );
-    return [make("h3", {}, "Worst places: choose one to see it enlarged"), make("ol", {}, ...list), zoom];
+  shown(): void {
+    this.draw();
   }
+
+  private head(words: Words): void {
+    const { chosen } = this;
+    const [first = "", second = first] = words.axes;
+    if (!words.axes.includes(chosen.x)) chosen.x = first;
+    if (!words.axes.includes(chosen.y)) chosen.y = second;
+    if (!words.programs.includes(chosen.program)) chosen.program = words.programs[0] ?? "";
+    const select = (label: string, among: string[], key: keyof typeof chosen) => {
+      const found = choice(label, among.map((each): [string, string] => [each, each]), (value) => (chosen[key] = value));
+      found.querySelector("select")!.value = chosen[key];
+      return found;
+    };
+    const circle = [
+      select("x", words.axes, "x"),
+      select("y", words.axes, "y"),
+      button("Circle test", () => this.ask({ do: "prove.circle", x: chosen.x, y: chosen.y }), { id: "prove-circle" }),
+    ];
+    this.buttons.replaceChildren(
+      button("Certify", () => this.ask({ do: "prove.certify" }), { id: "prove-certify", class: "main" }),
+      select("Part program", words.programs, "program"),
+      button("Run it on the machine", () => this.ask({ do: "prove.program", name: chosen.program }), { id: "prove-program" }),
+      ...(words.axes.length > 1 ? circle : []),
+    );
+  }
+
+  private list(of: Part, title: string, places: Place[], act: (at: Place, i: number) => void): void {
+    const rows = places.map((each, i) => {
+      const found = button(each.text, () => {
+        for (const other of of.list.querySelectorAll("button")) other.setAttribute("aria-pressed", String(other === found));
+        act(each, i);
+      }, { class: "worst", "aria-pressed": "false" }); // prettier-ignore
+      return make("li", {}, found);
+    });
+    of.list.replaceChildren(...(places.length ? [make("h3", {}, title), make("ol", {}, ...rows)] : []));
+    if (of === this.parts.get("program")) this.place = 0;
+  }
+
+  private look(at: Place, i: number): void {
+    this.place = i;
+    this.draw();
+    zoom(this.parts.get("program")!.pictures.get("path")!, at);
+  }
+
+  private draw(): void {
+    if (!this.last || this.element.closest("[hidden]")) return;
+    for (const [name, { section, pictures }] of this.parts) {
+      for (const [key, picture] of pictures) {
+        const of = key === "place" || key === "time" ? `${key}_${this.place}` : key;
+        const chart = section.hidden ? undefined : this.last.said.charts[`${name}.${of}`];
+        picture.element.hidden = !chart;
+        if (chart) picture.draw(chart, this.last.numbers, look());
+      }
+    }
+  }
+}
+
+function part(name: string): Part {
+  const pictures = new Map(Object.entries(PICTURES[name]!).map(([key, title]) => [key, new Picture(title)]));
+  for (const [key, each] of pictures) each.element.id = `proof-${name}-${key}`;
+  const [first, ...others] = [...pictures.values()].map((each) => each.element);
+  const [old, list, outcome] = [make("p", { class: "bad", role: "status" }), make("div"), make("div")];
+  const places = name === "certificate" ? [] : [list];
+  const grid = name === "program" ? [first!, make("div", {}, ...places, ...others)] : [first!, make("div", {}, ...others, ...places)];
+  const section = make("section", { id: `proof-${name}`, hidden: "" }, make("h2", {}, HEADS[name]!), old, make("div", { class: "grid" }, ...grid), outcome);
+  return { section, old, pictures, list, outcome };
+}
+
+function zoom(picture: Picture, { view: [left, right, low, high] }: Place): void {
+  picture.zoom({ low: left!, high: right! }, low === undefined ? null : { low, high: high! });
 }

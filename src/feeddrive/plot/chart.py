@@ -184,6 +184,9 @@ def _turning(panel: Panel, kept: Collection[str]) -> Panel:
     return replace(
         panel,
         label=turning_text(panel.label, kept),
+        said=turning_text(panel.said, kept),
+        marks=tuple(replace(each, said=turning_text(each.said, kept)) for each in panel.marks),
+        heat=panel.heat and replace(panel.heat, label=turning_text(panel.heat.label, kept)),
         curves=tuple(replace(each, said=turning_text(each.said, kept)) for each in panel.curves),
         levels=tuple(replace(each, text=turning_text(each.text, kept)) for each in panel.levels),
         notes=tuple(replace(each, text=turning_text(each.text, kept)) for each in panel.notes),

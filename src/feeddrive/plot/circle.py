@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from feeddrive.machining.circle_test import CirclePath, CircleTest, same_feed
-from feeddrive.machining.quadrant_peaks import deviations, quadrant_peaks
+from feeddrive.machining.quadrant_peaks import QuadrantPeak, deviations, quadrant_peaks
 from feeddrive.plot import style
 from feeddrive.plot.chart import SOLID, THIN, Chart, Curve, Disc, Level, Mark, Note, Panel
 from feeddrive.plot.drawing import draw_chart
@@ -68,14 +69,14 @@ def circle_chart(test: CircleTest, before: CircleTest | None = None, division: f
     ring, edge = _RING * each, (_RING + _DIVISIONS + 0.5) * each
     curves, marks = list[Curve](), list[Mark]()
     for circle, angle, r in old:
-        at = _closed(ring + r, angle)
-        curves.append(Curve(*at, f"before: {circle.name}", _like(circle, test), THIN, _gap(before, circle)))
+        curves.append(Curve(*_closed(ring + r, angle), number=_like(circle, test), look=THIN))
     for i, (circle, angle, r) in enumerate(rows):
         x, y = _closed(ring + r, angle)
-        curves.append(Curve(x, y, circle.name, i, said=_gap(test, circle)))
-        marks.append(Mark(float(x[0]), float(y[0]), i))
+        curves.append(Curve(x, y, circle.name, i, said=_gap(circle, test, before)))
+        marks.append(Mark(float(x[0]), float(y[0]), i, said=f"{circle.name} begins"))
         k = len(r) // 8 + (0 if circle.direction > 0 else 3)
         curves.append(_arrow(float(ring + r[k]), float(np.radians(angle[k])), circle.direction, each, i))
+    marks += [_peak(each, ring) for each in quadrant_peaks(test)]
     rings = tuple(
         Disc(0.0, 0.0, ring + k * each, faint=k != 0) for k in range(-_DIVISIONS, _DIVISIONS + 1)
     )  # fmt: skip
@@ -85,7 +86,8 @@ def circle_chart(test: CircleTest, before: CircleTest | None = None, division: f
         Note(edge * float(np.cos(a)), edge * float(np.sin(a)), text, middle=True)
         for a, text in zip(at, axes, strict=True)
     ]
-    notes.append(Note(0.0, 0.0, f"rings: {each:g} µm\ndeviation × {1e6 * test.radius / ring:.3g}", middle=True))
+    thin = "" if before is None else "\nthin: before"
+    notes.append(Note(0.0, 0.0, f"rings: {each:g} µm\ndeviation × {1e6 * test.radius / ring:.0f}{thin}", middle=True))
     side = edge + 0.6 * each
     panel = Panel("y (µm)", tuple(curves), tuple(marks), discs=rings, notes=tuple(notes), low=-side, high=side)
     return Chart("x (µm)", (panel,), low=-side, high=side, square=True, bare=True, height=6.2, columns=2)
@@ -101,9 +103,20 @@ def _closed(place: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return np.append(x, x[0]), np.append(y, y[0])
 
 
-def _gap(test: CircleTest | None, circle: CirclePath) -> str:
-    """G of a circle."""
-    return "" if test is None else next(f"G {1e6 * e.G:.4g} µm" for e in test.figures if e.name == circle.name)
+def _peak(peak: QuadrantPeak, ring: float) -> Mark:
+    """On the drawn circle."""
+    r = ring + 1e6 * peak.deviation
+    said = f"peak {1e6 * peak.height:.3g} µm behind {peak.side}{peak.axis}"
+    return Mark(float(r * np.cos(peak.angle)), float(r * np.sin(peak.angle)), peak.circle, True, said=said)
+
+
+def _gap(circle: CirclePath, test: CircleTest, before: CircleTest | None) -> str:
+    """G of a circle, and as it was."""
+    own = [each for each in test.figures if not each.both]
+    said = f"G {1e6 * own[test.circles.index(circle)].G:.4g} µm"
+    if before is None or (i := _like(circle, before)) == len(before.circles):
+        return said
+    return f"{said}, before {1e6 * [each for each in before.figures if not each.both][i].G:.4g} µm"
 
 
 def _arrow(radius: float, angle: float, direction: int, division: float, number: int) -> Curve:
@@ -166,23 +179,21 @@ def unrolled_chart(test: CircleTest, before: CircleTest | None = None) -> Chart:
 
     before  the same circles as they were, which are drawn thin
     """
-    curves, marks = list[Curve](), list[Mark]()
-    rows = _rows(test)
+    curves, rows = list[Curve](), _rows(test)
     for circle, angle, r in [] if before is None else _rows(before):
         order = np.argsort(angle)
-        curves.append(Curve(*envelope(angle[order], r[order]), f"before: {circle.name}", _like(circle, test), THIN))
+        curves.append(Curve(*envelope(angle[order], r[order]), number=_like(circle, test), look=THIN))
     for i, (circle, angle, r) in enumerate(rows):
         order = np.argsort(angle)
         curves.append(Curve(*envelope(angle[order], r[order]), circle.name, i))
-    for peak in quadrant_peaks(test):
-        said = f"{1e6 * peak.height:.3g} µm after {peak.axis} reversed at {peak.side}{peak.axis}"
-        marks.append(Mark(float(np.degrees(peak.angle)), 1e6 * peak.deviation, peak.circle, True, said=said))
+    marks = [replace(_peak(e, 0.0), x=float(np.degrees(e.angle)), y=1e6 * e.deviation) for e in quadrant_peaks(test)]
     axes = test.circles[0].axes
     levels = tuple(
         Level(angle, text.format(axes[k % 2]), upright=True, dashed=True) for k, (angle, text) in enumerate(_QUADRANTS)
     )
     rate = max(each.feed / each.radius for each in test.circles)
-    said = f"10 deg are {1e3 * np.radians(10.0) / rate:.3g} ms at the highest feed"
+    thin = "" if before is None else "; thin: before"
+    said = f"10 deg are {1e3 * np.radians(10.0) / rate:.3g} ms at the highest feed{thin}"
     panel = Panel("radial deviation (µm)", tuple(curves), tuple(marks), levels, said=said)
     return Chart("angle (deg)", (panel,), low=0.0, high=360.0, height=3.4)
 

@@ -39,7 +39,7 @@ def message(
 def _chart(chart: Chart, numbers: list[np.ndarray], window: Window | None) -> dict[str, Any]:
     return {
         "label": chart.label, "scale": chart.scale, "low": chart.low, "high": chart.high, "square": chart.square,
-        "factor": chart.factor,
+        "bare": chart.bare, "factor": chart.factor,
         "panels": [_panel(each, numbers, chart, window) for each in chart.panels],
     }  # fmt: skip
 
@@ -53,6 +53,7 @@ def _panel(panel: Panel, numbers: list[np.ndarray], chart: Chart, window: Window
         "discs": [vars(each) for each in panel.discs],
         "notes": [vars(each) for each in panel.notes],
         "bands": [_band(each, numbers) for each in panel.bands],
+        "said": panel.said, "heat": panel.heat and asdict(panel.heat),
     }  # fmt: skip
 
 
@@ -60,10 +61,14 @@ def _curve(
     curve: Curve, numbers: list[np.ndarray], chart: Chart, panel: Panel, window: Window | None
 ) -> dict[str, Any]:
     x, y = np.asarray(curve.x, np.float64), np.asarray(curve.y, np.float64)
-    if x.size > POINTS:
+    each_point = [row for row in (curve.heat, curve.reach) if row is not None]
+    if x.size > POINTS and not each_point:
         x, y = _thinned(x, y, chart, panel, window)
-    at = _put((x, y), numbers)
-    return {"name": curve.name, "number": curve.number, "look": curve.look, "said": curve.said, "at": at, "n": x.size}
+    at = _put((x, y, *each_point), numbers)
+    return {
+        "name": curve.name, "number": curve.number, "look": curve.look, "said": curve.said, "at": at, "n": x.size,
+        "heat": curve.heat is not None, "reach": curve.reach is not None,
+    }  # fmt: skip
 
 
 def _put(rows: Sequence[np.ndarray], numbers: list[np.ndarray]) -> int:

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
-from io import StringIO
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
+from feeddrive.plot.chart import Chart
 from feeddrive.studio.jobs import perform
 from feeddrive.studio.room import tabled
 
 if TYPE_CHECKING:
     from feeddrive.analysis.friction_map import FrictionMap
     from feeddrive.loop.control import Control
-    from feeddrive.plot.chart import Chart
+    from feeddrive.machining.circle_test import CircleTest
     from feeddrive.studio.inspect_file import Understood
     from feeddrive.workflow.certify import CertifyRequest
     from feeddrive.workflow.circle import CircleRequest
@@ -28,27 +30,28 @@ if TYPE_CHECKING:
     from feeddrive.workflow.run_job import RunRequest
     from feeddrive.workflow.tour import TourRequest
 
-_CORNERS = 8  # worst places of a part program that are drawn
+_PLACES = 8  # worst places of a part program, and quadrant peaks of circles, that can be looked at
+_TURN = 12.0  # degrees on both sides of a quadrant peak
 
 
 @dataclass(frozen=True)
 class Shown:
     """What a work came to.
 
-    words   said, tables, verdict, failure
-    images  SVG by what they show
+    words     said, tables, verdict, failure
+    charts    by name
     controls  by name of a law, of a comparison
-    charts  by what they show
-    files   that were written
+    files     that were written
     friction  over velocity, of an identified motion
+    result    what other charts are made from
     """
 
     words: Mapping[str, Any]
-    images: Mapping[str, str] = field(default_factory=dict[str, str])
+    charts: Mapping[str, Chart] = field(default_factory=dict[str, Chart])
     controls: Mapping[str, Control] = field(default_factory=dict[str, "Control"])
-    charts: Mapping[str, Chart] = field(default_factory=dict[str, "Chart"])
     files: Mapping[str, Path] = field(default_factory=dict[str, Path])
     friction: FrictionMap | None = None
+    result: Any = None
 
 
 def words_of(outcome: Outcome[Any]) -> dict[str, Any]:
@@ -103,61 +106,78 @@ def toured(request: TourRequest, progress: Progress) -> list[Understood]:
 
 
 def certified(request: CertifyRequest, progress: Progress) -> Shown:
-    """A certificate, its discs in the complex plane and over frequency."""
-    from feeddrive import plot
+    """A certificate, over frequency and as discs in the complex plane."""
+    from feeddrive.plot.certificate import certificate_chart, discs_chart
 
     outcome = perform("certify", request, progress)
-    progress.step("pictures")
-    images = {"certificate": plot.certificate(outcome.result), "discs": plot.certificate_discs(outcome.result)}
-    return Shown(words_of(outcome), {name: as_svg(each) for name, each in images.items()})
+    charts = {"certificate": certificate_chart(outcome.result)}
+    if not outcome.result.two_rates:  # with two rates one L has no disc of its own
+        charts["discs"] = discs_chart(outcome.result)
+    return Shown(words_of(outcome), charts)
 
 
 def circled(request: CircleRequest, progress: Progress) -> Shown:
-    """The circle test of the machine: the deviation, magnified, and its causes."""
-    from feeddrive import plot
-
+    """The circle test of the machine: its circles are the result, `circle_shown` draws them."""
     outcome = perform("circle", request, progress)
-    progress.step("pictures")
-    test = outcome.result.test
-    images = {"circle": plot.circle_test(test), "unrolled": plot.circle_unrolled(test)}
-    return Shown(words_of(outcome), {name: as_svg(each) for name, each in images.items()})
+    return Shown(words_of(outcome), result=outcome.result.test)
+
+
+def circle_shown(found: Shown, before: CircleTest | None) -> Shown:
+    """The deviation, magnified and over the angle, and the highest quadrant peaks with where they stand.
+
+    before  the same circles under another control
+    """
+    from feeddrive.machining.quadrant_peaks import quadrant_peaks
+    from feeddrive.plot.circle import circle_chart, unrolled_chart
+
+    test: CircleTest = found.result
+    peaks = list[dict[str, Any]]()
+    for each in quadrant_peaks(test)[:_PLACES]:
+        at = float(np.degrees(each.angle))
+        text = f"{1e6 * each.height:.3g} µm at {each.side}{each.axis}, {test.circles[each.circle].name}"
+        peaks.append({"text": text, "view": [max(at - _TURN, 0.0), min(at + _TURN, 360.0)]})
+    charts = {"circle": circle_chart(test, before), "unrolled": unrolled_chart(test, before)}
+    return replace(found, words={**found.words, "peaks": peaks}, charts=charts)
 
 
 def program_run(request: RunRequest, progress: Progress) -> Shown:
     """A part program on the machine: contour error on the path, and the worst places."""
-    from feeddrive import plot
+    from feeddrive.plot.contour import path_chart, place_chart, place_view
+    from feeddrive.plot.part_run import part_zoom_chart
 
     outcome = perform("run", request, progress)
     progress.step("pictures")
     words = words_of(outcome)
-    images, worst = dict[str, str](), list[dict[str, Any]]()
+    charts, worst = dict[str, Chart](), list[dict[str, Any]]()
     row = outcome.result.rows[0]
     if row.part is not None:
-        images["contour"] = as_svg(plot.contour_on_path(row.part.contour))
-        for i, each in enumerate(row.part.worst(_CORNERS)):
-            images[f"worst_{i}"] = as_svg(plot.part_zoom({row.name: row.part}, each.time))
+        charts["path"] = path_chart(row.part.contour)
+        for i, each in enumerate(row.part.worst(_PLACES)):
+            charts[f"place_{i}"] = place_chart(row.part.contour, each)
+            charts[f"time_{i}"] = part_zoom_chart({row.name: row.part}, each.time)
             where = ", ".join(f"{1e3 * value:.3f}" for value in each.position)
             line = "" if each.line is None else f", line {each.line}"
-            worst.append(
-                {
-                    "image": f"worst_{i}",
-                    "text": f"{1e6 * abs(each.error):.3g} um at {each.time:.3f} s ({where} mm{line})",
-                }
-            )
+            text = f"{1e6 * abs(each.error):.3g} µm at {each.time:.3f} s ({where} mm{line})"
+            worst.append({"text": text, "view": place_view(row.part.contour, each)})
         words["tables"] = [tabled(row.part.table()), *words["tables"]]
-    return Shown({**words, "worst": worst}, images)
+    return Shown({**words, "worst": worst}, charts)
 
 
 def compared(request: CompareRequest, progress: Progress) -> Shown:
-    """All laws at equal robustness: the trade-off, the table, and the control of each law."""
+    """Laws at equal robustness: the trade-off, the table, and the control of each law."""
+    from feeddrive.comparison.pictures import tradeoff_chart
+
     outcome = perform("compare", request, progress)
-    progress.step("pictures")
     found = outcome.result
-    laws = [{"name": each.name, "why": each.unfit or each.outside, "held": each.held_by} for each in found.competitors]
+    chart = tradeoff_chart([(each.name, each.figures, each.unplaced) for each in found.competitors])
+    drawn = {mark.key for panel in chart.panels for mark in panel.marks}
+    laws = [
+        {"name": each.name, "why": each.unfit or each.unplaced, "held": each.held_by, "drawn": each.name in drawn}
+        for each in found.competitors
+    ]
     words = {**words_of(outcome), "laws": laws, "rule": found.rule, "seed": found.seed}
-    return Shown(
-        words, {"tradeoff": as_svg(found.plot())}, {each.name: each.loop.control for each in found.competitors}
-    )
+    controls = {each.name: each.loop.control for each in found.competitors}
+    return Shown(words, {"tradeoff": chart.turning() if found.rotary else chart}, controls)
 
 
 def exported(request: ExportRequest, progress: Progress) -> Shown:
@@ -177,13 +197,3 @@ def packed(folder: Path) -> Path:
             if each.is_file() and not each.is_symlink():
                 file.write(each, Path(folder.name) / each.relative_to(folder))
     return archive
-
-
-def as_svg(figure: Any) -> str:
-    """A picture of matplotlib that stands by itself."""
-    import matplotlib
-
-    text = StringIO()
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "studio"}):
-        figure.savefig(text, format="svg", facecolor="white", metadata={"Date": None, "Creator": None})
-    return text.getvalue()

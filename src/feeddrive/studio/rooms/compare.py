@@ -1,13 +1,15 @@
-"""All laws on this axis at equal robustness: the trade-off, and a law that is chosen to be tuned on."""
+"""Laws on this axis at equal robustness: the trade-off, and a law that is chosen to be tuned on."""
 
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.studio.desk import Desk
 from feeddrive.studio.room import Asked, Room, Said, act
 from feeddrive.studio.works import Shown, compared
+from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
 from feeddrive.workflow.compare import CompareRequest
 
 
@@ -18,34 +20,52 @@ class Compare(Room):
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
-        self.found: Shown | None = None
-        self._same = ""
+        self.begin()
 
     def begin(self) -> None:
         """Forget the comparison of another axis."""
-        bench = self.desk.bench
-        same = "" if bench is None else f"{bench.file} {bench.title}"
-        if same != self._same:
-            self.found, self._same = None, same
+        self.found: Shown | None = None
+        self.left_out = set[str]()
+        self._laws: tuple[tuple[Candidate, ...], tuple[Refusal, ...]] | None = None
 
     def show(self) -> Said:
-        """Which laws there are, and what the comparison came to."""
+        """Which laws there are, which are to be compared, and what the comparison came to."""
         bench = self.desk.bench
-        words = {"ready": bench is not None and bench.machine is not None, "found": None}
-        if self.found is not None:
-            words |= {"found": dict(self.found.words), "images": dict(self.found.images)}
-        return Said(words)
+        if bench is None or bench.machine is None:
+            return Said({"ready": False, "found": None})
+        fit, refused = self._candidates()
+        words: dict[str, Any] = {
+            "ready": True,
+            "always": PLAIN,
+            "laws": [{"name": e.name, "wanted": e.name not in self.left_out, "remark": e.remark} for e in fit],
+            "refused": [{"name": each.name, "reason": each.reason} for each in refused],
+            "found": None,
+        }
+        if self.found is None:
+            return Said(words)
+        return Said({**words, "found": dict(self.found.words)}, self.found.charts)
+
+    @act
+    def choose(self, asked: Asked) -> None:
+        """The laws that are wanted, by name; P-PI, with which all others are compared, is always there."""
+        known = [each.name for each in self._candidates()[0]]
+        wanted = asked.texts("laws")
+        if any(":" in each for each in wanted):  # the page runs no code that somebody names
+            raise ParameterError("a law of a module is compared by the command line alone: feeddrive compare --law")
+        for each in wanted:
+            if each not in known:
+                raise ParameterError(f"law '{each:.60}' cannot be compared on this axis; there are: {', '.join(known)}")
+        self.left_out = set(known) - {PLAIN, *wanted}
 
     @act
     def start(self, asked: Asked) -> None:
-        """Tune and judge the laws that are named, or all; those that are finished are kept for the next time."""
+        """Tune and judge the laws that are chosen; those that are finished are kept for the next time."""
         bench = self.desk.needed
         bench.needed_loop()
-        laws = asked.texts("laws")
-        if any(":" in each for each in laws):  # the page runs no code that somebody names
-            raise ParameterError("a law of a module is compared by the command line alone: feeddrive compare --law")
+        names = [each.name for each in self._candidates()[0]]
+        wanted = tuple(each for each in names if each not in self.left_out)
         request = CompareRequest(
-            self.desk.machine_path(), axis=bench.axis, law=tuple(laws),
+            self.desk.machine_path(), axis=bench.axis, law=wanted if self.left_out else (),
             starts=int(asked.number("starts")), keep=self.desk.folder / "compared_laws",
         )  # fmt: skip
 
@@ -62,4 +82,11 @@ class Compare(Room):
         if self.found is None or name not in self.found.controls:
             raise ParameterError(f"the comparison has no law '{name:.60}'")
         self.desk.take(self.found.controls[name])
-        return Said({**self.show().words, "go": "tune"})
+        said = self.show()
+        return Said({**said.words, "go": "tune"}, said.charts)
+
+    def _candidates(self) -> tuple[tuple[Candidate, ...], tuple[Refusal, ...]]:
+        """Laws that can control the axis, and those that cannot."""
+        if self._laws is None:
+            self._laws = candidates(self.desk.needed.needed_loop())
+        return self._laws

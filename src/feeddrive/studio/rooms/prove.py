@@ -12,7 +12,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.studio.desk import Desk, Held
 from feeddrive.studio.recipe import quoted, whole
 from feeddrive.studio.room import Asked, Room, Said, act
-from feeddrive.studio.works import Shown, certified, circled, program_run
+from feeddrive.studio.works import Shown, certified, circle_shown, circled, program_run
 from feeddrive.workflow.certify import CertifyRequest
 from feeddrive.workflow.circle import CircleRequest
 from feeddrive.workflow.run_job import RunRequest
@@ -30,8 +30,9 @@ class Prove(Room):
         self.begin()
 
     def begin(self) -> None:
-        """Forget what was shown of the control before."""
+        """Forget what was shown of another axis."""
         self.shown: dict[str, tuple[Held, Shown]] = {}
+        self.circles: tuple[tuple[Held, Shown], ...] = ()  # that of another control before, and the latest
 
     def show(self) -> Said:
         """What can be proven, and what came out."""
@@ -41,9 +42,9 @@ class Prove(Room):
         words = {
             "ready": bool(axes), "axes": axes, "programs": programs,
             "shown": {name: self.desk.said_of(held, each.words) for name, (held, each) in self.shown.items()},
-            "images": {f"{name}.{key}": svg for name, (_, of) in self.shown.items() for key, svg in of.images.items()},
         }  # fmt: skip
-        return Said(words)
+        charts = {f"{name}.{key}": chart for name, (_, of) in self.shown.items() for key, chart in of.charts.items()}
+        return Said(words, charts)
 
     @act
     def certify(self, _: Asked) -> None:
@@ -71,7 +72,10 @@ class Prove(Room):
 
         def then(found: Shown) -> None:
             self.desk.did("circle", request)
-            self.shown["circle"] = held, found
+            alike = [each for each in self.circles if not each[0].same(held) and _alike(each[1], found)]
+            self.circles = (*alike[-1:], (held, found))
+            before = None if len(self.circles) < 2 else self.circles[0][1].result
+            self.shown["circle"] = held, circle_shown(found, before)
 
         self.desk.start(self.name, "circle test", partial(circled, request), then)
 
@@ -99,6 +103,12 @@ class Prove(Room):
             self.shown["program"] = held, found
 
         self.desk.start(self.name, f"run {name}", partial(program_run, request), then)
+
+
+def _alike(one: Shown, other: Shown) -> bool:
+    """Whether two circle tests have the same radius and plane, so that one may be drawn over the other."""
+    first, second = one.result, other.result
+    return first.radius == second.radius and first.circles[0].axes == second.circles[0].axes
 
 
 def _bundled() -> list[str]:
