@@ -7,7 +7,7 @@ import type { Band, Curve, Disc, Mark, Panel } from "./wire";
 
 // the dashes and markers of the reports (plot/style.py); widths and sizes in CSS pixels
 export const DASHES: number[][] = [[], [7, 2], [2, 1.5], [7, 2, 2, 2], [12, 3], [4, 1.5, 1, 1.5]];
-const WIDTHS = { line: 1.6, thin: 0.7, bar: 3 };
+const WIDTHS = { line: 1.6, thin: 0.9, bar: 3 };
 const [MARK, NAMED] = [3.5, 5];
 const SINGLE = { dots: 1.5, plus: 6, cross: 4.5, ring: 4 };
 const SHAPES: ((path: Path2D, x: number, y: number, r: number) => void)[] = [
@@ -183,7 +183,7 @@ function band(ctx: CanvasRenderingContext2D, band: Band, numbers: Float32Array, 
 
 function mark(ctx: CanvasRenderingContext2D, mark: Mark, x: Axis, y: Axis, look: Look, ratio: number): void {
   const path = new Path2D();
-  SHAPES[mark.number < 0 ? 0 : mark.number % SHAPES.length]!(path, pixel(x, mark.x), pixel(y, mark.y), (mark.name ? NAMED : MARK) * ratio);
+  SHAPES[(mark.number + SHAPES.length) % SHAPES.length]!(path, pixel(x, mark.x), pixel(y, mark.y), (mark.name ? NAMED : MARK) * ratio);
   ctx.setLineDash([]);
   ctx.lineWidth = 1.4 * ratio;
   ctx.fillStyle = mark.hollow ? look.paper : color(mark.number, look);

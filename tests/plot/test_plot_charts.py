@@ -78,14 +78,21 @@ def test_the_circle_plot_is_as_far_from_its_nominal_circle_as_the_machine_deviat
     assert (chart.label, chart.panels[0].label, chart.square) == ("x (µm)", "y (µm)", True)
     (panel,) = chart.panels
     (ring,) = [each.radius for each in panel.discs if not each.faint]
-    named = {each.name: each for each in panel.curves if each.name}
-    for test, prefix in ((spikes(), ""), (before, "before: ")):
-        for circle, (angle, r) in zip(test.circles, deviations(test), strict=True):
-            curve = named[prefix + circle.name]
+    old = [each for each in panel.curves if each.look == THIN]
+    new = [each for each in panel.curves if each.name]
+    for test, curves in ((spikes(), new), (before, old)):
+        for curve, (angle, r) in zip(curves, deviations(test), strict=True):
             assert np.hypot(curve.x, curve.y)[:-1] - ring == pytest.approx(1e6 * r, abs=1e-9)
             assert np.arctan2(curve.y, curve.x)[:-1] % (2.0 * np.pi) == pytest.approx(angle, abs=1e-12)
-            assert (curve.look == THIN) == bool(prefix)
-    assert named["before: CW 1200 mm/min"].number == named["CW 1200 mm/min"].number
+    assert [each.number for each in old] == [0, 1]  # as the circles of the same direction and feed
+    for curve, figures in zip(new, spikes().figures, strict=False):
+        assert f"G {1e6 * figures.G:.4g} µm" in curve.said
+    assert f"before {1e6 * before.figures[1].G:.4g} µm" in new[1].said
+    assert "before" not in new[2].said  # there was no such feed
+    assert {(mark.x, mark.y) for mark in panel.marks if mark.hollow} == {
+        ((ring + 1e6 * e.deviation) * np.cos(e.angle), (ring + 1e6 * e.deviation) * np.sin(e.angle))
+        for e in quadrant_peaks(spikes())
+    }
     rings = np.sort([each.radius for each in panel.discs])
     assert np.diff(rings) == pytest.approx(5.0)  # 17 um on four divisions
     assert panel.high is not None
@@ -105,8 +112,12 @@ def test_the_unrolled_circle_has_deviations_and_peaks_over_the_angle() -> None:
 
 def test_the_path_has_the_contour_error_as_its_values_and_keeps_the_largest() -> None:
     found = contour()
-    chart = path_chart(found, enlarged=10.0)
+    places = found.worst(2)
+    chart = path_chart(found, enlarged=10.0, places=places)
     (panel,) = chart.panels
+    for k, (mark, place) in enumerate(zip(panel.marks, places, strict=True)):
+        assert (mark.x, mark.y) == pytest.approx(tuple(1e3 * place.position))
+        assert mark.key == str(k)
     tool, path = panel.curves
     assert (chart.label, panel.label) == ("x (mm)", "y (mm)")
     assert panel.heat is not None
@@ -237,4 +248,4 @@ def test_a_trade_off_of_one_law_has_a_range() -> None:
 def test_the_page_has_the_colors_of_the_reports() -> None:
     page = Path(__file__).parents[2] / "page" / "src"
     text = "".join(each.read_text(encoding="utf-8") for each in sorted(page.glob("*.ts")))
-    assert [each for each in style.COLORS if f'"{each}"' not in text] == []
+    assert [each for each in (*style.COLORS, *style.HEAT) if f'"{each}"' not in text] == []

@@ -97,7 +97,7 @@ def test_a_work_that_is_killed_leaves_the_page_usable(studio: Any) -> None:
     opened.go("prove")
     page.click("#prove-certify")
     assert opened.ended() == "done"
-    assert page.locator("#room-prove img").count() == 2
+    assert page.locator("#proof-certificate figure:visible").count() == 2
 
 
 def _children(parent: int) -> list[int]:

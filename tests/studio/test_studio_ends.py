@@ -52,7 +52,7 @@ def gone(processes: list[int], seconds: float) -> bool:
 def test_a_killed_server_takes_its_work_with_it(serve: Callable[..., Served]) -> None:
     served = serve("ball_screw")
     with served.page("a") as page:
-        assert "error" not in page.ask("compare.start", laws=[], starts=2)
+        assert "error" not in page.ask("compare.start", starts=2)
         page.runs()
         working = descendants(served.process.pid)
         assert working
@@ -67,7 +67,7 @@ def test_ctrl_c_ends_all_within_two_seconds_also_work_that_waits_for_a_processor
     pages = [served.page(f"page {i}") for i in range((os.cpu_count() or 1) + 1)]
     opened = [each.__enter__() for each in pages]
     for each in opened:
-        assert "error" not in each.ask("compare.start", laws=[], starts=2)
+        assert "error" not in each.ask("compare.start", starts=2)
     for each in opened[:-1]:
         each.runs()
     working = descendants(served.process.pid)

@@ -217,8 +217,8 @@ def test_snapshots_are_drawn_and_taken(session: Session) -> None:
         ({"do": "tune.add", "kind": "notch", "at": 1e6}, "below half the sample rate"),
         ({"do": "tune.remove", "place": 2}, "no filters.2 to remove"),
         ({"do": "tune.remove", "place": 0.5}, "whole number"),
-        ({"do": "compare.start", "laws": ["this:X"], "starts": 1}, "compared by the command line alone"),
-        ({"do": "compare.start", "laws": [], "starts": 0}, "starts"),
+        ({"do": "compare.choose", "laws": ["this:X"]}, "compared by the command line alone"),
+        ({"do": "compare.start", "starts": 0}, "starts"),
         ({"do": "answer"}, "none of bring"),
     ],
 )

@@ -48,6 +48,8 @@ export class Prove implements Room {
 
   constructor(private readonly ask: Ask) {
     this.element.append(this.hint, this.buttons, ...[...this.parts.values()].map((each) => each.section));
+    const program = this.parts.get("program")!;
+    program.pictures.get("path")!.onpick = (_x, _y, _panel, key) => key && program.list.querySelectorAll("button")[Number(key)]?.click();
     whenPainted(() => this.draw());
   }
 

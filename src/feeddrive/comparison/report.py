@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -198,8 +199,10 @@ def _recovery(found: Comparison) -> Any:
     return pictures.recovery(rows, begin=duty.begin, near=duty.near, span=float(span))
 
 
-def write_comparison(found: Comparison, out: str | Path) -> Path:
+def write_comparison(found: Comparison, out: str | Path, more: Mapping[str, str] | None = None) -> Path:
     """Write the directory whole or not at all, and return the path of the report.
+
+    more  texts of other files in it, by name
 
     Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
     """
@@ -210,6 +213,8 @@ def write_comparison(found: Comparison, out: str | Path) -> Path:
         (folder / "summary.json").write_text(figures, encoding="utf-8")
         (folder / "figures.csv").write_text(figures_csv(found), encoding="utf-8")
         (folder / "machine.toml").write_text(found.machine.file.text, encoding="utf-8")
+        for name, text in (more or {}).items():
+            (folder / name).write_text(text, encoding="utf-8")
         controls = folder / "controls"
         controls.mkdir()
         for name, each in zip(file_names(found.competitors), found.competitors, strict=True):

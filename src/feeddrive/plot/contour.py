@@ -54,8 +54,13 @@ def contour_on_path(found: ContourError, axes: tuple[int, int] = (0, 1), enlarge
     return drawn(path_chart(found, axes, enlarged))
 
 
-def path_chart(found: ContourError, axes: tuple[int, int] = (0, 1), enlarged: float | None = None) -> Chart:
-    """What `contour_on_path` shows: places in mm, the size of the error in µm."""
+def path_chart(
+    found: ContourError, axes: tuple[int, int] = (0, 1), enlarged: float | None = None, places: Sequence[Worst] = (),
+) -> Chart:  # fmt: skip
+    """What `contour_on_path` shows: places in mm, the size of the error in µm.
+
+    places  that are marked; the key of a mark is the number of its place, from 0
+    """
     i, j = axes
     size = np.where(found.counted, np.abs(found.error), 0.0)
     rows = envelope(np.arange(len(size), dtype=np.float64), size, _POINTS)[0].astype(np.intp)  # with the largest errors
@@ -72,7 +77,11 @@ def path_chart(found: ContourError, axes: tuple[int, int] = (0, 1), enlarged: fl
     shape = max(0.35, min(1.0, (high - low) / (right - left)))
     said = f"largest {1e6 * found.largest:.4g} µm, RMS {1e6 * found.rms:.4g} µm"
     heat = Heat("contour error (µm)", 0.0, max(1e6 * found.largest, 1e-9))
-    panel = Panel(f"{found.axes[j]} (mm)", curves, low=low, high=high, said=said, heat=heat)
+    marks = tuple(
+        Mark(*(1e3 * float(e.position[a]) for a in axes), ALERT, True, said=f"{1e6 * abs(e.error):.3g} µm", key=str(k))
+        for k, e in enumerate(places)
+    )
+    panel = Panel(f"{found.axes[j]} (mm)", curves, marks, low=low, high=high, said=said, heat=heat)
     return Chart(
         f"{found.axes[i]} (mm)", (panel,), low=left, high=right, square=True, height=0.8 + 0.75 * style.WIDTH * shape
     )

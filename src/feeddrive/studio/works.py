@@ -151,8 +151,9 @@ def program_run(request: RunRequest, progress: Progress) -> Shown:
     charts, worst = dict[str, Chart](), list[dict[str, Any]]()
     row = outcome.result.rows[0]
     if row.part is not None:
-        charts["path"] = path_chart(row.part.contour)
-        for i, each in enumerate(row.part.worst(_PLACES)):
+        places = row.part.worst(_PLACES)
+        charts["path"] = path_chart(row.part.contour, places=places)
+        for i, each in enumerate(places):
             charts[f"place_{i}"] = place_chart(row.part.contour, each)
             charts[f"time_{i}"] = part_zoom_chart({row.name: row.part}, each.time)
             where = ", ".join(f"{1e3 * value:.3f}" for value in each.position)

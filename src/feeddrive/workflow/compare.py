@@ -11,14 +11,19 @@ from feeddrive.blocks.families import Law
 from feeddrive.comparison.compare import TODAY, Comparison, compare_laws
 from feeddrive.comparison.figures import CRITERIA, beats
 from feeddrive.comparison.report import write_comparison
-from feeddrive.files.machine import MachineLike, read_machine
+from feeddrive.files.machine import MachineFile, MachineLike, read_machine
+from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
+from feeddrive.loop.control import Control
+from feeddrive.loop.loop import Loop
 from feeddrive.loop.runner import cores
-from feeddrive.tuning.candidates import PLAIN
+from feeddrive.tuning.candidates import PLAIN, candidates
 from feeddrive.tuning.tuned import two_digits
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, option, stem
+
+TAKEN = "taken.toml"
 
 
 class CompareRequest(Request):
@@ -32,6 +37,7 @@ class CompareRequest(Request):
     )  # fmt: skip
     starts: int = option("Searches for each law; the best counts", default=2, least=1, most=20)
     keep: Path | None = option("Directory in which finished laws are kept, to go on after a stop", default=None)
+    take: str | None = option("A law with whose control the machine file is written too, as taken.toml", default=None)
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:
@@ -44,22 +50,45 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
     """Put all laws on one axis, tuned to equal robustness, beside today's gains, and rank them by criterion.
 
     Laws are tuned side by side in processes of their own.  Raises ParameterError for an axis or a law that is not
-    there, UnstableError if no law can be run.
+    there, for a law to take without a directory, UnstableError if no law can be run.
     """
     machine = read_machine(request.machine)
+    if request.take is not None and request.out is None:
+        raise ParameterError(f"take = '{request.take}' needs a directory for its machine file: out")
+    if request.take is not None and request.take not in (known := names(machine.loop(request.axis))):
+        raise ParameterError(f"take = '{request.take}' must be one of {', '.join(known)}")
     laws = [imported(Law, each) if ":" in each else each for each in request.law] or None
+    if request.take is not None and laws is not None and request.take not in laws:
+        laws = [*laws, request.take]
     found = compare_laws(
         machine, request.axis, laws=laws, starts=request.starts, workers=cores(), keep=request.keep, progress=progress
     )
     files: dict[str, Path] = {}
     if request.out is not None:
         progress.step("report")
-        files["Report"] = write_comparison(found, request.out)
+        if request.take is None:
+            files["Report"] = write_comparison(found, request.out)
+        else:
+            text = taken(found.machine, found.axis, found[request.take].loop.control)
+            files["Report"] = write_comparison(found, request.out, {TAKEN: text})
+            files["Machine"] = request.out / TAKEN
     refused = [f"'{each.name}' cannot control this axis: {each.reason}" for each in found.refusals]
     return Outcome(
         found, [screen(found)], [f"rule: {found.rule}", *in_short(found)], verdict(found), files=files,
         details=[*found.remarks, *refused],
     )  # fmt: skip
+
+
+def names(loop: Loop) -> list[str]:
+    """Of the laws that can be compared on the axis of a loop."""
+    return [each.name for each in candidates(loop)[0]]
+
+
+def taken(machine: MachineFile, axis: str, control: Control) -> str:
+    """The text of the machine's file with the control of a law that was compared."""
+    from feeddrive.workflow.tune_files import machine_text
+
+    return machine_text(machine, axis, control)
 
 
 # head, key, factor and digits of the figures on the screen

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
+from feeddrive.comparison.compare import TODAY
+from feeddrive.files.atomic_io import new_directory
+from feeddrive.files.machine import MachineFile
 from feeddrive.language.errors import ParameterError
+from feeddrive.loop.control import Control
 from feeddrive.studio.desk import Desk
 from feeddrive.studio.room import Asked, Room, Said, act
 from feeddrive.studio.works import Shown, compared
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
-from feeddrive.workflow.compare import CompareRequest
+from feeddrive.workflow.compare import TAKEN, CompareRequest, taken
 
 
 class Compare(Room):
@@ -25,6 +32,8 @@ class Compare(Room):
     def begin(self) -> None:
         """Forget the comparison of another axis."""
         self.found: Shown | None = None
+        self._asked: CompareRequest | None = None
+        self._machine: MachineFile | None = None  # that was compared on
         self.left_out = set[str]()
         self._laws: tuple[tuple[Candidate, ...], tuple[Refusal, ...]] | None = None
 
@@ -64,6 +73,7 @@ class Compare(Room):
         bench.needed_loop()
         names = [each.name for each in self._candidates()[0]]
         wanted = tuple(each for each in names if each not in self.left_out)
+        machine = self.desk.machine()
         request = CompareRequest(
             self.desk.machine_path(), axis=bench.axis, law=wanted if self.left_out else (),
             starts=int(asked.number("starts")), keep=self.desk.folder / "compared_laws",
@@ -71,7 +81,7 @@ class Compare(Room):
 
         def then(found: Shown) -> None:
             self.desk.did("compare", request)
-            self.found = found
+            self.found, self._asked, self._machine = found, request, machine
 
         self.desk.start(self.name, "compare the laws", partial(compared, request), then)
 
@@ -81,9 +91,23 @@ class Compare(Room):
         name = asked.text("law")
         if self.found is None or name not in self.found.controls:
             raise ParameterError(f"the comparison has no law '{name:.60}'")
-        self.desk.take(self.found.controls[name])
+        control = self.found.controls[name]
+        if name == TODAY or self._asked is None or self._machine is None:
+            self.desk.take(control)
+        else:
+            self.desk.exchange(control, self._written(name, control, self._asked, self._machine))
         said = self.show()
         return Said({**said.words, "go": "tune"}, said.charts)
+
+    def _written(self, name: str, control: Control, asked: CompareRequest, machine: MachineFile) -> Path:
+        """The machine file that the comparison writes which takes this law; it is that which counts as done."""
+        out = self.desk.folder / "compared" / (re.sub(r"\W+", "_", name).strip("_").lower() or "law")
+        axis = asked.axis or machine.named()
+        with new_directory(out) as folder:
+            (folder / TAKEN).write_text(taken(machine, axis, control), encoding="utf-8")
+        self.desk.done = [each for each in self.desk.done if each.request is not asked]
+        self.desk.did("compare", replace(asked, take=name, out=out))
+        return out / TAKEN
 
     def _candidates(self) -> tuple[tuple[Candidate, ...], tuple[Refusal, ...]]:
         """Laws that can control the axis, and those that cannot."""

@@ -1,0 +1,172 @@
+"""Compare and Prove in a real browser: a click on a law, worst places that zoom, the circle plot, progress and cancel."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+
+@pytest.fixture(scope="module")
+def mill(studio_of: Any) -> Iterator[Any]:
+    """A server for the mill, whose travel has room for the bundled part programs."""
+    made = studio_of("mill", "--axis", "x")
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def ran(mill: Any) -> Any:
+    """A page on which a part program was run."""
+    opened = mill.open()
+    opened.page.wait_for_selector("#verdict:not(:empty)")
+    opened.go("prove")
+    opened.page.select_option("#room-prove label:has-text('Part program') select", "slot.ngc")
+    opened.page.click("#prove-program")
+    assert opened.ended() == "done"
+    return opened
+
+
+def readout(page: Any, picture: str, across: float = 0.5, up: float = 0.5) -> str:
+    """What a picture says of a place, as shares of its content."""
+    content = page.locator(f"#{picture} .u-over").first
+    content.scroll_into_view_if_needed()
+    box = content.bounding_box()
+    page.mouse.move(box["x"] + across * box["width"], box["y"] + (1.0 - up) * box["height"])
+    page.wait_for_timeout(60)
+    return str(page.locator(f"#{picture} .readout").first.inner_text())
+
+
+def found_mark(page: Any, picture: str, steps: int = 24) -> str:
+    """Move over a picture until a mark that can be clicked is pointed at; what the picture says of it."""
+    content = page.locator(f"#{picture} .u-over").first
+    content.scroll_into_view_if_needed()
+    box = content.bounding_box()
+    for i in range(steps):
+        for k in range(steps):
+            page.mouse.move(box["x"] + (i + 0.5) / steps * box["width"], box["y"] + (k + 0.5) / steps * box["height"])
+            if content.evaluate("each => each.style.cursor") == "pointer":
+                return str(page.locator(f"#{picture} .readout").first.inner_text()).splitlines()[-1]
+    raise AssertionError("no mark is pointed at")
+
+
+def test_a_worst_place_zooms_the_path_and_is_shown_1_to_1(ran: Any) -> None:
+    page = ran.page
+    before = readout(page, "proof-program-path")
+    row = page.locator("#proof-program .worst").first
+    text = row.inner_text()
+    row.click()
+    ran.settled()
+    assert row.get_attribute("aria-pressed") == "true"
+    x, y = (float(each) for each in re.search(r"\(([-\d.]+), ([-\d.]+)", text).groups())  # type: ignore[union-attr]
+    seen = readout(page, "proof-program-path").splitlines()[0]
+    middle = [float(each) for each in seen.split(", ")]
+    assert seen != before.splitlines()[0]
+    assert middle == pytest.approx([x, y], abs=0.1)  # a pixel is 0.01 mm
+    error = text.partition(" µm")[0]
+    assert error in page.locator("#proof-program-place .legend").inner_text()
+    assert page.locator("#proof-program-time").is_visible()
+    assert "contour error (µm)" in page.locator("#proof-program-path .legend").inner_text()
+    page.locator("#proof-program-path .u-over").dblclick()  # all of it again
+    ran.settled()
+    assert readout(page, "proof-program-path").splitlines()[0] == before.splitlines()[0]
+
+
+def test_a_worst_place_is_chosen_in_the_picture_too(ran: Any) -> None:
+    page = ran.page
+    said = found_mark(page, "proof-program-path", steps=60)
+    page.mouse.down()
+    page.mouse.up()
+    ran.settled()
+    pressed = page.locator("#proof-program .worst[aria-pressed=true]").inner_text()
+    assert pressed.partition(" at ")[0] == said
+
+
+def test_a_reload_shows_what_was_proven(ran: Any) -> None:
+    texts = ran.page.locator("#proof-program .worst").all_inner_texts()
+    ran.page.reload()
+    ran.page.wait_for_selector("#proof-program .worst")
+    assert ran.page.locator("#proof-program .worst").all_inner_texts() == texts
+    assert ran.page.locator("#proof-program-path canvas").count() == 1
+    assert ran.said == []
+
+
+def test_the_circle_plot_and_its_peaks(mill: Any) -> None:
+    page = (opened := mill.open()).page
+    page.wait_for_selector("#verdict:not(:empty)")
+    opened.go("prove")
+    page.click("#prove-circle")
+    assert opened.ended() == "done"
+    heads = page.locator("#proof-circle th:text-is('G um')")
+    cells = page.locator("#proof-circle table").first.locator("tbody tr td:nth-child(2)").all_inner_texts()
+    assert heads.count() == 1
+    legend = page.locator("#proof-circle-circle .legend li").all_inner_texts()
+    assert [float(re.search(r"G ([\d.]+) µm", each)[1]) for each in legend] == pytest.approx(  # type: ignore[index]
+        [float(each) for each in cells[:4]], rel=1e-3
+    )
+    peak = page.locator("#proof-circle .worst").first
+    whole = readout(page, "proof-circle-unrolled").splitlines()[0]
+    peak.click()
+    opened.settled()
+    place = {"+x": (0.0, 360.0), "+y": (90.0,), "-x": (180.0,), "-y": (270.0,)}[peak.inner_text().split()[3].rstrip(",")]
+    middle = float(readout(page, "proof-circle-unrolled").splitlines()[0])
+    assert min(abs(middle - each) for each in place) <= 12.0
+    assert float(whole) == pytest.approx(180.0, abs=1.0)
+    assert opened.said == []
+
+
+def test_a_part_program_moves_its_bar_and_is_canceled_within_2_seconds(mill: Any) -> None:
+    page = (opened := mill.open()).page
+    page.wait_for_selector("#verdict:not(:empty)")
+    opened.go("prove")
+    page.select_option("#room-prove label:has-text('Part program') select", "circle_diamond_square.ngc")
+    page.click("#prove-program")
+    seen = set[str]()
+    begun = time.monotonic()
+    while len(seen) < 4 and time.monotonic() - begun < 30.0:
+        text = page.locator("#job span").first.inner_text()
+        seen |= {re.sub(r" \(\d+ s\)$", "", text)}
+        page.wait_for_timeout(20)
+    assert len(seen) >= 4, seen
+    assert page.get_attribute("#job", "data-state") == "running"
+    begun = time.monotonic()
+    page.click("#cancel")
+    page.wait_for_function("() => document.querySelector('#job').dataset.state === 'canceled'", timeout=10_000)
+    assert time.monotonic() - begun <= 2.0
+    assert page.locator("#proof-program").is_hidden()
+
+
+def test_laws_are_chosen_compared_and_one_is_loaded_by_a_click(mill: Any) -> None:
+    page = (opened := mill.open()).page
+    page.wait_for_selector("#verdict:not(:empty)")
+    opened.go("compare")
+    page.click("#compare-none")
+    opened.settled()
+    page.locator("#compare-laws label", has_text=re.compile(r"^\s*P-PI \+ recovery$")).click()
+    opened.settled()
+    assert page.inner_text("#compare-start") == "Compare 2 laws"
+    page.reload()
+    page.wait_for_selector("#compare-laws input")
+    assert page.inner_text("#compare-start") == "Compare 2 laws"  # the choice stays
+    page.click("#compare-start")
+    assert opened.ended() == "done"
+    rows = page.locator("#room-compare table").first.locator("tbody tr td:first-child").all_inner_texts()
+    assert rows[-3:] == ["today's gains", "P-PI", "P-PI + recovery"]
+    said = found_mark(page, "compare-tradeoff", steps=60)
+    law = said.partition(":")[0]
+    assert law in rows
+    page.mouse.down()
+    page.mouse.up()
+    page.wait_for_selector("#tab-tune[aria-selected=true]")
+    opened.settled()
+    opened.go("compare")
+    page.get_by_role("button", name="Tune on with P-PI + recovery").click()  # the same by the keyboard
+    page.wait_for_selector("#tab-tune[aria-selected=true]")
+    opened.settled()
+    page.wait_for_selector("[id^='number-compensation.0']")
+    opened.go("take")
+    assert "--take 'P-PI + recovery'" in page.inner_text("#recipe-commands")
+    assert opened.said == []

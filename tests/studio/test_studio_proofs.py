@@ -1,0 +1,187 @@
+"""The rooms Compare and Prove: which laws are compared, what goes on with a law, and what is shown of which control."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import struct
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from feeddrive.machining.quadrant_peaks import quadrant_peaks
+from feeddrive.studio.bench import Bench, bench_of
+from feeddrive.studio.jobs import CANCELLED, DONE
+from feeddrive.studio.recipe import recipe_of
+from feeddrive.studio.session import Session
+from feeddrive.workflow.compare import TAKEN, CompareRequest, names
+
+WANTED = ["P-PI", "P-PI + compensator", "P-PI + recovery"]
+
+
+def read(answer: bytes) -> tuple[dict[str, Any], np.ndarray]:
+    (length,) = struct.unpack_from("<I", answer)
+    return json.loads(answer[4 : 4 + length]), np.frombuffer(answer[4 + length :], "<f4")
+
+
+def asked(session: Session, do: str, **more: Any) -> dict[str, Any]:
+    return read(session.answer({"number": 1, "do": do, **more}))[0]
+
+
+def done(session: Session, do: str, **more: Any) -> dict[str, Any]:
+    """An act, the end of the work that it began, and what its room shows then."""
+    assert "error" not in asked(session, do, **more)
+    assert session.desk.job is not None
+    session.desk.job.join(120.0)
+    assert session.desk.job.state.error == ""
+    return asked(session, f"{do.partition('.')[0]}.show")
+
+
+@pytest.fixture(scope="module")
+def bench() -> Bench:
+    return bench_of("mill", "x")
+
+
+@pytest.fixture
+def session(bench: Bench, tmp_path: Path) -> Session:
+    return Session(tmp_path, bench)
+
+
+@pytest.fixture(scope="module")
+def compared(bench: Bench, tmp_path_factory: pytest.TempPathFactory) -> Session:
+    """A page on which some laws were chosen and compared."""
+    session = Session(tmp_path_factory.mktemp("compared"), bench)
+    assert "error" not in asked(session, "compare.choose", laws=WANTED[1:])
+    done(session, "compare.start", starts=2)
+    return session
+
+
+def test_the_page_lists_the_laws_of_the_axis_and_keeps_the_choice(session: Session, bench: Bench) -> None:
+    shown = asked(session, "compare.show")
+    assert [each["name"] for each in shown["laws"]] == names(bench.needed_loop())
+    assert all(each["wanted"] for each in shown["laws"])
+    assert all(each["reason"] for each in shown["refused"])
+    said = asked(session, "compare.choose", laws=["P-PI + recovery"])
+    assert [each["name"] for each in said["laws"] if each["wanted"]] == ["P-PI", "P-PI + recovery"]
+    wrong = asked(session, "compare.choose", laws=[shown["refused"][0]["name"]])
+    assert "cannot be compared on this axis; there are: P-PI" in wrong["error"]
+    again = asked(session, "compare.show")["laws"]
+    assert [each["name"] for each in again if each["wanted"]] == ["P-PI", "P-PI + recovery"]
+
+
+def test_only_what_was_chosen_is_compared_and_drawn_with_its_figures(compared: Session) -> None:
+    said, numbers = read(compared.answer({"number": 1, "do": "compare.show"}))
+    laws = said["found"]["laws"]
+    assert [each["name"] for each in laws] == ["today's gains", *WANTED]
+    (request,) = [each.request for each in compared.desk.done if each.command == "compare"]
+    assert isinstance(request, CompareRequest)
+    assert list(request.law) == WANTED
+    assert numbers.size == 0
+    for panel in said["charts"]["tradeoff"]["panels"]:
+        marks = {mark["key"]: mark for mark in panel["marks"]}
+        assert list(marks) == [each["name"] for each in laws if each["drawn"]]
+        assert {name for name, mark in marks.items() if mark["hollow"]} == {
+            each["name"] for each in laws if each["why"]
+        }
+    assert laws[0]["why"].startswith("outside of the rule")
+
+
+def test_a_law_that_is_taken_is_in_the_recipe_which_writes_the_same_control(compared: Session, tmp_path: Path) -> None:
+    said = asked(compared, "compare.take", law="P-PI + recovery")
+    assert said["go"] == "tune"
+    control = compared.desk.control
+    assert [type(each).__name__ for each in control.compensation] == ["DisturbanceRejection"]
+    (request,) = [each.request for each in compared.desk.done if each.command == "compare"]
+    assert isinstance(request, CompareRequest)
+    assert request.take == "P-PI + recovery"
+    assert compared.desk.machine_path() == request.out / TAKEN  # type: ignore[operator]
+    written = (request.out / TAKEN).read_text(encoding="utf-8")  # type: ignore[operator]
+    (line,) = [each for each in recipe_of(compared.desk).commands.splitlines() if each]
+    words = shlex.split(line)
+    words[words.index("-o") + 1 if "-o" in words else words.index("--out") + 1] = str(tmp_path / "out")
+    program = "from feeddrive.cli.commands import app; app()"
+    subprocess.run([sys.executable, "-c", program, *words[1:]], check=True, capture_output=True, timeout=120.0)
+    assert (tmp_path / "out" / TAKEN).read_text(encoding="utf-8") == written
+    assert "undo" in asked(compared, "tune.undo")  # it is a step that can be undone
+    assert not compared.desk.control.compensation
+
+
+def test_a_comparison_that_was_canceled_goes_on_where_it_was(session: Session) -> None:
+    asked(session, "compare.choose", laws=["P-PI + recovery", "P-PI + DOB"])
+    assert "error" not in asked(session, "compare.start", starts=2)
+    job = session.desk.job
+    assert job is not None
+    kept = session.desk.folder / "compared_laws"
+    while not (kept.is_dir() and any(each.is_file() for each in kept.rglob("*"))):
+        job.join(0.05)
+        assert job.state.going, "it ended before the first law was finished"
+    session.answer({"number": 1, "do": "job.cancel"})
+    job.join(20.0)
+    assert job.state.state == CANCELLED
+    first = {each: each.stat().st_mtime_ns for each in kept.rglob("*") if each.is_file()}
+    assert first
+    assert asked(session, "compare.show")["found"] is None
+    found = done(session, "compare.start", starts=2)["found"]
+    assert [each["name"] for each in found["laws"]] == ["today's gains", "P-PI", "P-PI + recovery", "P-PI + DOB"]
+    assert {each: each.stat().st_mtime_ns for each in first} == first  # what was finished was not computed again
+
+
+def test_circles_of_the_control_before_lie_under_those_of_now(session: Session) -> None:
+    shown = done(session, "prove.circle", x="x", y="y")
+    assert not any(curve["look"] == "thin" for curve in shown["charts"]["circle.circle"]["panels"][0]["curves"])
+    before = session.rooms["prove"].circles[-1].shown.result  # type: ignore[attr-defined]
+    name = next(each for each in session.desk.values if each.startswith("law."))
+    asked(session, "tune.move", name=name, value=0.95 * session.desk.values[name])
+    assert asked(session, "prove.show")["shown"]["circle"]["old"] is True
+    shown = done(session, "prove.circle", x="x", y="y")
+    assert shown["shown"]["circle"]["old"] is False
+    test = session.rooms["prove"].circles[-1].shown.result  # type: ignore[attr-defined]
+    curves = shown["charts"]["circle.circle"]["panels"][0]["curves"]
+    named = [each for each in curves if each["name"]]
+    assert sum(each["look"] == "thin" for each in curves) == 4
+    for curve, now, then in zip(named, test.figures, before.figures, strict=False):
+        assert curve["said"] == f"G {1e6 * now.G:.4g} µm, before {1e6 * then.G:.4g} µm"
+    peaks = shown["shown"]["circle"]["peaks"]
+    for said, each in zip(peaks, quadrant_peaks(test), strict=False):
+        left, right = said["view"]
+        assert left <= np.degrees(each.angle) <= right
+        assert said["text"].startswith(f"{1e6 * each.height:.3g} µm at {each.side}{each.axis}")
+
+
+def test_a_part_program_moves_its_bar_and_shows_worst_places(session: Session) -> None:
+    said = list[bytes]()
+    session.listen(lambda _, each: said.append(each))
+    shown = done(session, "prove.program", name="slot.ngc")
+    states = [read(each)[0].get("job") for each in said]
+    steps = list(dict.fromkeys(each["step"] for each in states if each and each["step"]))
+    assert steps.index("today: its linear model") < steps.index("today: seconds of the run") < steps.index("report")
+    assert states[-1] is not None
+    assert states[-1]["state"] == DONE
+    found = shown["shown"]["program"]
+    path = shown["charts"]["program.path"]["panels"][0]
+    for i, (place, mark) in enumerate(zip(found["worst"], path["marks"], strict=True)):
+        left, right, low, high = place["view"]
+        assert left < mark["x"] < right
+        assert low < mark["y"] < high
+        assert f"program.place_{i}" in shown["charts"]
+        assert f"program.time_{i}" in shown["charts"]
+    largest = float(found["worst"][0]["text"].partition(" µm")[0])
+    assert path["heat"]["high"] == pytest.approx(largest, rel=5e-3)  # three digits
+    assert path["curves"][1]["heat"] is True
+
+
+def test_values_and_radii_go_over_the_wire_behind_their_places(session: Session) -> None:
+    said, numbers = read(session.answer({"number": 1, "do": "prove.show"}))
+    assert said["shown"] == {}
+    done(session, "prove.certify")
+    said, numbers = read(session.answer({"number": 1, "do": "prove.show"}))
+    (may,) = [each for each in said["charts"]["certificate.discs"]["panels"][0]["curves"] if each["reach"]]
+    at, n = may["at"], may["n"]
+    x, y, reach = numbers[at : at + n], numbers[at + n : at + 2 * n], numbers[at + 2 * n : at + 3 * n]
+    assert np.all(np.hypot(x + 1.0, y) > reach)  # no disc holds -1
+    assert np.all(reach > 0.0)
+    assert reach == pytest.approx(0.2 * np.hypot(x, y), rel=1e-3)  # r = 0.2 of |L|, the usual radius
