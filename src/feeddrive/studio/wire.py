@@ -53,7 +53,7 @@ def _panel(panel: Panel, numbers: list[np.ndarray], chart: Chart, window: Window
         "discs": [vars(each) for each in panel.discs],
         "notes": [vars(each) for each in panel.notes],
         "bands": [_band(each, numbers) for each in panel.bands],
-        "said": panel.said, "heat": panel.heat and asdict(panel.heat),
+        "said": panel.said, "heat": panel.heat and vars(panel.heat),
     }  # fmt: skip
 
 

@@ -102,7 +102,7 @@ class Compare(Room):
     def _written(self, name: str, control: Control, asked: CompareRequest, machine: MachineFile) -> Path:
         """The machine file that the comparison writes which takes this law; it is that which counts as done."""
         out = self.desk.folder / "compared" / (re.sub(r"\W+", "_", name).strip("_").lower() or "law")
-        axis = asked.axis or machine.named()
+        axis = machine.named(asked.axis)
         with new_directory(out) as folder:
             (folder / TAKEN).write_text(taken(machine, axis, control), encoding="utf-8")
         self.desk.done = [each for each in self.desk.done if each.request is not asked]
