@@ -65,6 +65,7 @@ def test_a_machine_of_ones_own(run) -> None:
         (("nowhere",), "there is no such file"),
         (("linear_motor", "--axis", "y"), "axis 'y' is not there"),
         (("linear_motor", "--law", "PID"), "law 'PID' is not known here; there are: P-PI, "),
+        (("linear_motor", "--take", "PID"), "take = 'PID' must be one of P-PI, "),
         (("mill",), "there are the axes x, y, z: name one of them"),
         (("bad.toml",), "bad.toml:4"),
     ],

@@ -133,13 +133,11 @@ def test_a_comparison_that_was_canceled_goes_on_where_it_was(session: Session) -
 def test_circles_of_the_control_before_lie_under_those_of_now(session: Session) -> None:
     shown = done(session, "prove.circle", x="x", y="y")
     assert not any(curve["look"] == "thin" for curve in shown["charts"]["circle.circle"]["panels"][0]["curves"])
-    before = session.rooms["prove"].circles[-1].shown.result  # type: ignore[attr-defined]
+    before = session.rooms["prove"].circles[-1][1].result  # type: ignore[attr-defined]
     name = next(each for each in session.desk.values if each.startswith("law."))
     asked(session, "tune.move", name=name, value=0.95 * session.desk.values[name])
-    assert asked(session, "prove.show")["shown"]["circle"]["old"] is True
     shown = done(session, "prove.circle", x="x", y="y")
-    assert shown["shown"]["circle"]["old"] is False
-    test = session.rooms["prove"].circles[-1].shown.result  # type: ignore[attr-defined]
+    test = session.rooms["prove"].circles[-1][1].result  # type: ignore[attr-defined]
     curves = shown["charts"]["circle.circle"]["panels"][0]["curves"]
     named = [each for each in curves if each["name"]]
     assert sum(each["look"] == "thin" for each in curves) == 4

@@ -15,7 +15,7 @@ interface Words {
   ready: boolean;
   axes: string[];
   programs: string[];
-  shown: Record<string, Result & { old: boolean; worst?: Place[]; peaks?: Place[] }>;
+  shown: Record<string, Result & { worst?: Place[]; peaks?: Place[] }>;
 }
 
 // by part, then by chart; of the chosen worst place `place_3` is drawn in `program.place`
@@ -25,11 +25,9 @@ const PICTURES: Record<string, Record<string, string>> = {
   program: { path: "Contour error as color on the path", place: "The place, 1 to 1", time: "Contour error around the instant" },
 };
 const HEADS: Record<string, string> = { certificate: "Certificate", circle: "Circle test", program: "Part program" };
-const OLD = "The control has been changed since: run it again for that of now.";
 
 interface Part {
   section: HTMLElement;
-  old: HTMLElement;
   pictures: Map<string, Picture>;
   list: HTMLElement; // places that can be looked at
   outcome: HTMLElement;
@@ -63,7 +61,6 @@ export class Prove implements Room {
       const found = words.shown[name];
       each.section.hidden = !found;
       if (!found) continue;
-      each.old.textContent = found.old ? OLD : "";
       each.outcome.replaceChildren(...result(found));
       if (name === "program") this.list(each, "Worst places: choose one to look at it", found.worst ?? [], (at, i) => this.look(at, i));
       if (name === "circle") this.list(each, "Quadrant peaks: choose one to look at it", found.peaks ?? [], (at) => zoom(each.pictures.get("unrolled")!, at));
@@ -134,11 +131,11 @@ function part(name: string): Part {
   const pictures = new Map(Object.entries(PICTURES[name]!).map(([key, title]) => [key, new Picture(title)]));
   for (const [key, each] of pictures) each.element.id = `proof-${name}-${key}`;
   const [first, ...others] = [...pictures.values()].map((each) => each.element);
-  const [old, list, outcome] = [make("p", { class: "bad", role: "status" }), make("div"), make("div")];
+  const [list, outcome] = [make("div"), make("div")];
   const places = name === "certificate" ? [] : [list];
   const grid = name === "program" ? [first!, make("div", {}, ...places, ...others)] : [first!, make("div", {}, ...others, ...places)];
-  const section = make("section", { id: `proof-${name}`, hidden: "" }, make("h2", {}, HEADS[name]!), old, make("div", { class: "grid" }, ...grid), outcome);
-  return { section, old, pictures, list, outcome };
+  const section = make("section", { id: `proof-${name}`, hidden: "" }, make("h2", {}, HEADS[name]!), make("div", { class: "grid" }, ...grid), outcome);
+  return { section, pictures, list, outcome };
 }
 
 function zoom(picture: Picture, { view: [left, right, low, high] }: Place): void {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 from feeddrive.blocks.catalogue import imported
@@ -53,13 +54,10 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
     there, for a law to take without a directory, UnstableError if no law can be run.
     """
     machine = read_machine(request.machine)
-    if request.take is not None and request.out is None:
-        raise ParameterError(f"take = '{request.take}' needs a directory for its machine file: out")
-    if request.take is not None and request.take not in (known := names(machine.loop(request.axis))):
-        raise ParameterError(f"take = '{request.take}' must be one of {', '.join(known)}")
     laws = [imported(Law, each) if ":" in each else each for each in request.law] or None
-    if request.take is not None and laws is not None and request.take not in laws:
-        laws = [*laws, request.take]
+    if request.take is not None:
+        _check_take(request, machine.loop(request.axis), [each for each in laws or () if not isinstance(each, str)])
+        laws = None if laws is None else [*laws, *([] if request.take in laws else [request.take])]
     found = compare_laws(
         machine, request.axis, laws=laws, starts=request.starts, workers=cores(), keep=request.keep, progress=progress
     )
@@ -79,9 +77,16 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
     )  # fmt: skip
 
 
-def names(loop: Loop) -> list[str]:
-    """Of the laws that can be compared on the axis of a loop."""
-    return [each.name for each in candidates(loop)[0]]
+def _check_take(request: CompareRequest, loop: Loop, own: list[type[Law]]) -> None:
+    if request.out is None:
+        raise ParameterError(f"take = '{request.take}' needs a directory for its machine file: out")
+    if request.take not in (known := names(loop, own)):
+        raise ParameterError(f"take = '{request.take}' must be one of {', '.join(known)}")
+
+
+def names(loop: Loop, own: Sequence[type[Law]] = ()) -> list[str]:
+    """Of the laws that can be compared on the axis of a loop, with those of one's own."""
+    return [each.name for each in candidates(loop, own)[0]]
 
 
 def taken(machine: MachineFile, axis: str, control: Control) -> str:
