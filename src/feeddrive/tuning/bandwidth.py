@@ -30,7 +30,7 @@ def speed_powers(control: Control) -> Mapping[str, float]:
 def quickened(control: Control, factor: float) -> Mapping[str, float]:
     """The numbers of `speed_powers` for a loop that is faster by a factor > 0, by name, in SI.
 
-    Raises ParameterError if there is none.
+    Raises ParameterError if there is none, and for a factor with which a number is too large for a computer.
     """
     powers = speed_powers(control)
     if not powers:
@@ -38,7 +38,10 @@ def quickened(control: Control, factor: float) -> Mapping[str, float]:
             f"the law '{control.law.kind}' has no number that is a rate or a gain with a unit, which could be scaled: "
             f"move its numbers one by one"
         )
-    return {name: float(tree.get(control, name)) * factor**power for name, power in powers.items()}
+    try:
+        return {name: float(tree.get(control, name)) * factor**power for name, power in powers.items()}
+    except OverflowError:
+        raise ParameterError(f"a loop cannot be made {factor:.3g} times as fast: take a smaller factor") from None
 
 
 def speed_range(control: Control, sample_time: float) -> tuple[float, float]:

@@ -68,7 +68,10 @@ class Bring(Room):
     @act
     def look(self, asked: Asked) -> None:
         """Read files that were brought, and say what they are."""
-        self._read([self._path(each) for each in asked.texts("names")])
+        names = asked.texts("names")
+        if not names:
+            raise ParameterError("no file is named: choose one, or drop it on the page")
+        self._read([self._path(each) for each in names])
 
     @act
     def pick(self, asked: Asked) -> None:
