@@ -35,7 +35,10 @@ export class Picture {
   private x: Range | null = null; // what was zoomed to; null for all
   private y = new Map<number, Range>(); // by panel
 
-  constructor(readonly title: string) {
+  constructor(
+    readonly title: string,
+    private readonly more = MORE,
+  ) {
     this.caption.textContent = title;
     this.field.className = "field";
     this.surface.className = "surface";
@@ -62,7 +65,7 @@ export class Picture {
     if (this.chart && this.chart.label !== chart.label) this.all();
     this.chart = chart;
     this.numbers = numbers;
-    this.field.style.height = chart.panels.length > 2 ? `${HEIGHT + MORE * (chart.panels.length - 2)}px` : "";
+    this.field.style.height = chart.panels.length > 2 ? `${HEIGHT + this.more * (chart.panels.length - 2)}px` : "";
     const [width, height] = [this.field.clientWidth, this.field.clientHeight];
     if (width < 120 || height < 60) return; // not laid out yet
     const x = this.x ?? reach(chart, numbers);

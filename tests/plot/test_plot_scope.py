@@ -57,6 +57,10 @@ def test_a_range_stays_as_long_as_it_fits() -> None:
     assert steady_range(np.array([-0.2, 0.2]), first) != first  # too large for them
     assert steady_range(np.array([-0.9, 1.6]), first)[1] > 1.6
     assert steady_range(np.empty(0)) == (-1.0, 1.0)
+    for still in (0.0, 3.0, -2e-9):  # what stands still has a range of its own size
+        low, high = steady_range(np.array([still, still]))
+        assert low < still < high
+        assert 0.5 * (abs(still) or 1.0) < high - low < 4.0 * (abs(still) or 1.0)
 
 
 def shown(rows: int = 11) -> Shown:

@@ -159,7 +159,7 @@ def test_single_stands_until_it_is_armed_and_a_pause_lets_recording_go_on(sessio
 @pytest.mark.parametrize(
     ("asked", "reason"),
     [
-        ({"do": "scope.follow", "name": "/etc/passwd"}, "may not be followed: name it with --follow"),
+        ({"do": "scope.follow", "name": "/etc/passwd"}, "may not be followed. Others: name them with --follow"),
         ({"do": "scope.follow", "name": "../secret.csv"}, "may not be followed"),
         ({"do": "scope.follow", "name": ""}, "may not be followed"),
         ({"do": "scope.follow", "name": "drive.toml"}, "may not be followed"),
@@ -310,7 +310,7 @@ def main():
     found = {{"first": float(curve(until(one, lambda said: bool(said["charts"])), "position")[1][-1])}}
     ask(other, "scope.follow", name="drive.toml")
     found["refused"] = until(other, lambda said: said["failed"], 30.0)["state"]
-    said = until(one, lambda said: curve(said, "position")[1][-1] < found["first"] - 1000.0)
+    said = until(one, lambda said: curve(said, "position")[1][-1] < found["first"] - 1.0)
     found["state"], found["unit"] = said["state"], ask(one, "scope.show")["channels"][0]["in_unit"]
     ask(one, "scope.stop")
     ask(other, "scope.follow", name="drive.toml")
@@ -340,5 +340,5 @@ def test_a_drive_is_sampled_by_one_page_and_free_for_the_next(tmp_path: Path) ->
     found = json.loads(line.removeprefix("FOUND "))
     assert "the interface is driven by another feeddrive" in found["refused"]
     assert found["state"] == "feeddrive virtual drive. 'switch on disabled'; sampled, not commanded"
-    assert (found["unit"], found["then"]) == ("um", True)
+    assert (found["unit"], found["then"]) == ("mm", True)
     assert "last in 'switch on disabled'" in done.stdout

@@ -38,6 +38,7 @@ interface Frame {
 }
 interface Words extends Frame {
   sources: { name: string; kind: string }[];
+  hint: string;
   chosen: string;
   fields: Field[];
   mode: string;
@@ -49,7 +50,7 @@ interface Words extends Frame {
 }
 
 const OFTEN = 50; // ms from one picture to the next: 20 a second
-const PANEL = 150; // pixels
+const PANEL = 130; // pixels of a panel more
 const STEPS = 1000; // of the slider of a cursor
 const OF_TRIGGER = ["level", "before", "hysteresis", "hold"];
 
@@ -60,6 +61,8 @@ export class Scope implements Room {
   private readonly source = make("select", { id: "scope-source" });
   private readonly follow: HTMLButtonElement;
   private readonly state = make("p", { id: "scope-state" });
+  private readonly hint = make("p", { class: "hint" });
+  private readonly cursors: HTMLElement;
   private readonly trouble = make("p", { id: "scope-trouble", class: "bad", role: "alert", hidden: "" });
   private readonly trigger = make("select", { id: "scope-trigger" });
   private readonly mode = make("select", { id: "scope-mode" });
@@ -69,7 +72,7 @@ export class Scope implements Room {
   private readonly of_time = make("div");
   private readonly arm: HTMLButtonElement;
   private readonly channels = make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Channels" });
-  private readonly picture = new Picture("Signals");
+  private readonly picture = new Picture("Signals", PANEL);
   private readonly looking = make("p", { id: "scope-look" });
   private readonly hold: HTMLButtonElement;
   private readonly off: HTMLButtonElement;
@@ -103,10 +106,11 @@ export class Scope implements Room {
       labelled("Source", this.source),
       make("div", { class: "buttons" }, this.follow),
       this.state,
+      this.hint,
       make("fieldset", {}, make("legend", {}, "Trigger"), labelled("channel", this.trigger), labelled("mode", this.mode), this.meaning, this.edge, this.of_trigger, this.arm),
       make("fieldset", {}, make("legend", {}, "Time"), this.of_time),
     );
-    const cursors = make(
+    this.cursors = make(
       "fieldset",
       { class: "cursors" },
       make("legend", {}, "Cursors: click in the picture, or move them here"),
@@ -127,7 +131,7 @@ export class Scope implements Room {
         this.trouble,
         this.looking,
         this.picture.element,
-        cursors,
+        this.cursors,
         this.channels,
       ),
     );
@@ -184,6 +188,7 @@ export class Scope implements Room {
     this.place(this.edge, [fields.get("edge")!]);
     this.place(this.of_trigger, OF_TRIGGER.map((name) => fields.get(name)!));
     this.place(this.of_time, words.fields.filter((field) => field.name !== "edge" && !OF_TRIGGER.includes(field.name)));
+    text(this.hint, words.hint);
     this.arm.disabled = !words.trigger;
     this.listed(words.channels);
     this.source.onchange = () => this.stands(this.words!);
@@ -275,10 +280,8 @@ export class Scope implements Room {
 
   private draw(): void {
     const chart = this.last?.said.charts.scope;
-    this.picture.element.hidden = !chart;
+    this.picture.element.hidden = this.cursors.hidden = !chart;
     if (!chart || !this.visible()) return;
-    const height = `${PANEL * chart.panels.length + 50}px`;
-    if (this.picture.canvas.style.height !== height) this.picture.canvas.style.height = height;
     this.picture.draw(chart, this.last!.numbers, look());
   }
 }

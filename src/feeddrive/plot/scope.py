@@ -15,6 +15,7 @@ POINTS = 960  # of a curve, two for each stretch of the window; one more in a st
 _PANEL = 1.7  # inches of a panel
 _SPACE = 0.05  # of the range of a panel, above and below its curves
 _LEAST_USED = 0.4  # of a panel: a range is kept while its curves need that much of it
+_NAME = 14  # letters of a channel at the axis; the legend has all of them
 _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 
 Ranges = dict[str, tuple[float, float]]
@@ -54,7 +55,8 @@ def scope_chart(
     panels, ranges = list[Panel](), Ranges()
     for unit, group in grouped.items():
         label = f"({unit})" if group[0].unit else unit
-        label = f"{group[0].name} {label}" if len(group) == 1 and group[0].unit else label
+        name = group[0].name if len(group[0].name) <= _NAME else f"{group[0].name[: _NAME - 1]}…"
+        label = f"{name} {label}" if len(group) == 1 and group[0].unit else label
         panels.append(_panel(label, shown, group, [*channels], level, cursors, before or {}))
         low, high = panels[-1].low, panels[-1].high
         assert low is not None
@@ -130,7 +132,9 @@ def steady_range(y: np.ndarray, before: tuple[float, float] | None = None) -> tu
     if not y.size:
         return before or (-1.0, 1.0)
     low, high = float(np.min(y)), float(np.max(y))
-    span = max(high - low, 1e-9 * max(abs(low), abs(high)), 1e-15)
+    if high == low:  # half of what stands still on either side
+        low, high = low - (0.5 * abs(low) or 1.0), high + (0.5 * abs(high) or 1.0)
+    span = high - low
     if before is not None and before[0] <= low and high <= before[1] and span >= _LEAST_USED * (before[1] - before[0]):
         return before
     low, high = low - _SPACE * span, high + _SPACE * span

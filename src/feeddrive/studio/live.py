@@ -44,6 +44,12 @@ class Followable:
     def __init__(self, named: tuple[Path, ...] = (), folder: Path | None = None, pipe: Pipe | None = None) -> None:
         self._named, self._folder, self.pipe = named, folder, pipe
 
+    @property
+    def hint(self) -> str:
+        """How something else comes among them, as a sentence."""
+        where = "" if self._folder is None else f", or write a table into {self._folder}"
+        return f"Others: name them with --follow when feeddrive studio is started{where}."
+
     def offered(self) -> dict[str, Offered]:
         """All of it, by its text."""
         found = dict[str, Offered]()
@@ -61,10 +67,7 @@ class Followable:
         """Begin to follow one of them. Raises ParameterError for any other one, and the errors of `opened`."""
         found = self.offered().get(name)
         if found is None:
-            raise ParameterError(
-                f"{name!r:.80} may not be followed: name it with --follow when feeddrive studio is started, or write "
-                f"it into {self._folder}"
-            )
+            raise ParameterError(f"{name!r:.80} may not be followed. {self.hint}")
         pipe = self.pipe if found.kind == _OF_PIPE else None
         return opened(found.path, pipe, sample_time=sample_time, time_unit=time_unit, inside=found.inside)
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from feeddrive.analysis.oscilloscope import MODES, Oscilloscope, Readout, Shown, readout
 from feeddrive.files.columns import unit_of
+from feeddrive.files.guess import words_of
 from feeddrive.files.log import write_log
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError, nearest
@@ -30,6 +31,7 @@ _OF_CHANNEL = ("level", "hysteresis")  # in the unit in which the channel of the
 _OF_CLOCK = ("sample_time", "time_unit")
 _FEW = 4  # channels that are shown at first
 _MOST = 8  # at once
+_FINE = {"error", "err", "ferror", "lag", "deviation"}  # words of lengths that are shown in um, and not in mm
 _UNITS = ("nm", "um", "mm", "m", "um/s", "mm/s", "m/s", "m/min", "mm/s2", "m/s2", "mN", "N", "kN", "mN m", "N m", "mA",
           "A", "mV", "V", "mdeg", "deg", "rad", "deg/s", "rad/s", "rpm", "percent", "1", "s", "ms", "us")  # fmt: skip
 
@@ -65,8 +67,8 @@ class Scope(Room):
             {
                 **frame.words, "live": False,
                 "sources": [{"name": name, "kind": each.kind} for name, each in self.desk.live.offered().items()],
-                "chosen": self.chosen, "fields": [self._field(name) for name in _SHOWN], "mode": self.mode,
-                "modes": dict(MODES), "trigger": self.trigger, "saved": self.saved,
+                "hint": self.desk.live.hint, "chosen": self.chosen, "fields": [self._field(name) for name in _SHOWN],
+                "mode": self.mode, "modes": dict(MODES), "trigger": self.trigger, "saved": self.saved,
                 "channels": [self._channel(name) for name in channels],
             },
             frame.charts,
@@ -227,7 +229,8 @@ class Scope(Room):
         unit = self._units().get(name, "")
         chosen = self.in_unit.get(name)
         if not chosen:
-            chosen = usual_unit(unit)[0] if usual_unit(unit)[0] in _choices(unit) else unit
+            usual = "mm" if unit == "m" and not _FINE & {*words_of(name)} else usual_unit(unit)[0]
+            chosen = usual if usual in _choices(unit) else unit
         return chosen, units.factor(unit, chosen) if unit and chosen != unit else 1.0
 
     def _read(self, field: Field, text: str) -> Any:
@@ -288,6 +291,8 @@ class Scope(Room):
         if self.held is not None:
             return "paused: the picture stands, recording goes on"
         if shown is None:
+            if self.following is None:
+                return "nothing is followed yet: choose a source, and press Follow"
             return "waits for the trigger" if self.trigger and waits else "nothing to show yet"
         if not self.trigger:
             return "runs by: choose a channel for the trigger to let it stand"
