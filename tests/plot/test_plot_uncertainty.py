@@ -18,6 +18,7 @@ from feeddrive.language.shown_units import ShownUnits
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
 from feeddrive.plot.chart import DOTS, LOG
+from feeddrive.plot.complex_plane import nyquist_chart
 from feeddrive.plot.friction import friction_chart
 from feeddrive.plot.over_frequency import open_loop_chart, sensitivity_chart, stiffness_chart
 from feeddrive.plot.responses import Overlay, estimates_chart, overlay_chart
@@ -191,3 +192,17 @@ def test_the_band_of_an_estimate_counts_that_its_variance_is_estimated_too() -> 
     assert np.all(found.radius() > 1.1 * measured().radius)
     assert [each.name for each in chart.panels[0].curves] == ["measured", "noise"]
     np.testing.assert_allclose(chart.panels[0].curves[1].y, 20.0 * np.log10(0.1 * np.abs(GAIN)))
+
+
+def test_the_nyquist_curve_of_a_measurement_lies_in_the_discs_of_its_lines() -> None:
+    found = measured()
+    chart = nyquist_chart({"today": margins(FRF(F, GAIN, "cut", "force", "N/N")), "now": margins(found)})
+    (area,) = [each for each in chart.panels[0].curves if each.reach is not None]
+    assert (area.name, area.number) == ("95 % of the measurement", 1)
+    assert found.radius is not None
+    near = np.flatnonzero((np.abs(GAIN) > 0.3) & (np.abs(GAIN) < 2.0))
+    for k in near:  # each disc of a line is covered by the nearest that is drawn
+        apart = np.hypot(area.x - GAIN[k].real, area.y - GAIN[k].imag)
+        j = int(np.argmin(apart))
+        assert apart[j] < 0.02
+        assert area.reach[j] == pytest.approx(found.radius[k], rel=0.05)

@@ -17,13 +17,18 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from feeddrive.analysis.stability import Encirclement
+    from feeddrive.loop.frequency_response import FRF
 
 FINER = 4  # points drawn for each line of a modeled curve
+DISCS = 200  # that are drawn along a measured curve
 REACH = (-2.6, 1.4, -2.0, 2.0)  # of the Nyquist plot: the critical point is -1
 
 
 def nyquist(loops: Margins | Mapping[str, Margins]) -> Any:
-    """Loop gains near -1, with the unit circle and for each loop the circle of radius 1/Ms that it touches."""
+    """Loop gains near -1, with the unit circle and for each loop the circle of radius 1/Ms that it touches.
+
+    Of a measured loop gain the area that holds it with 95 %, line by line.
+    """
     chosen = style.named(loops)
     alone = len(chosen) == 1
     figure, (ax,) = style.picture(1, height=4.8)
@@ -50,6 +55,8 @@ def nyquist_chart(loops: Margins | Mapping[str, Margins], units: ShownUnits = US
         discs.append(Disc(-1.0, 0.0, margins.modulus_margin, i, filled=True))
         touch = _at(margins, margins.modulus_frequency)
         marks.append(Mark(touch.real, touch.imag, i))
+        if i == len(chosen) - 1:  # the axis is the same for all, and so is its uncertainty
+            curves = [*_spread(L, i), *curves]  # below the curves
     critical = Curve(np.array([-1.0]), np.array([0.0]), number=ALERT, look=PLUS)
     notes = Note(-1.0, 0.0, "-1", ALERT), Note(float(np.cos(0.9)), float(np.sin(0.9)), "|L| = 1", right=True)
     axes = Level(0.0, faint=True), Level(0.0, upright=True, faint=True)
@@ -59,6 +66,23 @@ def nyquist_chart(loops: Margins | Mapping[str, Margins], units: ShownUnits = US
         low=bottom, high=top,
     )  # fmt: skip
     return Chart("real part of L", (panel,), low=low, high=high, square=True, height=4.8)
+
+
+def _spread(L: FRF, number: int) -> list[Curve]:
+    """The discs that hold a measured loop gain with 95 %, along the straight lines between its own; none of a model."""
+    if L.radius is None:
+        return []
+    low, high, bottom, top = REACH
+    off = np.hypot(np.real(L.response) - 0.5 * (low + high), np.imag(L.response) - 0.5 * (bottom + top))
+    near = (off < high - low + L.radius) & (L.radius < top)
+    near &= np.roll(near, 1) | np.roll(near, -1)
+    if np.count_nonzero(near) < 2:
+        return []
+    center, radius = L.response[near], L.radius[near]
+    walked = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(center)))])
+    along = np.linspace(0.0, walked[-1], DISCS)
+    x, y, reach = (np.interp(along, walked, each) for each in (np.real(center), np.imag(center), radius))
+    return [Curve(x, y, "95 % of the measurement", number, reach=reach)]
 
 
 def _rounded(response: np.ndarray) -> np.ndarray:
