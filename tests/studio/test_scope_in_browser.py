@@ -88,6 +88,10 @@ def test_the_curve_moves_triggers_and_is_read_by_cursors_and_kept(scope: Any) ->
     assert opened.ended() == "done"
     assert "scope_1.parquet: log" in page.inner_text("#room-bring")
     opened.go("scope")
+    page.reload()  # the page goes on where it was
+    page.wait_for_selector("#room-scope:not([hidden]) #scope-readout table")
+    assert page.input_value("#scope-trigger") == "<i>x</i>"
+    assert page.input_value("#scope-field-level") == "1"
     page.click("#scope-pause")
     opened.settled()
     page.click("#scope-follow")

@@ -244,13 +244,21 @@ def test_a_source_without_a_clock_is_counted_in_samples_and_kept_once_it_has_one
     made = Session(tmp_path / "page", live=Followable((tmp_path / "run.txt",)))
     leave = made.listen(lambda _, __: None)
     try:
-        ask(made, "scope.set", field="window", value="200")
         ask(made, "scope.follow", name=str(tmp_path / "run.txt"))
         said = until(made, lambda said: bool(said["charts"]))
+        assert said["span"] == [-500.0, 0.0]
+        assert "give the sample time" in said["look"]
+        (window,) = [each for each in ask(made, "scope.show")["fields"] if each["name"] == "window"]
+        assert (window["value"], window["unit"]) == ("500", "samples")
         assert said["charts"]["scope"]["label"] == "time until now (samples)"
         assert "give the sample time" in ask(made, "scope.save", between=False)["error"]
+        (window,) = [
+            each
+            for each in ask(made, "scope.set", field="sample_time", value="0.001")["fields"]
+            if each["name"] == "window"
+        ]
+        assert (window["value"], window["unit"]) == ("1", "s")
         ask(made, "scope.set", field="window", value="0.2")
-        ask(made, "scope.set", field="sample_time", value="0.001")
         until(made, lambda said: bool(said["charts"]) and "(s)" in said["charts"]["scope"]["label"])
         ask(made, "scope.channel", name="column_1", shown=True, stated="mm")
         kept = ask(made, "scope.save", between=False)

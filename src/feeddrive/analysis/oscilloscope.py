@@ -98,11 +98,11 @@ class Recording:
         self._to = there.stop
 
     def _make_room(self, more: int) -> None:
-        """Move the kept rows to the front of a buffer that has twice the room that they need."""
+        """Move the kept rows to the front of a buffer that has a quarter more room than they need."""
         held, needed = self._rows[self._from : self._to], len(self) + more
-        fitting = needed <= len(self._rows) // 2
-        rows = self._rows if fitting else np.empty((2 * needed, self._rows.shape[1]))
-        rows[: len(held)] = held.copy() if fitting else held
+        fitting = needed <= 0.9 * len(self._rows)
+        rows = self._rows if fitting else np.empty((needed + needed // 4 + 64, self._rows.shape[1]))
+        rows[: len(held)] = held  # numpy copies rows that overlap as if they did not
         self._rows, self._from, self._to = rows, 0, len(held)
 
     def keep(self, seconds: float) -> None:

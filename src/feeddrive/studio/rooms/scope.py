@@ -29,6 +29,8 @@ _FIELDS: Mapping[str, Field] = {each.name: each for each in fields_of(FollowRequ
 _SHOWN = ("window", "before", "level", "edge", "hysteresis", "hold", "sample_time", "time_unit")
 _OF_CHANNEL = ("level", "hysteresis")  # in the unit in which the channel of the trigger is shown
 _OF_CLOCK = ("sample_time", "time_unit")
+_OF_WINDOW = ("window", "hold")
+_SAMPLES = 500.0  # of a window of a source without a clock, unless somebody chooses
 _FEW = 4  # channels that are shown at first
 _MOST = 8  # at once
 _FINE = {"error", "err", "ferror", "lag", "deviation"}  # words of lengths that are shown in um, and not in mm
@@ -55,6 +57,7 @@ class Scope(Room):
         self.cursors: tuple[float, float] | None = None
         self.held: Shown | None = None
         self.saved = ""
+        self._in_samples = False  # the window counts samples, and nobody has chosen it
         self._count = 0
         self._ranges = Ranges()
         desk.closing.append(self._stop)
@@ -105,6 +108,9 @@ class Scope(Room):
         name = asked.choice("field", _SHOWN)
         text = asked.text("value").strip()
         given = {key: value for key, value in self.given.items() if key != name}
+        if name in _OF_CLOCK and self._in_samples:
+            del given["window"]
+        self._in_samples = self._in_samples and name not in ("window", *_OF_CLOCK)
         if text:
             given[name] = self._read(_FIELDS[name], text)
         self._apply(given, self.mode)
@@ -191,7 +197,7 @@ class Scope(Room):
             shown = between(shown, *self.cursors)
         self._count += 1
         name = f"scope_{self._count}.parquet"
-        clock = "s" if self.following is None else self.following.source.clock
+        clock = self._clock
         log = window_log(f"{Path(self.chosen).stem}, scope", shown, self._units(), clock, self._drawn())
         folder = self.desk.folder / "brought"
         folder.mkdir(parents=True, exist_ok=True)
@@ -258,7 +264,15 @@ class Scope(Room):
         with self._lock():
             return self.scope.shown()
 
+    @property
+    def _clock(self) -> str:
+        """Unit of the time."""
+        return "s" if self.following is None else self.following.source.clock
+
     def _frame(self) -> Said:
+        if self._clock != "s" and "window" not in self.given:
+            self._in_samples = True
+            self._apply({**self.given, "window": _SAMPLES}, self.mode)
         shown, following = self._shown(), self.following
         with self._lock():
             waits, count, channels = self.scope.waits, self.scope.count, dict(self.scope.channels)
@@ -275,7 +289,7 @@ class Scope(Room):
         ]
         if shown is None or not drawn or shown.values.shape[1] != len(channels):
             return Said(words)
-        clock = "s" if following is None else following.source.clock
+        clock = self._clock
         read = None if self.cursors is None else readout(shown, *self.cursors)
         level = (self.trigger, self.given.get("level", 0.0)) if self.trigger else None
         chart, self._ranges = scope_chart(shown, drawn, clock, level=level, cursors=read, before=self._ranges)
@@ -290,6 +304,8 @@ class Scope(Room):
         """What the trigger does, as a sentence."""
         if self.held is not None:
             return "paused: the picture stands, recording goes on"
+        if self._clock != "s":
+            return "the source has no clock: give the sample time; until then window and cursors count samples"
         if shown is None:
             if self.following is None:
                 return "nothing is followed yet: choose a source, and press Follow"
@@ -308,6 +324,8 @@ class Scope(Room):
     def _field(self, name: str) -> dict[str, Any]:
         field = _FIELDS[name]
         unit, factor = field.declared.unit, 1.0 / field.factor
+        if name in _OF_WINDOW and self._clock != "s":
+            unit = self._clock
         if name in _OF_CHANNEL:
             unit, factor = self._factor(self.trigger) if self.trigger else ("", 1.0)
         value = self.given.get(name, field.default)
