@@ -6,6 +6,7 @@ and to read all text that the page shows, once, at 200 words a minute; what the 
 
 from __future__ import annotations
 
+import logging
 import shutil
 import subprocess
 import time
@@ -118,9 +119,7 @@ def unseen(path: Path) -> None:
 
 
 @pytest.mark.slow(reason="a whole piece of work on the page: identification, a search, a proof, an export, a compiler")
-def test_from_an_unseen_log_to_a_control_that_compiles(
-    served: Callable[..., Any], tmp_path: Path, record_property: Callable[[str, object], None]
-) -> None:
+def test_from_an_unseen_log_to_a_control_that_compiles(served: Callable[..., Any], tmp_path: Path) -> None:
     log = tmp_path / "y_axis.csv"
     unseen(log)
     person = Person(served().open())
@@ -151,7 +150,7 @@ def test_from_an_unseen_log_to_a_control_that_compiles(
     machine = person.download("#take-machine", tmp_path)
     assert person.opened.said == []
     said = f"{person.actions} actions, {person.words} words, {person.waited:.0f} s of waiting: {person.seconds:.0f} s"
-    record_property("a person", said)
+    logging.getLogger("studio").info(said)  # pytest -o log_cli=true -o log_cli_level=INFO shows it
     assert person.actions <= _MOST_ACTIONS, said
     assert person.seconds <= _MOST_TIME, said
     found = tomllib.loads(machine.read_text(encoding="utf-8"))["axis"]["x"]

@@ -1,0 +1,183 @@
+"""Takes the pictures of the studio in docs/images/: the tour step by step, and each room.
+
+    python docs/draw_studio.py [NAME ...]
+
+It starts `feeddrive studio` and drives it in Chromium as a person would, so that the pictures show the page as it is.
+It needs the extras `studio` and `dev`, the built page (make page), and Chromium with a display or without one. All
+inputs are bundled or have a seed. Pictures have a palette of 128 colors, and at most 150 kB.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+from playwright.sync_api import sync_playwright
+
+IMAGES = Path(__file__).parent / "images"
+WIDE, TABLET = (1280, 800), (768, 1024)
+_MOST = 150_000  # bytes
+_COLORS = (128, 64, 48, 32)  # as many as fit
+_PATIENCE = 240e3  # ms
+
+
+class Page:
+    """A page of a studio of its own."""
+
+    def __init__(self, browser: Any, address: str, size: tuple[int, int]) -> None:
+        self.page = browser.new_context(
+            viewport={"width": size[0], "height": size[1]}, color_scheme="light", bypass_csp=True
+        ).new_page()
+        self.page.goto(address)
+        self.settle()
+
+    def settle(self) -> None:
+        """All that was asked for is drawn."""
+        self.page.wait_for_timeout(300)
+        self.page.wait_for_function("() => !document.documentElement.hasAttribute('data-busy')")
+        self.page.wait_for_timeout(500)
+
+    def click(self, what: str, then: str = "") -> None:
+        """Press something; `then` is there when its work has ended."""
+        self.page.click(what)
+        if then:
+            self.page.wait_for_selector(then, timeout=_PATIENCE)
+        self.settle()
+
+    def write(self, what: str, text: str) -> None:
+        """Write into a field and leave it."""
+        self.page.fill(what, text)
+        self.page.keyboard.press("Tab")
+        self.settle()
+
+    def see(self, what: str) -> None:
+        """Scroll so that something stands at the top, below the panel of the tour."""
+        below = "document.getElementById('tour')?.offsetHeight ?? 0"
+        self.page.evaluate(
+            f"(what) => window.scrollTo(0, document.querySelector(what).getBoundingClientRect().top + scrollY - {below} - 12)",
+            what,
+        )
+        self.settle()
+
+    def take(self, name: str, part: str = "") -> None:
+        """A picture of what is seen, or of one element."""
+        self.page.mouse.move(0, 0)
+        shown = self.page.locator(part).first.screenshot() if part else self.page.screenshot()
+        keep(name, shown)
+
+
+def keep(name: str, shown: bytes) -> None:
+    """Write a picture with as many colors as fit. Stops where even the fewest do not."""
+    image = Image.open(BytesIO(shown)).convert("RGB")
+    for colors in _COLORS:
+        packed = BytesIO()
+        image.quantize(colors, dither=Image.Dither.NONE).save(packed, "PNG", optimize=True)
+        if packed.tell() <= _MOST:
+            (IMAGES / f"{name}.png").write_bytes(packed.getvalue())
+            print(f"{name}.png: {packed.tell() // 1000} kB, {colors} colors")
+            return
+    sys.exit(f"{name}: {packed.tell()} bytes are more than {_MOST}: take a smaller part")
+
+
+@contextmanager
+def studio(browser: Any, *words: str, size: tuple[int, int] = WIDE) -> Generator[Page]:
+    """A page of `feeddrive studio` with some words, with which it ends."""
+    command = [sys.executable, "-c", "from feeddrive.cli import main; main()", "studio", *words, "--no-browser"]
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        subprocess.Popen([*command, "--folder", folder], stdout=subprocess.PIPE, text=True) as server,
+    ):
+        try:
+            assert server.stdout is not None
+            found = re.search(r"http://\S+", server.stdout.readline())
+            assert found
+            yield Page(browser, found[0], size)
+        finally:
+            server.terminate()
+
+
+def tour(browser: Any) -> None:
+    """The tour: a picture of each step that shows something new."""
+    with studio(browser, "--tour") as page:
+        page.page.wait_for_selector("#columns-of-log", timeout=_PATIENCE)
+        page.settle()
+        page.take("studio_tour_log")
+        page.click("#tour-next")
+        page.click("#identify", "#take-identified")
+        page.see("#take-identified")
+        page.take("studio_tour_model")
+        page.click("#take-identified", "#verdict:not(:empty)")
+        page.take("studio_tour_today")
+        page.click("#tab-goal")
+        page.write("#goal-field-max_compliance", "0.16")
+        page.click("#tune-start", "#room-goal .verdict")
+        page.take("studio_tour_goal")
+        page.click("#goal-accept", "#room-tune:not([hidden]) #verdict:not(:empty)")
+        page.take("studio_tour_after")
+        page.click("#tab-prove")
+        page.click("#prove-certify", "#room-prove h2:has-text('Certificate')")
+        page.take("studio_tour_proof")
+        page.click("#tab-take")
+        page.click("#take-export-c", "#take-archive-c")
+        page.take("studio_tour_export")
+
+
+def by_hand(browser: Any) -> None:
+    """Tuning by hand: a snapshot, more pictures, dark, and on a tablet."""
+    with studio(browser, "ball_screw") as page:
+        page.page.wait_for_selector("#verdict:not(:empty)")
+        page.write("[id='number-law.Kp']", "95000")
+        page.click("text=Keep as A")
+        page.write("[id='number-law.Kv']", "130")
+        page.take("studio_by_hand")
+        page.click("#dark")
+        page.take("studio_dark")
+    with studio(browser, "ball_screw", size=TABLET) as page:
+        page.page.wait_for_selector("#verdict:not(:empty)")
+        page.see("#pictures")
+        page.take("studio_tablet")
+
+
+def proofs(browser: Any) -> None:
+    """The circle test and a part program on a machine with two axes."""
+    with studio(browser, "xy_table", "--axis", "x") as page:
+        page.page.wait_for_selector("#verdict:not(:empty)")
+        page.click("#tab-prove")
+        page.click("#prove-circle", "#room-prove h2:has-text('Circle test')")
+        page.take("studio_circle")
+
+
+def compared(browser: Any) -> None:
+    """The laws at equal robustness, which takes minutes."""
+    with studio(browser, "linear_motor") as page:
+        page.page.wait_for_selector("#verdict:not(:empty)")
+        page.click("#tab-compare")
+        page.click("#compare-start", "#room-compare table")
+        page.take("studio_compare")
+
+
+DRAWN: dict[str, Callable[[Any], None]] = {
+    "tour": tour, "by_hand": by_hand, "proofs": proofs, "compared": compared,
+}  # fmt: skip
+
+
+def main() -> None:
+    """Take the pictures that are named, or all."""
+    chromium = shutil.which("chromium") or sys.exit("apt-get install chromium")
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        for name in sys.argv[1:] or DRAWN:
+            DRAWN[name](browser)
+
+
+if __name__ == "__main__":
+    main()
