@@ -4,7 +4,7 @@
 
 It starts `feeddrive studio` and drives it in Chromium as a person would, so that the pictures show the page as it is.
 It needs the extras `studio` and `dev`, the built page (make page), and Chromium with a display or without one. All
-inputs are bundled or have a seed. Pictures have a palette of 128 colors, and at most 150 kB.
+inputs are bundled or have a seed. Pictures have a palette and at most 150 kB.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from playwright.sync_api import sync_playwright
 IMAGES = Path(__file__).parent / "images"
 WIDE, TABLET = (1280, 800), (768, 1024)
 _MOST = 150_000  # bytes
-_COLORS = (128, 64, 48, 32)  # as many as fit
+_COLORS = (256, 128, 64, 32)  # as many as fit
 _PATIENCE = 240e3  # ms
 
 
@@ -61,10 +61,9 @@ class Page:
 
     def see(self, what: str) -> None:
         """Scroll so that something stands at the top, below the panel of the tour."""
-        below = "document.getElementById('tour')?.offsetHeight ?? 0"
-        self.page.evaluate(
-            f"(what) => window.scrollTo(0, document.querySelector(what).getBoundingClientRect().top + scrollY - {below} - 12)",
-            what,
+        self.page.locator(what).first.evaluate(
+            "(each) => window.scrollTo(0, each.getBoundingClientRect().top + scrollY - 12 -"
+            " (document.getElementById('tour')?.offsetHeight ?? 0))"
         )
         self.settle()
 
@@ -94,7 +93,7 @@ def studio(browser: Any, *words: str, size: tuple[int, int] = WIDE) -> Generator
     command = [sys.executable, "-c", "from feeddrive.cli import main; main()", "studio", *words, "--no-browser"]
     with (
         tempfile.TemporaryDirectory() as folder,
-        subprocess.Popen([*command, "--folder", folder], stdout=subprocess.PIPE, text=True) as server,
+        subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=folder) as server,  # short names of files
     ):
         try:
             assert server.stdout is not None
@@ -105,7 +104,7 @@ def studio(browser: Any, *words: str, size: tuple[int, int] = WIDE) -> Generator
             server.terminate()
 
 
-def tour(browser: Any) -> None:
+def tour(browser: Any, _: Path) -> None:
     """The tour: a picture of each step that shows something new."""
     with studio(browser, "--tour") as page:
         page.page.wait_for_selector("#columns-of-log", timeout=_PATIENCE)
@@ -113,7 +112,7 @@ def tour(browser: Any) -> None:
         page.take("studio_tour_log")
         page.click("#tour-next")
         page.click("#identify", "#take-identified")
-        page.see("#take-identified")
+        page.see("h2:has-text('What was found')")
         page.take("studio_tour_model")
         page.click("#take-identified", "#verdict:not(:empty)")
         page.take("studio_tour_today")
@@ -131,32 +130,78 @@ def tour(browser: Any) -> None:
         page.take("studio_tour_export")
 
 
-def by_hand(browser: Any) -> None:
-    """Tuning by hand: a snapshot, more pictures, dark, and on a tablet."""
+def bring(browser: Any, folder: Path) -> None:
+    """A log as it was understood."""
+    feeddrive("tour", "--out", str(folder / "tour"))
+    with studio(browser, str(folder / "tour" / "tour.csv")) as page:
+        page.page.wait_for_selector("#columns-of-log", timeout=_PATIENCE)
+        page.settle()
+        page.see("h2:has-text('Files')")
+        page.take("studio_bring")
+
+
+def by_hand(browser: Any, _: Path) -> None:
+    """Tuning by hand: a snapshot, poles, dark, and on a tablet."""
     with studio(browser, "ball_screw") as page:
         page.page.wait_for_selector("#verdict:not(:empty)")
         page.write("[id='number-law.Kp']", "95000")
         page.click("text=Keep as A")
         page.write("[id='number-law.Kv']", "130")
-        page.take("studio_by_hand")
+        page.take("studio")
         page.click("#dark")
         page.take("studio_dark")
+        page.click("#dark")
+        page.click("#see summary")
+        for name in ("open_loop", "nyquist", "stiffness", "sensitivity", "run"):
+            page.page.uncheck(f"#see-{name}")
+        for name in ("poles", "damping", "step", "snap"):
+            page.page.check(f"#see-{name}")
+        page.click("#see summary")
+        page.take("studio_poles")
     with studio(browser, "ball_screw", size=TABLET) as page:
         page.page.wait_for_selector("#verdict:not(:empty)")
         page.see("#pictures")
         page.take("studio_tablet")
 
 
-def proofs(browser: Any) -> None:
-    """The circle test and a part program on a machine with two axes."""
+def measured(browser: Any, folder: Path) -> None:
+    """Today's control on measured responses, with bands and coherence."""
+    feeddrive("excite", "ball_screw", "--band", "5..1000", "--amplitude", "100", "--out", str(folder / "sent"))
+    logs = [str(folder / "sent" / f"simulated_{i}.parquet") for i in (1, 2)]
+    feeddrive("frf", *logs, "--out", str(folder / "measured"))
+    with studio(browser, str(folder / "measured" / "frf.csv")) as page:
+        page.page.wait_for_selector("#tune-responses", timeout=_PATIENCE)
+        page.page.select_option('label:has-text("Today\'s machine") select', "ball_screw")
+        page.click("#tune-responses", "#verdict:not(:empty)")
+        page.click("#see summary")
+        page.page.uncheck("#see-run")
+        page.page.check("#see-response")
+        page.click("#see summary")
+        page.take("studio_measured")
+
+
+def goal(browser: Any, _: Path) -> None:
+    """A search that has ended."""
+    with studio(browser, "linear_motor") as page:
+        page.page.wait_for_selector("#verdict:not(:empty)")
+        page.click("#tab-goal")
+        page.click("#tune-start", "#room-goal .verdict")
+        page.take("studio_goal")
+
+
+def prove(browser: Any, _: Path) -> None:
+    """The circle test of a machine with two axes, and a part program on it."""
     with studio(browser, "xy_table", "--axis", "x") as page:
         page.page.wait_for_selector("#verdict:not(:empty)")
         page.click("#tab-prove")
         page.click("#prove-circle", "#room-prove h2:has-text('Circle test')")
-        page.take("studio_circle")
+        page.take("studio_prove")
+        page.click("#prove-program", "#room-prove h2:has-text('Part program')")
+        page.see("#room-prove h2:has-text('Part program')")
+        page.take("studio_program")
 
 
-def compared(browser: Any) -> None:
+def compare(browser: Any, _: Path) -> None:
     """The laws at equal robustness, which takes minutes."""
     with studio(browser, "linear_motor") as page:
         page.page.wait_for_selector("#verdict:not(:empty)")
@@ -165,9 +210,14 @@ def compared(browser: Any) -> None:
         page.take("studio_compare")
 
 
-DRAWN: dict[str, Callable[[Any], None]] = {
-    "tour": tour, "by_hand": by_hand, "proofs": proofs, "compared": compared,
-}  # fmt: skip
+def feeddrive(*words: str) -> None:
+    """A command that must succeed."""
+    subprocess.run([sys.executable, "-c", "from feeddrive.cli import main; main()", *words], check=True)
+
+
+DRAWN: dict[str, Callable[[Any, Path], None]] = {
+    each.__name__: each for each in (tour, bring, by_hand, measured, goal, prove, compare)
+}
 
 
 def main() -> None:
@@ -176,7 +226,8 @@ def main() -> None:
     with sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         for name in sys.argv[1:] or DRAWN:
-            DRAWN[name](browser)
+            with tempfile.TemporaryDirectory() as folder:
+                DRAWN[name](browser, Path(folder))
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -132,8 +133,8 @@ def test_without_a_browser_or_with_one_that_stays_the_page_is_served(
     assert begin.stdout is not None
     try:
         address = begin.stdout.readline()
-        assert address.startswith("http://127.0.0.1:")
-        port = int(address.split(":")[2].split("/")[0])
+        assert urlsplit(address).hostname == "127.0.0.1"
+        port = urlsplit(address).port
         with socket.create_connection(("127.0.0.1", port), timeout=5.0) as asked:
             asked.sendall(b"GET / HTTP/1.1\r\nHost: nobody\r\n\r\n")
             assert asked.recv(100).startswith(b"HTTP/1.1 421")

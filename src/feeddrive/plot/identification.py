@@ -60,7 +60,7 @@ def identified_chart(found: Identified) -> Chart:
             Curve(*envelope(time, factor * replay.run[name]), "" if panels else "model", 0),
         )
         left = Curve(*envelope(after, off), f"residual of the {words}", 1, THIN, said=said)
-        panels += [Panel(f"{words} ({unit})", both, share=2.0), Panel(f"residual ({unit})", (left,))]
+        panels += [Panel(f"{words} ({unit})", both, share=2.0), Panel(f"residual ({unit})", (left,), share=1.2)]
     return Chart("time (s)", tuple(panels), low=float(time[0]), high=float(time[-1]), height=5.4)
 
 

@@ -318,7 +318,7 @@ def _preview(found: Understood) -> Chart:
     roles: Mapping[str, str] = {each.name: role for role, each in found.guess.mapping.items() if role != "time"}
     names = [name for name in found.columns if name in roles][:6] or list(found.columns)[:4]
     panels = tuple(
-        Panel(f"{name} ({found.units.get(name) or 'no unit'})", (Curve(*found.columns[name], name, i),))
+        Panel(found.units.get(name) or "no unit", (Curve(*found.columns[name], name, i),))
         for i, name in enumerate(names)
     )
     return Chart("time (s)", panels, height=1.4 * max(len(panels), 1))
