@@ -12,7 +12,7 @@ interface Words {
   always?: string;
   laws?: { name: string; wanted: boolean; remark: string }[];
   refused?: { name: string; reason: string }[];
-  found: (Result & { laws: { name: string; why: string; held: string; drawn: boolean }[]; rule: string; seed: number }) | null;
+  found: (Result & { laws: { name: string; why: string; held: string; drawn: boolean }[]; seed: number }) | null;
   go?: string;
 }
 
@@ -25,7 +25,7 @@ export class Compare implements Room {
   private readonly laws = make("fieldset", { id: "compare-laws" });
   private readonly refused = make("div");
   private readonly hint = make("p");
-  private readonly rule = make("p");
+  private readonly seed = make("p");
   private readonly picture = new Picture("Trade-off at equal robustness: better is left and up. Click a law to tune on with it.");
   private readonly outcome = make("div");
   private last: Received | null = null;
@@ -35,7 +35,7 @@ export class Compare implements Room {
     this.picture.element.id = "compare-tradeoff";
     this.picture.onpick = (_x, _y, _panel, key) => key && this.take(key);
     const head = make("div", { class: "buttons" }, this.start, make("label", { for: this.starts.id }, "searches for each law ", this.starts));
-    this.element.append(head, this.laws, this.refused, this.hint, this.rule, this.picture.element, this.outcome);
+    this.element.append(head, this.laws, this.refused, this.hint, this.seed, this.picture.element, this.outcome);
     whenPainted(() => this.draw());
   }
 
@@ -52,7 +52,7 @@ export class Compare implements Room {
     this.hint.textContent = words.ready
       ? "This takes minutes. Laws that are finished are kept: after a cancel the comparison goes on where it was."
       : "Bring a machine first: a measured response alone has no laws to compare.";
-    this.rule.textContent = found ? `Rule: ${found.rule} Seed ${found.seed}.` : "";
+    this.seed.textContent = found ? `Noise of the readings by seed ${found.seed}, the same for all laws.` : "";
     this.outcome.replaceChildren(
       ...(found
         ? [

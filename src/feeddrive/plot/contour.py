@@ -78,9 +78,10 @@ def path_chart(
     said = f"largest {1e6 * found.largest:.4g} µm, RMS {1e6 * found.rms:.4g} µm"
     heat = Heat("contour error (µm)", 0.0, max(1e6 * found.largest, 1e-9))
     marks = tuple(
-        Mark(*(1e3 * float(e.position[a]) for a in axes), ALERT, True, said=f"{1e6 * abs(e.error):.3g} µm", key=str(k))
-        for k, e in enumerate(places)
-    )
+        Mark(1e3 * float(each.position[i]), 1e3 * float(each.position[j]), ALERT, True,
+             said=f"{1e6 * abs(each.error):.3g} µm", key=str(k))
+        for k, each in enumerate(places)
+    )  # fmt: skip
     panel = Panel(f"{found.axes[j]} (mm)", curves, marks, low=low, high=high, said=said, heat=heat)
     return Chart(
         f"{found.axes[i]} (mm)", (panel,), low=left, high=right, square=True, height=0.8 + 0.75 * style.WIDTH * shape

@@ -53,7 +53,7 @@ def draw_chart(chart: Chart, axes: Sequence[Axes]) -> None:
     if chart.scale == looks.FREQUENCY:
         style.frequency_grid(axes)
     if any(mark.name for panel in chart.panels for mark in panel.marks):
-        axes[0].figure.draw_without_rendering()
+        axes[0].get_figure(root=True).draw_without_rendering()  # type: ignore[union-attr]
         for ax, panel in zip(axes, chart.panels, strict=True):
             name_marks(ax, panel.marks, _color)
 

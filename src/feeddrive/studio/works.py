@@ -176,7 +176,7 @@ def compared(request: CompareRequest, progress: Progress) -> Shown:
         {"name": each.name, "why": each.unfit or each.unplaced, "held": each.held_by, "drawn": each.name in drawn}
         for each in found.competitors
     ]
-    words = {**words_of(outcome), "laws": laws, "rule": found.rule, "seed": found.seed}
+    words = {**words_of(outcome), "laws": laws, "seed": found.seed}
     controls = {each.name: each.loop.control for each in found.competitors}
     return Shown(words, {"tradeoff": chart.turning() if found.rotary else chart}, controls)
 
