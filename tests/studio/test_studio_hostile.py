@@ -150,7 +150,7 @@ def test_names_in_requests_stay_in_the_folder(served: Served, outside: Path) -> 
                 said = page.ask(do, name=name, names=[name], target=name, at=[name])
                 assert "error" in said, do
                 assert SECRET not in json.dumps(said["error"])
-        for name, place in (("goal.set", "value"), ("compare.start", "laws")):
+        for name, place in (("goal.set", "value"), ("compare.choose", "laws")):
             evil = f"{outside / 'evil.py'}:Evil"
             page.job = None
             said = page.ask(name, **{"field": "law", place: evil if place == "value" else [evil], "starts": 1})
