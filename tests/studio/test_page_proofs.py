@@ -22,10 +22,12 @@ def mill(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stu
 
 @pytest.fixture(scope="module")
 def ran(mill: Any) -> Any:
-    """A page on which a part program was run."""
+    """A page on which a control was certified, and then a part program was run."""
     opened = mill.open()
     opened.page.wait_for_selector("#verdict:not(:empty)")
     opened.go("prove")
+    opened.page.click("#prove-certify")
+    assert opened.ended() == "done"
     opened.page.select_option("#room-prove label:has-text('Part program') select", "slot.ngc")
     opened.page.click("#prove-program")
     assert opened.ended() == "done"
@@ -93,6 +95,8 @@ def test_a_reload_shows_what_was_proven(ran: Any) -> None:
     ran.page.wait_for_selector("#proof-program .worst")
     assert ran.page.locator("#proof-program .worst").all_inner_texts() == texts
     assert ran.page.locator("#proof-program-path canvas").count() == 1
+    parts = ran.page.locator("#room-prove section:visible")
+    assert [each.get_attribute("id") for each in parts.all()] == ["proof-program", "proof-certificate"]  # latest first
     assert ran.said == []
 
 

@@ -57,6 +57,7 @@ export class Prove implements Room {
     this.hint.hidden = words.ready;
     this.buttons.hidden = !words.ready;
     this.head(words);
+    this.order(Object.keys(words.shown));
     for (const [name, each] of this.parts) {
       const found = words.shown[name];
       each.section.hidden = !found;
@@ -70,6 +71,13 @@ export class Prove implements Room {
 
   shown(): void {
     this.draw();
+  }
+
+  // The latest result stands first.
+  private order(names: string[]): void {
+    const wanted = names.map((name) => this.parts.get(name)!.section).reverse();
+    const now = [...this.element.children].filter((each) => wanted.includes(each as HTMLElement));
+    if (now.some((each, i) => each !== wanted[i])) this.element.append(...wanted);
   }
 
   private head(words: Words): void {

@@ -56,7 +56,7 @@ class Prove(Room):
 
         def then(found: Shown) -> None:
             self.desk.did("certify", request)
-            self.shown["certificate"] = held, found
+            self._put("certificate", held, found)
 
         self.desk.start(self.name, "certify", partial(certified, request), then)
 
@@ -75,7 +75,7 @@ class Prove(Room):
             alike = [each for each in self.circles if not each[0].same(held) and _alike(each[1], found)]
             self.circles = (*alike[-1:], (held, found))
             before = None if len(self.circles) < 2 else self.circles[0][1].result
-            self.shown["circle"] = held, circle_shown(found, before)
+            self._put("circle", held, circle_shown(found, before))
 
         self.desk.start(self.name, "circle test", partial(circled, request), then)
 
@@ -100,9 +100,14 @@ class Prove(Room):
 
         def then(found: Shown) -> None:
             self.desk.did("run", request)
-            self.shown["program"] = held, found
+            self._put("program", held, found)
 
         self.desk.start(self.name, f"run {name}", partial(program_run, request), then)
+
+    def _put(self, name: str, held: Held, found: Shown) -> None:
+        """What was shown last stands behind what was shown before."""
+        self.shown.pop(name, None)
+        self.shown[name] = held, found
 
 
 def _alike(one: Shown, other: Shown) -> bool:
