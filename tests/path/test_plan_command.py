@@ -386,7 +386,7 @@ def test_a_job_runs_a_program_and_can_be_repeated(tmp_path: Path) -> None:
     [
         ("", r"program.file is missing"),
         ('file = "part.ngc"\nspeed = 3', r"job.toml:5: key 'program.speed'"),
-        ('file = "none.ngc"', "none.ngc: cannot be read"),
+        ('file = "none.ngc"', "program.file = 'none.ngc': there is no such file beside the job"),
         ('file = "part.ngc"\n[reference]\nkind = "circle"', r"not \[reference\] and \[program\]"),
         ('file = "part.ngc"\n[others.x.reference]\nkind = "circle"', "others.x.reference"),
     ],

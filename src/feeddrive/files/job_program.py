@@ -200,8 +200,12 @@ def _file(section: Section, place: Path, name: str) -> Path | None:
         raise section.error(f'{section.dotted(name)} must be a text in quotes ("...")', name)
     if value is None:
         return None
-    bundled = BUNDLED / "programs" / value
-    return bundled if not (place.parent / value).exists() and bundled.is_file() else place.parent / value
+    beside, bundled = place.parent / value, BUNDLED / "programs" / value
+    if beside.exists():
+        return beside
+    if not bundled.is_file():
+        raise section.error(f"{section.dotted(name)} = {value!r}: there is no such file beside the job", name)
+    return bundled
 
 
 def _flag(section: Section, name: str) -> bool:
