@@ -95,7 +95,7 @@ class Person:
         self.read |= set(self.page.evaluate(_READ))
 
 
-def unseen(path: Path) -> None:
+def unseen(path: Path, integral: float | None) -> None:
     """A log of an axis that the repository does not hold, with columns as a drive names them."""
     blocks = fd.blocks
     loop = fd.Loop(
@@ -103,7 +103,7 @@ def unseen(path: Path) -> None:
             plant=blocks.Rigid(mass=_MASS), friction_load=blocks.Coulomb(coulomb=_COULOMB, viscous=900.0),
             actuator=blocks.Actuator(dead_time=_T), encoder_load=blocks.Encoder(resolution=1e-7, noise=5e-8),
         ),
-        control=fd.Control(law=blocks.CascadePPI(Kv=_KV, Kp=_KP), force_limit=12e3), sample_time=_T,
+        control=fd.Control(law=blocks.CascadePPI(Kv=_KV, Kp=_KP, Tn=integral), force_limit=12e3), sample_time=_T,
     )  # fmt: skip
     moves = [
         blocks.SnapLimitedMove(distance=distance, velocity=velocity, acceleration=acceleration, jerk=40.0, snap=2000.0,
@@ -119,20 +119,27 @@ def unseen(path: Path) -> None:
 
 
 @pytest.mark.slow(reason="a whole piece of work on the page: identification, a search, a proof, an export, a compiler")
-def test_from_an_unseen_log_to_a_control_that_compiles(served: Callable[..., Any], tmp_path: Path) -> None:
+@pytest.mark.parametrize("integral", [None, 0.022])
+def test_from_an_unseen_log_to_a_control_that_compiles(
+    served: Callable[..., Any], tmp_path: Path, integral: float | None
+) -> None:
+    """A law without an integral is found in the log; one with it is written into its field by its numbers."""
     log = tmp_path / "y_axis.csv"
-    unseen(log)
+    unseen(log, integral)
     person = Person(served().open())
     person.wait_for("#files")
     person.choose(log)
     person.wait_for("#identify")
+    if integral is not None:
+        person.write("#bring-law", f"cascade_ppi:Kv={_KV},Kp={_KP},Tn={integral}")
     person.click("#identify")
     person.wait_for("#take-identified")
     person.click("#take-identified")
     person.wait_for("#verdict:not(:empty)")
     person.click("#tab-goal")
-    assert "no integral action" in person.page.inner_text("#room-goal")
-    person.write("#goal-field-law", "cascade_ppi")
+    assert ("no integral action" in person.page.inner_text("#room-goal")) == (integral is None)
+    if integral is None:
+        person.write("#goal-field-law", "cascade_ppi")
     person.click("#tune-start")
     person.wait_for("#room-goal .verdict")
     person.click("#goal-accept")

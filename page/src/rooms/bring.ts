@@ -204,7 +204,9 @@ export class Bring implements Room {
         ...tables(file.tables),
       ];
     }
-    const more = [field("lead", "Lead of the screw (m), for angles"), field("force_constant", "N per unit of the command"), field("sample_time", "Sample time (s), without a clock")];
+    const law = field("law", "Law that ran, if no machine file says it");
+    Object.assign(fields.get("law")!, { size: 34, inputMode: "text", placeholder: "cascade_ppi:Kv=38,Kp=9e4,Tn=0.02", title: "its numbers in SI" });
+    const more = [law, field("lead", "Lead of the screw (m), for angles"), field("force_constant", "N per unit of the command"), field("sample_time", "Sample time (s), without a clock")];
     return [
       head,
       make(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.loop.control import Control
 
+B = TypeVar("B", bound=Block)
 _RISE = 3.0  # dB by which a resonance stands out of the loop gain below it
 _AROUND = 1.1  # factor of the frequency of a resonance within which it counts
 _BEYOND = 3.0  # times the crossover: where a filter begins if nothing stands out
@@ -41,14 +42,22 @@ def read_filter(text: str) -> Filter:
 
     Raises ParameterError for an unknown kind or field, a missing one, no number, and a value outside of its bounds.
     """
+    return read_block(Filter, text)  # type: ignore[type-abstract]
+
+
+def read_block(family: type[B], text: str) -> B:
+    """A block of a family as the command line takes it, by its numbers in SI: cascade_ppi:Kv=38,Kp=9e4.
+
+    Raises ParameterError for an unknown kind or field, a missing one, no number, and a value outside of its bounds.
+    """
     kind, _, rest = text.partition(":")
-    made: type[Any] = find(Filter, kind.strip())  # type: ignore[type-abstract]
+    made: type[Any] = find(family, kind.strip())
     known = [name for name, each in declarations(made).items() if each.role == "parameter"]
     given = dict[str, float]()
     for pair in filter(None, (each.strip() for each in rest.split(","))):
         name, equals, value = (each.strip() for each in pair.partition("="))
         if not equals:
-            raise ParameterError(f"'{pair}' of the filter '{text}': write it as NAME=VALUE, as notch:frequency=164")
+            raise ParameterError(f"'{pair}' of '{text}': write it as NAME=VALUE, as notch:frequency=164")
         if name not in known:
             raise ParameterError(f"{made.kind} has no number '{name}'{nearest(name, known)}")
         try:
@@ -59,7 +68,7 @@ def read_filter(text: str) -> Filter:
                if each.name in known and each.name not in given and each.default is dataclasses.MISSING]  # fmt: skip
     if missing:
         units = ", ".join(f"{name} in {declarations(made)[name].unit or '1'}" for name in missing)
-        raise ParameterError(f"the filter '{text}' needs {units}: write {kind}:{missing[0]}=VALUE")
+        raise ParameterError(f"'{text}' needs {units}: write {kind}:{missing[0]}=VALUE")
     return made(**given)
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from feeddrive import plot
+from feeddrive.blocks.families import Law
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
@@ -33,6 +34,7 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.report.page import Shown, definitions, header, page, picture, table
+from feeddrive.tuning.filter_pack import read_block
 from feeddrive.workflow.channels import mapped, no_column
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import axis_name, columns_said, narrow, written
@@ -68,6 +70,8 @@ def identify(request: IdentifyRequest, progress: Progress) -> Outcome[Any]:
 def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, progress: Progress) -> Outcome[Any]:
     """A rigid drive from a log of one motion."""
     given = None if request.machine is None else read_machine(request.machine)
+    if given is not None and request.law is not None:
+        raise ParameterError("--law is for a log without a machine file, which states the law: leave one of them out")
     loop = None if given is None else given.loop(request.axis)
     if isinstance(source, MotionLog):
         channels: dict[str, Any] = {each.name: getattr(source, each.name) for each in fields(source)}
@@ -125,7 +129,7 @@ def _not_used(columns: Sequence[str]) -> str:
     return f"named and not used: {', '.join(columns)}{why if outside else ''}"
 
 
-_NO_LAW = "the law that ran is not known; give it with --machine"
+_NO_LAW = "the law that ran is not known; give it with --machine, or by its numbers with --law"
 
 
 def _identified(
@@ -141,7 +145,10 @@ def _identified(
         if doubt.moves:
             doubt.stop(progress)
         motion = MotionLog(**channels)
-        found = identify_motion(motion, loop, friction=request.friction, lead=request.lead, gear=request.gear)
+        law = None if request.law is None else read_block(Law, request.law)  # type: ignore[type-abstract]
+        found = identify_motion(
+            motion, loop, law=law, friction=request.friction, lead=request.lead, gear=request.gear
+        )  # fmt: skip
         doubt.stop(progress)
     except LogError:
         if swapped(channels):

@@ -1,7 +1,4 @@
-"""`feeddrive identify FRF.csv`: masses, springs and modes of an axis from measured frequency responses.
-
-The fit, its report, and the plant for a machine file.
-"""
+"""`feeddrive identify FRF.csv`: masses, springs and modes from responses; the report, and the plant for a file."""
 
 from __future__ import annotations
 
@@ -360,6 +357,7 @@ class IdentifyRequest(Request):
     )
     machine: MachineLike | None = option("the machine file to start from; its comments are kept", default=None)
     axis: str | None = option("its axis, if it has several", default=None)
+    law: str | None = option("that ran, in SI, as cascade_ppi:Kv=38,Kp=9e4: without a machine file", default=None)
     friction: str = option("best, symmetric or directional", default="best")
     set_position: str | None = option("column of the set position, name:unit", default=None)
     position: str | None = option("column of the position, name:unit", default=None)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from feeddrive.analysis.friction_map import FrictionMap, friction_map
-from feeddrive.blocks.families import Force, Friction
+from feeddrive.blocks.families import Force, Friction, Law
 from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.friction.directional import Directional
@@ -29,6 +29,7 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 
 _CLEARLY = 1.02  # times the position residual of plain friction up to which the machine's own kind is kept
+_COUNTS = 10.0  # of the encoder: what is left of the following error below them is no sign of another law
 POOR = 0.15  # largest unexplained share of the force for which the values are recommended
 _PLAIN = (Coulomb, Directional, Viscous)  # friction models whose parameters the inverse dynamics identify completely
 _FAR = 0.05  # share by which the sum of the masses may differ without a remark
@@ -75,17 +76,22 @@ class Identified(Result):
                 f"the error on stretches that were not used is {unused:.3g} %, on those that were used {left:.3g} "
                 "%, so the axis changed along the log"
             )
-        if self._law_leaves > POOR:
+        left, what = self._law_leaves
+        if left > POOR:
             return (
-                f"the law of the machine file, or the one that was found, leaves {100.0 * self._law_leaves:.3g} % of "
-                "the force in closed loop, so it is not the law that ran"
+                f"the law of the machine file, or the one that was found, leaves {100.0 * left:.3g} % of the {what} in "
+                "closed loop, so it is not the law that ran"
             )
         return ""
 
     @property
-    def _law_leaves(self) -> float:
-        """Share of the force that the loop, simulated with its law, does not explain; 0 without one."""
-        return 0.0 if self.refinement is None else self.refinement.replay.share("force")
+    def _law_leaves(self) -> tuple[float, str]:
+        """The share of force or following error that the loop with its law does not explain: the larger one; or 0."""
+        if self.refinement is None:
+            return 0.0, ""
+        replay, count = self.refinement.replay, self.refinement.count or 0.0
+        names = ["force", *(["following_error"] if replay.rms("following_error") > _COUNTS * count else [])]
+        return max((replay.share(name), name.replace("_", " ")) for name in names)
 
     @property
     def recommendation(self) -> str:
@@ -97,7 +103,7 @@ class Identified(Result):
                 f"Do not tune on these values: {self.unusable}, so the axis bends, binds or is driven by something "
                 f"else; measure a frequency response next (feeddrive excite)."
             )
-        if self._law_leaves > POOR:
+        if self._law_leaves[0] > POOR:
             return f"Do not tune on these values: {self.unusable}; state in the machine file the law that made the log."
         if self.unusable:
             return f"Measure once more before you trust these values: {self.unusable}."
@@ -123,6 +129,7 @@ def identify_motion(
     log: MotionLog,
     start: Loop | None = None,
     *,
+    law: Law | None = None,
     friction: str = "best",
     how: Preparation | None = None,
     lead: float | None = None,
@@ -131,6 +138,7 @@ def identify_motion(
     """Identify a rigid drive from a log of position and force, and of the set position if available.
 
     start      the loop of the log, as far as it is known; its law, limits, encoders and dead time are kept
+    law        that ran, of a log without `start`; sought if it is not given
     friction   "best", "symmetric" or "directional"
     lead, gear of a log at a shaft, m and 1: with them the result is referred to the table
 
@@ -149,8 +157,8 @@ def identify_motion(
         rigid = rigid if lead is None else rigid.at_table(lead, gear)
         remarks += [*_about(rigid, late), _SHAFT if lead is None else _NO_LOOP]
         return Identified(log, rigid, delay, None, None, None, None, tuple(remarks), doubt)
-    control = _attempted(lambda: identify_control(log), remarks) if start is None and closed else None
-    loop = _loop(log, rigid, start, control)
+    control = _attempted(lambda: identify_control(log), remarks) if start is None and law is None and closed else None
+    loop = _loop(log, rigid, start, control, law if closed else None)
     refinement = None
     if loop is not None and closed:
         whole = loop
@@ -263,18 +271,22 @@ def _attempted(what: Any, remarks: list[str]) -> Any:
         return None
 
 
-def _loop(log: MotionLog, rigid: RigidFit, start: Loop | None, control: ControlFit | None) -> Loop | None:
+def _loop(
+    log: MotionLog, rigid: RigidFit, start: Loop | None, control: ControlFit | None, law: Law | None
+) -> Loop | None:
     """The loop of the log with its values replaced by the identified ones."""
     if rigid.frame is SHAFT:
         return None
     if start is not None:
         return dataclasses.replace(start, axis=with_rigid(start.axis, rigid))
-    if control is None:
+    if control is not None:
+        law = control.law()
+    if law is None:
         return None
-    T = log.sample_time
+    T, late = log.sample_time, 0 if control is None else control.delay  # of a law that was given the fit finds it
     axis = with_rigid(Axis(plant=rigid.plant(), rotary=log.turning), rigid)
-    delayed = dataclasses.replace(axis, actuator=dataclasses.replace(axis.actuator, dead_time=control.delay * T))
-    return Loop(control=Control(law=control.law(), force_limit=log.force_limit), axis=delayed, sample_time=T)
+    delayed = dataclasses.replace(axis, actuator=dataclasses.replace(axis.actuator, dead_time=late * T))
+    return Loop(control=Control(law=law, force_limit=log.force_limit), axis=delayed, sample_time=T)
 
 
 def with_rigid(axis: Axis, rigid: RigidFit, *, richer: bool = False) -> Axis:

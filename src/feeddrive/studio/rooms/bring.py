@@ -139,7 +139,7 @@ class Bring(Room):
             path, channels=self._roles(found) if found.kind == LOG else None, out=out, machine=self._machine(asked),
             axis=asked.text_or_none("axis"), motor=asked.text_or_none("motor"), load=asked.text_or_none("load"),
             lead=asked.number_or_none("lead"), force_constant=asked.number_or_none("force_constant"),
-            sample_time=asked.number_or_none("sample_time"),
+            sample_time=asked.number_or_none("sample_time"), law=asked.text_or_none("law"),
         )  # fmt: skip
         self._start("identify", found.name, f"identify {found.name}", request)
 
