@@ -155,7 +155,7 @@ class Session:
 
     def _message(self, number: int, room: str, said: Said, job: JobState | None = None) -> bytes:
         bench = self.desk.bench
-        words = {
+        words: dict[str, Any] = {
             "number": number, "room": room, "epoch": self.desk.epoch, "title": "" if bench is None else bench.title,
             "tour": self._tour.words, **said.words,
         }  # fmt: skip
