@@ -15,7 +15,11 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from feeddrive.studio.server import PAGE, Outbox
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.progress import Progress
+from feeddrive.studio import server
+from feeddrive.studio.server import PAGE, Outbox, Sessions
+from feeddrive.studio.session import Session
 from studio_server import FEEDDRIVE, Served, alive, descendants, needs_proc
 
 pytestmark = pytest.mark.skipif(
@@ -159,3 +163,35 @@ def test_what_a_page_does_not_read_is_replaced_by_what_came_later() -> None:
         box.put(b"state %d" % i, "job")
     box.put(b"answer 2")
     assert asyncio.run(read(box)) == [b"answer 1", b"picture 9999", b"state 9999", b"answer 2"]
+
+
+def test_of_too_many_pages_the_one_left_longest_ago_is_ended_and_none_that_is_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "_SESSIONS", 3)
+    sessions = Sessions(lambda: Session(tmp_path))
+    opened, left, latest = (sessions.named(name) for name in ("opened", "left", "latest"))
+    leave = [opened.listen(ignored)]
+    left.desk.start("goal", "the work", waiting, lambda _: None)
+    job = left.desk.job
+    assert job is not None
+    more = sessions.named("more")  # one too many
+    job.join(20.0)
+    assert not job.state.going
+    assert [sessions.named(name) for name in ("opened", "latest", "more")] == [opened, latest, more]
+    leave += [each.listen(ignored) for each in (latest, more)]
+    with pytest.raises(ParameterError, match="3 pages are open: close one of them, and load this one again"):
+        sessions.named("left")
+    leave[1]()
+    assert sessions.named("left") not in (opened, left, latest, more)
+    assert sessions.named("opened") is opened
+
+
+def ignored(_: str, __: bytes) -> None:
+    """What a page hears."""
+
+
+def waiting(progress: Progress) -> None:
+    while True:
+        progress.step("waiting")
+        time.sleep(0.01)

@@ -180,8 +180,10 @@ def test_every_answer_forbids_foreign_code_frames_and_copies(server: Server) -> 
         assert headers["cache-control"] == "no-store"
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "3", "null", "{" * 10_000, '{"do": 7}', '{"do": "__class__"}'])
-def test_what_is_no_request_is_answered_and_the_page_goes_on(server: Server, text: str) -> None:
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", "3", "null", "{" * 10_000, '{"do": 7}', '{"do": "__class__"}', b"\xff\x00", b'{"do": 7}']
+)
+def test_what_is_no_request_is_answered_and_the_page_goes_on(server: Server, text: str | bytes) -> None:
     with server.talk() as socket:
         socket.send(text)
         socket.send('{"number": 5, "do": "tune.show"}')
