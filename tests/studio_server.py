@@ -44,8 +44,10 @@ def _hook(event, given):
     elif event in _kinds:
         for path in given[: _kinds[event]]:
             if isinstance(path, (str, bytes, os.PathLike)):
-                listed = event in ("os.listdir", "os.scandir")
-                _kept("read" if listed else "write", os.path.abspath(os.fsdecode(path)))
+                listed, place = event in ("os.listdir", "os.scandir"), os.fsdecode(path)
+                if event in ("os.remove", "os.rmdir") and given[1] >= 0:  # in an open folder, as rmtree does it
+                    place = os.path.join(os.readlink("/proc/self/fd/%d" % given[1]), place)
+                _kept("read" if listed else "write", os.path.abspath(place))
     elif event in ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn"):
         _kept("begin", str(given[0]))
     elif event == "import":

@@ -83,6 +83,7 @@ def test_ctrl_c_ends_all_within_two_seconds_also_work_that_waits_for_a_processor
     said, _ = served.process.communicate(timeout=20.0)
     assert time.monotonic() - began < 2.0
     assert gone(working, 0.5)
+    assert not list(served.folder.glob("temporary_*"))
     assert served.process.returncode == 0
     assert said == ""
 

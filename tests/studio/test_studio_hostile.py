@@ -116,6 +116,7 @@ def test_files_that_name_other_files_or_hold_code_are_refused_and_nothing_else_i
         "laughs.xml": (laughs, "XML"),
         "object.npy": (pickled(code), "objects"),
         "code.py": (code, "code.py"),
+        "cut.uff": ("    -1\n    58\n", "universal file"),  # its reader needs a file of its own
         "links.mat": (hdf5_links(outside), "log"),
         "call.ngc": ("o<secret> call\nM98 P/secret\nG1 X1 F100\n", "part program"),
     }  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ipaddress
 import os
 import secrets
+import shutil
 import socket
 import sys
 import tempfile
@@ -128,21 +129,20 @@ def writable(folder: Path) -> Generator[None]:
 
     Raises FileError for one that cannot be written, with what to do.
     """
-    before, place = os.environ.get("TMPDIR"), folder / "temporary"
+    before = os.environ.get("TMPDIR")
     try:
-        place.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=place).close()
+        folder.mkdir(parents=True, exist_ok=True)
+        place = tempfile.mkdtemp(prefix="temporary_", dir=folder.resolve())
     except OSError as error:
         raise FileError(f"--folder {refusal(folder, 'written', error)}") from None
-    os.environ["TMPDIR"] = str(place.resolve())  # of the processes that read and compute
+    os.environ["TMPDIR"] = place  # of the processes that read and compute
     try:
         yield
     finally:
         os.environ.pop("TMPDIR")
         if before is not None:
             os.environ["TMPDIR"] = before
-        with suppress(OSError):
-            place.rmdir()
+        shutil.rmtree(place, ignore_errors=True)
 
 
 def listening(host: str, port: int) -> socket.socket:
