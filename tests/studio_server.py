@@ -46,6 +46,8 @@ def _hook(event, given):
             if isinstance(path, (str, bytes, os.PathLike)):
                 listed, place = event in ("os.listdir", "os.scandir"), os.fsdecode(path)
                 if event in ("os.remove", "os.rmdir") and given[1] >= 0:  # in an open folder, as rmtree does it
+                    if sys.platform != "linux":
+                        continue
                     place = os.path.join(os.readlink("/proc/self/fd/%d" % given[1]), place)
                 _kept("read" if listed else "write", os.path.abspath(place))
     elif event in ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn"):
