@@ -41,7 +41,7 @@ studio: page | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable ".[studio]"
 	$(BIN)/feeddrive studio ball_screw
 
-src/feeddrive/studio/page/index.html: $(wildcard page/src/*) page/index.html page/package-lock.json page/build.mjs
+src/feeddrive/studio/page/index.html: $(shell find page/src -type f) page/index.html page/package-lock.json page/build.mjs
 	cd page && npm ci --no-audit --no-fund && npm run build
 
 # what is released works without the clone: source distribution, the wheel from it, demo and studio from the wheel

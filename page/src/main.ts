@@ -1,10 +1,10 @@
 // The page: its rooms as tabs, what went wrong, and the work that runs.
 
 import { JobBar } from "./job";
-import { paint } from "./look";
+import { paint } from "./pictures/look";
 import { button, make } from "./parts";
-import { whenZoomed } from "./picture";
-import { printable } from "./print";
+import { whenZoomed } from "./pictures/picture";
+import { printable } from "./pictures/print";
 import type { Request, Room } from "./room";
 import { Bring } from "./rooms/bring";
 import { Compare } from "./rooms/compare";
@@ -35,8 +35,16 @@ let began = false;
 
 const list = make("div", { role: "tablist", "aria-label": "What is done", id: "tabs" });
 for (const room of rooms) {
-  const tab = button(room.title, () => go(room.name), { role: "tab", id: `tab-${room.name}`, "aria-controls": `room-${room.name}` });
-  const panel = make("section", { role: "tabpanel", id: `room-${room.name}`, "aria-labelledby": tab.id, hidden: "" }, room.element);
+  const tab = button(room.title, () => go(room.name), {
+    role: "tab",
+    id: `tab-${room.name}`,
+    "aria-controls": `room-${room.name}`,
+  });
+  const panel = make(
+    "section",
+    { role: "tabpanel", id: `room-${room.name}`, "aria-labelledby": tab.id, hidden: "" },
+    room.element,
+  );
   tabs.set(room.name, { room, tab, panel });
   list.append(tab);
 }
@@ -74,7 +82,8 @@ function heard(received: Received): void {
   const { said } = received;
   job.show(said.job);
   title.textContent = said.title || "feeddrive";
-  if (said.number > 0 && (said.error || !said.live)) fail(said.error ?? ""); // what runs by takes no words away
+  if (said.number > 0 && (said.error || !said.live))
+    fail(said.error ?? ""); // what runs by takes no words away
   else if (said.error) fail(said.error);
   const other = said.epoch !== undefined && said.epoch !== epoch;
   if (other) epoch = said.epoch!;

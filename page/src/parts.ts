@@ -27,7 +27,11 @@ export function table(heads: string[], rows: (string | Node)[][]): HTMLTableElem
 }
 
 // A choice with its label.
-export function choice(label: string, among: [value: string, text: string][], changed: (value: string) => void): HTMLLabelElement {
+export function choice(
+  label: string,
+  among: [value: string, text: string][],
+  changed: (value: string) => void,
+): HTMLLabelElement {
   const select = make("select", {}, ...among.map(([value, text]) => make("option", { value }, text)));
   select.addEventListener("change", () => changed(select.value));
   return make("label", { class: "choice" }, `${label} `, select);
@@ -50,5 +54,12 @@ export function copied(title: string, text: string, id: string): HTMLElement {
       () => (said.textContent = " the browser does not allow it: select the text"),
     );
   });
-  return make("section", { id }, make("h2", {}, title, " "), copy, said, make("pre", { tabindex: "0", "aria-label": title }, text));
+  return make(
+    "section",
+    { id },
+    make("h2", {}, title, " "),
+    copy,
+    said,
+    make("pre", { tabindex: "0", "aria-label": title }, text),
+  );
 }

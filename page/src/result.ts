@@ -15,7 +15,9 @@ export interface Result {
 }
 
 export function tables(found: Table[]): HTMLElement[] {
-  return found.map((each, i) => make("details", i < 2 ? { open: "" } : {}, make("summary", {}, each.title), table(each.heads, each.rows)));
+  return found.map((each, i) =>
+    make("details", i < 2 ? { open: "" } : {}, make("summary", {}, each.title), table(each.heads, each.rows)),
+  );
 }
 
 export function result(found: Result): HTMLElement[] {

@@ -24,7 +24,10 @@ export class Tour {
   private leading = false; // the room of the step was opened: what is next is focused once the server has said it
   private sought = false; // a step has begun, and what is next in it was not there yet
 
-  constructor(ask: Ask, private readonly go: (room: string) => void) {
+  constructor(
+    ask: Ask,
+    private readonly go: (room: string) => void,
+  ) {
     this.back = button("Back", () => ask({ do: "tour.back" }), { id: "tour-back" });
     this.next = button("Next", () => ask({ do: "tour.next" }), { id: "tour-next" });
     const show = button("Show it", () => this.show(), { id: "tour-show", "aria-describedby": "tour-text" });

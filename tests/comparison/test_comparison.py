@@ -396,6 +396,6 @@ def test_every_bundled_machine(name: str, axis: str, tmp_path: Path) -> None:
             found["pole placement"].figures["rope_snap_ISE_root_m_per_N"]
             / found[PLAIN].figures["rope_snap_ISE_root_m_per_N"]
         )
-        # paper 2's claim in our rule: it holds the table better at equal Ms, by more than the 5 % that settled searches of
+        # paper 2 in our rule: it holds the table better at equal Ms, by more than the 5 % that settled searches of
         # one law may differ by. Measured 0.797
         assert ratio < 0.95

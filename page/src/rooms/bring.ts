@@ -1,8 +1,8 @@
 // Files are brought: dragged on the page or chosen; what each was understood to be, and which column is what.
 
-import { look, whenPainted } from "../look";
+import { look, whenPainted } from "../pictures/look";
 import { button, choice, make, table } from "../parts";
-import { Picture } from "../picture";
+import { Picture } from "../pictures/picture";
 import { tables, type Table } from "../result";
 import { session, type Ask, type Room } from "../room";
 import type { Received } from "../wire";
@@ -61,7 +61,10 @@ export class Bring implements Room {
       make("label", { for: "files" }, "Drop a log, a frequency response, a machine file or a part program here, or choose it: "),
       chooser,
     );
-    this.tour.append(button("Tour: your axis in ten minutes", () => this.ask({ do: "bring.tour" }), { id: "bring-tour" }), " from a simulated log to an exported control, one button after another");
+    this.tour.append(
+      button("Tour: your axis in ten minutes", () => this.ask({ do: "bring.tour" }), { id: "bring-tour" }),
+      " from a simulated log to an exported control, one button after another",
+    );
     for (const kind of ["dragover", "drop"]) document.addEventListener(kind, (event) => event.preventDefault());
     document.addEventListener("drop", (event) => void this.bring([...(event.dataTransfer?.files ?? [])]));
     this.element.append(
@@ -84,7 +87,9 @@ export class Bring implements Room {
     this.last = received;
     this.tour.hidden = !words.offers_tour;
     this.bundled.replaceChildren(
-      ...words.bundled.map((name) => button(name.replaceAll("_", " "), () => this.ask({ do: "bring.bundled", name }), { id: `bundled-${name}` })),
+      ...words.bundled.map((name) =>
+        button(name.replaceAll("_", " "), () => this.ask({ do: "bring.bundled", name }), { id: `bundled-${name}` }),
+      ),
     );
     if (words.ask_axis) {
       const { name, axes } = words.ask_axis;
@@ -99,7 +104,9 @@ export class Bring implements Room {
         make(
           "li",
           {},
-          button(file.name, () => this.ask({ do: "bring.pick", name: file.name }), { "aria-pressed": String(file.name === words.open) }),
+          button(file.name, () => this.ask({ do: "bring.pick", name: file.name }), {
+            "aria-pressed": String(file.name === words.open),
+          }),
           ` ${file.wrong ? "cannot be used" : file.kind} `,
           button("Remove", () => this.ask({ do: "bring.drop", name: file.name }), { "aria-label": `Remove ${file.name}` }),
         ),
@@ -144,24 +151,38 @@ export class Bring implements Room {
   private shows(file: Brought, words: Words): HTMLElement[] {
     const head = make("h2", {}, `${file.name}: ${file.kind}`);
     if (file.wrong) return [head, make("p", { class: "bad" }, file.wrong)];
-    const machines: [string, string][] = [["", "none"], ...words.files.filter((each) => each.kind === "machine").map((each): [string, string] => [each.name, each.name])];
+    const machines: [string, string][] = [
+      ["", "none"],
+      ...words.files.filter((each) => each.kind === "machine").map((each): [string, string] => [each.name, each.name]),
+    ];
     machines.push(...words.bundled.map((each): [string, string] => [each, `${each.replaceAll("_", " ")} (bundled)`]));
     const name = file.name;
     const others = words.files.filter((each) => each.kind === file.kind && each.name !== name && !each.wrong);
     const places = others.map((each) => make("input", { type: "checkbox", value: each.name, id: `at-${each.name}` }));
     const at = () => places.filter((each) => each.checked).map((each) => each.value);
     const also = others.length
-      ? [make("fieldset", {}, make("legend", {}, "The same axis at other positions or loads"), ...places.map((each) => make("label", {}, each, ` ${each.value} `)))]
+      ? [
+          make(
+            "fieldset",
+            {},
+            make("legend", {}, "The same axis at other positions or loads"),
+            ...places.map((each) => make("label", {}, each, ` ${each.value} `)),
+          ),
+        ]
       : [];
     if (file.kind === "machine") {
-      const acts = file.axes.map((axis) => button(`Tune axis ${axis}`, () => this.ask({ do: "bring.axis", name, axis, at: at() }), { id: `tune-${axis}` }));
+      const acts = file.axes.map((axis) =>
+        button(`Tune axis ${axis}`, () => this.ask({ do: "bring.axis", name, axis, at: at() }), { id: `tune-${axis}` }),
+      );
       return [head, make("div", { class: "buttons" }, ...acts), ...also, ...tables(file.tables)];
     }
     if (file.kind === "part program") return [head, make("p", {}, "It runs on the machine, under Prove.")];
     const kept = (key: string, usual = "") => this.given.get(`${file.name} ${key}`) ?? usual;
     const keep = (key: string, value: string) => this.given.set(`${file.name} ${key}`, value);
     const start = file.kind === "log" ? words.start_from : "";
-    const chosen = choice(file.kind === "log" ? "Machine file to start from" : "Today's machine", machines, (value) => keep("machine", value));
+    const chosen = choice(file.kind === "log" ? "Machine file to start from" : "Today's machine", machines, (value) =>
+      keep("machine", value),
+    );
     chosen.querySelector("select")!.value = kept("machine", start);
     const fields = new Map<string, HTMLInputElement>();
     const field = (key: string, label: string): HTMLElement => {
@@ -187,17 +208,34 @@ export class Bring implements Room {
         file.responses.length > 1
           ? [
               choice("Response of the table", [["", "by its name"], ...known], (value) => (chosen_roles.load = value)),
-              choice("Response of the motor's encoder", [["", "by its name, or none"], ...known], (value) => (chosen_roles.motor = value)),
+              choice(
+                "Response of the motor's encoder",
+                [["", "by its name, or none"], ...known],
+                (value) => (chosen_roles.motor = value),
+              ),
             ]
           : [];
-      const more = [...several, field("sample_time", "Sample time of the control (s)"), field("unit", "Unit, if the file states none"), field("delay", "Dead time that it does not hold (s)")];
+      const more = [
+        ...several,
+        field("sample_time", "Sample time of the control (s)"),
+        field("unit", "Unit, if the file states none"),
+        field("delay", "Dead time that it does not hold (s)"),
+      ];
       return [
         head,
         make(
           "div",
           { class: "buttons" },
-          button("Tune on the measured response", () => this.ask({ do: "bring.responses", name, at: at(), ...given(), ...chosen_roles }), { id: "tune-responses", class: "main" }),
-          button("Identify a model", () => this.ask({ do: "bring.identify", name, ...chosen_roles, machine: kept("machine", start) }), { id: "identify" }),
+          button(
+            "Tune on the measured response",
+            () => this.ask({ do: "bring.responses", name, at: at(), ...given(), ...chosen_roles }),
+            { id: "tune-responses", class: "main" },
+          ),
+          button(
+            "Identify a model",
+            () => this.ask({ do: "bring.identify", name, ...chosen_roles, machine: kept("machine", start) }),
+            { id: "identify" },
+          ),
         ),
         make("div", { class: "fields" }, chosen, ...more),
         ...also,
@@ -205,8 +243,18 @@ export class Bring implements Room {
       ];
     }
     const law = field("law", "Law that ran, if no machine file says it");
-    Object.assign(fields.get("law")!, { size: 34, inputMode: "text", placeholder: "cascade_ppi:Kv=38,Kp=9e4,Tn=0.02", title: "its numbers in SI" });
-    const more = [law, field("lead", "Lead of the screw (m), for angles"), field("force_constant", "N per unit of the command"), field("sample_time", "Sample time (s), without a clock")];
+    Object.assign(fields.get("law")!, {
+      size: 34,
+      inputMode: "text",
+      placeholder: "cascade_ppi:Kv=38,Kp=9e4,Tn=0.02",
+      title: "its numbers in SI",
+    });
+    const more = [
+      law,
+      field("lead", "Lead of the screw (m), for angles"),
+      field("force_constant", "N per unit of the command"),
+      field("sample_time", "Sample time (s), without a clock"),
+    ];
     return [
       head,
       make(
@@ -222,9 +270,19 @@ export class Bring implements Room {
   }
 
   private columns(name: string, words: Words): HTMLElement {
-    const roles: [string, string][] = [["", "not used"], ...Object.entries(words.roles).map(([role, unit]): [string, string] => [role, `${role.replaceAll("_", " ")}${unit ? ` (${unit})` : ""}`])];
+    const roles: [string, string][] = [
+      ["", "not used"],
+      ...Object.entries(words.roles).map(([role, unit]): [string, string] => [
+        role,
+        `${role.replaceAll("_", " ")}${unit ? ` (${unit})` : ""}`,
+      ]),
+    ];
     const rows = (words.columns ?? []).map((each) => {
-      const select = make("select", { "aria-label": `Role of ${each.column}` }, ...roles.map(([value, text]) => make("option", { value }, text)));
+      const select = make(
+        "select",
+        { "aria-label": `Role of ${each.column}` },
+        ...roles.map(([value, text]) => make("option", { value }, text)),
+      );
       const unit = make("input", { type: "text", size: "6", "aria-label": `Unit of ${each.column}` });
       const factor = make("input", { type: "text", size: "8", inputmode: "decimal", "aria-label": `Factor of ${each.column}` });
       select.value = each.role;
@@ -232,18 +290,32 @@ export class Bring implements Room {
       factor.value = each.factor === null ? "" : String(each.factor);
       const set = () => {
         const number = factor.value.trim() === "" ? null : Number(factor.value.replace(",", "."));
-        this.ask({ do: "bring.role", name, column: each.column, role: select.value, unit: number === null ? unit.value.trim() : "", factor: number });
+        this.ask({
+          do: "bring.role",
+          name,
+          column: each.column,
+          role: select.value,
+          unit: number === null ? unit.value.trim() : "",
+          factor: number,
+        });
       };
       for (const part of [select, unit, factor]) part.addEventListener("change", set);
       return [each.column, select, unit, factor, each.why];
     });
-    return make("details", { open: "", id: "columns-of-log" }, make("summary", {}, "Columns: what each is"), table(["column", "role", "unit", "factor", "why"], rows));
+    return make(
+      "details",
+      { open: "", id: "columns-of-log" },
+      make("summary", {}, "Columns: what each is"),
+      table(["column", "role", "unit", "factor", "why"], rows),
+    );
   }
 
   private outcome(words: Words): HTMLElement[] {
     const { made } = words;
     if (!made.said) return [];
-    const take = made.machine ? [button("Tune this axis", () => this.ask({ do: "bring.take" }), { id: "take-identified", class: "main" })] : [];
+    const take = made.machine
+      ? [button("Tune this axis", () => this.ask({ do: "bring.take" }), { id: "take-identified", class: "main" })]
+      : [];
     return [
       make("h2", {}, `What was found in ${made.of}`),
       ...(made.verdict ? [make("p", { class: "verdict" }, made.verdict)] : []),

@@ -1,8 +1,8 @@
 // Laws at equal robustness: which are compared, the trade-off, and a law that is chosen to be tuned on.
 
-import { look, whenPainted } from "../look";
+import { look, whenPainted } from "../pictures/look";
 import { button, make, table } from "../parts";
-import { Picture } from "../picture";
+import { Picture } from "../pictures/picture";
 import { result, type Result } from "../result";
 import type { Ask, Room } from "../room";
 import type { Received } from "../wire";
@@ -31,10 +31,18 @@ export class Compare implements Room {
   private last: Received | null = null;
 
   constructor(private readonly ask: Ask) {
-    this.start = button("Compare", () => ask({ do: "compare.start", starts: Number(this.starts.value) }), { id: "compare-start", class: "main" });
+    this.start = button("Compare", () => ask({ do: "compare.start", starts: Number(this.starts.value) }), {
+      id: "compare-start",
+      class: "main",
+    });
     this.picture.element.id = "compare-tradeoff";
     this.picture.onpick = (_x, _y, _panel, key) => key && this.take(key);
-    const head = make("div", { class: "buttons" }, this.start, make("label", { for: this.starts.id }, "searches for each law ", this.starts));
+    const head = make(
+      "div",
+      { class: "buttons" },
+      this.start,
+      make("label", { for: this.starts.id }, "searches for each law ", this.starts),
+    );
     this.element.append(head, this.laws, this.refused, this.hint, this.seed, this.picture.element, this.outcome);
     whenPainted(() => this.draw());
   }
@@ -98,7 +106,11 @@ export class Compare implements Room {
     this.laws.replaceChildren(
       make("legend", {}, "Laws that are compared"),
       make("div", { class: "buttons" }, all, none),
-      make("div", { class: "choices" }, ...boxes.map((box, i) => make("label", { for: box.id, title: laws[i]!.remark }, box, ` ${laws[i]!.name}`))),
+      make(
+        "div",
+        { class: "choices" },
+        ...boxes.map((box, i) => make("label", { for: box.id, title: laws[i]!.remark }, box, ` ${laws[i]!.name}`)),
+      ),
     );
     if (focused?.startsWith("compare-")) document.getElementById(focused)?.focus();
   }
@@ -106,7 +118,9 @@ export class Compare implements Room {
   private refuse(laws: { name: string; reason: string }[]): void {
     const rows = laws.map((each) => [each.name, each.reason]);
     this.refused.replaceChildren(
-      ...(rows.length ? [make("details", {}, make("summary", {}, `${rows.length} laws cannot control this axis`), table(["law", "why"], rows))] : []),
+      ...(rows.length
+        ? [make("details", {}, make("summary", {}, `${rows.length} laws cannot control this axis`), table(["law", "why"], rows))]
+        : []),
     );
   }
 

@@ -1,9 +1,9 @@
 // Tuning by goal: fields and lines in the pictures set the limits, the tuner searches, and a person accepts or rejects.
 
-import { Levels, type Level } from "../levels";
-import { look, whenPainted } from "../look";
+import { Levels, type Level } from "../controls/levels";
+import { look, whenPainted } from "../pictures/look";
 import { button, make } from "../parts";
-import { Picture } from "../picture";
+import { Picture } from "../pictures/picture";
 import { tables } from "../result";
 import type { Ask, Room } from "../room";
 import type { Received } from "../wire";
@@ -67,7 +67,9 @@ export class Goal implements Room {
     this.last = received;
     this.form.replaceChildren(...words.fields.map((field) => this.field(field)));
     const tune = button("Tune", () => this.ask({ do: "goal.tune" }), { id: "tune-start", class: "main" });
-    const accept = button(words.unfinished ? "Accept the best so far" : "Accept", () => this.ask({ do: "goal.accept" }), { id: "goal-accept" });
+    const accept = button(words.unfinished ? "Accept the best so far" : "Accept", () => this.ask({ do: "goal.accept" }), {
+      id: "goal-accept",
+    });
     const reject = button("Reject", () => this.ask({ do: "goal.reject" }), { id: "goal-reject" });
     tune.disabled = !words.ready;
     accept.disabled = reject.disabled = !words.best;
@@ -77,7 +79,9 @@ export class Goal implements Room {
       ...(words.begins ? [make("p", {}, words.begins)] : []),
       ...(words.verdict ? [make("p", { class: "verdict" }, words.verdict)] : []),
       ...(words.failure ? [make("p", { class: "bad" }, words.failure)] : []),
-      ...(words.unfinished ? [make("p", {}, "The search has not finished: what is shown is the best so far, and is not proven.")] : []),
+      ...(words.unfinished
+        ? [make("p", {}, "The search has not finished: what is shown is the best so far, and is not proven.")]
+        : []),
     );
     this.outcome.replaceChildren(
       make("ul", {}, ...(words.said ?? []).filter((each) => each !== words.verdict).map((each) => make("li", {}, each))),

@@ -1,8 +1,8 @@
 // The control of now is proven: a certificate, the circle test, and a part program on the machine.
 
-import { look, whenPainted } from "../look";
+import { look, whenPainted } from "../pictures/look";
 import { button, choice, make } from "../parts";
-import { Picture } from "../picture";
+import { Picture } from "../pictures/picture";
 import { result, type Result } from "../result";
 import type { Ask, Room } from "../room";
 import type { Received } from "../wire";
@@ -47,7 +47,8 @@ export class Prove implements Room {
   constructor(private readonly ask: Ask) {
     this.element.append(this.hint, this.buttons, ...[...this.parts.values()].map((each) => each.section));
     const program = this.parts.get("program")!;
-    program.pictures.get("path")!.onpick = (_x, _y, _panel, key) => key && program.list.querySelectorAll("button")[Number(key)]?.click();
+    program.pictures.get("path")!.onpick = (_x, _y, _panel, key) =>
+      key && program.list.querySelectorAll("button")[Number(key)]?.click();
     whenPainted(() => this.draw());
   }
 
@@ -63,8 +64,12 @@ export class Prove implements Room {
       each.section.hidden = !found;
       if (!found) continue;
       each.outcome.replaceChildren(...result(found));
-      if (name === "program") this.list(each, "Worst places: choose one to look at it", found.worst ?? [], (at, i) => this.look(at, i));
-      if (name === "circle") this.list(each, "Quadrant peaks: choose one to look at it", found.peaks ?? [], (at) => zoom(each.pictures.get("unrolled")!, at));
+      if (name === "program")
+        this.list(each, "Worst places: choose one to look at it", found.worst ?? [], (at, i) => this.look(at, i));
+      if (name === "circle")
+        this.list(each, "Quadrant peaks: choose one to look at it", found.peaks ?? [], (at) =>
+          zoom(each.pictures.get("unrolled")!, at),
+        );
     }
     this.draw();
   }
@@ -87,7 +92,11 @@ export class Prove implements Room {
     if (!words.axes.includes(chosen.y)) chosen.y = second;
     if (!words.programs.includes(chosen.program)) chosen.program = words.programs[0] ?? "";
     const select = (label: string, among: string[], key: keyof typeof chosen) => {
-      const found = choice(label, among.map((each): [string, string] => [each, each]), (value) => (chosen[key] = value));
+      const found = choice(
+        label,
+        among.map((each): [string, string] => [each, each]),
+        (value) => (chosen[key] = value),
+      );
       found.querySelector("select")!.value = chosen[key];
       return found;
     };
@@ -141,8 +150,15 @@ function part(name: string): Part {
   const [first, ...others] = [...pictures.values()].map((each) => each.element);
   const [list, outcome] = [make("div"), make("div")];
   const places = name === "certificate" ? [] : [list];
-  const grid = name === "program" ? [first!, make("div", {}, ...places, ...others)] : [first!, make("div", {}, ...others, ...places)];
-  const section = make("section", { id: `proof-${name}`, hidden: "" }, make("h2", {}, HEADS[name]!), make("div", { class: "grid" }, ...grid), outcome);
+  const grid =
+    name === "program" ? [first!, make("div", {}, ...places, ...others)] : [first!, make("div", {}, ...others, ...places)];
+  const section = make(
+    "section",
+    { id: `proof-${name}`, hidden: "" },
+    make("h2", {}, HEADS[name]!),
+    make("div", { class: "grid" }, ...grid),
+    outcome,
+  );
   return { section, pictures, list, outcome };
 }
 

@@ -1,9 +1,9 @@
 // Signals are followed while they are recorded. The page asks for the next picture when it has drawn the last one, so
 // that a slow browser gets fewer of them and none late.
 
-import { look, whenPainted } from "../look";
+import { look, whenPainted } from "../pictures/look";
 import { button, make, table } from "../parts";
-import { Picture } from "../picture";
+import { Picture } from "../pictures/picture";
 import type { Ask, Room } from "../room";
 import type { Received } from "../wire";
 
@@ -79,7 +79,13 @@ export class Scope implements Room {
   private readonly between: HTMLButtonElement;
   private readonly sliders: HTMLInputElement[];
   private readonly clicks: HTMLInputElement[];
-  private readonly readout = make("div", { id: "scope-readout", class: "scroll", tabindex: "0", role: "region", "aria-label": "What the cursors read" });
+  private readonly readout = make("div", {
+    id: "scope-readout",
+    class: "scroll",
+    tabindex: "0",
+    role: "region",
+    "aria-label": "What the cursors read",
+  });
   private last: Received | null = null;
   private words: Words | null = null;
   private known = ""; // channels of the settings that are shown
@@ -89,10 +95,15 @@ export class Scope implements Room {
   constructor(private readonly ask: Ask) {
     this.follow = button("Follow", () => this.start(), { id: "scope-follow", class: "main" });
     this.arm = button("Arm", () => ask({ do: "scope.arm" }), { id: "scope-arm" });
-    this.hold = button("Pause", () => ask({ do: "scope.hold", on: !this.words?.held }), { id: "scope-pause", "aria-pressed": "false" });
+    this.hold = button("Pause", () => ask({ do: "scope.hold", on: !this.words?.held }), {
+      id: "scope-pause",
+      "aria-pressed": "false",
+    });
     this.off = button("Take the cursors away", () => ask({ do: "scope.move", name: "1", x: null }), { id: "scope-off" });
     const keep = button("Keep the window as a log", () => ask({ do: "scope.save", between: false }), { id: "scope-save" });
-    this.between = button("Keep what lies between the cursors", () => ask({ do: "scope.save", between: true }), { id: "scope-between" });
+    this.between = button("Keep what lies between the cursors", () => ask({ do: "scope.save", between: true }), {
+      id: "scope-between",
+    });
     this.sliders = ["1", "2"].map((which) => this.slider(which));
     this.clicks = ["1", "2"].map((which, i) =>
       make("input", { type: "radio", name: "scope-click", id: `scope-click-${which}`, ...(i === 0 ? { checked: "" } : {}) }),
@@ -107,17 +118,31 @@ export class Scope implements Room {
       make("div", { class: "buttons" }, this.follow),
       this.state,
       this.hint,
-      make("fieldset", {}, make("legend", {}, "Trigger"), labelled("channel", this.trigger), labelled("mode", this.mode), this.meaning, this.edge, this.of_trigger, this.arm),
+      make(
+        "fieldset",
+        {},
+        make("legend", {}, "Trigger"),
+        labelled("channel", this.trigger),
+        labelled("mode", this.mode),
+        this.meaning,
+        this.edge,
+        this.of_trigger,
+        this.arm,
+      ),
       make("fieldset", {}, make("legend", {}, "Time"), this.of_time),
     );
     this.cursors = make(
       "fieldset",
       { class: "cursors" },
       make("legend", {}, "Cursors: click in the picture, or move them here"),
-      ...this.sliders.map((slider, i) =>
-        make("label", {}, make("span", {}, `cursor ${i + 1}`), slider),
+      ...this.sliders.map((slider, i) => make("label", {}, make("span", {}, `cursor ${i + 1}`), slider)),
+      make(
+        "div",
+        { class: "buttons" },
+        "a click sets ",
+        ...this.clicks.flatMap((each, i) => [make("label", {}, each, ` cursor ${i + 1} `)]),
+        this.off,
       ),
-      make("div", { class: "buttons" }, "a click sets ", ...this.clicks.flatMap((each, i) => [make("label", {}, each, ` cursor ${i + 1} `)]), this.off),
       this.readout,
     );
     this.picture.element.id = "picture-scope";
@@ -179,15 +204,35 @@ export class Scope implements Room {
 
   private settings(words: Words): void {
     this.known = [...words.of].join("\n");
-    const none = words.sources.length ? [] : [{ name: "", kind: "nothing may be followed: start feeddrive studio --follow FILE" }];
-    options(this.source, [...words.sources, ...none].map((each) => [each.name, each.name ? `${each.name} (${each.kind})` : each.kind]), words.chosen);
-    options(this.trigger, [["", "none"], ...words.channels.map((each): [string, string] => [each.name, each.name])], words.trigger);
-    options(this.mode, Object.keys(words.modes).map((mode) => [mode, mode]), words.mode);
+    const none = words.sources.length
+      ? []
+      : [{ name: "", kind: "nothing may be followed: start feeddrive studio --follow FILE" }];
+    options(
+      this.source,
+      [...words.sources, ...none].map((each) => [each.name, each.name ? `${each.name} (${each.kind})` : each.kind]),
+      words.chosen,
+    );
+    options(
+      this.trigger,
+      [["", "none"], ...words.channels.map((each): [string, string] => [each.name, each.name])],
+      words.trigger,
+    );
+    options(
+      this.mode,
+      Object.keys(words.modes).map((mode) => [mode, mode]),
+      words.mode,
+    );
     text(this.meaning, words.modes[words.mode] ?? "");
     const fields = new Map(words.fields.map((field) => [field.name, field]));
     this.place(this.edge, [fields.get("edge")!]);
-    this.place(this.of_trigger, OF_TRIGGER.map((name) => fields.get(name)!));
-    this.place(this.of_time, words.fields.filter((field) => field.name !== "edge" && !OF_TRIGGER.includes(field.name)));
+    this.place(
+      this.of_trigger,
+      OF_TRIGGER.map((name) => fields.get(name)!),
+    );
+    this.place(
+      this.of_time,
+      words.fields.filter((field) => field.name !== "edge" && !OF_TRIGGER.includes(field.name)),
+    );
     text(this.hint, words.hint);
     this.arm.disabled = !words.trigger;
     this.listed(words.channels);
@@ -204,11 +249,19 @@ export class Scope implements Room {
           const id = `scope-field-${field.name}`;
           const list: [string, string][] = field.options.map((each) => [each, each]);
           if (list.length && !field.value) list.unshift(["", "as it is stated"]);
-          const input = list.length ? make("select", { id }) : make("input", { id, type: "text", size: "8", inputmode: "decimal" });
+          const input = list.length
+            ? make("select", { id })
+            : make("input", { id, type: "text", size: "8", inputmode: "decimal" });
           if (input instanceof HTMLSelectElement) options(input, list, field.value);
           input.title = field.meaning;
           input.addEventListener("change", () => this.ask({ do: "scope.set", field: field.name, value: input.value }));
-          return make("label", { for: id, title: field.meaning }, make("span", {}, `${field.label} `), input, field.unit ? ` ${field.unit}` : "");
+          return make(
+            "label",
+            { for: id, title: field.meaning },
+            make("span", {}, `${field.label} `),
+            input,
+            field.unit ? ` ${field.unit}` : "",
+          );
         }),
       );
     }
@@ -226,8 +279,19 @@ export class Scope implements Room {
       const stated = make("input", { type: "text", size: "6", id: `scope-stated-${i}`, "aria-label": `Unit of ${each.name}` });
       stated.value = each.unit;
       const unit = make("select", { id: `scope-unit-${i}`, "aria-label": `Unit in which ${each.name} is shown` });
-      options(unit, each.units.map((name) => [name, name]), each.in_unit);
-      const set = () => this.ask({ do: "scope.channel", name: each.name, shown: drawn.checked, stated: each.states ? "" : stated.value.trim(), unit: unit.value });
+      options(
+        unit,
+        each.units.map((name) => [name, name]),
+        each.in_unit,
+      );
+      const set = () =>
+        this.ask({
+          do: "scope.channel",
+          name: each.name,
+          shown: drawn.checked,
+          stated: each.states ? "" : stated.value.trim(),
+          unit: unit.value,
+        });
       for (const part of [drawn, stated, unit]) part.addEventListener("change", set);
       return [drawn, each.name, each.states ? each.unit : stated, each.units.length ? unit : ""];
     });
@@ -264,7 +328,14 @@ export class Scope implements Room {
   }
 
   private slider(which: string): HTMLInputElement {
-    const slider = make("input", { type: "range", min: "0", max: String(STEPS), step: "1", id: `scope-cursor-${which}`, "aria-label": `Cursor ${which}` });
+    const slider = make("input", {
+      type: "range",
+      min: "0",
+      max: String(STEPS),
+      step: "1",
+      id: `scope-cursor-${which}`,
+      "aria-label": `Cursor ${which}`,
+    });
     slider.addEventListener("input", () => {
       const [low, high] = this.words?.span ?? [0, 1];
       this.ask({ do: "scope.move", name: which, first: false, x: low + (Number(slider.value) / STEPS) * (high - low) });

@@ -29,7 +29,9 @@ export class Take implements Room {
     const words = received.said as unknown as Words;
     const machine = button("Machine file", () => this.ask({ do: "take.machine" }), { id: "take-machine", class: "main" });
     machine.disabled = !words.ready;
-    const results = words.results.map((name) => button(`Report: ${name}`, () => this.ask({ do: "take.result", name }), { id: `take-result-${name}` }));
+    const results = words.results.map((name) =>
+      button(`Report: ${name}`, () => this.ask({ do: "take.result", name }), { id: `take-result-${name}` }),
+    );
     const targets = words.targets.map((target) => {
       const found = button(`Export: ${target}`, () => this.ask({ do: "take.export", target }), { id: `take-export-${target}` });
       found.disabled = !words.ready;
@@ -49,7 +51,11 @@ export class Take implements Room {
         make(
           "div",
           { class: "buttons" },
-          make("a", { href: result(found.archive), download: found.archive, id: `take-archive-${target}` }, `Download ${found.archive}`),
+          make(
+            "a",
+            { href: result(found.archive), download: found.archive, id: `take-archive-${target}` },
+            `Download ${found.archive}`,
+          ),
           button("Verify with this machine's compiler", () => this.ask({ do: "take.verify", target })),
         ),
         ...shown(found),
@@ -71,8 +77,12 @@ export class Take implements Room {
   // Fields for a control without a guard: what is written into them goes to the server as it is.
   private guard(bounds: Words["bounds"]): HTMLElement[] {
     if (!bounds.length) return [];
-    const inputs = bounds.map((each) => make("input", { id: `guard-${each.name}`, type: "text", inputmode: "decimal", size: "8" }));
-    const labels = bounds.map((each, i) => make("label", { for: inputs[i]!.id }, `${each.meaning} `, inputs[i]!, ` ${each.unit}`));
+    const inputs = bounds.map((each) =>
+      make("input", { id: `guard-${each.name}`, type: "text", inputmode: "decimal", size: "8" }),
+    );
+    const labels = bounds.map((each, i) =>
+      make("label", { for: inputs[i]!.id }, `${each.meaning} `, inputs[i]!, ` ${each.unit}`),
+    );
     const add = () => {
       const request: Record<string, unknown> = {};
       for (const [i, each] of bounds.entries()) {
@@ -84,7 +94,11 @@ export class Take implements Room {
     };
     return [
       make("h2", {}, "Guard"),
-      make("p", {}, "This control has no guard yet, and an export needs one: bounds of your machine beyond which the loop trips. Leave out what it need not watch."),
+      make(
+        "p",
+        {},
+        "This control has no guard yet, and an export needs one: bounds of your machine beyond which the loop trips. Leave out what it need not watch.",
+      ),
       make("div", { class: "fields" }, ...labels),
       make("div", { class: "buttons" }, button("Add the guard", add, { id: "guard-add" })),
     ];

@@ -1,15 +1,15 @@
 // Tuning by hand: numbers at the left, pictures that follow them, and what the limits say.
 
-import { Adder } from "../adder";
-import { WholeLoop, type Faster } from "../faster";
-import { Handles, type Grip } from "../handles";
-import { Numbers } from "../numbers";
-import { Picture } from "../picture";
+import { FilterAdder } from "../controls/filter_adder";
+import { WholeLoop, type Faster } from "../controls/whole_loop";
+import { Handles, type Grip } from "../controls/handles";
+import { Numbers } from "../controls/numbers";
+import { Picture } from "../pictures/picture";
 import { button, make, save } from "../parts";
 import type { Ask, Room } from "../room";
 import type { Received } from "../wire";
-import { look, whenPainted } from "../look";
-import { See, type Choice, type Unit } from "../see";
+import { look, whenPainted } from "../pictures/look";
+import { Choices, type Choice, type Unit } from "../controls/choices";
 
 const LETTERS = ["A", "B", "C"];
 
@@ -19,7 +19,7 @@ export class Tune implements Room {
   readonly element = make("div", { class: "tune" });
   private readonly pictures = new Map<string, Picture>(); // in the order of the server
   private readonly grid = make("div", { class: "grid" });
-  private readonly see: See;
+  private readonly see: Choices;
   private readonly verdict = make("p", { id: "verdict", "aria-live": "polite" });
   private readonly remarks = make("ul", { "aria-label": "Remarks" });
   private readonly undo: HTMLButtonElement;
@@ -27,7 +27,7 @@ export class Tune implements Room {
   private readonly takes = new Map<string, HTMLButtonElement>();
   private readonly numbers: Numbers;
   private readonly whole: WholeLoop;
-  private readonly adder: Adder;
+  private readonly adder: FilterAdder;
   private readonly handles: Handles;
   private poles: Handles | null = null;
   private readonly figures = make("p", { id: "figures" });
@@ -40,7 +40,7 @@ export class Tune implements Room {
     const section = make("section", { id: "numbers", "aria-label": "Numbers of the control", tabindex: "0" });
     const list = make("div", { id: "numbers-list" });
     this.whole = new WholeLoop((value, first) => ask({ do: "tune.speed", value, first }));
-    this.adder = new Adder((kind, at) => ask({ do: "tune.add", kind, at }));
+    this.adder = new FilterAdder((kind, at) => ask({ do: "tune.add", kind, at }));
     this.numbers = new Numbers(list, moved, (place) => ask({ do: "tune.remove", place }));
     section.append(this.whole.element, this.adder.element, list);
     this.undo = button("Undo", () => ask({ do: "tune.undo" }), { id: "undo", title: "Ctrl+Z" });
@@ -48,12 +48,18 @@ export class Tune implements Room {
     const buttons = make("div", { class: "buttons" }, this.undo, this.redo);
     buttons.append(button("Today's values", () => ask({ do: "tune.reset" }), { id: "reset" }));
     for (const letter of LETTERS) {
-      const take = button(letter, () => ask({ do: "tune.take", letter }), { id: `take-${letter}`, "aria-label": `Go to ${letter}` });
+      const take = button(letter, () => ask({ do: "tune.take", letter }), {
+        id: `take-${letter}`,
+        "aria-label": `Go to ${letter}`,
+      });
       this.takes.set(letter, take);
-      buttons.append(button(`Keep as ${letter}`, () => ask({ do: "tune.keep", letter })), take);
+      buttons.append(
+        button(`Keep as ${letter}`, () => ask({ do: "tune.keep", letter })),
+        take,
+      );
     }
     buttons.append(button("Save machine file", () => ask({ do: "tune.file" }), { id: "save" }));
-    this.see = new See(ask);
+    this.see = new Choices(ask);
     const open_loop = this.picture("open_loop", "Open loop");
     open_loop.onpick = (x) => this.adder.pick(x);
     const held = {
@@ -68,7 +74,20 @@ export class Tune implements Room {
       removed: (name: string) => ask({ do: "tune.remove", place: Number(name.split(".")[1]) }),
     };
     this.handles = new Handles(open_loop, held, (grip) => (grip.name.endsWith(".width") ? "↔" : grip.name.split(".")[1]!));
-    this.element.append(section, make("section", { id: "pictures", "aria-label": "Pictures" }, buttons, this.see.element, this.verdict, this.figures, this.poles_said, this.grid, this.remarks));
+    this.element.append(
+      section,
+      make(
+        "section",
+        { id: "pictures", "aria-label": "Pictures" },
+        buttons,
+        this.see.element,
+        this.verdict,
+        this.figures,
+        this.poles_said,
+        this.grid,
+        this.remarks,
+      ),
+    );
     document.addEventListener("keydown", (event) => {
       if (this.element.closest("[hidden]") || !(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z") return;
       event.preventDefault();

@@ -1,7 +1,7 @@
 // Places in a picture by which something is held: dragged across and up, or moved by the arrow keys.
 
-import { make } from "./parts";
-import type { Picture } from "./picture";
+import { make } from "../parts";
+import type { Picture } from "../pictures/picture";
 
 // Where it is, in SI across and in the unit of the picture up, and what it says.
 export interface Grip {
@@ -64,7 +64,11 @@ export class Handles {
 
   private made(grip: Grip): HTMLElement {
     const { name } = grip;
-    const element = make("div", { class: "grip", role: "slider", tabindex: "0", "data-grip": name }, make("span", {}, this.sign(grip)));
+    const element = make(
+      "div",
+      { class: "grip", role: "slider", tabindex: "0", "data-grip": name },
+      make("span", {}, this.sign(grip)),
+    );
     let [off, first] = [[0, 0], true];
     element.addEventListener("pointerdown", (event) => {
       const box = element.getBoundingClientRect();

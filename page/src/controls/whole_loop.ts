@@ -1,6 +1,6 @@
 // The loop as a whole, faster or slower: one slider over the crossover, whose range and meaning the server says.
 
-import { make } from "./parts";
+import { make } from "../parts";
 
 export interface Faster {
   low: number;
@@ -13,7 +13,12 @@ const STEPS = 1000;
 export class WholeLoop {
   readonly element: HTMLElement;
   private readonly slider = make("input", { type: "range", min: "0", max: String(STEPS), step: "any", id: "speed" });
-  private readonly field = make("input", { type: "text", inputmode: "decimal", id: "speed-field", "aria-label": "bandwidth in Hz" });
+  private readonly field = make("input", {
+    type: "text",
+    inputmode: "decimal",
+    id: "speed-field",
+    "aria-label": "bandwidth in Hz",
+  });
   private readonly meaning = make("p", { class: "meaning" });
   private range: Faster = { low: 1, high: 2, meaning: "" };
   private held = false;

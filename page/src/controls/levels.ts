@@ -1,7 +1,7 @@
 // A limit as a line over a picture that can be dragged up and down, or moved by the arrow keys.
 
-import { make } from "./parts";
-import type { Picture } from "./picture";
+import { make } from "../parts";
+import type { Picture } from "../pictures/picture";
 
 export interface Level {
   field: string;
@@ -11,7 +11,13 @@ export interface Level {
 }
 
 export class Levels {
-  private readonly line = make("div", { class: "level", role: "slider", tabindex: "0", hidden: "", "aria-orientation": "vertical" });
+  private readonly line = make("div", {
+    class: "level",
+    role: "slider",
+    tabindex: "0",
+    hidden: "",
+    "aria-orientation": "vertical",
+  });
   private readonly name = make("span");
   private level: Level | null = null;
 

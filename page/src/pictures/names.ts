@@ -2,7 +2,7 @@
 
 import { color, pixel, type Axis } from "./drawing";
 import type { Look } from "./look";
-import type { Mark } from "./wire";
+import type { Mark } from "../wire";
 
 const [STEP, TALL, AROUND] = [11, 13, 6]; // CSS pixels: of a spot, of a line, half of a mark
 const AWAY: [number, number][] = [[1, 0], [-1, 0], [0.7, -0.8], [-0.7, -0.8], [0.7, 0.8], [-0.7, 0.8], [0, -1], [0, 1]]; // prettier-ignore
@@ -22,7 +22,8 @@ export function names(ctx: CanvasRenderingContext2D, marks: Mark[], x: Axis, y: 
     const [px, py] = [pixel(x, mark.x), pixel(y, mark.y)];
     if (!mark.name || px < x.from || px > x.to || py < y.to || py > y.from) continue;
     const same = at.find((each) => Math.hypot(each.px - px, each.py - py) < 2 * ratio);
-    if (same) same.text += `, ${mark.name}`; // marks at one place share a text
+    if (same)
+      same.text += `, ${mark.name}`; // marks at one place share a text
     else at.push({ px, py, text: mark.name, tint: color(mark.number, look) });
   }
   const half = AROUND * ratio;
@@ -64,7 +65,10 @@ function free(px: number, py: number, wide: number, taken: Box[], x: Axis, y: Ax
 }
 
 function shared(a: Box, b: Box): number {
-  return Math.max(Math.min(a.right, b.right) - Math.max(a.left, b.left), 0) * Math.max(Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top), 0);
+  return (
+    Math.max(Math.min(a.right, b.right) - Math.max(a.left, b.left), 0) *
+    Math.max(Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top), 0)
+  );
 }
 
 // The mark that is pointed at, of those that say something; null if none is near.

@@ -3,7 +3,7 @@
 import { heated, spread } from "./heat";
 import type { Look } from "./look";
 import { names } from "./names";
-import type { Band, Curve, Disc, Mark, Panel } from "./wire";
+import type { Band, Curve, Disc, Mark, Panel } from "../wire";
 
 // the dashes and markers of the reports (plot/style.py); widths and sizes in CSS pixels
 export const DASHES: number[][] = [[], [7, 2], [2, 1.5], [7, 2, 2, 2], [12, 3], [4, 1.5, 1, 1.5]];
@@ -47,7 +47,15 @@ export function color(number: number, look: Look): string {
 }
 
 // The content of a panel; `ratio` is the number of pixels of the canvas for one of CSS.
-export function paint(ctx: CanvasRenderingContext2D, panel: Panel, numbers: Float32Array, x: Axis, y: Axis, look: Look, ratio: number): void {
+export function paint(
+  ctx: CanvasRenderingContext2D,
+  panel: Panel,
+  numbers: Float32Array,
+  x: Axis,
+  y: Axis,
+  look: Look,
+  ratio: number,
+): void {
   ctx.save();
   ctx.beginPath();
   ctx.rect(x.from, y.to, x.to - x.from, y.from - y.to);
@@ -92,7 +100,15 @@ export function paint(ctx: CanvasRenderingContext2D, panel: Panel, numbers: Floa
 function disc(ctx: CanvasRenderingContext2D, disc: Disc, x: Axis, y: Axis, look: Look, ratio: number): void {
   const [cx, cy] = [pixel(x, disc.x), pixel(y, disc.y)];
   ctx.beginPath();
-  ctx.ellipse(cx, cy, Math.abs(pixel(x, disc.x + disc.radius) - cx), Math.abs(pixel(y, disc.y + disc.radius) - cy), 0, 0, 2 * Math.PI);
+  ctx.ellipse(
+    cx,
+    cy,
+    Math.abs(pixel(x, disc.x + disc.radius) - cx),
+    Math.abs(pixel(y, disc.y + disc.radius) - cy),
+    0,
+    0,
+    2 * Math.PI,
+  );
   const tint = disc.faint ? look.line : color(disc.number, look);
   if (disc.filled) {
     ctx.globalAlpha = 0.18;
@@ -106,7 +122,16 @@ function disc(ctx: CanvasRenderingContext2D, disc: Disc, x: Axis, y: Axis, look:
   ctx.stroke();
 }
 
-function curve(ctx: CanvasRenderingContext2D, curve: Curve, panel: Panel, numbers: Float32Array, x: Axis, y: Axis, look: Look, ratio: number): void {
+function curve(
+  ctx: CanvasRenderingContext2D,
+  curve: Curve,
+  panel: Panel,
+  numbers: Float32Array,
+  x: Axis,
+  y: Axis,
+  look: Look,
+  ratio: number,
+): void {
   const across = pixels(x, numbers.subarray(curve.at, curve.at + curve.n));
   const up = pixels(y, numbers.subarray(curve.at + curve.n, curve.at + 2 * curve.n));
   const tint = color(curve.number, look);
@@ -183,7 +208,12 @@ function band(ctx: CanvasRenderingContext2D, band: Band, numbers: Float32Array, 
 
 function mark(ctx: CanvasRenderingContext2D, mark: Mark, x: Axis, y: Axis, look: Look, ratio: number): void {
   const path = new Path2D();
-  SHAPES[(mark.number + SHAPES.length) % SHAPES.length]!(path, pixel(x, mark.x), pixel(y, mark.y), (mark.name ? NAMED : MARK) * ratio);
+  SHAPES[(mark.number + SHAPES.length) % SHAPES.length]!(
+    path,
+    pixel(x, mark.x),
+    pixel(y, mark.y),
+    (mark.name ? NAMED : MARK) * ratio,
+  );
   ctx.setLineDash([]);
   ctx.lineWidth = 1.4 * ratio;
   ctx.fillStyle = mark.hollow ? look.paper : color(mark.number, look);

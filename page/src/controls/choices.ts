@@ -1,7 +1,7 @@
 // Which pictures are drawn, and in which units they and the numbers are read.
 
-import { make } from "./parts";
-import type { Ask } from "./room";
+import { make } from "../parts";
+import type { Ask } from "../room";
 
 export interface Choice {
   name: string;
@@ -15,7 +15,7 @@ export interface Unit {
   among: [unit: string, text: string][];
 }
 
-export class See {
+export class Choices {
   readonly element = make("details", { id: "see" }, make("summary", {}, "Pictures and units"));
   private readonly place = make("div");
 

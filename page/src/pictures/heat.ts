@@ -1,8 +1,8 @@
 // What the points of a curve have beside their places: values as color and width, or radii of discs as one pale area.
 
 import type { Look } from "./look";
-import { make } from "./parts";
-import type { Heat } from "./wire";
+import { make } from "../parts";
+import type { Heat } from "../wire";
 
 const STEPS = 12;
 const [COLD, HOT] = [1.3, 3.2]; // width of the smallest and the largest value, CSS pixels
@@ -27,7 +27,15 @@ function mixed(one: number[], other: number[], share: number): string {
 }
 
 // A line in steps of color and width; the largest values are drawn last. What is not finite interrupts it.
-export function heated(ctx: CanvasRenderingContext2D, x: Float64Array, y: Float64Array, values: Float32Array, scale: Heat, look: Look, ratio: number): void {
+export function heated(
+  ctx: CanvasRenderingContext2D,
+  x: Float64Array,
+  y: Float64Array,
+  values: Float32Array,
+  scale: Heat,
+  look: Look,
+  ratio: number,
+): void {
   const colors = steps(look);
   const paths = colors.map(() => new Path2D());
   let last = -1;
@@ -53,7 +61,15 @@ export function heated(ctx: CanvasRenderingContext2D, x: Float64Array, y: Float6
 }
 
 // Discs as one area of one color: where they overlap nothing is more likely. `across` is the length of a unit of x in pixels.
-export function spread(ctx: CanvasRenderingContext2D, x: Float64Array, y: Float64Array, radii: Float32Array, across: number, tint: string, look: Look): void {
+export function spread(
+  ctx: CanvasRenderingContext2D,
+  x: Float64Array,
+  y: Float64Array,
+  radii: Float32Array,
+  across: number,
+  tint: string,
+  look: Look,
+): void {
   const path = new Path2D();
   for (let i = 0; i < radii.length; i++) {
     const r = radii[i]! * across;

@@ -1,8 +1,8 @@
 // One more filter: of which kind, and at which frequency; the server knows the kinds, and a frequency if none is given.
 
-import { button, make } from "./parts";
+import { button, make } from "../parts";
 
-export class Adder {
+export class FilterAdder {
   readonly element: HTMLElement;
   private readonly kind = make("select", { id: "add-kind" });
   private readonly at = make("input", { id: "add-at", type: "text", inputmode: "decimal", size: "7" });
@@ -17,7 +17,11 @@ export class Adder {
     }, { id: "add-filter" }); // prettier-ignore
     const kind = make("label", { for: "add-kind" }, "filter ", this.kind);
     const at = make("label", { for: "add-at" }, "at ", this.at, " Hz");
-    const hint = make("p", { class: "meaning" }, "A click into the open loop picks the frequency; without one it begins where the loop is likely to want it.");
+    const hint = make(
+      "p",
+      { class: "meaning" },
+      "A click into the open loop picks the frequency; without one it begins where the loop is likely to want it.",
+    );
     this.element = make("fieldset", { class: "adder" }, make("legend", {}, "one more filter"), kind, at, press, hint);
   }
 

@@ -1,7 +1,7 @@
 // The numbers of the control: a slider and a field each, by block; the page knows no law, all comes from declarations.
 
-import { button } from "./parts";
-import type { Knob } from "./wire";
+import { button } from "../parts";
+import type { Knob } from "../wire";
 
 export type Moved = (name: string, value: number, first: boolean) => void;
 
@@ -30,7 +30,13 @@ export class Numbers {
         legend.textContent = `${held || "control"} (${knob.block.replaceAll("_", " ")})`;
         group.append(legend);
         const place = /^filters\.(\d+)$/.exec(held)?.[1];
-        if (place) group.append(button("Remove", () => this.removed(Number(place)), { class: "remove", "aria-label": `Remove ${legend.textContent}` }));
+        if (place)
+          group.append(
+            button("Remove", () => this.removed(Number(place)), {
+              class: "remove",
+              "aria-label": `Remove ${legend.textContent}`,
+            }),
+          );
         this.section.append(group);
       }
       group.append(this.row(knob));

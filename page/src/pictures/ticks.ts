@@ -47,5 +47,7 @@ function turned(step: number): number {
 // A number as an axis names it.
 export function plain(value: number): string {
   const size = Math.abs(value);
-  return size !== 0 && (size < 1e-3 || size >= 1e5) ? value.toExponential().replace("e+", "e") : String(Number(value.toPrecision(6)));
+  return size !== 0 && (size < 1e-3 || size >= 1e5)
+    ? value.toExponential().replace("e+", "e")
+    : String(Number(value.toPrecision(6)));
 }

@@ -6,7 +6,7 @@ import { paint, pixel, value, type Axis } from "./drawing";
 import type { Look } from "./look";
 import { pointed } from "./names";
 import { plain, ticks, type Ticks } from "./ticks";
-import type { Curve, Panel as Content } from "./wire";
+import type { Curve, Panel as Content } from "../wire";
 
 export const LEFT = 66; // pixels of the axis at the left, the same for all panels so that they stand in line
 const BELOW = { last: 42, other: 10 };
@@ -52,7 +52,13 @@ export class Panel {
     this.drawn = drawn;
     const ink = () => this.drawn.look.ink;
     const grid = { stroke: () => this.drawn.look.line, width: 1 };
-    const shared = { stroke: ink, grid, ticks: { ...grid, size: 4 }, font: "11px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif" };
+    const shared = {
+      stroke: ink,
+      grid,
+      ticks: { ...grid, size: 4 },
+      font: "11px system-ui, sans-serif",
+      labelFont: "12px system-ui, sans-serif",
+    };
     const divided = (range: () => Range, log: () => boolean, degrees: () => boolean, pixels: () => number, apart: number) => {
       const found = (): Ticks => ticks(range(), log(), degrees(), Math.max(2, pixels() / apart));
       return {
@@ -61,7 +67,13 @@ export class Panel {
         values: (_: uPlot, at: (number | null)[]) => at.map((each) => (each === null ? "" : plain(each))),
       };
     };
-    const x = divided(() => this.drawn.x, () => this.drawn.frequency, () => false, () => this.plot.bbox.width / uPlot.pxRatio, 75);
+    const x = divided(
+      () => this.drawn.x,
+      () => this.drawn.frequency,
+      () => false,
+      () => this.plot.bbox.width / uPlot.pxRatio,
+      75,
+    );
     const y = divided(
       () => this.drawn.y,
       () => this.drawn.content.scale === "log",
@@ -70,7 +82,9 @@ export class Panel {
       26,
     );
     const top = drawn.content.said ? SAID : TOP;
-    const below = last ? { size: BELOW.last - 20, labelSize: 20, label: drawn.label, labelGap: 0 } : { size: BELOW.other, values: () => [] };
+    const below = last
+      ? { size: BELOW.last - 20, labelSize: 20, label: drawn.label, labelGap: 0 }
+      : { size: BELOW.other, values: () => [] };
     this.plot = new uPlot(
       {
         width,
@@ -91,7 +105,9 @@ export class Panel {
           points: { show: false },
           drag: { x: true, y: true, uni: 24, setScale: false },
           bind: { dblclick: () => () => (heard.reset(), null) },
-          ...(link === null ? {} : { sync: { key: link, scales: ["x", null] as [string, null], setSeries: false, filters: { pub: still } } }),
+          ...(link === null
+            ? {}
+            : { sync: { key: link, scales: ["x", null] as [string, null], setSeries: false, filters: { pub: still } } }),
         },
         hooks: {
           draw: [() => this.paint()],
@@ -185,7 +201,10 @@ export class Panel {
   // uPlot takes its ranges from data: two corners of what is shown.
   private corners(): uPlot.AlignedData {
     const { x, y } = this.drawn;
-    return [[x.low, x.high], [y.low, y.high]];
+    return [
+      [x.low, x.high],
+      [y.low, y.high],
+    ];
   }
 
   private axes(): { x: Axis; y: Axis } {
@@ -232,10 +251,11 @@ export class Panel {
     this.plot.over.style.cursor = mark?.key ? "pointer" : "";
     const rows = bare ? [] : [five(at)];
     if (square && !bare) rows[0] += `, ${five(value(y, up))}`;
-    else if (!square) for (const curve of content.curves.filter((each) => each.look === "line" || each.look === "dots")) {
-      const found = near(curve, numbers, at);
-      if (found !== null) rows.push(`${names.get(curve.number) ?? ""} ${five(found)}`.trim());
-    }
+    else if (!square)
+      for (const curve of content.curves.filter((each) => each.look === "line" || each.look === "dots")) {
+        const found = near(curve, numbers, at);
+        if (found !== null) rows.push(`${names.get(curve.number) ?? ""} ${five(found)}`.trim());
+      }
     if (mark) rows.push([mark.name, mark.said].filter((each) => each).join(": "));
     this.readout.textContent = rows.join("\n");
     this.readout.hidden = rows.length === 0;

@@ -5,7 +5,7 @@ import { scaled_bar } from "./heat";
 import { look as chosen, type Look } from "./look";
 import { Panel, type Drawn, type Range } from "./panel";
 import { pinch } from "./pinch";
-import type { Chart, Curve, Panel as Content } from "./wire";
+import type { Chart, Curve, Panel as Content } from "../wire";
 
 const [HEIGHT, MORE] = [280, 80]; // pixels of a picture, as page.css has it, and of each panel beyond two
 // How the legend shows a look that is no line.
@@ -44,7 +44,8 @@ export class Picture {
     this.surface.className = "surface";
     this.surface.setAttribute("role", "img");
     this.surface.tabIndex = 0;
-    this.surface.title = "Drag or pinch to zoom, double click for all. Keys: left and right move the cursor, + and - zoom, 0 shows all.";
+    this.surface.title =
+      "Drag or pinch to zoom, double click for all. Keys: left and right move the cursor, + and - zoom, 0 shows all.";
     this.surface.addEventListener("keydown", (event) => this.key(event));
     pinch(this.surface, {
       area: () => this.panels[0]!.area,
@@ -69,14 +70,22 @@ export class Picture {
     const [width, height] = [this.field.clientWidth, this.field.clientHeight];
     if (width < 120 || height < 60) return; // not laid out yet
     const x = this.x ?? reach(chart, numbers);
-    const names = new Map(chart.panels.flatMap(({ curves }) => curves.filter((each) => each.name).map((each) => [each.number, each.name])));
+    const names = new Map(
+      chart.panels.flatMap(({ curves }) => curves.filter((each) => each.name).map((each) => [each.number, each.name])),
+    );
     const drawn: Drawn[] = chart.panels.map((content, i) => ({
       content, numbers, x, look, names,
       y: this.y.get(i) ?? range(content, numbers, x),
       frequency: chart.scale !== "linear", square: chart.square, bare: chart.bare, label: chart.label,
     })); // prettier-ignore
     const sizes = layout(chart, drawn, width, height);
-    const shape = JSON.stringify([chart.label, chart.scale, chart.square, chart.bare, chart.panels.map((each) => [each.label, each.scale, each.said !== ""])]);
+    const shape = JSON.stringify([
+      chart.label,
+      chart.scale,
+      chart.square,
+      chart.bare,
+      chart.panels.map((each) => [each.label, each.scale, each.said !== ""]),
+    ]);
     if (shape !== this.shape) {
       for (const each of this.panels) each.close();
       const link = chart.square ? null : chart.label;
@@ -162,7 +171,9 @@ export class Picture {
   // This picture and those beside it over the same x.
   private linked(): Picture[] {
     const beside = [...(this.element.parentElement?.children ?? [])].map((each) => pictures.get(each));
-    const found = beside.filter((each) => each?.chart && each.chart.label === this.chart?.label && !each.chart.square && !each.element.hidden);
+    const found = beside.filter(
+      (each) => each?.chart && each.chart.label === this.chart?.label && !each.chart.square && !each.element.hidden,
+    );
     return this.chart?.square ? [this] : [...new Set([this, ...(found as Picture[])])];
   }
 
@@ -189,11 +200,18 @@ export class Picture {
     const curves = chart.panels.flatMap((panel) => panel.curves).filter((curve) => curve.name);
     const bands = chart.panels.flatMap((panel) => panel.bands).filter((band) => band.name);
     const named = [
-      ...curves.map(({ number, name, said, look, reach }) => ({ number, kind: reach ? "area" : SAMPLES[look] ?? `dash${number < 0 ? 0 : number % DASHES.length}`, said: said ? `${name}: ${said.trim()}` : name })),
+      ...curves.map(({ number, name, said, look, reach }) => ({
+        number,
+        kind: reach ? "area" : (SAMPLES[look] ?? `dash${number < 0 ? 0 : number % DASHES.length}`),
+        said: said ? `${name}: ${said.trim()}` : name,
+      })),
       ...bands.map(({ number, name }) => ({ number, kind: "area", said: name })),
     ];
     const heats = chart.panels.flatMap((panel) => panel.heat ?? []);
-    const words = [...named.map((each) => each.said), ...heats.map(({ label, low, high }) => `${label} as color, ${low} to ${Number(high.toPrecision(3))}`)];
+    const words = [
+      ...named.map((each) => each.said),
+      ...heats.map(({ label, low, high }) => `${label} as color, ${low} to ${Number(high.toPrecision(3))}`),
+    ];
     const shown = JSON.stringify([named, heats, look.ink]);
     if (shown === this.legend_shown) return;
     this.legend_shown = shown;
@@ -215,7 +233,10 @@ export class Picture {
 // All of x that the curves have.
 function reach(chart: Chart, numbers: Float32Array): Range {
   const log = chart.scale !== "linear";
-  const found = span(chart.panels.flatMap((panel) => panel.curves.map((each) => numbers.subarray(each.at, each.at + each.n))), log);
+  const found = span(
+    chart.panels.flatMap((panel) => panel.curves.map((each) => numbers.subarray(each.at, each.at + each.n))),
+    log,
+  );
   return { low: chart.low ?? found.low, high: chart.high ?? found.high };
 }
 
@@ -226,7 +247,8 @@ function range(panel: Content, numbers: Float32Array, x: Range): Range {
   const rows = panel.curves.map((each) => {
     const [across, up] = [each.at, each.at + each.n];
     const found: number[] = [];
-    for (let i = 0; i < each.n; i++) if (numbers[across + i]! >= x.low && numbers[across + i]! <= x.high) found.push(numbers[up + i]!);
+    for (let i = 0; i < each.n; i++)
+      if (numbers[across + i]! >= x.low && numbers[across + i]! <= x.high) found.push(numbers[up + i]!);
     return found;
   });
   const { low, high } = span(rows, log);
@@ -245,7 +267,8 @@ function span(rows: ArrayLike<number>[], log: boolean): Range {
     }
   }
   if (low > high) return log ? { low: 1, high: 10 } : { low: 0, high: 1 };
-  if (low === high) return log ? { low: low / 2, high: low * 2 } : { low: low - (Math.abs(low) || 1), high: high + (Math.abs(high) || 1) };
+  if (low === high)
+    return log ? { low: low / 2, high: low * 2 } : { low: low - (Math.abs(low) || 1), high: high + (Math.abs(high) || 1) };
   return { low, high };
 }
 
