@@ -88,13 +88,10 @@ def keep(name: str, shown: bytes) -> None:
 
 
 @contextmanager
-def studio(browser: Any, *words: str, size: tuple[int, int] = WIDE) -> Generator[Page]:
-    """A page of `feeddrive studio` with some words, with which it ends."""
+def studio(browser: Any, folder: Path, *words: str, size: tuple[int, int] = WIDE) -> Generator[Page]:
+    """A page of `feeddrive studio` with some words, begun in a folder so that its files have short names."""
     command = [sys.executable, "-c", "from feeddrive.cli import main; main()", "studio", *words, "--no-browser"]
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=folder) as server,  # short names of files
-    ):
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=folder) as server:
         try:
             assert server.stdout is not None
             found = re.search(r"http://\S+", server.stdout.readline())
@@ -104,9 +101,9 @@ def studio(browser: Any, *words: str, size: tuple[int, int] = WIDE) -> Generator
             server.terminate()
 
 
-def tour(browser: Any, _: Path) -> None:
+def tour(browser: Any, folder: Path) -> None:
     """The tour: a picture of each step that shows something new."""
-    with studio(browser, "--tour") as page:
+    with studio(browser, folder, "--tour") as page:
         page.page.wait_for_selector("#columns-of-log", timeout=_PATIENCE)
         page.settle()
         page.take("studio_tour_log")
@@ -133,16 +130,26 @@ def tour(browser: Any, _: Path) -> None:
 def bring(browser: Any, folder: Path) -> None:
     """A log as it was understood."""
     feeddrive("tour", "--out", str(folder / "tour"))
-    with studio(browser, str(folder / "tour" / "tour.csv")) as page:
+    with studio(browser, folder, "tour/tour.csv") as page:
         page.page.wait_for_selector("#columns-of-log", timeout=_PATIENCE)
         page.settle()
         page.see("h2:has-text('Files')")
         page.take("studio_bring")
 
 
-def by_hand(browser: Any, _: Path) -> None:
+def scope(browser: Any, folder: Path) -> None:
+    """A log that is followed while it is written: 2.4 s that are there, of which the latest window is shown."""
+    feeddrive("tour", "--out", str(folder / "tour"))
+    with studio(browser, folder, "--follow", "tour/tour.csv") as page:
+        page.click("#tab-scope")
+        page.click("#scope-follow")
+        page.page.wait_for_timeout(3000)
+        page.take("studio_scope")
+
+
+def by_hand(browser: Any, folder: Path) -> None:
     """Tuning by hand: a snapshot, poles, dark, and on a tablet."""
-    with studio(browser, "ball_screw") as page:
+    with studio(browser, folder, "ball_screw") as page:
         page.page.wait_for_selector("#verdict:not(:empty)")
         page.write("[id='number-law.Kp']", "95000")
         page.click("text=Keep as A")
@@ -158,7 +165,7 @@ def by_hand(browser: Any, _: Path) -> None:
             page.page.check(f"#see-{name}")
         page.click("#see summary")
         page.take("studio_poles")
-    with studio(browser, "ball_screw", size=TABLET) as page:
+    with studio(browser, folder, "ball_screw", size=TABLET) as page:
         page.page.wait_for_selector("#verdict:not(:empty)")
         page.see("#pictures")
         page.take("studio_tablet")
@@ -169,7 +176,7 @@ def measured(browser: Any, folder: Path) -> None:
     feeddrive("excite", "ball_screw", "--band", "5..1000", "--amplitude", "100", "--out", str(folder / "sent"))
     logs = [str(folder / "sent" / f"simulated_{i}.parquet") for i in (1, 2)]
     feeddrive("frf", *logs, "--out", str(folder / "measured"))
-    with studio(browser, str(folder / "measured" / "frf.csv")) as page:
+    with studio(browser, folder, "measured/frf.csv") as page:
         page.page.wait_for_selector("#tune-responses", timeout=_PATIENCE)
         page.page.select_option('label:has-text("Today\'s machine") select', "ball_screw")
         page.click("#tune-responses", "#verdict:not(:empty)")
@@ -180,18 +187,18 @@ def measured(browser: Any, folder: Path) -> None:
         page.take("studio_measured")
 
 
-def goal(browser: Any, _: Path) -> None:
+def goal(browser: Any, folder: Path) -> None:
     """A search that has ended."""
-    with studio(browser, "linear_motor") as page:
+    with studio(browser, folder, "linear_motor") as page:
         page.page.wait_for_selector("#verdict:not(:empty)")
         page.click("#tab-goal")
         page.click("#tune-start", "#room-goal .verdict")
         page.take("studio_goal")
 
 
-def prove(browser: Any, _: Path) -> None:
+def prove(browser: Any, folder: Path) -> None:
     """The circle test of a machine with two axes, and a part program on it."""
-    with studio(browser, "xy_table", "--axis", "x") as page:
+    with studio(browser, folder, "xy_table", "--axis", "x") as page:
         page.page.wait_for_selector("#verdict:not(:empty)")
         page.click("#tab-prove")
         page.click("#prove-circle", "#room-prove h2:has-text('Circle test')")
@@ -201,9 +208,9 @@ def prove(browser: Any, _: Path) -> None:
         page.take("studio_program")
 
 
-def compare(browser: Any, _: Path) -> None:
+def compare(browser: Any, folder: Path) -> None:
     """The laws at equal robustness, which takes minutes."""
-    with studio(browser, "linear_motor") as page:
+    with studio(browser, folder, "linear_motor") as page:
         page.page.wait_for_selector("#verdict:not(:empty)")
         page.click("#tab-compare")
         page.click("#compare-start", "#room-compare table")
@@ -216,7 +223,7 @@ def feeddrive(*words: str) -> None:
 
 
 DRAWN: dict[str, Callable[[Any, Path], None]] = {
-    each.__name__: each for each in (tour, bring, by_hand, measured, goal, prove, compare)
+    each.__name__: each for each in (tour, bring, scope, by_hand, measured, goal, prove, compare)
 }
 
 
