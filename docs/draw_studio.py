@@ -213,7 +213,8 @@ def compare(browser: Any, folder: Path) -> None:
     with studio(browser, folder, "linear_motor") as page:
         page.page.wait_for_selector("#verdict:not(:empty)")
         page.click("#tab-compare")
-        page.click("#compare-start", "#room-compare table")
+        page.click("#compare-start", "#room-compare button:has-text('Tune on with it')")
+        page.see("#compare-tradeoff")
         page.take("studio_compare")
 
 
