@@ -183,7 +183,7 @@ def test_a_machine_file_with_a_law_that_did_not_run_is_no_verdict_to_use() -> No
     s = signals()
     found = identify_motion(MotionLog(name="log", position=s.x, force=s.f, sample_time=T))
     assert found.recommendation.startswith("Use these values")
-    poor: Any = SimpleNamespace(replay=SimpleNamespace(share=lambda _: 0.366))
+    poor: Any = SimpleNamespace(replay=SimpleNamespace(share=lambda _: 0.366, rms=lambda _: 0.0), count=None)
     wrong = replace(found, refinement=poor)
     assert "leaves 36.6 % of the force in closed loop" in wrong.unusable
     assert wrong.recommendation.startswith("Do not tune on these values")

@@ -30,7 +30,7 @@ SKINS = {
         "studio",
         "Open a page in the browser on which an axis is brought, tuned by hand or by goal, proven and exported.",
         "Tune and compare",
-        ("", "ball_screw", "run.csv", "mine.toml --axis x --no-browser --port 8765"),
+        ("", "--tour", "ball_screw", "run.csv", "mine.toml --axis x --no-browser --port 8765"),
     ),
 }
 OFFERED = {**COMMANDS, **SKINS}
