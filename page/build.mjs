@@ -10,7 +10,8 @@ await build({
   minify: true,
   format: "esm",
   target: "es2022",
-  legalComments: "linked", // the licenses of what is bundled stand beside it
+  legalComments: "linked",
   logLevel: "warning",
 });
 await copyFile("index.html", `${out}/index.html`);
+await copyFile("node_modules/uplot/LICENSE", `${out}/uPlot.LICENSE.txt`); // of what is bundled

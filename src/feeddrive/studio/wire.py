@@ -17,7 +17,7 @@ import numpy as np
 from feeddrive.plot.chart import Band, Chart, Curve, Panel
 from feeddrive.plot.style import envelope
 
-POINTS = 1000  # of a curve, and pixels of the width of a picture
+POINTS = 2000  # of a curve, and pixels of the width of a picture
 Window = tuple[float, float]
 
 
