@@ -247,5 +247,5 @@ def test_a_trade_off_of_one_law_has_a_range() -> None:
 
 def test_the_page_has_the_colors_of_the_reports() -> None:
     page = Path(__file__).parents[2] / "page" / "src"
-    text = "".join(each.read_text(encoding="utf-8") for each in sorted(page.glob("*.ts")))
+    text = "".join(each.read_text(encoding="utf-8") for each in sorted(page.rglob("*.ts")))
     assert [each for each in (*style.COLORS, *style.HEAT) if f'"{each}"' not in text] == []
