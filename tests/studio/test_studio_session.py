@@ -342,3 +342,23 @@ def test_what_is_missing_is_named_as_the_field_of_the_page_is(tmp_path: Path) ->
     assert "give it with 'Sample time', or today's machine with 'Today's machine'" in said["error"]
     words = "".join(each.read_text(encoding="utf-8") for each in (ROOT / "page" / "src" / "rooms").glob("*.ts"))
     assert [each for each in FIELDS.values() if f'"{each}' not in words] == []
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("filters.0.frequency", 15_000.0, "must be below half the sample rate, 10000 Hz"),
+        ("law.Kp", 1e300, "no finite response"),
+        ("law.Tn", 1e-300, "no finite response"),
+        ("filters.1.damping", 1e-300, "cannot be computed with these numbers"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_numbers_that_cannot_be_computed_leave_those_of_before(
+    session: Session, name: str, value: float, reason: str
+) -> None:
+    before = asked(session, "tune.move", name="law.Kv", value=90.0)
+    assert reason in asked(session, "tune.move", name=name, value=value)["error"]
+    after = asked(session, "tune.show")
+    assert "error" not in after
+    assert (after["values"], after["undo"], after["judged"]) == (before["values"], before["undo"], before["judged"])

@@ -81,3 +81,14 @@ def test_the_range_ends_where_a_bound_is_met() -> None:
     _, high = speed_range(control, 1e-3)
     assert high == pytest.approx(490.0 / tree.get(control, "law.bandwidth"))
     assert speed_range(CONTROL, 1e-3) == (0.0, math.inf)
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, math.nan, math.inf])
+def test_a_factor_is_finite_and_positive(factor: float) -> None:
+    with pytest.raises(ParameterError, match="a finite factor > 0"):
+        quickened(CONTROL, factor)
+
+
+def test_a_factor_whose_number_is_too_large_is_refused() -> None:
+    with pytest.raises(ParameterError, match="take a factor nearer to 1"):
+        quickened(CONTROL, 5e-324)  # Tn goes with its inverse

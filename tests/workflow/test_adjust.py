@@ -109,3 +109,9 @@ def test_a_control_without_a_guard_gets_one(tmp_path: Path) -> None:
 def test_a_guard_that_cannot_be_says_why(guard: str, reason: str) -> None:
     with pytest.raises(ParameterError, match=reason):
         fd.workflow.adjust("ball_screw", guard=guard)
+
+
+@pytest.mark.parametrize("given", [{"set": ("law.Kv=90", "law.Kv=80")}, {"guard": "velocity_limit=1,velocity_limit=2"}])
+def test_a_number_that_is_given_twice_is_refused(given: dict[str, Any]) -> None:
+    with pytest.raises(ParameterError, match="is given twice: leave one out"):
+        fd.workflow.adjust("ball_screw", **given)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -178,6 +178,21 @@ class Desk:
         if not held.same(self.held()):
             self._remember()
             self._become(held)
+
+    @contextmanager
+    def tried(self) -> Iterator[None]:
+        """What is done within; if it raises, the control of before and its steps stand again."""
+        if self.bench is None:
+            yield
+            return
+        held, undo, redo = self.held(), list(self.undo), list(self.redo)
+        try:
+            yield
+        except Exception:
+            if not held.same(self.held()):
+                self._become(held)
+                self.undo, self.redo = undo, redo
+            raise
 
     def back(self) -> None:
         """Undo a step, if there is one."""

@@ -15,6 +15,7 @@ import numpy as np
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
+from feeddrive.studio.jobs import fault
 
 if TYPE_CHECKING:
     from feeddrive.files.formats import OpenedFile
@@ -62,6 +63,8 @@ def understand(paths: Sequence[Path], progress: Progress) -> list[Understood]:
             found.append(_understood(path, progress))
         except FeeddriveError as error:
             found.append(Understood(path.name, UNKNOWN, wrong=str(error).replace(str(path), path.name)))
+        except Exception as error:
+            found.append(Understood(path.name, UNKNOWN, wrong=fault(error)))
     return found
 
 

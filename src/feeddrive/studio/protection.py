@@ -4,7 +4,7 @@ Host      only the addresses under which the server listens: a name that a forei
 (DNS rebinding)
 password  in place of the token, where others on the network may reach the server: asked for by a page of its own
 Origin    of a WebSocket and of everything that changes something: only the page itself
-token     in the address that is printed at the start, once; then a cookie that only this server gets back
+token     in the address that is printed at the start; a cookie that only this server gets back then stands for it
 headers   a policy that loads nothing from elsewhere and runs no inline script; not to be framed, cached or sniffed
 """
 

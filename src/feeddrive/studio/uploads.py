@@ -11,12 +11,15 @@ from feeddrive.language.errors import FileError
 
 LARGEST = 256_000_000  # bytes of one file
 MANY = 64  # files of one session
+_LONGEST = 200  # bytes of a name: file systems take 255, of which a temporary file wants some
 _NAME = re.compile(r"[^\W_][\w .()+,=@~-]{0,119}")
 _DEVICES = re.compile(r"(con|prn|aux|nul|(com|lpt)[\d¹²³]) *(\..*)?", re.IGNORECASE)  # what Windows takes for devices
 
 
 def safe_name(name: str) -> str:
     """A name of a file that stays in its folder on every system. Raises FileError for any other one."""
+    if len(name.encode("utf-8", "surrogatepass")) > _LONGEST:
+        raise FileError(f"{name!r:.80} is too long a name for a file here: {_LONGEST} bytes at most, rename it")
     if not _NAME.fullmatch(name) or ".." in name or name.endswith((".", " ")) or _DEVICES.fullmatch(name):
         raise FileError(
             f"{name!r:.80} is no name for a file here: rename it with letters, digits, blanks and . - _ ( ) + , = @ ~"

@@ -30,8 +30,11 @@ def speed_powers(control: Control) -> Mapping[str, float]:
 def quickened(control: Control, factor: float) -> Mapping[str, float]:
     """The numbers of `speed_powers` for a loop that is faster by a factor > 0, by name, in SI.
 
-    Raises ParameterError if there is none, and for a factor with which a number is too large for a computer.
+    Raises ParameterError if there is none, and for a factor that is not > 0 or with which a number is too large for a
+    computer.
     """
+    if not (factor > 0.0 and math.isfinite(factor)):
+        raise ParameterError(f"a loop is made faster by a finite factor > 0, not {factor:g}")
     powers = speed_powers(control)
     if not powers:
         raise ParameterError(
@@ -40,8 +43,8 @@ def quickened(control: Control, factor: float) -> Mapping[str, float]:
         )
     try:
         return {name: float(tree.get(control, name)) * factor**power for name, power in powers.items()}
-    except OverflowError:
-        raise ParameterError(f"a loop cannot be made {factor:.3g} times as fast: take a smaller factor") from None
+    except (OverflowError, ZeroDivisionError):
+        raise ParameterError(f"a loop cannot be made {factor:.3g} times as fast: take a factor nearer to 1") from None
 
 
 def speed_range(control: Control, sample_time: float) -> tuple[float, float]:

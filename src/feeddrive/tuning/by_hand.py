@@ -15,12 +15,14 @@ from feeddrive.language.block import Block
 from feeddrive.language.declaration import Declaration
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.control import Control
+from feeddrive.loop.frequency_response import FRF
 from feeddrive.tuning.closed_loop import Figures, answer, figures
 from feeddrive.tuning.control_response import ControlResponse, Response
 from feeddrive.tuning.limits import Judged, Limits, judged
 from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.tuning.proof import ROOM
 
+_LARGEST = 1e30  # of a response: figures have its square, pictures are drawn in single precision
 _WIDE = 30.0  # a range reaches from a thirtieth of the value to thirty times it
 _HIGHEST = 0.49  # of the sample rate: for frequencies
 _SAFE = ("guard", "force_limit")  # bounds of the machine, not of the loop
@@ -146,8 +148,14 @@ class ByHand:
         return {each.name: each.value for each in self.knobs}
 
     def control(self, values: Mapping[str, float]) -> Control:
-        """The control at other numbers. Raises ParameterError for one that is unknown or outside of its bounds."""
-        return tree.vary(self.start, dict(values))
+        """The control at other numbers.
+
+        Raises ParameterError for one that is unknown, outside of its bounds, or not to be had at a sample time.
+        """
+        found = tree.vary(self.start, dict(values))
+        for sample_time in self._made:
+            tree.check_sampled(found, sample_time)
+        return found
 
     def at(self, values: Mapping[str, float], limits: Limits | None = None) -> Look:
         """The loop at all points, judged by its own limits or by others.
@@ -158,6 +166,10 @@ class ByHand:
         limits = limits or self.limits
         row = np.array([values.get(each.name, each.value) for each in self.knobs])
         found = tuple(figures(answer(each, self._response(each, row)), limits.reading_noise) for each in self.points)
+        if not all(_drawable(each.loop_gain) and _drawable(each.compliance) for each in found):
+            raise ParameterError(
+                "the loop has no finite response with these numbers: take some nearer to those of before"
+            )
         verdicts = [_verdicts(limits, each) for each in found]
         worst = (max(kinds, key=lambda each: each.used) for kinds in zip(*verdicts, strict=True))
         return Look(found, tuple(sorted(worst, key=lambda each: -each.used)))
@@ -179,6 +191,11 @@ class ByHand:
         if made.period > 1:
             return made.at(row, point.frequency, made.images(point.by_force_at, point.frequency), slopes=False)
         return made.of_model(made.models(row[None])[0], point.frequency)
+
+
+def _drawable(found: FRF) -> bool:
+    size = np.abs(found.response)
+    return bool(np.all(np.isfinite(size)) and np.max(size) < _LARGEST)
 
 
 def _verdicts(limits: Limits, each: Figures) -> list[Verdict]:

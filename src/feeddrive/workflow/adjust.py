@@ -121,6 +121,8 @@ def _bounds(given: str) -> dict[str, float]:
             raise ParameterError(f"--guard {each}: write it as NAME=VALUE, such as velocity_limit=1")
         if name not in known:
             raise ParameterError(f"--guard {each}: a guard has no number '{name}'{nearest(name, known)}")
+        if name in found:
+            raise ParameterError(f"--guard {each}: {name} is given twice: leave one out")
         try:
             found[name] = float(value)
         except ValueError:
@@ -147,6 +149,8 @@ def _values(control: Control, given: Sequence[str]) -> dict[str, float]:
             raise ParameterError(f"--set {each}: write it as NAME=VALUE, such as law.Kp=52000")
         if name not in known:
             raise ParameterError(f"--set {each}: the control has no number '{name}'{nearest(name, known)}")
+        if name in found:
+            raise ParameterError(f"--set {each}: {name} is given twice: leave one out")
         try:
             found[name] = float(value)
         except ValueError:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from feeddrive.analysis.margins import Margins
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.shown_units import CHOICES, ShownUnits
 from feeddrive.language.tree import check_sampled
 from feeddrive.language.units import turning
@@ -86,6 +86,18 @@ class Tune(Room):
         self.units = replace(self.units, **{kind: asked.choice("unit", CHOICES[kind])})
         self._told = None
         return self._pictures()
+
+    def do(self, name: str, asked: Asked) -> Said:
+        """One act; after one that fails the control of before stands again."""
+        try:
+            with self.desk.tried():
+                return super().do(name, asked)
+        except FeeddriveError:
+            raise
+        except (ArithmeticError, ValueError):  # of numpy and scipy, at numbers of any size
+            raise ParameterError(
+                "the loop cannot be computed with these numbers: take some nearer to those of before, which stand again"
+            ) from None
 
     @act
     def move(self, asked: Asked) -> Said:
@@ -255,7 +267,7 @@ class Tune(Room):
     def _look(self, name: str, by_hand: ByHand, values: Values) -> _Seen:
         known, limits = self._seen.get(name), self.desk.limits
         if known is None or known[0] is not by_hand or known[1:3] != (values, limits):
-            control = self.desk.control if name == NOW else by_hand.control(values)
+            control = by_hand.control(values)
             parts = Parts(self.desk.needed, control, name)
             running = _BESIDE.submit(lambda: "run" in self.chosen and parts.run)
             look = by_hand.at(values, limits)
