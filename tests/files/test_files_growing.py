@@ -174,6 +174,27 @@ def test_halsampler(tag: bool, sizes: list[int]) -> None:
     assert np.all(np.diff(rows.time) >= 0.0)
 
 
+@pytest.mark.parametrize("wrong", [1, 3])
+def test_a_row_of_halsampler_whose_first_cell_is_no_number_is_left_out(wrong: int) -> None:
+    lines = [f"{k} {k / 2:f} {k % 2} \n" for k in range(12)]
+    lines[wrong] = "x 0.0 1.0 \n"
+    table = GrowingTable(Given("".join(lines).encode(), []), sample_time=1.0)
+    rows = taken(table)
+    kept = [k for k in range(12) if k != wrong]
+    assert rows.time.tolist() == kept
+    assert rows.values[:, 0].tolist() == [k / 2 for k in kept]
+    assert table.state() == "rows come; 1 lines were no rows, the last one 'x 0.0 1.0'"
+
+
+def test_text_that_is_never_understood_is_not_gathered() -> None:
+    """Lines that are too long for the first bytes: an error, before they fill the memory."""
+    line = b"1" + b",1.5" * 10_000 + b"\n"
+    given = Given(line * 20, [len(line)] * 20)
+    with pytest.raises(LogError, match="in its first 64 kB"):
+        taken(GrowingTable(given))
+    assert len(given.head()) < 3 * growing.HEAD
+
+
 def test_without_a_clock_rows_are_counted_in_samples() -> None:
     table = GrowingTable(Given(b"x,y\n" + b"1,2\n" * 10, []))
     assert taken(table).time.tolist() == [*range(10)]
@@ -196,6 +217,9 @@ def test_a_column_of_time_without_a_unit_is_in_the_one_that_is_given() -> None:
         (b"\1\2\3\n\n\n\n", "binary file"),
         (b"word\n" * 20_000, "no rows of numbers"),
         (b"1" * 1_100_000, "a line of more than 1 MB"),
+        (b"t_s,x\n" + b"0" * 100_000, "fewer than 3, in its first 64 kB: shorten what stands above them"),
+        (b"".join(b"%d" % k + b",1" * 15_000 + b"\n" for k in range(5)), "or record fewer columns"),
+        (b"# " + b"a" * 70_000 + b"\nt_s,x\n" + b"0,1\n" * 9, "no rows of numbers, or fewer than 3"),
         (b"# Sampling period is 1000000 ns\n# a b\n" + b"1 2\n" * 9, "rows cannot be read while it grows"),
     ],
 )

@@ -8,8 +8,9 @@ import os
 import struct
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ import pytest
 
 from bus_bench import in_a_namespace
 from falling_drive import BESIDE, FEEDDRIVE, HANGING
+from feeddrive.analysis.oscilloscope import Oscilloscope, Rows
 from feeddrive.files.growing import Pipe
 from feeddrive.files.read_log import read_log
 from feeddrive.studio import live
@@ -236,6 +238,33 @@ def test_a_source_is_let_go_when_no_page_is_open(tmp_path: Path, monkeypatch: py
     leave()
     said = until(made, lambda said: not said["following"])
     assert said["state"] == "stopped, since no page was open"
+
+
+class Broken:
+    """A source with a fault that feeddrive did not foresee."""
+
+    name, clock, over, closed = "broken", "s", False, False
+    channels: Mapping[str, str] = MappingProxyType({})
+
+    def take(self) -> Rows:
+        raise IndexError("no such place")
+
+    def state(self) -> str:
+        return "rows come"
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def test_a_fault_that_nobody_foresaw_is_shown() -> None:
+    source = Broken()
+    following = live.Following(source, Oscilloscope(), lambda: True)
+    for _ in range(200):
+        if not following.going:
+            break
+        time.sleep(0.01)
+    assert following.state().startswith("a fault in feeddrive, please report it: IndexError in test_studio_scope.py")
+    assert source.closed
 
 
 def test_a_source_without_a_clock_is_counted_in_samples_and_kept_once_it_has_one(tmp_path: Path) -> None:

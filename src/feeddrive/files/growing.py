@@ -272,8 +272,9 @@ class GrowingTable:
     def _understand(self) -> bool:
         """Find layout, names, units and clock in the first lines, once there are enough of them."""
         head = self._content.head()
+        full = len(head) >= HEAD  # what comes now makes nothing clearer
         head = head[: head.rfind(b"\n") + 1]
-        if head.count(b"\n") < _LEAST:
+        if head.count(b"\n") < _LEAST and not full:
             return False
         if head.startswith((b"\xff\xfe", b"\xfe\xff", b"\x1f\x8b")):
             raise LogError(f"{self.name}: is packed or in UTF-16, and cannot be followed: write it as plain text")
@@ -285,18 +286,21 @@ class GrowingTable:
             )
         text = text_of(head)
         layout = layout_of(head.decode(text.encoding, "replace").replace("\r", ""))
-        if layout is None:
-            if len(head) < HEAD // 2:
+        below = "" if layout is None else head.decode(text.encoding, "replace").split("\n", layout.first)[-1]
+        rows = [line for line in below.split("\n") if line.strip()]
+        if layout is None or len(rows) < _LEAST:
+            if not full:
                 return False
-            raise LogError(f"{self.name}: holds no rows of numbers")
-        rows = [line for line in head.decode(text.encoding, "replace").split("\n")[layout.first :] if line.strip()]
-        if len(rows) < _LEAST:
-            return False
+            raise LogError(
+                f"{self.name}: holds no rows of numbers, or fewer than {_LEAST}, in its first {HEAD // 1000} kB: "
+                "shorten what stands above them, or record fewer columns"
+            )
         self._encoding = text.encoding
         numbered = False
-        if reader is read_halsampler and len(layout.names) > 1:
+        if reader is read_halsampler and len(layout.names) > 1 and layout.numeric[0]:
             cells = [split(line, layout.separator) for line in rows]
-            numbers = [float(each[0]) for each in cells if len(each) == len(layout.names)]
+            whole = [each for each in cells if len(each) == len(layout.names) and layout.is_number(each[0])]
+            numbers = [_number(each[0], layout) for each in whole]
             numbered = counts_samples(np.array(numbers))
         self._set(layout, numbered)
         return True
@@ -319,7 +323,6 @@ class GrowingTable:
         elif self._sample_time is not None:
             self._factor = self._sample_time
         self.clock = "s" if stamps is not None or self._sample_time is not None else "samples"
-        self.states_time_unit = stamps is not None and bool(layout.units[stamps] or "_" in names[stamps])
         self._layout = layout
         self._values = [k for k in range(len(self._chosen)) if k not in (self._stamps, self._counter)]
         numbers = {names[self._chosen[k]]: layout.units[self._chosen[k]] for k in self._values}
@@ -366,14 +369,17 @@ class GrowingTable:
             cells = split(line, layout.separator)
             good = len(cells) == len(layout.names) and all(layout.is_number(cells[k]) for k in self._chosen)
             if good:
-                rows.append([float(cells[k].replace(",", ".") if layout.decimal == "," else cells[k])
-                             for k in self._chosen])  # fmt: skip
+                rows.append([_number(cells[k], layout) for k in self._chosen])
                 continue
             self._wrong += 1
             self._last_wrong = "".join(each for each in line.strip()[:40] if each.isprintable())
             if self._stamps is None and "overrun" in line.lower():
                 rows.append([np.nan] * len(self._chosen))
         return np.array(rows, dtype=np.float64).reshape(len(rows), len(self._chosen))
+
+
+def _number(cell: str, layout: CsvLayout) -> float:
+    return float(cell.replace(",", ".") if layout.decimal == "," else cell)
 
 
 def _filled(counter: np.ndarray) -> np.ndarray:

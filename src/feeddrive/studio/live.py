@@ -13,6 +13,7 @@ from pathlib import Path
 from feeddrive.analysis.oscilloscope import LiveSource, Oscilloscope
 from feeddrive.files.growing import Pipe
 from feeddrive.language.errors import FeeddriveError, ParameterError
+from feeddrive.studio.jobs import fault
 from feeddrive.workflow.follow import PIPE, opened
 
 _OFTEN = 0.025  # s between two looks at the source
@@ -134,5 +135,7 @@ class Following:
                     self.rate, counted, since = counted / (now - since), 0, now
         except FeeddriveError as error:
             self.failed = str(error)
+        except Exception as error:  # a fault of feeddrive: the page says that nothing is followed any longer
+            self.failed = fault(error)
         finally:
             self.source.close()
