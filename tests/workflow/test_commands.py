@@ -14,15 +14,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+import typer
+from hypothesis import given
+from hypothesis import strategies as st
 from typer.main import get_command
 from typer.testing import CliRunner
 
 import feeddrive as fd
+from feeddrive.cli import commands
 from feeddrive.cli.commands import OFFERED, app, offered
 from feeddrive.files import formats
+from feeddrive.language import units
 from feeddrive.language.errors import CancelledError, ParameterError
 from feeddrive.language.progress import Progress
-from feeddrive.workflow.command import COMMANDS, Command, load
+from feeddrive.workflow.command import COMMANDS, Command, Outcome, load
 from feeddrive.workflow.request import Request, argument, fields_of, option
 
 
@@ -53,10 +58,68 @@ def test_a_wrong_field_is_refused_by_name_value_bound_and_unit(given: dict[str, 
 
 
 def test_a_request_is_in_si_and_says_its_command_line() -> None:
-    asked = Asked("emps", compliance=2e-7, at=("a b.csv", "c.csv"))  # type: ignore[arg-type]
+    asked = Asked("emps", compliance=5e-7, at=("a b.csv", "c.csv"))  # type: ignore[arg-type]
     assert asked.at == (Path("a b.csv"), Path("c.csv"))
-    assert asked.python("tune") == "fd.workflow.tune('emps', compliance=2e-07, at=('a b.csv', 'c.csv'))"
-    assert asked.command_line("tune") == "feeddrive tune emps --compliance 0.2 --at 'a b.csv' --at c.csv"
+    assert asked.python("tune") == "fd.workflow.tune('emps', compliance=5e-07, at=('a b.csv', 'c.csv'))"
+    assert asked.command_line("tune") == "feeddrive tune emps --compliance 0.5 --at 'a b.csv' --at c.csv"
+
+
+class OfEveryKind(Request):
+    """A field of each kind, and of each kind several."""
+
+    machine: str = argument("a machine file")
+    starts: int = option("searches", default=2)
+    joint: int | None = option("number of a joint", default=None)
+    counts: tuple[int, ...] = option("samples", default=())
+    compliance: float | None = option("largest compliance", default=None, unit="m/N", entered="um/N")
+    turning: float = option("a speed", default=1.0, unit="rad/s", entered="rpm")
+    delay: float = option("a delay", default=0.0, unit="s")
+    feed: tuple[float, ...] = option("feeds", default=(), unit="m/s", entered="mm/min")
+    fit: bool = option("fit it", default=False)
+    goal: str = option("what is made best", default="snap", options=("snap", "stiffness"))
+    law: tuple[str, ...] = option("a law", default=())
+    out: Path | None = option("where to", default=None)
+    at: tuple[Path, ...] = option("other places", default=())
+
+
+def entered(text: str, request: type[Request]) -> Request:
+    """The request that the command line makes of a text."""
+    made: list[Request] = []
+
+    def kept(given: Any, _: Progress) -> Any:
+        made.append(given)
+        return Outcome(None)
+
+    shell = typer.Typer()
+    shell.command()(commands._function(Command(request, kept)))  # pyright: ignore[reportPrivateUsage]
+    get_command(shell).main(shlex.split(text)[2:], standalone_mode=False)
+    return made[0]
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {},
+        {"starts": 5, "joint": 0, "counts": (-3, 7)},
+        {"fit": True, "goal": "stiffness", "law": ("P-PI", "one of mine: ü")},
+        {"out": Path("a b/c"), "at": (Path("it's.csv"), Path("c.csv"))},
+        {"delay": 0.1 + 0.2, "turning": -2.5, "compliance": 2e-7},
+        {"delay": 1.0 / 3.0, "feed": (1e300, 5e-324)},
+    ],
+    ids=lambda given: ",".join(given) or "defaults",
+)
+def test_the_command_line_of_a_request_makes_an_equal_request(given: dict[str, Any]) -> None:
+    asked = OfEveryKind("a machine", **given)
+    assert entered(asked.command_line("tune"), OfEveryKind) == asked
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False, allow_subnormal=False, max_value=1e200, min_value=-1e200))
+def test_no_bit_of_a_number_that_was_entered_is_lost(number: float) -> None:
+    """What is entered in um/N, rpm or mm/min is the same number in SI after the way through the command line."""
+    for name, unit in (("compliance", 1e-6), ("turning", units.factor("rpm", "rad/s")), ("delay", 1.0)):
+        value = units.scaled(number, unit)
+        field = next(each for each in fields_of(OfEveryKind) if each.name == name)
+        assert units.scaled(float(field.shown(value)), unit) == value
 
 
 def test_what_is_given_on_the_command_line_reaches_the_request_in_si(monkeypatch: pytest.MonkeyPatch) -> None:

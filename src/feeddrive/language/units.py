@@ -248,6 +248,17 @@ def scaled(value: Any, factor: float) -> Any:
     return value / inverse if inverse and inverse == round(inverse) else value * factor
 
 
+def shortest(value: float, factor: float) -> str:
+    """The fewest digits that `scaled` turns into a value: 2e-7 by 1e-6 is 0.2.
+
+    A value that no number is scaled to, which lies within one rounding of one that is, gets the digits of that one.
+    """
+    near = value / factor
+    texts = [f"{near:.{digits}g}" for digits in range(1, 17)]
+    texts += [repr(each) for each in (near, math.nextafter(near, math.inf), math.nextafter(near, -math.inf))]
+    return next((each for each in texts if scaled(float(each), factor) == value), repr(near))
+
+
 def decimal(value: float) -> float:
     """The number of twelve digits that differs from `value` by rounding only, if any: 50 times 1e-6 is 5e-05."""
     near = float(f"{value:.12g}")

@@ -71,6 +71,12 @@ class Field:
         unit = f" ({here}; {turned} of an axis that turns)" if turned != here else f" ({here})" if here else ""
         return f"{meaning[:1].upper()}{meaning[1:]}{named}{unit}."
 
+    def shown(self, value: Any) -> str:
+        """One value as the command line takes it: a number in the unit in which it is entered."""
+        if self.kind is float:
+            return units.shortest(value, self.factor)
+        return str(value) if self.kind is int else called(value)
+
     def checked(self, value: Any) -> Any:
         """The value as the request holds it. Raises ParameterError with name, value, bound and unit."""
         if value is None and self.default is None:
@@ -158,7 +164,7 @@ class Request:
                 continue
             values: tuple[Any, ...] = value if field.many else (value,)
             for each in values:
-                shown = f"{each / field.factor:.15g}" if field.kind is float else called(each)
+                shown = field.shown(each)
                 words += ([field.flag] if field.flag else []) + ([] if field.kind is bool else [shown])
         return shlex.join(words)
 

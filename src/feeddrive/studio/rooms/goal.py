@@ -90,7 +90,7 @@ class Goal(Room):
         else:
             if not height > 0.0:
                 raise ParameterError("the dynamic stiffness must be > 0")
-            given = {**self.given, name: 1.0 / (1e6 * float(f"{height:.3g}"))}
+            given = {**self.given, name: units.scaled(1.0 / float(f"{height:.3g}"), FIELDS[name].factor)}
         self._take(given)
 
     @act
