@@ -107,6 +107,8 @@ def test_a_search_that_was_stopped_gives_its_best_which_is_said_to_be_unproven(
     until = time.monotonic() + 60.0
     while len(goal.costs) < 2 and time.monotonic() < until:  # type: ignore[attr-defined]
         time.sleep(0.01)
+    with pytest.raises(FeeddriveError, match="cancel it first"):
+        do(session, "goal.reject")
     session.answer({"number": 1, "do": "job.cancel"})
     assert done(session) == CANCELLED
     said = do(session, "goal.show").words

@@ -132,7 +132,10 @@ class Goal(Room):
 
     @act
     def reject(self, _: Asked) -> None:
-        """Forget what was found."""
+        """Forget what was found. Raises ParameterError while it searches, which would find it again."""
+        state = self.desk.job_state()
+        if state is not None and state.going and state.room == self.name:
+            raise ParameterError(f"{state.what} is running: cancel it first, then reject what it found so far")
         self.begin()
 
     def _take(self, given: dict[str, Any]) -> None:
