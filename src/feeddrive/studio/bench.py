@@ -30,6 +30,7 @@ from feeddrive.tuning.by_hand import ByHand
 from feeddrive.tuning.closed_loop import through
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.operating_point import READINGS, OperatingPoint, modelled_point, one_encoder
+from feeddrive.workflow.request import stem, told_apart
 from feeddrive.workflow.tune_files import machine_text
 from feeddrive.workflow.tune_sources import Sources, first_control, points_of
 
@@ -189,8 +190,12 @@ def bench_of(
     file = read_machine(machine)
     name = file.named(axis)
     loop = file.loops[name]
-    places = {file.name: loop} | {read_machine(each).name: read_machine(each).loop(axis or name) for each in at}
-    points = [modelled_point(replace(each, control=loop.control), named) for named, each in places.items()]
+    files = [file, *map(read_machine, at)]
+    names = told_apart((each.name, stem(each)) for each in files)
+    loops = [loop, *(each.loop(axis or name) for each in files[1:])]
+    points = [
+        modelled_point(replace(each, control=loop.control), named) for each, named in zip(loops, names, strict=True)
+    ]
     by_hand = ByHand(loop.control, points, limits)
     return Bench(
         f"{file.name}, axis {name}", by_hand, Sources(machine, tuple(at), name), file, name, file=_named(machine)

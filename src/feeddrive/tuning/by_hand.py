@@ -136,6 +136,9 @@ class ByHand:
     ) -> None:
         if not points:
             raise ParameterError("tuning by hand needs an operating point: a machine, or a measured response")
+        called = [each.name for each in points]
+        if len({*called}) < len(called):
+            raise ParameterError(f"operating points need names of their own, not {', '.join(called)}: rename one")
         self.start, self.points = control, tuple(points)
         self.limits = limits or Limits()
         self.knobs = knobs(control, points[0].sample_time)

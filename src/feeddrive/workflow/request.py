@@ -16,8 +16,10 @@ import dataclasses
 import shlex
 import types
 import typing
+from collections.abc import Iterable
 from dataclasses import MISSING, dataclass
 from functools import cache
+from itertools import chain, count
 from pathlib import Path
 from typing import Any, Literal, dataclass_transform
 
@@ -216,6 +218,15 @@ def called(source: Any) -> str:
 def stem(source: Any) -> str:
     """The name without folder and ending, of which names of results are made."""
     return Path(called(source)).stem
+
+
+def told_apart(named: Iterable[tuple[str, str]]) -> list[str]:
+    """Names of which no two are the same, each given with a word: of a name that stands there the word is added."""
+    found = list[str]()
+    for name, word in named:
+        tries = chain([name, f"{name} ({word})"], (f"{name} ({word}, {i})" for i in count(2)))
+        found.append(next(each for each in tries if each not in found))
+    return found
 
 
 def _literal(value: Any) -> str:

@@ -26,7 +26,7 @@ from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.operating_point import READINGS, OperatingPoint, measured_point, with_table_force
 from feeddrive.tuning.recipes import margin_goals
 from feeddrive.workflow.readings import check_response
-from feeddrive.workflow.request import called, stem
+from feeddrive.workflow.request import called, stem, told_apart
 
 LOAD = ("reading_load", "position_load", "load")
 MOTOR = ("reading_motor", "position_motor", "motor")
@@ -95,9 +95,10 @@ def points_of(given: Sources, loop: Loop | None, progress: Progress) -> tuple[li
         hammer = Measurement(first, None, given.disturbance, given.disturbance_motor)
         places = several(hammer, measured, given.motor)
     remarks: list[str] = []
-    for each in places:
+    names = told_apart((stem(each.load), Path(each.name).parent.name) for each in places)
+    for each, name in zip(places, names, strict=True):
         progress.step(f"reading {Path(each.name).name}")
-        point, words = point_of(each, stem(each.load), loop, given.sample_time, given.delay, given.unit, progress)
+        point, words = point_of(each, name, loop, given.sample_time, given.delay, given.unit, progress)
         found.append(point)
         remarks += words
     return [*found, *(each for each in others if isinstance(each, OperatingPoint | Loop))], remarks
