@@ -19,7 +19,8 @@ H = 1e-3
 class Played:
     """A source that plays rows in pieces."""
 
-    name, clock, over = "played", "s", False
+    name, over = "played", False
+    clock = "s"
 
     def __init__(self, *pieces: Rows, channels: tuple[str, ...] = ("x", "y")) -> None:
         self.channels: Mapping[str, str] = dict.fromkeys(channels, "m")
@@ -160,6 +161,57 @@ def test_other_channels_are_another_record() -> None:
         scope.set(1.0, 0.2, AUTO, Trigger("x"))
 
 
+def test_the_same_channels_in_another_order_are_another_record() -> None:
+    """A file that is written anew with two of its columns exchanged: no name stands over the rows of the other."""
+    scope = Oscilloscope(1.0)
+    scope.feed(Played(saw(0.0, 0.5), channels=("x", "y")))
+    later = saw(0.5, 0.9)
+    scope.feed(Played(Rows(later.time, later.values[:, ::-1], anew=True), channels=("y", "x")))
+    shown = scope.shown()
+    assert shown is not None
+    assert [*shown.channels] == [*scope.channels] == ["y", "x"]
+    np.testing.assert_array_equal(shown.values[:, 0], shown.time)
+    assert shown.time[0] == 0.5
+
+
+def test_what_was_caught_keeps_its_own_channels_and_clock() -> None:
+    scope = Oscilloscope(0.1, 0.2, NORMAL, Trigger("x", 0.5))
+    scope.feed(Played(saw(0.0, 0.5), channels=("x", "y")))
+    other = Played(saw(0.5, 0.9), channels=("z", "x"))
+    other.clock = "samples"
+    scope.feed(other)
+    shown = scope.shown()
+    assert shown is not None
+    assert (scope.channels, scope.clock) == ({"z": "m", "x": "m"}, "samples")
+    assert (dict(shown.channels), shown.clock) == ({"x": "m", "y": "m"}, "s")
+    np.testing.assert_array_equal(shown.values[:, [*shown.channels].index("y")], shown.time)
+    last = scope.last()
+    assert last is not None
+    assert (dict(last.channels), last.clock) == ({"z": "m", "x": "m"}, "samples")
+
+
+@pytest.mark.parametrize("size", [100, 5000])
+def test_a_window_that_is_longer_than_what_is_kept_is_not_whole(size: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """1000 rows of 1 ms are kept; the window that is advised instead is whole, whatever the pieces."""
+    monkeypatch.setattr(oscilloscope, "MOST_NUMBERS", 3000)
+    rows = saw(0.0, 5.0)
+    pieces = [Rows(rows.time[k : k + size], rows.values[k : k + size]) for k in range(0, 5000, size)]
+    scope = Oscilloscope(2.0, 0.0, SINGLE, Trigger("x", 0.5))
+    *_, shown = fed(scope, *pieces)
+    assert shown is not None
+    assert shown.time[0] > shown.zero + 0.5
+    assert not shown.whole
+    assert scope.lack == (
+        "a window of 2 s is longer than what is kept of 2 channels at this rate: make it 0.87 s or shorter, or record "
+        "fewer channels"
+    )
+    fits = Oscilloscope(0.87, 0.0, SINGLE, Trigger("x", 0.5))
+    *_, whole = fed(fits, *pieces)
+    assert whole is not None
+    assert (whole.whole, fits.lack) == (True, "")
+    assert whole.time[-1] - whole.time[0] == pytest.approx(0.87, abs=1.5 * H)
+
+
 def test_rows_that_are_kept_are_the_last_ones() -> None:
     recording = Recording(1)
     for k in range(300):
@@ -175,7 +227,7 @@ def test_rows_that_are_kept_are_the_last_ones() -> None:
 def test_cursors_read_straight_lines_exactly_and_nothing_beside_them() -> None:
     time = np.array([1.0, 1.5, 2.5, 4.0])
     values = np.column_stack([3.0 * time - 2.0, np.where(time == 2.5, np.nan, 1.0)])
-    shown = Shown(time, values, zero=2.0, start=-1.0, end=2.0, triggered=True)
+    shown = Shown(time, values, {"x": "m", "y": "m"}, zero=2.0, start=-1.0, end=2.0, triggered=True)
     read = readout(shown, -1.0, 0.25)
     np.testing.assert_allclose(read.at_a, [1.0, 1.0])
     assert read.at_b[0] == pytest.approx(3.0 * 2.25 - 2.0)

@@ -81,6 +81,22 @@ def test_rows_from_a_pipe_and_what_is_wrong_is_said(tmp_path: Path) -> None:
     assert not (tmp_path / "q.parquet").exists()
 
 
+@pytest.mark.parametrize("trigger", [(), ("--channel", "c1", "--level", "0.5", "--before", "0")])
+def test_a_window_that_does_not_fit_into_the_memory_is_refused(tmp_path: Path, trigger: tuple[str, ...]) -> None:
+    """Of 99 channels 10,000 rows are kept: 10 s at 1 kHz, of which an eighth is spare."""
+    heads = ",".join(["t_s", *(f"c{k}" for k in range(99))])
+    rows = "".join(f"{k / 1e3:.3f},0,{k % 2}{',0' * 97}\n" for k in range(14_000))
+    (tmp_path / "run.csv").write_text(f"{heads}\n{rows}", encoding="utf-8")
+    done = follow(tmp_path, "run.csv", *trigger, "--window", "11", "--timeout", "5", "--out", "w.parquet")
+    assert done.returncode != 0
+    assert "a window of 11 s is longer than what is kept of 99 channels at this rate: make it 8.7 s" in done.stderr
+    assert not (tmp_path / "w.parquet").exists()
+    done = follow(tmp_path, "run.csv", *trigger, "--window", "8.7", "--timeout", "5", "--out", "w.parquet")
+    assert done.returncode == 0, done.stderr
+    log = read_log(tmp_path / "w.parquet")
+    assert log.time[-1] - log.time[0] == pytest.approx(8.7, abs=2e-3)
+
+
 @pytest.mark.parametrize(
     ("drive", "before", "killed", "fallen"),
     [

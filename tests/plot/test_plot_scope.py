@@ -65,7 +65,7 @@ def test_a_range_stays_as_long_as_it_fits() -> None:
 
 def shown(rows: int = 11) -> Shown:
     time = 5.0 + np.linspace(0.0, 1.0, rows)
-    return Shown(time, np.column_stack([time, 2.0 * time, -time]), 5.2, -0.2, 0.8, True)
+    return Shown(time, np.column_stack([time, 2.0 * time, -time]), dict.fromkeys("abc", ""), 5.2, -0.2, 0.8, True)
 
 
 def test_channels_of_one_unit_share_a_panel_and_lines_stand_where_they_are_read() -> None:
@@ -91,7 +91,7 @@ def test_channels_of_one_unit_share_a_panel_and_lines_stand_where_they_are_read(
 
 def test_what_runs_by_has_few_points_and_what_stands_has_all_to_be_enlarged() -> None:
     time = np.arange(20_000) * 1e-4
-    window = Shown(time, np.sin(50.0 * time)[:, None], 1.9999, -2.0, 0.0, False)
+    window = Shown(time, np.sin(50.0 * time)[:, None], {"x": ""}, 1.9999, -2.0, 0.0, False)
     assert scope_chart(window, [Channel("x", 0)])[0].panels[0].curves[0].x.size <= 1000
     assert scope_chart(replace(window, triggered=True), [Channel("x", 0)])[0].panels[0].curves[0].x.size == 20_000
 

@@ -67,8 +67,8 @@ def session(tmp_path: Path) -> Iterator[Session]:
     made.close()
 
 
-def followed(session: Session, tmp_path: Path) -> dict[str, Any]:
-    ask(session, "scope.follow", name=str(tmp_path / "run.csv"))
+def followed(session: Session, tmp_path: Path, name: str = "run.csv") -> dict[str, Any]:
+    ask(session, "scope.follow", name=str(tmp_path / name))
     until(session, lambda said: bool(said["charts"]))
     return ask(session, "scope.show")
 
@@ -293,6 +293,78 @@ def test_a_source_without_a_clock_is_counted_in_samples_and_kept_once_it_has_one
         kept = ask(made, "scope.save", between=False)
         log = read_log(made.desk.folder / "brought" / kept["bring"])
         assert (log.sample_time, dict(log.units)) == (1e-3, {"column_1": "mm"})
+    finally:
+        leave()
+        made.close()
+
+
+def test_a_window_keeps_the_names_and_units_of_its_recording_when_the_file_is_replaced(
+    session: Session, tmp_path: Path
+) -> None:
+    """force and position, triggered; then velocity and force: the window that stands is of the first file, and kept."""
+    path = tmp_path / "run.csv"
+    path.write_text("t_s,force_N,position_mm\n", encoding="utf-8")
+    with path.open("a", encoding="utf-8") as file:
+        file.writelines(f"{k / 1e3:.3f},{k},{-k}\n" for k in range(400))
+    ask(session, "scope.follow", name=str(path))
+    until(session, lambda said: bool(said["charts"]))
+    ask(session, "scope.channel", name="force_N", shown=True, unit="kN")
+    ask(session, "scope.set", field="window", value="0.1")
+    ask(session, "scope.set", field="before", value="0.5")
+    ask(session, "scope.look", mode="single", channel="position_mm")
+    ask(session, "scope.set", field="edge", value="falling")
+    ask(session, "scope.set", field="level", value="-600")
+    with path.open("a", encoding="utf-8") as file:
+        file.writelines(f"{k / 1e3:.3f},{k},{-k}\n" for k in range(400, 1000))
+    before = until(session, lambda said: said["look"].startswith("triggered"))
+    new = tmp_path / "new.csv"
+    new.write_text("t_s,velocity_mm_s,force_N\n" + "".join(f"{k / 1e3:.3f},7,8\n" for k in range(300)), "utf-8")
+    new.replace(path)
+    said = until(session, lambda said: any("velocity" in each for each in said["of"]))
+    assert said["look"] == "the source has other channels now; what is shown was recorded before"
+    assert said["charts"]["scope"]["panels"][0]["label"] == before["charts"]["scope"]["panels"][0]["label"]
+    x, y = curve(said, "force_N")
+    np.testing.assert_allclose(y, (600 + 1e3 * x) / 1e3, atol=1e-5)
+    x, y = curve(said, "position_mm")
+    np.testing.assert_allclose(y, -(600 + 1e3 * x), atol=1e-3)
+    ask(session, "scope.move", name="1", x=0.0)
+    assert [each[0] for each in ask(session, "scope.frame")["readout"][1:]] == ["force_N (kN)", "position_mm (mm)"]
+    kept = ask(session, "scope.save", between=False)
+    log = read_log(session.desk.folder / "brought" / kept["bring"])
+    assert dict(log.units) == {"force_N": "N", "position_mm": "mm"}
+    np.testing.assert_allclose(log["force_N"], -log["position_mm"])
+    assert [each["name"] for each in ask(session, "scope.show")["channels"]] == ["velocity_mm_s", "force_N"]
+
+
+@pytest.mark.parametrize("window", ["", "800"])
+def test_a_window_in_samples_is_none_in_seconds(tmp_path: Path, window: str) -> None:
+    """Neither the one that nobody chose nor one that was chosen, where a source with a clock is followed next."""
+    (tmp_path / "page").mkdir()
+    (tmp_path / "run.txt").write_text("".join(f"{k / 100:f} \n" for k in range(900)), encoding="utf-8")
+    write(tmp_path / "run.csv", 0, 500)
+    made = Session(tmp_path / "page", live=Followable((tmp_path / "run.txt", tmp_path / "run.csv")))
+    leave = made.listen(lambda _, __: None)
+
+    def fields() -> tuple[str, str]:
+        (found,) = [each for each in ask(made, "scope.show")["fields"] if each["name"] == "window"]
+        return found["value"], found["unit"]
+
+    try:
+        followed(made, tmp_path, "run.txt")
+        assert fields() == ("500", "samples")
+        if window:
+            assert "error" not in ask(made, "scope.set", field="window", value=window)
+            assert fields() == (window, "samples")
+        followed(made, tmp_path)
+        assert fields() == ("1", "s")
+        assert ask(made, "scope.frame")["span"] == [-1.0, 0.0]
+        ask(made, "scope.set", field="window", value="0.2")
+        followed(made, tmp_path, "run.txt")
+        assert fields() == ("500", "samples")
+        (tmp_path / "run.txt").unlink()
+        write(tmp_path / "run.txt", 0, 500)  # the same source, with a clock now
+        until(made, lambda said: bool(said["charts"]) and "(s)" in said["charts"]["scope"]["label"])
+        assert fields() == ("1", "s")
     finally:
         leave()
         made.close()

@@ -67,8 +67,11 @@ class LiveSource(Protocol):
 class Recording:
     """The last rows of several channels, in bounded memory: `MOST_NUMBERS`, of which the oldest are dropped."""
 
+    most: int
+    """Rows that are kept."""
+
     def __init__(self, channels: int) -> None:
-        self._most = max(2, MOST_NUMBERS // (channels + 1))
+        self.most = max(2, MOST_NUMBERS // (channels + 1))
         self._rows = np.empty((64, channels + 1))
         self._from = self._to = 0
 
@@ -89,8 +92,8 @@ class Recording:
         """Rows whose time does not run backward."""
         if not time.size:
             return
-        time, values = time[-self._most :], values[-self._most :]
-        self._from += min(max(0, len(self) + time.size - self._most), len(self))
+        time, values = time[-self.most :], values[-self.most :]
+        self._from += min(max(0, len(self) + time.size - self.most), len(self))
         if self._to + time.size > len(self._rows):
             self._make_room(time.size)
         there = slice(self._to, self._to + time.size)
@@ -121,19 +124,23 @@ class Shown:
     """A window of signals.
 
     time, values  as recorded, shapes (n,) and (n, channels)
+    channels      units of the columns of values by name, as their source stated them; empty where none is known
     zero          the instant that a picture calls 0: of the trigger, or the end
     start, end    of the window in relation to it
     triggered     whether there was a trigger
-    whole         whether all of it was recorded
+    whole         whether all of it was recorded and is kept
+    clock         unit of the time
     """
 
     time: np.ndarray
     values: np.ndarray
+    channels: Mapping[str, str]
     zero: float
     start: float
     end: float
     triggered: bool
     whole: bool = True
+    clock: str = "s"
 
 
 class Readout(NamedTuple):
@@ -197,6 +204,7 @@ class Oscilloscope:
         self, window: float = 1.0, before: float = 0.2, mode: str = AUTO, trigger: Trigger | None = None
     ) -> None:
         self.channels: dict[str, str] = {}
+        self.clock = "s"
         self.caught: Shown | None = None
         self.recording = Recording(0)
         self._fed = -math.inf  # time of the last row
@@ -233,8 +241,9 @@ class Oscilloscope:
     def feed(self, source: LiveSource) -> int:
         """Take what has come; how many rows."""
         rows = source.take()
-        if dict(source.channels) != self.channels:
-            self.channels = dict(source.channels)
+        of, known = ([*each.items()] for each in (source.channels, self.channels))  # their order counts
+        if of != known or source.clock != self.clock:
+            self.channels, self.clock = dict(source.channels), source.clock
             self._forget()
         self.rows += rows.time.size
         if rows.time.size:
@@ -256,9 +265,27 @@ class Oscilloscope:
         elif rows.anew and len(self.recording):  # another file, by the same clock: a gap
             gap = np.full((1, rows.values.shape[1]), np.nan)
             rows = Rows(np.concatenate([rows.time[:1], rows.time]), np.concatenate([gap, rows.values]))
-        most = 1 << 14  # rows at a time, so that every window of a long piece is still there when it is whole
+        most = self._at_once
         for k in range(0, rows.time.size, most):
             self._piece(rows.time[k : k + most], rows.values[k : k + most])
+
+    @property
+    def _at_once(self) -> int:
+        """Rows that are taken at a time, so that every window of a long piece is still there when it is whole."""
+        return min(1 << 14, max(1, self.recording.most // 8))
+
+    @property
+    def lack(self) -> str:
+        """Why no window is whole, as a sentence: it is longer than what is kept. Empty where it is not."""
+        time = self.recording.time
+        kept = float(time[-1] - time[self._at_once]) if time.size >= self.recording.most else math.inf
+        if not 0.0 < kept < self.window:
+            return ""
+        step = 10.0 ** (math.floor(math.log10(kept)) - 1)
+        return (
+            f"a window of {self.window:g} {self.clock} is longer than what is kept of {len(self.channels)} channels at "
+            f"this rate: make it {math.floor(kept / step) * step:.6g} {self.clock} or shorter, or record fewer channels"
+        )
 
     def _piece(self, time: np.ndarray, values: np.ndarray) -> None:
         self.recording.add(time, values)
@@ -274,22 +301,23 @@ class Oscilloscope:
         self.recording.keep(_SPARE * self.window)
 
     def _complete(self, until: float) -> None:
-        """Keep the window that fills, if it was whole by then."""
+        """Keep the window that fills, if it was over by then."""
         if self._filling is not None and until >= self._filling + (1.0 - self.before) * self.window:
-            self.caught, self._filling = self._around(self._filling, whole=True), None
+            self.caught, self._filling = self._around(self._filling), None
             self.count += 1
 
-    def _around(self, instant: float, *, whole: bool) -> Shown:
+    def _around(self, instant: float) -> Shown:
         start, end = -self.before * self.window, (1.0 - self.before) * self.window
         time, values = self.recording.between(instant + start, instant + end)
-        return Shown(time, values, instant, start, end, True, whole)
+        whole = float(self.recording.time[0]) <= instant + start and self._fed >= instant + end
+        return Shown(time, values, dict(self.channels), instant, start, end, True, whole, self.clock)
 
     def shown(self) -> Shown | None:
         """What a picture shows now; None if there is nothing yet."""
         if self.trigger is None or (self.mode == AUTO and self._overdue):
             return self.last()
         if self._filling is not None and (self.window >= _LONG or self.caught is None):
-            return self._around(self._filling, whole=False)
+            return self._around(self._filling)
         if self.caught is None and self.mode == AUTO:
             return self.last()
         return self.caught
@@ -308,4 +336,5 @@ class Oscilloscope:
             return None
         end = float(self.recording.time[-1])
         time, values = self.recording.between(end - self.window, end)
-        return Shown(time, values, end, -self.window, 0.0, False, time[0] > float(self.recording.time[0]))
+        whole = float(time[0]) > float(self.recording.time[0])
+        return Shown(time, values, dict(self.channels), end, -self.window, 0.0, False, whole, self.clock)

@@ -39,7 +39,7 @@ class FollowRequest(Request):
         "by which the channel must have been on the other side before, in its unit", default=0.0, least=0.0
     )
     hold: float = option("after a trigger, the time in which no other one counts", default=0.0, unit="s", least=0.0)
-    window: float = option("length of the window", default=1.0, unit="s", least=1e-4, most=600.0)
+    window: float = option("length of the window", default=1.0, unit="s", least=1e-4)
     before: float = option("share of the window before the trigger", default=0.2, least=0.0, most=0.95)
     sample_time: float | None = option(
         "of a table without a column of time", default=None, unit="s", above=0.0, most=10.0
@@ -77,9 +77,11 @@ def follow(request: FollowRequest, progress: Progress) -> Outcome[Log]:
             check_channel(scope)
             if scope.channels and source.clock != "s":
                 raise ParameterError(_NO_CLOCK.format(name=source.name))
-            shown = scope.caught if scope.trigger is not None else _whole(scope)
-            if shown is not None:
+            shown = scope.caught if scope.trigger is not None else scope.last()
+            if shown is not None and shown.whole:
                 break
+            if scope.lack:
+                raise ParameterError(f"{source.name}: {scope.lack}")
             state = source.state()
             if state != said:
                 progress.step(f"{source.name}: {state}")
@@ -94,7 +96,7 @@ def follow(request: FollowRequest, progress: Progress) -> Outcome[Log]:
             time.sleep(_OFTEN)
     finally:
         source.close()
-    log = window_log(f"{source.name}, window", shown, scope.channels, source.clock)
+    log = window_log(f"{source.name}, window", shown)
     files = dict[str, str | Path]()
     if request.out is not None:
         request.out.parent.mkdir(parents=True, exist_ok=True)
@@ -102,11 +104,6 @@ def follow(request: FollowRequest, progress: Progress) -> Outcome[Log]:
         files["Log"] = request.out
     at = f"triggered at {shown.zero:.6g} s" if shown.triggered else f"until {shown.zero:.6g} s"
     return Outcome(log, [log.table()], [f"{at} of the clock of {source.name}", *log.remarks], files=files)
-
-
-def _whole(scope: Oscilloscope) -> Shown | None:
-    shown = scope.last()
-    return shown if shown is not None and shown.whole else None
 
 
 def opened(
@@ -150,18 +147,19 @@ def check_channel(scope: Oscilloscope) -> None:
 
 
 def window_log(
-    name: str, shown: Shown, units: Mapping[str, str], clock: str = "s", channels: Collection[str] | None = None
+    name: str, shown: Shown, stated: Mapping[str, str] | None = None, channels: Collection[str] | None = None
 ) -> Log:
     """A window as a log, whose time begins at the trigger, or ends at 0.
 
-    units     of all channels, in their order
+    stated    units of channels whose source states none
     channels  that are kept; None: all
 
     Raises LogError for gaps in it and for a clock that is not uniform, with their place; ParameterError for a source
     without a clock.
     """
-    if clock != "s":
+    if shown.clock != "s":
         raise ParameterError(_NO_CLOCK.format(name=name))
+    units = {each: unit or (stated or {}).get(each, "") for each, unit in shown.channels.items()}
     names = [each for each in units if channels is None or each in channels]
     values = {each: shown.values[:, k] for k, each in enumerate(units) if each in names}
     lost = np.flatnonzero(np.any([~np.isfinite(row) for row in values.values()], axis=0)) if values else np.empty(0)

@@ -57,7 +57,7 @@ class Scope(Room):
         self.cursors: tuple[float, float] | None = None
         self.held: Shown | None = None
         self.saved = ""
-        self._in_samples = False  # the window counts samples, and nobody has chosen it
+        self._counted = "s"  # unit of the window that was set
         self._count = 0
         self._ranges = Ranges()
         desk.closing.append(self._stop)
@@ -91,10 +91,12 @@ class Scope(Room):
         self._stop()
         if name != self.chosen:
             self.trigger, self.drawn, self.stated, self.in_unit = "", {}, {}, {}
-            self.given = {key: value for key, value in self.given.items() if key not in _OF_CHANNEL}
-            self.cursors = None
+            dropped = _OF_CHANNEL if self._counted == "s" else (*_OF_CHANNEL, *_OF_WINDOW)
+            self.given = {key: value for key, value in self.given.items() if key not in dropped}
+            self.cursors, self._counted = None, "s"
         self.chosen, self.held, self._ranges = name, None, Ranges()
-        self.scope = Oscilloscope(request.window, request.before, self.mode, self._request(self.given).trigger())
+        request = self._request(self.given)
+        self.scope = Oscilloscope(request.window, request.before, self.mode, request.trigger())
         self.following = Following(source, self.scope, self.desk.watched)
 
     @act
@@ -107,13 +109,13 @@ class Scope(Room):
         """A field, as a person writes it; empty: its usual value."""
         name = asked.choice("field", _SHOWN)
         text = asked.text("value").strip()
-        given = {key: value for key, value in self.given.items() if key != name}
-        if name in _OF_CLOCK and self._in_samples:
-            del given["window"]
-        self._in_samples = self._in_samples and name not in ("window", *_OF_CLOCK)
+        another = name in _OF_CLOCK and self._counted != "s"
+        dropped = (name, *_OF_WINDOW) if another else (name,)
+        given = {key: value for key, value in self.given.items() if key not in dropped}
         if text:
             given[name] = self._read(_FIELDS[name], text)
         self._apply(given, self.mode)
+        self._counted = "s" if another else self._counted
         if name in _OF_CLOCK and self.following is not None:
             self.follow(Asked({"name": self.chosen}))
 
@@ -189,16 +191,16 @@ class Scope(Room):
         shown = self._shown()
         if shown is not None and shown.triggered and not shown.whole:
             shown = self.scope.caught  # that before the one that fills
-        if shown is None or not shown.time.size:
-            raise ParameterError("there is no whole window yet: wait for it, or follow a source first")
+        if shown is None or not shown.time.size or (shown.triggered and not shown.whole):
+            lack = self.scope.lack or "wait for it, or follow a source first"
+            raise ParameterError(f"there is no whole window yet: {lack}")
         if asked.yes("between"):
             if self.cursors is None:
                 raise ParameterError("set both cursors first: what lies between them is kept")
             shown = between(shown, *self.cursors)
         self._count += 1
         name = f"scope_{self._count}.parquet"
-        clock = self._clock
-        log = window_log(f"{Path(self.chosen).stem}, scope", shown, self._units(), clock, self._drawn())
+        log = window_log(f"{Path(self.chosen).stem}, scope", shown, self.stated, self._drawn(shown.channels))
         folder = self.desk.folder / "brought"
         folder.mkdir(parents=True, exist_ok=True)
         write_log(folder / name, log)
@@ -218,23 +220,43 @@ class Scope(Room):
         return FollowRequest(Path("x"), channel=self.trigger or None, **given)
 
     def _apply(self, given: Mapping[str, Any], mode: str) -> None:
-        request = self._request(given)
         with self._lock():
-            self.scope.set(request.window, request.before, mode, request.trigger())
+            self._set(given, mode)
+
+    def _set(self, given: Mapping[str, Any], mode: str) -> None:
+        request = self._request(given)
+        self.scope.set(request.window, request.before, mode, request.trigger())
         self.given, self.mode = dict(given), mode
 
-    def _units(self) -> dict[str, str]:
-        """Of all channels: as the source states them, or as a person did."""
-        return {name: unit or self.stated.get(name, "") for name, unit in self.scope.channels.items()}
+    def _fit_clock(self) -> None:
+        """Drop a window that was set for another clock; one that nobody set has `_SAMPLES` without a clock."""
+        clock, channels = self.scope.clock, self.scope.channels
+        if not channels:
+            return
+        dropped = () if clock == self._counted else _OF_WINDOW
+        given = {key: value for key, value in self.given.items() if key not in dropped}
+        if clock != "s":
+            given.setdefault("window", _SAMPLES)
+        self._counted = clock
+        if given != self.given:
+            if self.trigger not in channels:
+                self.trigger = ""
+            self._set(given, self.mode)
 
-    def _drawn(self) -> list[str]:
-        return [name for k, name in enumerate(self.scope.channels) if self.drawn.get(name, k < _FEW)]
+    def _units(self, of: Mapping[str, str] | None = None) -> dict[str, str]:
+        """Of all channels, of now or of a window: as the source states them, or as a person did."""
+        of = self.scope.channels if of is None else of
+        return {name: unit or self.stated.get(name, "") for name, unit in of.items()}
 
-    def _factor(self, name: str) -> tuple[str, float]:
+    def _drawn(self, of: Mapping[str, str] | None = None) -> list[str]:
+        of = self.scope.channels if of is None else of
+        return [name for k, name in enumerate(of) if self.drawn.get(name, k < _FEW)]
+
+    def _factor(self, name: str, of: Mapping[str, str] | None = None) -> tuple[str, float]:
         """The unit in which a channel is shown, and the factor to it from that of the source."""
-        unit = self._units().get(name, "")
+        unit = self._units(of).get(name, "")
         chosen = self.in_unit.get(name)
-        if not chosen:
+        if not chosen or chosen not in _choices(unit):  # it may be of a channel of the same name before
             usual = "mm" if unit == "m" and not _FINE & {*words_of(name)} else usual_unit(unit)[0]
             chosen = usual if usual in _choices(unit) else unit
         return chosen, units.factor(unit, chosen) if unit and chosen != unit else 1.0
@@ -252,9 +274,9 @@ class Scope(Room):
     def _middle(self, channel: str) -> float | None:
         """Halfway between the least and the largest value of what is shown: a level that is met."""
         shown = self._shown()
-        if shown is None:
+        if shown is None or shown.channels.get(channel) != self.scope.channels[channel]:
             return None
-        values = shown.values[:, [*self.scope.channels].index(channel)]
+        values = shown.values[:, [*shown.channels].index(channel)]
         values = values[np.isfinite(values)]
         return float(f"{0.5 * (np.min(values) + np.max(values)):.4g}") if values.size else None
 
@@ -264,32 +286,25 @@ class Scope(Room):
         with self._lock():
             return self.scope.shown()
 
-    @property
-    def _clock(self) -> str:
-        """Unit of the time."""
-        return "s" if self.following is None else self.following.source.clock
-
     def _frame(self) -> Said:
-        if self._clock != "s" and "window" not in self.given:
-            self._in_samples = True
-            self._apply({**self.given, "window": _SAMPLES}, self.mode)
-        shown, following = self._shown(), self.following
+        following = self.following
         with self._lock():
-            waits, count, channels = self.scope.waits, self.scope.count, dict(self.scope.channels)
+            self._fit_clock()
+            shown = self.scope.shown() if self.held is None else self.held
+            look, channels = self._looking(shown), dict(self.scope.channels)
         words: dict[str, Any] = {
             "live": True, "following": following is not None and following.going,
             "state": "" if following is None else following.state(),
             "failed": following is not None and bool(following.failed),
             "rate": 0.0 if following is None else following.rate,
-            "held": self.held is not None, "of": sorted(channels), "look": self._looking(shown, waits, count),
+            "held": self.held is not None, "of": [f"{name} {unit}" for name, unit in channels.items()], "look": look,
             "readout": [], "cursors": None,
         }  # fmt: skip
-        drawn = [
-            Channel(name, [*channels].index(name), *self._factor(name)) for name in self._drawn() if name in channels
-        ]
-        if shown is None or not drawn or shown.values.shape[1] != len(channels):
+        of = {} if shown is None else shown.channels
+        drawn = [Channel(name, [*of].index(name), *self._factor(name, of)) for name in self._drawn(of)]
+        if shown is None or not drawn:
             return Said(words)
-        clock = self._clock
+        clock = shown.clock
         read = None if self.cursors is None else readout(shown, *self.cursors)
         level = (self.trigger, self.given.get("level", 0.0)) if self.trigger else None
         chart, self._ranges = scope_chart(shown, drawn, clock, level=level, cursors=read, before=self._ranges)
@@ -300,11 +315,14 @@ class Scope(Room):
         charts: dict[str, Chart] = {"scope": chart}
         return Said(words, charts)
 
-    def _looking(self, shown: Shown | None, waits: bool, count: int) -> str:
+    def _looking(self, shown: Shown | None) -> str:
         """What the trigger does, as a sentence."""
+        waits, count = self.scope.waits, self.scope.count
         if self.held is not None:
             return "paused: the picture stands, recording goes on"
-        if self._clock != "s":
+        if self.scope.lack:
+            return self.scope.lack
+        if self.scope.clock != "s":
             return "the source has no clock: give the sample time; until then window and cursors count samples"
         if shown is None:
             if self.following is None:
@@ -314,6 +332,10 @@ class Scope(Room):
             return "runs by: choose a channel for the trigger to let it stand"
         if not shown.triggered:
             return "waits for the trigger, and runs by meanwhile"
+        if [*shown.channels.items()] != [*self.scope.channels.items()]:
+            return "the source has other channels now; what is shown was recorded before"
+        if not shown.whole and shown is self.scope.caught:
+            return "triggered, but the begin of the window is no longer kept: make it shorter"
         if not shown.whole:
             return "triggered: the window fills"
         if waits and not count:
@@ -324,8 +346,8 @@ class Scope(Room):
     def _field(self, name: str) -> dict[str, Any]:
         field = _FIELDS[name]
         unit, factor = field.declared.unit, 1.0 / field.factor
-        if name in _OF_WINDOW and self._clock != "s":
-            unit = self._clock
+        if name in _OF_WINDOW:
+            unit = self.scope.clock
         if name in _OF_CHANNEL:
             unit, factor = self._factor(self.trigger) if self.trigger else ("", 1.0)
         value = self.given.get(name, field.default)
