@@ -88,6 +88,7 @@ function heard(received: Received): void {
   const other = said.epoch !== undefined && said.epoch !== epoch;
   if (other) epoch = said.epoch!;
   if (!said.error && said.room) tabs.get(said.room)?.room.heard(received);
+  else if (said.error && said.room) tabs.get(said.room)?.room.unchanged?.();
   if (!began) {
     began = true;
     const kept = sessionStorage.getItem("feeddrive room") ?? "";

@@ -10,6 +10,7 @@ export interface Room {
   readonly title: string; // on its tab
   readonly element: HTMLElement;
   heard(received: Received): void; // what the server says of it
+  unchanged?(): void; // the last request was refused: what is shown is as it was
   shown?(): void; // its tab was opened: pictures may be measured
 }
 

@@ -4,6 +4,8 @@ import { session, type Request } from "./room";
 import { decode, type Received } from "./wire";
 
 const DRAGS = /\.(move|drag|speed|pole)$/;
+const STEPS = /\.(step|pole_step)$/; // of keys that are held, and of the wheel: those that wait are added
+const MOST = 100; // steps at once
 
 export class Talk {
   private socket: WebSocket | null = null;
@@ -23,6 +25,16 @@ export class Talk {
     const last = this.waiting.at(-1);
     if (last && last.do === request.do && DRAGS.test(request.do) && last.name === request.name && request.first === false) {
       Object.assign(last, { ...request, first: last.first });
+    } else if (
+      last &&
+      last.do === request.do &&
+      STEPS.test(request.do) &&
+      last.name === request.name &&
+      request.first === false
+    ) {
+      for (const way of ["across", "up"]) {
+        last[way] = Math.max(-MOST, Math.min(MOST, Number(last[way]) + Number(request[way])));
+      }
     } else {
       this.waiting.push({ ...request });
     }

@@ -222,3 +222,44 @@ def test_a_pole_is_dragged_in_the_pole_map(opened: Any) -> None:
     page.keyboard.press("ArrowLeft")
     opened.settled()
     assert {name: number(page, name) for name in names} != begun
+
+
+def test_a_field_shows_the_number_of_the_control_and_a_wrong_one_is_said(studio: Any) -> None:
+    page = (opened := studio.open()).page
+    opened.go("tune")
+    field = "[id='number-law.Kv']"
+    page.wait_for_selector("#verdict:not(:empty)")
+    before = page.input_value(field)
+    page.fill(field, "41")
+    page.keyboard.press("Enter")
+    opened.settled()
+    page.keyboard.press("Control+z")  # the field has the focus still
+    opened.settled()
+    assert page.input_value(field) == before
+    page.fill(field, "fast")
+    page.keyboard.press("Enter")
+    opened.settled()
+    assert "must be a number, not 'fast'" in page.inner_text("#error")
+    assert page.input_value(field) == before
+
+
+def test_the_wheel_and_keys_that_are_held_are_one_step_to_undo(studio: Any) -> None:
+    page = (opened := studio.open(1280, 900)).page
+    opened.go("tune")
+    page.wait_for_selector("#verdict:not(:empty)")
+    page.click("#add-filter")
+    opened.settled()
+    names = page.locator("#numbers-list .number label")
+    before = page.input_value("[id='number-filters.0.damping_pole']")
+    grip = page.locator("[data-grip='filters.0.width']")
+    box = grip.bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    for _ in range(40):
+        page.mouse.wheel(0, -20)  # as a trackpad sends it: 8 steps
+    opened.settled()
+    wide = page.input_value("[id='number-filters.0.damping_pole']")
+    assert wide != before
+    assert names.count() > 0
+    page.keyboard.press("Control+z")
+    opened.settled()
+    assert page.input_value("[id='number-filters.0.damping_pole']") == before

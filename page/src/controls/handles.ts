@@ -16,8 +16,8 @@ export interface Grip {
 
 export interface Held {
   dragged(name: string, x: number, y: number | null, first: boolean): void; // y is null with Shift: only across
-  stepped(name: string, across: number, up: number): void;
-  turned?(name: string, steps: number): boolean; // by the wheel; false if it means nothing here
+  stepped(name: string, across: number, up: number, first: boolean): void; // not first: of a key that is held
+  turned?(name: string, steps: number, first: boolean): boolean; // by the wheel; false if it means nothing here
   removed?(name: string): void; // by the key Delete
 }
 
@@ -29,6 +29,9 @@ const KEYS: Record<string, [number, number]> = {
   PageDown: [0, -10],
   PageUp: [0, 10],
 };
+
+const NOTCH = 100; // pixels of a notch of the wheel, which is one step: a trackpad sends few at a time
+const PAUSE = 300; // ms after which turning it is another step to undo
 
 export class Handles {
   private readonly shown = new Map<string, { grip: Grip; element: HTMLElement }>();
@@ -70,6 +73,7 @@ export class Handles {
       make("span", {}, this.sign(grip)),
     );
     let [off, first] = [[0, 0], true];
+    let turned = { at: -Infinity, by: 0, first: true }; // the wheel: when it was last, and what is left of a step
     element.addEventListener("pointerdown", (event) => {
       const box = element.getBoundingClientRect();
       off = [event.clientX - box.left - box.width / 2, event.clientY - box.top - box.height / 2];
@@ -92,12 +96,16 @@ export class Handles {
       if (!way || event.ctrlKey || event.metaKey || event.altKey) return;
       event.preventDefault();
       event.stopPropagation();
-      this.held.stepped(name, way[0] * (event.shiftKey ? 10 : 1), way[1]);
+      this.held.stepped(name, way[0] * (event.shiftKey ? 10 : 1), way[1], !event.repeat);
     });
     element.addEventListener(
       "wheel",
       (event) => {
-        if (event.deltaY !== 0 && this.held.turned?.(name, event.deltaY < 0 ? 1 : -1)) event.preventDefault();
+        if (event.timeStamp - turned.at > PAUSE) turned = { at: 0, by: 0, first: true };
+        const by = turned.by - event.deltaY;
+        const steps = Math.trunc(by / NOTCH);
+        if (this.held.turned?.(name, steps, turned.first)) event.preventDefault();
+        turned = { at: event.timeStamp, by: by - steps * NOTCH, first: turned.first && steps === 0 };
       },
       { passive: false },
     );

@@ -3,12 +3,14 @@
 import { button } from "../parts";
 import type { Knob } from "../wire";
 
-export type Moved = (name: string, value: number, first: boolean) => void;
+export type Moved = (name: string, value: number | string, first: boolean) => void;
 
 const STEPS = 1000;
 
 export class Numbers {
   private readonly rows = new Map<string, { knob: Knob; slider: HTMLInputElement; field: HTMLInputElement }>();
+
+  private last: Record<string, number> = {};
 
   constructor(
     private readonly section: HTMLElement,
@@ -43,13 +45,15 @@ export class Numbers {
     }
   }
 
-  show(values: Record<string, number>): void {
+  // The numbers of now; without any those that were shown last, as after one that was refused.
+  show(values: Record<string, number> = this.last): void {
+    this.last = values;
     for (const [name, value] of Object.entries(values)) {
       const row = this.rows.get(name);
       if (!row) continue;
       row.slider.value = String(place(row.knob, value));
       row.slider.setAttribute("aria-valuetext", `${written(row.knob, value)} ${row.knob.unit}`);
-      if (document.activeElement !== row.field) row.field.value = written(row.knob, value);
+      if (!row.field.dataset.typed) row.field.value = written(row.knob, value);
       row.slider.parentElement?.classList.toggle("changed", value !== row.knob.today);
     }
   }
@@ -87,11 +91,14 @@ export class Numbers {
       if (way === undefined) return;
       event.preventDefault();
       const to = Math.min(STEPS, Math.max(0, Number(slider.value) + 5 * way));
-      this.moved(knob.name, value(knob, to), true);
+      this.moved(knob.name, value(knob, to), !event.repeat); // a key that is held is one step to undo
     });
+    field.addEventListener("input", () => (field.dataset.typed = "yes")); // what is being typed is not written over
     field.addEventListener("change", () => {
+      delete field.dataset.typed;
       const typed = Number(field.value.replace(",", "."));
-      if (field.value.trim() !== "" && Number.isFinite(typed)) this.moved(knob.name, typed / knob.factor, true);
+      const known = field.value.trim() !== "" && Number.isFinite(typed);
+      this.moved(knob.name, known ? typed / knob.factor : field.value, true); // the server says what is no number
     });
     row.append(label, slider, field, unit);
     this.rows.set(knob.name, { knob, slider, field });

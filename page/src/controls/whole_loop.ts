@@ -17,14 +17,14 @@ export class WholeLoop {
     type: "text",
     inputmode: "decimal",
     id: "speed-field",
-    "aria-label": "bandwidth in Hz",
+    "aria-label": "crossover in Hz",
   });
   private readonly meaning = make("p", { class: "meaning" });
   private range: Faster = { low: 1, high: 2, meaning: "" };
   private held = false;
 
-  constructor(moved: (value: number, first: boolean) => void) {
-    const label = make("label", { for: "speed" }, "bandwidth");
+  constructor(moved: (value: number | string, first: boolean) => void) {
+    const label = make("label", { for: "speed" }, "crossover");
     const row = make("div", { class: "number" }, label, this.slider, this.field, make("span", { class: "unit" }, "Hz"));
     this.element = make("fieldset", {}, make("legend", {}, "whole loop"), row, this.meaning);
     let drag = false;
@@ -38,11 +38,13 @@ export class WholeLoop {
       const way = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1, PageUp: 10, PageDown: -10 }[event.key];
       if (way === undefined) return;
       event.preventDefault();
-      moved(this.value(Math.min(STEPS, Math.max(0, Number(this.slider.value) + 5 * way))), true);
+      moved(this.value(Math.min(STEPS, Math.max(0, Number(this.slider.value) + 5 * way))), !event.repeat);
     });
+    this.field.addEventListener("input", () => (this.field.dataset.typed = "yes"));
     this.field.addEventListener("change", () => {
+      delete this.field.dataset.typed;
       const typed = Number(this.field.value.replace(",", "."));
-      if (this.field.value.trim() !== "" && Number.isFinite(typed)) moved(typed, true);
+      moved(this.field.value.trim() !== "" && Number.isFinite(typed) ? typed : this.field.value, true);
     });
   }
 
@@ -60,7 +62,7 @@ export class WholeLoop {
     const share = Math.log(crossover / low) / Math.log(high / low);
     if (!this.held) this.slider.value = String(STEPS * Math.min(1, Math.max(0, share)));
     this.slider.setAttribute("aria-valuetext", `${Number(crossover.toPrecision(4))} Hz`);
-    if (document.activeElement !== this.field) this.field.value = String(Number(crossover.toPrecision(4)));
+    if (!this.field.dataset.typed) this.field.value = String(Number(crossover.toPrecision(4)));
   }
 
   private value(at: number): number {

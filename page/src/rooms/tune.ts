@@ -36,7 +36,7 @@ export class Tune implements Room {
   private last: Received | null = null;
 
   constructor(private readonly ask: Ask) {
-    const moved = (name: string, value: number, first: boolean) => ask({ do: "tune.move", name, value, first });
+    const moved = (name: string, value: number | string, first: boolean) => ask({ do: "tune.move", name, value, first });
     const section = make("section", { id: "numbers", "aria-label": "Numbers of the control", tabindex: "0" });
     const list = make("div", { id: "numbers-list" });
     this.whole = new WholeLoop((value, first) => ask({ do: "tune.speed", value, first }));
@@ -64,11 +64,11 @@ export class Tune implements Room {
     open_loop.onpick = (x) => this.adder.pick(x);
     const held = {
       dragged: (name: string, x: number, y: number | null, first: boolean) => ask({ do: "tune.drag", name, x, y, first }),
-      stepped: (name: string, across: number, up: number) => ask({ do: "tune.step", name, across, up }),
-      turned: (name: string, steps: number) => {
+      stepped: (name: string, across: number, up: number, first: boolean) => ask({ do: "tune.step", name, across, up, first }),
+      turned: (name: string, steps: number, first: boolean) => {
         const width = name.replace(/[^.]*$/, "width");
         const there = this.grips.some((each) => each.name === width);
-        if (there) ask({ do: "tune.step", name: width, across: steps, up: 0 });
+        if (there && steps) ask({ do: "tune.step", name: width, across: steps, up: 0, first });
         return there;
       },
       removed: (name: string) => ask({ do: "tune.remove", place: Number(name.split(".")[1]) }),
@@ -135,6 +135,12 @@ export class Tune implements Room {
     }
   }
 
+  unchanged(): void {
+    this.numbers.show();
+    const speed = this.last?.said.speed;
+    if (speed !== undefined) this.whole.show(speed as number | null);
+  }
+
   shown(): void {
     this.draw();
   }
@@ -155,7 +161,8 @@ export class Tune implements Room {
     const { ask } = this;
     const placed = {
       dragged: (name: string, x: number, y: number | null, first: boolean) => ask({ do: "tune.pole", name, x, y, first }),
-      stepped: (name: string, across: number, up: number) => ask({ do: "tune.pole_step", name, across, up }),
+      stepped: (name: string, across: number, up: number, first: boolean) =>
+        ask({ do: "tune.pole_step", name, across, up, first }),
     };
     return new Handles(picture, placed, () => "×");
   }

@@ -182,7 +182,8 @@ class Tune(Room):
         steps = asked.number("across"), asked.number("up")
         if max(map(abs, steps)) > _STEPS:
             raise ParameterError(f"a pole is moved by at most {_STEPS} steps at once")
-        self.desk.change({**self.desk.values, **self._poles.stepped(asked.text("name"), *steps)})
+        values = self._poles.stepped(asked.text("name"), *steps)
+        self.desk.change({**self.desk.values, **values}, begins=asked.yes("first", True))
         return self._pictures()
 
     @act
