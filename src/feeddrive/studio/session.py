@@ -174,7 +174,7 @@ class Session:
         said = said.replace(f"{folder / 'brought'}{os.sep}", "").replace(f"{folder}{os.sep}", "")
         if "feeddrive " in said:  # a command to enter elsewhere
             return said
-        return re.sub(r"--[a-z-]+", lambda found: f"'{FIELDS[found[0]]}'" if found[0] in FIELDS else found[0], said)
+        return re.sub(r"--([a-z-]+)", lambda found: f"'{FIELDS.get(found[0]) or found[1].replace('-', ' ')}'", said)
 
     def _send(self, of: str, said: bytes) -> None:
         for each in tuple(self._pushes):
