@@ -362,3 +362,19 @@ def test_numbers_that_cannot_be_computed_leave_those_of_before(
     after = asked(session, "tune.show")
     assert "error" not in after
     assert (after["values"], after["undo"], after["judged"]) == (before["values"], before["undo"], before["judged"])
+
+
+def test_a_control_keeps_its_color_whatever_else_is_shown(session: Session) -> None:
+    def numbers(chart: str) -> dict[str, int]:
+        panels = asked(session, "tune.show")["charts"][chart]["panels"]
+        return {each["name"]: each["number"] for panel in panels for each in panel["curves"] if each["name"]}
+
+    asked(session, "tune.move", name="law.Kv", value=90.0)
+    before = {chart: numbers(chart) for chart in ("open_loop", "nyquist", "stiffness", "run")}
+    asked(session, "tune.keep", letter="B")
+    asked(session, "tune.keep", letter="A")
+    for chart, known in before.items():
+        assert known == {"today": 0, "now": 1}
+        assert numbers(chart) == {"today": 0, "A": 2, "B": 3, "now": 1}
+    asked(session, "tune.move", name="law.Kp", value=2e6)  # not stable: it has no stiffness
+    assert numbers("stiffness") == {"today": 0, "A": 2, "B": 3}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -180,7 +180,7 @@ class Desk:
             self._become(held)
 
     @contextmanager
-    def tried(self) -> Iterator[None]:
+    def tried(self) -> Generator[None]:
         """What is done within; if it raises, the control of before and its steps stand again."""
         if self.bench is None:
             yield

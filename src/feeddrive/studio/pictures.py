@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from feeddrive.language import shown_units
 from feeddrive.language.shown_units import ShownUnits
-from feeddrive.plot.chart import Chart
+from feeddrive.plot.chart import Band, Chart, Curve, Disc, Mark, Note
 from feeddrive.plot.complex_plane import nyquist_chart
 from feeddrive.plot.over_frequency import open_loop_chart, sensitivity_chart, stiffness_chart
 from feeddrive.plot.pole_map import damping_chart, poles_chart
@@ -20,6 +20,8 @@ from feeddrive.tuning.by_hand import Look
 from feeddrive.tuning.closed_loop import Figures
 
 T = TypeVar("T")
+Thing = TypeVar("Thing", Curve, Mark, Disc, Note, Band)
+NUMBERS = {"today": 0, "now": 1, "A": 2, "B": 3, "C": 4, "found": 5, "best so far": 5}
 _NO_MACHINE = "needs a machine file: a measured response alone has no poles, no friction and moves no axis"
 
 
@@ -139,8 +141,28 @@ def charts(
 ) -> dict[str, Chart]:  # fmt: skip
     """The pictures that are named, as far as there is something to draw; nothing is computed for the others."""
     view = View(bench, looks, parts or {}, units)
-    found = {name: chart for name in names if (chart := PICTURES[name].made(view)) is not None}
+    found = {name: numbered(chart) for name in names if (chart := PICTURES[name].made(view)) is not None}
     return {name: each.turning() for name, each in found.items()} if bench.rotary else found
+
+
+def numbered(chart: Chart) -> Chart:
+    """The chart with the number of each control by its name, so that it keeps its color whatever else is shown."""
+    named = {each.number: each.name for panel in chart.panels for each in panel.curves if each.name in NUMBERS}
+    others = {number: NUMBERS[name] for number, name in named.items() if NUMBERS[name] != number}
+    if not others:
+        return chart
+
+    def changed(things: Iterable[Thing]) -> tuple[Thing, ...]:
+        return tuple(replace(each, number=others.get(each.number, each.number)) for each in things)
+
+    panels = (
+        replace(
+            each, curves=changed(each.curves), marks=changed(each.marks), discs=changed(each.discs),
+            notes=changed(each.notes), bands=changed(each.bands),
+        )
+        for each in chart.panels
+    )  # fmt: skip
+    return replace(chart, panels=tuple(panels))
 
 
 def choices(bench: Bench, chosen: Iterable[str]) -> list[dict[str, object]]:
