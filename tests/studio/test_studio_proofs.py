@@ -110,6 +110,24 @@ def test_a_law_that_is_taken_is_in_the_recipe_which_writes_the_same_control(comp
     assert not compared.desk.control.compensation
 
 
+def test_the_law_that_is_taken_stands_in_the_recipe_where_it_was_compared(session: Session) -> None:
+    """What was moved and written meanwhile comes after it, and a second law beside the first."""
+    asked(session, "compare.choose", laws=[])
+    name = next(each for each in session.desk.values if each.startswith("law."))
+    start = session.desk.values[name]
+    asked(session, "tune.move", name=name, value=0.95 * start, begins=True)
+    done(session, "compare.start", starts=1)
+    asked(session, "tune.move", name=name, value=0.9 * start, begins=True)
+    session.desk.machine_path()
+    asked(session, "compare.take", law="P-PI")
+    asked(session, "compare.take", law="P-PI")
+    steps = [(each.command, getattr(each.request, "take", None)) for each in session.desk.done]
+    compares = [each for each in steps if each[0] == "compare"]
+    assert set(compares) == {("compare", "P-PI")}
+    assert steps == [("adjust", None), *compares, ("adjust", None)]
+    assert f"={0.95 * start}" in session.desk.done[0].request.set[0]  # type: ignore[attr-defined]
+
+
 def test_a_comparison_that_was_canceled_goes_on_where_it_was(session: Session) -> None:
     asked(session, "compare.choose", laws=["P-PI + recovery", "P-PI + DOB"])
     assert "error" not in asked(session, "compare.start", starts=2)

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+import re
+import shlex
 import subprocess
 import sys
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import feeddrive as fd
@@ -16,12 +20,13 @@ from feeddrive.language import tree
 from feeddrive.studio.bench import bench_of
 from feeddrive.studio.recipe import recipe_of
 from feeddrive.studio.session import Session
+from feeddrive.workflow.tune import TuneRequest
 
 
 def done(session: Session, do: str, **more: Any) -> None:
     """An act, and the end of the work that it began."""
     said = session.answer({"number": 1, "do": do, **more})
-    assert b'"error": "' not in said
+    assert re.search(rb'"error": ?"[^"]', said) is None, said
     job = session.desk.job
     if job is not None:
         job.join(120.0)
@@ -78,6 +83,99 @@ def test_the_job_runs_today_and_the_control_by_hand(worked: tuple[Session, Path]
         )
 
 
+def words_of(session: Session) -> list[list[str]]:
+    """The commands of the recipe in words, without comments."""
+    return [shlex.split(each) for each in recipe_of(session.desk).commands.splitlines() if each[:1] not in ("", "#")]
+
+
+def test_the_last_command_writes_the_control_of_now_after_an_undo(tmp_path: Path) -> None:
+    session = Session(tmp_path, bench_of("linear_motor"))
+    for value in (110.0, 130.0):
+        done(session, "tune.move", name="law.Kv", value=value, begins=True)
+        session.desk.machine_path()
+    assert [each[-2:] for each in words_of(session)][-1][-1] == str(tmp_path / "machine.toml")
+    assert [each[each.index("--set") + 1] for each in words_of(session)] == ["law.Kv=110.0", "law.Kv=130.0"]
+    done(session, "tune.undo")
+    wanted = ["law.Kv=110.0", "law.Kv=130.0", "law.Kv=110.0"]
+    assert [each[each.index("--set") + 1] for each in words_of(session)] == wanted
+    session.desk.machine_path()
+    assert [each[each.index("--set") + 1] for each in words_of(session)] == wanted
+    assert fd.read_machine(tmp_path / "machine.toml").loop(None).control.law.Kv == 110.0  # type: ignore[attr-defined]
+
+
+def test_two_part_programs_have_a_job_and_a_run_each(tmp_path: Path) -> None:
+    session = Session(tmp_path, bench_of("xy_table", "x"))
+    (tmp_path / "other").mkdir()
+    for text in ("G1 X1 F600", "G1 X2 F600"):  # brought under the same name, one after the other
+        part = tmp_path / "other" / "part.ngc"
+        part.write_text(f"G21 G90\n{text}\nM2\n", encoding="utf-8")
+        session.desk.programs["part.ngc"] = part
+        done(session, "prove.program", name="part.ngc")
+    jobs = [Path(each[2]) for each in words_of(session)]
+    assert len(set(jobs)) == len(jobs) == 2
+    for job, text in zip(jobs, ("X1", "X2"), strict=True):
+        part = tmp_path / tomllib.loads(job.read_text(encoding="utf-8"))["program"]["file"]
+        assert text in part.read_text(encoding="utf-8")
+        assert f"# {job}: the job of {part.name}" in recipe_of(session.desk).commands
+    assert session.rooms["take"].show().words["results"] == ["run", "run_2"]
+
+
+def test_what_led_to_a_source_stays_in_the_recipe(tmp_path: Path) -> None:
+    """Responses are estimated from a log, two of them are chosen, and a control is certified on another machine."""
+    (tmp_path / "brought").mkdir()
+    random = np.random.default_rng(1)
+    force = 100.0 * random.standard_normal(6000)
+    velocity = np.convolve(force, 1e-4 * 0.9 ** np.arange(200.0))[:6000]  # 10 kg with friction, at 1 kHz
+    position = np.concatenate([[0.0], 1e-3 * np.cumsum(velocity)[:-1]])
+    table = np.column_stack([np.arange(6000) * 1e-3, force, 1e3 * position])
+    log = tmp_path / "brought" / "log.csv"
+    np.savetxt(log, table, delimiter=",", header="t,kraft_N,lageistwert_mm", comments="")
+    session = Session(tmp_path)
+    done(session, "bring.look", names=["log.csv"])
+    done(session, "bring.estimate", name="log.csv")
+    (estimated,) = words_of(session)
+    roles = Path(estimated[estimated.index("--channels") + 1])
+    assert f"# {roles}: roles of columns" in recipe_of(session.desk).commands
+    bring: Any = session.rooms["bring"]
+    name = next(each.name for each in bring.files.values() if each.responses)
+    load = bring.files[name].responses[0]
+    done(session, "bring.responses", name=name, load=load, machine="linear_motor")
+    assert words_of(session) == [estimated]
+    chosen = str(session.desk.needed.sources.source)
+    session.desk.did("tune", TuneRequest(chosen))
+    assert f"# {chosen}: responses that were chosen" in recipe_of(session.desk).commands
+    done(session, "bring.bundled", name="linear_motor")
+    assert words_of(session)[0] == estimated
+
+
+def test_the_job_begins_with_the_control_that_was_brought(bare: Path, tmp_path: Path) -> None:
+    """Though the control of now stands in another file that a command has written."""
+    folder = tmp_path / "page"
+    folder.mkdir()
+    session = Session(folder, bench_of(bare))
+    done(session, "tune.add", kind="notch")
+    done(session, "take.guard", following_error_limit=2.5)
+    begun: Any = session.desk.control
+    session.desk.exchange(replace(begun, law=replace(begun.law, Tn=0.01)), folder / "tuned.toml")
+    assert session.desk.base == folder / "tuned.toml"
+    path = tmp_path / "job.toml"
+    path.write_text(recipe_of(session.desk).job, encoding="utf-8")
+    job = fd.read_job(path)
+    assert Path(tomllib.loads(path.read_text(encoding="utf-8"))["machine"]) == bare
+    today, by_hand = (each.control for each in job.loops.values())
+    wanted = replace(session.desk.control, guard=by_hand.guard)
+    assert dict(tree.leaves(today)) == dict(tree.leaves(session.desk.needed.before.start))
+    assert dict(tree.leaves(by_hand)) == dict(tree.leaves(wanted))
+    assert {"law.Tn", "filters.0.frequency"} <= dict(tree.leaves(by_hand)).keys() - dict(tree.leaves(today)).keys()
+
+
+def test_the_job_of_an_axis_that_turns_names_its_units(tmp_path: Path) -> None:
+    job = recipe_of(Session(tmp_path, bench_of("rotary_table")).desk).job
+    said = {each.partition("#")[2].split(":")[0].strip() for each in job.splitlines() if ":" in each.partition("#")[2]}
+    assert {"rad", "N m"} <= said
+    assert not said & {"m", "N", "m/s", "m/s²", "m/s^2"}
+
+
 @pytest.fixture
 def bare(tmp_path: Path) -> Path:
     """A machine file as an identification writes it: a cascade without integral, filters or guard."""
@@ -128,7 +226,7 @@ def test_a_goal_that_needs_an_integral_says_so_before_the_search(bare: Path, tmp
     done(session, "goal.accept")
     assert "law.Tn" in session.desk.values
     assert session.desk.machine_path() == folder / "tuned" / "machine.toml"
-    assert session.desk.kept == []
+    assert session.desk.kept == {}
     done(session, "tune.undo")
     assert "law.Tn" not in session.desk.values
 

@@ -28,13 +28,14 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 Values = dict[str, float]
 _UNDONE = 200  # steps that are kept
+_NOT_MADE = "a control that was chosen on the page before a search had ended, or of a comparison"
 _ANOTHER = "This is of a control that was changed since: do it again for the control of now."
 
 
-def free_name(folder: Path, name: str) -> Path:
-    """A path in a folder that is not taken: name.toml, name_2.toml, ..."""
+def free_name(folder: Path, name: str, content: bytes | None = None) -> Path:
+    """A path in a folder that is not taken, or that has this content already: name.toml, name_2.toml, ..."""
     path, count = folder / name, 1
-    while path.exists():
+    while path.exists() and (content is None or not path.is_file() or path.read_bytes() != content):
         count += 1
         path = folder / f"{Path(name).stem}_{count}{Path(name).suffix}"
     return path
@@ -79,8 +80,8 @@ class Desk:
     programs  part programs that were brought, by name
     live      what may be followed while it is recorded
     closing   what is called at the end of the session
-    done      what was done since the source was brought
-    kept      machine files with controls that no command of `done` writes
+    done      what was done on the page, of all sources
+    kept      files that no command of `done` writes, and what each is
     """
 
     def __init__(self, folder: Path, brought: tuple[Path, ...] = (), live: Followable | None = None) -> None:
@@ -98,7 +99,7 @@ class Desk:
         self.undo: list[Held] = []
         self.redo: list[Held] = []
         self._made: tuple[ByHand, Values, Control] | None = None  # the control of now, once it is needed
-        self.kept: list[Path] = []
+        self.kept: dict[Path, str] = {}
         self._begins = True  # whether the next change is a step of its own, and not one more of a drag
         self.changed: Callable[[], None] = lambda: None  # set by the session: another source
         self.closing: list[Callable[[], None]] = []
@@ -111,7 +112,7 @@ class Desk:
         self.check_free()
         self.bench, self.epoch = bench, self.epoch + 1
         self.values, self.base, self.written = bench.by_hand.values, bench.file, bench.before.start
-        self.undo, self.redo, self.done = [], [], []
+        self.undo, self.redo = [], []
         self._begins = True
         self.changed()
 
@@ -158,9 +159,16 @@ class Desk:
         """A machine file with a control that was found, for what is done next."""
         if bench.machine is None:
             return bench.file
-        path = free_name(self.folder, "begun.toml")
-        write_whole(path, bench.text(self.values))
-        self.kept.append(path)
+        return self.keep("begun.toml", bench.text(self.values).encode(), _NOT_MADE)
+
+    def keep(self, name: str, content: bytes, what: str) -> Path:
+        """Write a file that no command writes, so that who repeats what was done is told to keep it.
+
+        It has the name, or a number behind it if that is taken by another one.
+        """
+        path = free_name(self.folder, name, content)
+        write_whole(path, content)
+        self.kept[path] = what
         return path
 
     def held(self) -> Held:
@@ -220,6 +228,14 @@ class Desk:
         """Keep what was done, for those who want it as commands."""
         self.done.append(Step(command, request))
 
+    def said_again(self, known: Request, request: Request, *, also: bool) -> None:
+        """In the place of a step that was done stands a request that does more, so that it meets the same files.
+
+        also  beside the step, and not instead of it
+        """
+        place = next(k for k, each in enumerate(self.done) if each.request is known)
+        self.done[place + also : place + 1] = [Step(self.done[place].command, request)]
+
     def take(self, control: Control, file: Path | None = None) -> None:
         """Go on with a control that was found: a step that can be undone.
 
@@ -261,14 +277,23 @@ class Desk:
 
         Raises ParameterError without a machine.
         """
+        if self.adjusted() is None:
+            return self.base
+        path, missing = self.write_machine(), self.not_yet_done()
+        if missing is not None:
+            self.did("adjust", missing)
+        return path
+
+    def not_yet_done(self) -> AdjustRequest | None:
+        """What writes the control of now into the machine file, unless the last step that wrote this file did so.
+
+        Raises ParameterError without a machine.
+        """
         request = self.adjusted()
         if request is None:
-            return self.base
-        path = self.write_machine()
-        known = [each.request for each in self.done if each.command == "adjust"]
-        if not known or known[-1] != request:
-            self.did("adjust", request)
-        return path
+            return None
+        writers = [each.request for each in self.done if getattr(each.request, "out", None) == request.out]
+        return None if writers and writers[-1] == request else request
 
     def write_machine(self) -> Path:
         """The machine file with the control of now, written into the folder.

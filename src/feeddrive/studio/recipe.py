@@ -14,9 +14,6 @@ if TYPE_CHECKING:
     from feeddrive.studio.desk import Desk
 
 
-_NOT_MADE = "a control that was chosen on the page before a search had ended, or of a comparison; keep this file"
-
-
 @dataclass(frozen=True)
 class Recipe:
     """The same work without the page.
@@ -32,13 +29,17 @@ class Recipe:
 
 
 def recipe_of(desk: Desk) -> Recipe:
-    """What was done since the source was brought, in its order, and the numbers that were moved by hand."""
+    """What was done on the page, in its order, and the numbers that were moved by hand."""
     steps = [(each.command, each.request) for each in desk.done]
-    moved = None if desk.bench is None or desk.bench.machine is None else desk.adjusted()
-    if moved is not None and moved not in [request for _, request in steps]:
+    moved = None if desk.bench is None or desk.bench.machine is None else desk.not_yet_done()
+    if moved is not None:
         steps.append(("adjust", moved))
     commands = [request.command_line(name) for name, request in steps]
-    kept = [f"# {path}: {_NOT_MADE}" for path in desk.kept if any(str(path) in each for each in commands)]
+    kept = [
+        f"# {path}: {what}; keep this file"
+        for path, what in desk.kept.items()
+        if any(str(path) in each for each in commands)
+    ]
     commands = [*kept, *commands]
     python = ["import feeddrive as fd", "", *kept]
     python += [request.python(name) for name, request in steps]
@@ -53,17 +54,17 @@ def _job(desk: Desk) -> str:
     move, force, duration = bench.work
     lines = [
         f"title = {quoted(f'{bench.title}: before and after')}",
-        f"machine = {quoted(whole(desk.base))}",
+        f"machine = {quoted(whole(bench.file))}",
         f"axis = {quoted(bench.axis)}",
         f"duration = {duration!r}",
         "",
-        to_toml(move, "reference").strip(),
+        to_toml(move, "reference", rotary=bench.rotary).strip(),
         "",
-        to_toml(force, "load").strip(),
+        to_toml(force, "load", rotary=bench.rotary).strip(),
         "",
     ]
-    written, now = desk.written, desk.control
-    found = None if written is None else difference(written, now)
+    before, now = bench.before.start, desk.control
+    found = difference(before, replace(now, guard=before.guard))
     if found is not None and not found.removed and not found.added:
         if found.values:
             keys = {quoted(f"axis.{bench.axis}.control.{name}"): each for name, each in found.values.items()}

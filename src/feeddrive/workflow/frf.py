@@ -99,7 +99,7 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
         f"{log.name}: {remark}" for log in read for remark in log.remarks if any(f"'{name}'" in remark for name in used)
     ]
     doubts = [*filter(None, doubted), *_doubts(read[0], {"input": [of_input], "output": outputs}, references)]
-    files: dict[str, str] = {}
+    files: dict[str, Path] = {}
     if request.out is not None:
         facts = {"Logs": ", ".join(str(log) for log in logs), "Input": found[0].frf.input,
                  "Output": ", ".join(each.frf.output for each in found),
@@ -108,7 +108,7 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
                  **({"In doubt": " ".join(doubts)} if doubts else {})}  # fmt: skip
         progress.step("report")
         report = write_estimates(found, request.out, facts)
-        files["Report"] = f"{report}, response: {report.parent / 'frf.csv'}"
+        files |= {"Report": report, "Responses": report.parent / "frf.csv"}
     return Outcome(found, said, [*remarks, *doubts], files=files)
 
 

@@ -10,13 +10,12 @@ from typing import Any
 
 from feeddrive.files.columns import OWN_UNIT, ROLES, Column
 from feeddrive.files.frf import read_frfs, write_frf
-from feeddrive.files.guess import write_roles
 from feeddrive.files.machine import BUNDLED, read_machine
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.language.progress import Progress
 from feeddrive.plot.chart import Chart, Curve, Panel
 from feeddrive.studio.bench import bench_of, bench_of_responses
-from feeddrive.studio.desk import Desk
+from feeddrive.studio.desk import Desk, free_name
 from feeddrive.studio.inspect_file import LOG, MACHINE, PROGRAM, RESPONSES, Understood, understand
 from feeddrive.studio.room import Asked, Room, Said, act, tabled
 from feeddrive.studio.uploads import safe_name, stem_of
@@ -26,6 +25,8 @@ from feeddrive.workflow.identify_responses import IdentifyRequest
 from feeddrive.workflow.tour import MACHINE as MACHINE_OF_TOUR
 from feeddrive.workflow.tour import TourRequest
 from feeddrive.workflow.tune_sources import LOAD, MOTOR
+
+_ROLES, _CHOSEN = "roles of columns, as the page had them", "responses that were chosen on the page"
 
 
 class Bring(Room):
@@ -176,10 +177,8 @@ class Bring(Room):
         """Work on the machine file that the identification wrote."""
         if self.machine is None:
             raise ParameterError("no machine file was identified yet")
-        steps = list(self.desk.done)
         friction = None if self.made is None else self.made.friction
         self.desk.put(replace(bench_of(self.machine), friction=friction))
-        self.desk.done = steps
         return self._on("tune")
 
     def _put(self, machine: str | Path, asked: Asked) -> Said:
@@ -200,8 +199,9 @@ class Bring(Room):
         chosen = [replace(there[asked.choice("load", there)], output=LOAD[0])]
         if asked.text_or_none("motor") is not None:
             chosen.append(replace(there[asked.choice("motor", there)], output=MOTOR[0]))
-        kept = self.desk.folder / f"chosen_{stem_of(found.name)}.csv"
+        kept = free_name(self.desk.folder, f"chosen_{stem_of(found.name)}.csv")
         write_frf(kept, *chosen)
+        self.desk.kept[kept] = _CHOSEN
         return kept
 
     def _machine(self, asked: Asked) -> str | Path | None:
@@ -270,9 +270,8 @@ class Bring(Room):
     def _roles(self, found: Understood) -> Path:
         assert found.guess is not None
         self.desk.check_free()
-        path = self.desk.folder / f"roles_{stem_of(found.name)}.toml"
-        write_roles(path, found.guess, self._path(found.name))
-        return path
+        text = found.guess.toml(self._path(found.name))
+        return self.desk.keep(f"roles_{stem_of(found.name)}.toml", text.encode(), _ROLES)
 
     @staticmethod
     def _column(asked: Asked, role: str, name: str) -> Column:

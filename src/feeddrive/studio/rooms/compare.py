@@ -105,8 +105,10 @@ class Compare(Room):
         axis = machine.named(asked.axis)
         with new_directory(out) as folder:
             (folder / TAKEN).write_text(taken(machine, axis, control), encoding="utf-8")
-        self.desk.done = [each for each in self.desk.done if each.request is not asked]
-        self.desk.did("compare", replace(asked, take=name, out=out))
+        request = replace(asked, take=name, out=out)
+        if request not in [each.request for each in self.desk.done]:
+            self.desk.said_again(asked, request, also=asked.take is not None)
+            self._asked = request
         return out / TAKEN
 
     def _candidates(self) -> tuple[tuple[Candidate, ...], tuple[Refusal, ...]]:

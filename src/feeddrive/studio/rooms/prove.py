@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
 from functools import partial
 from pathlib import Path
 
-from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.machine import BUNDLED
 from feeddrive.language.errors import ParameterError
-from feeddrive.studio.desk import Desk, Held
+from feeddrive.studio.desk import Desk, Held, free_name
 from feeddrive.studio.recipe import quoted, whole
 from feeddrive.studio.room import Asked, Room, Said, act
 from feeddrive.studio.works import Shown, certified, circle_shown, circled, program_run
@@ -17,6 +15,7 @@ from feeddrive.workflow.certify import CertifyRequest
 from feeddrive.workflow.circle import CircleRequest
 from feeddrive.workflow.run_job import RunRequest
 
+_PROGRAM = "a part program, beside its job"
 _RULE = "the control that was tuned on the page"
 
 
@@ -67,7 +66,8 @@ class Prove(Room):
         if machine is None or len(machine.loops) < 2:
             raise ParameterError("a circle needs a machine with two axes, and this one has fewer")
         x, y = asked.choice("x", machine.loops), asked.choice("y", machine.loops)
-        request = CircleRequest((Path(self.desk.machine_path()),), x=x, y=y, out=self.desk.folder / "circle")
+        out = free_name(self.desk.folder, "circle")
+        request = CircleRequest((Path(self.desk.machine_path()),), x=x, y=y, out=out)
         held = self.desk.held()
 
         def then(found: Shown) -> None:
@@ -87,15 +87,13 @@ class Prove(Room):
         name = asked.choice("name", [*_bundled(), *self.desk.programs])
         self.desk.check_free()
         source = self.desk.programs.get(name) or BUNDLED / "programs" / name
-        if source.parent != self.desk.folder:
-            shutil.copyfile(source, self.desk.folder / Path(name).name)
+        part = self.desk.keep(Path(name).name, source.read_bytes(), _PROGRAM)
         machine = quoted(whole(self.desk.machine_path()))
         text = [f"title = {quoted(f'{name} on {bench.title}')}", f"machine = {machine}",
                 f"axis = {quoted(bench.axis)}", f"rule = {quoted(_RULE)}", "", "[program]",
-                f"file = {quoted(Path(name).name)}", ""]  # fmt: skip
-        job = self.desk.folder / "job.toml"
-        write_whole(job, "\n".join(text))
-        request = RunRequest(str(job), out=self.desk.folder / "run")
+                f"file = {quoted(part.name)}", ""]  # fmt: skip
+        job = self.desk.keep("job.toml", "\n".join(text).encode(), f"the job of {part.name}, which stands beside it")
+        request = RunRequest(str(job), out=free_name(self.desk.folder, "run"))
         held = self.desk.held()
 
         def then(found: Shown) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -142,9 +143,10 @@ class Take(Room):
         self.desk.start(self.name, f"verify the export for {target}", partial(perform, "verify", request), then)
 
     def _results(self) -> list[str]:
-        return [name for name in _RESULTS if (self.desk.folder / name).is_dir()] + sorted(
-            each.name for each in self.desk.folder.glob("tuned_*") if each.is_dir()
-        )
+        """Directories with what was done, of one name in the order of their numbers."""
+        there = [each.name for each in self.desk.folder.iterdir() if each.is_dir()]
+        there.sort(key=lambda name: (len(name), name))
+        return [each for name in _RESULTS for each in there if re.fullmatch(rf"{name}(_\d+)?", each)]
 
     def _give(self, path: Path) -> Said:
         return Said({**self.show().words, "give": path.name})
