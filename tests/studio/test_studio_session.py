@@ -333,6 +333,7 @@ def test_what_is_missing_is_named_as_the_field_of_the_page_is(tmp_path: Path) ->
     (tmp_path / "brought").mkdir()
     (tmp_path / "brought" / "axis.csv").write_text(f"frequency_Hz,load_re,load_im\n{rows}\n", encoding="utf-8")
     session = Session(tmp_path)
+    session.desk.files["axis.csv"] = tmp_path / "brought" / "axis.csv"
     ended = threading.Event()
     session.listen(lambda _, said: ended.set() if read(said)[0].get("files") else None)
     session.answer({"number": 1, "do": "bring.look", "names": ["axis.csv"]})

@@ -72,7 +72,8 @@ def test_what_is_too_large_is_refused_and_nothing_of_it_stays(
 
 def test_there_are_not_too_many_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(uploads, "MANY", 2)
-    for name in ("a.csv", "b.csv", "b.csv"):
-        kept(name, tmp_path)
-    with pytest.raises(FileError, match="2 files were brought already"):
-        kept("c.csv", tmp_path)
+    assert kept("a.csv", tmp_path) == tmp_path / "a.csv"
+    assert kept("a.csv", tmp_path) == tmp_path / "2" / "a.csv"  # nothing is replaced: each one counts
+    for name in ("a.csv", "b.csv"):
+        with pytest.raises(FileError, match="2 files were brought already"):
+            kept(name, tmp_path)

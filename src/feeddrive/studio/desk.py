@@ -73,6 +73,7 @@ class Desk:
     folder    its own: what was brought stands in `brought`, results beside it
     bench     what is tuned; None before something was brought
     brought   files that were named at the start of the command, and stand elsewhere
+    files     where what is shown under a name stands: that which was brought or made last
     epoch     counts the sources
     base      machine file that the control of now is written into
     written   the control there
@@ -86,6 +87,7 @@ class Desk:
 
     def __init__(self, folder: Path, brought: tuple[Path, ...] = (), live: Followable | None = None) -> None:
         self.folder, self.brought = folder, brought
+        self.files = {each.name: each for each in brought}
         self.live = live or Followable()
         self.bench: Bench | None = None
         self.epoch = 0

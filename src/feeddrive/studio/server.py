@@ -69,12 +69,14 @@ def make_app(
     async def upload(request: Any) -> Any:
         given, size = request.query_params, request.headers.get("content-length", "")
         try:
-            into = sessions.named(given.get("session", "")).desk.folder / "brought"
+            desk = sessions.named(given.get("session", "")).desk
+            into = desk.folder / "brought"
             name = given.get("name", "")
             if given.get("ask"):  # whether it may be sent: nothing of it has come
                 kept = place_of(name, into, int(given["ask"]) if _WHOLE.fullmatch(given["ask"]) else None)
             else:
                 kept = await keep(name, request.stream(), into, int(size) if _WHOLE.fullmatch(size) else None)
+                desk.files[kept.name] = kept
         except FeeddriveError as error:
             return JSONResponse({"error": str(error)}, 413 if "larger" in str(error) else 400)
         return JSONResponse({"name": kept.name})

@@ -171,7 +171,8 @@ class Session:
     def _plain(self, said: str) -> str:
         """Files by the names under which they were brought, options by the fields of the page that stand for them."""
         folder = self.desk.folder
-        said = said.replace(f"{folder / 'brought'}{os.sep}", "").replace(f"{folder}{os.sep}", "")
+        between = re.escape(os.sep)
+        said = re.sub(rf"{re.escape(str(folder))}{between}(brought{between}(\d+{between})?)?", "", said)
         if "feeddrive " in said:  # a command to enter elsewhere
             return said
         return re.sub(r"--([a-z-]+)", lambda found: f"'{FIELDS.get(found[0]) or found[1].replace('-', ' ')}'", said)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import AsyncIterator
+from itertools import chain, count
 from pathlib import Path
 
 from feeddrive.files.atomic_io import written_whole
@@ -33,7 +34,7 @@ def stem_of(name: str) -> str:
 
 
 def place_of(name: str, folder: Path, promised: int | None = None) -> Path:
-    """Where a file that is brought will stand.
+    """Where a file that is brought will stand: run.csv, then 2/run.csv, ...: what works on the first one still has it.
 
     promised  its size, bytes, if the browser said it
     Raises FileError for its name, for a link that stands there, for more than `LARGEST` bytes, and for more than
@@ -44,15 +45,21 @@ def place_of(name: str, folder: Path, promised: int | None = None) -> Path:
         raise _too_large(path)
     if path.is_symlink():
         raise FileError(f"{path.name} is a link to another file: remove it from {folder}, or rename the file")
-    if folder.exists() and not path.exists() and sum(1 for _ in folder.iterdir()) >= MANY:
+    if sum(1 for each in folder.rglob("*") if not each.is_dir()) >= MANY:
         raise FileError(f"{MANY} files were brought already: open a new page for more")
-    return path
+    return free_place(folder, name)
+
+
+def free_place(folder: Path, name: str) -> Path:
+    """Where in a folder a file of this name can stand beside those that have it already."""
+    places = chain([folder], (folder / str(i) for i in count(2)))
+    return next(each / name for each in places if not (each / name).exists())
 
 
 async def keep(name: str, pieces: AsyncIterator[bytes], folder: Path, promised: int | None = None) -> Path:
     """Write a file that arrives in pieces into the folder, whole or not at all. Raises the errors of `place_of`."""
     path = place_of(name, folder, promised)
-    folder.mkdir(parents=True, exist_ok=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
     with written_whole(path) as temporary, temporary.open("wb") as file:
         size = 0
         async for piece in pieces:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -41,7 +41,6 @@ class Bring(Room):
         self.made: Shown | None = None  # the last identification
         self._made_of = ""  # the file that it was about
         self.machine: Path | None = None  # that it wrote
-        self.places: dict[str, Path] = {}  # of files that were made here
         self.start_from = ""  # the machine that is chosen before a person chooses one
         self._began = False
 
@@ -49,7 +48,7 @@ class Bring(Room):
         """Bundled machines, the files, and the columns of the one that is open."""
         if self.desk.brought and not self._began:
             self._began = True
-            self._read(list(self.desk.brought))
+            self._read([each.name for each in self.desk.brought])
         words: dict[str, Any] = {
             "bundled": _bundled(),
             "files": [self._file(each) for each in self.files.values()],
@@ -72,7 +71,7 @@ class Bring(Room):
         names = asked.texts("names")
         if not names:
             raise ParameterError("no file is named: choose one, or drop it on the page")
-        self._read([self._path(each) for each in names])
+        self._read(names)
 
     @act
     def pick(self, asked: Asked) -> None:
@@ -84,6 +83,7 @@ class Bring(Room):
         """Forget a file."""
         found = self._known(asked)
         del self.files[found.name]
+        self.desk.files.pop(found.name, None)
         self.desk.programs.pop(found.name, None)
         self.open = "" if self.open == found.name else self.open
 
@@ -102,7 +102,7 @@ class Bring(Room):
             self.desk.did("tour", request)
             self.start_from = MACHINE_OF_TOUR
             for each in found:
-                self._show(each, out / each.name)
+                self._show(each, each.name, out / each.name)
 
         self.desk.start(self.name, "simulate the log of the tour", partial(toured, request), then)
 
@@ -135,7 +135,7 @@ class Bring(Room):
     def identify(self, asked: Asked) -> None:
         """Find masses, friction and dead time, or modes; a machine file is written where the law is known."""
         found = self._known(asked)
-        path, out = self._path(found.name), self.desk.folder / f"identified_{stem_of(found.name)}"
+        path, out = self._path(found.name), self._free(f"identified_{stem_of(found.name)}")
         request = IdentifyRequest(
             path, channels=self._roles(found) if found.kind == LOG else None, out=out, machine=self._machine(asked),
             axis=asked.text_or_none("axis"), motor=asked.text_or_none("motor"), load=asked.text_or_none("load"),
@@ -152,7 +152,7 @@ class Bring(Room):
             raise ParameterError(f"{found.name} is no log but: {found.kind}")
         names = [each.name for each in self.files.values() if each.kind == LOG and each.name != found.name]
         more = [self._path(each) for each in names if asked.yes("all")]
-        out = self.desk.folder / f"frf_{stem_of(found.name)}"
+        out = self._free(f"frf_{stem_of(found.name)}")
         logs = (self._path(found.name), *more)
         request = FrfRequest(logs, channels=self._roles(found), out=out)
         self._start("frf", found.name, f"estimate responses from {found.name}", request)
@@ -215,18 +215,15 @@ class Bring(Room):
         said = self.show()
         return Said({**said.words, "go": room}, said.charts)
 
-    def _read(self, paths: list[Path]) -> None:
-        what = f"read {paths[0].name}" + (f" and {len(paths) - 1} more" if len(paths) > 1 else "")
-        places = {path.name: path for path in paths}
+    def _read(self, names: Sequence[str]) -> None:
+        what = f"read {names[0]}" + (f" and {len(names) - 1} more" if len(names) > 1 else "")
+        paths = {name: self._path(name) for name in names}
 
         def then(found: list[Understood]) -> None:
-            for each in found:
-                self.files[each.name] = each
-                self.open = each.name
-                if each.kind == PROGRAM:
-                    self.desk.programs[each.name] = places[each.name]
+            for (name, path), each in zip(paths.items(), found, strict=True):
+                self._show(each, name, path)
 
-        self.desk.start(self.name, what, partial(understand, paths), then)
+        self.desk.start(self.name, what, partial(understand, [*paths.values()]), then)
 
     def _start(self, command: str, name: str, what: str, request: Any) -> None:
         def then(found: Shown) -> None:
@@ -241,13 +238,20 @@ class Bring(Room):
         self.machine = next((path for path in places.values() if path.name == "machine.toml"), None)
         responses = [path for path in places.values() if path.suffix in (".csv", ".parquet") and path.is_file()]
         self.made = found
-        if responses:  # what was estimated is a file like one that was brought
-            for each in understand(responses, Progress()):
-                self._show(each, responses[0].parent / each.name)
+        for path, each in zip(responses, understand(responses, Progress()), strict=True):
+            # what was estimated is a file like one that was brought, by the name of its directory: all are frf.csv
+            self._show(each, path.parent.name + path.suffix, path)
 
-    def _show(self, made: Understood, path: Path) -> None:
-        """A file that was made here stands among those that were brought."""
-        self.files[made.name], self.places[made.name], self.open = made, path, made.name
+    def _show(self, found: Understood, name: str, path: Path) -> None:
+        """A file is shown under a name, in place of one that had it before."""
+        self.files[name], self.desk.files[name], self.open = replace(found, name=name), path, name
+        self.desk.programs.pop(name, None)
+        if found.kind == PROGRAM:
+            self.desk.programs[name] = path
+
+    def _free(self, name: str) -> Path:
+        """A path for what is made: no file that was made before is replaced, since an undo may go back to it."""
+        return free_name(self.desk.folder, name)
 
     def _known(self, asked: Asked) -> Understood:
         name = asked.text("name")
@@ -257,13 +261,8 @@ class Bring(Room):
 
     def _path(self, name: str) -> Path:
         """Where a file that was brought, made or named at the start stands."""
-        if name in self.places:
-            return self.places[name]
-        for each in self.desk.brought:
-            if each.name == name:
-                return each
-        path = self.desk.folder / "brought" / safe_name(name)
-        if not path.is_file() or path.is_symlink():
+        path = self.desk.files.get(safe_name(name))
+        if path is None or not path.is_file() or path.is_symlink():
             raise ParameterError(f"no file {name!r:.80} was brought")
         return path
 

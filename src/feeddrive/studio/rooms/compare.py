@@ -13,7 +13,7 @@ from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.machine import MachineFile
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.control import Control
-from feeddrive.studio.desk import Desk
+from feeddrive.studio.desk import Desk, free_name
 from feeddrive.studio.room import Asked, Room, Said, act
 from feeddrive.studio.works import Shown, compared
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
@@ -101,7 +101,8 @@ class Compare(Room):
 
     def _written(self, name: str, control: Control, asked: CompareRequest, machine: MachineFile) -> Path:
         """The machine file that the comparison writes which takes this law; it is that which counts as done."""
-        out = self.desk.folder / "compared" / (re.sub(r"\W+", "_", name).strip("_").lower() or "law")
+        law = re.sub(r"\W+", "_", name).strip("_").lower() or "law"
+        out = free_name(self.desk.folder / "compared", law)  # one that was taken before stays what it was
         axis = machine.named(asked.axis)
         with new_directory(out) as folder:
             (folder / TAKEN).write_text(taken(machine, axis, control), encoding="utf-8")

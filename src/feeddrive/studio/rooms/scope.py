@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +59,6 @@ class Scope(Room):
         self.held: Shown | None = None
         self.saved = ""
         self._counted = "s"  # unit of the window that was set
-        self._count = 0
         self._ranges = Ranges()
         desk.closing.append(self._stop)
 
@@ -198,12 +198,13 @@ class Scope(Room):
             if self.cursors is None:
                 raise ParameterError("set both cursors first: what lies between them is kept")
             shown = between(shown, *self.cursors)
-        self._count += 1
-        name = f"scope_{self._count}.parquet"
-        log = window_log(f"{Path(self.chosen).stem}, scope", shown, self.stated, self._drawn(shown.channels))
         folder = self.desk.folder / "brought"
+        taken = {*self.desk.files, *(each.name for each in folder.glob("*"))}  # an upload may have such a name
+        name = next(each for i in count(1) if (each := f"scope_{i}.parquet") not in taken)
+        log = window_log(f"{Path(self.chosen).stem}, scope", shown, self.stated, self._drawn(shown.channels))
         folder.mkdir(parents=True, exist_ok=True)
         write_log(folder / name, log)
+        self.desk.files[name] = folder / name
         self.saved = name
         return Said({**self.show().words, "bring": name})
 
