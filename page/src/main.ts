@@ -3,7 +3,7 @@
 import { JobBar } from "./job";
 import { paint } from "./pictures/look";
 import { button, make } from "./parts";
-import { whenZoomed } from "./pictures/picture";
+import { showAll, whenZoomed } from "./pictures/picture";
 import { printable } from "./pictures/print";
 import type { Request, Room } from "./room";
 import { Bring } from "./rooms/bring";
@@ -86,7 +86,10 @@ function heard(received: Received): void {
     fail(said.error ?? ""); // what runs by takes no words away
   else if (said.error) fail(said.error);
   const other = said.epoch !== undefined && said.epoch !== epoch;
-  if (other) epoch = said.epoch!;
+  if (other) {
+    epoch = said.epoch!;
+    showAll();
+  }
   if (!said.error && said.room) tabs.get(said.room)?.room.heard(received);
   else if (said.error && said.room) tabs.get(said.room)?.room.unchanged?.();
   if (!began) {

@@ -167,7 +167,7 @@ def test_what_was_found_is_accepted_and_taken_away(begin: Callable[[str], Sessio
     do(session, "take.export", target="parameters")
     assert done(session) == DONE
     said = do(session, "take.show").words
-    assert said["results"] == ["tuned"]
+    assert said["results"] == [{"name": "tuned", "said": ""}]
     archive = said["exports"]["parameters"]["archive"]
     given = do(session, "take.result", name="tuned").words["give"]
     for name in (archive, given):
@@ -177,6 +177,8 @@ def test_what_was_found_is_accepted_and_taken_away(begin: Callable[[str], Sessio
             assert len(packed.namelist()) > 1
     assert not any("was changed since" in each for each in said["exports"]["parameters"]["said"])
     do(session, "tune.undo")
+    (result,) = do(session, "take.show").words["results"]
+    assert result["said"].startswith("This is of a control that was changed since")
     shown = do(session, "take.show").words["exports"]["parameters"]
     assert shown["said"][0] == "This is of a control that was changed since: do it again for the control of now."
     do(session, "tune.redo")
@@ -205,3 +207,15 @@ def test_a_search_is_not_begun_beside_another_work_and_what_was_found_stays(begi
     with pytest.raises(FeeddriveError, match="nothing was found yet"):
         do(session, "goal.accept")
     assert session.desk.values == before
+
+
+def test_the_picture_reaches_up_to_a_limit_that_can_be_dragged(begin: Callable[[str], Session]) -> None:
+    session = begin("linear_motor")
+    for peak, seen in (("1.7", True), ("4", True), ("1e9", False)):
+        do(session, "goal.set", field="max_ms", value=peak)
+        said = do(session, "goal.show")
+        (level,) = (each for each in said.words["levels"] if each["field"] == "max_ms")
+        panel = said.charts["sensitivity"].panels[0]
+        assert panel.high is not None
+        assert (panel.high > level["at"]) is seen
+        assert panel.high > max(each.y.max() for each in panel.curves)

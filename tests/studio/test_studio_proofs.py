@@ -201,3 +201,21 @@ def test_values_and_radii_go_over_the_wire_behind_their_places(session: Session)
     assert np.all(np.hypot(x + 1.0, y) > reach)  # no disc holds -1
     assert np.all(reach > 0.0)
     assert reach == pytest.approx(0.2 * np.hypot(x, y), rel=1e-3)  # r = 0.2 of |L|, the usual radius
+
+
+def test_of_another_source_no_certificate_is_taken_away_and_of_another_control_it_is_said(
+    bench: Bench, tmp_path: Path
+) -> None:
+    session = Session(tmp_path, bench)
+    done(session, "prove.certify")
+    assert asked(session, "take.show")["results"] == [{"name": "certificate", "said": ""}]
+    name, before = next(iter(session.desk.values.items()))
+    asked(session, "tune.move", name=name, value=0.9 * before)
+    (found,) = asked(session, "take.show")["results"]
+    assert found["said"] == "This is of a control that was changed since: do it again for the control of now."
+    asked(session, "tune.move", name=name, value=before)
+    assert asked(session, "take.show")["results"] == [{"name": "certificate", "said": ""}]
+    assert "error" not in asked(session, "bring.bundled", name="ball_screw")
+    assert (tmp_path / "certificate").is_dir()  # of the source before
+    assert asked(session, "take.show")["results"] == []
+    assert "name must be one of" in asked(session, "take.result", name="certificate")["error"]

@@ -117,7 +117,7 @@ def test_two_part_programs_have_a_job_and_a_run_each(tmp_path: Path) -> None:
         part = tmp_path / tomllib.loads(job.read_text(encoding="utf-8"))["program"]["file"]
         assert text in part.read_text(encoding="utf-8")
         assert f"# {job}: the job of {part.name}" in recipe_of(session.desk).commands
-    assert session.rooms["take"].show().words["results"] == ["run", "run_2"]
+    assert session.rooms["take"].show().words["results"] == [{"name": name, "said": ""} for name in ("run", "run_2")]
 
 
 def test_what_led_to_a_source_stays_in_the_recipe(tmp_path: Path) -> None:

@@ -298,8 +298,8 @@ def test_a_part_of_a_curve_that_is_looked_at_has_its_own_points(session: Session
 
 
 def test_a_window_of_the_page_holds_until_all_is_shown(session: Session) -> None:
-    def window(**given: Any) -> dict[str, Any]:
-        return asked(session, "view.window", label="time (s)", shows="tune", **given)
+    def window(shows: str = "tune", **given: Any) -> dict[str, Any]:
+        return asked(session, "view.window", label="time (s)", shows=shows, **given)
 
     def reach(said: bytes) -> tuple[float, float]:
         found, numbers = read(said)
@@ -317,6 +317,13 @@ def test_a_window_of_the_page_holds_until_all_is_shown(session: Session) -> None
     assert "from low to high, not from 0.3 to 0.2" in window(low=0.3, high=0.2)["error"]
     window(low=None, high=None)
     assert reach(session.answer(show)) == whole
+    window("scope", low=0.2, high=0.3)
+    assert reach(session.answer(show)) == whole  # each room for itself
+    window(low=0.2, high=0.3)
+    window("scope", low=None, high=None)
+    assert reach(session.answer(show)) == (low, high)
+    asked(session, "bring.bundled", name="ball_screw")
+    assert reach(session.answer(show)) == whole  # all of another source
 
 
 def test_knobs_are_in_the_units_that_people_read(session: Session) -> None:

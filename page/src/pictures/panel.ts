@@ -157,6 +157,13 @@ export class Panel {
     return inside ? { x: value(x, across), y: value(y, up) } : null;
   }
 
+  // Whether a value of y lies in the panel, or a pixel beside it.
+  holds(value: number): boolean {
+    const { y } = this.axes();
+    const up = pixel(y, value);
+    return up >= y.to - uPlot.pxRatio && up <= y.from + uPlot.pxRatio;
+  }
+
   // The value of x at a distance from the left, also beside the panel.
   along(px: number): number {
     return value(this.axes().x, px * uPlot.pxRatio);

@@ -5,6 +5,7 @@ import { scaled_bar } from "./heat";
 import { look as chosen, type Look } from "./look";
 import { Panel, type Drawn, type Range } from "./panel";
 import { pinch } from "./pinch";
+import { button } from "../parts";
 import type { Chart, Curve, Panel as Content } from "../wire";
 
 const [HEIGHT, MORE] = [280, 80]; // pixels of a picture, as page.css has it, and of each panel beyond two
@@ -16,6 +17,13 @@ const asked: ((label: string, x: Range | null) => void)[] = [];
 // A part of x is looked at: the server has more points of it.
 export function whenZoomed(act: (label: string, x: Range | null) => void): void {
   asked.push(act);
+}
+
+let shown_all = 0; // how often
+
+// Another source: no picture stays zoomed when it is drawn again.
+export function showAll(): void {
+  shown_all++;
 }
 
 export class Picture {
@@ -34,12 +42,18 @@ export class Picture {
   private numbers: Float32Array = new Float32Array();
   private x: Range | null = null; // what was zoomed to; null for all
   private y = new Map<number, Range>(); // by panel
+  private shown_all = shown_all;
+  private readonly whole = button("show all", () => (this.zoom(null, null), this.surface.focus()), {
+    class: "whole",
+    hidden: "",
+  });
 
   constructor(
     readonly title: string,
     private readonly more = MORE,
   ) {
-    this.caption.textContent = title;
+    this.whole.setAttribute("aria-label", `show all of ${title}`);
+    this.caption.append(`${title} `, this.whole);
     this.field.className = "field";
     this.surface.className = "surface";
     this.surface.setAttribute("role", "img");
@@ -63,9 +77,10 @@ export class Picture {
   }
 
   draw(chart: Chart, numbers: Float32Array, look: Look): void {
-    if (this.chart && this.chart.label !== chart.label) this.all();
+    this.keep_zoom(chart);
     this.chart = chart;
     this.numbers = numbers;
+    this.whole.hidden = this.x === null && this.y.size === 0;
     this.field.style.height = chart.panels.length > 2 ? `${HEIGHT + this.more * (chart.panels.length - 2)}px` : "";
     const [width, height] = [this.field.clientWidth, this.field.clientHeight];
     if (width < 120 || height < 60) return; // not laid out yet
@@ -155,6 +170,11 @@ export class Picture {
     return this.panels[0]?.up(y) ?? null;
   }
 
+  // Whether a value of y lies in the first panel.
+  holds(y: number): boolean {
+    return this.panels[0]?.holds(y) ?? false;
+  }
+
   get canvas(): HTMLElement {
     return this.field;
   }
@@ -166,6 +186,24 @@ export class Picture {
   private all(): void {
     this.x = null;
     this.y.clear();
+  }
+
+  // What was zoomed to, as far as it means the same in another chart.
+  private keep_zoom(chart: Chart): void {
+    const [before, x] = [this.chart, this.x];
+    const another = this.shown_all !== shown_all;
+    this.shown_all = shown_all;
+    if (!before) return;
+    if (another) {
+      this.all(); // and the server knows
+    } else if (before.label !== chart.label || before.scale !== chart.scale) {
+      this.all();
+      if (x && !before.square) for (const act of asked) act(before.label, null);
+    }
+    for (const i of [...this.y.keys()]) {
+      const [old, fresh] = [before.panels[i], chart.panels[i]];
+      if (old?.label !== fresh?.label || old?.scale !== fresh?.scale) this.y.delete(i);
+    }
   }
 
   // This picture and those beside it over the same x.

@@ -8,7 +8,7 @@ import type { Received } from "../wire";
 interface Words {
   ready: boolean;
   targets: string[];
-  results: string[];
+  results: { name: string; said: string }[]; // said: that it is of another control
   exports: Record<string, Result & { archive: string }>;
   verified: Record<string, Result>;
   commands: string;
@@ -29,9 +29,12 @@ export class Take implements Room {
     const words = received.said as unknown as Words;
     const machine = button("Machine file", () => this.ask({ do: "take.machine" }), { id: "take-machine", class: "main" });
     machine.disabled = !words.ready;
-    const results = words.results.map((name) =>
-      button(`Report: ${name}`, () => this.ask({ do: "take.result", name }), { id: `take-result-${name}` }),
-    );
+    const results = words.results.map(({ name, said }) => {
+      const give = button(`Report: ${name}`, () => this.ask({ do: "take.result", name }), { id: `take-result-${name}` });
+      if (!said) return give;
+      give.setAttribute("aria-describedby", `take-said-${name}`);
+      return make("span", {}, give, make("span", { id: `take-said-${name}` }, ` ${said}`));
+    });
     const targets = words.targets.map((target) => {
       const found = button(`Export: ${target}`, () => this.ask({ do: "take.export", target }), { id: `take-export-${target}` });
       found.disabled = !words.ready;

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -43,10 +43,16 @@ def free_name(folder: Path, name: str, content: bytes | None = None) -> Path:
 
 @dataclass(frozen=True)
 class Step:
-    """One thing that was done: a command of the workflow with its request."""
+    """One thing that was done: a command of the workflow with its request.
+
+    control  that its results are of; None if they are of none
+    epoch    of the source on the desk
+    """
 
     command: str
     request: Request
+    control: Control | None = None
+    epoch: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +67,11 @@ class Held:
     values: Values
     base: str | Path
     written: Control
+
+    @property
+    def control(self) -> Control:
+        """The control itself."""
+        return self.bench.by_hand.control(self.values)
 
     def same(self, other: Held) -> bool:
         """Whether parts and numbers are the same."""
@@ -183,6 +194,19 @@ class Desk:
         same = held.same(self.held())
         return {**words, "said": [*([] if same else [_ANOTHER]), *words["said"]]}
 
+    def results(self) -> dict[str, str]:
+        """Directories with results of this source, by name, latest last: a sentence if one is of another control."""
+        found = dict[str, str]()
+        for each in self.done:
+            out = getattr(each.request, "out", None)
+            if each.control is None or each.epoch != self.epoch or not isinstance(out, Path):
+                continue
+            if out.parent == self.folder and out.is_dir():
+                found.pop(out.name, None)
+                changed = difference(each.control, self.control)
+                found[out.name] = "" if changed is not None and changed.nothing else _ANOTHER
+        return found
+
     def restore(self, held: Held) -> None:
         """Go to a control that was kept: a step to undo."""
         if not held.same(self.held()):
@@ -226,9 +250,9 @@ class Desk:
         self.written = held.written
         self._begins = True
 
-    def did(self, command: str, request: Request) -> None:
-        """Keep what was done, for those who want it as commands."""
-        self.done.append(Step(command, request))
+    def did(self, command: str, request: Request, control: Control | None = None) -> None:
+        """Keep what was done, for those who want it as commands, and the control that its results are of."""
+        self.done.append(Step(command, request, control, self.epoch))
 
     def said_again(self, known: Request, request: Request, *, also: bool) -> None:
         """In the place of a step that was done stands a request that does more, so that it meets the same files.
@@ -236,7 +260,7 @@ class Desk:
         also  beside the step, and not instead of it
         """
         place = next(k for k, each in enumerate(self.done) if each.request is known)
-        self.done[place + also : place + 1] = [Step(self.done[place].command, request)]
+        self.done[place + also : place + 1] = [replace(self.done[place], request=request)]
 
     def take(self, control: Control, file: Path | None = None) -> None:
         """Go on with a control that was found: a step that can be undone.

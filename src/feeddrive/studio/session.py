@@ -49,7 +49,7 @@ class Session:
         self._tour = Tour(self.desk)
         self.rooms[Tour.name] = self._tour
         self._pushes = list[Push]()
-        self._windows: dict[str, Window] = {}
+        self._windows: dict[tuple[str, str], Window] = {}  # by room and label of x
         self.desk.watched = lambda: self.heard
         self._lock = threading.RLock()
         if bench is not None:
@@ -114,20 +114,22 @@ class Session:
         self.desk.cancel()
 
     def _view(self, act: str, asked: Asked) -> str:
-        """Look at a part of x in all pictures over it, or at all of it; the room that is shown."""
+        """Look at a part of x in all pictures of a room over it, or at all of it; the room."""
         if act != "window":
             raise ParameterError(f"a view has a window, and not '{act:.60}'")
+        room = asked.choice("shows", self.rooms)
         label, low, high = asked.text("label"), asked.number_or_none("low"), asked.number_or_none("high")
-        self._windows.pop(label, None)
+        self._windows.pop((room, label), None)
         if low is not None and high is not None:
             if not low < high:
                 raise ParameterError(f"a window reaches from low to high, not from {low:g} to {high:g}")
             if len(self._windows) >= _WINDOWS:
                 self._windows.clear()
-            self._windows[label] = low, high
-        return asked.choice("shows", self.rooms)
+            self._windows[room, label] = low, high
+        return room
 
     def _another(self) -> None:
+        self._windows.clear()  # the page shows all of another source
         for each in self.rooms.values():
             each.begin()
 
@@ -166,7 +168,8 @@ class Session:
             words["error"] = self._plain(str(words["error"]))
         if "remarks" in words:
             words["remarks"] = [self._plain(str(each)) for each in words["remarks"]]
-        return message(words, said.charts, self._windows)
+        windows = {label: each for (of, label), each in self._windows.items() if of == room}
+        return message(words, said.charts, windows)
 
     def _plain(self, said: str) -> str:
         """Files by the names under which they were brought, options by the fields of the page that stand for them."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,7 @@ _NO_INTEGRAL = (
     "the control of now has no integral action, which the goal rope-snap needs: write cascade_ppi into the field law, "
     "so that the search begins with one, or take the goal stiffness"
 )
+_FAR = 20.0  # dB above the curves, within which the picture reaches up to the limit
 _TODAY, _NOW, _BEST, _FOUND = "today", "now", "best so far", "found"
 FIELDS: Mapping[str, Field] = {each.name: each for each in fields_of(TuneRequest) if each.name in _SHOWN}
 
@@ -106,8 +108,8 @@ class Goal(Room):
                 self.best = report.best
 
         def then(outcome: Outcome[Tuned]) -> None:
-            self.desk.did("tune", request)
             self.found, self.best = outcome, outcome.result.control
+            self.desk.did("tune", request, self._best())
 
         self.desk.start(self.name, "tune", partial(perform, "tune", request), then, met)
 
@@ -116,14 +118,15 @@ class Goal(Room):
         """Go on with what was found, or with the best so far of a search that was stopped."""
         if self.best is None:
             raise ParameterError("nothing was found yet: press Tune first")
-        written = self._written()
-        if written is None:
-            self.desk.take(self.best)
-        else:
-            self.desk.take(read_machine(written).loop(self.desk.needed.axis).control, written)
+        self.desk.take(self._best() or self.best, self._written())
         self.begin()
         said = self.show()
         return Said({**said.words, "go": "tune"}, said.charts)
+
+    def _best(self) -> Control | None:
+        """What was found, as it stands in the machine file where one was written."""
+        written = self._written()
+        return self.best if written is None else read_machine(written).loop(self.desk.needed.axis).control
 
     def _written(self) -> Path | None:
         """The machine file with what was found, rounded as it was proven; None for a search that was stopped."""
@@ -200,7 +203,7 @@ class Goal(Room):
         found = list[dict[str, Any]]()
         peak = self.given.get("max_ms", FIELDS["max_ms"].default)
         if "sensitivity" in drawn:
-            at, text = 20.0 * float(np.log10(peak)), f"Ms <= {peak:g}"
+            at, text = self._peak_limit(), f"Ms <= {peak:g}"
             found.append({"field": "max_ms", "picture": "sensitivity", "at": at, "text": text})
         if "stiffness" in drawn:
             stiffness = self.given.get("max_compliance")
@@ -208,6 +211,18 @@ class Goal(Room):
             text = "no limit of stiffness: drag it up" if stiffness is None else f"stiffness >= {at:.4g}"
             found.append({"field": "max_compliance", "picture": "stiffness", "at": at, "text": text})
         return found
+
+    def _up_to_limit(self, chart: Chart) -> Chart:
+        """The sensitivity in dB with the limit in sight, by which it is dragged; not one far above all curves."""
+        first, *others = chart.panels
+        limit = self._peak_limit()
+        top = max(float(np.nanmax(each.y)) for each in first.curves)
+        high = 3.0 + (max(top, limit) if limit < top + _FAR else top)
+        return replace(chart, panels=(replace(first, high=high), *others))
+
+    def _peak_limit(self) -> float:
+        """The limit of Ms in dB."""
+        return 20.0 * float(np.log10(self.given.get("max_ms", FIELDS["max_ms"].default)))
 
     @staticmethod
     def _least(chart: Chart) -> float:
@@ -226,6 +241,8 @@ class Goal(Room):
         if self.best is not None:
             controls[_BEST if self.found is None else _FOUND] = self.best
         drawn = charts(bench, {name: self._look(name, each) for name, each in controls.items()})
+        if "sensitivity" in drawn:
+            drawn["sensitivity"] = self._up_to_limit(drawn["sensitivity"])
         if len(self.costs) > 1:
             steps, costs = np.arange(1.0, len(self.costs) + 1.0), np.array(self.costs) / self.costs[0]
             curve = Curve(steps, costs, "cost of the best so far", 0, said=f"{costs[-1]:.4g} of the first")

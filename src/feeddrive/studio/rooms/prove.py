@@ -54,7 +54,7 @@ class Prove(Room):
         held = self.desk.held()
 
         def then(found: Shown) -> None:
-            self.desk.did("certify", request)
+            self.desk.did("certify", request, held.control)
             self._put("certificate", held, found)
 
         self.desk.start(self.name, "certify", partial(certified, request), then)
@@ -71,7 +71,7 @@ class Prove(Room):
         held = self.desk.held()
 
         def then(found: Shown) -> None:
-            self.desk.did("circle", request)
+            self.desk.did("circle", request, held.control)
             alike = [each for each in self.circles if not each[0].same(held) and _alike(each[1], found)]
             self.circles = (*alike[-1:], (held, found))
             before = None if len(self.circles) < 2 else self.circles[0][1].result
@@ -97,7 +97,7 @@ class Prove(Room):
         held = self.desk.held()
 
         def then(found: Shown) -> None:
-            self.desk.did("run", request)
+            self.desk.did("run", request, held.control)
             self._put("program", held, found)
 
         self.desk.start(self.name, f"run {name}", partial(program_run, request), then)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,6 @@ from feeddrive.workflow.command import Outcome
 from feeddrive.workflow.export import ExportRequest
 from feeddrive.workflow.verify import VerifyRequest
 
-_RESULTS = ("tuned", "certificate", "circle", "run")
 _BOUNDS = ("following_error_limit", "velocity_limit", "travel_least", "travel_most", "safe_force")
 
 
@@ -48,7 +46,7 @@ class Take(Room):
         found = recipe_of(self.desk)
         words = {
             "ready": bench is not None and bench.machine is not None, "targets": list(TARGETS),
-            "results": self._results(),
+            "results": [{"name": name, "said": said} for name, said in self.desk.results().items()],
             "exports": {name: self.desk.said_of(held, each.words) for name, (held, each) in self.exports.items()},
             "verified": self.verified,
             "bounds": self._bounds(),
@@ -64,7 +62,7 @@ class Take(Room):
     @act
     def result(self, asked: Asked) -> Said:
         """The directory of something that was done, packed: its report is inside."""
-        return self._give(packed(self.desk.folder / asked.choice("name", self._results())))
+        return self._give(packed(self.desk.folder / asked.choice("name", self.desk.results())))
 
     @act
     def recipe(self, asked: Asked) -> Said:
@@ -141,12 +139,6 @@ class Take(Room):
             self.verified[target] = words_of(outcome)
 
         self.desk.start(self.name, f"verify the export for {target}", partial(perform, "verify", request), then)
-
-    def _results(self) -> list[str]:
-        """Directories with what was done, of one name in the order of their numbers."""
-        there = [each.name for each in self.desk.folder.iterdir() if each.is_dir()]
-        there.sort(key=lambda name: (len(name), name))
-        return [each for name in _RESULTS for each in there if re.fullmatch(rf"{name}(_\d+)?", each)]
 
     def _give(self, path: Path) -> Said:
         return Said({**self.show().words, "give": path.name})
