@@ -19,16 +19,32 @@ import type { Received } from "./wire";
 
 const talk: Talk = new Talk(
   heard,
-  () => talk.ask({ do: "bring.show" }),
-  () => fail("The server has ended. Start feeddrive studio again, and open its new address."),
+  () => {
+    lost.hidden = true;
+    talk.ask({ do: "bring.show" });
+    if (open) talk.ask({ do: `${open}.show` });
+  },
+  (ended) => {
+    const why = "The server has ended: start feeddrive studio again and open its new address.";
+    lost_words.textContent = ended ? why : "The connection to the server was lost. It is tried again.";
+    lost.hidden = false;
+  },
 );
 const ask = (request: Request) => talk.ask(request);
 const rooms: Room[] = [Bring, Scope, Tune, Goal, Compare, Prove, Take].map((Kind) => new Kind(ask));
 const job = new JobBar(ask);
 const tour = new Tour(ask, go);
 const error = make("p", { id: "error", role: "alert", hidden: "" });
+const lost_words = make("span", { role: "alert" });
+const lost = make(
+  "p",
+  { id: "lost", hidden: "" },
+  lost_words,
+  button("Load again", () => location.reload()),
+);
 const title = document.getElementById("title")!;
 const tabs = new Map<string, { room: Room; tab: HTMLButtonElement; panel: HTMLElement }>();
+const LOOK = "feeddrive look";
 let epoch = -1;
 let open = "";
 let began = false;
@@ -57,7 +73,9 @@ list.addEventListener("keydown", (event) => {
   tabs.get(next.name)!.tab.focus();
 });
 document.querySelector("header")!.append(list, button("Dark", dark, { id: "dark", "aria-pressed": "false" }));
-document.querySelector("main")!.append(tour.element, job.element, error, ...[...tabs.values()].map(({ panel }) => panel));
+document
+  .querySelector("main")!
+  .append(lost, tour.element, job.element, job.spoken, error, ...[...tabs.values()].map(({ panel }) => panel));
 
 // Open a room and ask the server what it shows.
 export function go(name: string): void {
@@ -108,8 +126,9 @@ function fail(words: string): void {
 
 function dark(): void {
   const now = document.documentElement.dataset.look !== "dark";
-  document.getElementById("dark")!.setAttribute("aria-pressed", String(now));
+  localStorage.setItem(LOOK, now ? "dark" : "light");
   paint(now);
 }
 printable();
-paint(matchMedia("(prefers-color-scheme: dark)").matches);
+const kept = localStorage.getItem(LOOK);
+paint(kept ? kept === "dark" : matchMedia("(prefers-color-scheme: dark)").matches);

@@ -19,6 +19,31 @@ export function button(text: string, act: () => void, attributes: Attributes = {
   return found;
 }
 
+const built = new WeakMap<HTMLElement, string>(); // from what the content of a place was built
+
+// Build the content of a place again only if what it is built from has changed; the focus, and what somebody is
+// writing, stay also then.
+export function renew(place: HTMLElement, from: unknown, build: () => (string | Node)[]): void {
+  const now = JSON.stringify(from);
+  if (built.get(place) === now) return;
+  built.set(place, now);
+  const held = document.activeElement;
+  const inside = held instanceof HTMLElement && held !== place && place.contains(held);
+  place.replaceChildren(...build());
+  if (!inside || held.isConnected) return;
+  const same = [...place.querySelectorAll<HTMLElement>(held.tagName)].find((each) => called(each) === called(held));
+  if (held instanceof HTMLInputElement && same instanceof HTMLInputElement && held.type === "text") {
+    same.value = held.value;
+    same.setSelectionRange(held.selectionStart, held.selectionEnd);
+  }
+  same?.focus({ preventScroll: true });
+}
+
+function called(element: HTMLElement): string {
+  const text = element.tagName === "SELECT" ? "" : element.textContent;
+  return element.id || (element.getAttribute("aria-label") ?? text ?? "");
+}
+
 // A table with a heading for each column.
 export function table(heads: string[], rows: (string | Node)[][]): HTMLTableElement {
   const head = make("tr", {}, ...heads.map((each) => make("th", { scope: "col" }, each)));
@@ -48,12 +73,17 @@ export function save(text: string, name: string): void {
 // A text that can be copied.
 export function copied(title: string, text: string, id: string): HTMLElement {
   const said = make("span", { role: "status" });
-  const copy = button("Copy", () => {
-    void navigator.clipboard.writeText(text).then(
-      () => (said.textContent = " copied"),
-      () => (said.textContent = " the browser does not allow it: select the text"),
-    );
-  });
+  const copy = button(
+    "Copy",
+    () => {
+      const done: Promise<void> = navigator.clipboard?.writeText(text) ?? Promise.reject(); // none without https
+      void done.then(
+        () => (said.textContent = " copied"),
+        () => (said.textContent = " the browser does not allow it: select the text"),
+      );
+    },
+    { "aria-label": `Copy: ${title}` },
+  );
   return make(
     "section",
     { id },

@@ -6,17 +6,19 @@ import { decode, type Received } from "./wire";
 const DRAGS = /\.(move|drag|speed|pole)$/;
 const STEPS = /\.(step|pole_step)$/; // of keys that are held, and of the wheel: those that wait are added
 const MOST = 100; // steps at once
+const AGAIN = [1000, 3000]; // ms after which a lost connection is tried again
 
 export class Talk {
   private socket: WebSocket | null = null;
   private waiting: Request[] = [];
   private under_way = false;
   private number = 0;
+  private tried = 0; // since the server last said something
 
   constructor(
     private readonly heard: (received: Received) => void,
     private readonly opened: () => void,
-    private readonly lost: () => void,
+    private readonly lost: (ended: boolean) => void, // it is tried again, or not any more
   ) {
     this.open();
   }
@@ -51,12 +53,19 @@ export class Talk {
     };
     socket.onmessage = (event: MessageEvent<ArrayBuffer>) => {
       const received = decode(event.data);
+      this.tried = 0;
       if (received.said.number > 0) this.under_way = false;
       if (!this.under_way) this.idle();
       this.heard(received);
       this.send();
     };
-    socket.onclose = () => this.lost();
+    socket.onclose = () => {
+      const wait = AGAIN[this.tried++];
+      this.under_way = false;
+      this.idle();
+      if (wait !== undefined) setTimeout(() => this.open(), wait);
+      this.lost(wait === undefined);
+    };
     this.socket = socket;
   }
 

@@ -35,5 +35,6 @@ export function whenPainted(act: () => void): void {
 
 export function paint(dark: boolean): void {
   document.documentElement.dataset.look = dark ? "dark" : "light";
+  document.getElementById("dark")?.setAttribute("aria-pressed", String(dark));
   for (const act of painted) act();
 }

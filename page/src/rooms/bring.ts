@@ -1,7 +1,7 @@
 // Files are brought: dragged on the page or chosen; what each was understood to be, and which column is what.
 
 import { look, whenPainted } from "../pictures/look";
-import { button, choice, make, table } from "../parts";
+import { button, choice, make, renew, table } from "../parts";
 import { Picture } from "../pictures/picture";
 import { tables, type Table } from "../result";
 import { session, type Ask, type Room } from "../room";
@@ -39,7 +39,7 @@ export class Bring implements Room {
   readonly name = "bring";
   readonly title = "Bring";
   readonly element = make("div", { class: "bring" });
-  private readonly wrong = make("p", { role: "alert", class: "bad" });
+  private readonly wrong = make("div", { role: "alert", class: "bad" });
   private readonly place = make("div", { class: "drop", tabindex: "-1" });
   private readonly bundled = make("div", { class: "buttons" });
   private readonly list = make("ul", { class: "files", "aria-label": "Files" });
@@ -56,7 +56,11 @@ export class Bring implements Room {
 
   constructor(private readonly ask: Ask) {
     const chooser = make("input", { type: "file", multiple: "", id: "files" });
-    chooser.addEventListener("change", () => void this.bring([...(chooser.files ?? [])]));
+    chooser.addEventListener("change", () => {
+      const files = [...(chooser.files ?? [])];
+      chooser.value = ""; // the same file can be chosen again
+      void this.bring(files);
+    });
     this.place.append(
       make("label", { for: "files" }, "Drop a log, a frequency response, a machine file or a part program here, or choose it: "),
       chooser,
@@ -86,40 +90,47 @@ export class Bring implements Room {
     const words = received.said as unknown as Words;
     this.last = received;
     this.tour.hidden = !words.offers_tour;
-    this.bundled.replaceChildren(
-      ...words.bundled.map((name) =>
-        button(name.replaceAll("_", " "), () => this.ask({ do: "bring.bundled", name }), { id: `bundled-${name}` }),
-      ),
-    );
-    if (words.ask_axis) {
-      const { name, axes } = words.ask_axis;
-      const act = words.bundled.includes(name) ? "bring.bundled" : "bring.axis";
-      this.bundled.append(
-        make("span", { role: "status" }, `${name} has several axes: `),
-        ...axes.map((axis) => button(`axis ${axis}`, () => this.ask({ do: act, name, axis }), { id: `axis-${axis}` })),
-      );
-    }
-    this.list.replaceChildren(
-      ...words.files.map((file) =>
-        make(
-          "li",
-          {},
-          button(file.name, () => this.ask({ do: "bring.pick", name: file.name }), {
-            "aria-pressed": String(file.name === words.open),
-          }),
-          ` ${file.wrong ? "cannot be used" : file.kind} `,
-          button("Remove", () => this.ask({ do: "bring.drop", name: file.name }), { "aria-label": `Remove ${file.name}` }),
-        ),
-      ),
+    renew(this.bundled, [words.bundled, words.ask_axis], () => this.begins(words));
+    renew(this.list, [words.files.map(({ name, kind, wrong }) => [name, kind, wrong]), words.open], () =>
+      words.files.map((file) => this.listed(file, file.name === words.open)),
     );
     const open = words.files.find((file) => file.name === words.open);
-    this.detail.replaceChildren(...this.outcome(words), ...(open ? this.shows(open, words) : []));
+    const { made, files, bundled, roles, columns, start_from } = words;
+    const drawn = Object.keys(received.said.charts);
+    renew(this.detail, [made, words.open, files, bundled, roles, columns, start_from, drawn], () => [
+      ...this.outcome(words),
+      ...(open ? this.shows(open, words) : []),
+    ]);
     if (words.go) document.dispatchEvent(new CustomEvent("go", { detail: words.go }));
     this.draw();
   }
 
   shown(): void {
     this.draw();
+  }
+
+  private begins({ bundled, ask_axis }: Words): HTMLElement[] {
+    const buttons: HTMLElement[] = bundled.map((name) =>
+      button(name.replaceAll("_", " "), () => this.ask({ do: "bring.bundled", name }), { id: `bundled-${name}` }),
+    );
+    if (!ask_axis) return buttons;
+    const { name, axes } = ask_axis;
+    const act = bundled.includes(name) ? "bring.bundled" : "bring.axis";
+    return [
+      ...buttons,
+      make("span", { role: "status" }, `${name} has several axes: `),
+      ...axes.map((axis) => button(`axis ${axis}`, () => this.ask({ do: act, name, axis }), { id: `axis-${axis}` })),
+    ];
+  }
+
+  private listed({ name, kind, wrong }: Brought, open: boolean): HTMLElement {
+    return make(
+      "li",
+      {},
+      button(name, () => this.ask({ do: "bring.pick", name }), { "aria-pressed": String(open) }),
+      ` ${wrong ? "cannot be used" : kind} `,
+      button("Remove", () => this.ask({ do: "bring.drop", name }), { "aria-label": `Remove ${name}` }),
+    );
   }
 
   private draw(): void {
@@ -131,7 +142,7 @@ export class Bring implements Room {
   }
 
   private async bring(files: File[]): Promise<void> {
-    this.wrong.textContent = "";
+    this.wrong.replaceChildren();
     const names: string[] = [];
     for (const file of files) {
       const where = `/upload?session=${encodeURIComponent(session())}&name=${encodeURIComponent(file.name)}`;
@@ -140,12 +151,18 @@ export class Bring implements Room {
         const answer = may.ok ? await fetch(where, { method: "POST", body: file }) : may;
         const said = (await answer.json()) as { name?: string; error?: string };
         if (said.name) names.push(said.name);
-        else this.wrong.textContent = said.error ?? "the file was refused";
+        else this.refuse(file.name, said.error ?? "the file was refused");
       } catch {
-        this.wrong.textContent = `${file.name} could not be sent: the server has ended, or the file was changed meanwhile`;
+        this.refuse(file.name, "could not be sent: the server has ended, or the file was changed meanwhile");
       }
     }
     if (names.length) this.ask({ do: "bring.look", names });
+  }
+
+  // Said where it can be seen, below what was said of other files.
+  private refuse(name: string, why: string): void {
+    document.dispatchEvent(new CustomEvent("go", { detail: this.name }));
+    this.wrong.append(make("p", {}, why.includes(name.slice(0, 60)) ? why : `${name}: ${why}`));
   }
 
   private shows(file: Brought, words: Words): HTMLElement[] {
@@ -158,7 +175,14 @@ export class Bring implements Room {
     machines.push(...words.bundled.map((each): [string, string] => [each, `${each.replaceAll("_", " ")} (bundled)`]));
     const name = file.name;
     const others = words.files.filter((each) => each.kind === file.kind && each.name !== name && !each.wrong);
-    const places = others.map((each) => make("input", { type: "checkbox", value: each.name, id: `at-${each.name}` }));
+    const kept = (key: string, usual = "") => this.given.get(`${name} ${key}`) ?? usual;
+    const keep = (key: string, value: string) => this.given.set(`${name} ${key}`, value);
+    const places = others.map((each) => {
+      const box = make("input", { type: "checkbox", value: each.name, id: `at-${each.name}` });
+      box.checked = kept(`at ${each.name}`) !== "";
+      box.addEventListener("change", () => keep(`at ${each.name}`, box.checked ? "yes" : ""));
+      return box;
+    });
     const at = () => places.filter((each) => each.checked).map((each) => each.value);
     const also = others.length
       ? [
@@ -177,13 +201,18 @@ export class Bring implements Room {
       return [head, make("div", { class: "buttons" }, ...acts), ...also, ...tables(file.tables)];
     }
     if (file.kind === "part program") return [head, make("p", {}, "It runs on the machine, under Prove.")];
-    const kept = (key: string, usual = "") => this.given.get(`${file.name} ${key}`) ?? usual;
-    const keep = (key: string, value: string) => this.given.set(`${file.name} ${key}`, value);
+    // a choice that is kept, as long as it still is among them
+    const one_of = (key: string, label: string, among: [string, string][], usual = "") => {
+      const made = choice(label, among, (value) => keep(key, value));
+      if (!among.some(([value]) => value === kept(key, usual))) keep(key, usual);
+      const select = made.querySelector("select")!;
+      select.value = kept(key, usual);
+      select.id = `bring-${key}`;
+      return made;
+    };
     const start = file.kind === "log" ? words.start_from : "";
-    const chosen = choice(file.kind === "log" ? "Machine file to start from" : "Today's machine", machines, (value) =>
-      keep("machine", value),
-    );
-    chosen.querySelector("select")!.value = kept("machine", start);
+    const begins = file.kind === "log" ? "Machine file to start from" : "Today's machine";
+    const chosen = one_of("machine", begins, machines, start);
     const fields = new Map<string, HTMLInputElement>();
     const field = (key: string, label: string): HTMLElement => {
       const input = make("input", { type: "text", inputmode: "decimal", size: "8", id: `bring-${key}` });
@@ -202,19 +231,15 @@ export class Bring implements Room {
       return found;
     };
     if (file.kind === "frequency responses") {
-      const chosen_roles: Record<string, string> = {};
       const known = file.responses.map((each): [string, string] => [each, each]);
       const several =
         file.responses.length > 1
           ? [
-              choice("Response of the table", [["", "by its name"], ...known], (value) => (chosen_roles.load = value)),
-              choice(
-                "Response of the motor's encoder",
-                [["", "by its name, or none"], ...known],
-                (value) => (chosen_roles.motor = value),
-              ),
+              one_of("load", "Response of the table", [["", "by its name"], ...known]),
+              one_of("motor", "Response of the motor's encoder", [["", "by its name, or none"], ...known]),
             ]
           : [];
+      const chosen_roles = () => Object.fromEntries(["load", "motor"].map((key) => [key, kept(key)]).filter(([, one]) => one));
       const more = [
         ...several,
         field("sample_time", "Sample time of the control (s)"),
@@ -228,12 +253,12 @@ export class Bring implements Room {
           { class: "buttons" },
           button(
             "Tune on the measured response",
-            () => this.ask({ do: "bring.responses", name, at: at(), ...given(), ...chosen_roles }),
+            () => this.ask({ do: "bring.responses", name, at: at(), ...given(), ...chosen_roles() }),
             { id: "tune-responses", class: "main" },
           ),
           button(
             "Identify a model",
-            () => this.ask({ do: "bring.identify", name, ...chosen_roles, machine: kept("machine", start) }),
+            () => this.ask({ do: "bring.identify", name, ...chosen_roles(), machine: kept("machine", start) }),
             { id: "identify" },
           ),
         ),

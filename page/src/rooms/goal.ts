@@ -2,7 +2,7 @@
 
 import { Levels, type Level } from "../controls/levels";
 import { look, whenPainted } from "../pictures/look";
-import { button, make } from "../parts";
+import { button, make, renew } from "../parts";
 import { Picture } from "../pictures/picture";
 import { tables } from "../result";
 import type { Ask, Room } from "../room";
@@ -47,6 +47,9 @@ export class Goal implements Room {
   private readonly outcome = make("section", { "aria-label": "What was found" });
   private readonly pictures = new Map(Object.entries(TITLES).map(([name, title]) => [name, new Picture(title)]));
   private readonly levels: Levels[];
+  private readonly tune: HTMLButtonElement;
+  private readonly accept: HTMLButtonElement;
+  private readonly reject: HTMLButtonElement;
   private last: Received | null = null;
 
   constructor(private readonly ask: Ask) {
@@ -58,6 +61,10 @@ export class Goal implements Room {
     this.levels = ["sensitivity", "stiffness"].map(
       (name) => new Levels(name, this.pictures.get(name)!, (field, value) => ask({ do: "goal.level", field, value })),
     );
+    this.tune = button("Tune", () => ask({ do: "goal.tune" }), { id: "tune-start", class: "main" });
+    this.accept = button("Accept", () => ask({ do: "goal.accept" }), { id: "goal-accept" });
+    this.reject = button("Reject", () => ask({ do: "goal.reject" }), { id: "goal-reject" });
+    this.buttons.append(this.tune, this.accept, this.reject);
     this.element.append(this.form, this.buttons, this.verdict, grid, this.outcome);
     whenPainted(() => this.draw());
   }
@@ -65,34 +72,39 @@ export class Goal implements Room {
   heard(received: Received): void {
     const words = received.said as unknown as Words;
     this.last = received;
-    this.form.replaceChildren(...words.fields.map((field) => this.field(field)));
-    const tune = button("Tune", () => this.ask({ do: "goal.tune" }), { id: "tune-start", class: "main" });
-    const accept = button(words.unfinished ? "Accept the best so far" : "Accept", () => this.ask({ do: "goal.accept" }), {
-      id: "goal-accept",
-    });
-    const reject = button("Reject", () => this.ask({ do: "goal.reject" }), { id: "goal-reject" });
-    tune.disabled = !words.ready;
-    accept.disabled = reject.disabled = !words.best;
-    this.buttons.replaceChildren(tune, accept, reject);
-    this.verdict.replaceChildren(
-      ...(words.ready ? [] : [make("p", {}, "Bring a machine or a measured response first.")]),
-      ...(words.begins ? [make("p", {}, words.begins)] : []),
-      ...(words.verdict ? [make("p", { class: "verdict" }, words.verdict)] : []),
-      ...(words.failure ? [make("p", { class: "bad" }, words.failure)] : []),
-      ...(words.unfinished
-        ? [make("p", {}, "The search has not finished: what is shown is the best so far, and is not proven.")]
-        : []),
-    );
-    this.outcome.replaceChildren(
-      make("ul", {}, ...(words.said ?? []).filter((each) => each !== words.verdict).map((each) => make("li", {}, each))),
-      ...tables(words.tables ?? []),
-    );
+    this.place(words.fields);
+    this.tune.disabled = !words.ready;
+    this.accept.disabled = this.reject.disabled = !words.best;
+    const accept = words.unfinished ? "Accept the best so far" : "Accept";
+    if (this.accept.textContent !== accept) this.accept.textContent = accept;
+    const { ready, begins, verdict, failure, unfinished, said = [], tables: shown = [] } = words;
+    renew(this.verdict, [ready, begins, verdict, failure, unfinished], () => [
+      ...(ready ? [] : [make("p", {}, "Bring a machine or a measured response first.")]),
+      ...(begins ? [make("p", {}, begins)] : []),
+      ...(verdict ? [make("p", { class: "verdict" }, verdict)] : []),
+      ...(failure ? [make("p", { class: "bad" }, failure)] : []),
+      ...(unfinished ? [make("p", {}, "The search has not finished: what is shown is the best so far, and is not proven.")] : []),
+    ]);
+    renew(this.outcome, [verdict, said, shown], () => [
+      make("ul", {}, ...said.filter((each) => each !== verdict).map((each) => make("li", {}, each))),
+      ...tables(shown),
+    ]);
     if (words.go) document.dispatchEvent(new CustomEvent("go", { detail: words.go }));
     this.draw();
   }
 
   shown(): void {
     this.draw();
+  }
+
+  // Fields stay while somebody writes into them.
+  private place(fields: Field[]): void {
+    const made = fields.map(({ value: _value, ...rest }) => rest);
+    renew(this.form, made, () => fields.map((field) => this.field(field)));
+    for (const { name, value } of fields) {
+      const input = this.form.querySelector<HTMLInputElement | HTMLSelectElement>(`#goal-field-${name}`)!;
+      if (document.activeElement !== input || input instanceof HTMLSelectElement) input.value = value;
+    }
   }
 
   private field(field: Field): HTMLElement {
@@ -102,7 +114,6 @@ export class Goal implements Room {
     if (field.options.length) {
       input = make("select", { id }, ...field.options.map((value) => make("option", { value }, value)));
     } else input = make("input", { id, type: "text", size: "8" });
-    input.value = field.value;
     input.title = field.meaning;
     input.addEventListener("change", () => set(input.value));
     return make("label", { for: id, title: field.meaning }, `${field.label} `, input, field.unit ? ` ${field.unit}` : "");

@@ -1,7 +1,7 @@
 // The control of now is proven: a certificate, the circle test, and a part program on the machine.
 
 import { look, whenPainted } from "../pictures/look";
-import { button, choice, make } from "../parts";
+import { button, choice, make, renew } from "../parts";
 import { Picture } from "../pictures/picture";
 import { result, type Result } from "../result";
 import type { Ask, Room } from "../room";
@@ -63,7 +63,7 @@ export class Prove implements Room {
       const found = words.shown[name];
       each.section.hidden = !found;
       if (!found) continue;
-      each.outcome.replaceChildren(...result(found));
+      renew(each.outcome, found, () => result(found));
       if (name === "program")
         this.list(each, "Worst places: choose one to look at it", found.worst ?? [], (at, i) => this.look(at, i));
       if (name === "circle")
@@ -105,24 +105,26 @@ export class Prove implements Room {
       select("y", words.axes, "y"),
       button("Circle test", () => this.ask({ do: "prove.circle", x: chosen.x, y: chosen.y }), { id: "prove-circle" }),
     ];
-    this.buttons.replaceChildren(
+    renew(this.buttons, [words.axes, words.programs], () => [
       button("Certify", () => this.ask({ do: "prove.certify" }), { id: "prove-certify", class: "main" }),
       select("Part program", words.programs, "program"),
       button("Run it on the machine", () => this.ask({ do: "prove.program", name: chosen.program }), { id: "prove-program" }),
       ...(words.axes.length > 1 ? circle : []),
-    );
+    ]);
   }
 
   private list(of: Part, title: string, places: Place[], act: (at: Place, i: number) => void): void {
-    const rows = places.map((each, i) => {
-      const found = button(each.text, () => {
-        for (const other of of.list.querySelectorAll("button")) other.setAttribute("aria-pressed", String(other === found));
-        act(each, i);
-      }, { class: "worst", "aria-pressed": "false" }); // prettier-ignore
-      return make("li", {}, found);
+    renew(of.list, places, () => {
+      if (of === this.parts.get("program")) this.place = 0; // only where the places are others
+      const rows = places.map((each, i) => {
+        const found = button(each.text, () => {
+          for (const other of of.list.querySelectorAll("button")) other.setAttribute("aria-pressed", String(other === found));
+          act(each, i);
+        }, { class: "worst", "aria-pressed": "false" }); // prettier-ignore
+        return make("li", {}, found);
+      });
+      return places.length ? [make("h3", {}, title), make("ol", {}, ...rows)] : [];
     });
-    of.list.replaceChildren(...(places.length ? [make("h3", {}, title), make("ol", {}, ...rows)] : []));
-    if (of === this.parts.get("program")) this.place = 0;
   }
 
   private look(at: Place, i: number): void {

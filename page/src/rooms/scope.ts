@@ -97,7 +97,6 @@ export class Scope implements Room {
     this.arm = button("Arm", () => ask({ do: "scope.arm" }), { id: "scope-arm" });
     this.hold = button("Pause", () => ask({ do: "scope.hold", on: !this.words?.held }), {
       id: "scope-pause",
-      "aria-pressed": "false",
     });
     this.off = button("Take the cursors away", () => ask({ do: "scope.move", name: "1", x: null }), { id: "scope-off" });
     const keep = button("Keep the window as a log", () => ask({ do: "scope.save", between: false }), { id: "scope-save" });
@@ -311,7 +310,6 @@ export class Scope implements Room {
     text(this.trouble, words.failed ? words.state : "");
     text(this.looking, words.look);
     text(this.hold, words.held ? "Go on" : "Pause");
-    this.hold.setAttribute("aria-pressed", String(words.held));
     this.off.disabled = this.between.disabled = !words.cursors;
     const [low, high] = words.span ?? [0, 0];
     this.sliders.forEach((slider, i) => {

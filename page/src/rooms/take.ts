@@ -1,6 +1,6 @@
 // What is taken away: files to download, exports, and all that was done as commands, Python and a job.
 
-import { button, copied, make } from "../parts";
+import { button, copied, make, renew } from "../parts";
 import { result as shown, type Result } from "../result";
 import { result, type Ask, type Room } from "../room";
 import type { Received } from "../wire";
@@ -23,10 +23,23 @@ export class Take implements Room {
   readonly title = "Take away";
   readonly element = make("div", { class: "take" });
 
+  private readonly given = new Map<string, string>(); // what a person wrote into the fields of the guard
+
   constructor(private readonly ask: Ask) {}
 
   heard(received: Received): void {
     const words = received.said as unknown as Words;
+    const { ready, targets, results, exports, verified, commands, python, job_file, bounds } = words;
+    renew(this.element, [ready, targets, results, exports, verified, commands, python, job_file, bounds], () =>
+      this.content(words),
+    );
+    if (words.give) {
+      const link = make("a", { href: result(words.give), download: words.give });
+      link.click();
+    }
+  }
+
+  private content(words: Words): HTMLElement[] {
     const machine = button("Machine file", () => this.ask({ do: "take.machine" }), { id: "take-machine", class: "main" });
     machine.disabled = !words.ready;
     const results = words.results.map(({ name, said }) => {
@@ -40,16 +53,16 @@ export class Take implements Room {
       found.disabled = !words.ready;
       return found;
     });
-    this.element.replaceChildren(
+    const content = [
       ...(words.ready ? [] : [make("p", {}, "Bring a machine first: a control is written for an axis of a machine file.")]),
       make("div", { class: "buttons" }, machine, ...results),
       ...this.guard(words.bounds),
       make("h2", {}, "Exports"),
       make("div", { class: "buttons" }, ...targets),
-    );
+    ];
     for (const [target, found] of Object.entries(words.exports)) {
       const proof = words.verified[target];
-      this.element.append(
+      content.push(
         make("h3", {}, target),
         make(
           "div",
@@ -59,30 +72,32 @@ export class Take implements Room {
             { href: result(found.archive), download: found.archive, id: `take-archive-${target}` },
             `Download ${found.archive}`,
           ),
-          button("Verify with this machine's compiler", () => this.ask({ do: "take.verify", target })),
+          button("Verify with this machine's compiler", () => this.ask({ do: "take.verify", target }), {
+            "aria-label": `Verify with this machine's compiler: ${target}`,
+          }),
         ),
         ...shown(found),
         ...(proof ? shown(proof) : []),
       );
     }
-    this.element.append(
+    content.push(
       make("h2", {}, "The same without this page"),
       copied("Commands", words.commands || "Nothing was done yet.", "recipe-commands"),
       copied("Python", words.python, "recipe-python"),
       copied("Job file", words.job_file || "A job needs a machine.", "recipe-job"),
     );
-    if (words.give) {
-      const link = make("a", { href: result(words.give), download: words.give });
-      link.click();
-    }
+    return content;
   }
 
   // Fields for a control without a guard: what is written into them goes to the server as it is.
   private guard(bounds: Words["bounds"]): HTMLElement[] {
     if (!bounds.length) return [];
-    const inputs = bounds.map((each) =>
-      make("input", { id: `guard-${each.name}`, type: "text", inputmode: "decimal", size: "8" }),
-    );
+    const inputs = bounds.map((each) => {
+      const input = make("input", { id: `guard-${each.name}`, type: "text", inputmode: "decimal", size: "8" });
+      input.value = this.given.get(each.name) ?? "";
+      input.addEventListener("input", () => this.given.set(each.name, input.value));
+      return input;
+    });
     const labels = bounds.map((each, i) =>
       make("label", { for: inputs[i]!.id }, `${each.meaning} `, inputs[i]!, ` ${each.unit}`),
     );

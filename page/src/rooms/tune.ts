@@ -32,6 +32,7 @@ export class Tune implements Room {
   private poles: Handles | null = null;
   private readonly figures = make("p", { id: "figures" });
   private readonly poles_said = make("p", { id: "poles-said", class: "meaning", hidden: "" });
+  private readonly hint = make("p", { class: "hint", hidden: "" }, "Bring a machine or a measured response first.");
   private grips: Grip[] = [];
   private last: Received | null = null;
 
@@ -75,6 +76,7 @@ export class Tune implements Room {
     };
     this.handles = new Handles(open_loop, held, (grip) => (grip.name.endsWith(".width") ? "↔" : grip.name.split(".")[1]!));
     this.element.append(
+      this.hint,
       section,
       make(
         "section",
@@ -89,7 +91,13 @@ export class Tune implements Room {
       ),
     );
     document.addEventListener("keydown", (event) => {
-      if (this.element.closest("[hidden]") || !(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z") return;
+      if (
+        this.element.closest("[hidden]") ||
+        !this.hint.hidden ||
+        !(event.ctrlKey || event.metaKey) ||
+        event.key.toLowerCase() !== "z"
+      )
+        return;
       event.preventDefault();
       ask({ do: event.shiftKey ? "tune.redo" : "tune.undo" });
     });
@@ -101,6 +109,8 @@ export class Tune implements Room {
     if (said.file !== undefined) return save(said.file, said.file_name ?? "machine.toml");
     if (said.knobs) {
       this.numbers.list(said.knobs);
+      this.hint.hidden = said.knobs.length > 0; // without numbers nothing here could do anything
+      for (const each of this.element.children) if (each !== this.hint) (each as HTMLElement).hidden = !this.hint.hidden;
     }
     if (said.pictures) {
       const choices = said.pictures as Choice[];

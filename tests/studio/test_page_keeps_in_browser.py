@@ -1,0 +1,157 @@
+"""What a person writes, chooses and has in focus stays, whatever the server says meanwhile, or no longer says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as arrow
+from pyarrow import parquet
+
+import feeddrive as fd
+
+
+def focus(page: Any) -> str:
+    """The name of the element that has the focus."""
+    return str(page.evaluate("document.activeElement.id"))
+
+
+def test_a_search_takes_no_words_and_no_focus_away(studio: Any) -> None:
+    page = (opened := studio.open()).page
+    opened.go("goal")
+    page.click("#tune-start")
+    page.wait_for_selector("#job[data-state=running]")
+    field = page.locator("#room-goal input[type=text]").first
+    field.fill("1.2")
+    field.press("End")
+    field.press("3")
+    name = focus(page)
+    words = page.inner_text("#job")
+    page.wait_for_function("words => document.querySelector('#job').innerText !== words", arg=words)
+    page.wait_for_timeout(1_000)  # of 5 messages a second
+    assert (focus(page), field.input_value()) == (name, "1.23")
+    page.focus("#tune-start")
+    page.wait_for_timeout(1_000)
+    assert focus(page) == "tune-start"
+    said = page.inner_text("#job-said")
+    assert ": running" in said
+    assert " of " not in said  # counts are seen and not read aloud
+    page.click("#cancel")
+    assert opened.ended() == "canceled"
+    page.click("#job-close")
+    assert page.locator("#job").is_hidden()
+    opened.go("tune")
+    opened.go("goal")
+    assert page.locator("#job").is_hidden()  # messages of other things do not show it again
+
+
+def test_a_zoom_keeps_the_place_that_was_chosen(studio: Any) -> None:
+    page = (opened := studio.open()).page
+    opened.go("prove")
+    page.click("#prove-program")
+    assert opened.ended() == "done"
+    page.locator("#proof-program .worst").nth(1).click()
+    opened.settled()
+    legend = page.inner_text("#proof-program-place .legend")
+    page.focus("#proof-program-path .surface")
+    page.keyboard.press("+")
+    opened.settled()
+    opened.go("tune")
+    opened.go("prove")
+    assert page.locator("#proof-program .worst").nth(1).get_attribute("aria-pressed") == "true"
+    assert page.inner_text("#proof-program-place .legend") == legend
+
+
+def test_fields_of_a_guard_that_are_half_filled_stay(served: Callable[..., Any], tmp_path: Path) -> None:
+    text = fd.read_machine("linear_motor").file.text
+    law = "[axis.x.control]\n[axis.x.control.law]\nkind = 'cascade_ppi'\nKv = 60\nKp = 2e4\n"  # no guard
+    (tmp_path / "bare.toml").write_text(text[: text.index("[axis.x.control]")] + law, encoding="utf-8")
+    page = (opened := served(str(tmp_path / "bare.toml")).open()).page
+    opened.go("take")
+    field = page.locator("#room-take .fields input").first
+    field.fill("0.25")
+    name = focus(page)
+    page.evaluate("document.querySelector('#tab-take').click()")  # the room is shown again, and the focus stays
+    opened.settled()
+    assert (focus(page), field.input_value()) == (name, "0.25")
+    opened.go("tune")
+    page.fill("[id='number-law.Kv']", "55")  # the commands are others then
+    page.keyboard.press("Enter")
+    opened.settled()
+    opened.go("take")
+    assert page.locator(f"#{name}").input_value() == "0.25"
+    assert page.locator("button[aria-label='Copy: Python']").count() == 1
+
+
+def test_files_that_are_refused_are_all_named_where_it_can_be_seen(served: Callable[..., Any], tmp_path: Path) -> None:
+    page = (opened := served().open()).page
+    opened.go("tune")
+    assert "Bring a machine or a measured response first" in page.inner_text("#room-tune")
+    assert page.locator("#room-tune button:visible").count() == 0
+    page.evaluate(
+        """() => {
+            const held = new DataTransfer();
+            for (const name of ["one?.nc", "two?.nc"]) held.items.add(new File(["x"], name));
+            document.dispatchEvent(new DragEvent("drop", { dataTransfer: held }));
+        }"""
+    )
+    page.wait_for_selector("#room-bring [role=alert]:has-text('two?.nc')")
+    assert "one?.nc" in page.inner_text("#room-bring [role=alert]")
+    log = tmp_path / "run.parquet"
+    parquet.write_table(arrow.table({name: 1e-3 * np.arange(200) for name in ("t_s", "x")}), log)
+    page.set_input_files("#files", str(log))
+    assert opened.ended() == "done"
+    assert page.input_value("#files") == ""  # the same file can be chosen again
+    page.click("#room-bring .files button[aria-pressed]")
+    opened.settled()
+    page.select_option("#bring-machine", "xy_table")
+    page.fill("#bring-lead", "0.01")
+    page.click("#tab-tune")
+    opened.go("bring")
+    assert (page.input_value("#bring-machine"), page.input_value("#bring-lead")) == ("xy_table", "0.01")
+
+
+def test_a_server_that_has_ended_stays_said_and_one_that_is_back_does_not(served: Callable[..., Any]) -> None:
+    server = served("xy_table", "--axis", "x")
+    page = server.open().page
+    page.wait_for_selector("#verdict:not(:empty)")
+    server.server.kill()
+    page.wait_for_selector("#lost:has-text('The connection to the server was lost')")
+    page.click("#tab-bring")
+    page.wait_for_selector("#lost:has-text('The server has ended')", timeout=15_000)
+    page.click("#tab-tune")
+    assert page.locator("#lost button").is_visible()
+
+
+def test_a_connection_that_breaks_comes_back(studio: Any) -> None:
+    opened = studio.open()
+    page = opened.page
+    page.close()
+    page = opened.context.new_page()
+    page.add_init_script(
+        "const Real = WebSocket;"
+        "window.WebSocket = class extends Real { constructor(at) { super(at); window.held = this } }"
+    )
+    page.goto(studio.address)
+    page.wait_for_selector("#verdict:not(:empty)")
+    page.evaluate("window.held.close()")
+    page.wait_for_selector("#lost:visible")
+    page.wait_for_selector("#lost", state="hidden")
+    page.click("#tab-tune")
+    page.fill("[id='number-law.Kp']", "-1")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#error:has-text('must be > 0')")
+
+
+def test_a_dark_system_is_told_by_the_button_and_a_choice_stays(browser: Any, studio: Any) -> None:
+    context = browser.new_context(color_scheme="dark")
+    page = context.new_page()
+    page.goto(studio.address)
+    page.wait_for_selector("#dark[aria-pressed=true]")
+    page.click("#dark")
+    page.reload()
+    page.wait_for_selector("#dark[aria-pressed=false]")
+    assert page.get_attribute("html", "data-look") == "light"
+    context.close()
