@@ -131,6 +131,7 @@ def test_what_led_to_a_source_stays_in_the_recipe(tmp_path: Path) -> None:
     log = tmp_path / "brought" / "log.csv"
     np.savetxt(log, table, delimiter=",", header="t,kraft_N,lageistwert_mm", comments="")
     session = Session(tmp_path)
+    session.desk.files["log.csv"] = log
     done(session, "bring.look", names=["log.csv"])
     done(session, "bring.estimate", name="log.csv")
     (estimated,) = words_of(session)
