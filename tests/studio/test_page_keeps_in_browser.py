@@ -38,6 +38,13 @@ def test_a_search_takes_no_words_and_no_focus_away(studio: Any) -> None:
     said = page.inner_text("#job-said")
     assert ": running" in said
     assert " of " not in said  # counts are seen and not read aloud
+
+
+def test_what_is_said_of_an_ended_work_can_be_closed(studio: Any) -> None:
+    page = (opened := studio.open()).page
+    opened.go("compare")
+    page.click("#compare-start")
+    page.wait_for_selector("#job[data-state=running]")
     page.click("#cancel")
     assert opened.ended() == "canceled"
     page.click("#job-close")
