@@ -8,9 +8,8 @@ from collections.abc import Mapping
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.control import Control
-from feeddrive.tuning.tunables import own_tunables, speeds
+from feeddrive.tuning.tunables import HIGHEST, own_tunables, speeds
 
-_HIGHEST = 0.49  # of the sample rate: for frequencies
 _INSIDE = 1e-9  # relative distance to a bound that is open
 
 
@@ -58,7 +57,7 @@ def speed_range(control: Control, sample_time: float) -> tuple[float, float]:
         least = max(filter(None, (declared.least, declared.above)), default=0.0) * (1.0 + _INSIDE)
         most = min((each for each in (declared.most, declared.below) if each is not None), default=math.inf)
         if declared.unit == "Hz":
-            most = min(most, _HIGHEST / sample_time)
+            most = min(most, HIGHEST / sample_time)
         if not value > 0.0:
             continue
         ends = sorted((end / value) ** (1.0 / power) if end > 0.0 else (0.0 if power > 0.0 else math.inf)

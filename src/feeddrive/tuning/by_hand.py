@@ -21,10 +21,10 @@ from feeddrive.tuning.control_response import ControlResponse, Response
 from feeddrive.tuning.limits import Judged, Limits, judged
 from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.tuning.proof import ROOM
+from feeddrive.tuning.tunables import HIGHEST
 
 _LARGEST = 1e30  # of a response: figures have its square, pictures are drawn in single precision
 _WIDE = 30.0  # a range reaches from a thirtieth of the value to thirty times it
-_HIGHEST = 0.49  # of the sample rate: for frequencies
 _SAFE = ("guard", "force_limit")  # bounds of the machine, not of the loop
 
 
@@ -61,7 +61,7 @@ def _knobs(control: Control, sample_time: float) -> Iterator[Knob]:
         least = declared.above if declared.least is None else declared.least
         most = declared.below if declared.most is None else declared.most
         if declared.unit == "Hz":
-            most = min(math.inf if most is None else most, _HIGHEST / sample_time)
+            most = min(math.inf if most is None else most, HIGHEST / sample_time)
         if value > 0.0 and least is not None and least >= 0.0 and (most is None or most > 2.0):
             low, high, logarithmic = value / _WIDE, value * _WIDE, True
         else:

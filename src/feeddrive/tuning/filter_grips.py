@@ -19,9 +19,9 @@ from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.language.recent import Recent
 from feeddrive.loop.control import Control
 from feeddrive.tuning.filter_pack import filter_response
+from feeddrive.tuning.tunables import HIGHEST_FILTER
 
 WIDTH = "width"
-_HIGHEST = 0.45  # of the sample rate
 _LEAST, _MOST = 1e-3, 10.0  # of a damping ratio that is dragged
 _NARROWEST, _WIDEST = 0.005, 1.5  # of the damping ratio of a notch's poles
 _LOWEST = -60.0  # dB: no place is drawn below it
@@ -68,7 +68,7 @@ def filter_grips(control: Control, loop: Margins, sample_time: float) -> tuple[G
 
     The edge lies where a notch that is deep attenuates by 3 dB, at f (ζ + √(1 + ζ²)) with ζ its damping_pole.
     """
-    found, ends = list[Grip](), (float(loop.loop_gain.frequency[0]), _HIGHEST / sample_time)
+    found, ends = list[Grip](), (float(loop.loop_gain.frequency[0]), HIGHEST_FILTER / sample_time)
     for i, block in enumerate(control.filters):
         kind = block.kind.replace("_", " ")
         for name in _frequencies(block):
@@ -99,7 +99,7 @@ def filter_dragged(
     Raises ParameterError for a grip that there is not.
     """
     i, part, block = _found(control, name)
-    low, high = float(loop.loop_gain.frequency[0]), _HIGHEST / sample_time
+    low, high = float(loop.loop_gain.frequency[0]), HIGHEST_FILTER / sample_time
     at = min(max(x, low), high)
     if part == WIDTH:
         return _widened(block, i, at)
@@ -150,7 +150,7 @@ def _edge(block: Notch, sample_time: float) -> float:
     """The upper edge in Hz; the lower one if that lies too near half the sample rate."""
     f, ratio = float(block.frequency), float(block.damping_pole)
     apart = ratio + float(np.sqrt(1.0 + ratio * ratio))
-    return f * apart if f * apart <= _HIGHEST / sample_time else f / apart
+    return f * apart if f * apart <= HIGHEST_FILTER / sample_time else f / apart
 
 
 def _widened(block: Filter, i: int, edge: float) -> dict[str, float]:

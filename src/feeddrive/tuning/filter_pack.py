@@ -15,12 +15,12 @@ from feeddrive.language import tree
 from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.loop.control import Control
+from feeddrive.tuning.tunables import HIGHEST_FILTER
 
 B = TypeVar("B", bound=Block)
 _RISE = 3.0  # dB by which a resonance stands out of the loop gain below it
 _AROUND = 1.1  # factor of the frequency of a resonance within which it counts
 _BEYOND = 3.0  # times the crossover: where a filter begins if nothing stands out
-_HIGHEST = 0.45  # of the sample rate
 _COSTS = 10.0  # degrees of phase at the crossover that a filter may take to begin with
 _PASSES = 0.5  # gain near half the sample rate below which a filter is a low-pass
 _NARROWEST = 10.0  # times narrower than by default
@@ -102,7 +102,7 @@ def begun_filter(kind: str, loop: Margins, sample_time: float, at: float | None 
     Raises ParameterError for a filter with a number that is neither a frequency nor has a default.
     """
     made: type[Any] = find(Filter, kind)  # type: ignore[type-abstract]
-    highest = _HIGHEST / sample_time
+    highest = HIGHEST_FILTER / sample_time
     names = list[str]()
     for each in dataclasses.fields(made):  # type: ignore[arg-type]
         declared = declarations(made)[each.name]

@@ -17,7 +17,8 @@ _RANGE = math.log(1e3)  # largest factor between a gain and its start value
 _FILTER = math.log(4.0)  # the same for the frequency of a filter
 _RATIOS = {"damping_zero": (0.02, 1.0), "damping_pole": (0.05, 1.5), "damping": (0.3, 1.5)}
 _RATIO = (0.02, 20.0)  # of a law
-_HIGHEST = 0.45  # of the sample rate: upper limit of filter frequencies
+HIGHEST_FILTER = 0.45  # of the sample rate: upper limit of filter frequencies that are chosen or searched
+HIGHEST = 0.49  # of the sample rate: of any frequency that is moved
 
 
 def law_tunables(control: Control) -> tuple[str, ...]:
@@ -73,7 +74,7 @@ def box(control: Control, names: Sequence[str], x: np.ndarray, sample_time: floa
         elif name.startswith("filters."):
             low[i], high[i] = x[i] - _FILTER, x[i] + _FILTER
         if unit == "Hz":
-            high[i] = min(high[i], math.log(_HIGHEST / sample_time))
+            high[i] = min(high[i], math.log(HIGHEST_FILTER / sample_time))
     return low, np.maximum(high, low)
 
 

@@ -114,20 +114,7 @@ def _before(guard: Guard | None, name: str) -> str:
 def _bounds(given: str) -> dict[str, float]:
     """The numbers of a guard. Raises ParameterError for one that it has not, and for no number."""
     known = [name for name, each in declarations(Guard).items() if each.role == "parameter"]
-    found = dict[str, float]()
-    for each in given.split(","):
-        name, equals, value = (part.strip() for part in each.partition("="))
-        if not equals:
-            raise ParameterError(f"--guard {each}: write it as NAME=VALUE, such as velocity_limit=1")
-        if name not in known:
-            raise ParameterError(f"--guard {each}: a guard has no number '{name}'{nearest(name, known)}")
-        if name in found:
-            raise ParameterError(f"--guard {each}: {name} is given twice: leave one out")
-        try:
-            found[name] = float(value)
-        except ValueError:
-            raise ParameterError(f"--guard {each}: '{value}' is no number") from None
-    return found
+    return _numbers("--guard", given.split(","), known, "a guard", "velocity_limit=1")
 
 
 def _places(given: Sequence[str]) -> tuple[int, ...]:
@@ -141,18 +128,23 @@ def _places(given: Sequence[str]) -> tuple[int, ...]:
 
 
 def _values(control: Control, given: Sequence[str]) -> dict[str, float]:
-    known = {name for name, value in tree.leaves(control) if isinstance(value, (int, float))}
+    known = [name for name, value in tree.leaves(control) if isinstance(value, (int, float))]
+    return _numbers("--set", given, known, "the control", "law.Kp=52000")
+
+
+def _numbers(option: str, given: Sequence[str], known: Sequence[str], whose: str, such: str) -> dict[str, float]:
+    """Numbers by name, of texts NAME=VALUE. Raises ParameterError for an unknown name, one twice, and no number."""
     found = dict[str, float]()
     for each in given:
-        name, equals, value = each.partition("=")
+        name, equals, value = (part.strip() for part in each.partition("="))
         if not equals:
-            raise ParameterError(f"--set {each}: write it as NAME=VALUE, such as law.Kp=52000")
+            raise ParameterError(f"{option} {each}: write it as NAME=VALUE, such as {such}")
         if name not in known:
-            raise ParameterError(f"--set {each}: the control has no number '{name}'{nearest(name, known)}")
+            raise ParameterError(f"{option} {each}: {whose} has no number '{name}'{nearest(name, known)}")
         if name in found:
-            raise ParameterError(f"--set {each}: {name} is given twice: leave one out")
+            raise ParameterError(f"{option} {each}: {name} is given twice: leave one out")
         try:
             found[name] = float(value)
         except ValueError:
-            raise ParameterError(f"--set {each}: '{value}' is no number") from None
+            raise ParameterError(f"{option} {each}: '{value}' is no number") from None
     return found
