@@ -37,7 +37,10 @@ from feeddrive.loop.loop import Loop
 
 T = 1e-3
 PAIR = "ip link add veth0 type veth peer name veth1 && ip link set veth0 up && ip link set veth1 up && "
-LIMITS = BusLimits(travel=0.2, velocity=0.5, force=2000.0, following_error=2e-3, quick_stop_deceleration=5.0)
+LIMITS = BusLimits(
+    travel=0.2, velocity=0.5, force=2000.0, following_error=2e-3, quick_stop_deceleration=5.0, largest_mass=120.0,
+    breakaway_force=5.0,
+)  # fmt: skip
 SCALING = DriveScaling(counts_per_turn=1e6, lead=0.01, gear=1.0, rated_torque=1.0)  # 10 nm; 0.628 N
 
 

@@ -105,6 +105,11 @@ class DriveClient:
         return self.identity.get("name") == VIRTUAL
 
     @property
+    def reports_velocity(self) -> bool:
+        """True if the drive has an actual velocity (0x606C); else `told` has the difference of its positions."""
+        return "velocity" in self._back.names
+
+    @property
     def state(self) -> PowerState | None:
         """The state by the last statusword."""
         return None if self.told is None else state_of(self.told.status)

@@ -41,6 +41,13 @@ class BusLimits(Block):
     velocity: Number = parameter("m/s", "largest speed", above=0)
     force: Number = parameter("N", "largest force", above=0)
     following_error: Number = parameter("m", "largest difference of target and position", above=0)
+    largest_mass: Number | None = parameter(
+        "kg", "largest mass that the axis moves, workpiece included; needed in cst", above=0, default=None
+    )
+    breakaway_force: Number | None = parameter(
+        "N", "largest force against which the axis may stand, friction and weight together; needed in cst", least=0,
+        default=None,
+    )  # fmt: skip
     position_least: Number | None = parameter("m", "lowest position in the drive's own count", default=None)
     position_most: Number | None = parameter("m", "highest position in the drive's own count", default=None)
     quick_stop_deceleration: Number = parameter("m/s2", "with which a quick stop brakes", above=0, default=2.0)
@@ -69,7 +76,13 @@ class BusDrive(Block):
     limits: BusLimits = part("where a motion is aborted")
 
     def check(self) -> None:
-        """Limits that are less than one increment or one thousandth cannot be kept."""
+        """Limits below one increment or one thousandth cannot be kept; cst needs bounds of the axis."""
+        for name in ("largest_mass", "breakaway_force") if self.mode == "cst" else ():
+            if getattr(self.limits, name) is None:
+                raise ParameterError(
+                    f'limits.{name} is missing: in mode = "cst" a drive that shows no motion counts as dead once its '
+                    f"force must have moved the axis: state limits.largest_mass in kg and limits.breakaway_force in N"
+                )
         if self.limits.force < self.scaling.newton:
             raise ParameterError(
                 f"limits.force = {self.limits.force:g} N is less than a thousandth of the rated torque, "

@@ -37,6 +37,7 @@ class Pace:
 
     def __init__(self, cycle_time: float | None) -> None:
         self.cycle_time = cycle_time
+        self.slips = False  # whether the last cycle began more than a cycle late
         self._next = 0.0
         self._late: list[float] = []
         self._missed, self._slipped = 0, 0.0
@@ -57,7 +58,8 @@ class Pace:
             now = time.monotonic()
         late = max(0.0, now - self._next)
         self._late.append(late)
-        if late > self.cycle_time:
+        self.slips = late > self.cycle_time
+        if self.slips:
             self._missed += 1
             self._slipped += late
             self._next = now

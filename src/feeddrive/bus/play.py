@@ -5,9 +5,10 @@ from __future__ import annotations
 import contextlib
 import signal
 import threading
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 from types import FrameType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from feeddrive.bus.cia402 import PowerState
 from feeddrive.bus.client import ActualValues, DriveClient
 from feeddrive.bus.pace import Lateness, urgent
 from feeddrive.bus.profile import Profile
+from feeddrive.bus.watch import Answer, Target, Watch
 from feeddrive.files.log import Log
 from feeddrive.language.errors import BusError
 from feeddrive.language.progress import ENDINGS, Progress
@@ -86,7 +88,7 @@ def play_together(
     with interruption() as interrupted, urgent(first.pace.cycle_time is not None) as permitted:
         held = count + max(lag, round(_SETTLING / drive.cycle_time))
         for k in range(held):
-            sent: list[Mapping[str, float]] = []
+            sent: list[_Sent] = []
             try:
                 for rows, profile in zip(kept, profiles, strict=True):
                     last = profile.excitation.size
@@ -95,10 +97,9 @@ def play_together(
             except BusError as error:
                 aborted = str(error).removeprefix(f"{first.transport.where}: ")
                 break
-            for rows, each in zip(kept, sent, strict=True):
-                rows.add(each, rows.client.answer)
+            seen = [rows.watched(each, first.pace.slips) for rows, each in zip(kept, sent, strict=True)]
             by_hand = interrupted() or (progress is not None and progress.cancelled)
-            aborted = "stopped by hand" if by_hand else _trouble(kept, sent)
+            aborted = "stopped by hand" if by_hand else _trouble(kept, seen)
             if aborted:
                 break
             if progress is not None and k % said == 0:
@@ -140,12 +141,12 @@ def _remarks(client: DriveClient, lost: int, permitted: bool, lateness: Lateness
         )
 
 
-def _trouble(kept: Sequence[_Rows], sent: Sequence[Mapping[str, float]]) -> str:
-    """Why the motion ends: the first drive that no longer follows, or leaves its limits; empty while there is none."""
-    for rows, each in zip(kept, sent, strict=True):
-        found = rows.client.trouble() or _beyond(rows.client, rows.start, rows.client.answer, each)
-        if found:
-            return found if len(kept) == 1 else f"{rows.client.transport.where}: {found}"
+def _trouble(kept: Sequence[_Rows], seen: Sequence[str]) -> str:
+    """Why the motion ends: the first drive that no longer follows, or that its watch stops; empty if there is none."""
+    for rows, fault in zip(kept, seen, strict=True):
+        reason = rows.client.trouble() or fault
+        if reason:
+            return reason if len(kept) == 1 else f"{rows.client.transport.where}: {reason}"
     return ""
 
 
@@ -157,7 +158,7 @@ def listened(client: DriveClient, seconds: float) -> Played:
     client.pace.begin()
     with interruption() as interrupted:
         for _ in range(count + client.drive.lag):
-            rows.add({"set_position": 0.0, "excitation": 0.0}, client.cycle())
+            rows.add(0.0, 0.0, client.cycle())
             if client.lost_in_row >= client.drive.lost_frames:
                 raise BusError(f"{client.transport.where}: {client.trouble()}")
             if interrupted():
@@ -170,43 +171,31 @@ def listened(client: DriveClient, seconds: float) -> Played:
     return Played(log, None, client.lost, lateness, tuple(client.remarks))
 
 
-def _target(client: DriveClient, profile: Profile, i: int, start: float, *, rest: bool) -> Mapping[str, float]:
-    """Command row i, or hold the last position; returns the setpoints in SI.
+class _Sent(NamedTuple):
+    """The setpoints of a cycle: the target as the drive got it, and the excitation of the profile."""
+
+    target: Target
+    excitation: float
+
+
+def _target(client: DriveClient, profile: Profile, i: int, start: float, *, rest: bool) -> _Sent:
+    """Command row i, or hold the last position.
 
     The logged excitation is that of the profile, before it is rounded to increments, so that its lines are the
     designed ones; the force that acted is in the column of the force.
     """
     excitation = 0.0 if rest else float(profile.excitation[i])
     position, velocity = start + float(profile.set_position[i]), 0.0 if rest else float(profile.velocity[i])
+    force = 0.0
     if profile.unit == "N":
-        position = client.command(position=position, velocity=velocity, force=excitation)
+        force = excitation
+        position = client.command(position=position, velocity=velocity, force=force)
     elif profile.unit == "m":
         position = client.command(position=position + excitation, velocity=velocity)
     else:
-        client.command(velocity=velocity + excitation)
-    return {"set_position": position, "excitation": excitation}
-
-
-def _beyond(client: DriveClient, start: float, told: ActualValues | None, sent: Mapping[str, float]) -> str:
-    """The limit that is exceeded, as text; empty if none is."""
-    if told is None:
-        return ""
-    limits = client.drive.limits
-    checks = [
-        ("travel", abs(told.position - start), limits.travel, "m"),
-        ("velocity", abs(told.velocity), limits.velocity, "m/s"),
-        ("force", abs(told.force), limits.force, "N"),
-    ]
-    if client.drive.mode == "csp":
-        error = sent["set_position"] - told.position if told.following_error is None else told.following_error
-        checks.append(("following_error", abs(error), limits.following_error, "m"))
-    for key, got, most, unit in checks:
-        if got > most:
-            return f"{key} = {got:.4g} {unit} exceeded limits.{key} = {most:.4g} {unit}"
-    low, high = limits.position_least, limits.position_most
-    if (low is not None and told.position < low) or (high is not None and told.position > high):
-        return f"position = {told.position:.6g} m left limits.position_least .. position_most"
-    return ""
+        velocity += excitation
+        client.command(velocity=velocity)
+    return _Sent(Target(position, velocity, force), excitation)
 
 
 def _halt(client: DriveClient) -> str:
@@ -227,15 +216,29 @@ class _Rows:
     def __init__(self, client: DriveClient) -> None:
         assert client.told is not None
         self.client, self.start = client, client.told.position
-        self.sent: list[Mapping[str, float]] = []
+        self.sent: list[tuple[float, float]] = []  # set position and excitation
         self.told: list[ActualValues] = []
         self.lost: list[float] = []
         self._last = client.told
+        self._watch = Watch(client.drive)
+        self._state = self._watch.begin(self._answer(client.told))
 
-    def add(self, sent: Mapping[str, float], told: ActualValues | None) -> None:
+    def watched(self, sent: _Sent, late: bool) -> str:
+        """Add the cycle that the client has ended; why its watch ends the motion, empty if it does not."""
+        told = self.client.answer
+        self.add(sent.target.position, sent.excitation, told)
+        answer = None if told is None else self._answer(told)
+        self._state, fault = self._watch.step(self._state, sent.target, answer, late=late)
+        return "" if fault is None else fault.message
+
+    def _answer(self, told: ActualValues) -> Answer:
+        velocity = told.velocity if self.client.reports_velocity else None
+        return Answer(told.position, velocity, told.force, told.following_error, told.second)
+
+    def add(self, set_position: float, excitation: float, told: ActualValues | None) -> None:
         """One cycle; a lost one holds the last values."""
         self._last = told or self._last
-        self.sent.append(sent)
+        self.sent.append((set_position, excitation))
         self.told.append(self._last)
         self.lost.append(float(told is None))
 
@@ -244,8 +247,8 @@ class _Rows:
         client, lag = self.client, self.client.drive.lag
         told, T = self.told[lag : lag + rows], client.drive.cycle_time
         channels: dict[str, list[float]] = {
-            "set_position": [each["set_position"] for each in self.sent[:rows]],
-            "excitation": [each["excitation"] for each in self.sent[:rows]],
+            "set_position": [position for position, _ in self.sent[:rows]],
+            "excitation": [excitation for _, excitation in self.sent[:rows]],
             "force": [each.force for each in told],
             "reading_load": [each.position for each in told],
         }
