@@ -26,7 +26,7 @@ from feeddrive.blocks.controller.pole_placement import PolePlacement
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.bus import ethercat
-from feeddrive.bus.cia402 import FAULT_RESET, OBJECTS
+from feeddrive.bus.cia402 import FAULT_RESET, OBJECTS, PowerState
 from feeddrive.bus.client import DriveClient, driven_together, transport_of
 from feeddrive.bus.drive_file import DriveScaling
 from feeddrive.bus.play import listened, play_profile, play_together
@@ -34,7 +34,7 @@ from feeddrive.bus.profile import Profile
 from feeddrive.bus.transport import Claim, read_object, write_object
 from feeddrive.bus.virtual import ethercat_slave
 from feeddrive.bus.virtual.driven_axis import DrivenAxis
-from feeddrive.bus.virtual.firmware import PdoMap
+from feeddrive.bus.virtual.firmware import Firmware, PdoMap
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.simulate import simulate
@@ -276,21 +276,93 @@ def kinds(bus: str) -> dict[str, Any]:
         sent = profile(400, 0.0 if mode == "cst" else 0.01, peak, unit)
         with powered(bus) as bench, client(drive(bus, mode=mode), bench.interface) as master:
             played = play_profile(master, sent)
-        axis, metre, truth = DrivenAxis(bench_loop()), SCALING.metre, []
-        for x, v, each in zip(sent.set_position, sent.velocity, sent.excitation, strict=True):
-            if mode == "cst":
-                done = axis.push(SCALING.per_mille(each) * SCALING.newton, 1)
-            else:
-                target = SCALING.increments(x + (each if unit == "m" else 0.0)) * metre
-                speed = SCALING.increments(v + (each if unit == "m/s" else 0.0)) * metre
-                done = axis.follow(np.array([target]), np.array([speed]), 0.0, True, alone=mode == "csv")
-            truth.append(done.position)
+        truth = _unbused(mode, sent, 400)
         found[mode] = {
             "aborted": played.aborted, "moved": float(np.ptp(truth)),
-            "increments": float(np.max(np.abs(played.log["reading_load"] - truth))) / metre,
+            "increments": float(np.max(np.abs(played.log["reading_load"] - truth))) / SCALING.metre,
             "excitation": bool(np.array_equal(played.log["excitation"], sent.excitation)),
         }  # fmt: skip
     return found
+
+
+@contextmanager
+def freezing(after: int, mute: bool) -> Iterator[None]:
+    """Virtual drives tell the same values from that cycle in operation on, and 0 as 0x60F4; `mute` ones no velocity.
+
+    Statusword and frames go on, and so does the axis.
+    """
+    whole = Firmware.cycle
+    names = ("position", "velocity", "torque", "following_error", "second_position")
+
+    def cycle(self: Any) -> None:
+        self.values.update(getattr(self, "true", {}))
+        whole(self)
+        self.enabled = getattr(self, "enabled", 0) + (self.state is PowerState.ENABLED)
+        if self.enabled >= after:
+            self.true = {name: self.values[name] for name in names}
+            if self.enabled == after and not hasattr(self, "shown"):
+                self.shown = {**self.true, "following_error": 0} | ({"velocity": 0} if mute else {})
+            self.values.update(self.shown)
+
+    Firmware.cycle = cycle  # type: ignore[method-assign]
+    try:
+        yield
+    finally:
+        Firmware.cycle = whole  # type: ignore[method-assign]
+
+
+def frozen(bus: str) -> dict[str, Any]:
+    """Drives whose values stand still from their 150th cycle in operation, beside a live axis in the same motion."""
+    found: dict[str, Any] = {}
+    for mode, unit, peak in (("csp", "N", 100.0), ("csv", "m/s", 0.02), ("cst", "N", 100.0)):
+        sent = profile(600, 0.0 if mode == "cst" else 0.02, peak, unit)
+        found[mode] = {"live": _unbused(mode, sent, 250)}
+        for how in ("stale", "mute"):
+            with (
+                freezing(150, how == "mute"),
+                powered(bus) as bench,
+                client(drive(bus, mode=mode), bench.interface) as m,
+            ):
+                dead = play_profile(m, sent)
+            found[mode][how] = {"aborted": dead.aborted, "reading_load": dead.log["reading_load"].tolist()}
+        moved = np.cumsum(sent.velocity + sent.excitation) * T if mode == "csv" else sent.set_position
+        found[mode] |= {"set_position": moved.tolist(), "excitation": sent.excitation.tolist()}
+    return found
+
+
+def _unbused(mode: str, sent: Profile, rows: int) -> list[float]:
+    """The readings of the bench's axis in the first rows of a profile, without a bus, m."""
+    axis, metre, found = DrivenAxis(bench_loop()), SCALING.metre, list[float]()
+    for x, v, each in zip(sent.set_position[:rows], sent.velocity[:rows], sent.excitation[:rows], strict=True):
+        if mode == "cst":
+            done = axis.push(SCALING.per_mille(each) * SCALING.newton, 1)
+        else:
+            target = SCALING.increments(x + (each if sent.unit == "m" else 0.0)) * metre
+            speed = SCALING.increments(v + (each if sent.unit == "m/s" else 0.0)) * metre
+            force = SCALING.per_mille(each) * SCALING.newton if sent.unit == "N" else 0.0
+            done = axis.follow(np.array([target]), np.array([speed]), force, True, alone=mode == "csv")
+        found.append(done.position)
+    return found
+
+
+def deceived(bus: str) -> dict[str, Any]:
+    """A drive that follows, and tells 0 as 0x60F4 all the time; its window is taken away."""
+    whole = Firmware.cycle
+
+    def cycle(self: Any) -> None:
+        whole(self)
+        self.values["following_error"] = 0
+
+    tight = replace(LIMITS, following_error=2e-5)
+    Firmware.cycle = cycle  # type: ignore[method-assign]
+    try:
+        with powered(bus) as bench, client(drive(bus, limits=tight), bench.interface) as master:
+            write_object(master.transport, "following_error_window", 0xFFFFFFFF)
+            played = play_profile(master, profile(peak=600.0))
+    finally:
+        Firmware.cycle = whole  # type: ignore[method-assign]
+    behind = np.abs(played.log["set_position"] - played.log["reading_load"])
+    return {"aborted": played.aborted, "beyond": int(np.sum(behind > tight.following_error))}
 
 
 def second(bus: str) -> dict[str, Any]:
@@ -466,7 +538,7 @@ def said(asked: Any) -> str:
 
 
 SCENARIOS = (exact, torque, speed, losses, faults, limits, wrong, refusals, silence, kinds, second, hearing, mapping,
-             held_up, pulled, foreign, plan)  # fmt: skip
+             held_up, pulled, foreign, plan, frozen, deceived)  # fmt: skip
 ANSWER = "ANSWER "  # before the result on its line
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
 import pytest
 
 import bus_scenarios
@@ -19,6 +20,7 @@ from feeddrive.bus.client import DriveClient, transport_of
 from feeddrive.bus.play import play_profile
 from feeddrive.bus.virtual.firmware import Firmware
 from feeddrive.language.errors import BusError, ParameterError
+from simulated_drives import due_by_force
 
 Scenario = Callable[[str], dict[str, Any]]
 
@@ -91,6 +93,41 @@ def test_a_profile_is_played_in_every_mode_as_without_a_bus(tried: Scenario, mod
     assert found["excitation"]
     assert found["moved"] > 2e-5  # 2000 increments; a chirp leaves a free mass little more
     assert found["increments"] <= 0.5 + 1e-6
+
+
+@pytest.mark.parametrize("mode", ["csp", "csv", "cst"])
+def test_a_drive_whose_values_stand_still_is_stopped(tried: Scenario, mode: str) -> None:
+    """From the 150th cycle on, with 0x60F4 = 0; counted in cycles from when a live drive must have shown two counts.
+
+    stale  the velocity stands still as well: a live axis, simulated without a bus, moves on
+    mute   it is 0: a live drive moves before 3/4 of limits.following_error, in cst by mass and breakaway force
+    """
+    found, count, most, allowed = tried("frozen")[mode], SCALING.metre, LIMITS.following_error, 3 + 2
+    for how in ("stale", "mute"):
+        position = np.array(found[how]["reading_load"])
+        stop, still = len(position) - 1, int(np.flatnonzero(np.diff(position))[-1]) + 1
+        assert 140 < still < 150
+        if how == "stale":
+            shown = np.abs(np.array(found["live"])[still:] - position[-1]) >= 2 * count
+            assert "all values stand still since cycle" in found[how]["aborted"]
+        else:
+            shown = np.abs(np.array(found["set_position"])[still:] - position[-1]) >= 0.75 * most + 3 * count
+            assert "the position (0x6064) still stands within 2 increments (2e-08 m)" in found[how]["aborted"]
+        must = still + int(np.argmax(shown))
+        if how == "mute" and mode == "cst":
+            must = due_by_force(np.array(found["excitation"]), 120.0, 5.0, 3 * count, T, still) or 0
+        assert must <= stop + 1, "not before"
+        assert stop <= must + allowed
+        assert np.max(np.abs(found["set_position"][: stop + 1] - position)) < most
+        assert found[how]["aborted"].endswith("the axis was stopped and is in 'switch on disabled'")
+
+
+def test_the_following_error_is_that_of_the_position_whatever_the_drive_says(tried: Scenario) -> None:
+    """0x60F4 is 0 all the time: the motion ends in the first cycle beyond the 20 um that are allowed."""
+    found = tried("deceived")
+    assert "(set position - 0x6064; the drive says 0 m in 0x60F4) in cycle" in found["aborted"]
+    assert "exceeded limits.following_error = 2e-05 m; the axis was stopped" in found["aborted"]
+    assert found["beyond"] == 1
 
 
 def test_lost_frames_are_marked_and_too_many_end_the_motion(tried: Scenario) -> None:

@@ -15,62 +15,75 @@ Limits.  |x - x_start|, |v|, actual force and x are kept within the drive file's
 The own count r - x holds whatever the drive reports as 0x60F4, which may be 0 for ever.
 
 Standstill.  The anchor a is the reading of a cycle j, and moves to x as soon as |x - a| >= 2 c.  Until then the axis
-has shown less than two counts.  An axis that has moved by 4 c has shown two counts: the rounding of two readings takes
-one, noise of half a count in both another.  Three bounds say when a live axis must have moved by 4 c.
+has shown less than two counts.  An axis that has moved by more than 3 c has shown two: of what it moved one may be
+shown, one is lost to the rounding of two readings, and one to noise of half a count in both.  Three bounds say when a
+live axis must have moved so far.
 
-csp.  Let L = r - a be the lead of the target, and L_j that of cycle j.  A live drive moves before the target is E/2
-from it; one that already lags by L_j moves before half of what is left to E is used up:
+csp.  Let L = r - a be the lead of the target, L_j that of cycle j, and L+ that of the next cycle, whose target was sent
+already.  A live drive moves before its target leads it by 3/4 E; one that already lags by L_j moves before 3/4 of what
+is left to E is used up:
 
-    |L| > (E + max(0, L_j sgn L))/2  and  |L - L_j| >= 4 c                            fault
+    |L - L_j| >= 3 c  and  (|L| > L' + 3/4 (E - L')  or  |L+| > E),    L' = max(0, L_j sgn L)      fault
 
-The bound is less than E wherever |L_j| < E, so that it acts before the following error does.  No healthy drive is
-stopped whose lost motion is less than E/2: a stuck axis stands until its loop pushes harder than friction, which takes
-a lead of lost motion and no time, so that dwell, creep and any slow setpoint are free.  While an axis moves with a
-lag, its target advances about as far as the axis itself, a few counts.
+So a dead drive is found before its target leads the last reading by E, if |L_j| < E and `lag` is not 0.  What counts is
+way and not time: a stuck axis stands until its loop pushes harder than friction, which takes a certain lead, so that
+dwell, creep and any slow setpoint are free.  No drive is stopped whose following error never exceeds 3/4 E - 2 c, and
+whose target advances by less than E/4 a cycle: where it stands within 2 c of a, L differs from its following error by
+less than that.  One that lags by more at speed is not stopped either, as its target advances about as far as the axis
+itself before two counts are shown.
 
 csv.  No position is held, so the way S that the set velocity has asked for since cycle j takes the place of the lead:
 
-    S = Σ w T,    |S| > max(E/2, 4 c)                                                 fault
+    S = Σ w T,    |S| > max(3/4 E, 3 c)                                                 fault
 
-cst.  Where the force exceeds B, the net force on the axis has its sign, and as its mass is at most M
+While an axis stands, S is the change of its distance from Σ w T since the start, which may go from one side to the
+other: no drive is stopped whose distance never exceeds 3/8 E - c.
 
-    sgn(F) x'' >= (|F| - B)/M = a(t) > 0
+cst.  Dead time, current loop and filters let a force act late and smoothed.  If nothing of it comes later than
+RESPONSE, 10 ms or `lost_frames` + 2 cycles if that is longer, the acting force is a mean of the forces of that time and
+not less than their least, F-.  Where all have one sign and F- > B, the axis of a mass of at most M has
+
+    sgn(F) x'' >= (F- - B)/M = a(t) > 0
 
 Integrated over a push of one sign that began τ ago, with q = ∫∫ a, the axis has moved by at least v0 τ + q.  The
-velocity v0 at its beginning is not known.  An axis that stayed within 4 c throughout had one with
+velocity v0 at its beginning is not known.  An axis that stayed within 3 c throughout had one with
 
-    -(4c + q(τ'))/τ' < v0 < (4c - q(τ'))/τ'    for all τ' <= τ
+    -(3c + q(τ'))/τ' < v0 < (3c - q(τ'))/τ'    for all τ' <= τ
 
-The right side falls with τ'.  If it falls below the largest left side, no v0 is left and a live axis must have moved;
-under a constant push that is the case after τ = (1 + √2) √(8 c/a).  RESPONSE, 10 ms or `lost_frames` + 2 cycles if
-that is longer, is then waited for current loops, filters and elastic parts: a fault, unless two counts were shown.
+The right side falls with τ'.  When it falls below the largest left side, no v0 is left and a live axis must have moved;
+under a constant push that is RESPONSE + (1 + √2) √(6 c/a) after its beginning.  It is dead if it has not shown two
+counts `lost_frames` + 2 cycles later, for which a reading may be held.
 
 Velocity.  It is compared with the differences of the positions, in two ways:
 
-1. The same values, all of them, in `lost_frames` + 2 answers after the first, with |v| T summed over them (at most 10
-   RESPONSE) of 2 c or more: the drive says that it moves, and stands in every bit.  A fault, which finds values frozen
-   in motion before any bound above.  A healthy drive that stops dead changes its velocity, its force or both.
-2. A leaky sum of v T - Δx, with the time constant 10 RESPONSE.  A filter or a delay in v of at most RESPONSE leaves
-   no more than RESPONSE times the largest speed of either in the same memory, and a wrong factor of 10 % as much:
+1. The same values, all of them, in `lost_frames` + 2 answers after the first, and |v| T summed over them, at most over
+   the memory of 10 RESPONSE, is 2 c or more: the drive says that it moves, and stands in every bit.  A fault, which
+   finds values frozen in motion sooner than any bound above.  A live axis that has moved by 2 c has changed its
+   reading, and one that stops dead changes its velocity.
+2. A sum that forgets within the memory, compared with the largest speed U of either in the same memory:
 
-       |Σ (v T - Δx)| > RESPONSE max(|v|, |Δx|/T) + 4 c                               fault
+       |Σ (v T - Δx)| > RESPONSE U + max(3/4 E, 3 c)                                    fault
 
+   A v that comes δ too late leaves 2 δ U at most, after a reversal; one that is wrong by the share g leaves 10 g
+   RESPONSE U.  A filter of 5 ms or an error of 10 % is free, and so are half of each; 3/4 E is for the resolution of v.
    The sum begins anew after a cycle that began more than a cycle late, as the axis went on for an unknown time.
 
 What it cannot see: a force (0x6077) or second encoder (0x60E4) that is wrong; noise of two counts over a dead encoder,
-until the following error tells; a dead drive at rest in csp, whose target does not move, or in cst below B.
+until the following error tells; a dead drive whose target does not move (csp, csv) or stays below B (cst).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from feeddrive.bus.drive_file import BusDrive
 
 SHOWN = 2  # counts by which a reading must change to be a sign of life: one may be noise
-SURE = 4  # counts of true motion that show two: rounding of two readings takes one, noise in them another
-USED = 0.5  # share of what is left to the following error's limit, of which a live drive uses less before it moves
+SURE = 3  # counts of true motion beyond which two are shown: one is shown, rounding and noise take one each
+USED = 0.75  # share of what is left to limits.following_error, of which a live drive uses less before it moves
+SPARE = 2  # cycles beyond `lost_frames` for which values may repeat: a frame in between, and slow process data
 RESPONSE = 0.01  # s that current loop, filters and elastic parts may take
 MEMORY = 10.0  # responses over which velocity and positions are compared
 
@@ -114,18 +127,25 @@ class Anchor(NamedTuple):
 
 
 class Push(NamedTuple):
-    """A force beyond breakaway in one direction: its time (s), and speed (m/s) and way (m) that it gives at least.
+    """A force beyond breakaway in one direction.
 
-    least    lower bound of the speed at its beginning, m/s, of an axis that has stayed within `SURE` counts
-    overdue  time since a live axis must have moved, s; None before
+    forces  those of the last RESPONSE, oldest first, N
+    sign    its direction; 0 while there is none
+    time    since when, s
+    speed   gained at least, m/s
+    way     gained at least with it, m
+    slowest, fastest  bounds of the speed at its beginning, m/s, of an axis that has stayed within `SURE` counts
+    due     the first cycle in which a live axis must have moved; stays when the push ends
     """
 
+    forces: tuple[float, ...] = ()
     sign: float = 0.0
     time: float = 0.0
     speed: float = 0.0
     way: float = 0.0
-    least: float = -math.inf
-    overdue: float | None = None
+    slowest: float = -math.inf
+    fastest: float = math.inf
+    due: int | None = None
 
 
 class State(NamedTuple):
@@ -161,9 +181,12 @@ class Watch:
         self._count = drive.scaling.metre
         self._sure = SURE * self._count
         self._shown = (SHOWN - 1e-6) * self._count  # readings are whole counts, and their products with c are rounded
-        self._patience = drive.lost_frames + 2
+        self._patience = drive.lost_frames + SPARE
         self._response = max(RESPONSE, self._patience * drive.cycle_time)
         self._memory = MEMORY * self._response
+        self._forces = 1 + math.ceil(
+            self._response / drive.cycle_time - 1e-9
+        )  # of the last RESPONSE, both ends included
 
     def begin(self, answer: Answer) -> State:
         """The state before the first cycle, of an axis that is held where it is."""
@@ -182,18 +205,19 @@ class Watch:
         dt = self.drive.cycle_time
         silent = state.silent + dt
         if answer is None:  # a target may be lost with it: nothing is concluded from this cycle
-            push = Push(overdue=state.push.overdue)
-            return state._replace(cycle=state.cycle + 1, sent=tuple(sent), silent=silent, push=push), None
+            return state._replace(
+                cycle=state.cycle + 1, sent=tuple(sent), silent=silent, push=Push(due=state.push.due)
+            ), None
         moved = abs(answer.position - state.anchor.position) >= self._shown
         lead = acting.position - answer.position
         anchor = state.anchor._replace(asked=state.anchor.asked + acting.velocity * dt)
-        push = self._pushed(state.push, acting.force, dt)
+        push = self._pushed(state.push, acting.force, dt, state.cycle)
         if moved:
-            anchor, push = Anchor(answer.position, state.cycle, lead), Push(push.sign)
+            anchor, push = Anchor(answer.position, state.cycle, lead), Push(push.forces)
         same, gap, speed = self._compared(state, answer, silent, late)
         fault = (
             self._beyond(state, answer, lead, silent)
-            or self._standing(state.cycle, anchor, push, acting)
+            or self._standing(state.cycle, anchor, push, acting, sent)
             or self._contradiction(state.cycle, answer, same, gap, speed)
         )
         return State(
@@ -202,91 +226,89 @@ class Watch:
 
     def _beyond(self, state: State, answer: Answer, lead: float, silent: float) -> Fault | None:
         """A limit of the drive file that is exceeded."""
-        limits, own = self.limits, abs(answer.position - state.answer.position) / silent if silent > 0.0 else 0.0
-        checks = [
-            ("travel", abs(answer.position - state.start), limits.travel, "m", ""),
-            ("velocity", own if answer.velocity is None else abs(answer.velocity), limits.velocity, "m/s", ""),
-            ("force", abs(answer.force), limits.force, "N", ""),
-        ]
+        limits, cycle, position = self.limits, state.cycle, answer.position
+        travel, speed = abs(position - state.start), answer.velocity
+        if speed is None:
+            speed = (position - state.answer.position) / silent
+        if not travel <= limits.travel:
+            return _exceeded("travel", travel, limits.travel, "m", cycle)
+        if not abs(speed) <= limits.velocity:
+            return _exceeded("velocity", abs(speed), limits.velocity, "m/s", cycle)
+        if not abs(answer.force) <= limits.force:
+            return _exceeded("force", abs(answer.force), limits.force, "N", cycle)
         if self.drive.mode == "csp":
             told = answer.following_error
-            says = "the drive has no 0x60F4" if told is None else f"the drive says {told:.4g} m in 0x60F4"
-            beside = f" (set position - 0x6064; {says})" if told is None or abs(lead) > abs(told) else " (0x60F4)"
             error = max(abs(lead), abs(told or 0.0))
-            checks.append(("following_error", error, limits.following_error, "m", beside))
-        for key, got, most, unit, beside in checks:
-            if not got <= most:
-                said = (
-                    f"{key} = {got:.4g} {unit}{beside} in cycle {state.cycle} exceeded limits.{key} = {most:.4g} {unit}"
-                )
-                return Fault(key, got, most, unit, state.cycle, said)
+            if not error <= limits.following_error:
+                says = "the drive has no 0x60F4" if told is None else f"the drive says {told:.4g} m in 0x60F4"
+                which = f" (set position - 0x6064; {says})" if error == abs(lead) else " (0x60F4)"
+                return _exceeded("following_error", error, limits.following_error, "m", cycle, which)
         for key, bound, way in (
             ("position_least", limits.position_least, -1.0),
             ("position_most", limits.position_most, 1.0),
         ):
-            if bound is not None and way * (answer.position - bound) > 0.0:
-                said = (
-                    f"position = {answer.position:.6g} m in cycle {state.cycle} left limits.position_least .. "
-                    f"position_most at {key} = {bound:.6g} m"
-                )
-                return Fault("position", answer.position, bound, "m", state.cycle, said)
+            if bound is not None and way * (position - bound) > 0.0:
+                message = f"position = {position:.6g} m in cycle {cycle} left limits.{key} = {bound:.6g} m"
+                return Fault("position", position, bound, "m", cycle, message)
         return None
 
-    def _pushed(self, push: Push, force: float, dt: float) -> Push:
-        """The push a cycle later: the least motion that it gives, and whether an axis may still have stayed."""
+    def _pushed(self, push: Push, force: float, dt: float, cycle: int) -> Push:
+        """The push a cycle later: the least motion that it gives, and how fast an axis that stayed may have been."""
         mass, breakaway = self.limits.largest_mass, self.limits.breakaway_force
         if self.drive.mode != "cst" or mass is None or breakaway is None:
             return push
-        overdue = None if push.overdue is None else push.overdue + dt  # goes on after the push: the answer may be late
-        net = abs(force) - breakaway
-        sign = math.copysign(1.0, force) if net > 0.0 else 0.0
-        if sign == 0.0 or sign != push.sign:
-            push = Push(sign)
-        if sign == 0.0:
-            return push._replace(overdue=overdue)
-        gained = net / mass * dt
+        forces = (*push.forces, force)[-self._forces :]
+        sign = math.copysign(1.0, force)
+        least = min(forces) if sign > 0.0 else -max(forces)
+        due = push.due
+        if least <= breakaway or len(forces) < self._forces:
+            return Push(forces, due=due)
+        if sign != push.sign:
+            push = Push()
+        gained = (least - breakaway) / mass * dt
         time, way = push.time + dt, push.way + (push.speed + 0.5 * gained) * dt
-        least = max(push.least, -(self._sure + way) / time)
-        if overdue is None and (self._sure - way) / time < least:
-            overdue = 0.0
-        return Push(sign, time, push.speed + gained, way, least, overdue)
+        slowest, fastest = max(push.slowest, -(self._sure + way) / time), (self._sure - way) / time
+        if due is None and fastest < slowest:
+            due = cycle
+        return Push(forces, sign, time, push.speed + gained, way, slowest, fastest, due)
 
-    def _standing(self, cycle: int, anchor: Anchor, push: Push, acting: Target) -> Fault | None:
+    def _standing(self, cycle: int, anchor: Anchor, push: Push, acting: Target, sent: Sequence[Target]) -> Fault | None:
         """A position that stands where that of a live drive must have moved."""
         mode, most = self.drive.mode, self.limits.following_error
-        stands = (
-            f"0x6064 stands still, less than {SHOWN} increments ({SHOWN * self._count:.4g} m) from where it was in "
-            f"cycle {anchor.cycle}"
-        )
-        dead = "the drive no longer measures or does not follow"
         if mode == "csp":
             lead = acting.position - anchor.position
             before = max(0.0, math.copysign(anchor.lead, anchor.lead * lead))
-            bound = before + USED * (most - before)
-            if abs(lead) > bound and abs(lead - anchor.lead) >= self._sure:
-                said = (
-                    f"{stands}, and in cycle {cycle} the set position leads it by {abs(lead):.4g} m, more than the "
-                    f"{bound:.4g} m (of limits.following_error = {most:.4g} m) before which a live drive has moved: "
-                    f"{dead}"
-                )
-                return Fault("standstill", abs(lead), bound, "m", cycle, said)
+            value, bound, why = abs(lead), before + USED * (most - before), "the set position leads it"
+            if value <= bound and sent:  # a dead drive must not reach the limit in the next cycle either
+                value, bound, why = abs(sent[0].position - anchor.position), most, "the next set position leads it"
+            if value <= bound or abs(lead - anchor.lead) < self._sure:
+                return None
         elif mode == "csv":
-            asked, bound = abs(anchor.asked), max(USED * most, self._sure)
-            if asked > bound:
-                said = (
-                    f"{stands}, and up to cycle {cycle} the set velocity asked for {asked:.4g} m, more than the "
-                    f"{bound:.4g} m (of limits.following_error = {most:.4g} m) before which a live drive has moved: "
-                    f"{dead}"
-                )
-                return Fault("standstill", asked, bound, "m", cycle, said)
-        elif push.overdue is not None and push.overdue >= self._response:
-            said = (
-                f"{stands}, and in cycle {cycle} it is {push.overdue:.4g} s, at least {self._response:.4g} s, since "
-                f"the force must have moved limits.largest_mass = {self.limits.largest_mass:.4g} kg against "
-                f"limits.breakaway_force = {self.limits.breakaway_force:.4g} N by {SURE} increments: {dead}"
+            value, bound, why = abs(anchor.asked), max(USED * most, self._sure), "the set velocity asked it to go on"
+            if value <= bound:
+                return None
+        else:
+            if push.due is None or cycle - push.due < self._patience:
+                return None
+            value, bound = float(cycle - push.due), float(self._patience)
+            message = (
+                f"{self._stands(cycle, anchor)}: since cycle {push.due} the force, beyond limits.breakaway_force = "
+                f"{self.limits.breakaway_force:.4g} N, must have moved limits.largest_mass = "
+                f"{self.limits.largest_mass:.4g} kg by {SURE} increments, and a live drive shows it within "
+                f"{self._patience} cycles"
             )
-            return Fault("standstill", push.overdue, self._response, "s", cycle, said)
-        return None
+            return Fault("standstill", value, bound, "cycles", cycle, message)
+        message = (
+            f"{self._stands(cycle, anchor)}: {why} by {value:.4g} m, and a live drive moves before {bound:.4g} m at "
+            f"limits.following_error = {most:.4g} m"
+        )
+        return Fault("standstill", value, bound, "m", cycle, message)
+
+    def _stands(self, cycle: int, anchor: Anchor) -> str:
+        return (
+            f"in cycle {cycle} the position (0x6064) still stands within {SHOWN} increments "
+            f"({SHOWN * self._count:.4g} m) of cycle {anchor.cycle}"
+        )
 
     def _compared(
         self, state: State, answer: Answer, silent: float, late: bool
@@ -316,7 +338,7 @@ class Watch:
                 f"{least:.4g} m"
             )
             return Fault("velocity_frozen", way, least, "m", cycle, said)
-        bound = self._response * speed + self._sure
+        bound = self._response * speed + max(self._sure, USED * self.limits.following_error)
         if abs(gap) > bound:
             said = (
                 f"0x606C and 0x6064 contradict each other: in cycle {cycle} the velocity, {answer.velocity:.4g} m/s, "
@@ -325,3 +347,9 @@ class Watch:
             )
             return Fault("velocity_contradicts", abs(gap), bound, "m", cycle, said)
         return None
+
+
+def _exceeded(key: str, value: float, bound: float, unit: str, cycle: int, which: str = "") -> Fault:
+    """A limit of the drive file that is exceeded; `which` says whose count it is."""
+    message = f"{key} = {value:.4g} {unit}{which} in cycle {cycle} exceeded limits.{key} = {bound:.4g} {unit}"
+    return Fault(key, value, bound, unit, cycle, message)
