@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import contextlib
 import random
 import re
 import struct
-from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings
 
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.blocks.families import Force, Friction, Law, Plant, Reference
 from feeddrive.blocks.plant.two_mass import TwoMass
-from feeddrive.files.blocks_from_toml import Hint, defaults, hints, members, read_block
+from feeddrive.files.blocks_from_toml import read_block
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.toml_file import parse_toml
 from feeddrive.language import tree, units
@@ -26,7 +23,7 @@ from feeddrive.language.errors import FeeddriveError, ParameterError, StructureE
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
-from feeddrive.testing.strategies import numbers
+from feeddrive.testing.strategies import blocks_of
 
 ALL = [block for group in catalogue().values() for block in group.values()]
 TWO_MASS = 'kind = "two_mass"\nmass_motor = 100\nmass_load = 350.0\nstiffness = 1.8e8\n'
@@ -34,59 +31,6 @@ TWO_MASS = 'kind = "two_mass"\nmass_motor = 100\nmass_load = 350.0\nstiffness = 
 
 def read(family: type[Block], text: str) -> Any:
     return read_block(family, parse_toml(text, "m.toml").root())
-
-
-# Strategies are made once: what hypothesis finds out about a new one takes longer than to draw from it.
-@cache
-def field_values(kind: type[Block], name: str, depth: int) -> st.SearchStrategy[Any]:
-    declared = declarations(kind)[name]
-    match declared.role:
-        case "parameter":
-            values: st.SearchStrategy[Any] = numbers(declared)
-        case "choice":
-            values = st.sampled_from(declared.options) if declared.options else st.just(None)
-            if hints(kind)[name] == tuple[str, ...]:
-                values = st.just(("x", "y"))  # names of axes
-            if declared.least is not None:
-                values = st.integers(int(declared.least), int(declared.least) + 8)
-        case "table":
-            values = st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=20)
-        case "label":
-            values = st.just(defaults(kind)[name])
-        case _:
-            values = parts(hints(kind)[name], depth)
-    if name in defaults(kind):
-        return st.one_of(st.just(defaults(kind)[name]), values)
-    return values
-
-
-def parts(hint: Hint, depth: int) -> st.SearchStrategy[Any]:
-    one = st.sampled_from(list(members(hint).values()) or [None]).flatmap(lambda kind: blocks(kind, depth + 1))
-    if hint.many:
-        return st.lists(one, max_size=0 if depth > 2 or not members(hint) else 2).map(tuple)
-    return one if members(hint) else st.none()
-
-
-@cache
-def blocks(kind: type[Block], depth: int = 0) -> st.SearchStrategy[Any]:
-    """A block within its declarations; what its own `check` refuses is drawn again."""
-    return drawn(kind, depth)
-
-
-@st.composite
-def drawn(draw: st.DrawFn, kind: type[Block], depth: int) -> Any:
-    values = {name: draw(field_values(kind, name, depth)) for name in declarations(kind)}
-    for name in [name for name, value in values.items() if value is None and name in defaults(kind)]:
-        del values[name]
-    needed = {name: value for name, value in values.items() if name not in defaults(kind)}
-    ordered = {
-        name: list(range(len(value))) if declarations(kind)[name].role == "table" else value
-        for name, value in values.items()
-    }
-    for attempt in (values, ordered, needed):  # most refusals are about the order of numbers, which defaults keep
-        with np.errstate(all="ignore"), contextlib.suppress(FeeddriveError, ArithmeticError):
-            return kind(**attempt)
-    return assume(False)
 
 
 def bits(block: Block) -> list[Any]:
@@ -104,7 +48,7 @@ def families() -> list[tuple[type[Block], type[Block]]]:
 @pytest.mark.parametrize(("family", "kind"), families(), ids=lambda kind: kind.__name__)
 def test_every_block_comes_back_from_its_text(family: type[Block], kind: type[Block]) -> None:
     @settings(max_examples=8, deadline=None, suppress_health_check=list(HealthCheck))
-    @given(blocks(kind))
+    @given(blocks_of(kind))
     def comes_back(block: Block) -> None:
         text = to_toml(block)
         assert bits(read(family, text)) == bits(block)

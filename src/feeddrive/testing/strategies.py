@@ -5,7 +5,11 @@ Each is made once: what hypothesis finds out about a new strategy takes longer t
 
 from __future__ import annotations
 
+import dataclasses
+import math
+import re
 import types
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
@@ -15,7 +19,7 @@ from hypothesis import strategies as st
 
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.language import tree
-from feeddrive.language.block import Block, declarations, may_be_absent
+from feeddrive.language.block import Block, declarations
 from feeddrive.language.declaration import Declaration
 from feeddrive.language.errors import FeeddriveError
 
@@ -39,64 +43,118 @@ _USUAL: dict[str, tuple[float, float]] = {
     "J/m3": (1e8, 1e10),
     "": (1e-2, 2.0),
 }
-_TRIES = 20
+_TRIES = 40
 _EITHER = st.booleans()
+_SHARES = st.floats(0.0, 1.0)
+_GOLDEN = 0.6180339887498949  # turns of a share by it fill the range evenly
+_NAME = re.compile(r"[A-Za-z_]\w*")
+_PRESENT = ("none", "all", "some", "some")  # of the fields that may be absent: often those of a group belong together
+_Draw = Callable[[st.DrawFn, int], Any]  # a value of a field; the whole number turns its choices, attempt by attempt
 
 
 @cache
 def blocks_of(cls: type[Block]) -> st.SearchStrategy[Any]:
-    """A valid block of a concrete class: any choices, any parts, absent parameters absent or not."""
+    """Return a strategy for valid blocks of a concrete class: any choices, any parts, optional fields or none."""
     return _blocks(cls)
 
 
 @st.composite
 def _blocks(draw: st.DrawFn, cls: type[Block]) -> Any:
-    values = _fields(cls)
-    for _ in range(_TRIES):
-        given = {
-            name: None if may_be_absent(cls, name) and draw(_EITHER) else draw(value) for name, value in values.items()
-        }
-        rows = {name: value for name, value in given.items() if isinstance(value, np.ndarray)}
-        length = min((row.size for row in rows.values()), default=0)
-        given |= {name: row[:length] for name, row in rows.items()}  # the rows of a block belong together
+    """Draw fields within their bounds, and where the block refuses them, those that its error names once more.
+
+    Every fourth time all are drawn anew: one that is not named may be at fault.  Each attempt turns the choices on,
+    since what hypothesis draws may be the same again and again.
+    """
+    fields = _fields(cls)
+    values = _drawn(draw, cls, fields, 0)
+    if draw(_EITHER):
+        values = _cut(values, values)
+    for attempt in range(1, _TRIES + 1):
         try:
-            return cls(**given)
-        except FeeddriveError:
-            continue
+            with np.errstate(all="ignore"):
+                return cls(**values)
+        except FeeddriveError as refusal:
+            named = fields.keys() & _NAME.findall(str(refusal))
+            cut = _cut(values, named)
+            unequal = any(cut[name] is not values[name] for name in named)
+            if not named or attempt % 4 == 0:
+                named = fields.keys()
+            values = cut if unequal else {**values, **_drawn(draw, cls, named, attempt)}
     return reject()
 
 
+def _drawn(draw: st.DrawFn, cls: type[Block], names: Container[str], attempt: int) -> dict[str, Any]:
+    """Draw some fields of a block; of those that may be absent none, all or some; every other time its defaults."""
+    present = _PRESENT[(draw(st.integers(0, len(_PRESENT) - 1)) + attempt) % len(_PRESENT)]
+    drawn: dict[str, Any] = {}
+    for place, (name, (default, value)) in enumerate(_fields(cls).items()):
+        if name not in names:
+            continue
+        if default is None:
+            absent = present == "none" or (present == "some" and draw(_EITHER) == bool(attempt >> place & 1))
+            drawn[name] = None if absent else value(draw, attempt * (place + 1))
+        else:
+            usual = attempt % 2 == 1 and default is not dataclasses.MISSING
+            drawn[name] = default if usual else value(draw, attempt * (place + 1))
+    return drawn
+
+
+def _cut(values: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
+    """Cut the tables among some fields to the length of the shortest: those that a refusal names belong together."""
+    rows = {name: values[name] for name in names if isinstance(values[name], np.ndarray)}
+    length = min((row.size for row in rows.values()), default=0)
+    return {**values, **{name: row[:length] for name, row in rows.items() if row.size > length}}
+
+
 @cache
-def _fields(cls: type[Block]) -> dict[str, st.SearchStrategy[Any]]:
-    """What each field may be, but for absent ones."""
+def _fields(cls: type[Block]) -> dict[str, tuple[Any, _Draw]]:
+    """Return the default of each field, and what draws its value where it is present."""
     hints = get_type_hints(cls)
-    return {name: _field(declared, hints[name]) for name, declared in declarations(cls).items()}
+    defaults = {spec.name: spec.default for spec in dataclasses.fields(cls)}  # type: ignore[arg-type]
+    return {
+        name: (defaults[name], _field(declared, hints[name], defaults[name] is dataclasses.MISSING))
+        for name, declared in declarations(cls).items()
+    }
 
 
-def _field(declared: Declaration, hint: Any) -> st.SearchStrategy[Any]:
+def _field(declared: Declaration, hint: Any, needed: bool) -> _Draw:
     match declared.role:
         case "parameter":
-            return numbers(declared)
+            return _number(declared)
         case "choice":
-            return _choices(declared, hint)
+            return _choices(declared, hint, needed)
         case "table":
-            return _rows(declared)
+            return _always(_rows(declared))
         case "label":
-            return st.just("y")
+            return _always(st.just("y"))
         case _:
             return _parts(hint)
 
 
+def _always(strategy: st.SearchStrategy[Any]) -> _Draw:
+    return lambda draw, _: draw(strategy)
+
+
+def _one_of(options: Sequence[Any]) -> _Draw:
+    places = st.integers(0, len(options) - 1)
+    return lambda draw, turn: options[(draw(places) + turn) % len(options)]
+
+
 @st.composite
 def variants_of(draw: st.DrawFn, block: Block) -> Any:
-    """The same block with other numbers: what may differ between the lanes of a batch."""
+    """Draw other numbers for a block, valid as those it has: what may differ between lanes and at a live change."""
+    names = [name for name, _ in tree.leaves(block)]
+    values = {name: draw(numbers(tree.declaration(block, name))) for name in names}
     for _ in range(_TRIES):
-        values = (draw(numbers(tree.declaration(block, name))) for name, _ in tree.leaves(block))
-        varied = tree.rebuild(block, values)
+        varied = tree.rebuild(block, iter(values.values()))
         try:
-            for part in tree.blocks(varied):
-                part.check()
-        except FeeddriveError:
+            with np.errstate(all="ignore"):
+                for part in tree.blocks(varied):
+                    part.require()
+        except FeeddriveError as refusal:
+            words = set(_NAME.findall(str(refusal)))
+            named = [name for name in names if name.rpartition(".")[2] in words]
+            values |= {name: draw(numbers(tree.declaration(block, name))) for name in named or names}
             continue
         return varied
     return reject()
@@ -104,46 +162,76 @@ def variants_of(draw: st.DrawFn, block: Block) -> Any:
 
 @cache
 def numbers(declared: Declaration) -> st.SearchStrategy[float]:
-    """A usual magnitude within the declared bounds, with the closed bounds themselves now and then."""
+    """Return a strategy for usual magnitudes within the declared bounds, with closed bounds themselves now and then."""
+    value = _number(declared)
+    return st.composite(lambda draw: value(draw, 0))()
+
+
+@cache
+def _number(declared: Declaration) -> _Draw:
     low, high = _USUAL.get(declared.unit, (1e-3, 1e3))
-    sizes = st.floats(np.log(low), np.log(high)).map(np.exp).map(float)
-    signed = st.builds(lambda size, sign: sign * size, sizes, st.sampled_from([1.0, 1.0, -1.0]))
+    least = declared.above if declared.least is None else declared.least
+    most = declared.below if declared.most is None else declared.most
+    first, last = max(low, least or 0.0), high if most is None else min(high, most)
+    signed = least is None and most is None
+
+    def at(share: float) -> float:
+        """Return the number at a share of the range, evenly in the logarithm where it can be."""
+        if signed:
+            sign, share = (1.0, share / 0.75) if share < 0.75 else (-1.0, 4.0 * share - 3.0)
+            return sign * low * (high / low) ** share
+        if least is not None and least >= 0.0 and first < last:
+            return first * (last / first) ** share
+        bottom = min(-high, (most or 0.0) - high) if least is None else least
+        top = max(high, 2.0 * bottom) if most is None else most
+        return bottom + share * (top - bottom)
+
     ends = [float(bound) for bound in (declared.least, declared.most) if bound is not None]
-    within = signed.filter(declared.admits) if declared.least is None and declared.above is None else sizes
-    most = declared.most if declared.most is not None else declared.below
-    if most is not None and low > most:
-        within = st.floats(0.0, 1.0, exclude_min=True, exclude_max=True).map(lambda share: share * most)
-    return st.one_of(within.filter(declared.admits), st.sampled_from(ends)) if ends else within.filter(declared.admits)
+
+    def value(draw: st.DrawFn, turn: int) -> float:
+        """Now and then a closed bound."""
+        if ends and draw(_EITHER):
+            return ends[(draw(_EITHER) + turn) % len(ends)]
+        drawn = at((draw(_SHARES) + turn * _GOLDEN) % 1.0)
+        return drawn if declared.admits(drawn) else at(0.5)  # an open bound
+
+    return value
 
 
-def _choices(declared: Declaration, hint: Any) -> st.SearchStrategy[Any]:
+def _choices(declared: Declaration, hint: Any, needed: bool) -> _Draw:
     if declared.options:
-        return st.sampled_from(declared.options)
+        return _one_of(declared.options)
     if get_origin(hint) is tuple and str in get_args(hint):  # names of axes
-        return st.lists(st.sampled_from("xyz"), min_size=2, max_size=3, unique=True).map(tuple)
+        return _always(st.lists(st.sampled_from("xyz"), min_size=2, max_size=3, unique=True).map(tuple))
     if hint is str or str in get_args(hint):  # the name of an axis
-        return st.sampled_from("xyz")
+        return _one_of("xyz")
+    if hint is bool:
+        return _one_of((False, True))
     least = 0 if declared.least is None else int(declared.least)
-    return st.integers(least, least + 3)
+    most = math.inf if declared.most is None else int(declared.most)
+    counts = st.integers(least, int(min(least + 3, most)))  # more states or samples only take longer to compile
+    return lambda draw, turn: min(draw(counts) + (turn % 8 if needed else 0), most)
 
 
 def _rows(declared: Declaration) -> st.SearchStrategy[np.ndarray]:
     high = _USUAL.get(declared.unit, (1e-3, 1e3))[1]
-    each = numbers(declared) if declared.bounds() else st.floats(-high, high)
-    row = st.lists(each, min_size=2, max_size=5)
-    return row.map(sorted).map(np.array) if declared.unit == "s" else row.map(np.array)  # times follow each other
+    entries = numbers(declared) if declared.bounds() else st.floats(-high, high)
+    if declared.unit == "s":  # times follow each other
+        return st.lists(entries, min_size=2, max_size=5, unique=True).map(sorted).map(np.array)
+    return st.lists(entries, min_size=2, max_size=5).map(np.array)
 
 
-def _parts(hint: Any) -> st.SearchStrategy[Any]:
-    """A strategy for the type of a part: a block, a family, one of several, or a tuple of them."""
+def _parts(hint: Any) -> _Draw:
+    """Return what draws a part: a block of a class, of a family or of one of several, or a tuple of them."""
     if get_origin(hint) is tuple:
-        return st.lists(_parts(get_args(hint)[0]), max_size=3).map(tuple)
-    concrete = [block for named in part_types(hint) for block in catalogue().get(named, {}).values()]
-    return st.sampled_from(concrete).flatmap(blocks_of)
+        part, counts = _parts(get_args(hint)[0]), st.integers(0, 3)
+        return lambda draw, turn: tuple(part(draw, turn) for _ in range(draw(counts) or min(turn, 1)))
+    kinds = _one_of([kind for named in part_types(hint) for kind in catalogue().get(named, {"": named}).values()])
+    return lambda draw, turn: draw(blocks_of(kinds(draw, turn)))
 
 
 def part_types(hint: Any) -> list[type[Block]]:
-    """The blocks and families that the type of a part names: `Motor | None`, `tuple[Mode, ...]`."""
+    """Return the blocks and families that the type of a part names: `Motor | None`, `tuple[Mode, ...]`."""
     if get_origin(hint) in (Union, types.UnionType, tuple):
         return [found for option in get_args(hint) for found in part_types(option)]
     return [hint] if isinstance(hint, type) and issubclass(hint, Block) else []
