@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from feeddrive.analysis.oscilloscope import Rows
@@ -160,6 +160,7 @@ def halsampler(tag: bool, lost: int) -> str:
 
 @pytest.mark.parametrize("tag", [True, False])
 @given(sizes=st.lists(st.integers(0, 200), max_size=8))
+@example(sizes=[90, 200, 8])  # with numbers a piece of its own holds `overrun` and nothing else
 def test_halsampler(tag: bool, sizes: list[int]) -> None:
     """With numbers of samples these are the clock; without, rows are counted; what was lost is a gap."""
     table = GrowingTable(Given(halsampler(tag, 20).encode(), sizes), sample_time=1e-3)
@@ -172,6 +173,8 @@ def test_halsampler(tag: bool, sizes: list[int]) -> None:
     after = rows.time[~gap][20:]
     np.testing.assert_allclose(after, (np.arange(20, 40) + (7 if tag else 1)) * 1e-3)
     assert np.all(np.diff(rows.time) >= 0.0)
+    if tag:
+        assert rows.time[gap] == after[:1], "a gap has the number of the row after it, whatever the pieces"
 
 
 @pytest.mark.parametrize("wrong", [1, 3])

@@ -226,7 +226,7 @@ class GrowingTable:
         self._layout: CsvLayout | None = None
         self._rest = b""
         self._anew = self.over = self._from_begin = False
-        self._count = self._wrong = 0
+        self._count = self._wrong = self._gaps = 0
         self._last_wrong = ""
         self._heard = clock.monotonic()
 
@@ -236,7 +236,7 @@ class GrowingTable:
         self.over = grown.ended
         if grown.anew:
             self._rest, self._layout, self._anew = b"", None, True
-            self._count = 0
+            self._count = self._gaps = 0
         if grown.begins or grown.anew:
             self._from_begin = grown.begins
         self._rest += grown.content
@@ -349,7 +349,12 @@ class GrowingTable:
             self._wrong += int(np.count_nonzero(~kept & np.isfinite(found).any(axis=1)))
             time, found = time[kept], found[kept]
         elif self._counter is not None:
-            found = found[:0] if not np.isfinite(found[:, self._counter]).any() else found
+            found = np.vstack([np.full((self._gaps, found.shape[1]), np.nan), found])
+            # a gap has the number of the row after it: one at the end waits for that row
+            numbered = np.flatnonzero(np.isfinite(found[:, self._counter]))
+            end = numbered[-1] + 1 if numbered.size else 0
+            self._gaps = len(found) - end
+            found = found[:end]
             time = self._factor * _filled(found[:, self._counter])
         else:
             time = self._factor * np.arange(self._count, self._count + len(found), dtype=np.float64)
@@ -383,10 +388,6 @@ def _number(cell: str, layout: CsvLayout) -> float:
 
 
 def _filled(counter: np.ndarray) -> np.ndarray:
-    """Numbers of samples, where a gap has that of the row after it, or before it at the end."""
-    bad = ~np.isfinite(counter)
-    if not bad.any():
-        return counter
-    good = np.flatnonzero(~bad)
-    after = good[np.minimum(np.searchsorted(good, np.arange(counter.size)), good.size - 1)]
-    return np.where(bad, counter[after], counter)
+    """Return numbers of samples, where a gap has that of the row after it; the last one is a number."""
+    good = np.flatnonzero(np.isfinite(counter))
+    return counter[good[np.searchsorted(good, np.arange(counter.size))]]
