@@ -11,7 +11,17 @@ import pytest
 
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.blocks.controller.lqg import LQG
+from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
 from feeddrive.testing import battery
+from feeddrive.testing.exercise import Exercise, Inputs, asked_of
 
 TestBlock = battery(*(block for members in catalogue().values() for block in members.values() if block is not LQG))
 TestLargeBlock = pytest.mark.slow(reason="both Riccati equations of two masses are 40,000 operations")(battery(LQG))
+
+
+def test_a_block_whose_answers_need_no_number_is_compiled_for_lanes() -> None:
+    """Drawn by chance: nothing is fed forward, so that the program has no constants, and laying out none failed."""
+    nothing = DisturbanceCompensator()
+    found = Exercise(nothing, asked_of(DisturbanceCompensator), Inputs(*(0.0 for _ in Inputs._fields))).native(8)
+    assert found.shape[1] == 8
+    assert not found.any()

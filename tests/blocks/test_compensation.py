@@ -28,6 +28,7 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.reference.polynomial7 import Polynomial7
 from feeddrive.blocks.sensor.encoder import Encoder
+from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
@@ -143,6 +144,23 @@ def tool_error(
     run = simulate(loop(control, compensation, T=T), REST, load=load, duration=2.0)
     error = run["position_load"] - sum(swing(each, -run["load_force"], T) for each in modes)
     return float(np.sqrt(np.mean(error[error.size // 2 :] ** 2)))
+
+
+def test_a_lead_over_which_a_mode_cannot_be_predicted_is_refused() -> None:
+    """Drawn by the battery: with 1.7 kHz over 1 s the mode's exponential overflowed, and the set position was NaN."""
+    fast = MachineMode(frequency=1757.0, damping_ratio=0.7, mass=3.0)
+    slow = GpiObserver(mass=5.0, omega_o=20.0, taylor_states=1)
+    given = ModeCompensation(modes=(fast,), observer=slow, lead_time=0.98)
+    own = replace(given, lead_time=None)
+    assert slow.lag(slow.prepare(1e-4), 1e-4) > 0.05  # s
+    for block, said in ((given, "lead_time = 0.98 s is 1722 periods"), (own, "lag of its observer, = .* periods")):
+        with pytest.raises(ParameterError, match=rf"{said} of modes.0 with its 1757 Hz: at most 0\.01364 s can be"):
+            tree.check_sampled(block, 1e-4)
+    kept = replace(given, lead_time=0.0136)
+    tree.check_sampled(kept, 1e-4)
+    assert np.all(np.isfinite(kept.prepare(1e-4).lead))
+    base = replace(own, modes=(replace(fast, place="base"),))
+    tree.check_sampled(base, 1e-4)  # driven by the applied force itself, which has no delay
 
 
 @pytest.mark.parametrize("T", [5e-5, 1e-4, 2.5e-4])

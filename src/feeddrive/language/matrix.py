@@ -19,6 +19,7 @@ Matrix: TypeAlias = tuple[Row, ...]
 
 ORDER = 16  # of the Taylor series; with a norm of at most 1/2 the first term left out is below 2⁻⁶⁵
 MOST_SQUARINGS = 10
+LARGEST_NORM = 0.5 * 2.0**MOST_SQUARINGS  # of what `expm1` is given
 
 
 def zeros(rows: int, columns: int) -> list[list[Any]]:
@@ -108,8 +109,8 @@ def _minus(x: Any, ratio: Any, y: Any) -> Any:
 def expm1(a: Sequence[Sequence[Any]], at_least: int = 0) -> Matrix:
     """e^A - 1, by a Taylor series of fixed order on A/2ˢ and s squarings (1 + D)² - 1 = 2D + D².
 
-    s is the least with ‖A‖∞/2ˢ <= 1/2, for each lane on its own; 2⁹ is the largest norm.  Without the 1 the result
-    keeps the digits of a small A, so that an axis at rest does not creep by the rounding of ones.
+    s is the least with ‖A‖∞/2ˢ <= 1/2, for each lane on its own; `LARGEST_NORM` is the largest norm.  Without the 1 the
+    result keeps the digits of a small A, so that an axis at rest does not creep by the rounding of ones.
 
     at_least  squarings that every A of this kind needs: exported C has no line for fewer, which would never run
     """

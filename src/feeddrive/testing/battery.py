@@ -71,8 +71,12 @@ def _bits(values: Sequence[Any] | np.ndarray) -> list[bytes]:
 
 
 def _exercise(data: st.DataObject, block: type[Block]) -> Exercise:
-    made = concrete(data.draw(blocks_of(block)))
-    return Exercise(made, asked_of(block), Inputs(*map(np.float64, data.draw(inputs()))))
+    x = _inputs(data)
+    return Exercise(concrete(data.draw(blocks_of(block, float(x.T)))), asked_of(block), x)
+
+
+def _inputs(data: st.DataObject) -> Inputs:
+    return Inputs(*map(np.float64, data.draw(inputs())))
 
 
 def _moved(leaves: dict[str, Any], steps: dict[str, np.ndarray]) -> dict[str, Any]:
@@ -160,10 +164,8 @@ class Rows:
     def test_lanes_compute_the_same_bits_as_floats(self, asked: type[Block], data: st.DataObject) -> None:
         first = _exercise(data, asked)
         others = [
-            Exercise(
-                concrete(data.draw(variants_of(first.block))), first.ask, Inputs(*map(np.float64, data.draw(inputs())))
-            )
-            for _ in range(2)
+            Exercise(concrete(data.draw(variants_of(first.block, float(x.T)))), first.ask, x)
+            for x in (_inputs(data), _inputs(data))
         ]
         lanes = [first, *others]
         together = Exercise(

@@ -304,8 +304,8 @@ class Exercise(NamedTuple):
         """Its plan, constants (one row each, over the lanes) and tables."""
         program, numbers, tables = self.program()
         made = plan(program, lanes=lanes, varying=list(numbers) if lanes > 1 else ())
-        constants = np.repeat([[numbers[name]] for name, _ in made.constants], lanes, axis=1).astype(float)
-        constants = np.ascontiguousarray(constants.reshape(len(made.constants), lanes))
+        column = np.array([numbers[name] for name, _ in made.constants], dtype=float).reshape(-1, 1)  # perhaps empty
+        constants = np.ascontiguousarray(np.repeat(column, lanes, axis=1))
         return made, constants, [tables[name] for name, _ in made.tables]
 
     def native(self, lanes: int) -> np.ndarray:

@@ -53,13 +53,16 @@ _Draw = Callable[[st.DrawFn, int], Any]  # a value of a field; the whole number 
 
 
 @cache
-def blocks_of(cls: type[Block]) -> st.SearchStrategy[Any]:
-    """Return a strategy for valid blocks of a concrete class: any choices, any parts, optional fields or none."""
-    return _blocks(cls)
+def blocks_of(cls: type[Block], sample_time: float | None = None) -> st.SearchStrategy[Any]:
+    """Return a strategy for valid blocks of a concrete class: any choices, any parts, optional fields or none.
+
+    With a sample time in s they also keep the rules that hold where a block is sampled.
+    """
+    return _blocks(cls, sample_time)
 
 
 @st.composite
-def _blocks(draw: st.DrawFn, cls: type[Block]) -> Any:
+def _blocks(draw: st.DrawFn, cls: type[Block], sample_time: float | None) -> Any:
     """Draw fields within their bounds, and where the block refuses them, those that its error names once more.
 
     Every fourth time all are drawn anew: one that is not named may be at fault.  Each attempt turns the choices on,
@@ -72,15 +75,29 @@ def _blocks(draw: st.DrawFn, cls: type[Block]) -> Any:
     for attempt in range(1, _TRIES + 1):
         try:
             with np.errstate(all="ignore"):
-                return cls(**values)
+                made = cls(**values)
         except FeeddriveError as refusal:
             named = fields.keys() & _NAME.findall(str(refusal))
             cut = _cut(values, named)
-            unequal = any(cut[name] is not values[name] for name in named)
-            if not named or attempt % 4 == 0:
-                named = fields.keys()
-            values = cut if unequal else {**values, **_drawn(draw, cls, named, attempt)}
+            if any(cut[name] is not values[name] for name in named):
+                values = cut
+                continue
+        else:
+            if _runs_at(made, sample_time):
+                return made
+            named = frozenset[str]()
+        again = fields.keys() if not named or attempt % 4 == 0 else named
+        values |= _drawn(draw, cls, again, attempt)
     return reject()
+
+
+def _runs_at(block: Block, sample_time: float | None) -> bool:
+    """Return whether a block keeps its rules at a sample time; what a refusal advises would take long to compute."""
+    if sample_time is None:
+        return True
+    plain = tree.rebuild(block, (np.float64(value) for _, value in tree.leaves(block)))
+    with np.errstate(all="ignore"):
+        return all(rule.holds for rule in tree.sampled_rules(plain, np.float64(sample_time)))
 
 
 def _drawn(draw: st.DrawFn, cls: type[Block], names: Container[str], attempt: int) -> dict[str, Any]:
@@ -141,7 +158,7 @@ def _one_of(options: Sequence[Any]) -> _Draw:
 
 
 @st.composite
-def variants_of(draw: st.DrawFn, block: Block) -> Any:
+def variants_of(draw: st.DrawFn, block: Block, sample_time: float) -> Any:
     """Draw other numbers for a block, valid as those it has: what may differ between lanes and at a live change."""
     names = [name for name, _ in tree.leaves(block)]
     values = {name: draw(numbers(tree.declaration(block, name))) for name in names}
@@ -154,9 +171,11 @@ def variants_of(draw: st.DrawFn, block: Block) -> Any:
         except FeeddriveError as refusal:
             words = set(_NAME.findall(str(refusal)))
             named = [name for name in names if name.rpartition(".")[2] in words]
-            values |= {name: draw(numbers(tree.declaration(block, name))) for name in named or names}
-            continue
-        return varied
+        else:
+            if _runs_at(varied, sample_time):
+                return varied
+            named = names
+        values |= {name: draw(numbers(tree.declaration(block, name))) for name in named or names}
     return reject()
 
 

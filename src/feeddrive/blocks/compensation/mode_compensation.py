@@ -90,14 +90,36 @@ class ModeCompensation(Compensation):
             raise ParameterError("mode_compensation.modes is empty: give at least one mode, or no compensation")
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """All modes lie below half the sample rate."""
+        """All modes lie below half the sample rate, and the exact hold can predict them."""
         for i, mode in enumerate(self.modes):
             yield below_nyquist(self.kind, f"modes.{i}.frequency", mode.frequency, T)
+        lead = self._lead(self.observer.prepare(T), T)
+        for i, mode in enumerate(self.modes):
+            if mode.place != "base" and not matrix.is_zero(lead):
+                yield self._predictable(i, lead)
+
+    def _lead(self, made: Any, T: Number) -> Number:
+        return self.observer.lag(made, T) if self.lead_time is None else self.lead_time
+
+    def _predictable(self, i: int, lead: Number) -> Rule:
+        """The rule that `matrix.expm1` can compute the motion of a mode over the lead."""
+        mode = self.modes[i]
+        most = matrix.LARGEST_NORM / (2.0 * (1.0 + mode.damping_ratio) * mode.omega())
+        whose = "lead_time, the lag of its observer," if self.lead_time is None else "lead_time"
+        return Rule(
+            lead <= most,
+            f"modes.{i} can be predicted over the lead_time, or over the lag of the observer",
+            lambda: (
+                f"{self.kind}.{whose} = {lead:g} s is {lead * mode.frequency:.4g} periods of modes.{i} with its "
+                f"{mode.frequency:g} Hz: at most {most:.4g} s can be predicted; give a shorter lead_time, or leave "
+                f"out a mode so far above the band of the observer"
+            ),
+        )
 
     def prepare(self, T: Number) -> Prepared:
         """Matrix exponentials of the modes."""
         made = self.observer.prepare(T)
-        lead = self.observer.lag(made, T) if self.lead_time is None else self.lead_time
+        lead = self._lead(made, T)
         samples, leads, modes = [], [], []
         for mode in self.modes:
             w = mode.omega()
