@@ -113,7 +113,7 @@ LOGS: list[tuple[dict[str, str], dict[str, str]]] = [
 def test_roles_of_usual_names(units: dict[str, str], roles: dict[str, str]) -> None:
     guess = guess_roles(log(units))
     assert {role: column.name for role, column in guess.mapping.items()} == roles
-    assert set(guess.reasons) == set(roles)
+    assert set(guess.mapping.reasons) == set(roles)
     said = {column.name for column in guess.mapping.values()} | {name for name, _ in guess.needs.values()}
     assert said | set(guess.unused) == set(units)  # every channel is spoken of
     assert all(name in str(guess) for name in units)
@@ -123,7 +123,7 @@ def test_one_axis_of_several() -> None:
     units = {"x_cmd_mm": "", "y_cmd_mm": "", "ux": "", "uy": "", "x_fb_mm": "", "y_fb_mm": "", "gcode_line": ""}
     first, second = guess_roles(log(units)), guess_roles(log(units), "y")
     assert {column.name for column in first.mapping.values()} == {"x_cmd_mm", "ux", "x_fb_mm"}
-    assert second.mapping == {
+    assert second.mapping.columns == {
         "setpoint_position": Column(name="y_cmd_mm", unit="mm"),
         "position_load": Column(name="y_fb_mm", unit="mm"),
         "command": Column(name="uy"),
@@ -131,6 +131,14 @@ def test_one_axis_of_several() -> None:
     assert second.unused["ux"] == "of axis x, not y"
     with pytest.raises(ParameterError, match=r"no channel names the axis 'z'; there are: x, y"):
         guess_roles(log(units), "z")
+
+
+def test_two_channels_in_counts_are_motor_and_load_and_need_a_factor_each() -> None:
+    guess = guess_roles(log({"pos1": "inc", "pos2": "inc"}))
+    assert guess.needs == {"position_motor": ("pos1", "m per inc"), "position_load": ("pos2", "m per inc")}
+    mixed = guess_roles(log({"pos1": "mm", "pos2": "inc"}))
+    assert mixed.mapping.columns == {"position_motor": Column(name="pos1", unit="mm")}
+    assert mixed.needs == {"position_load": ("pos2", "m per inc")}
 
 
 def test_what_needs_a_factor_is_left_to_the_user() -> None:
@@ -142,8 +150,8 @@ def test_what_needs_a_factor_is_left_to_the_user() -> None:
 
 
 def test_a_guess_without_units_says_which_it_takes() -> None:
-    assert guess_roles(log({"qm": ""})).reasons["position_load"] == "a usual name; no unit is stated, m is taken"
-    assert "taken" not in guess_roles(log({"qm": "mm"})).reasons["position_load"]
+    assert guess_roles(log({"qm": ""})).mapping.reasons["position_load"] == "a usual name; no unit is stated, m is taken"
+    assert "taken" not in guess_roles(log({"qm": "mm"})).mapping.reasons["position_load"]
 
 
 def test_a_unit_decides_against_a_word() -> None:
@@ -159,8 +167,8 @@ def test_the_toml_of_a_guess_reads_the_log_by_its_roles(tmp_path: Path) -> None:
     guess = guess_roles(found)
     write_roles(tmp_path / "roles.toml", guess, 'a "b".csv')
     request = read_request(tmp_path / "roles.toml")
-    assert dict(request.channels) == dict(guess.mapping)
-    assert request.sample_time == 2e-3  # the file has no clock of its own
+    assert request.mapping == guess.mapping
+    assert request.mapping.sample_time == 2e-3  # the file has no clock of its own
     again = request.read()
     np.testing.assert_array_equal(again["position_load"], found["x_fb_mm"] * 1e-3)
     assert again.units["setpoint_position"] == "m"

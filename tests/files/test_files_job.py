@@ -95,8 +95,8 @@ def test_the_log_of_a_job(tmp_path: Path) -> None:
     request = read_job(written(tmp_path, LOG)).log
     assert request is not None
     assert request.path == tmp_path / "run.csv"
-    assert request.sample_time == 0.25e-3
-    assert request.channels == {"setpoint_position": Column(name="x"), "force": Column(name="i", factor=-3.0)}
+    assert request.mapping.sample_time == 0.25e-3
+    assert request.mapping.columns == {"setpoint_position": Column(name="x"), "force": Column(name="i", factor=-3.0)}
     other = read_job(tmp_path / "j.toml", tmp_path / "other.csv").log
     assert other is not None
     assert other.path == tmp_path / "other.csv"

@@ -20,6 +20,7 @@ interface Column {
   role: string;
   unit: string;
   factor: number | null;
+  stated: string; // the unit that the file states
   why: string;
 }
 interface Words {
@@ -33,6 +34,13 @@ interface Words {
   made: { of?: string; said?: string[]; tables?: Table[]; verdict?: string; failure?: string; machine?: boolean };
   ask_axis?: { name: string; axes: string[] };
   go?: string;
+}
+
+// What was typed, as a number; text that is none is sent as it is, so that the server refuses it by name.
+function numberOf(typed: string): number | string | null {
+  const text = typed.trim();
+  const value = Number(text.replace(",", "."));
+  return text === "" ? null : Number.isFinite(value) ? value : text;
 }
 
 export class Bring implements Room {
@@ -224,9 +232,8 @@ export class Bring implements Room {
     const given = (): Record<string, unknown> => {
       const found: Record<string, unknown> = { machine: kept("machine", start) };
       for (const [key, input] of fields) {
-        const text = input.value.trim();
-        const value = Number(text.replace(",", "."));
-        if (text) found[key] = Number.isFinite(value) ? value : text;
+        const typed = numberOf(input.value);
+        if (typed !== null) found[key] = typed;
       }
       return found;
     };
@@ -258,7 +265,14 @@ export class Bring implements Room {
           ),
           button(
             "Identify a model",
-            () => this.ask({ do: "bring.identify", name, ...chosen_roles(), machine: kept("machine", start) }),
+            () =>
+              this.ask({
+                do: "bring.identify",
+                name,
+                ...chosen_roles(),
+                machine: kept("machine", start),
+                unit: kept("unit").trim(),
+              }),
             { id: "identify" },
           ),
         ),
@@ -286,7 +300,11 @@ export class Bring implements Room {
         "div",
         { class: "buttons" },
         button("Identify", () => this.ask({ do: "bring.identify", name, ...given() }), { id: "identify", class: "main" }),
-        button("Estimate frequency responses", () => this.ask({ do: "bring.estimate", name, all: false }), { id: "estimate" }),
+        button(
+          "Estimate frequency responses",
+          () => this.ask({ do: "bring.estimate", name, all: false, sample_time: numberOf(kept("sample_time")) }),
+          { id: "estimate" },
+        ),
       ),
       make("div", { class: "fields" }, chosen, ...more),
       this.columns(name, words),
@@ -310,18 +328,21 @@ export class Bring implements Room {
       );
       const unit = make("input", { type: "text", size: "6", "aria-label": `Unit of ${each.column}` });
       const factor = make("input", { type: "text", size: "8", inputmode: "decimal", "aria-label": `Factor of ${each.column}` });
+      const typed = (part: string) => `${name} ${part} of ${each.column}`; // kept until the column has a role
       select.value = each.role;
-      unit.value = each.unit;
-      factor.value = each.factor === null ? "" : String(each.factor);
+      unit.value = each.role ? each.unit : (this.given.get(typed("unit")) ?? "");
+      unit.placeholder = each.stated;
+      const number = each.factor === null ? "" : String(each.factor);
+      factor.value = each.role ? number : (this.given.get(typed("factor")) ?? "");
       const set = () => {
-        const number = factor.value.trim() === "" ? null : Number(factor.value.replace(",", "."));
+        this.given.set(typed("unit"), unit.value).set(typed("factor"), factor.value);
         this.ask({
           do: "bring.role",
           name,
           column: each.column,
           role: select.value,
-          unit: number === null ? unit.value.trim() : "",
-          factor: number,
+          unit: unit.value.trim(),
+          factor: numberOf(factor.value),
         });
       };
       for (const part of [select, unit, factor]) part.addEventListener("change", set);

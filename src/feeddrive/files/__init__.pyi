@@ -1,6 +1,7 @@
 """Files people touch: TOML in and out, measured logs, runs, result directories."""
 
 from feeddrive.files.blocks_to_toml import to_toml as to_toml
+from feeddrive.files.columns import Column as Column
 from feeddrive.files.comp_file import comp_text as comp_text
 from feeddrive.files.comp_file import read_comp_file as read_comp_file
 from feeddrive.files.comp_file import write_comp_file as write_comp_file
@@ -23,5 +24,6 @@ from feeddrive.files.log import Log as Log
 from feeddrive.files.log import write_log as write_log
 from feeddrive.files.machine import MachineFile as MachineFile
 from feeddrive.files.machine import read_machine as read_machine
+from feeddrive.files.mapping import Mapping as Mapping
 from feeddrive.files.read_log import read_arrays as read_arrays
 from feeddrive.files.read_log import read_log as read_log

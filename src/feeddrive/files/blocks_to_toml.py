@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from typing import Any
 
 from feeddrive.files.blocks_from_toml import Hint, hints
+from feeddrive.files.toml_values import quoted
 from feeddrive.language.block import Block, declarations
 from feeddrive.language.declaration import Declaration
 from feeddrive.language.errors import StructureError
@@ -101,5 +101,5 @@ def _choice(value: Any) -> str:
     if isinstance(value, tuple):
         return _list([_choice(item) for item in value])
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007F")
+        return quoted(value)
     return repr(value)

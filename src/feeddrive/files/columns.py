@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from feeddrive.language import units
-from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.errors import LogError, ParameterError, nearest
 
 # roles of columns, and the unit in which the log then holds them; along the axis, and at the motor's shaft
 ROLES: Mapping[str, str] = {
@@ -42,24 +42,67 @@ OWN_UNIT = frozenset({"command", "excitation"})
 
 @dataclass(frozen=True, kw_only=True)
 class Column:
-    """A column of a file: its name there, and its unit, or the factor to the unit of its role (or neither: SI).
+    """A column of a file: its name there, and how its numbers become those of its role.
 
-    Column(name="qm", unit="mm"), Column(name="iq", factor=35.15), Column(name="y", factor=-1e-3)
+        value = number · factor, in `unit`
+
+    A factor without a unit leads to the SI unit of the role.  Without both, the file states the unit, or it is SI.
+
+    Column(name="qm", unit="mm"), Column(name="iq", factor=35.15), Column(name="y", unit="mm", factor=-1.0)
     """
 
     name: str
     unit: str = ""
     factor: float | None = None
 
+    @classmethod
+    def of(cls, text: str) -> Column:
+        """Parse `name`, `name:unit`, `name*factor` or `name*factor:unit`, as people write a column in one word.
+
+        Raises ParameterError for a factor that is no number.
+        """
+        name, star, tail = text.rpartition("*")
+        if not star:
+            name, colon, unit = text.rpartition(":")
+            return cls(name=name, unit=unit) if colon else cls(name=text)
+        number, _, unit = tail.partition(":")
+        try:
+            return cls(name=name, unit=unit, factor=float(number))
+        except ValueError:
+            raise ParameterError(
+                f"'{text}': the factor after * must be a number, as in act*2e-8; a column whose name holds a * is "
+                f"named in a file for --channels"
+            ) from None
+
+    def text(self) -> str:
+        """The column in one word, as `of` parses it if the name holds neither * nor a colon."""
+        factor = "" if self.factor is None else f"*{float(self.factor)!r}"
+        return f"{self.name}{factor}{f':{self.unit}' if self.unit else ''}"
+
     def checked(self, role: str) -> Column:
-        """The column itself. Raises ParameterError if its unit or factor cannot be that of the role."""
+        """Return the column with its unit as `language.units` spells it.
+
+        Raises ParameterError for a role that no log has, and for a unit or factor that cannot be that of the role.
+        """
+        if role not in ROLES:
+            raise ParameterError(f"a log has no role '{role}'{nearest(role, ROLES)}")
         if self.factor is not None and not (np.isfinite(self.factor) and self.factor != 0.0):
             raise ParameterError(f"{role}: factor = {self.factor:g} must be a finite number that is not 0")
-        if role not in OWN_UNIT and self.unit:
-            if self.factor is not None:
-                raise ParameterError(f"{role}: give the unit of column '{self.name}' or a factor, not both")
-            units.factor(self.unit, ROLES[role])
-        return self
+        unit = unit_of(self.unit) or self.unit
+        if role not in OWN_UNIT and unit:
+            try:
+                units.factor(unit, ROLES[role])
+            except ParameterError as error:
+                hint = "" if self.factor is None else f"; a factor from it to {ROLES[role]} is stated without a unit"
+                raise ParameterError(f"{error}{hint}") from None
+        return replace(self, unit=unit, factor=None if self.factor is None else float(self.factor))
+
+    def scale(self, role: str) -> float | None:
+        """The factor from the numbers in the file to the unit of the role; None if neither unit nor factor says it."""
+        if role in OWN_UNIT or not self.unit:
+            return self.factor
+        size = units.factor(self.unit, ROLES[role])
+        return size if self.factor is None else self.factor * size
 
 
 Named: TypeAlias = Column | str | tuple[str, float] | tuple[str, str]
@@ -145,6 +188,57 @@ def unit_of(text: str) -> str | None:
     except ParameterError:
         return None
     return plain
+
+
+def factor_of(path: str, role: str, column: Column, unit: str) -> float:
+    """The factor from the column's unit to that of its role: as given, else by the file, else by the end of its name.
+
+    A name that ends with `_in` means input and not inch.
+    """
+    stated = column.scale(role)
+    if stated is not None or role in OWN_UNIT:
+        if role not in OWN_UNIT:
+            check_sign(path, column, unit or unit_at_the_end(column.name, role), ROLES[role])
+        return 1.0 if stated is None else stated
+    if unit:
+        try:
+            return units.factor(unit, ROLES[role])
+        except ParameterError:
+            raise LogError(
+                f"{path}: column '{column.name}' is in '{unit}', which is not a unit of {role} ({ROLES[role]}); "
+                f"give the factor from one to the other, as in  {role} = {{ column = '{column.name}', factor = 1.0 }}"
+            ) from None
+    ending = unit_at_the_end(column.name, role)
+    return units.factor(ending, ROLES[role]) if ending else 1.0
+
+
+def check_sign(path: str, column: Column, unit: str, si: str) -> None:
+    """Raise LogError for a factor of ±1 without a unit, if the file states another unit of the kind of `si`.
+
+    A person who turns the sign of a column in mm does not mean m.
+    """
+    if column.unit or column.factor not in (1.0, -1.0) or not unit:
+        return
+    try:
+        same = units.factor(unit, si) == 1.0
+    except ParameterError:
+        return
+    if not same:
+        raise LogError(
+            f"{path}: column '{column.name}' is in {unit}, as the file says, and a factor of {column.factor:g} without "
+            f"a unit would take its numbers for {si}: state the unit too, as {replace(column, unit=unit).text()}"
+        )
+
+
+def unit_at_the_end(name: str, role: str) -> str:
+    """The unit of a role with which the name of a column ends, `x_cmd_mm`; empty without one."""
+    for start in [k + 1 for k, letter in enumerate(name) if letter == "_"]:
+        try:
+            units.factor(name[start:], ROLES[role])
+        except ParameterError:
+            continue
+        return "" if name[start:] == "in" else name[start:]
+    return ""
 
 
 def check_size(name: str, columns: int, rows: int) -> None:

@@ -3,7 +3,7 @@
     guess = guess_roles(read_log("run.csv"))
     print(guess) # role, channel, unit, reason
     print(guess.toml("run.csv"))                  # [log] and [log.channels] for a job, or for `read_request`
-    log = read_log("run.csv", guess.mapping)
+    log = read_log("run.csv", guess.mapping)      # the `Mapping` that the text says
 
 A name states quantity, set or measured, motor or load, and axis.  It is cut into words at punctuation, digits and
 capitals: `joint.0.motor-pos-cmd` is joint, 0, motor, pos, cmd.  A known unit decides the quantity; without one the
@@ -12,16 +12,15 @@ words decide.  A guess is used only on the user's request.
 
 from __future__ import annotations
 
-import json
 import re
-from collections.abc import Mapping
+from collections import abc
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from feeddrive.files.atomic_io import write_whole
-from feeddrive.files.columns import COUNTS, OWN_UNIT, ROLES, Column, unit_of
+from feeddrive.files.columns import COUNTS, OWN_UNIT, ROLES, Column, unit_at_the_end, unit_of
 from feeddrive.files.log import Log
-from feeddrive.files.read_log import unit_at_the_end
+from feeddrive.files.mapping import Mapping, entry
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Result, Table
@@ -191,7 +190,7 @@ def _by_unit(unit: str) -> str:
 
 
 # roles of a quantity: as a set value, at the motor, at the load, and without a side
-_ROLES: Mapping[str, tuple[str, str, str, str]] = {
+_ROLES: abc.Mapping[str, tuple[str, str, str, str]] = {
     "position": ("setpoint_position", "position_motor", "position_load", "position_load"),
     "velocity": ("setpoint_velocity", "velocity_motor", "velocity_load", "velocity_load"),
     "acceleration": ("", "", "acceleration_load", "acceleration_load"),
@@ -210,7 +209,7 @@ _OTHER = {"position_load": "position_motor", "velocity_load": "velocity_motor", 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Guess(Result):
-    """Roles of the channels of a log: `mapping` for `read_log`, `reasons` of each, and open questions.
+    """Roles of the channels of a log: `mapping` for `read_log`, with the reason of each, and open questions.
 
     `needs` names channels whose role is clear but whose unit needs a factor (percent of a rated torque, counts), with
     the factor's meaning; `unused` names channels without a role, with the reason; `lost` the column that would have a
@@ -218,17 +217,15 @@ class Guess(Result):
     """
 
     name: str
-    mapping: Mapping[str, Column]
-    reasons: Mapping[str, str]
-    needs: Mapping[str, tuple[str, str]]
-    unused: Mapping[str, str]
-    sample_time: float | None = None
-    lost: Mapping[str, tuple[str, str]] = field(default_factory=dict[str, tuple[str, str]])
+    mapping: Mapping
+    needs: abc.Mapping[str, tuple[str, str]]
+    unused: abc.Mapping[str, str]
+    lost: abc.Mapping[str, tuple[str, str]] = field(default_factory=dict[str, tuple[str, str]])
 
     def table(self) -> Table:
         """Role, channel, unit and reason; then what needs a factor, then what is unused."""
         rows = [
-            [role, column.name, column.unit or ROLES[role] or "own", self.reasons[role]]
+            [role, column.name, column.unit or ROLES[role] or "own", self.mapping.reasons.get(role, "")]
             for role, column in self.mapping.items()
         ]
         rows += [[f"{role} ?", column, "", f"needs a factor: {what}"] for role, (column, what) in self.needs.items()]
@@ -239,16 +236,12 @@ class Guess(Result):
 
     def toml(self, file: str | Path = "") -> str:
         """The sections [log] and [log.channels], as a job has them; channels that need a factor are in comments."""
-        lines = ["[log]", f"file = {_quoted(str(file) or self.name)}"]
-        if self.sample_time is not None:
-            lines.append(f"sample_time = {self.sample_time!r}")
-        lines += ["", "[log.channels]"]
-        for role, column in self.mapping.items():
-            unit = f", unit = {_quoted(column.unit)}" if column.unit else ""
-            lines.append(f"{role} = {{ column = {_quoted(column.name)}{unit} }}")
-        for role, (column, what) in self.needs.items():
-            lines.append(f"# {role} = {{ column = {_quoted(column)}, factor = 1.0 }}  # {what}")
-        return "\n".join(lines) + "\n"
+        open_ = [
+            f"# {entry(role, Column(name=column, factor=1.0))}  # {what}\n"
+            for role, (column, what) in self.needs.items()
+            if role not in self.mapping
+        ]
+        return "".join([self.mapping.text(str(file) or self.name), *open_])
 
 
 def guess_roles(log: Log, axis: str | None = None) -> Guess:
@@ -278,11 +271,11 @@ def guess_roles(log: Log, axis: str | None = None) -> Guess:
             unused[name] = f"of axis {each.axis}, not {wanted}"
         elif role in mapping or role in needs:
             other = _OTHER.get(role, "")
-            if each.side or not other or other in mapping:
+            if each.side or not other or other in mapping or other in needs:
                 taken = mapping[role].name if role in mapping else needs[role][0]
                 unused[name] = f"like {role}, which is '{taken}'"
             else:
-                _second(name, each, role, other, mapping, reasons)
+                _second(name, each, role, other, mapping, reasons, needs)
         else:
             _take(name, each, role, mapping, reasons, needs)
     lost: dict[str, tuple[str, str]] = {}
@@ -292,15 +285,9 @@ def guess_roles(log: Log, axis: str | None = None) -> Guess:
         if role and role != "time" and role not in (*mapping, *needs, *lost) and each.axis in ("", wanted or each.axis):
             lost[role], unused[name] = (name, why), f"like {role}, but {why}"
     order = [role for role in ROLES if role in mapping]
-    return Guess(
-        log.name,
-        {role: mapping[role] for role in order},
-        {role: reasons[role] for role in order},
-        needs,
-        unused,
-        log.sample_time if log.provenance.get("clock") == "given" else None,
-        lost,
-    )
+    step = log.sample_time if log.provenance.get("clock") == "given" else None
+    columns = {role: mapping[role] for role in order}
+    return Guess(log.name, Mapping(columns, {}, reasons, wanted, step), needs, unused, lost)
 
 
 def _role(each: NameReading) -> str:
@@ -339,16 +326,25 @@ def _take(
 
 
 def _second(
-    name: str, each: NameReading, role: str, other: str, mapping: dict[str, Column], reasons: dict[str, str]
+    name: str,
+    each: NameReading,
+    role: str,
+    other: str,
+    mapping: dict[str, Column],
+    reasons: dict[str, str],
+    needs: dict[str, tuple[str, str]],
 ) -> None:
     """Two channels of one kind: the first in the file is taken for the motor's, the second for the load's."""
     motor, load = (other, role) if role.endswith("_load") else (role, other)
-    first = mapping.pop(role)
-    reasons.pop(role)
-    mapping[motor] = first
-    mapping[load] = Column(name=name, unit=each.unit)
-    reasons[motor] = "the first of two of its kind"
-    reasons[load] = "the second of two of its kind"
+    if role in mapping:
+        mapping[motor] = mapping.pop(role)
+        del reasons[role]
+        reasons[motor] = "the first of two of its kind"
+    else:
+        needs[motor] = needs.pop(role)
+    _take(name, each, load, mapping, reasons, needs)
+    if load in mapping:
+        reasons[load] = "the second of two of its kind"
 
 
 def _known(unit: str) -> bool:
@@ -365,11 +361,6 @@ def _fits(unit: str, role: str) -> bool:
     except ParameterError:
         return False
     return True
-
-
-def _quoted(text: str) -> str:
-    """A basic string of TOML: JSON's escapes are TOML's."""
-    return json.dumps(text, ensure_ascii=False)
 
 
 def write_roles(path: str | Path, guess: Guess, file: str | Path = "") -> None:

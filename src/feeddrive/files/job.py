@@ -32,10 +32,11 @@ from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.blocks.machine_families import Coupling
 from feeddrive.files.blocks_from_toml import read_block
-from feeddrive.files.job_log import LogRequest, log_request, optional_text, whole
+from feeddrive.files.job_log import LogRequest, log_request, whole
 from feeddrive.files.job_program import PlannedProgram, read_planned
 from feeddrive.files.machine import MachineFile, found, read_machine
 from feeddrive.files.toml_file import Key, Section, TomlFile, read_toml
+from feeddrive.files.toml_values import optional_text
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, FileError, ParameterError, nearest, plain
 from feeddrive.language.table import Result, Table

@@ -7,7 +7,7 @@ remark says so.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -53,6 +53,15 @@ class Log(Result):
 
     def __len__(self) -> int:
         return self.time.size
+
+    def from_row(self, first: int) -> Log:
+        """Return the log without the rows before one. Raises LogError if none is left."""
+        if first == 0:
+            return self
+        if first >= self.time.size:
+            raise LogError(f"{self.name}: has {self.time.size} rows, and skip_samples = {first} leaves none of them")
+        channels = {channel: values[first:] for channel, values in self.channels.items()}
+        return replace(self, time=self.time[first:], channels=channels)
 
     @property
     def duration(self) -> float:

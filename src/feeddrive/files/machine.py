@@ -20,7 +20,6 @@ squareness_xy_urad = 20
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -32,7 +31,7 @@ from feeddrive.blocks.machine_families import Coupling
 from feeddrive.files.blocks_from_toml import read_block
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.toml_file import Key, Section, TomlFile, read_toml
-from feeddrive.files.toml_values import with_values
+from feeddrive.files.toml_values import quoted, with_values
 from feeddrive.language.errors import FileError, ParameterError, StructureError, nearest, plain
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.axis import Axis
@@ -172,8 +171,7 @@ def machine_toml(
 
     Raises StructureError for a machine that holds arrays of variants.
     """
-    texts = [f"{key} = {json.dumps(text, ensure_ascii=False)}" for key, text in zip(_TEXTS, (name, source, remark),
-             strict=True) if text]  # fmt: skip
+    texts = [f"{key} = {quoted(text)}" for key, text in zip(_TEXTS, (name, source, remark), strict=True) if text]
     parts = ["\n".join([*texts, f"sample_time = {float(machine.sample_time)!r}"]) + "\n"]
     for axis, each in machine.axes().items():
         parts += [

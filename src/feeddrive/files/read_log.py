@@ -6,16 +6,18 @@ The clock must have one sample time, no gap and no step back. Every error states
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections import abc
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from feeddrive.files.atomic_io import read_whole
-from feeddrive.files.columns import MOST_BYTES, OWN_UNIT, ROLES, Column, Columns, Named, is_time, unit_of
+from feeddrive.files.columns import MOST_BYTES, OWN_UNIT, ROLES, Column, Columns, Named, factor_of, is_time
 from feeddrive.files.formats import OpenedFile, read_columns
 from feeddrive.files.log import Log, write_log
+from feeddrive.files.mapping import Mapping
 from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError, nearest, plain
 
@@ -28,9 +30,9 @@ __all__ = ["ROLES", "Column", "Log", "Named", "read_log", "write_log"]
 
 def read_log(
     path: str | Path | OpenedFile,
-    mapping: Mapping[str, Named] | None = None,
+    mapping: abc.Mapping[str, Named] | None = None,
     *,
-    optional: Mapping[str, Named] | None = None,
+    optional: abc.Mapping[str, Named] | None = None,
     sample_time: float | None = None,
     name: str | None = None,
 ) -> Log:
@@ -40,14 +42,18 @@ def read_log(
     mapping      role -> column, for the roles in `ROLES`; without it every column of numbers is a channel in its own
                  unit; a column that is named like time need not be mapped
     optional     the same for columns that may be missing
-    sample_time  s, for a file without a column of time, or whose stamps are rounded
+    sample_time  s, for a file without a column of time, or whose stamps are rounded; these two a `Mapping` may state
     name of the log in errors; default: the name in the file, else the path
 
     Raises FileError (no such file, ...) or LogError (of another kind, damaged, empty, NaN, gaps, a clock that is not
     uniform, a column that is missing or in another unit), each with file, row and what to do.
     """
+    optional = optional or {}
+    if isinstance(mapping, Mapping):
+        optional = {**mapping.optional, **optional}
+        sample_time = mapping.sample_time if sample_time is None else sample_time
     try:
-        return _read_log(path, mapping, optional or {}, sample_time, name)
+        return _read_log(path, mapping, optional, sample_time, name)
     except LogError as error:
         raise LogError(plain(str(error))) from None
     except MemoryError:
@@ -71,8 +77,8 @@ def read_arrays(path: str | Path | OpenedFile) -> dict[str, np.ndarray]:
 
 def _read_log(
     path: str | Path | OpenedFile,
-    mapping: Mapping[str, Named] | None,
-    optional: Mapping[str, Named],
+    mapping: abc.Mapping[str, Named] | None,
+    optional: abc.Mapping[str, Named],
     sample_time: float | None,
     name: str | None,
 ) -> Log:
@@ -129,16 +135,14 @@ def _read_log(
             "sha256": hashlib.sha256(content).hexdigest(),
             "format": columns.format,
             **({"time": told} if told else {}),
-            **({"clock": "given"} if recorded is None and sample_time is not None else {}),
+            **({"clock": "given"} if sample_time is not None else {}),
             **({"origin": origin} if origin else {}),
         },
     )
 
 
 def _column(path: str, role: str, named: Named) -> Column:
-    """A Column from its short forms. Raises ParameterError for a role or a unit that is not known."""
-    if role not in ROLES:
-        raise ParameterError(f"{path}: a log has no role '{role}'{nearest(role, ROLES)}")
+    """A Column from its short forms. Raises ParameterError as `Column.checked`."""
     match named:
         case Column():
             column = named
@@ -148,14 +152,13 @@ def _column(path: str, role: str, named: Named) -> Column:
             column = Column(name=name, unit=unit)
         case (name, factor):
             column = Column(name=name, factor=float(factor))
-    column = replace(column, unit=unit_of(column.unit) or column.unit)
     try:
         return column.checked(role)
     except ParameterError as error:
         raise ParameterError(f"{path}: {error}") from None
 
 
-def _chosen(columns: Columns, asked: Mapping[str, Column], *, everything: bool) -> dict[str, Column]:
+def _chosen(columns: Columns, asked: abc.Mapping[str, Column], *, everything: bool) -> dict[str, Column]:
     """The mapped columns, time by its usual name if it is not mapped, and every other one under its own name."""
     chosen = dict(asked)
     time = next((name for name in columns.values if is_time(name)), None)
@@ -168,7 +171,7 @@ def _chosen(columns: Columns, asked: Mapping[str, Column], *, everything: bool) 
 
 
 def _values(
-    path: str, columns: Columns, role: str, column: Column, asked: Mapping[str, Column]
+    path: str, columns: Columns, role: str, column: Column, asked: abc.Mapping[str, Column]
 ) -> tuple[np.ndarray, str]:
     """The numbers of a column, all finite, and their unit: that of the role if it is one, else that of the file."""
     numbers = columns.values.get(column.name)
@@ -198,40 +201,8 @@ def _values(
     held = numbers if factor == 1.0 else numbers * factor
     held.flags.writeable = False
     if as_it_is or (role in OWN_UNIT and not column.unit):
-        return held, unit
+        return held, unit if column.factor is None else ""
     return held, column.unit if role in OWN_UNIT else ROLES[role]
-
-
-def factor_of(path: str, role: str, column: Column, unit: str) -> float:
-    """The factor from the column's unit to that of its role: as given, else by the file, else by the end of its name.
-
-    A name that ends with `_in` means input and not inch.
-    """
-    if column.factor is not None or role in OWN_UNIT:
-        return 1.0 if column.factor is None else column.factor
-    if column.unit:
-        return units.factor(column.unit, ROLES[role])
-    if unit:
-        try:
-            return units.factor(unit, ROLES[role])
-        except ParameterError:
-            raise LogError(
-                f"{path}: column '{column.name}' is in '{unit}', which is not a unit of {role} ({ROLES[role]}); "
-                f"give the factor from one to the other, as in  {role} = {{ column = '{column.name}', factor = 1.0 }}"
-            ) from None
-    ending = unit_at_the_end(column.name, role)
-    return units.factor(ending, ROLES[role]) if ending else 1.0
-
-
-def unit_at_the_end(name: str, role: str) -> str:
-    """The unit of a role with which the name of a column ends, `x_cmd_mm`; empty without one."""
-    for start in [k + 1 for k, letter in enumerate(name) if letter == "_"]:
-        try:
-            units.factor(name[start:], ROLES[role])
-        except ParameterError:
-            continue
-        return "" if name[start:] == "in" else name[start:]
-    return ""
 
 
 def _scaled_by_rate(columns: Columns, column: Column, time: np.ndarray) -> tuple[np.ndarray, str]:
@@ -250,7 +221,9 @@ def _scaled_by_rate(columns: Columns, column: Column, time: np.ndarray) -> tuple
     return time, ""
 
 
-def _stamps(path: str, columns: Columns, channels: Mapping[str, np.ndarray], sample_time: float | None) -> np.ndarray:
+def _stamps(
+    path: str, columns: Columns, channels: abc.Mapping[str, np.ndarray], sample_time: float | None
+) -> np.ndarray:
     """The stamps of a uniform clock, for a file that has none."""
     rows = max((numbers.size for numbers in channels.values()), default=0)
     left = "".join(f"; '{name[:40]}' is {why}" for name, why in list(columns.left_out.items())[:5])

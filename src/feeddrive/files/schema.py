@@ -204,7 +204,12 @@ def job_schema() -> Schema:
             {
                 "type": "object",
                 "required": ["column"],
-                "properties": {"column": _TEXT, "unit": _TEXT, "factor": {"type": "number"}},
+                "properties": {
+                    "column": _TEXT,
+                    "unit": _TEXT,
+                    "factor": {"type": "number", "description": "number · factor is in the unit, or in SI without one"},
+                    "reason": {**_TEXT, "description": "why the column has the role"},
+                },
                 "additionalProperties": False,
             },
         ]
@@ -224,6 +229,7 @@ def job_schema() -> Schema:
             "file": {**_TEXT, "description": "name of the log, beside the job"},
             "skip_samples": {**_WHOLE, "description": "samples at the start that do not count", "default": 0},
             "sample_time": {"type": "number", "exclusiveMinimum": 0, "description": "of a log without time, s"},
+            "axis": {**_TEXT, "description": "of a log with several: that of the columns, as they name it"},
             "channels": {**channels, "description": "roles of columns"},
             "optional": {**channels, "description": "the same for columns that may be missing"},
         },

@@ -116,8 +116,7 @@ def _log(path: Path, file: OpenedFile, guess: Guess, tables: tuple[Table, ...]) 
     from feeddrive.workflow.channels import whole_log
 
     time = guess.mapping.get("time")
-    told = None if time is None or not time.unit else f"{time.name}:{time.unit}"
-    log = whole_log(file, told, None)
+    log = whole_log(file, time, guess.mapping.sample_time)
     columns = dict[str, Preview]()
     for name, values in list(log.channels.items())[:_COLUMNS]:
         y = np.asarray(values, np.float64)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from feeddrive.files.blocks_to_toml import to_toml
+from feeddrive.files.toml_values import quoted
 from feeddrive.tuning.filter_pack import difference
 
 if TYPE_CHECKING:
@@ -74,11 +74,6 @@ def _job(desk: Desk) -> str:
         text = to_toml(replace(now, guard=None), "law.control", rotary=bench.rotary).strip()
         lines += ["[[law]]", 'name = "by hand"', "", text, ""]
     return "\n".join(lines)
-
-
-def quoted(text: str) -> str:
-    """A text as TOML writes it."""
-    return json.dumps(text, ensure_ascii=False)
 
 
 def whole(machine: str | Path) -> str:

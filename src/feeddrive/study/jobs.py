@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from feeddrive.files.job import KEYS, Job, job_of
-from feeddrive.files.job_log import optional_text
 from feeddrive.files.machine import found
 from feeddrive.files.toml_file import Key, Section, TomlFile, read_toml
-from feeddrive.files.toml_values import with_values
+from feeddrive.files.toml_values import optional_text, with_values
 from feeddrive.language.errors import FeeddriveError, FileError, nearest, shown
 
 MOST_JOBS = 256  # combinations of choices

@@ -5,22 +5,23 @@ The mapping comes from the options, from a TOML file, or else is guessed and sho
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections import abc
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from feeddrive.files.columns import OWN_UNIT, ROLES, Column, is_time
+from feeddrive.files.columns import Column, is_time, unit_at_the_end
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.frf import names_frequency, read_controllers, read_frfs
 from feeddrive.files.guess import Guess, guess_roles, write_roles
 from feeddrive.files.job_log import LogRequest, read_request
 from feeddrive.files.log import Log, LogLike
-from feeddrive.files.read_log import read_log, time_units, unit_at_the_end
+from feeddrive.files.mapping import Mapping, MappingLike
+from feeddrive.files.read_log import read_log, time_units
 from feeddrive.files.readers.ast_xml import is_ast
-from feeddrive.language import units
 from feeddrive.language.errors import FileError, LogError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
@@ -28,25 +29,6 @@ from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.readings import Doubt, with_units
 from feeddrive.workflow.readings import doubt as doubt_of
 from feeddrive.workflow.request import Request, argument, option
-
-
-def column(text: str, role: str = "") -> Column:
-    """`name`, `name:unit`, `name*factor` (to SI) or, for a known role, `name*factor:unit` of the command line.
-
-    Raises ParameterError for a factor that is none.
-    """
-    name, star, number = text.rpartition("*")
-    if star:
-        number, _, unit = number.partition(":")
-        try:
-            factor = float(number)
-        except ValueError:
-            raise ParameterError(f"'{text}': the factor after * must be a number, as in act*2e-8") from None
-        if role in OWN_UNIT:
-            return Column(name=name, unit=unit, factor=factor)
-        return Column(name=name, factor=factor * (units.factor(unit, ROLES.get(role, unit)) if unit else 1.0))
-    name, _, unit = text.partition(":")
-    return Column(name=name, unit=unit)
 
 
 @dataclass(frozen=True)
@@ -61,8 +43,8 @@ class Mapped:
 
 def mapped(
     path: Path | OpenedFile,
-    named: Mapping[str, str | None],
-    channels: Path | None,
+    named: abc.Mapping[str, str | None],
+    channels: MappingLike | None,
     wanted: Collection[str],
     sample_time: float | None,
     progress: Progress,
@@ -73,23 +55,26 @@ def mapped(
     """The log with its roles in `wanted`.
 
     named     role -> text of the command line; what is named goes before all else
-    channels  a TOML file with [log.channels]; without it roles that are not named are guessed, and the guess is shown
+    channels  a TOML file with [log.channels], or a `Mapping`; without it roles that are not named are guessed, and the
+              guess is shown
     unit      of columns that state none and were not given one
     steady    the log is no motion with ramps: accelerations in it say nothing of its units
     """
     path = path if isinstance(path, OpenedFile) else OpenedFile(path)
-    told = {role: column(text, role) for role, text in named.items() if text is not None}
-    optional: Mapping[str, Column] = {}
+    told = {role: Column.of(text) for role, text in named.items() if text is not None}
+    optional: abc.Mapping[str, Column] = {}
     open_: dict[str, str] = {}
+    skipped = 0
     if channels is not None:
         request = requested(channels, path.path)
-        told = {**request.channels, **told}
-        optional, sample_time = request.optional, sample_time or request.sample_time
+        told = {**request.mapping, **told}
+        optional, sample_time = request.mapping.optional, sample_time or request.mapping.sample_time
+        skipped = request.skip_samples
         mapping = {role: each for role, each in told.items() if role in wanted}
     else:
-        mapping, open_ = _guessed_roles(path, told, named.get("time"), wanted, sample_time, progress)
+        mapping, open_ = _guessed_roles(path, told, wanted, sample_time, progress)
     whole = with_units(path, mapping, unit)
-    log = read_log(path, whole, optional=optional, sample_time=sample_time)
+    log = read_log(path, whole, optional=optional, sample_time=sample_time).from_row(skipped)
     log = replace(log, left_out={**open_, **log.left_out}) if open_ else log
     sure = {role for role, each in whole.items() if each != mapping[role]}
     sure |= {role for role, each in told.items() if each.unit or each.factor is not None}
@@ -99,14 +84,13 @@ def mapped(
 
 def _guessed_roles(
     path: OpenedFile,
-    told: Mapping[str, Column],
-    time: str | None,
+    told: abc.Mapping[str, Column],
     wanted: Collection[str],
     sample_time: float | None,
     progress: Progress,
 ) -> tuple[dict[str, Column], dict[str, str]]:
     """The roles that were told, and guesses of the others, which are shown; and why columns miss a likely role."""
-    guess = guess_roles(whole_log(path, time, sample_time))
+    guess = guess_roles(whole_log(path, told.get("time"), sample_time))
     guessed = {role: each for role, each in guess.mapping.items() if role in wanted and role not in told}
     # a column that was named for one role does not stand for another
     taken = {each.name for each in told.values()}
@@ -158,21 +142,22 @@ def no_column(path: Path | OpenedFile, log: Log, roles: Collection[str], what: s
     return LogError(f"{path}: has no column with a usual name for {what}: name it with {options}{there}")
 
 
-def requested(channels: Path, path: Path) -> LogRequest:
-    """The log with the roles of a TOML file. Raises FileError for a file that is not there, with how to make one."""
+def requested(channels: MappingLike, path: Path) -> LogRequest:
+    """The log with its mapping. Raises FileError for a file that is not there, with how to make one."""
+    if isinstance(channels, Mapping):
+        return LogRequest(path, channels)
     if not channels.exists():
         how = f"feeddrive channels {path} --out {channels} writes one to correct"
         raise FileError(f"{channels}: no such file; {how}")
     return read_request(channels, path)
 
 
-def whole_log(path: Path | OpenedFile, time: str | None, sample_time: float | None, name: str | None = None) -> Log:
+def whole_log(path: Path | OpenedFile, time: Column | None, sample_time: float | None, name: str | None = None) -> Log:
     """All columns of a log under their own names, with the column of time that was named, in its unit."""
     if time is None:
         return read_log(path, sample_time=sample_time, name=name)
-    told = column(time, "time")
-    read_log(path, {"time": told}, sample_time=sample_time)  # one that is not there is said
-    return read_log(path, optional={"time": told}, sample_time=sample_time, name=name)
+    read_log(path, {"time": time}, sample_time=sample_time)  # one that is not there is said
+    return read_log(path, optional={"time": time}, sample_time=sample_time, name=name)
 
 
 def show(guess: Guess, path: Path | OpenedFile, progress: Progress) -> None:
@@ -246,7 +231,8 @@ def _guessed(request: ChannelsRequest, file: OpenedFile) -> Guess:
     """The guess; a clock that is none of a servo loop is taken in the unit that makes it one, since this can be seen
     and corrected.
     """
-    time, why = request.time, "named on the command line"
+    time = None if request.time is None else Column.of(request.time)
+    why = "named on the command line"
     try:
         log = whole_log(file, time, request.sample_time)
     except LogError:
@@ -258,12 +244,13 @@ def _guessed(request: ChannelsRequest, file: OpenedFile) -> Guess:
     guess = guess_roles(log, request.axis)
     if time is None:
         return guess
-    told = {"time": column(time, "time")}
-    return replace(guess, mapping={**told, **guess.mapping}, reasons={"time": why, **guess.reasons})
+    mapping = guess.mapping
+    columns, reasons = {"time": time, **mapping}, {**mapping.reasons, "time": why}
+    return replace(guess, mapping=replace(mapping, columns=columns, reasons=reasons))
 
 
-def _likely_time(file: OpenedFile) -> tuple[str, str] | None:
-    """The column of time with the likeliest unit, `t:ms`, and why; None if it states one or none would do."""
+def _likely_time(file: OpenedFile) -> tuple[Column, str] | None:
+    """The column of time with the likeliest unit, and why; None if it states one or none would do."""
     name = next((name for name in file.columns.values if is_time(name)), None)
     if name is None or name in file.columns.units or unit_at_the_end(name, "time"):
         return None
@@ -274,4 +261,5 @@ def _likely_time(file: OpenedFile) -> tuple[str, str] | None:
         return None
     other = "".join(f", in {unit} {1e3 * size:.4g} ms" for unit, size in units_[1:])
     unit, size = units_[0]
-    return f"{name}:{unit}", f"no unit is stated; in {unit} the step is {1e3 * size:.4g} ms{other}: correct it if wrong"
+    why = f"no unit is stated; in {unit} the step is {1e3 * size:.4g} ms{other}: correct it if wrong"
+    return Column(name=name, unit=unit), why

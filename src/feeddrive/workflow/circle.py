@@ -17,6 +17,7 @@ import numpy as np
 from feeddrive.blocks.reference.circle import Circle
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.files.atomic_io import new_directory
+from feeddrive.files.columns import Column
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.machine import MachineFile, read_machine
 from feeddrive.files.read_log import read_log
@@ -28,7 +29,6 @@ from feeddrive.machining.circle_causes import Cause, CircleCauses, circle_causes
 from feeddrive.machining.circle_test import CirclePath, CircleTest, circle_of_run, circle_path, circle_test
 from feeddrive.machining.quadrant_peaks import peaks_table, quadrant_peaks
 from feeddrive.report import build_circle
-from feeddrive.workflow.channels import column
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, option
 
@@ -127,12 +127,12 @@ def _measured(path: Path, request: CircleRequest) -> CirclePath:
     """The circle of a log."""
     file = OpenedFile(path)
     # one after the other as the position of a table: that role has the unit of a length
-    kept = {} if request.time is None else {"time": column(request.time, "time")}
+    kept = {} if request.time is None else {"time": Column.of(request.time)}
     logs = [
-        read_log(file, {"position_load": column(text, "position_load"), **kept}, sample_time=request.sample_time)
+        read_log(file, {"position_load": Column.of(text), **kept}, sample_time=request.sample_time)
         for text in (request.x, request.y)
     ]
-    names = tuple(text.split(":")[0].split("*")[0] for text in (request.x, request.y))
+    names = tuple(Column.of(text).name for text in (request.x, request.y))
     return circle_path(
         logs[0]["position_load"], logs[1]["position_load"], time=logs[0].time, radius=request.radius,
         axes=(names[0], names[1]), source="encoder" if request.encoders else "tool", name=path.name,

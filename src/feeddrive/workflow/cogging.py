@@ -17,7 +17,7 @@ from feeddrive import plot
 from feeddrive.blocks.force.cogging import Cogging
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
-from feeddrive.files.columns import ROLES, is_time
+from feeddrive.files.columns import ROLES, Column, is_time
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.read_log import read_arrays
@@ -29,7 +29,6 @@ from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterE
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.report.page import Shown, definitions, header, page, picture, table
-from feeddrive.workflow.channels import column
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import (
     Drive,
@@ -175,17 +174,18 @@ def _maps(request: CoggingRequest, drive: Drive) -> _Seen:
         path, arrays = file.path, read_arrays(file)
         if told is None and len(arrays) != 1:
             raise ParameterError(f"{path}: name the column of the map with --current or --torque{nearest('', arrays)}")
-        asked_column = column(next(iter(arrays)) if told is None else told, role)
-        name, values, factor = asked_column.name, arrays.get(asked_column.name), asked_column.factor
+        asked = Column(name=next(iter(arrays))) if told is None else Column.of(told).checked(role)
+        name, values = asked.name, arrays.get(asked.name)
         if values is None:
             raise LogError(f"{path}: there is no column '{name}' ({role}){nearest(name, arrays)}")
-        if factor is None:
-            factor = units.factor(asked_column.unit, unit) if asked_column.unit and unit else 1.0
-        unit = unit or asked_column.unit
+        factor = asked.scale(role)
+        unit = unit or asked.unit
         visited = np.flatnonzero(values)
         if visited.size < 2:
             raise NotIdentifiableError(f"{path}: '{name}' is 0 at all places but {visited.size}: nothing was measured")
-        found.append(CoggingRun(visited / values.size, factor * values[visited], direction))
+        found.append(
+            CoggingRun(visited / values.size, (1.0 if factor is None else factor) * values[visited], direction)
+        )
     along = request.period is not None and not _is_angle(request.period)
     period = _period(request.period, "m" if along else "rad", drive)
     return _Seen(found, role, unit, period, not along, f"{role}: {name}")
@@ -236,7 +236,7 @@ def _at_table(seen: _Seen, drive: Drive) -> AtTable | None:
     """Period in m and N per unit of the force at the table, if both are known."""
     r = drive.lever
     constants = {"force": 1.0, "torque": None if r is None else 1.0 / r}
-    constant = constants.get(seen.role, drive.force_constant)
+    constant = constants[seen.role] if seen.role in constants else drive.force_per_unit(seen.unit)
     period = seen.period if not seen.turning else None if r is None else seen.period * r
     return None if constant is None or period is None else AtTable(period, constant)
 

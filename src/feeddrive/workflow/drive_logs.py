@@ -13,14 +13,16 @@ from feeddrive.files.columns import Column
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.log import Log, LogLike
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
+from feeddrive.files.mapping import MappingLike
 from feeddrive.files.read_log import read_log
 from feeddrive.identification.estimate import SHAFT, lever
+from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.loop import Loop
 from feeddrive.workflow.channels import mapped, no_column
-from feeddrive.workflow.request import OUT, UNIT, Request, argument, called, option
+from feeddrive.workflow.request import CHANNELS, OUT, UNIT, Request, argument, called, option
 
 # along the table and round the shaft, the first that is there is taken; a position is differenced
 _TABLE = ("velocity_load", "velocity_motor", "position_load", "position_motor")
@@ -33,8 +35,9 @@ MOTIONS = (*_TABLE, *_SHAFT)
 class Drive:
     """What the command line, and else the machine file, says of the drive that made the logs.
 
-    force_constant  N at the table per unit of the command or current
+    force_constant  N at the table per unit of the command or current, as it was typed
     lead, gear      of the screw, m, and turns of the motor in one of the screw
+    turns           the axis itself turns: its force is a torque, and no screw stands between
     """
 
     machine: MachineFile | None
@@ -43,11 +46,67 @@ class Drive:
     force_constant: float | None
     lead: float | None
     gear: float
+    turns: bool = False
 
     @property
     def lever(self) -> float | None:
         """Travel of the table per rad of the motor, m/rad."""
         return None if self.lead is None else lever(self.lead, self.gear)
+
+    def per_unit(self, unit: str) -> tuple[float, bool] | None:
+        """Return how much 1 of a command or current in `unit` is: in N at the table, or, if True, in N m of the shaft.
+
+        A typed force constant decides, then the unit of the column if it is that of a force or torque, then the motor
+        of the machine file, whose constant is for the drive's own unit.  None if nothing says it.
+        """
+        if self.force_constant is not None:
+            return self.force_constant, self.turns
+        for si, is_torque in (("N", False), ("N m", True)):
+            try:
+                return units.factor(unit, si), is_torque
+            except ParameterError:
+                continue
+        motor = None if self.loop is None else self.loop.axis.actuator.motor
+        return None if motor is None else (float(motor.force_per_unit()), self.turns)
+
+    def force_per_unit(self, unit: str) -> float | None:
+        """Return the force on the axis for 1 of a command in `unit`, N, or N m if it turns; None if nothing says it."""
+        size, is_torque = self.per_unit(unit) or (None, False)
+        if size is None or is_torque == self.turns:
+            return size
+        return size / self.lever if is_torque and self.lever is not None else None
+
+    def acting(self, path: Path | OpenedFile, log: Log, role: str) -> tuple[np.ndarray, bool]:
+        """Return the force along the table that a channel holds, N, or the torque of the shaft, N m, and True.
+
+        Raises ParameterError for a command or current in the drive's own unit, with what to give.
+        """
+        scale = self._scale(log, role)
+        if scale is None:
+            raise ParameterError(
+                f"{path}: the {role} is in the drive's own unit: give the force per unit with --force-constant, the "
+                f"machine with --machine, or the torque per unit as --torque 'column*factor'"
+            )
+        return log[role] if scale[0] == 1.0 else scale[0] * log[role], scale[1]
+
+    def knows(self, log: Log, role: str) -> bool:
+        """True if `acting` can tell the force that a channel holds."""
+        return self._scale(log, role) is not None
+
+    def _scale(self, log: Log, role: str) -> tuple[float, bool] | None:
+        return (1.0, role == "torque") if role in ("force", "torque") else self.per_unit(log.units.get(role, ""))
+
+    def at_table(self, path: Path | OpenedFile, what: str) -> float:
+        """The lever, m/rad, for a motion and a force of which one is along the table and the other round a shaft.
+
+        what  the two, for the ParameterError that is raised without a lead
+        """
+        if self.lever is None:
+            raise ParameterError(
+                f"{path}: {what}: one is along the table and the other round a shaft; give the screw's lead in m with "
+                f"--lead"
+            )
+        return self.lever
 
 
 class DriveLogsRequest(Request):
@@ -65,7 +124,7 @@ class DriveLogsRequest(Request):
     gear: float | None = option("turns of the motor in one turn of the screw; 1", above=0.0, default=None)
     machine: MachineLike | None = option("the machine file to write into; its comments are kept", default=None)
     axis: str | None = option("its axis, if it has several", default=None)
-    channels: Path | None = option("which column is what (TOML), as `feeddrive channels` writes it", default=None)
+    channels: MappingLike | None = option(CHANNELS, default=None)
     time: str | None = option("column of the time, name:unit", default=None)
     sample_time: float | None = option("of logs without a clock", unit="s", default=None)
     unit: tuple[str, ...] = option(UNIT, default=())
@@ -81,16 +140,21 @@ class DriveLogsRequest(Request):
 
 def drive_of(request: DriveLogsRequest) -> Drive:
     """The options, completed by the motor of the machine file."""
-    force_constant, lead, gear = request.force_constant, request.lead, request.gear
     given = None if request.machine is None else read_machine(request.machine)
     loop = None if given is None else given.loop(request.axis)
+    return drive_with(given, loop, request.axis, request.force_constant, request.lead, request.gear)
+
+
+def drive_with(
+    given: MachineFile | None, loop: Loop | None, axis: str | None, force_constant: float | None = None,
+    lead: float | None = None, gear: float | None = None, *, turns: bool = False,
+) -> Drive:  # fmt: skip
+    """The drive of a loop of a machine file, with what was typed; lead and gear are completed by its motor."""
     motor = None if loop is None else loop.axis.actuator.motor
-    if motor is not None and force_constant is None:
-        force_constant = float(motor.force_per_unit())
     if isinstance(motor, Screw) and lead is None:
         lead, gear = float(motor.lead), float(motor.gear) if gear is None else gear
-    name = axis_name(loop, request.axis)
-    return Drive(given, name, loop, force_constant, lead, 1.0 if gear is None else gear)
+    turns = turns or (loop is not None and loop.axis.rotary)
+    return Drive(given, axis_name(loop, axis), loop, force_constant, lead, 1.0 if gear is None else gear, turns)
 
 
 def axis_name(loop: Loop | None, axis: str | None) -> str:
@@ -99,8 +163,8 @@ def axis_name(loop: Loop | None, axis: str | None) -> str:
 
 
 def read_logs(
-    paths: Sequence[Path | OpenedFile], named: Mapping[str, str | None], channels: Path | None, wanted: Collection[str],
-    sample_time: float | None, progress: Progress, unit: Sequence[str] = (),
+    paths: Sequence[Path | OpenedFile], named: Mapping[str, str | None], channels: MappingLike | None,
+    wanted: Collection[str], sample_time: float | None, progress: Progress, unit: Sequence[str] = (),
 ) -> tuple[list[Log], dict[str, Column], list[str]]:  # fmt: skip
     """All logs with the roles of the first one, whose guess is shown; and doubts about their sizes.
 
@@ -139,25 +203,15 @@ def velocity_and_force(
     shaft_first = acting == "torque"
     order = (*_SHAFT, *_TABLE) if shaft_first else (*_TABLE, *_SHAFT)
     moving = chosen(path, log, named, order, "velocity", "--velocity, --speed, --position or --angle")
-    velocity, force = log[moving], log[acting]
+    velocity = log[moving]
     if moving.startswith(("position", "angle")):
         velocity = np.gradient(velocity, log.sample_time)
-    if acting in ("command", "current"):
-        if drive.force_constant is None:
-            raise ParameterError(
-                f"{path}: the {acting} is in the drive's own unit: give the force per unit with --force-constant, the "
-                f"machine with --machine, or the torque per unit as --torque 'column*factor'"
-            )
-        force = drive.force_constant * force
-    round_, turning = acting == "torque", moving in _SHAFT
-    if round_ == turning:
+    force, is_torque = drive.acting(path, log, acting)
+    turning = moving in _SHAFT
+    if is_torque == turning:
         return velocity, force, turning
-    r = drive.lever
-    if r is None:
-        raise ParameterError(
-            f"{path}: {moving} is in {log.units.get(moving, SHAFT.velocity)} and the force comes from {acting}: one "
-            f"is along the table and the other round a shaft; give the screw's lead in m with --lead"
-        )
+    unit = log.units.get(moving, SHAFT.velocity)
+    r = drive.at_table(path, f"{moving} is in {unit} and the force comes from {acting}")
     return (r * velocity, force, False) if turning else (velocity, force / r, False)
 
 
@@ -178,8 +232,8 @@ def logs_said(logs: Sequence[LogLike]) -> str:
 
 
 def columns_said(mapping: Mapping[str, Column]) -> str:
-    """Which column is what, for the facts of a report."""
-    return ", ".join(f"{role}: {each.name}" for role, each in mapping.items())
+    """Which column is what, with its factor and unit, for the facts of a report."""
+    return ", ".join(f"{role}: {each.text()}" for role, each in mapping.items())
 
 
 def narrow(table: Table) -> Table:

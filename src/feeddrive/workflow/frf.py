@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from feeddrive.files.atomic_io import new_directory
-from feeddrive.files.columns import Column, unit_of
+from feeddrive.files.columns import Column, check_sign, unit_of
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.frf import write_frf
 from feeddrive.files.guess import guess_roles, unit_in_name
 from feeddrive.files.job_log import LogRequest
 from feeddrive.files.log import Log, LogLike
+from feeddrive.files.mapping import MappingLike
 from feeddrive.files.read_log import read_log
 from feeddrive.identification.excitation.estimate_frf import estimate_frf
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
@@ -27,10 +28,10 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.frequency_response import TRUSTED
 from feeddrive.report.page import Shown, definitions, header, page, picture, table
-from feeddrive.workflow.channels import column, requested, show, whole_log
+from feeddrive.workflow.channels import requested, show, whole_log
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.readings import check_response, doubt, units_first, with_units
-from feeddrive.workflow.request import OUT, UNIT, Request, argument, called, frequencies, option
+from feeddrive.workflow.request import CHANNELS, OUT, UNIT, Request, argument, called, frequencies, option
 
 # names that a column may have for each role, the first that is there is taken
 _INPUT = ("force", "torque", "current", "command", "iq")
@@ -59,7 +60,7 @@ class FrfRequest(Request):
     sample_time: float | None = option("for logs without time", unit="s", default=None)
     time: str | None = option("column of the time, name:unit", default=None)
     unit: tuple[str, ...] = option(UNIT, default=())
-    channels: Path | None = option("which column is what (TOML), as `feeddrive channels` writes it", default=None)
+    channels: MappingLike | None = option(CHANNELS, default=None)
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:
@@ -117,7 +118,8 @@ def _read(files: Sequence[OpenedFile], unnamed: bool, request: FrfRequest, progr
     channels, time, sample_time, unit = request.channels, request.time, request.sample_time, request.unit
     if channels is not None:
         return [_by_roles(requested(channels, file.path), time, sample_time, unit, progress) for file in files]
-    read = [whole_log(file, time, sample_time, str(file)) for file in files]
+    time_ = None if time is None else Column.of(time)
+    read = [whole_log(file, time_, sample_time, str(file)) for file in files]
     usual = {*_INPUT} & {*read[0].channels} and {*_ONE_OUTPUT, *(n for kind in _OUTPUTS for n in kind)} & {
         *read[0].channels
     }
@@ -127,7 +129,7 @@ def _read(files: Sequence[OpenedFile], unnamed: bool, request: FrfRequest, progr
     show(guess, files[0], progress)
     if not guess.mapping:  # all need a factor: the columns as they are, so that what is missing is named among them
         return read
-    told = {} if time is None else {"time": column(time, "time")}
+    told = {} if time_ is None else {"time": time_}
     roles = with_units(files[0], guess.mapping, unit)
     read = [read_log(file, {**roles, **told}, sample_time=sample_time, name=str(file)) for file in files]
     sure = [role for role, each in roles.items() if each != guess.mapping[role]]
@@ -157,7 +159,7 @@ def _check_mass(where: str, found: FrequencyEstimate, of_input: str, of_output: 
         output, _, force = unit.rpartition("/")
         return f"--output '{_plain(of_output)}:{output.strip('()')}' --input '{_plain(of_input)}:{force}'"
 
-    told = all(_parts(each)[2] or _parts(each)[1] != 1.0 for each in (of_input, of_output))
+    told = all(Column.of(each).unit or Column.of(each).factor is not None for each in (of_input, of_output))
     return check_response(where, found.frf, told, progress, cure)
 
 
@@ -166,9 +168,10 @@ def _by_roles(
 ) -> Log:
     """A log with the roles of a TOML file; what was named on the command line goes before it."""
     file = OpenedFile(request.path)
-    told = {} if time is None else {"time": column(time, "time")}
-    roles = with_units(file, {**request.channels, **told}, unit)
-    log = replace(request, channels=roles, sample_time=sample_time or request.sample_time).read()
+    told = {} if time is None else {"time": Column.of(time)}
+    roles = with_units(file, {**request.mapping, **told}, unit)
+    mapping = replace(request.mapping, columns=roles, sample_time=sample_time or request.mapping.sample_time)
+    log = replace(request, mapping=mapping).read().from_row(request.skip_samples)
     sure = [role for role, each in roles.items() if each.unit or each.factor is not None]
     _check_sizes(file, log, roles, sure, progress)
     return log
@@ -225,22 +228,26 @@ def _missing(log: Log, role: str, usual: str) -> str:
     )
 
 
-def _plain(name: str) -> str:
-    return _parts(name)[0]
+def _plain(named: str) -> str:
+    return Column.of(named).name
 
 
 def _values(log: Log, named: str) -> tuple[np.ndarray, str]:
     """A channel, `name`, `name:unit`, `name*factor` or `name*factor:unit`, and its unit in SI."""
-    name, factor, stated = _parts(named)
-    if name not in log.channels:
-        raise LogError(f"{log.name}: there is no column '{name}'{nearest(name, log.channels)}")
-    unit = _known(named, stated) if stated else log.units.get(name, "") or unit_in_name(name)
+    asked = Column.of(named)
+    if asked.name not in log.channels:
+        raise LogError(f"{log.name}: there is no column '{asked.name}'{nearest(asked.name, log.channels)}")
+    values, to_si = log[asked.name], asked.factor is not None and not asked.unit
+    unit = _known(named, asked.unit) if asked.unit else log.units.get(asked.name, "") or unit_in_name(asked.name)
+    factor = 1.0 if asked.factor is None else asked.factor
     for si in _SI:
         try:
-            return log[name] * (factor * units.factor(unit, si)), si
+            size = units.factor(unit, si)
         except ParameterError:
             continue
-    return log[name] * factor, unit
+        check_sign(log.name, asked, unit, si)
+        return values * (factor if to_si else factor * size), si
+    return values * factor, "" if to_si else unit
 
 
 def _known(named: str, unit: str) -> str:
@@ -249,18 +256,6 @@ def _known(named: str, unit: str) -> str:
     if found is None:
         raise ParameterError(f"'{named}': the unit '{unit}' is not known; give one as mm, N, Nm, A, mdeg or rad")
     return found
-
-
-def _parts(named: str) -> tuple[str, float, str]:
-    """Name, factor and unit of `theta*-1:rad`. Raises ParameterError for a factor that is no number."""
-    name, _, unit = named.partition(":")
-    plain, star, number = name.partition("*")
-    if not star:
-        return name, 1.0, unit
-    try:
-        return plain, float(number), unit
-    except ValueError:
-        raise ParameterError(f"'{named}': the factor after * must be a number, as in theta*-1:rad") from None
 
 
 def write_estimates(found: Sequence[FrequencyEstimate], out: str | Path, facts: Mapping[str, str]) -> Path:

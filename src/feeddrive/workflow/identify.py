@@ -5,7 +5,7 @@ Identified values are written into an existing machine file, whose comments are 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from html import escape
 from pathlib import Path
@@ -37,13 +37,14 @@ from feeddrive.report.page import Shown, definitions, header, page, picture, tab
 from feeddrive.tuning.filter_pack import read_block
 from feeddrive.workflow.channels import mapped, no_column
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.drive_logs import axis_name, columns_said, narrow, written
+from feeddrive.workflow.drive_logs import Drive, axis_name, columns_said, drive_with, narrow, written
 from feeddrive.workflow.identify_responses import IdentifyRequest, identify_responses, responses_in
 from feeddrive.workflow.readings import Doubt
 from feeddrive.workflow.request import called
 
 _POSITIONS = ("position_load", "position_motor")  # the first that is there is taken
 _ANGLES = ("angle_load", "angle_motor")
+_FORCES = ("force", "torque", "command")
 _WANTED = ("time", "setpoint_position", *_POSITIONS, "force", "command", "setpoint_angle", *_ANGLES, "torque")
 
 
@@ -78,7 +79,11 @@ def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, p
         doubt, mapping, unused = Doubt(), {}, ()
     else:
         read = mapped(source, request.named(), request.channels, _WANTED, request.sample_time, progress, request.unit)
-        channels = _channels(source.path, read.log, loop, request.force_constant)
+        drive = drive_with(
+            given, loop, request.axis, request.force_constant, request.lead, request.gear, turns=request.rotary
+        )
+        named = {role for role, text in request.named().items() if text is not None}
+        channels = _channels(source, read.log, drive, named)
         doubt, mapping, unused = read.doubt, read.columns, read.unused
     channels["turning"] = _turning(request, loop, channels)
     progress.step("fitting")
@@ -164,35 +169,42 @@ def _identified(
     return replace(found, doubt=doubt.why or found.doubt)
 
 
-def _channels(path: Path, log: Log, loop: Loop | None, force_constant: float | None) -> dict[str, Any]:
-    """The fields of a `MotionLog`: position and force of the log, along the table or round a shaft."""
-    motor = None if loop is None else loop.axis.actuator.motor
-    limit = None if loop is None else loop.control.force_limit
-    channels = log.channels
-    position = next((channels[role] for role in _POSITIONS if role in channels), None)
-    angle = next((channels[role] for role in _ANGLES if role in channels), None)
-    rotary = position is None and angle is not None
-    position = angle if rotary else position
-    if position is None:
-        raise no_column(path, log, (*_POSITIONS, *_ANGLES), "the position", "--position")
-    set_position = channels.get("setpoint_angle" if rotary else "setpoint_position")
-    force = channels.get("torque" if rotary else "force")
-    if force is None and "command" in channels:
-        if force_constant is None and motor is None:
-            raise ParameterError(
-                f"{path}: the command is in the drive's own unit: give the force per unit with --force-constant, or "
-                f"the machine with --machine"
-            )
-        assert force_constant is not None or motor is not None
-        constant = float(motor.force_per_unit()) if motor is not None and force_constant is None else force_constant
-        force = constant * channels["command"]
-    if force is None:
-        raise no_column(path, log, ("force", "torque", "command", "current"), "the force", "--force or --command")
+def _channels(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) -> dict[str, Any]:
+    """The fields of a `MotionLog`: position and force of the log, along the table or round a shaft.
+
+    A motion of the one and a force of the other are both put at the table, by the lead of the screw.
+    """
+    moving, acting = _chosen(file, log, drive, named)
+    limit = None if drive.loop is None else drive.loop.control.force_limit
+    position, rotary = log[moving], moving in _ANGLES
+    set_position = log.channels.get("setpoint_angle" if rotary else "setpoint_position")
+    force, is_torque = drive.acting(file, log, acting)
+    if is_torque != rotary:
+        r = drive.at_table(file, f"{moving} is in {log.units[moving]} and the force comes from {acting}")
+        if rotary:
+            position, set_position = r * position, None if set_position is None else r * set_position
+        force, rotary = force / r if is_torque else force, False
     return {
-        "name": str(path), "position": position, "force": force, "set_position": set_position,
+        "name": str(file), "position": position, "force": force, "set_position": set_position,
         "sample_time": log.sample_time, "force_limit": None if limit is None or rotary else float(limit),
         "rotary": rotary,
     }  # fmt: skip
+
+
+def _chosen(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) -> tuple[str, str]:
+    """The roles of motion and force: named ones go first, then those that need no lead between them."""
+    motions, forces = (
+        [role for role in there if role in named] or there
+        for there in ([role for role in roles if role in log.channels] for roles in ((*_POSITIONS, *_ANGLES), _FORCES))
+    )
+    if not motions:
+        raise no_column(file, log, (*_POSITIONS, *_ANGLES), "the position", "--position")
+    if not forces:
+        roles = ("force", "torque", "command", "current")
+        raise no_column(file, log, roles, "the force", "--force, --torque or --command")
+    pairs = [(moving, acting) for moving in motions for acting in forces if drive.knows(log, acting)]
+    together = [pair for pair in pairs if drive.acting(file, log, pair[1])[1] == (pair[0] in _ANGLES)]
+    return next(iter([*together, *pairs]), (motions[0], forces[0]))
 
 
 def machine_text(found: Identified, machine: MachineFile | None, axis: str) -> str | None:

@@ -21,6 +21,7 @@ from feeddrive.files.formats import OpenedFile
 from feeddrive.files.frf import encoders, names_frequency, read_frfs
 from feeddrive.files.log import LogLike
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
+from feeddrive.files.mapping import MappingLike
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.identification.estimate import lever
 from feeddrive.identification.motion.motion_log import MotionLog
@@ -37,7 +38,7 @@ from feeddrive.report.page import Shown, definitions, header, page, picture, tab
 from feeddrive.workflow.command import Outcome
 from feeddrive.workflow.drive_logs import narrow, written
 from feeddrive.workflow.readings import check_response, units_first
-from feeddrive.workflow.request import OUT, Request, argument, called, frequencies, option
+from feeddrive.workflow.request import CHANNELS, OUT, Request, argument, called, frequencies, option
 
 _POOR = 0.35  # RMS of ln(fitted/measured) on unused lines, 3 dB, from which a model is not worth using
 _DECIBEL = 8.686  # of 1 in ln
@@ -372,7 +373,7 @@ class IdentifyRequest(Request):
     gear: float = option("turns of the motor in one turn of the screw", default=1.0, above=0.0)
     sample_time: float | None = option("of a log without a clock", unit="s", default=None)
     time: str | None = option("column of the time, name:unit", default=None)
-    channels: Path | None = option("which column is what (TOML), as `feeddrive channels` writes it", default=None)
+    channels: MappingLike | None = option(CHANNELS, default=None)
     model: str | None = option("of frequency responses", options=MODELS, default=None)
     modes: int | None = option("how many; found if left out", default=None)
     motor: str | None = option("the motor encoder's response, by name or file", default=None)

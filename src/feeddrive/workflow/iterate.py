@@ -15,6 +15,7 @@ from feeddrive.files.formats import OpenedFile
 from feeddrive.files.job import Job, JobLike, read_job
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
+from feeddrive.files.mapping import MappingLike
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
@@ -25,8 +26,8 @@ from feeddrive.tuning.trial import Trial, measured_trial
 from feeddrive.tuning.trials import iterate_trials
 from feeddrive.workflow.channels import mapped
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.drive_logs import chosen
-from feeddrive.workflow.request import UNIT, Request, argument, called, option
+from feeddrive.workflow.drive_logs import chosen, drive_with
+from feeddrive.workflow.request import CHANNELS, UNIT, Request, argument, called, option
 
 _WANTED = ("time", "setpoint_position", "position_load", "position_motor", "force", "command")
 # the motion of simulated trials if no job names another
@@ -58,7 +59,7 @@ class IterateRequest(Request):
     time: str | None = option("column of the time, name:unit", default=None)
     sample_time: float | None = option("of a log without a clock", unit="s", default=None)
     unit: tuple[str, ...] = option(UNIT, default=())
-    channels: Path | None = option("which column is what (TOML), as `feeddrive channels` writes it", default=None)
+    channels: MappingLike | None = option(CHANNELS, default=None)
     trials: int = option("simulated trials", default=6)
     prefilter: bool = option("of all axes of a job: trajectory prefilters instead of the feedforward", default=False)
     job: tuple[JobLike, ...] = option("job whose reference the trials run; several take turns", default=())
@@ -235,9 +236,9 @@ def _trial(request: IterateRequest, loop: Loop, progress: Progress) -> Trial:
     set_position = chosen(file, measured, named, ("setpoint_position",), "set position", "--set-position")
     position = chosen(file, measured, named, ("position_load", "position_motor"), "position", "--position")
     force = measured.channels.get("force")
-    motor = loop.axis.actuator.motor
-    if force is None and "command" in measured.channels and motor is not None:
-        force = float(motor.force_per_unit()) * measured["command"]
+    if force is None and "command" in measured.channels:
+        scale = drive_with(None, loop, request.axis).force_per_unit(measured.units["command"])
+        force = None if scale is None else scale * measured["command"]
     return measured_trial(
         loop, measured[set_position], measured[position], sample_time=measured.sample_time, force=force,
         smoothing=request.smoothing, name=str(file),

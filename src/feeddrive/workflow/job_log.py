@@ -15,6 +15,7 @@ from feeddrive.files.log import Log
 from feeddrive.language.errors import LogError
 from feeddrive.loop.loop import Loop
 from feeddrive.report.sentences import block_sentence
+from feeddrive.workflow.drive_logs import drive_with
 
 _USED = ("setpoint_position", "position_load", "force", "command", "load_force", "excitation")
 _SCALED = 0.8  # of the residual: with another scale of an injected force it must be less to be worth a word
@@ -32,8 +33,7 @@ def measured_signals(job: Job, log: Log) -> dict[str, np.ndarray]:
     if "load_force" in channels:
         found["load_force"] = channels["load_force"]
     if "excitation" in channels:
-        known = log.units.get("excitation") == "N"
-        found["added_force"] = (1.0 if known else _per_unit(job, log, "excitation")) * channels["excitation"]
+        found["added_force"] = _per_unit(job, log, "excitation") * channels["excitation"]
     return found
 
 
@@ -51,14 +51,14 @@ def _setpoint(job: Job, log: Log) -> np.ndarray:
 
 
 def _per_unit(job: Job, log: Log, role: str) -> float:
-    """N at the table for each unit of the drive."""
-    motor = next(iter(job.loops.values())).axis.actuator.motor
-    if motor is None:
+    """N at the table for each unit of a channel, which is the drive's own, or that of a force or torque."""
+    scale = drive_with(None, next(iter(job.loops.values())), None).force_per_unit(log.units.get(role, ""))
+    if scale is None:
         raise LogError(
             f"{log.name}: the channel {role} needs axis.*.actuator.motor in {job.machine.file.name}, "
             f"which turns the drive's unit into N"
         )
-    return float(motor.force_per_unit())
+    return scale
 
 
 def without_answer(job: Job, log: Log) -> Job:

@@ -12,6 +12,7 @@ from feeddrive.files.formats import OpenedFile
 from feeddrive.files.job import JobLike, read_job
 from feeddrive.files.log import LogLike
 from feeddrive.files.machine import MachineLike, read_machine
+from feeddrive.files.mapping import MappingLike
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.loop import Loop
@@ -19,7 +20,7 @@ from feeddrive.tuning.trajectory_prefilter import REGRESSORS, PrefilterFit, fit_
 from feeddrive.workflow.channels import mapped
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import chosen
-from feeddrive.workflow.request import UNIT, Request, argument, called, option
+from feeddrive.workflow.request import CHANNELS, UNIT, Request, argument, called, option
 
 _WANTED = ("time", "setpoint_position", "position_load", "position_motor", "force")
 
@@ -40,7 +41,7 @@ class PrefilterRequest(Request):
     time: str | None = option("column of the time, name:unit", default=None)
     sample_time: float | None = option("of a log without a clock", unit="s", default=None)
     unit: tuple[str, ...] = option(UNIT, default=())
-    channels: Path | None = option("which column is what (TOML), as `feeddrive channels` writes it", default=None)
+    channels: MappingLike | None = option(CHANNELS, default=None)
     out: Path | None = option("File for the section (TOML)", short="-o", default=None)
 
     def named(self) -> dict[str, str | None]:

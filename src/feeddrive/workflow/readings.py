@@ -12,10 +12,9 @@ from itertools import product
 
 import numpy as np
 
-from feeddrive.files.columns import ROLES, Column, unit_of
+from feeddrive.files.columns import ROLES, Column, unit_at_the_end, unit_of
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.log import Log
-from feeddrive.files.read_log import unit_at_the_end
 from feeddrive.identification.estimate import SHAFT, TABLE, Frame
 from feeddrive.identification.plausibility import RANGES, outside, said, scaled, sizes, spoken, unlikely
 from feeddrive.language import units
@@ -143,19 +142,21 @@ def doubt(
     if motion is None and force is None:
         return Doubt()
     frame = SHAFT if motion is not None and motion.si.startswith("rad") else TABLE
+    torque = force if force is not None and force.role == "torque" and not force.how else None
     if force is not None and (force.role == "torque") != (frame is SHAFT):
         frame, force = (SHAFT, force) if motion is None else (frame, None)
     found = _sizes(log, frame, motion, force)
     if steady:
         found = {name: size for name, size in found.items() if name in ("travel", "speed", "force", "torque")}
     is_hal = motion is not None and not motion.how and motion.si == "m" and _hal(file, motion.column)
-    silent = force is not None and force.role == "torque" and not force.how
+    # beside a motion along the table a torque is asked about too, unless a command may be what acts
+    silent = torque is not None and (force is torque or "command" not in mapping)
     wrong = outside(frame, found)
     if not wrong and not is_hal and not silent:
         return Doubt()
     readings = _readings(frame, found, motion, force, is_hal)
-    if silent and force is not None and not wrong and not is_hal:
-        return Doubt(_silent_torque(file, force, found), told=False)
+    if silent and torque is not None and not wrong and not is_hal:
+        return Doubt(_silent_torque(file, torque, log, found), told=False)
     why = said(wrong, found)
     open_ = [each for each in groups if each is not None and each.how != "told" and each in (motion, force)]
     if not open_:
@@ -274,8 +275,8 @@ def _hal(file: OpenedFile, column: str) -> bool:
     return file.columns.format in _HAL_FORMATS or column.startswith(_HAL_PINS)
 
 
-def _silent_torque(file: OpenedFile, force: _Group, found: Mapping[str, float]) -> str:
-    most = found["torque"]
+def _silent_torque(file: OpenedFile, force: _Group, log: Log, found: Mapping[str, float]) -> str:
+    most = float(np.max(np.abs(log["torque"])))
     inertia = found.get("inertia")
     as_it_is = f"up to {most:.3g} N m" + ("" if inertia is None else f", inertia {inertia:.3g} kg m2")
     rated = "" if inertia is None else f", inertia {inertia / 100.0:.3g} kg m2 for each N m of rated torque"

@@ -29,6 +29,7 @@ from feeddrive.language.errors import ParameterError
 
 OUT = "Directory to write; one that feeddrive wrote before is replaced"
 OUT_FILE = "File to write"
+CHANNELS = "which column is what (TOML), as `feeddrive channels` writes it"
 UNIT = "of columns that state none, as mm, in or kN; may be repeated"
 
 

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from feeddrive.files.columns import OWN_UNIT, ROLES, Column
+from feeddrive.files.columns import ROLES, Column
 from feeddrive.files.frf import read_frfs, write_frf
 from feeddrive.files.machine import BUNDLED, read_machine
 from feeddrive.language.errors import ParameterError, nearest
@@ -123,24 +123,25 @@ class Bring(Room):
         if guess is None or column not in known:
             raise ParameterError(f"{found.name} has no column {column!r:.60}{nearest(column, known)}")
         role = asked.choice("role", ["", *ROLES])
-        mapping = {key: each for key, each in guess.mapping.items() if each.name != column and key != role}
+        columns = {key: each for key, each in guess.mapping.items() if each.name != column and key != role}
+        reasons = {key: guess.mapping.reasons.get(key, "") for key in columns}
         if role:
-            mapping[role] = self._column(asked, role, column)
-        reasons = {key: guess.reasons.get(key, "chosen on the page") for key in mapping} | (
-            {role: "chosen"} if role else {}
-        )
-        self.files[found.name] = replace(found, guess=replace(guess, mapping=mapping, reasons=reasons))
+            columns[role], reasons[role] = self._column(asked, column), "chosen"
+        mapping = replace(guess.mapping, columns=columns, reasons=reasons)
+        self.files[found.name] = replace(found, guess=replace(guess, mapping=mapping))
 
     @act
     def identify(self, asked: Asked) -> None:
         """Find masses, friction and dead time, or modes; a machine file is written where the law is known."""
         found = self._known(asked)
         path, out = self._path(found.name), self._free(f"identified_{stem_of(found.name)}")
+        unit = asked.text_or_none("unit")
         request = IdentifyRequest(
             path, channels=self._roles(found) if found.kind == LOG else None, out=out, machine=self._machine(asked),
             axis=asked.text_or_none("axis"), motor=asked.text_or_none("motor"), load=asked.text_or_none("load"),
             lead=asked.number_or_none("lead"), force_constant=asked.number_or_none("force_constant"),
             sample_time=asked.number_or_none("sample_time"), law=asked.text_or_none("law"),
+            unit=() if unit is None else (unit,),
         )  # fmt: skip
         self._start("identify", found.name, f"identify {found.name}", request)
 
@@ -154,7 +155,9 @@ class Bring(Room):
         more = [self._path(each) for each in names if asked.yes("all")]
         out = self._free(f"frf_{stem_of(found.name)}")
         logs = (self._path(found.name), *more)
-        request = FrfRequest(logs, channels=self._roles(found), out=out)
+        request = FrfRequest(
+            logs, channels=self._roles(found), out=out, sample_time=asked.number_or_none("sample_time")
+        )
         self._start("frf", found.name, f"estimate responses from {found.name}", request)
 
     @act
@@ -273,11 +276,9 @@ class Bring(Room):
         return self.desk.keep(f"roles_{stem_of(found.name)}.toml", text.encode(), _ROLES)
 
     @staticmethod
-    def _column(asked: Asked, role: str, name: str) -> Column:
-        unit, factor = str(asked.given.get("unit") or ""), asked.given.get("factor")
-        if factor in (None, ""):
-            return Column(name=name, unit=unit).checked(role)
-        return Column(name=name, unit=unit if role in OWN_UNIT else "", factor=asked.number("factor")).checked(role)
+    def _column(asked: Asked, name: str) -> Column:
+        """A column with the unit and the factor that were typed."""
+        return Column(name=name, unit=asked.text_or_none("unit") or "", factor=asked.number_or_none("factor"))
 
     def _columns(self, found: Understood) -> list[dict[str, Any]]:
         """Each column with its role, unit and reason; then what needs a factor."""
@@ -287,12 +288,12 @@ class Bring(Room):
         shown = list[dict[str, Any]]()
         for name in dict.fromkeys([*roles, *needs, *found.columns]):
             role, column = roles.get(name, ("", None))
-            why = found.guess.reasons.get(role, "") if role else found.guess.unused.get(name, "")
+            why = found.guess.mapping.reasons.get(role, "") if role else found.guess.unused.get(name, "")
             if name in needs and not role:
                 why = f"may be {needs[name][0]}: needs a factor, {needs[name][1]}"
             shown.append({
-                "column": name, "role": role, "unit": (column.unit if column else "") or found.units.get(name, ""),
-                "factor": None if column is None else column.factor, "why": why,
+                "column": name, "role": role, "unit": "" if column is None else column.unit,
+                "factor": None if column is None else column.factor, "stated": found.units.get(name, ""), "why": why,
             })  # fmt: skip
         return shown
 
