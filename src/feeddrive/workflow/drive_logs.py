@@ -96,15 +96,16 @@ class Drive:
     def _scale(self, log: Log, role: str) -> tuple[float, bool] | None:
         return (1.0, role == "torque") if role in ("force", "torque") else self.per_unit(log.units.get(role, ""))
 
-    def at_table(self, path: Path | OpenedFile, what: str) -> float:
-        """The lever, m/rad, for a motion and a force of which one is along the table and the other round a shaft.
+    def at_table(self, path: Path | OpenedFile, moving: str, unit: str, acting: str) -> float:
+        """The lever, m/rad, for a motion in a unit and a force, of which one is along the table, the other of a shaft.
 
-        what  the two, for the ParameterError that is raised without a lead
+        Raises ParameterError without a lead.
         """
         if self.lever is None:
+            other = "N" if "rad" in unit else "N m"
             raise ParameterError(
-                f"{path}: {what}: one is along the table and the other round a shaft; give the screw's lead in m with "
-                f"--lead"
+                f"{path}: {moving} is in {unit} and {acting} in {other}: one is along the table and the other round a "
+                f"shaft; give the screw's lead in m with --lead"
             )
         return self.lever
 
@@ -211,7 +212,7 @@ def velocity_and_force(
     if is_torque == turning:
         return velocity, force, turning
     unit = log.units.get(moving, SHAFT.velocity)
-    r = drive.at_table(path, f"{moving} is in {unit} and the force comes from {acting}")
+    r = drive.at_table(path, moving, unit, acting)
     return (r * velocity, force, False) if turning else (velocity, force / r, False)
 
 

@@ -180,7 +180,7 @@ def _channels(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) 
     set_position = log.channels.get("setpoint_angle" if rotary else "setpoint_position")
     force, is_torque = drive.acting(file, log, acting)
     if is_torque != rotary:
-        r = drive.at_table(file, f"{moving} is in {log.units[moving]} and the force comes from {acting}")
+        r = drive.at_table(file, moving, log.units[moving], acting)
         if rotary:
             position, set_position = r * position, None if set_position is None else r * set_position
         force, rotary = force / r if is_torque else force, False

@@ -1,0 +1,156 @@
+"""What is typed of a log on the page, in a file, on the command line and in Python means the same everywhere.
+
+The log is that of a drive that records its force in percent of 1,200 N: one of it is 12 N.  Its mass is 180 kg.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from feeddrive.cli.commands import app
+from feeddrive.files.columns import Column
+from feeddrive.files.machine import read_machine
+from feeddrive.files.mapping import Mapping
+from feeddrive.language import tree
+from feeddrive.language.progress import Progress
+from feeddrive.studio.session import Session
+from feeddrive.workflow import identify
+from feeddrive.workflow.identify import machine_text
+from plain_drive import PlainDrive, write_columns
+from studio_server import Served
+
+runner = CliRunner()
+DRIVE, PER_PERCENT = PlainDrive(), 12.0
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    run = DRIVE.run()
+    columns = {
+        "t_s": run["time"], "x_cmd_mm": 1e3 * run["set"], "x_fb_mm": 1e3 * run["position"],
+        "load": run["force"] / PER_PERCENT,
+    }  # fmt: skip
+    return write_columns(tmp_path_factory.mktemp("log") / "axis.csv", columns)
+
+
+def on_the_page(log: Path, folder: Path, **typed: Any) -> Path:
+    """Bring the log, type what its column of the force is, and press Identify; its jobs run in this process."""
+    session = Session(folder)
+    session.desk.files[log.name] = log
+    session.desk.start = lambda _room, _what, work, then, *_: then(work(Progress()))  # type: ignore[method-assign]
+
+    def ask(do: str, **more: Any) -> dict[str, Any]:
+        said = session.answer({"number": 1, "do": do, "name": log.name, **more})
+        words: dict[str, Any] = json.loads(said[4 : 4 + int.from_bytes(said[:4], "little")])
+        return words
+
+    typed_on_page(ask, log.name, **typed)
+    return machine_in(folder)
+
+
+@contextmanager
+def serving(folder: Path) -> Iterator[Served]:
+    """A server as a person starts it."""
+    served = Served(folder)
+    try:
+        yield served
+    finally:
+        served.close()
+
+
+def typed_on_page(ask: Callable[..., dict[str, Any]], name: str, **typed: Any) -> None:
+    """What a person does on the page, as it asks for it."""
+    for do, more in (("bring.look", {"names": [name]}), ("bring.role", {"column": "load", "role": "force", **typed})):
+        words = ask(do, **more)
+        assert not words.get("error"), words["error"]
+    row = next(each for each in ask("bring.show")["columns"] if each["column"] == "load")
+    assert {key: row[key] for key in typed} == typed  # the fields show what was typed
+    words = ask("bring.identify")
+    assert not words.get("error"), words["error"]
+
+
+def machine_in(folder: Path) -> Path:
+    """The machine file that an identification on the page wrote."""
+    (found,) = folder.rglob("identified_*/machine.toml")
+    return found
+
+
+def by_words(log: Path, folder: Path, *words: str) -> Path:
+    done = runner.invoke(app, ["identify", str(log), *words, "--out", str(folder / "out")])
+    assert done.exit_code == 0, done.output
+    return folder / "out" / "machine.toml"
+
+
+def with_file(log: Path, folder: Path) -> Path:
+    """The channels file that the command writes, corrected by hand in an editor."""
+    roles = folder / "roles.toml"
+    assert runner.invoke(app, ["channels", str(log), "--out", str(roles)]).exit_code == 0
+    text = roles.read_text(encoding="utf-8")
+    roles.write_text(f'{text}force = {{ column = "load", factor = 12 }}\n', encoding="utf-8")
+    return by_words(log, folder, "--channels", str(roles))
+
+
+def from_python(log: Path, folder: Path, **typed: Any) -> Path:
+    identify(log, out=folder / "out", **typed)
+    return folder / "out" / "machine.toml"
+
+
+MAPPING = Mapping({
+    "setpoint_position": Column(name="x_cmd_mm", unit="mm"), "position_load": Column(name="x_fb_mm", unit="mm"),
+    "force": Column(name="load", factor=PER_PERCENT),
+})  # fmt: skip
+# each with the column of the force as its report says it
+SURFACES: dict[str, tuple[Callable[[Path, Path], Path], str]] = {
+    "page": (lambda log, folder: on_the_page(log, folder, factor=12), "load*12.0"),
+    "page, factor and unit": (lambda log, folder: on_the_page(log, folder, unit="kN", factor=0.012), "load*0.012:kN"),
+    "channels file": (with_file, "load*12.0"),
+    "command line": (lambda log, folder: by_words(log, folder, "--force", "load*12"), "load*12.0"),
+    "Python, factor and unit": (lambda log, folder: from_python(log, folder, force="load*0.012:kN"), "load*0.012:kN"),
+}
+
+
+@pytest.fixture(scope="module")
+def by_mapping(log: Path) -> str:
+    """The machine file by a `Mapping` in Python."""
+    text = machine_text(identify(log, channels=MAPPING), None, "x")
+    assert text is not None
+    return text
+
+
+@pytest.mark.parametrize("surface", SURFACES)
+def test_a_typed_factor_gives_the_same_machine_on_every_surface(
+    log: Path, tmp_path: Path, by_mapping: str, surface: str
+) -> None:
+    made, said = SURFACES[surface]
+    machine = made(log, tmp_path)
+    assert machine.read_text(encoding="utf-8") == by_mapping  # every number to the last digit
+    assert f"force: {said}<" in (machine.parent / "report.html").read_text(encoding="utf-8").replace(", ", "<")
+    found = read_machine(machine).loop("x")
+    # integrated in twentieths of a sample: 5e-4 of the mass; the law without noise, to rounding of 12 digits
+    assert tree.get(found, "axis.x.plant.mass") == pytest.approx(DRIVE.mass, rel=5e-4)
+    assert tree.get(found, "axis.x.control.law.Kp") == pytest.approx(DRIVE.Kp, rel=1e-6)
+    assert tree.get(found, "axis.x.control.law.Kv") == pytest.approx(DRIVE.Kv, rel=1e-6)
+
+
+@pytest.mark.slow(reason="a server, its socket and its processes; what the page asks for is checked quickly above")
+def test_the_factor_goes_through_the_socket(log: Path, tmp_path: Path, by_mapping: str) -> None:
+    with serving(tmp_path / "served") as served, served.page("x") as page:
+        assert served.upload("x", log.name, log.read_bytes()) == (200, {"name": log.name})
+
+        def ask(do: str, **more: Any) -> dict[str, Any]:
+            page.job = None
+            said = page.ask(do, name=log.name, **more)
+            if do in ("bring.look", "bring.identify"):
+                ended = page.ended()
+                assert ended["state"] == "done", ended["error"]
+            return said
+
+        typed_on_page(ask, log.name, factor=12)
+        assert machine_in(tmp_path / "served").read_text(encoding="utf-8") == by_mapping
