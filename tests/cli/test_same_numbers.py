@@ -23,16 +23,16 @@ from feeddrive.language.progress import Progress
 from feeddrive.studio.session import Session
 from feeddrive.workflow import identify
 from feeddrive.workflow.identify import machine_text
-from plain_drive import PlainDrive, write_columns
+from plain_drive import Cascade, PlainAxis, write_columns
 from studio_server import Served
 
 runner = CliRunner()
-DRIVE, PER_PERCENT = PlainDrive(), 12.0
+AXIS, KV, KP, PER_PERCENT = PlainAxis(mass=180.0), 30.0, 9000.0, 12.0
 
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    run = DRIVE.run()
+    run = AXIS.run(Cascade(KV, KP))
     columns = {
         "t_s": run["time"], "x_cmd_mm": 1e3 * run["set"], "x_fb_mm": 1e3 * run["position"],
         "load": run["force"] / PER_PERCENT,
@@ -134,9 +134,9 @@ def test_a_typed_factor_gives_the_same_machine_on_every_surface(
     assert f"force: {said}<" in (machine.parent / "report.html").read_text(encoding="utf-8").replace(", ", "<")
     found = read_machine(machine).loop("x")
     # integrated in twentieths of a sample: 5e-4 of the mass; the law without noise, to rounding of 12 digits
-    assert tree.get(found, "axis.x.plant.mass") == pytest.approx(DRIVE.mass, rel=5e-4)
-    assert tree.get(found, "axis.x.control.law.Kp") == pytest.approx(DRIVE.Kp, rel=1e-6)
-    assert tree.get(found, "axis.x.control.law.Kv") == pytest.approx(DRIVE.Kv, rel=1e-6)
+    assert tree.get(found, "axis.x.plant.mass") == pytest.approx(AXIS.mass, rel=5e-4)
+    assert tree.get(found, "axis.x.control.law.Kp") == pytest.approx(KP, rel=1e-6)
+    assert tree.get(found, "axis.x.control.law.Kv") == pytest.approx(KV, rel=1e-6)
 
 
 @pytest.mark.slow(reason="a server, its socket and its processes; what the page asks for is checked quickly above")

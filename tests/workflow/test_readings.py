@@ -250,7 +250,8 @@ def test_whole_milliseconds_are_read_once_told(tmp_path: Path) -> None:
     path = written(tmp_path, "t,pos_m,force_N", np.round(1e3 * t), x, f)
     assert "Use these values" in identify(path, time="t:ms").recommendation
     found = channels(path, out=tmp_path / "roles.toml")
-    assert 'time = { column = "t", unit = "ms", reason = "no unit is stated; in ms' in (tmp_path / "roles.toml").read_text(encoding="utf-8")
+    text = (tmp_path / "roles.toml").read_text(encoding="utf-8")
+    assert 'time = { column = "t", unit = "ms", reason = "no unit is stated; in ms' in text
     assert "us 0.001 ms" in found.mapping.reasons["time"]
     assert "Use these values" in identify(path, channels=tmp_path / "roles.toml").recommendation
     assert 'unit = "us"' in channels(path, time="t:us").toml()
