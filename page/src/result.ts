@@ -7,11 +7,22 @@ export interface Table {
   heads: string[];
   rows: string[][];
 }
-export interface Result {
+// The judgment of a command on its own result; a bad one is shown as bad.
+export interface Judged {
+  verdict?: string;
+  failure?: string;
+  bad?: boolean;
+}
+export interface Result extends Judged {
   said: string[];
   tables: Table[];
-  verdict: string;
-  failure: string;
+}
+
+export function judged({ verdict, failure, bad }: Judged): HTMLElement[] {
+  return [
+    ...(verdict ? [make("p", { class: bad ? "verdict bad" : "verdict" }, verdict)] : []),
+    ...(failure ? [make("p", { class: "bad" }, failure)] : []),
+  ];
 }
 
 export function tables(found: Table[]): HTMLElement[] {
@@ -22,8 +33,7 @@ export function tables(found: Table[]): HTMLElement[] {
 
 export function result(found: Result): HTMLElement[] {
   return [
-    ...(found.verdict ? [make("p", { class: "verdict" }, found.verdict)] : []),
-    ...(found.failure ? [make("p", { class: "bad" }, found.failure)] : []),
+    ...judged(found),
     ...(found.said.length ? [make("ul", {}, ...found.said.map((each) => make("li", {}, each)))] : []),
     ...tables(found.tables),
   ];

@@ -18,6 +18,7 @@ import pytest
 
 from feeddrive import cli
 from feeddrive.files.read_log import read_log
+from feeddrive.language.judgment import Judgment
 
 SHARED = Path(__file__).parents[3] / "shared"
 LOG = SHARED / "data" / "emps" / "DATA_EMPS.mat"
@@ -302,7 +303,7 @@ def test_a_row_that_says_nothing_of_the_guard_keeps_it(run) -> None:
     law = '[[law]]\nname = "b"\n[law.control.law]\nkind = "cascade_ppi"\nKv = 50\nKp = 1.0e4\n'
     given(machine, JOB + law)
     code, out, errors = run("run", "j.toml", "--out", "d")
-    assert code == 0, errors
+    assert (code, errors) == (1, f"feeddrive: {Judgment.TRIPPED.says}\n")
     assert "'today': the guard tripped" in out
     assert "'b': the guard tripped" in out
     assert np.max(np.abs(read_log("d/runs/b.parquet")["force"])) <= 2000.0

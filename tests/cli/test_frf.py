@@ -77,7 +77,8 @@ def test_columns_are_named_where_they_cannot_be_guessed(call) -> None:
     assert code == 2
     assert "name it with --input" in " ".join(err.split())
     code, out, err = call("frf", "log.csv", "--input", "p7:A", "--output", "p9:rad", "--method", "h1")
-    assert code == 0, err
+    assert code == 1, err
+    assert "Do not tune on this response" in out  # the signals have nothing to do with each other
     assert "No reference was given" in out
     page = Path("results/frf_log/report.html").read_text(encoding="utf-8")
     assert "No reference was given" in page
@@ -98,8 +99,10 @@ def test_columns_that_need_a_factor_are_named(call) -> None:
     assert "m per counts" in out
     assert "Torque, Position" in err
     assert "name it with --input" in err
-    code, _, err = call("frf", "log.csv", "--input", "Torque*0.1:N", "--output", "Position*2e-8:m", "--method", "h1")
-    assert code == 0, err
+    asked = ("--input", "Torque*0.1:N", "--output", "Position*2e-8:m")
+    code, out, err = call("frf", "log.csv", *asked, "--method", "h1")
+    assert code == 1, err
+    assert out.count("its mass is 0.00287 kg") == 1
     assert read_frf("results/frf_log/frf.csv").unit == "m/N"
 
 

@@ -32,7 +32,7 @@ from feeddrive.language.errors import CancelledError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import Refusal, candidates
-from feeddrive.workflow.compare import in_short, screen, verdict
+from feeddrive.workflow.compare import advice, in_short, screen
 
 SHORT = SnapLimitedMove(
     distance=0.02, velocity=0.2, acceleration=5.0, jerk=400.0, snap=4e4, back=True, dwell_before=0.5, dwell_after=0.2
@@ -349,16 +349,16 @@ def test_the_learned_compensator_learns_the_friction_of_the_axis() -> None:
 def test_the_screen_of_a_comparison_is_one_screen(found: Comparison) -> None:
     """A table and sentences of at most 40 lines of 100 columns; what is worse than P-PI comes first, two digits."""
     console = Console(width=100, file=io.StringIO(), force_terminal=False)
-    for each in (screen(found), f"- rule: {found.rule}", *in_short(found), verdict(found)):
+    for each in (screen(found), f"- rule: {found.rule}", *in_short(found), advice(found).sentence):
         show(console, each)
     lines = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
     assert len(lines) <= 40 - (19 - len(found.competitors))  # a machine on which all laws work has 19 rows
     assert max(map(len, lines)) <= 100
     assert all(any(line.lstrip().startswith(each.name) for line in lines) for each in found.competitors)
     # none of these is ranked but today's, since one search confirms nothing
-    assert verdict(found) == "No law that was tuned is ranked: nothing is recommended."
+    assert advice(found).sentence == "No law that was tuned is ranked: nothing is recommended."
     rows = [replace(each, tuned=None) for each in found.competitors]
-    said = verdict(replace(found, competitors=tuple(rows)))
+    said = advice(replace(found, competitors=tuple(rows))).sentence
     assert said.startswith("Worse than with ")
     assert "has the least rope-snap error of all that are ranked" in said
     assert not re.search(r"\d\.\d{3}|e[+-]\d", said)

@@ -293,7 +293,7 @@ def test_the_way_from_the_log_to_a_tuned_loop(tmp_path: Path) -> None:
     identify(log(tmp_path), machine="rotary_table", axis="c", out=tmp_path / "found")
     machine = tmp_path / "found" / "machine.toml"
     done = tune.run(tune.request(str(machine), starts=1, out=tmp_path / "tuned"))
-    assert done.failure is None
+    assert not done.judgment.bad
     assert not linear_units(shown(done))
     assert not linear_units(spoken(tmp_path / "tuned" / "report.html").replace("table of 400 mm", ""))
     text = (tmp_path / "tuned" / "machine.toml").read_text(encoding="utf-8")

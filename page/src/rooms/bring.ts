@@ -3,7 +3,7 @@
 import { look, whenPainted } from "../pictures/look";
 import { button, choice, make, renew, table } from "../parts";
 import { Picture } from "../pictures/picture";
-import { tables, type Table } from "../result";
+import { judged, tables, type Judged, type Table } from "../result";
 import { session, type Ask, type Room } from "../room";
 import type { Received } from "../wire";
 
@@ -31,7 +31,7 @@ interface Words {
   start_from: string;
   offers_tour: boolean;
   columns?: Column[];
-  made: { of?: string; said?: string[]; tables?: Table[]; verdict?: string; failure?: string; machine?: boolean };
+  made: Judged & { of?: string; said?: string[]; tables?: Table[]; machine?: boolean };
   ask_axis?: { name: string; axes: string[] };
   go?: string;
 }
@@ -364,8 +364,7 @@ export class Bring implements Room {
       : [];
     return [
       make("h2", {}, `What was found in ${made.of}`),
-      ...(made.verdict ? [make("p", { class: "verdict" }, made.verdict)] : []),
-      ...(made.failure ? [make("p", { class: "bad" }, made.failure)] : []),
+      ...judged(made),
       ...take,
       ...[...this.made].filter(([name]) => this.last?.said.charts[name]).map(([, picture]) => picture.element),
       make("ul", {}, ...made.said.filter((each) => each !== made.verdict).map((each) => make("li", {}, each))),

@@ -4,7 +4,7 @@ import { Levels, type Level } from "../controls/levels";
 import { look, whenPainted } from "../pictures/look";
 import { button, make, renew } from "../parts";
 import { Picture } from "../pictures/picture";
-import { tables } from "../result";
+import { judged, tables, type Judged } from "../result";
 import type { Ask, Room } from "../room";
 import type { Received } from "../wire";
 
@@ -16,15 +16,13 @@ interface Field {
   options: string[];
   value: string;
 }
-interface Words {
+interface Words extends Judged {
   fields: Field[];
   ready: boolean;
   levels?: Level[];
   best?: boolean;
   said?: string[];
   tables?: { title: string; heads: string[]; rows: string[][] }[];
-  verdict?: string;
-  failure?: string;
   unfinished?: boolean;
   begins?: string;
   go?: string;
@@ -75,14 +73,13 @@ export class Goal implements Room {
     this.place(words.fields);
     this.tune.disabled = !words.ready;
     this.accept.disabled = this.reject.disabled = !words.best;
-    const accept = words.unfinished ? "Accept the best so far" : "Accept";
+    const accept = words.unfinished ? "Accept the best so far" : words.bad ? "Accept it all the same" : "Accept";
     if (this.accept.textContent !== accept) this.accept.textContent = accept;
     const { ready, begins, verdict, failure, unfinished, said = [], tables: shown = [] } = words;
     renew(this.verdict, [ready, begins, verdict, failure, unfinished], () => [
       ...(ready ? [] : [make("p", {}, "Bring a machine or a measured response first.")]),
       ...(begins ? [make("p", {}, begins)] : []),
-      ...(verdict ? [make("p", { class: "verdict" }, verdict)] : []),
-      ...(failure ? [make("p", { class: "bad" }, failure)] : []),
+      ...judged(words),
       ...(unfinished ? [make("p", {}, "The search has not finished: what is shown is the best so far, and is not proven.")] : []),
     ]);
     renew(this.outcome, [verdict, said, shown], () => [

@@ -223,7 +223,7 @@ def _in_si(field: Field, value: Any) -> Any:
 
 
 def _perform(command: Command[Any, Any, Any], values: dict[str, Any], verbose: bool) -> None:
-    """Do the work and show what it came to; exit code 1 if that is not what it should be."""
+    """Do the work and show what it came to; end with the exit code of its judgment."""
     request = command.request(**values)
     usual = request.usual_out()
     if usual is not None and request.out is None:
@@ -237,7 +237,7 @@ def _perform(command: Command[Any, Any, Any], values: dict[str, Any], verbose: b
         show(console, line, soft_wrap=True)
     if found.error is not None:
         raise found.error
-    if found.failure is not None:
+    if found.judgment.bad:
         if found.failure:
             sys.stderr.write(visible(f"feeddrive: {found.failure}\n"))
-        raise typer.Exit(1)
+        raise typer.Exit(found.judgment.exit_code)

@@ -19,6 +19,7 @@ from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.block import Number
 from feeddrive.language.errors import NoSlopeError, ParameterError, StructureError
 from feeddrive.language.graph import ELEMENTARY
+from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.lifting import MOST, loop_gain, period_of
 from feeddrive.loop.loop import Loop
@@ -123,27 +124,37 @@ class Design:
         if said.following_error_limit is None:
             found.append("the guard has no following_error_limit: a loop that runs away does not trip")
         found += [f"the guard has {name} = false: {then}" for name, then in said.left_out().items()]
-        found += self._robustness(loop.name)
+        stability = self._stability(loop.name)
+        found += [stability.sentence] if stability is not None and stability.judgment.bad else []
         if control.force_limit is None:
             found.append("the control has no force_limit: only the drive bounds the force")
         return found
 
-    def _robustness(self, axis: str) -> list[str]:
-        """A warning if the loop is close to instability."""
+    @property
+    def judgment(self) -> Judgment:
+        """The judgment on the stability of all axes: the first bad one."""
+        loops = [self.loop] if not self.together else self.system.loops().values()
+        loops = () if self.what == PLANT else loops
+        found = [each.judgment for loop in loops if (each := self._stability(loop.name)) is not None]
+        return next((each for each in found if each.bad), Judgment.EXPORTED)
+
+    def _stability(self, axis: str) -> Advice | None:
+        """The judgment on the stability of a loop; None for one that repeats itself too seldom for its margins."""
         if period_of(self.system) > MOST:
-            return []
+            return None
         nyquist = 0.5 / self.routine.sample_time
         frequency = np.geomspace(1e-4 * nyquist, nyquist, 2000)
         try:
             found = margins(loop_gain(self.system, frequency, axis=axis))
         except NoSlopeError as error:
-            return [f"whether the loop is stable was not decided: {error}"]
+            return Advice(Judgment.NOT_DECIDED, f"{Judgment.NOT_DECIDED.says}: {error}")
         if found.sensitivity_peak <= LARGEST_MS:
-            return []
-        return [
+            return Advice(Judgment.EXPORTED, "")
+        return Advice(
+            Judgment.NEAR_UNSTABLE,
             f"the loop is close to instability: its sensitivity peak Ms is {found.sensitivity_peak:.3g}; a tuned loop "
-            f"has at most 2. Tune it before it moves an axis"
-        ]
+            f"has at most 2. {Judgment.NEAR_UNSTABLE.says}",
+        )
 
 
 def read_design(

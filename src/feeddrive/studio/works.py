@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from feeddrive.language.errors import sentence
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.plot.chart import Chart
@@ -38,7 +39,7 @@ _TURN = 12.0  # degrees on both sides of a quadrant peak
 class Shown:
     """What a work came to.
 
-    words     said, tables, verdict, failure
+    words     said, tables, verdict, failure, bad
     charts    by name
     controls  by name of a law, of a comparison
     files     that were written
@@ -55,14 +56,16 @@ class Shown:
 
 
 def words_of(outcome: Outcome[Any]) -> dict[str, Any]:
-    """Sentences and tables of an outcome, for the page."""
+    """Sentences and tables of an outcome, for the page; of a bad one always a sentence that says so."""
     said, tables = list[str](), list[dict[str, Any]]()
     for each in outcome.said():
         if isinstance(each, Table):
             tables.append(tabled(each))
         elif str(each) != outcome.verdict:
             said.append(str(each).removeprefix("- "))
-    return {"said": said, "tables": tables, "verdict": outcome.verdict, "failure": outcome.failure or ""}
+    bad = outcome.judgment.bad
+    failure = outcome.failure if outcome.failure or outcome.verdict or not bad else sentence(outcome.judgment.says)
+    return {"said": said, "tables": tables, "verdict": outcome.verdict, "failure": failure, "bad": bad}
 
 
 def fitted(command: str, request: Request, progress: Progress) -> Shown:

@@ -10,6 +10,7 @@ from feeddrive.benchmark.retune import own_laws, search
 from feeddrive.benchmark.rules import VERSION, read_rules
 from feeddrive.benchmark.score import FIGURES, Benchmark, score
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.loop.runner import cores
 from feeddrive.tuning.candidates import PLAIN
@@ -64,6 +65,7 @@ def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmar
     if request.out is not None:
         progress.step("report")
         files["Report"] = write_benchmark(found, request.out)
+    judgment, verdict = advice(found, asked=bool(request.law))
     missing = [reasons(found)] if found.unplaced() else []
     named = missing if request.law else []  # who asks for a law is told why it has no place
     return Outcome(
@@ -73,18 +75,25 @@ def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmar
             "each figure: times better than P-PI, the geometric mean over the plants on which both have a place",
             f"to be cited as: {citation(found)}",
         ],
-        verdict(found),
+        verdict,
         files=files,
+        judgment=judgment,
         details=[found.winners(), *([] if named else missing)],
     )
 
 
-def verdict(found: Benchmark) -> str:
-    """Who has the least rope-snap error on all plants, and on how many P-PI is not beaten."""
+def advice(found: Benchmark, *, asked: bool = False) -> Advice:
+    """Who has the least rope-snap error on all plants, and on how many P-PI is not beaten.
+
+    asked  laws were named: that none of them has a place is a bad judgment
+    """
     snap = FIGURES[0]
+    tried = {each.law for each in found.rows if not each.recipe and each.law != PLAIN}
+    if asked and tried and not tried & {*found.laws}:
+        return Judgment.NO_PLACE.because("the table above says why")
     whole = [law for law in found.laws if len(found.ratios(law, snap)) == len(found.plants)]
     if not whole:
-        return "No law has a place on all plants."
+        return Advice(Judgment.NONE_PLACED, f"{Judgment.NONE_PLACED.says}.")
     best = whole[0]
     beaten = [
         plant for plant in found.plants
@@ -97,4 +106,5 @@ def verdict(found: Benchmark) -> str:
         f"{found.score(best, snap).value:.2f} times better than P-PI"
     )
     rest = len(found.plants) - len(beaten)
-    return f"{said[:1].upper()}{said[1:]}; on {rest} of {len(found.plants)} plants nothing beats P-PI by 2 %."
+    how = f"on {rest} of {len(found.plants)} plants {Judgment.SCORED.says}"
+    return Advice(Judgment.SCORED, f"{said[:1].upper()}{said[1:]}; {how}.")

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from feeddrive.certificate.check import checked
+from feeddrive.language.errors import FileError
+from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import Request, argument
@@ -18,7 +20,12 @@ class CheckRequest(Request):
 
 @command(CheckRequest)
 def check(request: CheckRequest, progress: Progress) -> Outcome[bool]:
-    """Check a certificate in exact arithmetic; the result says whether it is proven, the last line why not."""
+    """Check a certificate in exact arithmetic; the result says whether it is proven, the last line why not.
+
+    Raises FileError for a file that is not there.
+    """
+    if not request.file.exists():
+        raise FileError(f"{request.file}: no such file")
     progress.step(f"checking {request.file}")
     said, proven = checked(str(request.file))
-    return Outcome(proven, said, failure=None if proven else "")
+    return Outcome(proven, said, judgment=Judgment.PROVEN if proven else Judgment.NOT_PROVEN)

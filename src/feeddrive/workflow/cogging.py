@@ -26,6 +26,7 @@ from feeddrive.identification.cogging import CoggingFit, CoggingOrder, CoggingRu
 from feeddrive.language import units
 from feeddrive.language.block import Number
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError, nearest, sentence
+from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.report.page import Shown, definitions, header, page, picture, table
@@ -109,6 +110,7 @@ def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
     table = _at_table(seen, drive)
     why = kept_away(fit, table)
     text = None if why or table is None else machine_text(fit, table, drive.machine, drive.axis)
+    judgment, verdict = units_first(seen.doubts) or advice(fit)
     files: dict[str, Path] = {}
     if request.out is not None:
         ways = [sum(run.direction == sign for run in seen.runs) for sign in (1, -1)]
@@ -123,14 +125,13 @@ def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
             "Machine": called(request.machine),
         }
         progress.step("report")
-        files = written(write_cogging(fit, seen.runs, text, request.out, facts), text)
+        files = written(write_cogging(fit, seen.runs, text, request.out, facts, verdict), text)
     found = fit.table()
     # the chance of each is in the report: a terminal of 80 columns holds the rest whole
     shown = Table(found.title, found.heads[:-1], [row[:-1] for row in found.rows])
     notes = [f"No machine file was written: {why}."] if text is None else []
     said = [sentence(each) for each in (*seen.doubts, *fit.remarks)]
-    verdict = units_first(seen.doubts) or recommendation(fit)
-    return Outcome(fit, [shown], said, verdict, notes, files=files)
+    return Outcome(fit, [shown], said, verdict, notes, files=files, judgment=judgment)
 
 
 def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None, progress: Progress) -> _Seen:
@@ -250,17 +251,18 @@ class AtTable:
 
 
 def write_cogging(
-    fit: CoggingFit, runs: Sequence[CoggingRun], machine: str | None, out: str | Path, facts: Mapping[str, str]
-) -> Path:
+    fit: CoggingFit, runs: Sequence[CoggingRun], machine: str | None, out: str | Path, facts: Mapping[str, str],
+    verdict: str = "",
+) -> Path:  # fmt: skip
     """Write `report.html` and, if there is one, `machine.toml` into a directory; the path of the report."""
     with new_directory(out) as folder:
         if machine is not None:
             (folder / "machine.toml").write_text(machine, encoding="utf-8")
-        (folder / "report.html").write_text(build(fit, runs, facts), encoding="utf-8")
+        (folder / "report.html").write_text(build(fit, runs, facts, verdict), encoding="utf-8")
     return Path(out) / "report.html"
 
 
-def build(fit: CoggingFit, runs: Sequence[CoggingRun], facts: Mapping[str, str]) -> str:
+def build(fit: CoggingFit, runs: Sequence[CoggingRun], facts: Mapping[str, str], verdict: str = "") -> str:
     """The page. Pure: the same fit gives the same text."""
     title = "Cogging by position"
     drawn = list(_pictures(fit, runs))
@@ -269,7 +271,7 @@ def build(fit: CoggingFit, runs: Sequence[CoggingRun], facts: Mapping[str, str])
     listed = f'<div class="remarks"><h3>Remarks</h3><ul>{items}</ul></div>' if items else ""
     links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("facts", "The logs")]
     parts = [
-        header("feeddrive cogging", title, [recommendation(fit)], links),
+        header("feeddrive cogging", title, [verdict or advice(fit).sentence], links),
         f'<section id="result">\n<h2>Result</h2>\n{table(sentence(found.title), found.heads, found.rows)}{listed}\n'
         f"</section>\n",
         f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each) for each in drawn)}</section>\n',
@@ -289,22 +291,22 @@ def kept_away(fit: CoggingFit, at_table: AtTable | None) -> str:
     return ""
 
 
-def recommendation(fit: CoggingFit) -> str:
-    """One sentence with its reason: which orders to take, or what to measure next."""
+def advice(fit: CoggingFit) -> Advice:
+    """Which orders to take, or what to measure next: the judgment and one sentence with its reason."""
     if not fit.significant:
-        return "Leave cogging out: no order of the position is significant."
+        return Judgment.NO_COGGING.because("no order of the position is significant")
     unit = f" {fit.unit}" if fit.unit else ""
     strong = [each for each in fit.significant if each.amplitude >= _STRONG * fit.orders[0].amplitude]
     if fit.coulomb is None:
-        return (
-            f"Measure the same travel the other way before you compensate anything: {_listed(strong)} stand out, and "
-            f"one direction cannot tell cogging from friction that varies along the travel."
+        return Judgment.COGGING_IS_OPEN.because(
+            f"{_listed(strong)} stand out, and one direction cannot tell cogging from friction that varies along the "
+            "travel"
         )
     taken = _cogging(fit)
     if not taken:
-        return (
-            f"Leave cogging out: what stands out, {_listed(strong)}, changes its sign with the direction, so it is "
-            f"friction that varies along the travel, or an error of the current's zero."
+        return Judgment.NO_COGGING.because(
+            f"what stands out, {_listed(strong)}, changes its sign with the direction, so it is friction that varies "
+            "along the travel, or an error of the current's zero"
         )
     even = sum(each.even.value**2 for each in fit.significant if each.even is not None)
     odd = sum(each.odd.value**2 for each in fit.significant if each.odd is not None)
@@ -315,10 +317,8 @@ def recommendation(fit: CoggingFit) -> str:
         if turned
         else ""
     )
-    return (
-        f"Take {_listed(taken)} as cogging, {np.sqrt(0.5 * even):.3g}{unit} RMS that is the same in both "
-        f"directions{rest}."
-    )
+    size = f"{np.sqrt(0.5 * even):.3g}{unit} RMS that is the same in both directions"
+    return Advice(Judgment.TAKE_COGGING, f"Take {_listed(taken)} as cogging, {size}{rest}.")
 
 
 def machine_text(fit: CoggingFit, at_table: AtTable, machine: MachineFile | None, axis: str) -> str:

@@ -1,11 +1,10 @@
 """A command: a function with a declared request, a protocol for progress and cancel, and a printable outcome.
 
-The same object serves Python (`fd.tune("ball_screw", goal="stiffness")`, which gives the result), the command line,
-which shows the outcome, and, later, a page.  What a command reads from a file may also be the object that was read.
+The same object serves Python (`fd.tune("ball_screw", goal="stiffness")`, which gives the result), and the command line
+and the page, which show the outcome.  What a command reads from a file may also be the object that was read.
 
-`COMMANDS` lists module, one-line description, group and examples of every command.  They are kept here so that
-`--help` need not import the modules of the commands.  `from feeddrive.workflow.MODULE import NAME` gives the command
-(with _ for -), and so does `fd.workflow.NAME`.
+`COMMANDS` lists module, one-line description, group and examples of every command, so that `--help` need not import
+their modules.  `fd.workflow.NAME` gives the command (with _ for -).
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from pathlib import Path
 from typing import Any, Generic, NamedTuple, ParamSpec, TypeVar
 
 from feeddrive.language.errors import FeeddriveError, ParameterError, nearest
+from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table
 from feeddrive.language.units import turning_text
@@ -44,7 +44,8 @@ class Outcome(Generic[T]):
     files     what was written, by what it is
     details   what is shown on request (--verbose) after the remarks; reports have it too
     rotary    it is about an axis that turns, and is shown in rad, N m and kg m2; a result may say so as well
-    failure   None if all is well; else why the result is not what it should be, empty if the verdict says it
+    judgment  the judgment of the command on its own result, which gives the exit code
+    failure   why a bad judgment was passed, if the verdict does not say it
     error     what ended the work early, after something was done that is worth keeping
     """
 
@@ -57,12 +58,13 @@ class Outcome(Generic[T]):
     files: Mapping[str, str | Path] = field(default_factory=dict[str, str | Path])
     details: Sequence[Table | str] = ()
     rotary: bool = False
-    failure: str | None = None
+    judgment: Judgment = Judgment.DONE
+    failure: str = ""
     error: FeeddriveError | None = None
 
     @property
     def turns(self) -> bool:
-        """Whether it is about an axis that turns."""
+        """True if it is about an axis that turns."""
         return self.rotary or bool(getattr(self.result, "rotary", False))
 
     def said(self, *, verbose: bool = True) -> Iterator[Table | str]:
@@ -143,7 +145,7 @@ class Command(Generic[P, R, T]):
             raise
         if found.turns and found.error is not None:
             _worded(found.error, request)
-        return replace(found, failure=turning_text(found.failure)) if found.turns and found.failure else found
+        return replace(found, failure=turning_text(found.failure)) if found.turns else found
 
 
 def _worded(error: FeeddriveError, request: Request) -> None:

@@ -14,6 +14,7 @@ from feeddrive.comparison.figures import CRITERIA, beats
 from feeddrive.comparison.report import write_comparison
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.control import Control
@@ -71,9 +72,10 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
             files["Report"] = write_comparison(found, request.out, {TAKEN: text})
             files["Machine"] = request.out / TAKEN
     refused = [f"'{each.name}' cannot control this axis: {each.reason}" for each in found.refusals]
+    judgment, verdict = advice(found)
     return Outcome(
-        found, [screen(found)], [f"rule: {found.rule}", *in_short(found)], verdict(found), files=files,
-        details=[*found.remarks, *refused],
+        found, [screen(found)], [f"rule: {found.rule}", *in_short(found)], verdict, files=files,
+        details=[*found.remarks, *refused], judgment=judgment,
     )  # fmt: skip
 
 
@@ -142,19 +144,20 @@ def in_short(found: Comparison) -> list[str]:
     return [*said, *(f"Cannot control this axis: {', '.join(them)}: {reason}." for reason, them in refused.items())]
 
 
-def verdict(found: Comparison) -> str:
+def advice(found: Comparison) -> Advice:
     """The law with the least rope-snap error, and first in what it is worse than P-PI, or P-PI than today's gains."""
     key = "rope_snap_ISE_root_m_per_N"
     ranked = {each.name: each for each in found.competitors if not each.unplaced and each.figures.get(key) is not None}
     if set(ranked) <= {TODAY}:
-        return "No law that was tuned is ranked: nothing is recommended."
+        return Advice(Judgment.NONE_RANKED, f"{Judgment.NONE_RANKED.says}.")
     best = min(ranked.values(), key=lambda each: each.figures[key] or 0.0)
     if best.name == TODAY:
-        return "Today's gains have the least rope-snap error of all that are ranked: keep them."
+        return Advice(Judgment.KEEP_GAINS, f"{Judgment.KEEP_GAINS.says}.")
     there = {each.name: each for each in found.competitors if each.figures.get(key) is not None}
+    least = f"'{best.name}' {Judgment.RANKED.says}"
     other = there.get(PLAIN if best.name != PLAIN else TODAY)
     if other is None:
-        return f"'{best.name}' has the least rope-snap error of all that are ranked."
+        return Advice(Judgment.RANKED, f"{least}.")
     worse = list[tuple[float, str]]()
     for criterion in CRITERIA:
         ours, theirs = best.figures.get(criterion.key), other.figures.get(criterion.key)
@@ -167,8 +170,8 @@ def verdict(found: Comparison) -> str:
     more = f", and {len(worst) - _NAMED} more" if len(worst) > _NAMED else ""
     lost = f"Worse than with {other.name}: {', '.join(worst[:_NAMED])}{more}." if worst else ""
     gain = (best.figures[key] or 0.0) / (other.figures[key] or math.inf)
-    won = f"'{best.name}' has the least rope-snap error of all that are ranked, {_times(gain)} times that of"
-    return f"{lost} {won} {other.name}{'' if lost else ', and is worse in nothing'}.".strip()
+    won = f"{least}, {_times(gain)} times that of {other.name}{'' if lost else ', and is worse in nothing'}."
+    return Advice(Judgment.RANKED, f"{lost} {won}".strip())
 
 
 def _times(ratio: float) -> str:

@@ -9,6 +9,7 @@ from feeddrive.cosimulation.simulate_with_fmu import Cosimulation, write_cosimul
 from feeddrive.cosimulation.simulate_with_fmu import cosimulate as run_against
 from feeddrive.files.job import JobLike, read_job
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, option, stem
@@ -44,7 +45,11 @@ def cosimulate(request: CosimulateRequest, progress: Progress) -> Outcome[Cosimu
     if request.out is not None:
         files["Signals"] = write_cosimulation(found, request.out).parent / "runs"
     remark = "No margins: an FMU states no linear model. `feeddrive run` gives those of the machine file."
-    return Outcome(found, [found.table()], [remark], files=files)
+    tripped = any(row.figures()["trip"] > 0.0 for row in found.rows)
+    judgment = Judgment.TRIPPED if tripped else Judgment.RAN
+    return Outcome(
+        found, [found.table()], [remark], files=files, judgment=judgment, failure=judgment.says if tripped else ""
+    )
 
 
 def _pairs(option: str, texts: Sequence[str]) -> dict[str, str]:

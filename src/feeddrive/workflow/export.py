@@ -8,6 +8,7 @@ from feeddrive.export.design import Design
 from feeddrive.export.manifest import edits_kept
 from feeddrive.export.targets import write_all
 from feeddrive.files.machine import MachineLike
+from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, option
@@ -60,4 +61,5 @@ def export(request: ExportRequest, progress: Progress) -> Outcome[tuple[Design, 
     ]
     remarks += [said for _, readme in written for said in edits_kept(readme.parent)]
     first = {f"Read first{f', axis {design.axis}' if len(designs) > 1 else ''}": readme for design, readme in written}
-    return Outcome(designs, said, remarks, files=first)
+    judgment = next((each for design in designs if (each := design.judgment).bad), Judgment.EXPORTED)
+    return Outcome(designs, said, remarks, files=first, judgment=judgment)

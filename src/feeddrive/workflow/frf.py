@@ -24,6 +24,7 @@ from feeddrive.identification.excitation.frequency_estimate import FrequencyEsti
 from feeddrive.identification.excitation.record import Record
 from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError, nearest
+from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.frequency_response import TRUSTED
@@ -76,11 +77,10 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
     """
     logs, references = [OpenedFile(each) for each in request.logs], request.reference
     unnamed = request.input is None and not request.output
-    read = _read(logs, unnamed, request, progress)
+    read, doubted = _read(logs, unnamed, request, progress)
     inside = None if request.band is None else frequencies(request.band)
     found: list[FrequencyEstimate] = []
     said: list[Table | str] = []
-    doubted: list[str] = []
     of_input = request.input or _input(read[0])
     outputs = request.output or _outputs(read[0])
     for k, output in enumerate(outputs):
@@ -91,7 +91,7 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
             segment=request.segment,
         )  # fmt: skip
         if request.channels is None and "blows" not in estimate.counts:  # a hammer finds modes, no mass
-            doubted.append(_check_mass(read[0].name, estimate, of_input, output, progress))
+            doubted += _check_mass(read[0].name, estimate, of_input, output, progress)
         found.append(estimate)
         said += [estimate.table(), *([levels(estimate)] if estimate.levels else [])]
         said += [f"- {text}" for text in (*sentences(estimate), *estimate.remarks)]
@@ -99,73 +99,93 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
     remarks = [
         f"{log.name}: {remark}" for log in read for remark in log.remarks if any(f"'{name}'" in remark for name in used)
     ]
-    doubts = [*filter(None, doubted), *_doubts(read[0], {"input": [of_input], "output": outputs}, references)]
+    doubts = _doubts(read[0], {"input": [of_input], "output": outputs}, references)
     files: dict[str, Path] = {}
     if request.out is not None:
         facts = {"Logs": ", ".join(str(log) for log in logs), "Input": found[0].frf.input,
                  "Output": ", ".join(each.frf.output for each in found),
                  "Reference": ", ".join(map(_plain, _references(read[0], references))) or "none",
                  "Sample time": f"{1e3 * read[0].sample_time:.6g} ms",
-                 **({"In doubt": " ".join(doubts)} if doubts else {})}  # fmt: skip
+                 **({"In doubt": " ".join((*doubted, *doubts))} if doubted or doubts else {})}  # fmt: skip
         progress.step("report")
         report = write_estimates(found, request.out, facts)
         files |= {"Report": report, "Responses": report.parent / "frf.csv"}
-    return Outcome(found, said, [*remarks, *doubts], files=files)
+    judgment, verdict = units_first(doubted) or _advice(found) or (Judgment.DONE, "")
+    return Outcome(found, said, [*remarks, *doubts], verdict, files=files, judgment=judgment)
 
 
-def _read(files: Sequence[OpenedFile], unnamed: bool, request: FrfRequest, progress: Progress) -> list[Log]:
-    """The logs, with the roles of a TOML file, or, where nothing was named and no name is usual, with guessed ones."""
+def _advice(found: Sequence[FrequencyEstimate]) -> Advice | None:
+    """The judgment on a response most lines of which cannot be trusted; None if there is none."""
+    for each in found:
+        assert each.frf.coherence is not None
+        poor = float(np.mean(each.frf.coherence <= TRUSTED))
+        if poor > 0.5:
+            return Judgment.INCOHERENT.because(
+                f"the coherence of '{each.frf.output}' is {TRUSTED:g} or less on {100.0 * poor:.3g} % of the lines; "
+                "measure again with more amplitude or longer"
+            )
+    return None
+
+
+def _read(
+    files: Sequence[OpenedFile], unnamed: bool, request: FrfRequest, progress: Progress
+) -> tuple[list[Log], list[str]]:
+    """The logs, with the roles of a TOML file, or, where nothing was named and no name is usual, with guessed ones.
+
+    The sentences say why a log whose units were told is implausible.
+    """
     channels, time, sample_time, unit = request.channels, request.time, request.sample_time, request.unit
+    doubted: list[str] = []
     if channels is not None:
-        return [_by_roles(requested(channels, file.path), time, sample_time, unit, progress) for file in files]
+        logs = [_by_roles(requested(channels, file.path), time, sample_time, unit, progress, doubted) for file in files]
+        return logs, doubted
     time_ = None if time is None else Column.of(time)
     read = [whole_log(file, time_, sample_time, str(file)) for file in files]
     usual = {*_INPUT} & {*read[0].channels} and {*_ONE_OUTPUT, *(n for kind in _OUTPUTS for n in kind)} & {
         *read[0].channels
     }
     if not unnamed or usual:
-        return read
+        return read, doubted
     guess = guess_roles(read[0])
     show(guess, files[0], progress)
     if not guess.mapping:  # all need a factor: the columns as they are, so that what is missing is named among them
-        return read
+        return read, doubted
     told = {} if time_ is None else {"time": time_}
     roles = with_units(files[0], guess.mapping, unit)
     read = [read_log(file, {**roles, **told}, sample_time=sample_time, name=str(file)) for file in files]
     sure = [role for role, each in roles.items() if each != guess.mapping[role]]
-    _check_sizes(files[0], read[0], roles, sure, progress)
-    return read
+    return read, _check_sizes(files[0], read[0], roles, sure, progress)
 
 
 def _check_sizes(
     file: OpenedFile, log: Log, roles: Mapping[str, Column], told: Collection[str], progress: Progress
-) -> None:
-    """Stop at a log that is none of a feed drive; say so if its units were told."""
+) -> list[str]:
+    """Stop at a log that is none of a feed drive; the reason if its units were told."""
     found = doubt(file, log, roles, told, _FLAGS, steady=True)
     found.stop(progress)
-    if found.why:
-        progress.remark(units_first([found.why]))
+    return [found.why] if found.why else []
 
 
-def _check_mass(where: str, found: FrequencyEstimate, of_input: str, of_output: str, progress: Progress) -> str:
-    """Stop at a response in the units of the file whose mass is none of a feed drive; say so if they were told.
+def _check_mass(where: str, found: FrequencyEstimate, of_input: str, of_output: str, progress: Progress) -> list[str]:
+    """Stop at a response in the units of the file whose mass is none of a feed drive; the reason if they were told.
 
     A response without a unit is in the numbers of the log, and is judged where it is used.
     """
     if not found.frf.unit:
-        return ""
+        return []
 
     def cure(unit: str) -> str:
         output, _, force = unit.rpartition("/")
         return f"--output '{_plain(of_output)}:{output.strip('()')}' --input '{_plain(of_input)}:{force}'"
 
     told = all(Column.of(each).unit or Column.of(each).factor is not None for each in (of_input, of_output))
-    return check_response(where, found.frf, told, progress, cure)
+    return [*filter(None, [check_response(where, found.frf, told, progress, cure)])]
 
 
 def _by_roles(
-    request: LogRequest, time: str | None, sample_time: float | None, unit: Sequence[str], progress: Progress
-) -> Log:
+    request: LogRequest, time: str | None, sample_time: float | None, unit: Sequence[str], progress: Progress,
+    doubted: list[str],
+) -> Log:  # fmt: skip
     """A log with the roles of a TOML file; what was named on the command line goes before it."""
     file = OpenedFile(request.path)
     told = {} if time is None else {"time": Column.of(time)}
@@ -173,7 +193,7 @@ def _by_roles(
     mapping = replace(request.mapping, columns=roles, sample_time=sample_time or request.mapping.sample_time)
     log = replace(request, mapping=mapping).read().from_row(request.skip_samples)
     sure = [role for role, each in roles.items() if each.unit or each.factor is not None]
-    _check_sizes(file, log, roles, sure, progress)
+    doubted += _check_sizes(file, log, roles, sure, progress)
     return log
 
 

@@ -24,6 +24,7 @@ from feeddrive.identification.motion.identify import own_viscous
 from feeddrive.identification.steady_runs import LEAST_ROWS, SteadyRuns, steady_runs
 from feeddrive.language.block import declarations
 from feeddrive.language.errors import NotIdentifiableError, sentence
+from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.axis import Axis
@@ -88,7 +89,7 @@ def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCu
     runs, without = _runs(opened, read, named, drive)
     curve = fit_friction(runs)
     said = [*doubts, *remarks(curve, drive.loop), *without]
-    verdict = units_first(doubts) or recommendation(curve)
+    judgment, verdict = units_first(doubts) or advice(curve)
     compared, parameters = tables(curve)
     why = kept_away(curve, drive.loop)
     text = None if why else machine_text(curve, drive.machine, drive.axis)
@@ -105,7 +106,7 @@ def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCu
         files = written(write_friction(curve, said, text, request.out, facts, verdict), text)
     return Outcome(
         curve, [replace(compared, sentences=0), narrow(parameters)], [sentence(each) for each in said],
-        verdict, [f"No machine file was written: {why}."] if why else [], files=files,
+        verdict, [f"No machine file was written: {why}."] if why else [], files=files, judgment=judgment,
     )  # fmt: skip
 
 
@@ -157,7 +158,7 @@ def build(curve: FrictionCurve, said: Sequence[str], facts: Mapping[str, str], v
     points = f"<details><summary>All runs</summary>{table(f'{runs.title}.', runs.heads, runs.rows)}</details>"
     links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("facts", "The logs")]
     parts = [
-        header("feeddrive friction", title, [verdict or recommendation(curve)], links),
+        header("feeddrive friction", title, [verdict or advice(curve).sentence], links),
         f'<section id="result">\n<h2>Result</h2>\n{made}{listed}\n</section>\n',
         f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each) for each in drawn)}</section>\n',
         f'<section id="facts">\n<h2>The logs</h2>\n{definitions(facts.items())}{points}\n</section>\n',
@@ -218,24 +219,22 @@ def kept_away(curve: FrictionCurve, loop: Loop | None) -> str:
     return ""
 
 
-def recommendation(curve: FrictionCurve) -> str:
-    """One sentence with its reason: what to take, or what to measure next."""
+def advice(curve: FrictionCurve) -> Advice:
+    """What to take, or what to measure next: the judgment and one sentence with its reason."""
     share = 100.0 * _share(curve)
     if share > 100.0 * _POOR:
-        return (
-            f"Do not use this curve: the best model, {curve.model.name}, leaves {share:.3g} % of the force, so it is "
-            f"no function of the velocity; warm the axis up, let each speed settle, and measure again."
+        return Judgment.DO_NOT_USE_CURVE.because(
+            f"the best model, {curve.model.name}, leaves {share:.3g} % of the force, so it is no function of the "
+            "velocity; warm the axis up, let each speed settle, and measure again"
         )
     missing, parameter = _missing(curve)
     if missing:
-        return (
-            f"Measure more before you take this curve ({curve.model.name}): {missing}; record next runs at "
-            f"{_next(curve, parameter)} in both directions."
-        )
-    kind = "this curve"
-    if curve.frame is not SHAFT:
-        kind = f"the block '{curve.block().kind}'"
-    return f"Take {kind} ({curve.model.name}): it leaves {share:.2g} % of the force, and {_against(curve)}."
+        open_ = Judgment.CURVE_IS_OPEN
+        speeds = f"{_next(curve, parameter)} in both directions"
+        return Advice(open_, f"{open_.says} ({curve.model.name}): {missing}; record next runs at {speeds}.")
+    kind = "this curve" if curve.frame is SHAFT else f"the block '{curve.block().kind}'"
+    take, reason = Judgment.TAKE_CURVE, f"it leaves {share:.2g} % of the force, and {_against(curve)}"
+    return Advice(take, f"{take.says} {kind} ({curve.model.name}): {reason}.")
 
 
 def machine_text(curve: FrictionCurve, machine: MachineFile | None, axis: str) -> str:

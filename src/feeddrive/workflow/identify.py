@@ -107,7 +107,7 @@ def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, p
     first = 1 if found.refinement is None else 2  # the estimates of the inverse dynamics, and of the closed loop
     return Outcome(
         found, shown[:first], [sentence(each) for each in found.remarks],
-        found.recommendation, notes, files=files, details=shown[first:],
+        found.recommendation, notes, files=files, details=shown[first:], judgment=found.advice.judgment,
     )  # fmt: skip
 
 

@@ -30,6 +30,7 @@ from feeddrive.identification.response.modal_fit import ModalFit, fit_modes
 from feeddrive.identification.response.plant_fit import PlantFit
 from feeddrive.language import tree, units
 from feeddrive.language.errors import FeeddriveError, ParameterError, nearest, sentence
+from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.axis import Axis
@@ -64,7 +65,7 @@ def identify_responses(request: IdentifyRequest, found: Mapping[str, FRF], progr
     judged = chosen.values() if request.force_constant is None and request.lead is None else ()
     doubts = [said for frf in judged if (said := check_response(str(path), frf, bool(request.unit), progress))]
     result = _fit(chosen, request, model, axis, progress)
-    verdict = units_first(doubts) or recommendation(result)
+    judgment, verdict = units_first(doubts) or advice(result)
     fit = result if isinstance(result, ModalFit) else result.fit
     name = request.axis or ("x" if machine is None else next(iter(machine.loops)))
     reason = told_by(fit)
@@ -81,7 +82,10 @@ def identify_responses(request: IdentifyRequest, found: Mapping[str, FRF], progr
     unknown = [sentence(f"not identifiable: {name}: {why}") for name, why in open_.items()]
     notes = [f"No machine file was written: {reason}."] if reason else []
     details = [*compared, agreement, *unknown]
-    return Outcome(result, [own], [sentence(each) for each in remarks], verdict, notes, files=files, details=details)
+    return Outcome(
+        result, [own], [sentence(each) for each in remarks], verdict, notes, files=files, details=details,
+        judgment=judgment,
+    )  # fmt: skip
 
 
 def _facts(path: Path, chosen: Mapping[str, FRF], request: IdentifyRequest) -> dict[str, str]:
@@ -215,7 +219,7 @@ def build(found: AxisFits | ModalFit, remarks: Sequence[str], facts: Mapping[str
     listed = f'<div class="remarks"><h3>Remarks</h3><ul>{items}</ul></div>' if items else ""
     links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("facts", "Measurement")]
     parts = [
-        header("feeddrive identify", title, [verdict or recommendation(found)], links),
+        header("feeddrive identify", title, [verdict or advice(found).sentence], links),
         f'<section id="result">\n<h2>Result</h2>\n{made}{listed}\n</section>\n',
         f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each) for each in drawn)}</section>\n',
         f'<section id="facts">\n<h2>The measurement</h2>\n{definitions(facts.items())}\n</section>\n',
@@ -276,8 +280,8 @@ def told_by(fit: PlantFit | ModalFit) -> str:
     return ""
 
 
-def recommendation(found: AxisFits | ModalFit) -> str:
-    """One sentence with its reason."""
+def advice(found: AxisFits | ModalFit) -> Advice:
+    """What to do with the model: the judgment and one sentence with its reason."""
     fit = found if isinstance(found, ModalFit) else found.fit
     unused = _DECIBEL * fit.agreement.unused
     if fit.agreement.unused > _POOR:
@@ -289,19 +293,16 @@ def recommendation(found: AxisFits | ModalFit) -> str:
             if wrong
             else "cut the band to where the coherence is high, or ask for more modes"
         )
-        return (
-            f"Do not use this model: lines that were not used are missed by {unused:.2g} dB RMS, most near "
-            f"{where:.4g} Hz ({apart:.2g} dB); {other}."
-        )
+        missed = f"missed by {unused:.2g} dB RMS, most near {where:.4g} Hz ({apart:.2g} dB)"
+        return Judgment.DO_NOT_USE_MODEL.because(f"lines that were not used are {missed}; {other}")
     if told_by(fit) and isinstance(fit, PlantFit) and fit.units.si:
-        return f"Measure once more before you use this model: {told_by(fit)}."
+        return Judgment.MODEL_IS_OPEN.because(told_by(fit))
     which = "" if isinstance(found, ModalFit) or len(found.fits) < 2 else f" ({found.chosen})"
+    open_ = ""
     if isinstance(fit, PlantFit) and fit.not_identifiable:
-        return (
-            f"{', '.join(fit.not_identifiable)} cannot be told from these lines, and stay as stated. "
-            f"Use this model{which} in its band: lines that were not used are predicted within {unused:.2g} dB RMS."
-        )
-    return f"Use this model{which} in its band: lines that were not used are predicted within {unused:.2g} dB RMS."
+        open_ = f"{', '.join(fit.not_identifiable)} cannot be told from these lines, and stay as stated. "
+    use = f"{open_}{Judgment.USE_MODEL.says}{which} in its band"
+    return Advice(Judgment.USE_MODEL, f"{use}: lines that were not used are predicted within {unused:.2g} dB RMS.")
 
 
 def machine_text(fit: PlantFit, machine: MachineFile | None, axis: str, drive: bool = True) -> str:

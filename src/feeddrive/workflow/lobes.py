@@ -15,6 +15,7 @@ from feeddrive.files.machine import MachineFile, MachineLike, found, read_machin
 from feeddrive.files.run_files import write_parquet
 from feeddrive.files.toml_file import read_toml
 from feeddrive.language.errors import FileError, ParameterError
+from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.machine import Machine
@@ -108,7 +109,10 @@ def lobes(request: LobesRequest, progress: Progress) -> Outcome[Lobes]:
         }
         files["Report"] = write_lobes(result, simple, request.out, facts)
     assert result.own is not None
-    return Outcome(result, [result.table()], _remarks(result), result.own.sentence() + ".", files=files)
+    judgment = Judgment.STABLE_CUT if result.own.stable else Judgment.CHATTERS
+    return Outcome(
+        result, [result.table()], _remarks(result), result.own.sentence() + ".", files=files, judgment=judgment
+    )
 
 
 def _machine(source: MachineLike | JobLike) -> Machine:

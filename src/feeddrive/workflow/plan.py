@@ -16,6 +16,7 @@ from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.machine import MachineFile, planned_limits, read_machine
 from feeddrive.files.plan_files import PLAN, SETPOINTS, STREAMER, SetpointWriter, setpoint_files, write_plan
 from feeddrive.language.errors import NoSlopeError, ParameterError
+from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.path.limits import MachineLimits
 from feeddrive.path.override import read_steps
@@ -179,5 +180,6 @@ def _outcome(found: Planned, out: Path | None, machine: MachineFile | None) -> O
         files = {"Plan": out / PLAN, "Report": out / "report.html"}
         files |= {"Setpoints": out / SETPOINTS, "For LinuxCNC's streamer": out / STREAMER} if proven else {}
     differ = [] if machine is None else _differing(machine, found.limits.letters)
+    judgment, failure = (Judgment.PLANNED, "") if proven else (Judgment.NOT_PLANNED, FAULT)
     faults = [] if proven else [found.limits.named(str(found.proof.faults[0]))]
-    return Outcome(found, [found.table()], [*said, *faults, *differ], files=files, failure=None if proven else FAULT)
+    return Outcome(found, [found.table()], [*said, *faults, *differ], files=files, judgment=judgment, failure=failure)

@@ -19,6 +19,7 @@ from feeddrive.identification.estimate import SHAFT, TABLE, Frame
 from feeddrive.identification.plausibility import RANGES, outside, said, scaled, sizes, spoken, unlikely
 from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.frequency_response import FRF
@@ -69,9 +70,9 @@ class Doubt:
             raise LogError(self.why)
 
 
-def units_first(doubts: Sequence[str]) -> str:
-    """The verdict on values from logs whose sizes are in doubt; empty if none is."""
-    return f"Check the units before anything is done with these values: {doubts[0]}." if doubts else ""
+def units_first(doubts: Sequence[str]) -> Advice | None:
+    """The judgment on values from logs whose sizes are in doubt; None if none is."""
+    return Judgment.UNITS_IN_DOUBT.because(doubts[0]) if doubts else None
 
 
 @dataclass(frozen=True)

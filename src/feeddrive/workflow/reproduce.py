@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from feeddrive.files.atomic_io import new_directory
+from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.papers import claims
@@ -44,7 +45,8 @@ def reproduce(request: ReproduceRequest, progress: Progress) -> Outcome[Sequence
     holds = all(claim.holds for each in found for claim in each.claims)
     tables = [_claims(each) for each in found]
     sentences = [f"{each.name}: {each.sentence}" for each in found]
-    return Outcome(found, [*tables, *sentences], files=files, failure=None if holds else "")
+    judgment = Judgment.CLAIMS_HOLD if holds else Judgment.CLAIM_FAILS
+    return Outcome(found, [*tables, *sentences], files=files, judgment=judgment)
 
 
 def _claims(found: Reproduced) -> Table:

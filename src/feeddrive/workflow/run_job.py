@@ -15,12 +15,15 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from feeddrive.files.atomic_io import new_directory
-from feeddrive.files.job import JobLike, read_job
+from feeddrive.files.job import Job, JobLike, read_job
 from feeddrive.files.job_program import FILES
 from feeddrive.files.log import write_log
 from feeddrive.files.run_files import file_names, summary_text, write_run_csv, write_run_parquet
 from feeddrive.language import tree
+from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.report import Entry, build
 from feeddrive.workflow.command import Outcome, command
@@ -75,7 +78,18 @@ def run(request: RunRequest, progress: Progress) -> Outcome[JobResult]:
         progress.step("report")
         files["Report"] = write_results(found, request.out)
     tables = [found.table(), *([] if (others := found.others()) is None else [others])]
-    return Outcome(found, tables, [each for each in (job.rule, *found.remarks) if each], files=files)
+    judgment = Judgment.TRIPPED if any(_tripped(job, row) for row in found.rows) else Judgment.RAN
+    remarks = [each for each in (job.rule, *found.remarks) if each]
+    return Outcome(
+        found, tables, remarks, files=files, judgment=judgment, failure=judgment.says if judgment.bad else ""
+    )
+
+
+def _tripped(job: Job, row: Entry) -> bool:
+    """True if a guard tripped in the run of a law, on any of its axes."""
+    axes = () if row.together is None else job.machines[row.name].axes()
+    runs = [row.run, *(row.together.axis(name) for name in axes if row.together is not None)]
+    return any(np.any(run["trip"] > 0.0) for run in runs)
 
 
 @command(DemoRequest)

@@ -8,10 +8,11 @@ worst/variant_00000012.toml   the worst machine by a figure, as a job to run aga
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from feeddrive.language.errors import CancelledError, ParameterError
+from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.study.answers.answers import answers_of
 from feeddrive.study.answers.page import write_report
@@ -65,12 +66,16 @@ def sweep(request: SweepRequest, progress: Progress) -> Outcome[Sweep]:
         files = {"Report": write_report(told, request.out), "Rows": found.store.address}
     except (CancelledError, KeyboardInterrupt):
         raise CancelledError(f"stopped; all rows are in {found.store.address}: --resume makes the report") from None
-    return Outcome(found, [found.table(), told.table()], [*told.sentences, *_bad(found)], files=files)
+    bad = found.bad
+    judgment = Judgment.NO_FIGURES if bad[0] == found.study.count else Judgment.SWEPT
+    return Outcome(
+        found, [found.table(), told.table()], [*told.sentences, *_bad(*bad)], files=files, judgment=judgment,
+        failure=judgment.says if judgment.bad else "",
+    )  # fmt: skip
 
 
-def _bad(found: Sweep) -> Iterator[str]:
+def _bad(count: int, first: Sequence[tuple[int, str]]) -> Iterator[str]:
     """The first variants without figures, with their reasons."""
-    count, first = found.bad
     for variant, reason in first:
         yield f"variant {variant} has no figures: {reason}"
     if count > len(first):

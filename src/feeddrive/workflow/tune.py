@@ -10,6 +10,7 @@ from typing import Any
 from feeddrive.certificate.certificate import Certificate
 from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
@@ -162,10 +163,11 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
     shown = tables(found, story)[:-1]
     first = 1 + len(found.after)  # the values, and the figures at each point
     details = [*shown[first:], *(said for holds, said in proof if holds), *(f"notch {each}" for each in found.notches)]
-    failure = None if found.holds else "the tuning violates a limit or its proof failed; no machine file was written"
+    taken = Judgment.LEAVE_CONTROL if found.verdict is Verdict.LEAVE else Judgment.TAKE_TUNING
+    judgment = taken if found.holds else Judgment.DO_NOT_USE_TUNING
     return Outcome(
         found, shown[:first], remarks, found.recommendation(), files=files, details=details,
-        failure=failure, rotary=story.rotary,
+        judgment=judgment, failure=judgment.says if judgment.bad else "", rotary=story.rotary,
     )  # fmt: skip
 
 

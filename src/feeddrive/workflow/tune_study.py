@@ -17,6 +17,7 @@ from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.run_files import summary_text
 from feeddrive.language.errors import FeeddriveError, UnstableError, sentence
+from feeddrive.language.judgment import Judgment
 from feeddrive.language.table import Table
 from feeddrive.loop.control import Control
 from feeddrive.report.page import Shown, definitions, header, page, picture, table
@@ -108,15 +109,12 @@ def tuned_study(tuner: RobustTuner, law: str | None, out: Path | None, again: Ma
     shown = [best.table(), tables(best.tuned, _story(tuner, again))[0]]
     if len(laws.found) > 1:
         shown.insert(0, laws.table())
-    failure = None
-    if not best.tuned.holds:
-        failure = "the tuning violates a limit or its proof failed; no machine file was written"
-    elif not best.better:
-        failure = "fewer fresh machines are good than under today's control; no machine file was written"
+    judgment = Judgment.TAKE_TUNING if best.better else Judgment.FEWER_ARE_GOOD
+    judgment = judgment if best.tuned.holds else Judgment.DO_NOT_USE_TUNING
     proof = [f"proof, {line.what}: {line.said}" for line in best.tuned.proof]
     return Outcome(
-        best, shown, _remarks(tuner, laws), best.sentence(), files=files, details=proof, failure=failure,
-        rotary=best.rotary,
+        best, shown, _remarks(tuner, laws), best.sentence(), files=files, details=proof, judgment=judgment,
+        failure=judgment.says if judgment.bad else "", rotary=best.rotary,
     )  # fmt: skip
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from feeddrive.export.verify import MOST, Verified, verify_export
 from feeddrive.files.atomic_io import write_whole
+from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import Request, argument, option
@@ -36,4 +37,5 @@ def verify(request: VerifyRequest, progress: Progress) -> Outcome[Verified]:
     if request.out is not None:
         write_whole(request.out, text + "\n")
         files["Certificate"] = request.out
-    return Outcome(found, text.splitlines(), files=files, failure=None if found.holds else "")
+    judgment = Judgment.NOT_EQUAL if found.differing else Judgment.EQUAL if found.holds else Judgment.CHANGED
+    return Outcome(found, text.splitlines(), files=files, judgment=judgment)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -23,6 +22,7 @@ from feeddrive.identification.motion.rigid import RigidFit, identify_rigid
 from feeddrive.identification.plausibility import outside, remedy, said, sizes
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError
+from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
@@ -32,6 +32,7 @@ _CLEARLY = 1.02  # times the position residual of plain friction up to which the
 _COUNTS = 10.0  # of the encoder: what is left of the following error below them is no sign of another law
 POOR = 0.15  # largest unexplained share of the force for which the values are recommended
 _PLAIN = (Coulomb, Directional, Viscous)  # friction models whose parameters the inverse dynamics identify completely
+_BENDS = "so the axis bends, binds or is driven by something else; measure a frequency response next"
 _FAR = 0.05  # share by which the sum of the masses may differ without a remark
 
 
@@ -95,26 +96,27 @@ class Identified(Result):
 
     @property
     def recommendation(self) -> str:
-        """One plain sentence on what to do, with its reason."""
+        """The sentence of the advice."""
+        return self.advice.sentence
+
+    @property
+    def advice(self) -> Advice:
+        """What to do with the values, and why."""
+        why = self.unusable
         if self.doubt:
-            return f"Check the units before anything is done with these values: {self.doubt}."
+            return Judgment.UNITS_IN_DOUBT.because(self.doubt)
         if self.rigid.residuals.relative > POOR:
-            return (
-                f"Do not tune on these values: {self.unusable}, so the axis bends, binds or is driven by something "
-                f"else; measure a frequency response next (feeddrive excite)."
-            )
+            return Judgment.DO_NOT_TUNE.because(f"{why}, {_BENDS} (feeddrive excite)")
         if self._law_leaves[0] > POOR:
-            return f"Do not tune on these values: {self.unusable}; state in the machine file the law that made the log."
-        if self.unusable:
-            return f"Measure once more before you trust these values: {self.unusable}."
+            return Judgment.DO_NOT_TUNE.because(f"{why}; state in the machine file the law that made the log")
+        if why:
+            return Judgment.DO_NOT_TRUST.because(why)
         unused = 100.0 * self.rigid.validation.relative
         reason = f"they predict stretches of the log that were not used to {unused:.3g} % of the force"
         if self.refinement is not None:
-            found = self.refinement.replay
-            reason += (
-                f", and in closed loop the position to {1e6 * found.rms('position_load'):.3g} {self.log.micro} RMS"
-            )
-        return f"Use these values: {reason}{self._why_friction()}."
+            off = 1e6 * self.refinement.replay.rms("position_load")
+            reason += f", and in closed loop the position to {off:.3g} {self.log.micro} RMS"
+        return Judgment.USE_VALUES.because(f"{reason}{self._why_friction()}")
 
     def _why_friction(self) -> str:
         criterion = self.rigid.criterion
@@ -213,7 +215,7 @@ def _by_friction(
     kind, other = start.axis.friction_load, loop.axis.friction_load
     assert kind is not None
     assert other is not None
-    own = dataclasses.replace(start, axis=with_rigid(start.axis, rigid, richer=True))
+    own = replace(start, axis=with_rigid(start.axis, rigid, richer=True))
     if plain is None:
         remarks.append(
             f"friction stays {kind.kind} with the levels that were found: near standstill, where it differs from "
@@ -278,14 +280,14 @@ def _loop(
     if rigid.frame is SHAFT:
         return None
     if start is not None:
-        return dataclasses.replace(start, axis=with_rigid(start.axis, rigid))
+        return replace(start, axis=with_rigid(start.axis, rigid))
     if control is not None:
         law = control.law()
     if law is None:
         return None
     T, late = log.sample_time, 0 if control is None else control.delay  # of a law that was given the fit finds it
     axis = with_rigid(Axis(plant=rigid.plant(), rotary=log.turning), rigid)
-    delayed = dataclasses.replace(axis, actuator=dataclasses.replace(axis.actuator, dead_time=late * T))
+    delayed = replace(axis, actuator=replace(axis.actuator, dead_time=late * T))
     return Loop(control=Control(law=law, force_limit=log.force_limit), axis=delayed, sample_time=T)
 
 
@@ -383,8 +385,7 @@ def _scaled(known: Friction, found: Friction) -> Friction:
     level = [float(value) for name, value in leaves.items() if name.startswith("coulomb")]
     slope = [float(value) for name, value in leaves.items() if name.startswith("viscous")]
     sides = {"positive": 0, "negative": -1}
-    changes: dict[str, float] = {}
-    old = dict(tree.leaves(known))
+    old, changes = dict(tree.leaves(known)), dict[str, float]()
     for name in old:
         head, _, side = name.partition("_")
         if head in ("coulomb", "viscous", "breakaway") and side in ("", "positive", "negative"):

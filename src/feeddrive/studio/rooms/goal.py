@@ -251,5 +251,6 @@ class Goal(Room):
 
     def _result(self) -> dict[str, Any]:
         if self.found is None:
-            return {"said": [], "tables": [], "verdict": "", "failure": "", "unfinished": self.best is not None}
+            none = {"said": [], "tables": [], "verdict": "", "failure": "", "bad": False}
+            return {**none, "unfinished": self.best is not None}
         return {**words_of(self.found), "unfinished": False}
