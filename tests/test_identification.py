@@ -19,8 +19,9 @@ from feeddrive.identification.cogging import CoggingRun, identify_cogging
 from feeddrive.identification.friction_curve import fit_friction
 from feeddrive.identification.motion.control_law import identify_control
 from feeddrive.identification.motion.delay import find_delay
-from feeddrive.identification.motion.motion_log import JANOT, MotionLog
+from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.output_error import refine
+from feeddrive.identification.motion.preparation import JANOT
 from feeddrive.identification.motion.rigid import identify_rigid
 from feeddrive.identification.steady_runs import runs_of, steady_runs
 

@@ -67,7 +67,7 @@ def test_the_reason_is_the_right_one() -> None:
 
 def test_a_log_at_20_khz_is_decimated_by_a_filter_that_is_stable() -> None:
     """Eighth order, edge at 0.4 % of Nyquist: as one polynomial its rounding explodes; a slow sine passes unchanged."""
-    from feeddrive.identification.motion.motion_log import decimated
+    from feeddrive.identification.motion.preparation import decimated
 
     t = np.arange(100000) * 5e-5
     wave = np.sin(2.0 * np.pi * 2.0 * t)

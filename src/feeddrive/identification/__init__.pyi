@@ -21,9 +21,9 @@ from feeddrive.identification.motion.delay import find_delay as find_delay
 from feeddrive.identification.motion.identify import Identified as Identified
 from feeddrive.identification.motion.identify import identify_motion as identify_motion
 from feeddrive.identification.motion.motion_log import MotionLog as MotionLog
-from feeddrive.identification.motion.motion_log import Preparation as Preparation
 from feeddrive.identification.motion.output_error import Refinement as Refinement
 from feeddrive.identification.motion.output_error import refine as refine
+from feeddrive.identification.motion.preparation import Preparation as Preparation
 from feeddrive.identification.motion.rigid import RigidFit as RigidFit
 from feeddrive.identification.motion.rigid import identify_rigid as identify_rigid
 from feeddrive.identification.pitch import LearnedPitch as LearnedPitch

@@ -9,7 +9,8 @@ import numpy as np
 
 from feeddrive.blocks.feedforward.friction_stops import FrictionStops
 from feeddrive.identification.estimate import SHAFT, Estimate, estimates_table
-from feeddrive.identification.motion.motion_log import MotionLog, Preparation, prepare
+from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.motion.preparation import Preparation, prepare
 from feeddrive.identification.regression import errors, ols_covariance, robust_covariance
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
 from feeddrive.language.table import Result, Table

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from feeddrive.identification.motion.motion_log import HOLD, MotionLog, Preparation, prepare
+from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.motion.preparation import HOLD, Preparation, prepare
 from feeddrive.identification.motion.rigid import LEAST_OWN, columns_of
 from feeddrive.identification.regression import errors, robust_covariance
 from feeddrive.language.errors import NotIdentifiableError

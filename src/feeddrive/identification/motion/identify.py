@@ -16,8 +16,9 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.identification.estimate import SHAFT
 from feeddrive.identification.motion.control_law import ControlFit, identify_control
 from feeddrive.identification.motion.delay import DelayFit, find_delay
-from feeddrive.identification.motion.motion_log import HOLD, MotionLog, Preparation, checked
+from feeddrive.identification.motion.motion_log import MotionLog, checked
 from feeddrive.identification.motion.output_error import Refinement, refine
+from feeddrive.identification.motion.preparation import HOLD, Preparation
 from feeddrive.identification.motion.rigid import RigidFit, identify_rigid
 from feeddrive.identification.plausibility import outside, remedy, said, sizes
 from feeddrive.language import tree

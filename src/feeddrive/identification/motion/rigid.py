@@ -21,7 +21,8 @@ from feeddrive.identification.estimate import (
     pulls,
     require_table,
 )
-from feeddrive.identification.motion.motion_log import MotionLog, Preparation, Prepared, prepare
+from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.motion.preparation import Preparation, Prepared, prepare
 from feeddrive.identification.regression import (
     Residuals,
     Validation,

@@ -1,0 +1,189 @@
+"""What least squares take from a log: filtered, differentiated, aligned and decimated, stretch by stretch of motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from feeddrive.identification.motion.motion_log import MotionLog, checked
+from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
+
+HOLD = 0.5  # samples: a force that is held from k to k+1 acts at k + 1/2 on average
+_LEAST_ROWS = 40
+_REST = 5e-3  # share of the largest speed below which the axis counts as at rest
+
+
+@dataclass(frozen=True, kw_only=True)
+class Preparation:
+    """How a log is prepared.
+
+    cutoff       Hz, of the Butterworth low pass on the position
+    decimation   every so many samples are kept; None: one each 10 ms
+    delay        samples from a logged force to the acceleration that it causes: 1/2 for the hold, and the dead time
+    acceleration "second": (x(k+1) - 2 x(k) + x(k-1)) / T², which a held force fits exactly;
+                 "twice": the central difference of the central difference
+    skip         samples left out at each end, where the filters lack the continuation of the motion;
+                 None: 5 periods of the cutoff
+    skip_end     samples left out at the end; None: as many as at the start
+    reversals    whether rows at rest and within one decimated step of a reversal are kept: the sign of friction is not
+                 defined there
+    """
+
+    cutoff: float = 100.0
+    decimation: int | None = None
+    delay: float = HOLD
+    acceleration: str = "second"
+    skip: int | None = None
+    skip_end: int | None = None
+    reversals: bool = False
+
+
+# What Janot, Gautier & Brunot 2019 do.  A force is assumed to act at its sample instant, not over the time that it is
+# held; docs/identification.md states the resulting error.
+JANOT = Preparation(delay=0.0, acceleration="twice", skip=49, skip_end=0, decimation=10, reversals=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """The rows that count: time in s, and what was filtered and decimated, each of shape (n,).
+
+    filtered    velocity at each sample of the log, before it was decimated
+    constant    of 1, which the ripple of the filter reduces a little
+    places      sample numbers of the rows in the log
+    rows        samples of the log that were filtered
+    """
+
+    time: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    constant: np.ndarray
+    force: np.ndarray
+    filtered: np.ndarray
+    decimation: int
+    places: np.ndarray
+    rows: slice
+
+    def reduced(self, values: np.ndarray) -> np.ndarray:
+        """Values at each sample of the log, prepared as the force is."""
+        few = decimated(values[self.rows], self.decimation)
+        after = (self.rows.stop - 1 - int(self.places[-1])) // self.decimation  # rows after the last one that counts
+        return few[(self.places - self.places[-1]) // self.decimation + few.size - 1 - after]
+
+    def force_with(self, force: np.ndarray, delay: float) -> np.ndarray:
+        """Another force of the same log, or the same with another delay, in these rows."""
+        return self.reduced(delayed(force, delay))
+
+
+def prepare(log: MotionLog, how: Preparation) -> Prepared:
+    """The rows of least squares. Raises LogError for a log that is too short for its filters, ParameterError for one
+    that is no MotionLog.
+    """
+    checked(log)
+    T = log.sample_time
+    if how.acceleration not in ("second", "twice"):
+        raise ParameterError(f"acceleration = {how.acceleration!r} must be 'second' or 'twice'")
+    factor = how.decimation if how.decimation is not None else max(1, round(0.01 / T))
+    cutoff = min(how.cutoff, 0.4 / T)
+    position = zero_phase(log.position, cutoff, T)
+    velocity = central_difference(position, T)
+    acceleration = central_difference(velocity, T)
+    if how.acceleration == "second":
+        acceleration[1:-1] = np.diff(position, 2) / (T * T)
+    skip = round(5.0 / (cutoff * T)) if how.skip is None else how.skip
+    end = skip if how.skip_end is None else how.skip_end
+    rows = slice(skip, max(skip, log.position.size - end))
+    samples = len(range(*rows.indices(log.position.size)))
+    if samples < _LEAST_ROWS * factor:
+        raise LogError(
+            f"{log.name}: {samples} samples are left of {log.position.size} after the ends are cut; "
+            f"{_LEAST_ROWS * factor} are needed: the log is {log.position.size * T:.3g} s long as its time was read; "
+            f"state the unit if it is another, as --time 't:s', else record {(_LEAST_ROWS * factor - samples) * T:.3g} "
+            "s more"
+        )
+    channels = (velocity, acceleration, np.ones_like(velocity), delayed(log.force, how.delay))
+    few = [decimated(channel[rows], factor) for channel in channels]
+    places = skip + kept(samples, factor)
+    stays = np.ones(places.size, dtype=bool)
+    if not how.reversals:
+        moves = np.abs(velocity[places]) > _REST * np.max(np.abs(velocity))
+        stays = _away(velocity, places, factor) & moves
+    if np.count_nonzero(stays) < _LEAST_ROWS:
+        raise NotIdentifiableError(
+            f"{log.name}: {np.count_nonzero(stays)} of {stays.size} rows are left where the axis moves, more than "
+            f"{factor * T:.3g} s away from each reversal; {_LEAST_ROWS} are needed: the axis rests, vibrates or "
+            f"reverses too often; record next moves to and fro that keep their direction for {4 * factor * T:.2g} s"
+        )
+    slow, changes, constant, applied = (channel[stays] for channel in few)
+    return Prepared(places[stays] * T, slow, changes, constant, applied, velocity, factor, places[stays], rows)
+
+
+def delayed(values: np.ndarray, samples: float) -> np.ndarray:
+    """Values as they were so many samples before, straight lines between samples, held at the ends."""
+    k = np.arange(values.size, dtype=np.float64)
+    return values if samples == 0.0 else np.interp(k - samples, k, values)
+
+
+def _away(velocity: np.ndarray, places: np.ndarray, factor: int) -> np.ndarray:
+    """Rows that are more than a decimated step away from every change of direction, rest included."""
+    turns = np.flatnonzero(np.diff(np.sign(velocity)) != 0.0)
+    if not turns.size:
+        return np.ones(places.size, dtype=bool)
+    after = np.searchsorted(turns, places)
+    left = places - turns[np.maximum(after - 1, 0)]
+    right = turns[np.minimum(after, turns.size - 1)] - places
+    return np.minimum(np.abs(left), np.abs(right)) > factor
+
+
+def zero_phase(values: np.ndarray, cutoff: float, sample_time: float, order: int = 4) -> np.ndarray:
+    """A Butterworth low pass of `order`, forward and backward, so that there is no delay; `cutoff` in Hz.
+
+        gain of both passes = 1 / (1 + (f / cutoff)^(2 order)),   1/2 at the cutoff
+
+    Both ends are extended by 3 `order` samples, reflected about the end point, as in MATLAB's filtfilt.
+    Raises ParameterError for a cutoff that is not below half the sampling rate, LogError for a log that is too short.
+    """
+    nyquist = 0.5 / sample_time
+    if not 0.0 < cutoff < nyquist:
+        raise ParameterError(f"cutoff = {cutoff:g} Hz must be > 0 Hz and < {nyquist:g} Hz, half the sampling rate")
+    from scipy.signal import butter  # takes a second to import
+
+    return _forth_and_back(butter(order, cutoff / nyquist, output="sos"), order, values)
+
+
+def central_difference(values: np.ndarray, sample_time: float) -> np.ndarray:
+    """(x(k+1) - x(k-1)) / 2T, one-sided at both ends."""
+    return np.gradient(values, sample_time)
+
+
+def decimated(values: np.ndarray, factor: int) -> np.ndarray:
+    """Every `factor`-th sample after an anti-aliasing low pass; the last sample is kept.
+
+    The low pass is that of MATLAB's decimate: Chebyshev of first kind, order 8, ripple 0.05 dB, edge 0.8 / factor of
+    the half sampling rate, forward and backward.
+    """
+    if factor < 1:
+        raise ParameterError(f"decimation = {factor} must be >= 1")
+    if factor == 1:
+        return values
+    from scipy.signal import cheby1  # takes a second to import
+
+    smooth = _forth_and_back(cheby1(8, 0.05, 0.8 / factor, output="sos"), 8, values)
+    return smooth[kept(values.size, factor)]
+
+
+def kept(samples: int, factor: int) -> np.ndarray:
+    """Indices of the samples that decimation keeps."""
+    rows = -(-samples // factor)
+    return np.arange(samples - factor * (rows - 1) - 1, samples, factor)
+
+
+def _forth_and_back(sections: Any, order: int, values: np.ndarray) -> np.ndarray:
+    """In sections of second order: as one polynomial the low pass of a log at 20 kHz is unstable by rounding."""
+    ends = 3 * order
+    if values.size <= ends:
+        raise LogError(f"the log has {values.size} samples; its filter needs more than {ends}: record a longer one")
+    from scipy.signal import sosfiltfilt  # takes a second to import
+
+    return sosfiltfilt(sections, values, padlen=ends)
