@@ -105,20 +105,20 @@ def robust_covariance(
     stacked = columns if columns.ndim == 3 else columns[None]
     remains = residual if residual.ndim == 2 else residual[None]
     n, p = stacked.shape[1:]
-    scores = _scores(stacked, remains)
+    scores = scores_of(stacked, remains)
     if lags is None and smooth > 1:
         widths = [1 << power for power in range(smooth.bit_length())]
         lags = max(width * memory(_summed(scores, width)) for width in widths)
-    return n / max(n - p, 1) * _long_run(scores, lags)
+    return n / max(n - p, 1) * long_run(scores, lags)
 
 
-def _scores(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
+def scores_of(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
     """In the metric of the estimates: the contribution of each sample to each parameter, shape (rows, p)."""
     inverse = _inverse(columns.reshape(-1, columns.shape[-1]))
     return _in_blocks(np.einsum("snp,sn->np", columns, residual) @ inverse)
 
 
-def _long_run(scores: np.ndarray, lags: int | None = None) -> np.ndarray:
+def long_run(scores: np.ndarray, lags: int | None = None) -> np.ndarray:
     """Their covariance over all lags that count."""
     from scipy.signal import oaconvolve  # takes a second to import
 

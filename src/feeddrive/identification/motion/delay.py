@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from feeddrive.identification.motion.motion_log import MotionLog
-from feeddrive.identification.motion.preparation import HOLD, Preparation, prepare
-from feeddrive.identification.motion.rigid import LEAST_OWN, columns_of
-from feeddrive.identification.regression import errors, robust_covariance
+from feeddrive.identification.motion.preparation import HOLD, Preparation, delayed, prepare
+from feeddrive.identification.motion.rigid import LEAST_OWN, columns_of, covariance_of
+from feeddrive.identification.regression import errors
 from feeddrive.language.errors import NotIdentifiableError
 from feeddrive.language.table import Result, Table
 
@@ -72,7 +72,7 @@ def find_delay(log: MotionLog, *, friction: str = "directional", how: Preparatio
     columns = columns_of(base, friction)
     columns = columns[:, np.any(columns != 0.0, axis=0)]  # a direction without motion has no friction
     basis = np.linalg.qr(columns)[0]
-    forces = [base.force_with(log.force, HOLD + d) for d in delays]
+    forces = base.reduced(np.array([delayed(log.force, HOLD + d) for d in delays]))
     residual = np.array([_left(basis, force) for force in forces])
     best = int(np.argmin(residual))
     _check_slope(log, basis, forces, residual)
@@ -81,7 +81,7 @@ def find_delay(log: MotionLog, *, friction: str = "directional", how: Preparatio
     slope = 0.5 * (forces[min(best + 1, delays.size - 1)] - forces[max(best - 1, 0)])
     wide = np.column_stack([columns, -slope])
     values = np.linalg.lstsq(wide, forces[best], rcond=None)[0]
-    error = float(errors(robust_covariance(wide, forces[best] - wide @ values))[-1])
+    error = float(errors(covariance_of(wide, forces[best] - wide @ values))[-1])
     return DelayFit(log.name, float(delays[best]) + float(values[-1]), error, delays, residual, log.sample_time)
 
 
@@ -92,7 +92,7 @@ def _left(basis: np.ndarray, force: np.ndarray) -> float:
     return float(np.linalg.norm(off)) / size if size > 0.0 else np.nan
 
 
-def _check_slope(log: MotionLog, basis: np.ndarray, forces: list[np.ndarray], residual: np.ndarray) -> None:
+def _check_slope(log: MotionLog, basis: np.ndarray, forces: np.ndarray, residual: np.ndarray) -> None:
     """A motion of one frequency does not show a delay: a later force is equivalent to less mass and more damping."""
     if not np.all(np.isfinite(residual)):
         raise NotIdentifiableError(
@@ -137,7 +137,7 @@ def _trails(log: MotionLog) -> bool:
     return float(np.mean((log.set_position - log.position) * np.gradient(log.set_position))) < 0.0
 
 
-def _check_drift(log: MotionLog, columns: np.ndarray, forces: list[np.ndarray], delays: np.ndarray) -> None:
+def _check_drift(log: MotionLog, columns: np.ndarray, forces: np.ndarray, delays: np.ndarray) -> None:
     """If the delays of the two halves of a log clearly differ, the channels were recorded on two clocks."""
     half = columns.shape[0] // 2
     halves = (slice(0, half), slice(half, None))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,9 @@ from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterE
 HOLD = 0.5  # samples: a force that is held from k to k+1 acts at k + 1/2 on average
 _LEAST_ROWS = 40
 _REST = 5e-3  # share of the largest speed below which the axis counts as at rest
+_ORDER = 8  # of the decimating low pass
+_ENDS = 3 * _ORDER  # samples by which it extends both ends
+_SMEARED = 0.01  # of a step: what the low pass of the position may still show of a stop in a sample that counts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,6 +33,10 @@ class Preparation:
     skip_end     samples left out at the end; None: as many as at the start
     reversals    whether rows at rest and within one decimated step of a reversal are kept: the sign of friction is not
                  defined there
+
+    Without `reversals` the decimating low pass runs over each stretch of motion by itself.  At rest friction holds any
+    force, and a low pass over the whole log spreads it over some 70 ms to both sides, where the mass is to be seen.
+    A stretch ends where the low pass of the position no longer shows the stop by more than 1 % (`reach`).
     """
 
     cutoff: float = 100.0
@@ -52,7 +60,7 @@ class Prepared:
     filtered    velocity at each sample of the log, before it was decimated
     constant    of 1, which the ripple of the filter reduces a little
     places      sample numbers of the rows in the log
-    rows        samples of the log that were filtered
+    stretches   samples of the log that were filtered, each by itself
     """
 
     time: np.ndarray
@@ -63,17 +71,11 @@ class Prepared:
     filtered: np.ndarray
     decimation: int
     places: np.ndarray
-    rows: slice
+    stretches: tuple[slice, ...]
 
     def reduced(self, values: np.ndarray) -> np.ndarray:
-        """Values at each sample of the log, prepared as the force is."""
-        few = decimated(values[self.rows], self.decimation)
-        after = (self.rows.stop - 1 - int(self.places[-1])) // self.decimation  # rows after the last one that counts
-        return few[(self.places - self.places[-1]) // self.decimation + few.size - 1 - after]
-
-    def force_with(self, force: np.ndarray, delay: float) -> np.ndarray:
-        """Another force of the same log, or the same with another delay, in these rows."""
-        return self.reduced(delayed(force, delay))
+        """Values at each sample of the log, prepared as the force is; the samples are the last axis."""
+        return _reduced(values, self.stretches, self.places, self.decimation)
 
 
 def prepare(log: MotionLog, how: Preparation) -> Prepared:
@@ -102,21 +104,60 @@ def prepare(log: MotionLog, how: Preparation) -> Prepared:
             f"state the unit if it is another, as --time 't:s', else record {(_LEAST_ROWS * factor - samples) * T:.3g} "
             "s more"
         )
-    channels = (velocity, acceleration, np.ones_like(velocity), delayed(log.force, how.delay))
-    few = [decimated(channel[rows], factor) for channel in channels]
     places = skip + kept(samples, factor)
-    stays = np.ones(places.size, dtype=bool)
+    stretches: tuple[slice, ...] = (rows,)
     if not how.reversals:
-        moves = np.abs(velocity[places]) > _REST * np.max(np.abs(velocity))
-        stays = _away(velocity, places, factor) & moves
-    if np.count_nonzero(stays) < _LEAST_ROWS:
+        stretches = _stretches(velocity, slice(*rows.indices(velocity.size)), reach(cutoff * T))
+        within = np.zeros(velocity.size, dtype=bool)
+        for stretch in stretches:
+            within[stretch] = True
+        places = places[_away(velocity, places, factor) & within[places]]
+    if places.size < _LEAST_ROWS:
         raise NotIdentifiableError(
-            f"{log.name}: {np.count_nonzero(stays)} of {stays.size} rows are left where the axis moves, more than "
+            f"{log.name}: {places.size} of {-(-samples // factor)} rows are left where the axis moves, more than "
             f"{factor * T:.3g} s away from each reversal; {_LEAST_ROWS} are needed: the axis rests, vibrates or "
             f"reverses too often; record next moves to and fro that keep their direction for {4 * factor * T:.2g} s"
         )
-    slow, changes, constant, applied = (channel[stays] for channel in few)
-    return Prepared(places[stays] * T, slow, changes, constant, applied, velocity, factor, places[stays], rows)
+    channels = np.array([velocity, acceleration, np.ones_like(velocity), delayed(log.force, how.delay)])
+    slow, changes, constant, applied = _reduced(channels, stretches, places, factor)
+    return Prepared(places * T, slow, changes, constant, applied, velocity, factor, places, stretches)
+
+
+def _stretches(velocity: np.ndarray, rows: slice, reach: int) -> tuple[slice, ...]:
+    """Runs of samples in motion that keep `reach` samples away from each rest, long enough for their low pass."""
+    moves = np.abs(velocity) > _REST * np.max(np.abs(velocity))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], moves, [False]]).astype(np.int8)))
+    found = []
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        first = max(rows.start, begin + reach if begin else 0)
+        last = min(rows.stop, end - reach if end < velocity.size else end)
+        if last - first > _ENDS:
+            found.append(slice(int(first), int(last)))
+    return tuple(found)
+
+
+def _reduced(values: np.ndarray, stretches: tuple[slice, ...], places: np.ndarray, factor: int) -> np.ndarray:
+    """Values at the rows `places`, after the decimating low pass over each stretch by itself."""
+    parts = []
+    for stretch in stretches:
+        own = places[slice(*np.searchsorted(places, (stretch.start, stretch.stop)))] - stretch.start
+        parts.append(_decimating(values[..., stretch], factor)[..., own])
+    return np.concatenate(parts, axis=-1) if parts else values[..., :0]
+
+
+@lru_cache(maxsize=32)
+def reach(cutoff: float) -> int:
+    """Samples after which the position's low pass shows a step by at most `_SMEARED`; the cutoff is in 1/sample.
+
+        the largest d with |Σ_{k >= d} h(k)| > 1 %,   h: impulse response of both passes
+
+    12 ms at 100 Hz and samples of a millisecond.
+    """
+    around = round(5.0 / cutoff)
+    impulse = np.zeros(2 * around + 1)
+    impulse[around] = 1.0
+    left = np.abs(np.cumsum(zero_phase(impulse, cutoff, 1.0)[::-1])[::-1])[around:]
+    return int(np.flatnonzero(left > _SMEARED)[-1])
 
 
 def delayed(values: np.ndarray, samples: float) -> np.ndarray:
@@ -167,10 +208,19 @@ def decimated(values: np.ndarray, factor: int) -> np.ndarray:
         raise ParameterError(f"decimation = {factor} must be >= 1")
     if factor == 1:
         return values
+    return _decimating(values, factor)[kept(values.size, factor)]
+
+
+def _decimating(values: np.ndarray, factor: int) -> np.ndarray:
+    """The low pass of `decimated` over the last axis."""
+    return values if factor == 1 else _forth_and_back(_chebyshev(factor), _ORDER, values)
+
+
+@lru_cache(maxsize=32)
+def _chebyshev(factor: int) -> np.ndarray:
     from scipy.signal import cheby1  # takes a second to import
 
-    smooth = _forth_and_back(cheby1(8, 0.05, 0.8 / factor, output="sos"), 8, values)
-    return smooth[kept(values.size, factor)]
+    return cheby1(_ORDER, 0.05, 0.8 / factor, output="sos")
 
 
 def kept(samples: int, factor: int) -> np.ndarray:
@@ -182,8 +232,10 @@ def kept(samples: int, factor: int) -> np.ndarray:
 def _forth_and_back(sections: Any, order: int, values: np.ndarray) -> np.ndarray:
     """In sections of second order: as one polynomial the low pass of a log at 20 kHz is unstable by rounding."""
     ends = 3 * order
-    if values.size <= ends:
-        raise LogError(f"the log has {values.size} samples; its filter needs more than {ends}: record a longer one")
+    if values.shape[-1] <= ends:
+        raise LogError(
+            f"the log has {values.shape[-1]} samples; its filter needs more than {ends}: record a longer one"
+        )
     from scipy.signal import sosfiltfilt  # takes a second to import
 
     return sosfiltfilt(sections, values, padlen=ends)

@@ -29,8 +29,10 @@ from feeddrive.identification.regression import (
     cross_validated,
     errors,
     information,
+    long_run,
     ols_covariance,
     robust_covariance,
+    scores_of,
     steady_curve,
 )
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
@@ -46,6 +48,7 @@ NAMES = {
 }
 LEAST_REVERSAL = 0.05  # least share of the moving rows in each direction
 LEAST_OWN = 0.02  # share of a column's size that the other columns must leave unexplained
+MOST_MEMORY = 0.97  # correlation from row to row that is taken out of scores: as in Andrews' rule
 LARGEST_ERROR = 0.5  # largest standard error over value of a mass that counts as identified
 
 
@@ -154,7 +157,7 @@ def columns_of(rows: Prepared, friction: str) -> np.ndarray:
     curve = steady_curve(FRICTIONS[friction])
     _, slopes = curve.at(dict.fromkeys(curve.names, 0.0), velocity=rows.filtered)
     columns = {"mass": rows.acceleration, "offset": rows.constant}
-    columns |= {name: rows.reduced(slopes[:, i]) for i, name in enumerate(curve.names)}
+    columns |= dict(zip(curve.names, rows.reduced(slopes.T), strict=True))
     return np.column_stack([columns[name] for name in NAMES[friction]])
 
 
@@ -163,7 +166,7 @@ def _fit(log: MotionLog, rows: Prepared, friction: str, folds: int) -> RigidFit:
     check_columns(log.name, columns, names)
     values = np.linalg.lstsq(columns, rows.force, rcond=None)[0]
     residual = rows.force - columns @ values
-    robust = robust_covariance(columns, residual)
+    robust = covariance_of(columns, residual)
     frame = log.frame
     units = [{"mass": frame.inertia, "viscous": frame.viscous}.get(name.split("_")[0], frame.force) for name in names]
     found = tuple(
@@ -182,6 +185,27 @@ def _fit(log: MotionLog, rows: Prepared, friction: str, folds: int) -> RigidFit:
         time=rows.time,
         frame=frame,
     )
+
+
+def covariance_of(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    """The robust covariance of the inverse dynamics; each error is the larger one of two estimates.
+
+        plain      S of the scores z(k), `robust_covariance`
+        recolored  S of z(k) - rho z(k-1), divided by (1 - rho)²;  rho = Σ z(k) z(k-1) / Σ z(k)²
+
+    Both come out too small: the window of the plain one cuts off a memory that decays slowly; the recolored one takes
+    it out first, but noise of the encoder on top makes its rho too small.
+    Sources: Newey & West 1987; Andrews & Monahan 1992; the larger one of both is ours.
+    """
+    plain = robust_covariance(columns, residual)
+    scores = scores_of(columns[None], residual[None])
+    rho = np.sum(scores[1:] * scores[:-1], axis=0) / np.maximum(np.sum(scores**2, axis=0), np.finfo(float).tiny)
+    rho = np.clip(rho, -MOST_MEMORY, MOST_MEMORY)
+    n, p = columns.shape
+    whitened = np.diag(long_run(scores[1:] - rho * scores[:-1])) * n / max(n - p, 1)
+    ratio = whitened / (1.0 - rho) ** 2 / np.maximum(np.diag(plain), np.finfo(float).tiny)
+    wider = np.sqrt(np.maximum(ratio, 1.0))
+    return plain * np.outer(wider, wider)
 
 
 def check_motion(name: str, velocity: np.ndarray, frame: Frame) -> None:
