@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -24,9 +25,10 @@ from feeddrive.bus.cia402 import (
     answer,
     state_of,
 )
-from feeddrive.bus.drive_file import DriveScaling, interpolation_time
-from feeddrive.bus.virtual.driven_axis import DrivenAxis
+from feeddrive.bus.drive_file import DriveScaling, interpolation_time, read_drive
+from feeddrive.bus.virtual.driven_axis import DrivenAxis, drive_text, scaling_of
 from feeddrive.bus.virtual.firmware import Firmware
+from feeddrive.files.machine import read_machine
 from feeddrive.language.errors import ParameterError
 
 S = PowerState
@@ -167,6 +169,20 @@ def test_a_bus_cycle_of_several_samples_runs_along_straight_lines() -> None:
             fast.cycle()
     assert slow.axis.last.position == pytest.approx(fast.axis.last.position, abs=1e-12)
     assert slow.values["position"] == fast.values["position"] > 0
+
+
+@pytest.mark.parametrize("machine", ["emps", "mill", "ball_screw"])
+def test_the_drive_file_of_a_virtual_drive_holds_in_every_mode(machine: str, tmp_path: Path) -> None:
+    """In cst it needs mass and breakaway force: those of the axis, and half as much again."""
+    loop = next(iter(read_machine(machine).loops.values()))
+    text = drive_text(loop, scaling_of(loop), "canopen", "virtual:x", 1, float(loop.sample_time))
+    for mode in ("csp", "csv", "cst"):
+        (tmp_path / "drive.toml").write_text(text.replace('"csp"', f'"{mode}"', 1), encoding="utf-8")
+        limits = read_drive(tmp_path / "drive.toml").drive.limits
+    friction = {"emps": 20.6277, "mill": 60.0, "ball_screw": 110.0}[machine]  # N at standstill, of the machine files
+    mass = {"emps": 95.154, "mill": 138.957, "ball_screw": 163.0}[machine]  # kg
+    assert limits.breakaway_force == pytest.approx(1.5 * friction, rel=5e-3)  # and its viscous part at 1 mm/s
+    assert limits.largest_mass == pytest.approx(1.5 * mass, rel=1e-3)
 
 
 @pytest.mark.parametrize("cycle_time", [1.5e-3, 0.5e-3, 0.0])

@@ -117,10 +117,8 @@ def test_a_thousand_healthy_drives_are_not_stopped(mode: str) -> None:
     for part in range(4):
         run = drawn(100 + part, 250, mode)
         stopped += [(part, i, fault.message) for i, fault in faults_of_healthy(run)]
-        position, velocity, force = (
-            np.array(each).T for each in zip(*(acting(run, i) for i in range(250)), strict=True)
-        )
-        asked = {"csp": np.abs(np.diff(position, axis=0)), "csv": np.abs(velocity[1:]), "cst": np.abs(force[1:])}[mode]
+        moved, pushed = np.diff(run.target, axis=0), run.target_force[1:]
+        asked = np.abs({"csp": moved, "csv": run.target_velocity[1:], "cst": pushed}[mode])
         seen["stuck"] += np.sum(np.mean(run.stuck[1:].astype(bool) & (asked > 0.0), axis=0) > 0.05)
         seen["coarse"] += np.sum(run.count == 20e-6)
         seen["weight"] += np.sum(run.drawn["weight"] != 0.0)

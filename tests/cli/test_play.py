@@ -364,7 +364,7 @@ def profile(tmp_path: Path) -> Path:
         ('interface = "nowhere0"', "interface = 3", "drive.toml:3: interface is missing"),
         ('bus = "ethercat"', 'bus = "canopen"', "must name what python-can calls interface and channel"),
         ("cycle_time_ms = 1", "cycle_time_ms = 1.5", "is no whole multiple"),
-        ("cycle_time_ms = 1", 'cycle_time_ms = 1\nmode = "cst"', "nothing follows it in mode cst"),
+        ("cycle_time_ms = 1", 'cycle_time_ms = 1\nmode = "cst"', 'limits.largest_mass is missing: in mode = "cst"'),
         ("travel_mm", "travel_mN", "key 'limits.travel_mN' is not known"),
     ],
 )
@@ -378,6 +378,16 @@ def test_what_is_wrong_with_a_drive_file_is_named_before_anything_moves(
     assert err.startswith("feeddrive: error: ")
     assert err.count("\n") == 1
     assert not (tmp_path / "measured").exists()
+
+
+def test_a_motion_is_refused_where_nothing_follows_it(call, tmp_path: Path, profile: Path) -> None:
+    text = DRIVE.replace("cycle_time_ms = 1", 'cycle_time_ms = 1\nmode = "cst"') + "largest_mass = 95\n"
+    (tmp_path / "drive.toml").write_text(text)
+    code, _, err = call("play", str(profile), "--drive", "drive.toml", "--yes")
+    assert (code, "limits.breakaway_force is missing" in err) == (2, True)
+    (tmp_path / "drive.toml").write_text(f"{text}breakaway_force = 0\n")
+    code, _, err = call("play", str(profile), "--drive", "drive.toml", "--yes")
+    assert (code, "nothing follows it in mode cst" in err) == (2, True)
 
 
 def test_a_person_is_asked_before_the_bus_is_touched(call, tmp_path: Path, profile: Path, monkeypatch) -> None:

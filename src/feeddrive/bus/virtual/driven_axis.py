@@ -14,10 +14,12 @@ import numpy as np
 
 from feeddrive.blocks.actuator.screw import Screw
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.bus.drive_file import DriveScaling
 from feeddrive.language.errors import StructureError
+from feeddrive.loop.axis import Axis
 from feeddrive.loop.engine.native import Native
 from feeddrive.loop.guard import Guard
 from feeddrive.loop.loop import Loop
@@ -140,6 +142,17 @@ def scaling_of(loop: Loop) -> DriveScaling:
 
 
 _HELD_UP = 0.02  # s by which an ordinary computer may be late
+_RESERVE = 1.5  # of the mass and breakaway force that are stated, over those of the axis
+_SLOW = np.logspace(-9.0, -3.0, 25)  # m/s, among which friction is largest
+
+
+def _resistance(axis: Axis) -> float | None:
+    """The largest force against which an axis may stand: friction and weight, N; None if it has other forces."""
+    if not all(isinstance(force, Gravity) for force in axis.forces):
+        return None
+    frictions = [friction for friction in (axis.friction_motor, axis.friction_load) if friction is not None]
+    held = sum(max(abs(float(each.steady(v) - each.linear() * v)) for v in (*-_SLOW, *_SLOW)) for each in frictions)
+    return held + abs(sum(float(force.force) for force in axis.forces if isinstance(force, Gravity)))
 
 
 def drive_text(loop: Loop, scaling: DriveScaling, bus: str, interface: str, station: int, cycle_time: float) -> str:
@@ -148,6 +161,11 @@ def drive_text(loop: Loop, scaling: DriveScaling, bus: str, interface: str, stat
     velocity = None if guard is None else guard.velocity_limit
     following = None if guard is None else guard.following_error_limit
     force = 1000.0 * 3.0 * scaling.newton if limits is None else float(limits)
+    resistance = _resistance(loop.axis)
+    axis = "" if resistance is None else (
+        f"largest_mass = {_RESERVE * float(loop.axis.plant.rigid_mass()):.4g}   # kg, for mode = \"cst\"\n"
+        f"breakaway_force = {_RESERVE * resistance:.4g}   # N, likewise\n"
+    )  # fmt: skip
     if scaling.turns:
         units = (
             f"counts_per_turn = {scaling.counts_per_turn:.0f}\nlead = {scaling.lead!r}\ngear = {scaling.gear!r}\n"
@@ -162,5 +180,5 @@ def drive_text(loop: Loop, scaling: DriveScaling, bus: str, interface: str, stat
         f"late_cycles = {max(3, round(_HELD_UP / cycle_time))}   # for an ordinary computer; a real axis: 3\n\n"
         f"[scaling]\n{units}\n\n[limits]\ntravel = 0.5   # m, from where it starts, to both sides\n"
         f"velocity = {1.0 if velocity is None else float(velocity)!r}   # m/s\nforce = {force!r}   # N\n"
-        f"following_error = {5e-3 if following is None else float(following)!r}   # m\n"
+        f"following_error = {5e-3 if following is None else float(following)!r}   # m\n{axis}"
     )
