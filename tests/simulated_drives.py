@@ -152,12 +152,13 @@ def simulated(run: Run, rng: np.random.Generator, **d: np.ndarray) -> Run:
     x, v = np.zeros(drives), np.zeros(drives)
     F = -d["weight"] if run.mode != "cst" else np.zeros(drives)
     gathered = -d["weight"] / d["Kp"] if run.mode != "cst" else np.zeros(drives)  # m/s, the integral
-    current, smooth = 1.0 - np.exp(-h / d["current"]), 1.0 - np.exp(-h / np.maximum(d["filter"], 1e-9))
+    slow = np.where(d["noise"] > 0.0, 4.0 * h, 1e-9)  # a velocity from noisy readings is filtered
+    current, smooth = 1.0 - np.exp(-h / d["current"]), 1.0 - np.exp(-h / np.maximum(d["filter"], slow))
     filtered, raw, fine = np.zeros(drives), np.zeros(drives), c / 64.0
     seen: dict[str, Any] = {name: np.zeros((cycles, drives)) for name in ("x", "v", "F", "e", "stuck")}
-    before = np.zeros(drives)
+    before, noise = np.zeros(drives), np.zeros(drives)
     for k in range(cycles):
-        seen["x"][k] = np.round(x / c + rng.uniform(-1.0, 1.0, drives) * d["noise"])
+        seen["x"][k] = np.round(x / c + noise)
         seen["v"][k] = np.where(d["speed"] == RAW, raw, np.round(d["factor"] * filtered / c) * c)
         seen["F"][k] = np.round(F / step + rng.uniform(-1.0, 1.0, drives) * d["shaking"])
         seen["e"][k] = np.where(d["told"] == OLD, run.target[max(0, k - 2)], before)
@@ -181,7 +182,8 @@ def simulated(run: Run, rng: np.random.Generator, **d: np.ndarray) -> Run:
             x = x + 0.5 * h * (v + after)
             v = after
             raw = (np.round(x / c) - old) * c / h
-            filtered = filtered + smooth * (v - filtered)
+            noise, noise_before = d["noise"] * rng.uniform(-1.0, 1.0, drives), noise
+            filtered = filtered + smooth * (v + (noise - noise_before) * c / h - filtered)  # of the same encoder
         before = goal
     rows = np.arange(cycles)[:, None] - d["delay"] - np.arange(cycles)[:, None] % d["refresh"]
     column = np.arange(drives)[None, :]

@@ -118,7 +118,10 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_page_opens(tmp_pa
 
 
 def test_an_address_of_another_machine_is_refused(tmp_path: Path) -> None:
-    code, said = refused("--host", "192.0.2.7", "--password", "a long password", "--folder", str(tmp_path / "a"))
+    (tmp_path / "password").write_text("a long password", encoding="utf-8")
+    (tmp_path / "password").chmod(0o600)
+    words = ("--password-file", str(tmp_path / "password"), "--folder", str(tmp_path / "a"))
+    code, said = refused("--host", "192.0.2.7", *words)
     assert code == 2
     assert "--host 192.0.2.7 --port 0: cannot be used" in said
 

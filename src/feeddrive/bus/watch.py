@@ -59,7 +59,7 @@ Velocity.  It is compared with the differences of the positions, in two ways:
 1. The same values, all of them, in `lost_frames` + 2 answers after the first, and |v| T summed over them, at most over
    the memory of 10 RESPONSE, is 2 c or more: the drive says that it moves, and stands in every bit.  A fault, which
    finds values frozen in motion sooner than any bound above.  A live axis that has moved by 2 c has changed its
-   reading, and one that stops dead changes its velocity.
+   reading, one that stops dead changes its velocity, and noise that hides a motion changes one or the other.
 2. A sum that forgets within the memory, compared with the largest speed U of either in the same memory:
 
        |Σ (v T - Δx)| > RESPONSE U + max(3/4 E, 3 c)                                    fault

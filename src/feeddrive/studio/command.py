@@ -23,6 +23,7 @@ from feeddrive.studio.bench import Bench, bench_of
 from feeddrive.studio.desk import Desk
 from feeddrive.studio.jobs import end_all
 from feeddrive.studio.live import Followable, stop_all
+from feeddrive.studio.password import OPTION, STANDARD_INPUT, read_password
 from feeddrive.studio.protection import Door
 from feeddrive.studio.rooms.tune import Tune
 from feeddrive.studio.server import PAGE, make_app, serve
@@ -33,7 +34,6 @@ from feeddrive.workflow.tune_sources import machine_of
 
 HOST = "127.0.0.1"  # who is not on this machine does not reach the page
 _EVERY = ("0.0.0.0", "::")  # all addresses of the machine
-_SHORTEST = 12  # characters of a password
 
 
 def _local(host: str) -> bool:
@@ -71,10 +71,15 @@ class StudioRequest(Request):
         default=Path("results/studio"),
     )
     host: str = option(
-        "address at which the page listens: another one than 127.0.0.1 is open to the network, and needs --password",
+        "address at which the page listens: another one than 127.0.0.1 is open to the network, and needs "
+        "--password-file",
         default=HOST,
     )
-    password: str | None = option("that opens the page to others on the network; 12 characters at least", default=None)
+    password_file: Path | None = option(
+        "file whose first line is the password that opens the page to others on the network, 12 characters at least; "
+        "- reads it from standard input",
+        default=None,
+    )
     port: int = option("of the page on this machine; 0: any free one", default=0, least=0, most=65535)
     no_browser: bool = option("open no browser: print the address alone", default=False)
 
@@ -82,13 +87,13 @@ class StudioRequest(Request):
         """Raise ParameterError for a page that is open to the network without a password, and for two beginnings."""
         if self.tour and self.source is not None:
             raise ParameterError(f"--tour brings a log of its own: leave {self.source} out, and bring it afterwards")
-        if self.password is None and not _local(self.host):
+        if self.password_file is None and not _local(self.host):
             raise ParameterError(
-                f"--host {self.host}: others on the network could open the page: give a --password too, or leave "
+                f"--host {self.host}: others on the network could open the page: give a {OPTION} too, or leave "
                 "--host out and come through a tunnel (ssh -L)"
             )
-        if self.password is not None and len(self.password) < _SHORTEST:
-            raise ParameterError(f"--password has {len(self.password)} characters: give at least {_SHORTEST}")
+        if str(self.password_file) == STANDARD_INPUT and PIPE in map(str, self.follow):
+            raise ParameterError(f"{OPTION} - and --follow - both read standard input: write the password into a file")
 
 
 @command(StudioRequest)
@@ -111,6 +116,7 @@ def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench | None]:
         else:
             raise FileError(f"{request.source}: no such file")
     check_followed(request.follow)
+    password = "" if request.password_file is None else read_password(request.password_file)
     if not (PAGE / "index.html").is_file():
         raise ParameterError(
             "this installation holds no built page: in a clone of the repository run  make studio  once, which needs "
@@ -119,7 +125,7 @@ def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench | None]:
     if bench is not None:
         _prepare(bench, request.folder)
     with writable(request.folder), listening(request.host, request.port) as at:
-        serve_at(at, request, bench, brought, progress)
+        serve_at(at, request, password, bench, brought, progress)
     return Outcome(bench)
 
 
@@ -169,16 +175,21 @@ def listening(host: str, port: int) -> socket.socket:
 
 
 def serve_at(
-    at: socket.socket, request: StudioRequest, bench: Bench | None, brought: tuple[Path, ...], progress: Progress
+    at: socket.socket,
+    request: StudioRequest,
+    password: str,
+    bench: Bench | None,
+    brought: tuple[Path, ...],
+    progress: Progress,
 ) -> None:
     """Serve the page at a socket until Ctrl-C, which ends the work of all pages too."""
     port = at.getsockname()[1]
     named = f"[{request.host}]" if ":" in request.host else request.host
     every = port if request.host in _EVERY else None
     hosts = tuple(f"{each}:{port}" for each in (named, "localhost", socket.gethostname()))
-    door = Door(hosts if request.password else hosts[:2], secrets.token_urlsafe(24), request.password or "", every)
+    door = Door(hosts if password else hosts[:2], secrets.token_urlsafe(24), password, every)
     address = f"http://{named if every is None else socket.gethostname()}:{port}/" + (
-        "" if request.password else f"?token={door.token}"
+        "" if password else f"?token={door.token}"
     )
 
     pipe = Pipe(sys.stdin.buffer) if PIPE in map(str, request.follow) else None

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import re
 import secrets
 from pathlib import Path
 from typing import Any, Protocol
@@ -46,13 +47,28 @@ class Place(Protocol):
 def place(address: str | Path) -> Place:
     """The place of an address: `results/mill` or `file:///results/mill` is a folder, `s3://bucket/mill` is fsspec's.
 
-    Raises FileError for an address that fsspec cannot open, MissingExtraError without fsspec.
+    Raises FileError for an address with a password and for one that fsspec cannot open, MissingExtraError without it.
     """
     text = str(address)
+    _check_no_password(text)
     if "://" not in text:
         return Folder(text)
     protocol, _, path = text.partition("://")
     return Folder(path) if protocol in ("file", "local") else Remote(text)
+
+
+_PASSWORD = re.compile(r"(?<=://)([^/@:]*):[^/@]*@")
+
+
+def _check_no_password(address: str) -> None:
+    """Raise FileError for `ftp://name:password@host`: command lines, reports and messages show an address to others."""
+    if _PASSWORD.search(address):
+        shown = _PASSWORD.sub(r"\1:...@", address)
+        protocol = shown.partition("://")[0].rpartition(":")[2]
+        raise FileError(
+            f"{shown}: holds a password, which every user of this machine can read in the command line: leave it out, "
+            f"and put it into the environment as FSSPEC_{protocol.upper()}_PASSWORD or into a file in ~/.config/fsspec"
+        )
 
 
 class Folder:
