@@ -61,14 +61,13 @@ def tightest(run: Run, i: int) -> float:
     position, velocity, _ = acting(run, i)
     told = np.nan_to_num(np.abs(run.following_error[:, i]))
     behind = position - run.position[:, i]
+    least = max(40.0 * c, 80.0 * run.drawn["noise"][i] * c, 20e-6)
     if run.mode == "csv":
         behind = np.cumsum(velocity) * run.cycle_time[i] - run.position[:, i]
         behind -= 0.5 * (behind.max() + behind.min())
-        return max(8.0 / 3.0 * (np.abs(behind).max() + c), 40.0 * c, 20e-6)
-    return max(
-        4.0 / 3.0 * (max(np.abs(behind).max(), told.max()) + 2.0 * c), 4.0 * np.abs(np.diff(position)).max(), 40.0 * c,
-        20e-6,
-    ) * (1.0 + 1e-9)  # fmt: skip
+        return max(8.0 / 3.0 * (np.abs(behind).max() + c), least)
+    largest = max(np.abs(behind).max(), told.max())
+    return max(4.0 / 3.0 * (largest + 2.0 * c), 4.0 * np.abs(np.diff(position)).max(), least) * (1.0 + 1e-9)
 
 
 def of_run(run: Run, i: int) -> BusDrive:
