@@ -183,6 +183,7 @@ def late_or_missed(run: Run, how: str, seed: int) -> tuple[list[str], int]:
         if how == "stale" and velocity:  # a live drive shows two counts by its own velocity, if it tells it
             own = math.ceil(2.0 * run.count[i] / (abs(velocity) * run.cycle_time[i]))
             if own * run.cycle_time[i] < 0.1:
+                own += max(0, 2 * int(run.drawn["refresh"][i]) - ALLOWED)  # values that are the same by chance
                 limit = min(at + own, cycles if limit is None else limit)
         if run.mode == "csp" and np.any(lead[at : stop + 1] > most):
             found.append(f"{how} {i}: {lead[at : stop + 1].max():.3g} m from the last reading, {most:.3g} m allowed")
@@ -305,10 +306,15 @@ def repeated() -> Iterator[str]:
     drive = described("csv", T, C, E)
 
     def slow(k: int) -> float:
-        return 20e-6 * (k - k % (LOST_FRAMES + 2))
+        return 20e-6 * max(0, k - 1 - (k - 1) % (LOST_FRAMES + 2))
 
     if runs(drive, slow, velocity=lambda _: 0.02, told=lambda k: 0.02 * (k > 0)) is not None:
         yield "repeated values: stopped a live drive"
+    # noise of three counts, new every third cycle, and once the same by chance
+    shaken = [3 * C * ((7 * n) % 5 - 2) / 2 for n in range(200)]
+    shaken[60] = shaken[59]
+    if runs(drive, lambda k: shaken[k // 3], told=lambda k: 10.0 * shaken[k // 3] if k else 0.0) is not None:
+        yield "repeated noise: stopped a live drive"
     stop = runs(drive, lambda k: 20e-6 * min(k, 100), velocity=lambda _: 0.02, told=lambda _: 0.02)
     if stop is None or stop > 101 + 1 + ALLOWED:
         yield f"repeated values: stopped a dead drive in cycle {stop}"

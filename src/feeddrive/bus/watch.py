@@ -59,7 +59,9 @@ Velocity.  It is compared with the differences of the positions, in two ways:
 1. The same values, all of them, in `lost_frames` + 2 answers after the first, and |v| T summed over them, at most over
    the memory of 10 RESPONSE, is 2 c or more: the drive says that it moves, and stands in every bit.  A fault, which
    finds values frozen in motion sooner than any bound above.  A live axis that has moved by 2 c has changed its
-   reading, one that stops dead changes its velocity, and noise that hides a motion changes one or the other.
+   reading, one that stops dead changes its velocity, and noise that hides a motion changes one or the other.  Of a
+   drive that has repeated values in motion, as it renews them every n cycles only, two may be the same by chance: it
+   gets 2 n answers.
 2. A sum that forgets within the memory, compared with the largest speed U of either in the same memory:
 
        |Σ (v T - Δx)| > RESPONSE U + max(3/4 E, 3 c)                                    fault
@@ -157,6 +159,7 @@ class State(NamedTuple):
     silent   time since the last answer, s
     answer   the last one
     same     how many answers after the first had the same values, and over which time, s
+    renewal  the largest number of answers in motion after which the values were new, at most `lost_frames` + 2
     gap      leaky sum of v T - Δx, m
     speed    largest speed of late, m/s
     """
@@ -169,6 +172,7 @@ class State(NamedTuple):
     anchor: Anchor
     push: Push = Push()
     same: tuple[int, float] = (0, 0.0)
+    renewal: int = 1
     gap: float = 0.0
     speed: float = 0.0
 
@@ -214,15 +218,18 @@ class Watch:
         push = self._pushed(state.push, acting.force, dt, state.cycle)
         if moved:
             anchor, push = Anchor(answer.position, state.cycle, lead), Push(push.forces)
-        same, gap, speed = self._compared(state, answer, silent, late)
+        same, renewal = self._repeated(state, answer, silent)
+        gap, speed = self._compared(state, answer, silent, late)
         fault = (
             self._beyond(state, answer, lead, silent)
             or self._standing(state.cycle, anchor, push, acting, sent)
-            or self._contradiction(state.cycle, answer, same, gap, speed)
+            or self._frozen(state.cycle, answer, same, renewal)
+            or self._contradiction(state.cycle, answer, gap, speed)
         )
-        return State(
-            state.cycle + 1, state.start, tuple(sent), 0.0, answer, anchor, push, same, gap, speed
-        ), fault  # fmt: skip
+        after = State(
+            state.cycle + 1, state.start, tuple(sent), 0.0, answer, anchor, push, same, renewal, gap, speed
+        )  # fmt: skip
+        return after, fault
 
     def _beyond(self, state: State, answer: Answer, lead: float, silent: float) -> Fault | None:
         """A limit of the drive file that is exceeded."""
@@ -310,34 +317,39 @@ class Watch:
             f"({SHOWN * self._count:.4g} m) of cycle {anchor.cycle}"
         )
 
-    def _compared(
-        self, state: State, answer: Answer, silent: float, late: bool
-    ) -> tuple[tuple[int, float], float, float]:
-        """How long the values have been the same; the gap between velocity and positions; the largest speed."""
+    def _repeated(self, state: State, answer: Answer, silent: float) -> tuple[tuple[int, float], int]:
+        """How often and how long all values have been the same, and after how many answers they were new so far."""
         many, time = state.same
-        same = (many + 1, time + silent) if answer == state.answer else (0, 0.0)
+        if answer == state.answer:
+            return (many + 1, time + silent), state.renewal
+        renewed = min(many + 1, self._patience) if state.answer.velocity else 1  # at rest they may stay the same
+        return (0, 0.0), max(state.renewal, renewed)
+
+    def _frozen(self, cycle: int, answer: Answer, same: tuple[int, float], renewal: int) -> Fault | None:
+        """All values stand still, with a velocity among them."""
+        many, time = same
+        if answer.velocity is None or many < max(self._patience, 2 * renewal):
+            return None
+        way, least = abs(answer.velocity) * min(time, self._memory), SHOWN * self._count
+        if way < least:
+            return None
+        message = (
+            f"all values stand still since cycle {cycle - many}, and 0x606C says {answer.velocity:.4g} m/s: that is "
+            f"{way:.4g} m up to cycle {cycle}, and a live drive would have shown {SHOWN} increments, {least:.4g} m"
+        )
+        return Fault("velocity_frozen", way, least, "m", cycle, message)
+
+    def _compared(self, state: State, answer: Answer, silent: float, late: bool) -> tuple[float, float]:
+        """The gap between velocity and positions, m, and the largest speed of late, m/s."""
         if answer.velocity is None:
-            return same, 0.0, 0.0
+            return 0.0, 0.0
         kept = max(0.0, 1.0 - silent / self._memory)
         moved = answer.position - state.answer.position
         gap = 0.0 if late else kept * state.gap + answer.velocity * silent - moved
-        return same, gap, max(kept * state.speed, abs(answer.velocity), abs(moved) / silent)
+        return gap, max(kept * state.speed, abs(answer.velocity), abs(moved) / silent)
 
-    def _contradiction(
-        self, cycle: int, answer: Answer, same: tuple[int, float], gap: float, speed: float
-    ) -> Fault | None:
+    def _contradiction(self, cycle: int, answer: Answer, gap: float, speed: float) -> Fault | None:
         """A velocity that the positions contradict."""
-        many, time = same
-        if answer.velocity is None:
-            return None
-        way, least = abs(answer.velocity) * min(time, self._memory), SHOWN * self._count
-        if many >= self._patience and way >= least:
-            said = (
-                f"all values stand still since cycle {cycle - many}, and 0x606C says {answer.velocity:.4g} m/s: up to "
-                f"cycle {cycle} that is {way:.4g} m, and a live drive would have shown {SHOWN} increments, "
-                f"{least:.4g} m"
-            )
-            return Fault("velocity_frozen", way, least, "m", cycle, said)
         bound = self._response * speed + max(self._sure, USED * self.limits.following_error)
         if abs(gap) > bound:
             said = (
