@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 import pyarrow as arrow
+import pytest
 from pyarrow import parquet
 
 import feeddrive as fd
+from plain_drive import Cascade, PlainAxis, write_columns
 
 
 def focus(page: Any) -> str:
@@ -162,3 +164,47 @@ def test_a_dark_system_is_told_by_the_button_and_a_choice_stays(browser: Any, st
     page.wait_for_selector("#dark[aria-pressed=false]")
     assert page.get_attribute("html", "data-look") == "light"
     context.close()
+
+
+@pytest.mark.slow(reason="a browser and an identification; what the page asks for is checked quickly elsewhere")
+def test_what_is_typed_of_a_column_is_what_it_is_read_by(served: Callable[..., Any], tmp_path: Path) -> None:
+    """A factor that is typed before the role stays; text that is no number is refused, and not left out."""
+    run = PlainAxis(mass=180.0).run(Cascade(30.0, 9000.0))
+    log = write_columns(
+        tmp_path / "axis.csv",
+        {"t_s": run["time"], "x_cmd [mm]": 1e3 * run["set"], "x_fb [mm]": -1e3 * run["position"],
+         "load [%]": run["force"] / 12.0},
+    )  # fmt: skip
+    page = (opened := (studio := served()).open()).page
+    page.set_input_files("#files", str(log))
+    page.wait_for_selector("#identify")
+
+    def field(what: str, column: str) -> Any:
+        return page.get_by_label(f"{what} of {column}", exact=True)
+
+    def typed(what: str, column: str, text: str) -> None:
+        field(what, column).fill(text)
+        field(what, column).press("Tab")
+        opened.settled()
+
+    assert field("Unit", "load").get_attribute("placeholder") == "percent"
+    typed("Factor", "load", "12")
+    typed("Factor", "x_fb", "-1")  # in mm, as the field beside it says
+    assert (field("Unit", "x_fb").input_value(), field("Factor", "x_fb").input_value()) == ("mm", "-1")
+    assert field("Factor", "load").input_value() == "12"  # the table was drawn anew meanwhile
+    field("Role", "load").select_option("force")
+    opened.settled()
+    typed("Factor", "load", "1.200,5")
+    assert "factor must be a number, not '1.200,5'" in page.inner_text("body")
+    assert field("Factor", "load").input_value() == "12"  # by which it is read
+    field("Role", "x_cmd").select_option("force")
+    opened.settled()
+    assert (field("Role", "x_cmd").input_value(), field("Unit", "x_cmd").input_value()) == ("force", "")
+    for column, role in (("x_cmd", "setpoint_position"), ("load", "force")):
+        field("Role", column).select_option(role)
+        opened.settled()
+    typed("Factor", "load", "12,0")
+    page.click("#identify")
+    page.wait_for_selector("#take-identified", timeout=60e3)
+    (machine,) = studio.folder.rglob("identified_*/machine.toml")
+    assert float(fd.read_machine(machine).loop("x").axis.plant.mass) == pytest.approx(180.0, rel=5e-4)  # type: ignore[attr-defined]

@@ -61,6 +61,7 @@ export class Bring implements Room {
   ]);
   private readonly given = new Map<string, string>(); // what a person wrote into the fields, by file and field
   private last: Received | null = null;
+  private refusals = 0;
 
   constructor(private readonly ask: Ask) {
     const chooser = make("input", { type: "file", multiple: "", id: "files" });
@@ -105,12 +106,18 @@ export class Bring implements Room {
     const open = words.files.find((file) => file.name === words.open);
     const { made, files, bundled, roles, columns, start_from } = words;
     const drawn = Object.keys(received.said.charts);
-    renew(this.detail, [made, words.open, files, bundled, roles, columns, start_from, drawn], () => [
+    renew(this.detail, [made, words.open, files, bundled, roles, columns, start_from, drawn, this.refusals], () => [
       ...this.outcome(words),
       ...(open ? this.shows(open, words) : []),
     ]);
     if (words.go) document.dispatchEvent(new CustomEvent("go", { detail: words.go }));
     this.draw();
+  }
+
+  // A field shows what a column is read by, and not what was refused.
+  unchanged(): void {
+    this.refusals += 1;
+    if (this.last) this.heard(this.last);
   }
 
   shown(): void {
@@ -328,14 +335,19 @@ export class Bring implements Room {
       );
       const unit = make("input", { type: "text", size: "6", "aria-label": `Unit of ${each.column}` });
       const factor = make("input", { type: "text", size: "8", inputmode: "decimal", "aria-label": `Factor of ${each.column}` });
-      const typed = (part: string) => `${name} ${part} of ${each.column}`; // kept until the column has a role
+      const typed = (part: string) => `${name} ${part} of ${each.column}`; // kept while the column has no role
+      const keep = (unit: string, factor: string) => this.given.set(typed("unit"), unit).set(typed("factor"), factor);
+      if (each.role) keep(each.unit, each.factor === null ? "" : String(each.factor));
       select.value = each.role;
-      unit.value = each.role ? each.unit : (this.given.get(typed("unit")) ?? "");
+      unit.value = this.given.get(typed("unit")) ?? "";
       unit.placeholder = each.stated;
-      const number = each.factor === null ? "" : String(each.factor);
-      factor.value = each.role ? number : (this.given.get(typed("factor")) ?? "");
+      factor.value = this.given.get(typed("factor")) ?? "";
+      select.addEventListener("change", () => {
+        if (!each.role || words.roles[each.role] === words.roles[select.value]) return;
+        unit.value = factor.value = ""; // they were those of another quantity
+      });
       const set = () => {
-        this.given.set(typed("unit"), unit.value).set(typed("factor"), factor.value);
+        keep(unit.value, factor.value);
         this.ask({
           do: "bring.role",
           name,
