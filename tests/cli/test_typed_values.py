@@ -84,10 +84,12 @@ def test_one_of_a_command_in_newtons(tmp_path: Path, unit: str, by_motor: float,
 
 
 @pytest.mark.parametrize(
-    ("head", "named"),
-    [("M_soll [Nm]", {"torque": "M_soll"}), ("M_soll [Nm]", {"command": "M_soll"}), ("M", {"torque": "M*1e-3:kNm"})],
-)
-@pytest.mark.parametrize("machine", [False, True])
+    ("head", "named", "machine"),
+    [
+        ("M_soll [Nm]", {"torque": "M_soll"}, False), ("M", {"torque": "M*1e-3:kNm"}, False),
+        ("M_soll [Nm]", {"command": "M_soll"}, False), ("M_soll [Nm]", {"command": "M_soll"}, True),
+    ],
+)  # fmt: skip
 def test_a_torque_beside_a_position_is_put_at_the_table(
     tmp_path: Path, head: str, named: dict[str, str], machine: bool
 ) -> None:
@@ -138,6 +140,14 @@ def test_a_command_in_newton_meters_in_a_job_is_no_current(tmp_path: Path) -> No
     found = measured_signals(job, job.log.read())
     np.testing.assert_allclose(found["force"], run()["force"], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(found["added_force"], 20.0)
+
+
+def test_units_in_the_spelling_of_makers_are_known_where_the_sizes_are_judged(tmp_path: Path) -> None:
+    columns = {"t": run()["time"], "theta": np.degrees(RADIANS * run()["position"]), "M": 1e7 * run()["force"]}
+    log = write_columns(tmp_path / "log.csv", columns)
+    assert "torque is" in identify(log, angle="theta:°", torque="M:Nm").doubt
+    with pytest.raises(LogError, match=r"'theta' states no unit, and the torque is"):
+        identify(log, angle="theta", torque="M:Nm")
 
 
 def test_samples_that_do_not_count_are_left_out_with_a_channels_file(tmp_path: Path) -> None:

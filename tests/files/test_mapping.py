@@ -49,6 +49,7 @@ def mappings(draw: st.DrawFn) -> Mapping:
     return Mapping(named, optional, reasons, draw(st.text()), step)
 
 
+@settings(max_examples=60)
 @given(mappings(), st.text())
 def test_any_mapping_comes_back_from_its_text(mapping: Mapping, file: str) -> None:
     """Equal in every field: names and reasons to the letter, factors and sample time to the bit."""

@@ -64,10 +64,10 @@ class Column:
         name, star, tail = text.rpartition("*")
         if not star:
             name, colon, unit = text.rpartition(":")
-            return cls(name=name, unit=unit) if colon else cls(name=text)
+            return cls(name=name, unit=unit_of(unit) or unit) if colon else cls(name=text)
         number, _, unit = tail.partition(":")
         try:
-            return cls(name=name, unit=unit, factor=float(number))
+            return cls(name=name, unit=unit_of(unit) or unit, factor=float(number))
         except ValueError:
             raise ParameterError(
                 f"'{text}': the factor after * must be a number, as in act*2e-8; a column whose name holds a * is "
