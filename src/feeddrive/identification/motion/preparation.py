@@ -199,7 +199,7 @@ def central_difference(values: np.ndarray, sample_time: float) -> np.ndarray:
 
 
 def decimated(values: np.ndarray, factor: int) -> np.ndarray:
-    """Every `factor`-th sample after an anti-aliasing low pass; the last sample is kept.
+    """Every `factor`-th sample of the last axis after an anti-aliasing low pass; the last sample is kept.
 
     The low pass is that of MATLAB's decimate: Chebyshev of first kind, order 8, ripple 0.05 dB, edge 0.8 / factor of
     the half sampling rate, forward and backward.
@@ -208,7 +208,7 @@ def decimated(values: np.ndarray, factor: int) -> np.ndarray:
         raise ParameterError(f"decimation = {factor} must be >= 1")
     if factor == 1:
         return values
-    return _decimating(values, factor)[kept(values.size, factor)]
+    return _decimating(values, factor)[..., kept(values.shape[-1], factor)]
 
 
 def _decimating(values: np.ndarray, factor: int) -> np.ndarray:
