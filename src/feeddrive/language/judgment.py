@@ -46,7 +46,7 @@ class Judgment(Enum):
     NO_PLACE = "benchmark", "No law that was named has a place", 1
     NONE_PLACED = "benchmark", "No law has a place on all plants", 1
     PLANNED = "plan", "every sample is proven to lie within the limits", 0
-    NOT_PLANNED = "plan", "the proof does not hold; no setpoints were written", 1
+    NOT_PLANNED = "plan", "could not be proven to keep its limits, and no setpoints were written", 1
     RAN = "run, demo, cosimulate", "every law moved the axis to the end", 0
     TRIPPED = "run, demo, cosimulate", "a guard tripped: the figures of its law are not those of the whole motion", 1
     SWEPT = "sweep", "yields and figures, however low", 0
@@ -56,13 +56,13 @@ class Judgment(Enum):
     EXPORTED = "export", "the export is written, and its loop is stable with a margin", 0
     NEAR_UNSTABLE = "export", "Tune it before it moves an axis", 1
     NOT_DECIDED = "export", "whether the loop is stable was not decided", 1
-    PROVEN = "check", "proven", 0
-    NOT_PROVEN = "check", "refused", 1
+    PROVEN = "check", "PROVEN", 0
+    NOT_PROVEN = "check", "REFUSED", 1
     EQUAL = "verify", "EQUAL, bit for bit", 0
     NOT_EQUAL = "verify", "NOT EQUAL", 1
     CHANGED = "verify", "CHANGED SINCE THE EXPORT", 1
     CLAIMS_HOLD = "reproduce", "all claims hold", 0
-    CLAIM_FAILS = "reproduce", "a claim does not hold", 1
+    CLAIM_FAILS = "reproduce", "DOES NOT HOLD", 1
 
     def __init__(self, commands: str, says: str, exit_code: int) -> None:
         self.commands, self.says, self.exit_code = commands, says, exit_code

@@ -30,8 +30,8 @@ from feeddrive.workflow.request import OUT, Request, argument, called, option
 
 _SHOWN, _WATCHED = 0.2, 5.0  # s between two reports on a terminal, and as lines
 FAULT = (
-    "the motion could not be proven to keep its limits, and no setpoints were written: this is a fault of feeddrive, "
-    "not of the program; please report it with the program and the limits"
+    f"the motion {Judgment.NOT_PLANNED.says}: this is a fault of feeddrive, not of the program; please report it with "
+    "the program and the limits"
 )
 
 

@@ -1,0 +1,414 @@
+"""The exit code of every judgment that a command passes on its own result, each provoked through the command line."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import shutil
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import feeddrive as fd
+from feeddrive import cli
+from feeddrive.language.judgment import Judgment
+from feeddrive.language.progress import Progress
+from feeddrive.papers import claims as papers
+from feeddrive.papers.claims import Claim, Experiment
+from feeddrive.path import setpoints
+
+T = 1e-3  # s
+MASS, COULOMB, VISCOUS = 140.0, 55.0, 310.0  # kg, N, N s/m
+
+
+def table(name: str, heads: str, *columns: np.ndarray) -> None:
+    np.savetxt(name, np.column_stack(columns), delimiter=",", fmt="%.10g", header=heads, comments="")
+
+
+def motion() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time, position and force of a rigid axis with Coulomb and viscous friction."""
+    t = T * np.arange(8000)
+    w, a = 2.0 * np.pi * np.array([0.5, 1.3]), np.array([0.08, 0.012])
+    x, v, acceleration = (
+        np.sum(a[:, None] * term, axis=0)
+        for term in (
+            np.sin(w[:, None] * t),
+            w[:, None] * np.cos(w[:, None] * t),
+            -(w[:, None] ** 2) * np.sin(w[:, None] * t),
+        )
+    )
+    noise = np.random.default_rng(12).standard_normal(t.size)
+    return t, x, MASS * acceleration + VISCOUS * v + COULOMB * np.sign(v) + 0.5 * noise
+
+
+def log(force: Callable[[np.ndarray, np.ndarray], np.ndarray] = lambda _t, f: f, unit: str = "mm") -> list[str]:
+    t, x, f = motion()
+    table("motion.csv", "t_s,x,f", t, 1e3 * x, force(t, f))
+    return ["identify", "motion.csv", "--position", f"x:{unit}", "--force", "f:N"]
+
+
+def response(mode: float, last: float, noise: float = 0.0) -> None:
+    """The response at the drive of two masses, 90 and 60 kg, with a mode in Hz; noise as a share."""
+    f = np.geomspace(4.0, last, 240)
+    s, rng = 2j * np.pi * f, np.random.default_rng(3)
+    w = 2.0 * np.pi * mode
+    k = w**2 * 90.0 * 60.0 / 150.0
+    c = 2.0 * 0.03 * k / w
+    G = (60.0 * s**2 + c * s + k) / (s**2 * (90.0 * 60.0 * s**2 + 150.0 * (c * s + k)))
+    G = G * (1.0 + noise * (rng.standard_normal(f.size) + 1j * rng.standard_normal(f.size)))
+    table("frf.csv", "f_Hz,re_motor[m/N],im_motor[m/N]", f, G.real, G.imag)
+
+
+def speeds(*values: float, drift: float = 0.0) -> list[str]:
+    """Runs of constant speeds in both directions, with a Stribeck curve; `drift` in N from run to run."""
+    rng = np.random.default_rng(8)
+    v = np.concatenate([np.full(300, each) for each in (*values, *(-each for each in values))])
+    friction = np.sign(v) * (30.0 + 18.0 * np.exp(-np.abs(v) / 0.008)) + 150.0 * v
+    f = friction + 0.4 * rng.standard_normal(v.size) + np.repeat(drift * rng.standard_normal(v.size // 300), 300)
+    table("runs.csv", "t_s,v,f", T * np.arange(v.size), 1e3 * v, f)
+    return ["friction", "runs.csv", "--velocity", "v:mm/s", "--force", "f:N"]
+
+
+FAST = (0.02, 0.03, 0.05, 0.08, 0.12, 0.18)
+ALL = (0.001, 0.002, 0.004, 0.007, 0.012, *FAST)
+
+
+def turns(odd: float, even: float, way: str = "both") -> list[str]:
+    """Slow runs over a pole pair of 32 mm: an order that turns with the direction and one that does not, in A."""
+    rng = np.random.default_rng(5)
+    x = np.concatenate([np.full(150, 0.0), np.linspace(0.0, 0.1, 4000), np.full(150, 0.1)])
+    direction = np.ones(x.size)
+    if way == "both":
+        x, direction = np.concatenate([x, x[::-1]]), np.concatenate([direction, -direction])
+    angle = 2.0 * np.pi * x / 0.032
+    current = direction * (0.4 + odd * np.sin(3.0 * angle)) + even * np.sin(12.0 * angle + 0.4)
+    table("slow.csv", "t_s,x,i", T * np.arange(x.size), 1e3 * x, current + 0.03 * rng.standard_normal(x.size))
+    words = ["cogging", "slow.csv", "--position", "x:mm", "--current", "i:A", "--period", "32:mm"]
+    return [*words, "--force-constant", "55"]
+
+
+def shaken(noise: float, unit: str = "N") -> list[str]:
+    """A mass of 20 kg shaken by noise, for a response from force to acceleration."""
+    rng = np.random.default_rng(6)
+    force = 300.0 * rng.standard_normal(6000)
+    acceleration = force / 20.0 + noise * rng.standard_normal(force.size)
+    table("shaken.csv", "t_s,f,a", T * np.arange(force.size), force, acceleration)
+    words = ["frf", "shaken.csv", "--input", f"f:{unit}", "--output", "a:m/s2", "--method", "h1"]
+    return [*words, "--reference", "none"]
+
+
+MACHINE = """
+sample_time_ms = 1.0
+[axis.x.plant]
+kind = "rigid"
+mass = 90
+[axis.x.encoder_load]
+kind = "encoder"
+resolution_um = 1
+[axis.x.control]
+force_limit = 2500
+[axis.x.control.guard]
+following_error_limit_mm = {bound}
+[axis.x.control.law]
+kind = "cascade_ppi"
+Kv = {Kv}
+Kp = {Kp}
+Tn = 0.03
+"""
+JOB = """
+machine = "machine.toml"
+[reference]
+kind = "snap_limited_move"
+distance_mm = 5
+velocity_mm_per_s = 50
+acceleration_mm_per_s2 = 500
+jerk_mm_per_s3 = 2e4
+snap_mm_per_s4 = 1e6
+"""
+
+
+def machine(bound: float = 5.0, Kv: float = 30.0, Kp: float = 1.2e4) -> None:
+    Path("machine.toml").write_text(MACHINE.format(bound=bound, Kv=Kv, Kp=Kp), encoding="utf-8")
+
+
+def job(bound: float) -> list[str]:
+    machine(bound)
+    Path("job.toml").write_text(JOB, encoding="utf-8")
+    return ["run", "job.toml"]
+
+
+def changing() -> list[str]:
+    """A log whose mass shows in the last fifth alone: a fit without that stretch cannot predict it."""
+    t = T * np.arange(8000)
+    gate = np.where(t > 6.4, np.sin(np.pi * np.clip((t - 6.4) / 1.6, 0.0, 1.0)) ** 2, 0.0)
+    x = 0.03 * np.sin(0.5 * np.pi * t) + 0.02 * gate * np.sin(8.0 * np.pi * t)
+    v = np.gradient(x, T)
+    f = MASS * np.gradient(v, T) + VISCOUS * v + COULOMB * np.sign(v)
+    f += 8.0 * np.random.default_rng(1).standard_normal(t.size)
+    table("motion.csv", "t_s,x,f", t, 1e3 * x, f)
+    return ["identify", "motion.csv", "--position", "x:mm", "--force", "f:N"]
+
+
+def lines(mode: float, last: float, noise: float, *words: str) -> list[str]:
+    response(mode, last, noise)
+    return ["identify", "frf.csv", "--motor", "motor", *words]
+
+
+def exported(*, Kv: float = 30.0, Kp: float = 1.2e4) -> list[str]:
+    machine(Kv=Kv, Kp=Kp)
+    return ["export", "machine.toml", "--target", "c", "--out", "c"]
+
+
+def undecided() -> list[str]:
+    """A law with a root of the position error, which has no slope where it stands still."""
+    folder = Path(__file__).parents[2] / "examples"
+    machine()
+    text = Path("machine.toml").read_text(encoding="utf-8")
+    law = re.search(r'TWISTING = """(.*?)"""', (Path(__file__).parents[1] / "test_own_blocks.py").read_text(), re.S)
+    assert law is not None
+    own = law[1].partition("[law.control.law]")[2]
+    Path("machine.toml").write_text(text.partition("[axis.x.control.law]")[0] + "[axis.x.control.law]" + own)
+    return ["export", "machine.toml", "--target", "c", "--blocks", str(folder / "square_root_mode.py")]
+
+
+def cut(depth: float) -> list[str]:
+    """A mill with a cutter of two teeth, up milling of half of its diameter, the tool a mode at 922 Hz."""
+    bundled = Path(fd.__file__).parent / "files/bundled/machines/xy_table.toml"
+    added = """
+[[couplings]]
+kind = "milling_cut"
+spindle_speed = 10000
+[couplings.cutter]
+kind = "helical_cutter"
+teeth = 2
+diameter_mm = 12
+axial_depth_mm = 0.2
+radial_depth_mm = 6
+specific_energy = 6e8
+radial_ratio = 0.3
+"""
+    Path("mill.toml").write_text(bundled.read_text(encoding="utf-8") + added, encoding="utf-8")
+    words = ["lobes", "mill.toml", "--rigid", "--mode", "922:0.011:0.04:x", "--speeds", "9000:11000:2"]
+    return [*words, "--depth", str(depth)]
+
+
+def certificate(change: str) -> list[str]:
+    """A certificate of the machine, whose confidence is changed."""
+    machine()
+    fd.workflow.certify("machine.toml", out="proven")
+    text = Path("proven/certificate.json").read_text(encoding="utf-8")
+    Path("proven/certificate.json").write_text(text.replace('"confidence": 0.95', change), encoding="utf-8")
+    return ["check", "proven/certificate.json"]
+
+
+def proof(*words: str, edited: bool = False) -> list[str]:
+    if shutil.which("gcc") is None:
+        pytest.skip("NOT TESTED: the proof of an export needs gcc: apt-get install gcc libc6-dev")
+    machine()
+    fd.workflow.export("machine.toml", target="c", out="c")
+    if edited:
+        Path("c/README.md").write_text("mine\n", encoding="utf-8")
+    return ["verify", "c", "--samples", "300", *words]
+
+
+def part(share: float = 0.0) -> list[str]:
+    """A part program; the planner may use more of the limits than there is of them."""
+    Path("part.ngc").write_text("G21 G90 G17\nG1 X7 Y0 F2500\nX7 Y5\nM2\n", encoding="utf-8")
+    made = setpoints.planned
+
+    def planned(moves, axes, limits, *rest):
+        return made(moves, axes, limits * (1.0 + share), *rest)
+
+    PATCH.setattr(setpoints, "planned", planned)
+    return ["plan", "part.ngc", "--machine", "xy_table"]
+
+
+def claimed(got: float) -> list[str]:
+    """A paper with one claim that holds up to 1."""
+
+    def run(paper: str, progress: Progress) -> Experiment:
+        progress.step("the only run")
+        return Experiment(paper, "A paper", "Someone 1999", [Claim("1", "it is small", "alone", got, most=1.0)])
+
+    PATCH.setattr(papers, "run", run)
+    return ["reproduce", "wu2017"]
+
+
+def study(values: str, bounds: str = "sensitivity_peak = { most = 2 }", of: str = "job.toml") -> None:
+    job(5.0)
+    vary = f'[[vary]]\nparameter = "axis.x.actuator.dead_time"\nvalues_us = [{values}]\n'
+    text = f'job = "{of}"\nsampler = "grid"\n[specification]\n{bounds}\n{vary}'
+    Path("study.toml").write_text(text, encoding="utf-8")
+
+
+def swept(values: str) -> list[str]:
+    study(values)
+    return ["sweep", "study.toml", "--workers", "1"]
+
+
+def robust() -> list[str]:
+    """Today's crossover is 70.3 Hz; with Ms up to 3 the new one is 73.4 Hz, beyond a bound that is only counted."""
+    study("40, 50", "sensitivity_peak = { most = 3 }\ncrossover_Hz = { most = 72 }", "ball_screw")
+    return ["tune", "--study", "study.toml", "--filters", "kept", "--starts", "1", "--fresh", "16"]
+
+
+def tuned(recipe: str, source: str = "machine.toml", **gains: float) -> list[str]:
+    machine(bound=50.0, **gains)
+    return ["tune", source, "--recipe", recipe]
+
+
+def compared(starts: int, *, today: bool = False) -> list[str]:
+    """P-PI against today's gains, which keep their place alone if its snap is made the larger one."""
+    machine(bound=50.0)
+    if today:
+        module = importlib.import_module("feeddrive.workflow.compare")
+        made = module.compare_laws
+
+        def compare_laws(*args, **options):
+            found = made(*args, **options)
+            key = "rope_snap_ISE_root_m_per_N"
+            worse = [
+                each if each.name == "today's gains" else replace(each, figures={**each.figures, key: 1.0})
+                for each in found.competitors
+            ]
+            return replace(found, competitors=tuple(worse))
+
+        PATCH.setattr(module, "compare_laws", compare_laws)
+    return ["compare", "machine.toml", "--law", "P-PI", "--starts", str(starts)]
+
+
+def scored(*words: str, without: str = "") -> list[str]:
+    """The benchmark on one plant; the rows of laws whose name holds `without` lose their place."""
+    module = importlib.import_module("feeddrive.workflow.benchmark")
+    made = module.score
+
+    def score(*args, **options):
+        found = made(*args, **options)
+        rows = [replace(each, unplaced="no place") if without and without in each.law else each for each in found.rows]
+        return replace(found, rows=tuple(rows))
+
+    PATCH.setattr(module, "score", score)
+    return ["benchmark", "--plant", "rotary_table", *words]
+
+
+QUICK: dict[Judgment, Callable[[], list[str]]] = {
+    Judgment.DO_NOT_TUNE: lambda: log(lambda t, f: f + 70.0 * np.sin(19.0 * t)),
+    Judgment.UNITS_IN_DOUBT: lambda: shaken(1.0, unit="mN"),
+    Judgment.INCOHERENT: lambda: shaken(60.0),
+    Judgment.CURVE_IS_OPEN: lambda: speeds(*FAST),
+    Judgment.NEAR_UNSTABLE: lambda: exported(Kv=100.0, Kp=1e5),
+    Judgment.NOT_PROVEN: lambda: certificate('"confidence": 0.97'),
+    Judgment.CLAIM_FAILS: lambda: claimed(1.2),
+    Judgment.DONE: lambda: ["force", "V", "--column", "u", "--at-full", "30:Nm"],
+}
+SLOW: dict[Judgment, Callable[[], list[str]]] = {
+    Judgment.USE_VALUES: log,
+    Judgment.DO_NOT_TRUST: changing,
+    Judgment.USE_MODEL: lambda: lines(60.0, 400.0, 0.0),
+    Judgment.DO_NOT_USE_MODEL: lambda: lines(60.0, 400.0, 1.5),
+    Judgment.MODEL_IS_OPEN: lambda: lines(60.0, 20.0, 0.01, "--model", "two-mass"),
+    Judgment.TAKE_CURVE: lambda: speeds(*ALL),
+    Judgment.DO_NOT_USE_CURVE: lambda: speeds(*ALL, drift=60.0),
+    Judgment.TAKE_COGGING: lambda: turns(0.0, 0.3),
+    Judgment.NO_COGGING: lambda: turns(0.3, 0.0),
+    Judgment.COGGING_IS_OPEN: lambda: turns(0.0, 0.3, "forward"),
+    Judgment.TAKE_TUNING: lambda: tuned("kv-rule"),
+    Judgment.LEAVE_CONTROL: lambda: tuned("margins-robust", "ball_screw"),
+    Judgment.DO_NOT_USE_TUNING: lambda: tuned("kv-rule", Kv=100.0, Kp=1e5),
+    Judgment.FEWER_ARE_GOOD: robust,
+    Judgment.RANKED: lambda: compared(2),
+    Judgment.KEEP_GAINS: lambda: compared(2, today=True),
+    Judgment.NONE_RANKED: lambda: compared(1),
+    Judgment.SCORED: lambda: scored("--law", "P-PI"),
+    Judgment.NO_PLACE: lambda: scored("--law", "LADRC", without="LADRC"),
+    Judgment.NONE_PLACED: lambda: scored("--law", "P-PI", without="P-PI"),
+    Judgment.PLANNED: part,
+    Judgment.NOT_PLANNED: lambda: part(1e-6),
+    Judgment.RAN: lambda: job(5.0),
+    Judgment.TRIPPED: lambda: job(1e-6),
+    Judgment.SWEPT: lambda: swept("500, 1000"),
+    Judgment.NO_FIGURES: lambda: swept("50000, 60000"),
+    Judgment.STABLE_CUT: lambda: cut(0.1),
+    Judgment.CHATTERS: lambda: cut(0.3),
+    Judgment.EXPORTED: exported,
+    Judgment.NOT_DECIDED: undecided,
+    Judgment.PROVEN: lambda: certificate('"confidence": 0.95'),
+    Judgment.EQUAL: proof,
+    Judgment.NOT_EQUAL: lambda: proof("--flag", "-fsingle-precision-constant"),
+    Judgment.CHANGED: lambda: proof(edited=True),
+    Judgment.CLAIMS_HOLD: lambda: claimed(0.8),
+}
+# what a good result says by its figures, and no sentence
+SILENT = {
+    Judgment.DONE, Judgment.TAKE_TUNING, Judgment.PLANNED, Judgment.RAN, Judgment.SWEPT, Judgment.EXPORTED,
+    Judgment.CLAIMS_HOLD,
+}  # fmt: skip
+PATCH: pytest.MonkeyPatch
+
+
+@pytest.fixture
+def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """Runs `feeddrive` in an empty folder: exit code and all that it says."""
+    global PATCH
+    PATCH = monkeypatch
+    monkeypatch.chdir(tmp_path)
+
+    def asked(words: list[str]) -> tuple[int, str]:
+        monkeypatch.setattr(sys, "argv", ["feeddrive", *words])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        captured = capsys.readouterr()
+        return int(ended.value.code or 0), captured.out + captured.err
+
+    return asked
+
+
+def check(call, judgment: Judgment, words: list[str]) -> None:
+    code, said = call(words)
+    assert code == judgment.exit_code, said
+    assert "error:" not in said
+    assert judgment in SILENT or judgment.says in said, said
+
+
+@pytest.mark.parametrize("judgment", QUICK, ids=lambda each: each.name)
+def test_a_judgment_ends_with_its_code(call, judgment: Judgment) -> None:
+    check(call, judgment, QUICK[judgment]())
+
+
+@pytest.mark.slow(reason="the other judgments, 0.5 to 30 s each; one of each kind stays quick")
+@pytest.mark.parametrize("judgment", SLOW, ids=lambda each: each.name)
+def test_every_judgment_ends_with_its_code(call, judgment: Judgment) -> None:
+    check(call, judgment, SLOW[judgment]())
+
+
+@pytest.mark.slow(reason="the other commands that doubt units")
+@pytest.mark.parametrize("command", ["identify", "friction", "cogging"])
+def test_units_in_doubt_are_bad_in_every_command(call, command: str) -> None:
+    words = {
+        "identify": lambda: log(unit="m"),
+        "friction": lambda: [each.replace("v:mm/s", "v:m/s") for each in speeds(*ALL)],
+        "cogging": lambda: [each.replace("x:mm", "x:m") for each in turns(0.0, 0.3)],
+    }[command]()
+    check(call, Judgment.UNITS_IN_DOUBT, words)
+
+
+def test_every_judgment_is_provoked() -> None:
+    assert {*QUICK, *SLOW} == {*Judgment}
+    assert not {*QUICK} & {*SLOW}
+
+
+def test_the_table_of_the_docs_is_that_of_the_code() -> None:
+    page = (Path(__file__).parents[2] / "docs/files.md").read_text(encoding="utf-8")
+    page = page.partition("| command | judgment | code |")[2].partition("\n\n")[0]
+    rows = re.findall(r"^\| ([^|]+) \| ([^|]+) \| (\d) \|$", page, re.MULTILINE)
+    assert rows == [(each.commands, each.says, str(each.exit_code)) for each in Judgment]
+
+
+def test_a_certificate_that_is_not_there_is_a_wrong_path(call) -> None:
+    code, said = call(["check", "nothing.json"])
+    assert code == 2
+    assert said == "feeddrive: error: nothing.json: no such file\n"
