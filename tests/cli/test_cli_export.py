@@ -200,16 +200,18 @@ def test_an_edit_is_kept_when_it_is_exported_again(machine: Path, tmp_path: Path
 
 @needs_gcc
 def test_a_compiler_that_computes_otherwise_is_found(machine: Path, tmp_path: Path) -> None:
-    """One changes a bit, which the certificate says; -ffast-math is refused by the header; -O3 changes none."""
+    """Two are refused by the header; one changes a bit, which the certificate says; -O3 changes none."""
     out = tmp_path / "c"
     exported(out, "ball_screw", "--target", "c")
-    flag = "-funsafe-math-optimizations"
-    unsafe = CliRunner().invoke(app, ["verify", str(out), "--samples", "5000", "--flag", flag])
-    assert unsafe.exit_code == 1
-    assert flag in unsafe.output
-    fast = CliRunner().invoke(app, ["verify", str(out), "--samples", "5000", "--flag", "-ffast-math"])
-    assert fast.exit_code == 1
-    assert "compile without -ffast-math" in str(fast.exception)
+    for flag in ("-ffast-math", "-funsafe-math-optimizations"):
+        refused = CliRunner().invoke(app, ["verify", str(out), "--samples", "5000", "--flag", flag])
+        assert refused.exit_code == 1
+        assert f"compile without {flag}" in str(refused.exception)
+    flag = "-fsingle-precision-constant"
+    other = CliRunner().invoke(app, ["verify", str(out), "--samples", "5000", "--flag", flag])
+    assert other.exit_code == 1
+    assert flag in other.output
+    assert "NOT EQUAL" in other.output
     strict = CliRunner().invoke(app, ["verify", str(out), "--samples", "5000", "--flag", "-O3"])
     assert strict.exit_code == 0, strict.output
 

@@ -97,7 +97,7 @@ def test_the_self_test_passes_and_finds_a_wrong_bit(tmp_path: Path):
     assert "0 outputs differ" in self_test(bundle)
     vectors = bundle / "axis_x_vectors.h"
     before, after = vectors.read_text().split("expected[SAMPLES]")
-    wrong = re.sub(r"0x1\.([0-9a-f])", lambda found: f"0x1.{int(found[1], 16) ^ 1:x}", after, count=1)
+    wrong = re.sub(r"(0x[0-9A-F]{8})", lambda found: f"0x{int(found[1], 16) ^ 1:08X}", after, count=1)
     assert wrong != after
     vectors.write_text(f"{before}expected[SAMPLES]{wrong}")
     with pytest.raises(EmulatorError, match="1 outputs differ"):
@@ -154,7 +154,7 @@ int main(void)
 }
 """
     (tmp_path / "bundle" / "same.c").write_text(main)
-    sources = ["same.c", "axis_x_configure.c", "axis_x_prepared.c"]
+    sources = ["same.c", "axis_x.c", "axis_x_configure.c", "axis_x_prepared.c"]
     flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O0", "-ffp-contract=off"]
     subprocess.run(["gcc", *flags, "-o", "same", *sources, "-lm"], cwd=tmp_path / "bundle", check=True)
     assert subprocess.run([tmp_path / "bundle" / "same"], check=False).returncode == 0

@@ -125,6 +125,7 @@ def codes_of_c(routines: list[Routine], rows: list[np.ndarray], place: Path) -> 
 
 
 _ASKED = """
+bool {P}_exact(void) {{ return true; }} /* that of the step, which is not part of this program */
 static void ask_{P}(int rows, int columns)
 {{
     static {P}_{held} held;

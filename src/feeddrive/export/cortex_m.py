@@ -7,6 +7,7 @@ from pathlib import Path
 
 from feeddrive.export.c.bundle import c_files
 from feeddrive.export.c.header import mark
+from feeddrive.export.c.programs import filled
 from feeddrive.export.c.statements import number
 from feeddrive.export.cortex_m_builds import FLAGS, PACKAGES, Core, cmake_lists, find_core, makefile, toolchain
 from feeddrive.export.design import CONTROL, Design
@@ -82,7 +83,6 @@ def _act(design: Design) -> str:
 def count_program(layout: Layout) -> str:
     """A program that runs each stored step between two marks, for counting its instructions."""
     P = layout.routine.name
-    filled = "\n".join(f"        inputs.{v.name} = samples[k][{i}];" for i, v in enumerate(layout.routine.inputs))
     return f"""\
 /* Runs the stored samples between two marks, so that the instructions of each step can be counted in the emulator. */
 #include "{P}_prepared.h"
@@ -110,7 +110,7 @@ int main(void)
     (void)changes;
     {P}_prepared(&counted);
     for (int k = 0; k < SAMPLES; k++) {{
-{filled}
+{filled(layout.routine)}
         if (k == 0) {{
             {P}_reset(&counted, &inputs);
         }}
@@ -279,7 +279,7 @@ def prepared_files(layout: Layout) -> dict[str, str]:
         *_constant(f"{P}_design", "design", numbers),
         *_constant(f"{P}_parameters", "parameters", parameters),
         *(f"    controller->{name} = {name};" for name, rows in _given(numbers, parameters) if rows),
-        f"    controller->configured = {mark(P)};",
+        f"    controller->configured = {P}_exact() ? {mark(P)} : 0U;",
         "}",
         "",
     ]  # fmt: skip

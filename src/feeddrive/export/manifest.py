@@ -17,6 +17,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from feeddrive.export.c.arithmetic import rules
 from feeddrive.export.design import CONTROL, MACHINE_FILE, Design
 from feeddrive.files.atomic_io import new_directory, read_whole
 from feeddrive.language.errors import FileError
@@ -48,8 +49,12 @@ class Manifest:
     files: Mapping[str, str]
 
 
+_OF_C = ("c", "cortex-m", "fmu2", "fmu3", "linuxcnc")  # targets whose code is exported C
+
+
 def manifest_text(design: Design, target: str, files: Mapping[str, bytes | str], **options: Any) -> str:
     """The text of `export.json` for an export of these files; `options` are the target's own."""
+    told = rules(design.routine) if target in _OF_C else design.routine.sentences
     content = {
         "export": {
             "target": target, "axis": design.axis, "what": design.what, "name": design.name,
@@ -59,7 +64,7 @@ def manifest_text(design: Design, target: str, files: Mapping[str, bytes | str],
             "name": design.machine.name, "file": MACHINE_FILE, "source": Path(design.machine.file.name).name,
             "sha256": design.digest,
         },
-        "rules": {str(code): sentence for code, sentence in design.routine.sentences.items()},
+        "rules": {str(code): sentence for code, sentence in told.items()},
         "made_by": f"feeddrive {__version__}",
         "files": {name: _digest(content) for name, content in sorted(files.items())},
     }  # fmt: skip
@@ -154,7 +159,7 @@ def readme(template: str, design: Design, **content: Any) -> str:
     """The README of a design in Markdown. Pure: the same content gives the same text.
 
     template  a file of `templates/`; besides `content` it gets `design`, `routine`, `P` (the prefix of all names),
-              `title`, `made_by`, `control` (true for a control, false for an axis) and `trips`
+              `title`, `made_by`, `control` (true for a control, false for an axis), `trips` and `c_rules`
     """
     return (
         _environment()
@@ -167,6 +172,7 @@ def readme(template: str, design: Design, **content: Any) -> str:
             made_by=design.made_by,
             control=design.what == CONTROL,
             trips=TRIPS,
+            c_rules=rules(design.routine),
             **content,
         )
     )

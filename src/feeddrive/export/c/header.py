@@ -6,6 +6,7 @@ import re
 import textwrap
 from collections.abc import Sequence
 
+from feeddrive.export.c.arithmetic import CODE, STRICT
 from feeddrive.export.c.statements import FLUSH
 from feeddrive.export.layout import Layout
 from feeddrive.loop import guard as guards
@@ -25,9 +26,9 @@ def header(layout: Layout, title: str, made_by: str) -> str:
     lines = [
         *comment(f"{title}\n\n{made_by}\n\n{_USE.format(P=P, held=held)}"),
         f"#ifndef {guard}", f"#define {guard}", "",
-        "#include <stdbool.h>", "#include <stdint.h>", "",
+        "#include <float.h>", "#include <stdbool.h>", "#include <stdint.h>", "",
         "#ifdef __cplusplus", 'extern "C" {', "#endif", "",
-        *_STRICT,
+        *STRICT,
         f"#define {P.upper()}_SAMPLE_TIME {routine.sample_time!r} /* s, {routine.sample_time.hex()} */", "",
         "/* Value of `configured` after a successful configure; uninitialized memory has another one. */",
         f"#define {mark(P)} UINT32_C(0x00C500C5)", "",
@@ -49,10 +50,13 @@ def header(layout: Layout, title: str, made_by: str) -> str:
         f"}} {P}_{held};", "",
         "/* The values of the machine file. */",
         f"void {P}_defaults({P}_parameters *parameters);", "",
-        "/* 0, or the code of the first rule that the parameters break: README.md and export.json explain it. */",
+        "/* Does this compiler round as the simulation does? configure and broken_rule ask it. */",
+        f"bool {P}_exact(void);", "",
+        "/* 0, or the code of the first rule that the parameters break: README.md and export.json explain it.",
+        f"   {CODE} if this compiler rounds otherwise than the simulation: then configure refuses, too. */",
         f"int {P}_broken_rule(const {P}_parameters *parameters);", "",
         "/* All work that depends on parameters only: once, outside the interrupt. The state is left alone.",
-        f"   False if a rule is broken: {_OFF[held]}. */",
+        f"   False if a rule is broken, or {P}_exact is false: {_OFF[held]}. */",
         f"bool {P}_configure({arguments}, const {P}_parameters *parameters);", "",
         "/* The state where the axis is: off, without a trip. Once before the first step, after configure. */",
         f"void {P}_reset({arguments}, const {P}_inputs *inputs{reset_outputs});", "",
@@ -78,12 +82,6 @@ def mark(P: str) -> str:
     return f"{P.upper()}_CONFIGURED"
 
 
-# with these options a compiler takes NaN for impossible and leaves out the checks for it
-_STRICT = (
-    "#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0) || defined(_M_FP_FAST)",
-    '#error "compile without -ffast-math, -ffinite-math-only, /fp:fast: broken readings could not be detected"',
-    "#endif", "",
-)  # fmt: skip
 _OFF = {
     "controller": "then a step does nothing but command the safe force of the machine file",
     "plant": "then reset and step do nothing",
@@ -96,7 +94,8 @@ _USE = """\
     {P}_reset(&{held}, &inputs);
     each sample: {P}_step(&{held}, &inputs, &outputs);
 
-Compile without -ffast-math and with -ffp-contract=off: then the bits are those of the simulation."""
+Compile without -ffast-math and its parts, with -ffp-contract=off and not for an x87: then the bits are those of the
+simulation."""
 
 
 def _trips(layout: Layout) -> list[str]:

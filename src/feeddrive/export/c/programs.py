@@ -13,11 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
+from feeddrive.export.c.arithmetic import SENTENCE
 from feeddrive.export.c.statements import number
 from feeddrive.export.layout import Layout
 from feeddrive.export.layout_run import LayoutRun
 from feeddrive.export.trial import Trial, trial
 from feeddrive.language.errors import FileError, MissingProgramError
+from feeddrive.loop.routine import Routine
 from feeddrive.loop.routine_run import run
 
 SAMPLES, CHANGES, BROKEN = 400, 4, 2e-3
@@ -35,16 +37,20 @@ def self_test(layout: Layout, seed: int = 0) -> tuple[str, str]:
     expected = run(routine, tried.inputs, tried.changes) if double else stepped(layout, tried)
     retuned = _parameter_rows(layout, tried)
     program = _PROGRAM.format(
-        P=P, real=layout.precision, bits="uint64_t" if layout.precision == "double" else "uint32_t",
-        inputs=_filled("inputs", [v.name for v in routine.inputs], "samples[k]"),
+        P=P, real=layout.precision, inputs=filled(routine),
         outputs=_compared([v.name for v in routine.outputs]),
-        parameters=_filled("parameters", [v.name for v in routine.parameters], "changes[change].parameters", 12),
+        parameters="\n".join(
+            f"            parameters.{v.name} = changes[change].parameters[{i}];"
+            for i, v in enumerate(routine.parameters)
+        ),
     )  # fmt: skip
     vectors = _VECTORS.format(
-        P=P.upper(), real=layout.precision, count=len(tried.inputs), inputs=len(routine.inputs), seed=seed,
+        P=P.upper(), real=layout.precision, bits=f"uint{64 if double else 32}_t", count=len(tried.inputs),
+        inputs=len(routine.inputs), seed=seed,
         outputs=len(routine.outputs), parameters=len(routine.parameters), changes=max(1, len(retuned)),
         held=len(retuned), samples=_rows(tried.inputs, layout.precision), expected=_rows(expected, layout.precision),
-        rows=",\n".join(f"    {{{sample}, {{{_row(values)}}}}}" for sample, values in retuned) or "    {0, {0.0}}",
+        rows=",\n".join(f"    {{{k}, {{{', '.join(map(number, values))}}}}}" for k, values in retuned)
+        or "    {0, {0.0}}",
     )  # fmt: skip
     return program, vectors
 
@@ -71,43 +77,53 @@ def _parameter_rows(layout: Layout, tried: Trial) -> list[tuple[int, list[float]
     return rows
 
 
-def _row(values: Sequence[float], real: str = "double") -> str:
-    return ", ".join("NOT_A_NUMBER" if x != x else number(float(x), real) for x in values)
-
-
 def _rows(values: np.ndarray, real: str) -> str:
+    """Numbers by their bits: not every compiler takes NaN and infinity for constants."""
     with np.errstate(over="ignore"):
-        return ",\n".join(f"    {{{_row(row, real)}}}" for row in values)
+        held = np.ascontiguousarray(values, np.float64 if real == "double" else np.float32)
+    digits = 2 * held.itemsize
+    bits = held.view(f"u{held.itemsize}")
+    return ",\n".join(f"    {{{', '.join(f'0x{int(each):0{digits}X}' for each in row)}}}" for row in bits)
 
 
-def _filled(struct: str, names: Sequence[str], source: str, indent: int = 8) -> str:
-    return "\n".join(f"{' ' * indent}{struct}.{name} = {source}[{i}];" for i, name in enumerate(names))
+def filled(routine: Routine) -> str:
+    """The lines that take the inputs of a stored sample k."""
+    return "\n".join(f"        inputs.{v.name} = value(samples[k][{i}]);" for i, v in enumerate(routine.inputs))
 
 
 def _compared(names: Sequence[str]) -> str:
     return "\n".join(
-        f'        wrong += differs(k, "{name}", outputs.{name}, expected[k][{i}]);' for i, name in enumerate(names)
+        f'        wrong += differs(k, "{name}", outputs.{name}, value(expected[k][{i}]));'
+        for i, name in enumerate(names)
     )
 
 
 _VECTORS = """\
-/* Random samples, seed {seed}, and the answers of the simulator: see the README. */
+/* Random samples, seed {seed}, and the answers of the simulator, by the bits of each number: see the README. */
 #ifndef {P}_VECTORS_H
 #define {P}_VECTORS_H
 
-#include <math.h>
+#include <stdint.h>
+#include <string.h>
 
-#define NOT_A_NUMBER (({real})NAN)
 #define SAMPLES {count}
 #define CHANGES {held}
 
-static const {real} samples[SAMPLES][{inputs}] = {{
+static const {bits} samples[SAMPLES][{inputs}] = {{
 {samples}
 }};
 
-static const {real} expected[SAMPLES][{outputs}] = {{
+static const {bits} expected[SAMPLES][{outputs}] = {{
 {expected}
 }};
+
+/* The number that has these bits. */
+static inline {real} value({bits} bits)
+{{
+    {real} number;
+    memcpy(&number, &bits, sizeof number);
+    return number;
+}}
 
 /* Other parameters, from a sample on. */
 static const struct {{ int sample; double parameters[{parameters}]; }} changes[{changes}] = {{
@@ -123,15 +139,11 @@ _PROGRAM = """\
 #include "{P}_vectors.h"
 
 #include <stdio.h>
-#include <string.h>
 
 /* Does the number differ from the expected one? All NaN count as equal. */
 static int differs(int sample, const char *name, {real} found, {real} wanted)
 {{
-    {bits} a, b;
-    memcpy(&a, &found, sizeof a);
-    memcpy(&b, &wanted, sizeof b);
-    if (a == b || (found != found && wanted != wanted)) {{
+    if (memcmp(&found, &wanted, sizeof found) == 0 || (found != found && wanted != wanted)) {{
         return 0;
     }}
     printf("sample %d: %s is %.17g, not %.17g\\n", sample, name, (double)found, (double)wanted);
@@ -147,7 +159,10 @@ int main(void)
     int wrong = 0, change = 0;
     const uint64_t mode = {P}_flush_begin();
     {P}_defaults(&parameters);
-    {P}_configure(&controller, &parameters);
+    if (!{P}_configure(&controller, &parameters)) {{
+        printf("refused: rule %d is broken, see the README\\n", {P}_broken_rule(&parameters));
+        return 2;
+    }}
     for (int k = 0; k < SAMPLES; k++) {{
 {inputs}
         if (k == 0) {{
@@ -193,7 +208,7 @@ def streamed(
         parameters=max(1, len(routine.parameters)),
         filled=_stream_filled("inputs", [v.name for v in routine.inputs], "row", f"({layout.precision})"),
         retuned=_stream_filled("parameters", [v.name for v in routine.parameters], "values", ""),
-        answered=_answered([v.name for v in routine.outputs]),
+        answered=_answered([v.name for v in routine.outputs]), refused=_REFUSED,
     )  # fmt: skip
     with tempfile.TemporaryDirectory(prefix="feeddrive-") as folder:
         place = Path(folder)
@@ -204,6 +219,9 @@ def streamed(
         (place / "in").write_bytes(_packed(layout, tried))
         with open(place / "in", "rb") as given, open(place / "out", "wb") as answers:
             done = subprocess.run([str(binary)], stdin=given, stdout=answers, check=False)
+        if done.returncode == _REFUSED:
+            words = " ".join([*compiler(command), *flags])
+            raise FileError(f"{P}: what {words} makes of it refuses to run: not {SENTENCE}")
         if done.returncode != 0:
             raise FileError(f"{P}: the compiled program ended with status {done.returncode}")
         found = np.fromfile(place / "out", dtype=np.float64).reshape(-1, len(routine.outputs))
@@ -233,6 +251,7 @@ def _stream_filled(struct: str, names: Sequence[str], source: str, cast: str) ->
     return "\n".join(f"                {struct}.{name} = {cast}{source}[{i}];" for i, name in enumerate(names))
 
 
+_REFUSED = 5  # status of a program whose compiler rounds otherwise
 _STREAM_PROGRAM = """\
 #include "{P}.h"
 
@@ -249,7 +268,9 @@ int main(void)
     bool begun = false;
     const uint64_t mode = {P}_flush_begin();
     {P}_defaults(&parameters);
-    {P}_configure(&controller, &parameters);
+    if (!{P}_configure(&controller, &parameters)) {{
+        return {P}_broken_rule(&parameters) < 0 ? {refused} : 1;
+    }}
     while (fread(&count, sizeof count, 1, stdin) == 1) {{
         if (count < 0.0) {{
             if (fread(values, sizeof values, 1, stdin) != 1) {{

@@ -16,6 +16,7 @@ import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from feeddrive.export.c.arithmetic import CODE, exact
 from feeddrive.export.c.header import comment, header, mark
 from feeddrive.export.c.statements import FUNCTIONS, Body, expression, helpers, number, wrapped
 from feeddrive.export.identifiers import ascii_text, bare
@@ -70,7 +71,8 @@ def _source(layout: Layout, title: str, made_by: str) -> str:
         functions.append(_function(signature, [line for line, needed in wanted if needed], body.lines))
     tables = _tables(routine, functions, real)
     said = comment(f"{title}: reset and step.\n\n{made_by}\n\n{_laws(routine)}")
-    return _joined([*said, f'#include "{P}.h"', "", *_needed(used, real), *tables, *functions])
+    check = exact(f"bool {P}_exact(void)", real)
+    return _joined([*said, f'#include "{P}.h"', "", *_needed(used, real), *tables, check, *functions])
 
 
 def _configure(layout: Layout, title: str, made_by: str) -> str:
@@ -78,18 +80,21 @@ def _configure(layout: Layout, title: str, made_by: str) -> str:
     held = routine.memory
     defaults = [_assigned(f"parameters->{v.name}", v.value) for v in routine.parameters]
     designed, used = _designed(layout)
+    both = f"{P}_exact() && designs_exactly()"  # each file may be compiled with flags of its own
     functions = [
+        exact("static bool designs_exactly(void)", "double"),
         _function(f"void {P}_defaults({P}_parameters *parameters)", [], defaults or ["(void)parameters;"]),
         designed,
         _function(
             f"int {P}_broken_rule(const {P}_parameters *parameters)", [],
-            [f"{P}_design design;", "return designed(&design, parameters);"],
+            [f"{P}_design design;", f"return ({both}) ? designed(&design, parameters) : {CODE};"],
         ),
         _function(
             f"bool {P}_configure({P}_{held} *{held}, const {P}_parameters *parameters)", [],
             [
                 f"{held}->configured = 0U;",
-                f"if (designed(&{held}->design, parameters) != 0) {{", "    return false;", "}",
+                *wrapped(f"if (!({both}) || (designed(&{held}->design, parameters) != 0)) {{"),
+                "    return false;", "}",
                 f"{held}->parameters = *parameters;", f"{held}->configured = {mark(P)};", "return true;",
             ],
         ),
@@ -99,7 +104,7 @@ def _configure(layout: Layout, title: str, made_by: str) -> str:
         functions.append(text)
         used |= more
     said = comment(f"{title}: what is done once, and outside the interrupt.\n\n{made_by}")
-    includes = [f'#include "{P}.h"', "", "#include <float.h>", *_needed(used, "double")]
+    includes = [f'#include "{P}.h"', "", *_needed(used, "double")]
     return _joined([*said, *includes, *_tables(routine, functions, "double", _DESIGN), *functions])
 
 
@@ -282,7 +287,7 @@ def _joined(lines: Iterable[str]) -> str:
     return "\n".join(lines).rstrip("\n") + "\n"
 
 
-_SHARED = re.compile(r"\b(designed|decays|exact_\w+|power_of_twof?|exponentf?|uniform)(?=\()")
+_SHARED = re.compile(r"\b(designed|designs_exactly|decays|exact_\w+|power_of_twof?|exponentf?|uniform)(?=\()")
 
 
 def header_only(P: str, made: Texts) -> str:
@@ -290,7 +295,7 @@ def header_only(P: str, made: Texts) -> str:
     close = f"#ifdef __cplusplus\n}}\n#endif\n\n#endif /* {P.upper()}_H */\n"
     header = made.header.removesuffix(close)
     assert header != made.header, "the header ends otherwise than expected"
-    header = header.replace("#include <stdbool.h>", "#include <float.h>\n#include <math.h>\n#include <stdbool.h>", 1)
+    header = header.replace("#include <stdbool.h>", "#include <math.h>\n#include <stdbool.h>", 1)
     header = header.replace("#include <stdint.h>", "#include <stdint.h>\n#include <string.h>", 1)
     header = re.sub(rf"^(void|bool|int) {P}_", rf"static inline \1 {P}_", header, flags=re.MULTILINE)
     bodies, seen = [], set[str]()

@@ -12,6 +12,7 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
+from feeddrive.export.c.arithmetic import CODE, SENTENCE
 from feeddrive.export.c.statements import number
 from feeddrive.export.identifiers import ascii_text
 from feeddrive.language.declaration import Declaration
@@ -348,13 +349,15 @@ def model_header(routine: Routine, token: str, variables: Sequence[FmuVariable])
     rows = ",\n".join(f"    {_row(each)}" for each in variables)
     names = ", ".join(json.dumps(text) for text in TRIP_NAMES.values())
     rules = ",\n        ".join(json.dumps(ascii_text(text)) for text in routine.sentences.values()) or '""'
+    arithmetic = f"code == {CODE} ? {json.dumps(SENTENCE)} : "
     return (
         f"{head}{rows}\n}};\n\nenum {{ VARIABLE_COUNT = sizeof VARIABLES / sizeof VARIABLES[0] }};\n"
         f"{_PLANT if is_plant(routine) else _CONTROLLER}\n"
         f"static const char *model_trip_name(int trip)\n{{\n    static const char *const names[] = {{{names}}};\n"
         f'    return trip >= 0 && trip < {len(TRIP_NAMES)} ? names[trip] : "unknown";\n}}\n\n'
         f"static const char *model_rule(int code)\n{{\n    static const char *const rules[] = {{{rules}}};\n"
-        f'    return code > 0 && code <= {len(routine.conditions)} ? rules[code - 1] : "unknown";\n}}\n\n#endif\n'
+        f"    return {arithmetic}"
+        f'code > 0 && code <= {len(routine.conditions)} ? rules[code - 1] : "unknown";\n}}\n\n#endif\n'
     )
 
 

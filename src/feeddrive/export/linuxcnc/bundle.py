@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from feeddrive.blocks.reference.trapezoidal_move import TrapezoidalMove
+from feeddrive.export.c.arithmetic import rules
 from feeddrive.export.c.text import texts
 from feeddrive.export.design import CONTROL, Design, require_alone
 from feeddrive.export.identifiers import check_name
@@ -76,7 +77,7 @@ def _readme(design: Design, plant: Routine, joint: int, limit: Limits) -> str:
         velocity=f"{1e3 * limit.velocity:.9g}", acceleration=f"{1e3 * limit.acceleration:.9g}",
         ferror=f"{1e3 * limit.following_error:.9g}", pins=dict.fromkeys(component.pins(routine)),
         parameters=component.settings(routine) | tuned, faults=component.FAULTS,
-        rules={code: component.plain(text) for code, text in routine.sentences.items()},
+        rules={code: component.plain(text) for code, text in rules(routine).items()},
     )  # fmt: skip
 
 

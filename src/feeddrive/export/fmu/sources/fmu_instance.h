@@ -179,7 +179,9 @@ static int set(instance *one, unsigned int reference, enum kind kind, double val
 static int admitted(const instance *one)
 {
     const int rule = MODEL(broken_rule)(&one->now.parameters);
-    if (rule != 0) {
+    if (rule < 0) {
+        tell(one, ERROR, "logStatusError", "this binary breaks rule %d: %s", rule, model_rule(rule));
+    } else if (rule != 0) {
         tell(one, ERROR, "logStatusError", "the parameters break rule %d: %s", rule, model_rule(rule));
     }
     return rule == 0;

@@ -27,7 +27,7 @@ FUNCTION(_)
         rule = ${P}_broken_rule(&judged);
     }
     if (!changed || !hold_parameters)
-        bad = !(scale > 0.0 && scale <= DBL_MAX) || (changed && rule != 0);
+        bad = !(scale > 0.0 && scale <= DBL_MAX) || (changed && rule != 0) || rule < 0;
 
     /* a reset alone must not start a motion */
     if ((on && !was_on) || (asked && !was_asked && !on))
