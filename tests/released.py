@@ -50,8 +50,8 @@ def studio(program: Path, place: Path) -> None:
             if not found:
                 sys.exit("released: studio printed no address")
             browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor(http.cookiejar.CookieJar()))
-            parts = [browser.open(found[0], timeout=30).read()]
-            parts += [browser.open(found[1] + name, timeout=30).read() for name in ("page.js", "style.css")]
+            browser.open(found[0], timeout=30).read()  # gives the cookie
+            parts = [browser.open(found[1] + name, timeout=30).read() for name in ("", "page.js", "style.css")]
             size = sum(map(len, parts))
             if b"page.js" not in parts[0] or size > _PAGE:
                 sys.exit(f"released: the page has {size} bytes, at most {_PAGE}, and must load page.js")

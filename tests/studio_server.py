@@ -67,6 +67,19 @@ atexit.register(_peak)
 """
 
 
+def cookie_of(address: str) -> str:
+    """The cookie, `name=value`, into which the token of an address is changed."""
+    at = urlsplit(address)
+    made = http.client.HTTPConnection(at.hostname or "", at.port, timeout=60)
+    try:
+        made.request("GET", f"/?{at.query}")
+        found = made.getresponse()
+        assert found.status == 200, found.read()
+        return (found.headers["Set-Cookie"] or "").partition(";")[0]
+    finally:
+        made.close()
+
+
 class Served:
     """A running server; everything that it does is under `folder`."""
 
@@ -81,20 +94,21 @@ class Served:
             given |= {"PYTHONPATH": os.pathsep.join(paths), "WATCHED": str(self.watch), "PYTHONDONTWRITEBYTECODE": "1"}
         self.process = subprocess.Popen(
             [*FEEDDRIVE, "studio", *words, "--no-browser", "--folder", str(folder)],
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, encoding="utf-8", env=given, cwd=cwd,
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, encoding="utf-8",
+            env=given, cwd=cwd,
         )  # fmt: skip
         assert self.process.stdout is not None
         self.first = self.process.stdout.readline()
         found = re.search(r"http://([\d.:]+)/\?token=(\S+)", self.first)
         assert found, f"no address was printed: {self.first}"
-        self.address, self.host, self.token = found[0], found[1], found[2]
+        self.address, self.host = found[0], found[1]
         self.port = urlsplit(self.address).port or 0
+        self.cookie = cookie_of(self.address)
 
     @property
     def headers(self) -> dict[str, str]:
         """Of its own page."""
-        cookie = f"feeddrive_studio_{self.port}={self.token}"
-        return {"Host": self.host, "Cookie": cookie, "Origin": f"http://{self.host}"}
+        return {"Host": self.host, "Cookie": self.cookie, "Origin": f"http://{self.host}"}
 
     def upload(
         self, session: str, name: str, body: bytes | Iterable[bytes], size: int | None = None

@@ -7,12 +7,14 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from feeddrive.studio.server import PAGE
+from studio_server import cookie_of
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 
@@ -20,8 +22,8 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 class Opened:
     """A page of a running server, what it said on its console, and which requests it made."""
 
-    def __init__(self, browser: Any, address: str, width: int = 1280, height: int = 720) -> None:
-        self.context = browser.new_context(viewport={"width": width, "height": height})
+    def __init__(self, context: Any, address: str) -> None:
+        self.context = context
         self.page = self.context.new_page()
         self.said = list[str]()
         self.requests = list[str]()
@@ -58,6 +60,7 @@ class Studio:
         command = [sys.executable, "-c", "from feeddrive.cli.commands import app; app()", "studio", *words]
         self.server = subprocess.Popen(
             [*command, "--no-browser", "--folder", str(folder)],
+            stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             text=True,
             encoding="utf-8",
@@ -66,11 +69,23 @@ class Studio:
         assert self.server.stdout is not None
         found = re.search(r"http://\S+", self.server.stdout.readline())
         assert found, "no address was printed"
-        self.address = found[0]
+        self.token = found[0]
+        self.address = found[0].partition("?")[0]
+
+    def admit(self, context: Any) -> Any:
+        """A browser context with the cookie; the first time the token that was printed is changed into it."""
+        name, _, value = self._cookie.partition("=")
+        context.add_cookies([{"name": name, "value": value, "url": self.address, "sameSite": "Strict"}])
+        return context
+
+    @cached_property
+    def _cookie(self) -> str:
+        return cookie_of(self.token)
 
     def open(self, width: int = 1280, height: int = 720) -> Opened:
         """Another page of its own."""
-        return Opened(self.browser, self.address, width, height)
+        context = self.browser.new_context(viewport={"width": width, "height": height})
+        return Opened(self.admit(context), self.address)
 
     def close(self) -> None:
         """End the server as Ctrl-C does."""

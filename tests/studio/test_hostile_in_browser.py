@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 from typing import Any
@@ -70,9 +70,10 @@ def test_a_foreign_page_in_the_same_browser_gets_nothing(studio: Any, foreign: s
     assert set(studio.folder.rglob("*")) == before
 
 
-def test_a_name_that_points_here_gets_nothing_even_with_the_token(studio: Any) -> None:
+def test_a_name_that_points_here_gets_nothing_even_with_the_token(served: Callable[..., Any]) -> None:
     """DNS rebinding: for the browser the server belongs to evil.example, and so would its answers."""
-    at = urlsplit(studio.address)
+    studio = served("xy_table", "--axis", "x")
+    at = urlsplit(studio.token)
     browser = studio.browser.browser_type.launch(
         executable_path=shutil.which("chromium") or shutil.which("chromium-browser"),
         args=["--no-sandbox", "--host-resolver-rules=MAP evil.example 127.0.0.1"],
@@ -83,6 +84,8 @@ def test_a_name_that_points_here_gets_nothing_even_with_the_token(studio: Any) -
         assert answer.status == 421
         assert "this server answers under its own address only" in page.inner_text("body")
         assert page.context.cookies() == []
+        page.goto(studio.token)  # which it did not use up
+        page.wait_for_selector("#verdict:not(:empty)")
     finally:
         browser.close()
 
@@ -116,7 +119,7 @@ def test_two_studios_in_one_browser_keep_apart(studio: Any, tmp_path: Path) -> N
     try:
         opened = studio.open()
         page = opened.context.new_page()
-        page.goto(other.address)
+        page.goto(other.token)
         page.wait_for_selector("#verdict:not(:empty)")
         opened.page.reload()
         opened.page.wait_for_selector("#verdict:not(:empty)")

@@ -195,7 +195,7 @@ def test_a_picture_is_zoomed_and_its_cursor_stands_in_all_over_the_same_x(studio
 
 
 def test_two_fingers_zoom_a_picture_and_together_show_all(studio: Any) -> None:
-    context = studio.browser.new_context(viewport={"width": 768, "height": 1024}, has_touch=True)
+    context = studio.admit(studio.browser.new_context(viewport={"width": 768, "height": 1024}, has_touch=True))
     page = context.new_page()
     page.goto(studio.address)
     page.click("#tab-tune")

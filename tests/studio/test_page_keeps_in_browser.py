@@ -155,7 +155,7 @@ def test_a_connection_that_breaks_comes_back(studio: Any) -> None:
 
 
 def test_a_dark_system_is_told_by_the_button_and_a_choice_stays(browser: Any, studio: Any) -> None:
-    context = browser.new_context(color_scheme="dark")
+    context = studio.admit(browser.new_context(color_scheme="dark"))
     page = context.new_page()
     page.goto(studio.address)
     page.wait_for_selector("#dark[aria-pressed=true]")

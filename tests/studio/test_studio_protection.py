@@ -6,6 +6,7 @@ import http.client
 import threading
 import time
 from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -17,10 +18,10 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from feeddrive.studio.bench import bench_of
-from feeddrive.studio.protection import Door
+from feeddrive.studio.protection import Door, Tokens
 from feeddrive.studio.server import make_app
 
-TOKEN = "the-token-of-this-start"
+SECRET = "the-cookie-of-this-start"
 HIDDEN = ("not of the page", "kept = true")
 
 
@@ -36,6 +37,7 @@ class Server(NamedTuple):
     """A real server on a port of this machine."""
 
     port: int
+    tokens: Tokens
 
     @property
     def host(self) -> str:
@@ -43,11 +45,11 @@ class Server(NamedTuple):
 
     @property
     def cookie(self) -> str:
-        return Door((self.host,), "").cookie
+        return Door((self.host,)).cookie
 
     def get(self, path: str, method: str = "GET", body: str = "", **headers: str) -> Answer:
         """A request with the cookie of one who has opened the page, unless headers say otherwise."""
-        given = {"Host": self.host, "Cookie": f"{self.cookie}={TOKEN}"} | {k.title(): v for k, v in headers.items()}
+        given = {"Host": self.host, "Cookie": f"{self.cookie}={SECRET}"} | {k.title(): v for k, v in headers.items()}
         made = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
         try:
             made.putrequest(method, path, skip_host=True)
@@ -61,7 +63,7 @@ class Server(NamedTuple):
         finally:
             made.close()
 
-    def talk(self, path: str = "/talk", origin: str | None = "own", cookie: str = TOKEN) -> ClientConnection:
+    def talk(self, path: str = "/talk", origin: str | None = "own", cookie: str = SECRET) -> ClientConnection:
         """A WebSocket as a page of some origin opens it."""
         own = f"http://{self.host}" if origin == "own" else origin
         return connect(
@@ -89,11 +91,11 @@ def running(page: Path, password: str = "") -> Iterator[Server]:
     held.append(f"127.0.0.1:{port}")
     app = make_app(
         bench_of("linear_motor"),
-        Door(tuple(held), TOKEN, password, port if password else None),
+        Door(tuple(held), password, port if password else None, tokens := Tokens(), SECRET),
         page.parent / "kept",
         page,
     )
-    yield Server(port)
+    yield Server(port, tokens)
     server.should_exit = True
     thread.join(20.0)
 
@@ -108,25 +110,53 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
         yield made
 
 
-def test_the_token_opens_the_page_and_gives_way_to_a_cookie(server: Server) -> None:
-    first = server.get(f"/?token={TOKEN}", cookie="")
-    assert first.status == 303
-    assert first.headers["location"] == "/"  # the token leaves the address bar
+def test_a_token_opens_the_page_once_and_gives_way_to_a_cookie(server: Server) -> None:
+    """It stood in the cookie too, and opened the page as often as it was sent."""
+    used = list[str]()
+    token = server.tokens.issue(lambda: used.append("used"))
+    first = server.get(f"/?token={token}", cookie="")
+    assert first.status == 200
+    assert '<meta http-equiv="refresh" content="0;url=/">' in first.text  # the token leaves the address bar
     kept = first.headers["set-cookie"]
-    assert kept.startswith(f"{server.cookie}={TOKEN};")
-    assert "HttpOnly" in kept
-    assert "SameSite=Strict" in kept
+    assert kept.split("; ") == [f"{server.cookie}={SECRET}", "Path=/", "HttpOnly", "SameSite=Strict"]  # of this host
+    assert token not in str(first)
+    assert used == ["used"]
+    again = server.get(f"/?token={token}", cookie="")
+    assert again.status == 403
+    assert "set-cookie" not in again.headers
+    assert server.get(f"/?token={token}").text.startswith("<!doctype html><title>page")  # in the browser that is in
     found = server.get("/")
     assert found.status == 200
-    assert found.text.startswith("<!doctype html>")
+    assert found.text.startswith("<!doctype html><title>page")
 
 
-@pytest.mark.parametrize("query", ["", "?token=", "?token=guessed", f"?token={TOKEN}x"])
-def test_without_the_token_there_is_nothing(server: Server, query: str) -> None:
-    for cookie in ("", f"{server.cookie}=guessed", f"other={TOKEN}"):
-        found = server.get(f"/{query}", cookie=cookie)
+def test_of_many_who_send_a_token_at_once_one_is_let_in(server: Server) -> None:
+    token = server.tokens.issue()
+    with ThreadPoolExecutor(8) as pool:
+        found = list(pool.map(lambda _: server.get(f"/?token={token}", cookie="").status, range(16)))
+    assert sorted(found) == [200] + 15 * [403]
+
+
+@pytest.mark.parametrize(
+    ("method", "headers"),
+    [("HEAD", {}), ("POST", {}), ("GET", {"sec-purpose": "prefetch;prerender"}), ("GET", {"host": "evil.example"})],
+)
+def test_what_opens_no_page_does_not_use_a_token_up(server: Server, method: str, headers: dict[str, str]) -> None:
+    """A browser that loads ahead while an address is typed, a check whether it answers, a name that points here."""
+    token = server.tokens.issue()
+    found = server.get(f"/?token={token}", method, cookie="", **headers)
+    assert found.status in (403, 421)
+    assert "set-cookie" not in found.headers
+    assert server.get(f"/?token={token}", cookie="").status == 200
+
+
+@pytest.mark.parametrize("query", ["", "?token=", "?token=guessed", "?token={token}x", f"?token={SECRET}"])
+def test_without_a_token_there_is_nothing(server: Server, query: str) -> None:
+    token = server.tokens.issue()
+    for cookie in ("", f"{server.cookie}=guessed", f"{server.cookie}={token}", f"other={SECRET}"):
+        found = server.get(f"/{query.format(token=token)}", cookie=cookie)
         assert found.status == 403
-        assert "carries the token" in found.text
+        assert "carries a token" in found.text
         assert "set-cookie" not in found.headers
 
 
@@ -147,7 +177,7 @@ def test_another_page_cannot_talk_to_the_server(server: Server, origin: str | No
 
 
 def test_the_socket_needs_the_cookie_and_no_token_in_its_address_helps(server: Server) -> None:
-    for path in ("/talk", f"/talk?token={TOKEN}"):
+    for path in ("/talk", f"/talk?token={server.tokens.issue()}"):
         with pytest.raises((InvalidStatus, ConnectionClosed)):
             server.talk(path, cookie="guessed").recv(timeout=20)
 
@@ -218,14 +248,14 @@ def enter(server: Server, password: str, **headers: str) -> Answer:
 
 
 def test_a_page_on_the_network_asks_for_the_password_and_the_token_does_not_help(guarded: Server) -> None:
-    for path in ("/", f"/?token={TOKEN}", "/page.js"):
+    for path in ("/", f"/?token={guarded.tokens.issue()}", "/page.js"):
         found = guarded.get(path, cookie="")
         assert (found.status, "Password" in found.text) == (401, True)
         assert "form-action 'self'" in found.headers["content-security-policy"]
         assert "set-cookie" not in found.headers
     opened = enter(guarded, PASSWORD)
     assert opened.status == 303
-    assert opened.headers["set-cookie"].startswith(f"{guarded.cookie}={TOKEN};")
+    assert opened.headers["set-cookie"].startswith(f"{guarded.cookie}={SECRET};")
     assert guarded.get("/").status == 200
 
 

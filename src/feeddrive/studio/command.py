@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import ipaddress
 import os
-import secrets
 import shutil
 import socket
 import sys
 import tempfile
 import threading
 import webbrowser
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -23,6 +22,7 @@ from feeddrive.studio.bench import Bench, bench_of
 from feeddrive.studio.desk import Desk
 from feeddrive.studio.jobs import end_all
 from feeddrive.studio.live import Followable, stop_all
+from feeddrive.studio.opening import at_enter, remove_redirect, write_redirect
 from feeddrive.studio.password import OPTION, STANDARD_INPUT, read_password
 from feeddrive.studio.protection import Door
 from feeddrive.studio.rooms.tune import Tune
@@ -187,11 +187,14 @@ def serve_at(
     named = f"[{request.host}]" if ":" in request.host else request.host
     every = port if request.host in _EVERY else None
     hosts = tuple(f"{each}:{port}" for each in (named, "localhost", socket.gethostname()))
-    door = Door(hosts if password else hosts[:2], secrets.token_urlsafe(24), password, every)
-    address = f"http://{named if every is None else socket.gethostname()}:{port}/" + (
-        "" if password else f"?token={door.token}"
-    )
+    door = Door(hosts if password else hosts[:2], password, every)
+    address, ended = f"http://{named if every is None else socket.gethostname()}:{port}/", threading.Event()
 
+    def fresh(used: Callable[[], None] = lambda: None) -> str:
+        """An address that opens the page, once where no password is asked for."""
+        return address if password else f"{address}?token={door.tokens.issue(used)}"
+
+    redirects = list[Path]()  # what opens the browser, until it has done so
     pipe = Pipe(sys.stdin.buffer) if PIPE in map(str, request.follow) else None
     live = Followable((*request.follow, *brought), request.folder, pipe)
 
@@ -202,12 +205,24 @@ def serve_at(
                 f"through it, and what is sent is not encrypted: only for a network that you trust. Files stay in "
                 f"{request.folder}."
             )
-        progress.remark(address)
+        progress.remark(fresh())
+        if not password and pipe is None and at_enter(lambda: progress.remark(fresh()), ended):
+            progress.remark("It opens the page once; the browser that it opened stays in. Enter prints another one.")
         if not request.no_browser:
             threading.Thread(target=browse, daemon=True).start()  # a browser of a terminal stays until it is left
 
+    def forget() -> None:
+        while redirects:
+            remove_redirect(redirects.pop())
+
     def browse() -> None:
-        if not webbrowser.open(address):
+        if not password:
+            places = (os.environ.get("TMPDIR"), os.environ.get("XDG_RUNTIME_DIR"), None)
+            redirects.extend(write_redirect(fresh(forget), places))
+        if not password and not redirects:
+            progress.remark("No folder here is closed to other users: open this address in a browser.")
+        elif not webbrowser.open(redirects[0].as_uri() if redirects else address):
+            forget()
             progress.remark("No browser was found on this machine: open this address in one.")
 
     app = make_app(bench, door, request.folder, brought=brought, live=live, tour=request.tour)
@@ -215,5 +230,7 @@ def serve_at(
         with suppress(KeyboardInterrupt):  # its usual end
             serve(app, at, ready)
     finally:
+        ended.set()
+        forget()
         end_all()
         stop_all()

@@ -1,10 +1,10 @@
-"""Who may talk to the page's server: this machine's own browser, from its own page, with the token of this start.
+"""Who may talk to the page's server: this machine's own browser, from its own page, with the cookie of this start.
 
 Host      only the addresses under which the server listens: a name that a foreign page points here is refused
 (DNS rebinding)
 password  in place of the token, where others on the network may reach the server: asked for by a page of its own
 Origin    of a WebSocket and of everything that changes something: only the page itself
-token     in the address that is printed at the start; a cookie that only this server gets back then stands for it
+token     in an address, opens the page once: it becomes a cookie that only this server gets back
 headers   a policy that loads nothing from elsewhere and runs no inline script; not to be framed, cached or sniffed
 """
 
@@ -13,8 +13,10 @@ from __future__ import annotations
 import asyncio
 import hmac
 import ipaddress
+import secrets
+import threading
 from collections.abc import Awaitable, Callable, Iterable, MutableMapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from http.cookies import CookieError, SimpleCookie
 from typing import Any, TypeAlias
 from urllib.parse import parse_qs
@@ -42,8 +44,40 @@ ENTER = """<!doctype html><html lang="en"><meta charset="utf-8"><title>feeddrive
 <label>Password <input type="password" name="password" autofocus autocomplete="current-password"></label>
 <button>Open</button></form></html>
 """
+# A redirect of the answer itself would not do: a browser that came from the redirect file (`redirect_file.py`) takes
+# all of its chain for the request of a foreign site, and keeps a cookie that is SameSite=Strict back.
+OPENED = """<!doctype html><html lang="en"><meta charset="utf-8"><title>feeddrive studio</title>
+<meta http-equiv="refresh" content="0;url=/"><p><a href="/">feeddrive studio</a></p></html>
+"""
+_CLOSED = (
+    "open the address that feeddrive studio printed: it carries a token that opens the page once, and Enter in the "
+    "terminal of feeddrive studio prints another one"
+)
 _PAUSE = 1.0  # s after a wrong password, for all who try
 _LONGEST = 1_000  # bytes of a password with its name
+
+
+class Tokens:
+    """The tokens that open the page, each of them once."""
+
+    def __init__(self) -> None:
+        self._open, self._lock = dict[str, Callable[[], None]](), threading.Lock()
+
+    def issue(self, used: Callable[[], None] = lambda: None) -> str:
+        """Return a new token; `used` is called when it has opened the page."""
+        token = secrets.token_urlsafe(24)
+        with self._lock:
+            self._open[token] = used
+        return token
+
+    def redeem(self, given: str) -> bool:
+        """Take a token back; False for one that was used or never issued."""
+        with self._lock:
+            equal = [each for each in self._open if hmac.compare_digest(each.encode(), given.encode())]
+            called = [self._open.pop(each) for each in equal]
+        for each in called:
+            each()
+        return bool(called)
 
 
 @dataclass(frozen=True)
@@ -51,15 +85,17 @@ class Door:
     """Who is let in.
 
     hosts     what the Host header may be: `127.0.0.1:8765`
-    token     that the first address carries, and then the cookie
-    password  in place of the token in the address; empty: none
+    password  in place of a token in the address; empty: none
     port      if the server listens at all addresses of the machine: every address of that port is its own, but no name
+    tokens    that open the page once, without a password
+    secret    the value of the cookie
     """
 
     hosts: tuple[str, ...]
-    token: str
     password: str = ""
     port: int | None = None
+    tokens: Tokens = field(default_factory=Tokens)
+    secret: str = field(default_factory=lambda: secrets.token_urlsafe(24))
 
     @property
     def cookie(self) -> str:
@@ -92,15 +128,14 @@ class Protected:
             return
         headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
         status, said = self._refusal(scope, headers)
+        if status in (0, 403) and self._redeems(scope, headers):
+            await self._enter(send)
+            return
         if status == 403 and self._door.password and scope["type"] == "http" and self._from_here(scope, headers):
             await self._ask(scope, receive, send)
             return
         if status:
             await _refuse(scope, receive, send, status, said)
-            return
-        given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
-        if given and scope["type"] == "http":  # the token leaves the address bar, and the browser's history
-            await self._open(send)
             return
 
         async def guarded(message: MutableMapping[str, Any]) -> None:
@@ -110,9 +145,27 @@ class Protected:
 
         await self._app(scope, receive, guarded)
 
-    async def _open(self, send: Send) -> None:
-        cookie = f"{self._door.cookie}={self._door.token}; Path=/; HttpOnly; SameSite=Strict"
-        await _answer(send, 303, "", ((b"location", b"/"), (b"set-cookie", cookie.encode())))
+    def _redeems(self, scope: Scope, headers: dict[str, str]) -> bool:
+        """True if a request holds a token that opens the page; the token is then used.
+
+        A browser that loads a page beforehand, while its address is being typed, must not use it up.
+        """
+        ahead = "prefetch" in headers.get("sec-purpose", headers.get("purpose", ""))
+        if scope["type"] != "http" or scope.get("method") != "GET" or self._door.password or ahead:
+            return False
+        given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
+        return self._door.tokens.redeem(given)
+
+    @property
+    def _cookie(self) -> tuple[bytes, bytes]:
+        cookie = f"{self._door.cookie}={self._door.secret}; Path=/; HttpOnly; SameSite=Strict"
+        return b"set-cookie", cookie.encode()
+
+    async def _enter(self, send: Send) -> None:
+        """Give the cookie in place of a token, which leaves the address bar with it."""
+        headers = [(b"content-type", b"text/html; charset=utf-8"), *_HEADERS, self._cookie]
+        await send({"type": "http.response.start", "status": 200, "headers": headers})
+        await send({"type": "http.response.body", "body": OPENED.encode()})
 
     async def _ask(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Ask for the password, or try the one that was given: one at a time, and slowly after a wrong one."""
@@ -121,7 +174,7 @@ class Protected:
             given = parse_qs((await _body(receive)).decode("utf-8", "replace")).get("password", [""])[0]
             async with self._trying:
                 if hmac.compare_digest(given.encode(), self._door.password.encode()):
-                    await self._open(send)
+                    await _answer(send, 303, "", ((b"location", b"/"), self._cookie))
                     return
                 await asyncio.sleep(_PAUSE)
             said = "This is not the password."
@@ -144,19 +197,15 @@ class Protected:
         changes = scope["type"] == "websocket" or scope.get("method") not in ("GET", "HEAD")
         if changes and (origin is None or origin.partition("://")[2] != host):
             return 403, "the request comes from another page"
-        if not self._knows(scope, headers):
-            return 403, "open the address that feeddrive studio printed: it carries the token of this start"
-        return 0, ""
+        return (0, "") if self._knows(headers) else (403, _CLOSED)
 
-    def _knows(self, scope: Scope, headers: dict[str, str]) -> bool:
+    def _knows(self, headers: dict[str, str]) -> bool:
+        """True if a request holds the cookie of this start."""
         try:
             kept = SimpleCookie(headers.get("cookie", "")).get(self._door.cookie)
         except CookieError:
             kept = None
-        found = [] if kept is None else [kept.value]
-        if scope["type"] == "http" and scope.get("method") == "GET" and not self._door.password:
-            found += parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [])
-        return any(hmac.compare_digest(each.encode(), self._door.token.encode()) for each in found)
+        return kept is not None and hmac.compare_digest(kept.value.encode(), self._door.secret.encode())
 
 
 async def _body(receive: Receive) -> bytes:
