@@ -177,12 +177,11 @@ def check_random(number: int, seed: int, most: int = 30) -> tuple[int, int]:
     return len(moves) - 2, proof.spans
 
 
-def check_all_axes(number: int, seed: int) -> None:
-    """Plans and proves program `number` of a seed with splines, and moves of up to nine axes; raises as `check_random`.
+def random_all_axes(draw: np.random.Generator) -> tuple[list[Move], np.ndarray, str, np.ndarray]:
+    """Return moves with splines and of up to nine axes, their end (9,), the letters of the axes, and their limits.
 
     Limits of each axis over decades; a helix may turn other axes, and chords of curves are in any of them.
     """
-    draw = np.random.default_rng([seed, number])
     letters = "XYZ" + "".join(letter for letter in "ABCUVW" if draw.random() < 0.4)
     columns = ["XYZABCUVW".index(letter) for letter in letters]
     limits = 10.0 ** (draw.uniform(-2.0, 0.5, (len(letters), 1)) + np.array([0.0, 1.0, 3.0, 5.0]))
@@ -215,6 +214,13 @@ def check_all_axes(number: int, seed: int) -> None:
             found += [Straight(_LINE, tuple(a), tuple(b), False) for a, b in pairwise(curve)]
             end = curve[-1]
         here = end
+    return found, here, letters, limits
+
+
+def check_all_axes(number: int, seed: int) -> None:
+    """Plan and prove program `number` of a seed of `random_all_axes`; raise as `check_random` does."""
+    found, here, letters, limits = random_all_axes(np.random.default_rng([seed, number]))
+    columns = ["XYZABCUVW".index(letter) for letter in letters]
     prover, stands = Prover(limits), None
     for each in planned(found, letters, limits):
         if isinstance(each, Part):

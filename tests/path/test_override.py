@@ -7,7 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+from override_cases import Case, check_case, drawn_case, samples
 from paths import LIMITS
+from sample_check import Curve, check_limits, check_path, curves
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.path.motion import Motion, Pause, way
@@ -169,3 +173,96 @@ def test_steps_are_read_from_a_text() -> None:
 def test_a_text_that_is_no_steps_is_refused(text: str, reason: str) -> None:
     with pytest.raises(ParameterError, match=reason):
         read_steps(text)
+
+
+# a full circle, whose speed is limited by its curvature and not by its feed
+CIRCLE = "G21 G90 G64 P0.01 F{feed}\nG3 X0 Y0 I{radius} J0\nM2\n"
+
+
+def case(path: Path, steps: list[tuple[float, float]]) -> Case:
+    """Return a program under an override on the axes X Y Z."""
+    return Case(path.name, list(read_program(path)), "XYZ", LIMITS, steps)
+
+
+@pytest.mark.parametrize(("feed", "radius", "time"), [(30000, 20, 0.2), (30000, 20, 0.5), (12000, 5, 0.1)])
+def test_a_smaller_feed_leaves_a_motion_alone_that_is_slow_for_another_reason(
+    tmp_path: Path, feed: float, radius: float, time: float
+) -> None:
+    """Nothing is to be braked then: a stretch without way and time was planned."""
+    path = tmp_path / "circle.ngc"
+    path.write_text(CIRCLE.format(feed=feed, radius=radius), encoding="utf-8")
+    check_case(case(path, [(time, 0.5)]))
+
+
+def test_a_part_that_ends_behind_a_joint_overlaps_only_before_it(tmp_path: Path) -> None:
+    """Under an override a run comes in parts of single ramps, whose last phase may begin on the first piece of its path
+    and end on the next: it was lapped over the corner as if it lay on the first."""
+    path = tmp_path / "spline.ngc"
+    path.write_text("G21 G90 G64 P0.091 F7300\nG0 Y-11.1 U-16.9\nG5 I6.8 J10.4 P-14.6 Q17.0 X0.6 Y-19.3\nM2\n")
+    limits = np.array([[1.5, 81.0, 2.7e4, 4.5e6], [2.1, 76.0, 1.4e4, 8e5], [0.29, 4.1, 34.0, 1.4e4]])
+    check_case(Case(path.name, list(read_program(path)), "XYU", limits, [(0.3, 0.5)]))
+
+
+@settings(max_examples=5, phases=(Phase.explicit, Phase.generate))
+@given(number=st.integers(0, 2**31))
+def test_every_sample_of_drawn_programs_under_drawn_overrides_holds(number: int) -> None:
+    """All kinds of programs, holds, 1 to 200 %; `python benchmarks/random_overrides.py` has ten thousand cases."""
+    check_case(drawn_case(number, 0, 6))
+
+
+@pytest.mark.slow(reason="six hundred drawn programs under drawn overrides: 240 s; the quick test has five")
+def test_every_sample_of_many_drawn_programs_under_drawn_overrides_holds() -> None:
+    for number in range(600):
+        check_case(drawn_case(number, 3))
+
+
+@pytest.fixture
+def chips(shared: Path) -> Path:
+    """LinuxCNC's sample 3D_Chips."""
+    path = shared / "gcode" / "linuxcnc" / "3D_Chips.ngc"
+    if not path.exists():
+        pytest.skip(f"NOT TESTED on 3D_Chips: {path} is not there")
+    return path
+
+
+def test_3d_chips_begins_under_an_override(chips: Path, tmp_path: Path) -> None:
+    path = tmp_path / "begin.ngc"
+    path.write_text("\n".join([*chips.read_text(encoding="utf-8").splitlines()[:120], "M2"]), encoding="utf-8")
+    check_case(case(path, [(0.5, 0.5)]))
+
+
+@pytest.mark.slow(reason="the whole of 3D_Chips, planned and sampled three times for each override: 60 s")
+@pytest.mark.parametrize("steps", [[(0.2, 0.5)], [(0.2, 0.9)], [(0.5, 0.5), (20.0, 0.0), (21.0, 0.8)], [(3.0, 0.5)]])
+def test_3d_chips_under_an_override(chips: Path, steps: list[tuple[float, float]]) -> None:
+    check_case(case(chips, steps))
+
+
+def test_the_check_of_samples_sees_faults(tmp_path: Path) -> None:
+    """Each is smaller than what a user would see: 10 nm, 1e-6 of a limit, a lost sample, a move that is left out."""
+    path = tmp_path / "circle.ngc"
+    path.write_text("G21 G90 G64 P0.1 F6000\nG1 X5 Y1\nX10\nG3 X10 Y1 I20 J0\nG1 X20\nM2\n", encoding="utf-8")
+    found = case(path, [(0.1, 0.5)])
+    T, way = 1e-3, curves(found.moves, [0, 1, 2])
+    values = samples(found, T, 0.0, np.inf)
+
+    def seen(values: np.ndarray, limits: np.ndarray = LIMITS, path: list[Curve] = way, factor: float = 1.0) -> str:
+        try:
+            check_limits(T, values, limits, 0.2)
+            check_path(T, values, limits, path, factor)
+        except AssertionError as fault:
+            return str(fault)
+        return ""
+
+    assert seen(values) == ""
+    use = np.abs(values[:, :, 1:]).max(axis=(0, 1)) / LIMITS[0]
+    for k in range(4):
+        assert "use of limits" in seen(values, LIMITS * np.where(np.arange(4) == k, use[k] * (1.0 - 1e-6), 1.0))
+    moved = values.copy()
+    moved[100, 0, 0] += 1e-8
+    assert "of derivative 0" in seen(moved)
+    assert "difference" in seen(np.delete(values, 50, axis=0))
+    assert "it ends" in seen(values[:-20])
+    assert "away from the path" in seen(values, path=[each._replace(tolerance=1e-6) for each in way])
+    assert "away from the path" in seen(values, path=way[:1] + way[2:])
+    assert "m/s, at most" in seen(values, factor=0.9)
+    assert "not behind the one before" in seen(values, path=[*way[:2], *way[4:6], *way[2:4], *way[6:]])

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.path.motion import Motion, Part, from_rows, rows
+from feeddrive.path.motion import Motion, Part, from_rows, rows, way
 from feeddrive.path.pieces import LINE, Pieces, Section, derivatives
 from feeddrive.path.schedule.bump import (
     FASTEST,
@@ -274,8 +274,10 @@ def _end(part: Part, last: bool) -> _End:
     k = len(pieces.length) - 1 if last else 0
     if k or not last:
         inside = on.piece == k
-        if not last and not inside.all():
-            inside[np.flatnonzero(inside)[-1]] = False  # it may go on to the next piece
+        if not last:
+            m = int(np.flatnonzero(inside)[-1])  # it may go on to the next piece
+            there = on.x[m] + way(*(float(each[m]) for each in (*on[3:], on.duration)))
+            inside[m] = inside.all() and there <= pieces.length[k]
         on = Motion(*(each[inside] for each in on))
     kind, length, shape = int(pieces.kind[k]), float(pieces.length[k]), pieces.shape[k]
     most, direction = np.zeros((len(shape), 4)), shape[:, 1] / length

@@ -106,12 +106,10 @@ class Schedule:
 
     def _go_on(self, override: Override, found: _Plan, count: int) -> Iterator[Part]:
         """The same as `_go`, node by node, as long as the factor stays."""
-        steps = _steps(found.rows[:count])
+        steps = _steps(found.rows[:count], found.begin)
         found = found._replace(rows=np.vstack([steps, found.rows[count:]]))
         for _ in range(len(steps)):
-            part = self._go(found, 1)
-            if len(part.motion.duration):  # a plateau may be as short as rounding
-                yield part
+            yield self._go(found, 1)
             if self._hand is None or override.at(self.time) != self._factor:
                 return
             found = self._hand
@@ -130,7 +128,12 @@ class Schedule:
         if wanted > self._factor or self._speed == 0.0:
             self._turn_to(wanted)
             return False
-        found = self._braked(last, ends, wanted)
+        assert self._pieces is not None
+        rooms = self._rooms_of(part_of_pieces(self._pieces, 0, last), wanted) if wanted > 0.0 else None
+        if rooms and self._planned(last, ends, rooms, self._u, self._speed) is not None:
+            self._turn_to(wanted)  # the motion is slow enough already: something else than the feed limits it here
+            return False
+        found = self._braked(last, ends, rooms)
         if found is not None:
             yield self._go(found, 1)
             if wanted > 0.0:
@@ -138,7 +141,8 @@ class Schedule:
         else:  # from a later node
             assert self._hand is not None
             rows = self._hand.rows
-            yield self._go(self._hand._replace(rows=np.vstack([_steps(rows[:1]), rows[1:]])), 1)
+            steps = _steps(rows[:1], self._hand.begin)
+            yield self._go(self._hand._replace(rows=np.vstack([steps, rows[1:]])), 1)
         return True
 
     def _turn_to(self, factor: float) -> None:
@@ -146,16 +150,18 @@ class Schedule:
         assert self._pieces is not None
         self._factor, self._rooms = factor, self._rooms_of(self._pieces, factor)
 
-    def _braked(self, last: int, ends: bool, factor: float) -> _Plan | None:
-        """A plan that first brakes to where it can go on with this factor, 0: to rest; None if there is none."""
+    def _braked(self, last: int, ends: bool, rooms: list[_Room] | None) -> _Plan | None:
+        """A plan that first brakes to where it can go on in these rooms, None: to rest; None if there is none.
+
+        Nor is there one where only the pieces ahead are too slow for the present speed.
+        """
         assert self._pieces is not None
         begin = np.concatenate([[0.0], np.cumsum(self._pieces.length[:last])])
-        rooms = self._rooms_of(part_of_pieces(self._pieces, 0, last), factor) if factor > 0.0 else None
         speed = min(self._speed, float(rooms[0].caps[0, 0])) if rooms else 0.0
         room, row, stop = self._rooms[0], np.zeros(COLUMNS), begin[-1] * (1.0 - MARGIN)
         given = begin, room.most[:last], room.caps[:last], self._limits, self._u, stop, self._speed
         for _ in range(_CAPS):
-            if not brake_soon(*given, speed, row):
+            if not brake_soon(*given, speed, row) or not _takes_time(row, begin):
                 return None
             if rooms is None:
                 return _Plan(begin, row[None, :], False)
@@ -198,7 +204,7 @@ class Schedule:
             quick = rooms[0].caps[:last]
             count = plan(begin, *given, self._limits, quick, u, stop, speed, slow, stack, rows)
             if count:
-                found.append(rows[:count])
+                found.append(rows[:count][_takes_time(rows[:count], begin)])
         return _Plan(begin, min(found, key=_time), ends) if found else None
 
     def _go(self, found: _Plan, count: int) -> Part:
@@ -258,6 +264,12 @@ def _time(rows: np.ndarray) -> float:
     return float(np.sum(up + down + np.maximum(way, 0.0) / peak))
 
 
+def _takes_time(rows: np.ndarray, begin: np.ndarray) -> np.ndarray:
+    """Return which stretches have a ramp, or a plateau that is longer than rounding; they have no motion otherwise."""
+    ramps = np.any(rows[..., 5:11] > 0.0, axis=-1)
+    return ramps | (rows[..., 1] - rows[..., 0] > MARGIN * (begin[-1] - begin[0]))
+
+
 def _cut(found: _Plan) -> tuple[_Plan, int]:
     """How many stretches end in the first part of a window; a plateau is cut there in two."""
     rows, ends = found.rows, _KEPT * found.begin[-1]
@@ -266,8 +278,10 @@ def _cut(found: _Plan) -> tuple[_Plan, int]:
         u0, u1, v0, v1, peak = rows[count, :5]
         low = u0 + 0.5 * (v0 + peak) * rows[count, 5:8].sum()
         high = u1 - 0.5 * (v1 + peak) * rows[count, 8:11].sum()
-        cut = min(ends, high)
-        if cut > low and cut > u0:
+        cut, margin = min(ends, high), MARGIN * (found.begin[-1] - found.begin[0])
+        if u1 - cut <= margin:
+            return found, count + 1
+        if cut - low > margin:
             one, two = rows[count].copy(), rows[count].copy()
             one[1], one[3], one[8:11] = cut, peak, 0.0
             two[0], two[2], two[5:8] = cut, peak, 0.0
@@ -275,17 +289,17 @@ def _cut(found: _Plan) -> tuple[_Plan, int]:
     return found, count
 
 
-def _steps(rows: np.ndarray) -> np.ndarray:
+def _steps(rows: np.ndarray, begin: np.ndarray) -> np.ndarray:
     """Stretches cut at all their nodes: behind ramps, and after each `HORIZON` of a plateau."""
-    found = []
+    found, margin = [], MARGIN * (begin[-1] - begin[0])
     for row in rows:
         u0, u1, v0, v1, peak = row[:5]
         low = u0 + 0.5 * (v0 + peak) * row[5:8].sum()
         high = u1 - 0.5 * (v1 + peak) * row[8:11].sum()
-        cuts = [u0]
+        cuts, least = [u0], max(margin, 1e-12 * (u1 - u0))
         if low > u0:
             cuts.append(low)
-        many = int(np.ceil((high - low) / (HORIZON * peak))) if high - low > 1e-12 * (u1 - u0) else 0
+        many = int(np.ceil((high - low) / (HORIZON * peak))) if high - low > least else 0
         cuts += [low + (high - low) * (k + 1) / many for k in range(many)]
         if u1 > cuts[-1] and v1 < peak:
             cuts.append(u1)
