@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test page studio wheel types tests slow slow-share mutate bench docs format clean
+.PHONY: help demo test page studio wheel types tests slow slow-share fresh mutate bench docs format clean
 
 help:
 	@echo "make demo    install into $(VENV), run the bundled job, name the report to open"
@@ -14,6 +14,7 @@ help:
 	@echo "make studio  build the page of feeddrive studio (needs node and npm) and open it on a bundled axis"
 	@echo "make wheel   build source distribution and wheel, install it elsewhere, and try demo and studio from it"
 	@echo "make slow    the slow proofs, each with its reason (pytest -m slow --collect-only names them)"
+	@echo "make fresh   the drawn tests on new seeds, which it prints (SEEDS=2: some 5 minutes on two cores)"
 	@echo "make mutate  change each equation of the shipped laws a little: a claim of its paper must break; writes docs/mutants.md"
 	@echo "make bench   all benchmarks; they print their tables (needs gcc, takes long)"
 	@echo "make docs    build the documentation into site/"
@@ -58,6 +59,11 @@ slow: $(VENV)/installed-dev
 # what .ci/run adds to `make test`: 60 s of the slow proofs, drawn by the hash of the commit
 slow-share: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n 2 --slow-share 60
+
+# drawn tests on new seeds: before an issue is called resolved (make fresh SEEDS=20)
+SEEDS ?= 2
+fresh: $(VENV)/installed-dev
+	MAKEFLAGS= $(BIN)/python tests/fresh.py --seeds $(SEEDS)
 
 mutate: $(VENV)/installed-dev
 	$(BIN)/python tests/mutants.py
