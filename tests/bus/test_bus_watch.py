@@ -7,7 +7,7 @@ gets what a master would send and receive, and nothing else.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from functools import lru_cache
 from itertools import product
 from typing import Any
@@ -36,13 +36,15 @@ def described(mode: str, T: float, count: float, following_error: float, **more:
     )  # fmt: skip
 
 
-def watched(drive: BusDrive, targets: Sequence[Target], answers: Sequence[Answer | None]) -> Fault | None:
-    """The first fault of a run whose first answer is that of a drive at rest."""
+def watched(
+    drive: BusDrive, targets: Sequence[Target], answers: Sequence[Answer | None], late: Container[int] = ()
+) -> Fault | None:
+    """The first fault of a run whose first answer is that of a drive at rest; `late` cycles began late."""
     made = Watch(drive)
     assert answers[0] is not None
     state = made.begin(answers[0])
-    for target, answer in zip(targets, answers, strict=True):
-        state, fault = made.step(state, target, answer)
+    for k, (target, answer) in enumerate(zip(targets, answers, strict=True)):
+        state, fault = made.step(state, target, answer, late=k in late)
         if fault is not None:
             return fault
     return None
@@ -217,6 +219,58 @@ def test_a_thousand_dead_drives_are_stopped_in_time(mode: str, how: str) -> None
     assert sum(many for _, many in found) >= 200
 
 
+@pytest.mark.parametrize("mode", MODES)
+def test_lost_frames_and_late_cycles_neither_stop_a_live_drive_nor_hide_a_dead_one(mode: str) -> None:
+    """One frame or two in a row are lost every 20 cycles, and every 50th cycle begins late."""
+    run, rng, many = few(mode), np.random.default_rng(3), 0
+    for i in range(run.count.size):
+        drive, targets, cycles = of_run(run, i), targets_of(run, i), run.target.shape[0]
+        first = rng.choice(np.arange(1, cycles - 2), cycles // 20)
+        lost = {int(k) + j for k in first for j in range(rng.integers(1, 3))}
+        late = set(rng.choice(cycles, cycles // 50).tolist())
+        live = [None if k in lost else answer for k, answer in enumerate(answers_of(run, i))]
+        assert watched(drive, targets, live, late) is None
+        at = int(rng.integers(cycles // 10, cycles // 2))
+        gone = [None if k in lost and k > at else answer for k, answer in enumerate(dead(run, i, at, "mute"))]
+        must = due(run, i, at, float(drive.limits.following_error))
+        if mode != "cst" and must is not None and must + 2 * ALLOWED < cycles:  # in cst a push begins anew after a loss
+            fault, many = watched(drive, targets, gone, late), many + 1
+            assert fault is not None
+            assert fault.cycle <= must + ALLOWED
+    assert many >= 3 or mode == "cst"
+
+
+@pytest.mark.parametrize(
+    ("key", "unit", "value", "answer"),
+    [
+        ("travel", "m", 0.011, Answer(0.021, 0.0, 0.0)),
+        ("velocity", "m/s", 0.3, Answer(0.01, -0.3, 0.0)),
+        ("velocity", "m/s", 0.5, Answer(0.0115, None, 0.0)),  # in three cycles of a millisecond, two of them lost
+        ("force", "N", 90.0, Answer(0.01, 0.0, -90.0)),
+        ("following_error", "m", 0.0013, Answer(0.0087, 0.0, 0.0)),
+        ("following_error", "m", 0.0013, Answer(0.0087, 0.0, 0.0, 0.0)),  # the drive says that it has none
+        ("following_error", "m", 0.0012, Answer(0.01, 0.0, 0.0, -0.0012)),
+        ("position", "m", 0.019, Answer(0.019, 0.0, 0.0)),
+        ("position", "m", 0.001, Answer(0.001, 0.0, 0.0)),
+    ],
+)
+def test_a_limit_is_named_with_value_bound_unit_and_cycle(key: str, unit: str, value: float, answer: Answer) -> None:
+    """At rest at 10 mm; the fault is in cycle 4, after two lost frames."""
+    bounds = {"travel": 0.01, "velocity": 0.25, "force": 80.0, "following_error": 1e-3}
+    if key == "position":
+        bounds |= {"travel": 1.0, "following_error": 1.0, "position_least": 2e-3, "position_most": 18e-3}
+    elif key == "travel":
+        bounds["following_error"] = 1.0
+    drive = described("csp", 1e-3, 1e-6, bounds.pop("following_error"), **bounds)
+    rest = Answer(0.01, 0.0 if answer.velocity is not None else None, 0.0)
+    fault = watched(drive, [Target(0.01, 0.0, 0.0)] * 5, [rest, rest, None, None, answer])
+    assert fault is not None
+    assert (fault.kind, fault.unit, fault.cycle) == (key, unit, 4)
+    assert fault.value == pytest.approx(value, rel=1e-9)
+    words = ("cycle 4", f"{fault.value:.4g} {unit}", f"= {fault.bound:.4g} {unit}", f"limits.{key}")
+    assert all(each in fault.message for each in words), fault.message
+
+
 # The edges: what is only just alive, and what is dead, around each number that the watch chose.
 
 T, C, E = 1e-3, 1e-6, 1e-3  # s, m, m
@@ -247,6 +301,23 @@ def stuck_position() -> Iterator[str]:
     stop = runs(drive, lambda _: 0.0, at=ramp)
     if stop is None or stop > 1 + 0.75 * E / 5e-6 + ALLOWED or ramp(stop - 1) >= E:
         yield f"csp: stopped a dead drive in cycle {stop}"
+    stop = runs(drive, lambda _: 0.0, at=lambda k: 0.37e-3 * k)  # 0.74 mm, and the next target at 1.11 mm
+    if stop is None or 0.37e-3 * (stop - 1) >= E:
+        yield f"csp: stopped a dead drive in cycle {stop} of a fast motion"
+
+
+def lagging() -> Iterator[str]:
+    """A live drive lags by 0.85 of its limit at 2 um a cycle, with readings that are held; a dead one was ahead."""
+    drive = described("csp", T, C, E)
+    if runs(drive, lambda k: 2e-6 * (k - k % 5), at=lambda k: 2e-6 * k + min(8e-6 * k, 0.85 * E)) is not None:
+        yield "lag: stopped a live drive"
+
+    def passing(k: int) -> float:  # back by 0.6 mm, and then past the axis, which moves last at the turn
+        return -5e-6 * k if k <= 120 else 5e-6 * (k - 240)
+
+    stop = runs(drive, lambda k: 3 * C * (k >= 120), at=passing)
+    if stop is None or stop > 1 + 240 + (0.75 * E + 3 * C) / 5e-6 + ALLOWED:
+        yield f"ahead: stopped a dead drive in cycle {stop}"
 
 
 def slipping() -> Iterator[str]:
@@ -356,7 +427,7 @@ def compared() -> Iterator[str]:
 
 
 def wrong_at_the_edges() -> Iterator[str]:
-    for trial in (slipping, repeated, stuck_position, stuck_velocity, coarse, compared, pushed):
+    for trial in (slipping, lagging, repeated, stuck_position, stuck_velocity, coarse, compared, pushed):
         yield from trial()
 
 

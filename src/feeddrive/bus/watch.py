@@ -25,12 +25,13 @@ is left to E is used up:
 
     |L - L_j| >= 3 c  and  (|L| > L' + 3/4 (E - L')  or  |L+| > E),    L' = max(0, L_j sgn L)      fault
 
-So a dead drive is found before its target leads the last reading by E, if |L_j| < E and `lag` is not 0.  What counts is
-way and not time: a stuck axis stands until its loop pushes harder than friction, which takes a certain lead, so that
-dwell, creep and any slow setpoint are free.  No drive is stopped whose following error never exceeds 3/4 E - 2 c, and
-whose target advances by less than E/4 a cycle: where it stands within 2 c of a, L differs from its following error by
-less than that.  One that lags by more at speed is not stopped either, as its target advances about as far as the axis
-itself before two counts are shown.
+So a dead drive is found before its target leads the last reading by E, if the target advances by 3 c to half of
+E - |L_j| a cycle and `lag` is not 0; slower ones are found at the first bound, if E - |L_j| is 12 c or more.  What
+counts is way and not time: a stuck axis stands until its loop pushes harder than friction, which takes a certain lead,
+so that dwell, creep and any slow setpoint are free.  No drive is stopped whose following error never exceeds 3/4 E - 2
+c, and whose target advances by less than E/4 a cycle: where it stands within 2 c of a, L differs from its following
+error by less than that.  One that lags by more at speed is not stopped either, as its target advances about as far as
+the axis itself before two counts are shown.
 
 csv.  No position is held, so the way S that the set velocity has asked for since cycle j takes the place of the lead:
 
@@ -208,13 +209,14 @@ class Watch:
         acting, *sent = (*state.sent, target)
         dt = self.drive.cycle_time
         silent = state.silent + dt
-        if answer is None:  # a target may be lost with it: nothing is concluded from this cycle
-            return state._replace(
-                cycle=state.cycle + 1, sent=tuple(sent), silent=silent, push=Push(due=state.push.due)
-            ), None
+        anchor = state.anchor._replace(asked=state.anchor.asked + acting.velocity * dt)
+        if answer is None:  # a target may be lost with it: of which forces act nothing is known
+            lost = state._replace(
+                cycle=state.cycle + 1, sent=tuple(sent), silent=silent, anchor=anchor, push=Push(due=state.push.due)
+            )
+            return lost, None
         moved = abs(answer.position - state.anchor.position) >= self._shown
         lead = acting.position - answer.position
-        anchor = state.anchor._replace(asked=state.anchor.asked + acting.velocity * dt)
         push = self._pushed(state.push, acting.force, dt, state.cycle)
         if moved:
             anchor, push = Anchor(answer.position, state.cycle, lead), Push(push.forces)
