@@ -311,6 +311,9 @@ def lagging() -> Iterator[str]:
     drive = described("csp", T, C, E)
     if runs(drive, lambda k: 2e-6 * (k - k % 5), at=lambda k: 2e-6 * k + min(8e-6 * k, 0.85 * E)) is not None:
         yield "lag: stopped a live drive"
+    answering = described("csp", T, C, E, lag=8)  # 1.6 mm behind the newest target, and on the one it answers
+    if runs(answering, lambda k: 0.2e-3 * max(0, k - 7), at=lambda k: 0.2e-3 * k) is not None:
+        yield "answers after eight cycles: stopped a live drive"
 
     def passing(k: int) -> float:  # back by 0.6 mm, and then past the axis, which moves last at the turn
         return -5e-6 * k if k <= 120 else 5e-6 * (k - 240)

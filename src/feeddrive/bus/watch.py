@@ -60,9 +60,9 @@ Velocity.  It is compared with the differences of the positions, in two ways:
 1. The same values, all of them, in `lost_frames` + 2 answers after the first, and |v| T summed over them, at most over
    the memory of 10 RESPONSE, is 2 c or more: the drive says that it moves, and stands in every bit.  A fault, which
    finds values frozen in motion sooner than any bound above.  A live axis that has moved by 2 c has changed its
-   reading, one that stops dead changes its velocity, and noise that hides a motion changes one or the other.  Of a
-   drive that has repeated values in motion, as it renews them every n cycles only, two may be the same by chance: it
-   gets 2 n answers.
+   reading, one that stops dead changes its velocity, and noise that hides a motion changes one or the other.  A
+   drive that renews its values every n cycles only, which shows in the same values while |v| T makes more than 1.1 c,
+   may repeat them once more by chance: it gets 2 n answers.
 2. A sum that forgets within the memory, compared with the largest speed U of either in the same memory:
 
        |Σ (v T - Δx)| > RESPONSE U + max(3/4 E, 3 c)                                    fault
@@ -160,7 +160,7 @@ class State(NamedTuple):
     silent   time since the last answer, s
     answer   the last one
     same     how many answers after the first had the same values, and over which time, s
-    renewal  the largest number of answers in motion after which the values were new, at most `lost_frames` + 2
+    renewal  the number of answers for which values were held in motion, at most `lost_frames` + 2
     gap      leaky sum of v T - Δx, m
     speed    largest speed of late, m/s
     """
@@ -189,6 +189,7 @@ class Watch:
         self._patience = drive.lost_frames + SPARE
         self._response = max(RESPONSE, self._patience * drive.cycle_time)
         self._memory = MEMORY * self._response
+        self._held = (1.0 + 1.0 / MEMORY) * self._count  # no new value has shown more, if its velocity is 10 % wrong
         self._forces = 1 + math.ceil(
             self._response / drive.cycle_time - 1e-9
         )  # of the last RESPONSE, both ends included
@@ -324,8 +325,8 @@ class Watch:
         many, time = state.same
         if answer == state.answer:
             return (many + 1, time + silent), state.renewal
-        renewed = min(many + 1, self._patience) if state.answer.velocity else 1  # at rest they may stay the same
-        return (0, 0.0), max(state.renewal, renewed)
+        held = abs(state.answer.velocity or 0.0) * time > self._held  # else the axis was at rest, or slow
+        return (0, 0.0), max(state.renewal, min(many + 1, self._patience)) if held else state.renewal
 
     def _frozen(self, cycle: int, answer: Answer, same: tuple[int, float], renewal: int) -> Fault | None:
         """All values stand still, with a velocity among them."""
