@@ -279,13 +279,13 @@ T, C, E = 1e-3, 1e-6, 1e-3  # s, m, m
 def runs(
     drive: BusDrive, position: Callable[[int], float], *, at: Callable[[int], float] = lambda _: 0.0,
     velocity: Callable[[int], float] = lambda _: 0.0, force: Callable[[int], float] = lambda _: 0.0,
-    told: Callable[[int], float | None] = lambda _: None, cycles: int = 400,
+    told: Callable[[int], float | None] = lambda _: None, cycles: int = 400, late: Container[int] = (),
 ) -> int | None:  # fmt: skip
     """The cycle in which a run is stopped, of targets and what is true of the axis; readings come a cycle later."""
     targets = [Target(at(k), velocity(k), force(k)) for k in range(cycles)]
     answers = [Answer(0.0, told(0), 0.0)]
     answers += [Answer(C * round(position(k) / C), told(k), 0.0) for k in range(cycles - 1)]
-    fault = watched(drive, targets, answers)
+    fault = watched(drive, targets, answers, late)
     return None if fault is None else fault.cycle
 
 
@@ -419,6 +419,14 @@ def compared() -> Iterator[str]:
         yield "late velocity: stopped a live drive"
     if runs(drive, lambda k: 2e-4 * k, velocity=lambda _: 0.2, told=lambda _: 0.22, cycles=600) is not None:
         yield "wrong factor: stopped a live drive"
+
+    def paused(k: int) -> float:  # three cycles pass before each fifth
+        return 2e-4 * (k + 3 * (k // 5))
+
+    for late, lives in (range(1, 400, 5), True), ((), False):
+        stop = runs(drive, paused, velocity=lambda _: 0.2, told=lambda _: 0.2, late=late)
+        if (stop is None) != lives:
+            yield f"{len(late)} late cycles: stopped in {stop}"
     stop = runs(drive, there, velocity=way, told=lambda _: 0.0)
     if stop is None or not stop <= 1 + (0.01 * 0.2 + 0.75 * E) / 2e-4 * 1.1 + ALLOWED:  # 1.1: it forgets meanwhile
         yield f"velocity of 0: stopped a dead drive in cycle {stop}"
