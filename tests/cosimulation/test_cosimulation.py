@@ -34,6 +34,7 @@ from feeddrive.language.errors import (
     MissingProgramError,
     ParameterError,
 )
+from feeddrive.language.judgment import Judgment
 from feeddrive.loop.routine_trace import plant_routine
 from foreign_fmu import DESCRIPTION, damaged, slide
 from slow_share import all_but
@@ -297,6 +298,16 @@ def test_the_command(plants: Path, foreign: Path, tmp_path: Path) -> None:
     assert done.exit_code == 0, done.exception
     assert "without inertia feedforward" in done.output
     assert "states no linear model" in done.output
+    machine = read_machine("ball_screw").file.text
+    close, changed = re.subn(r"(?m)^following_error_limit.*$", "following_error_limit_um = 0.01", machine)
+    assert changed == 1
+    (tmp_path / "close.toml").write_text(close, encoding="utf-8")
+    text = read_job("ball_screw").file.text.replace('machine = "ball_screw"', 'machine = "close.toml"')
+    (tmp_path / "job.toml").write_text(text, encoding="utf-8")
+    words = ["cosimulate", str(tmp_path / "job.toml"), str(plants / "ball_screw3.fmu"), *out]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 1, done.exception
+    assert Judgment.TRIPPED.says in done.output
     for job, words, expected in (
         ("ball_screw", ["--variable", "force"], "give each name once, as name=value"),
         ("ball_screw", ["--variable", "force=motor.F", "--set", "m=heavy"], "'heavy' is no number"),
