@@ -8,7 +8,8 @@ A block is final: it implements the abstract methods and overrides no method wit
     prepare(T)   numbers that depend on parameters only, computed once per run; returns a named tuple
     start(...)   the steady state of a block at rest
     step(...)    one sample: a pure function from the old state to the new one
-    retune(...)  the state after a live change: forces and estimates stay continuous; equal parameters change no bit
+    retune(...)  the state after a live change: forces and estimates stay continuous; equal parameters change no bit;
+                 a block with a state that has none is refused at a live change and by an export
     begin(axis)  start values of its parameters for the tuning on an axis
 """
 
@@ -22,6 +23,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 
 from feeddrive.blocks.axis_model import AxisModel, Beside, Start, begun
+from feeddrive.blocks.live_change import Retuned, RetunedUnprepared
 from feeddrive.blocks.reference.stretches import Stretch
 from feeddrive.blocks.signals import Estimate, Motion, Noise, Reading, Setpoint
 from feeddrive.language import matrix
@@ -148,7 +150,7 @@ class Sensor(Block, ABC):
         """The new state and the reading in m, from the true position (m) and velocity (m/s) at t = kT."""
 
 
-class Law(Block, ABC):
+class Law(Block, Retuned, ABC):
     """A feedback law: one paper's controller, one file. A command is a force in N at the load.
 
     feeds    which parts of the set motion the law itself feeds forward (`FEEDS`): no other block may feed them too
@@ -156,6 +158,7 @@ class Law(Block, ABC):
     encoders 2 if the law always needs the motor's and the load's position as two measurements
     tunables parameters to tune, in the order of hand tuning, without an observer's; empty: all > 0 that have no default
     title    its name in a comparison; empty: its kind
+    steps_live  whether the force steps at a live change in a steady state, as that of the original it reproduces does
     """
 
     feeds: ClassVar[tuple[str, ...]] = ()
@@ -163,6 +166,7 @@ class Law(Block, ABC):
     encoders: ClassVar[int] = 1
     tunables: ClassVar[tuple[str, ...]] = ()
     title: ClassVar[str] = ""
+    steps_live: ClassVar[bool] = False
 
     @classmethod
     def to_tune(cls) -> tuple[str, ...]:
@@ -190,10 +194,6 @@ class Law(Block, ABC):
     def step(self, prepared: Any, state: Any, setpoint: Setpoint, reading: Reading, T: Number) -> tuple[Any, Number]:
         """One sample: the new state and the force in N."""
 
-    def retune(self, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Any:
-        """The state after a live change from the block `old` to this one, without a bump (empty hook)."""
-        return state
-
     def period(self) -> int:
         """Period in samples of a law that varies with time; more than 1 for a law with a slow part (empty hook)."""
         return 1
@@ -211,7 +211,7 @@ class Law(Block, ABC):
         return self
 
 
-class Filter(Block, ABC):
+class Filter(Block, Retuned, ABC):
     """A scalar filter in the forward path."""
 
     @abstractmethod
@@ -226,15 +226,11 @@ class Filter(Block, ABC):
     def step(self, prepared: Any, state: Any, value: Number) -> tuple[Any, Number]:
         """One sample: the new state and the output."""
 
-    def retune(self, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Any:
-        """The state after a live change from the block `old` to this one, without a bump (empty hook)."""
-        return state
-
 
 FEEDS = ("acceleration", "velocity", "friction")  # parts of the set motion that can be fed forward
 
 
-class Feedforward(Block, ABC):
+class Feedforward(Block, RetunedUnprepared, ABC):
     """A force computed from the setpoint and its past; it bypasses the filters.
 
     feeds    the parts of the set motion that the block feeds forward (`FEEDS`), so that none is fed twice
@@ -267,12 +263,8 @@ class Feedforward(Block, ABC):
     def step(self, state: Any, setpoint: Setpoint, T: Number) -> tuple[Any, Number]:
         """One sample: the new state and the force in N to act over [kT, (k+1)T]."""
 
-    def retune(self, state: Any, old: Any) -> Any:
-        """The state after a live change from the block `old` to this one, without a bump (empty hook)."""
-        return state
 
-
-class Prefilter(Block, ABC):
+class Prefilter(Block, RetunedUnprepared, ABC):
     """Changes the setpoint before law and feedforward see it."""
 
     title: ClassVar[str] = ""
@@ -290,12 +282,8 @@ class Prefilter(Block, ABC):
     def step(self, state: Any, setpoint: Setpoint, T: Number) -> tuple[Any, Setpoint]:
         """One sample: the new state and the setpoint."""
 
-    def retune(self, state: Any, old: Any) -> Any:
-        """The state after a live change from the block `old` to this one, without a bump (empty hook)."""
-        return state
 
-
-class Observer(Block, ABC):
+class Observer(Block, Retuned, ABC):
     """Estimates what is not measured, from reading and `applied`; `tunables` are what to tune, positive."""
 
     tunables: ClassVar[tuple[str, ...]] = ()
@@ -317,16 +305,12 @@ class Observer(Block, ABC):
     def step(self, prepared: Any, state: Any, reading: Reading, T: Number) -> tuple[Any, Estimate]:
         """One sample: the new state and the estimate at kT."""
 
-    def retune(self, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Any:
-        """The state after a live change from the block `old` to this one, without a bump (empty hook)."""
-        return state
-
     def lag(self, prepared: Any, T: Number) -> Number:
         """s by which the estimate of a slow disturbance comes late; 0.0 where it is not known (empty hook)."""
         return 0.0
 
 
-class Compensation(Block, ABC):
+class Compensation(Block, Retuned, ABC):
     """Combined with any law: from the reading it moves the setpoint (structural modes) or adds a force (rejection)."""
 
     title: ClassVar[str] = ""
@@ -354,10 +338,6 @@ class Compensation(Block, ABC):
         self, prepared: Any, state: Any, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[Any, Setpoint, Number]:
         """One sample: the new state, the setpoint for law and feedforward, and a force in N behind the filters."""
-
-    def retune(self, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Any:
-        """The state after a live change from the block `old` to this one, without a bump (empty hook)."""
-        return state
 
     def carries(self, reading: Reading) -> Any:
         """The part of the force acting at a start that it holds, N; the law holds the rest (empty hook)."""

@@ -28,8 +28,8 @@ try:
 except ImportError as absent:
     raise MissingExtraError(str(absent.name), "testing", "the battery of a block") from absent
 
-from feeddrive.blocks import families
 from feeddrive.blocks.catalogue import catalogue, family_of, required
+from feeddrive.blocks.families import Law
 from feeddrive.language import tree
 from feeddrive.language.block import Block, declarations
 from feeddrive.language.graph import Graph, reachable
@@ -42,6 +42,7 @@ from feeddrive.loop.trace import concrete, evaluate, node_values
 from feeddrive.loop.traced_model import push, require_slopes
 from feeddrive.testing import c_loop
 from feeddrive.testing.exercise import SAMPLED, TRACED, Exercise, Inputs, asked_of, flat, inputs
+from feeddrive.testing.steady import ERRORS, RETUNED, UNPREPARED, bump, place, without_friction
 from feeddrive.testing.strategies import blocks_of, part_types, variants_of
 
 
@@ -136,6 +137,7 @@ compiled_once = settings(max_examples=2, deadline=None, suppress_health_check=_U
 _LANES = st.sampled_from((8, 1))  # each is compiled anew
 few = settings(compiled_once, max_examples=4)
 drawn = settings(compiled_once, max_examples=6)
+often = settings(compiled_once, max_examples=20)  # nothing is compiled or traced
 
 
 class Rows:
@@ -146,9 +148,9 @@ class Rows:
     def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
         """Each row for each block that it applies to."""
         stepped = [block for block in self.blocks if family_of(block) in TRACED]
-        whole = (families.Prefilter, families.Feedforward)  # their `retune` has no prepared numbers
-        held = [block for block in stepped if hasattr(block, "retune") and not issubclass(block, whole)]
-        for name, found in (("block", self.blocks), ("asked", stepped), ("retuned", held)):
+        held = [block for block in stepped if issubclass(block, RETUNED)]
+        goes_on = [block for block in held if not getattr(block, "steps_live", False)]
+        for name, found in (("block", self.blocks), ("asked", stepped), ("retuned", held), ("goes_on", goes_on)):
             if name in metafunc.fixturenames:
                 metafunc.parametrize(name, found, ids=[each.__name__ for each in found])
 
@@ -268,8 +270,8 @@ class Rows:
         exercise = _exercise(data, retuned)
         made, state = exercise.block, exercise.run().after
         with np.errstate(all="ignore"):
-            prepared = made.prepare(exercise.x.T)
-            after = made.retune(state, made, prepared, prepared)
+            prepared = () if issubclass(retuned, UNPREPARED) else (made.prepare(exercise.x.T),) * 2
+            after = made.retune(state, made, *prepared)
         assert tree.structure(after) == tree.structure(state)
         # a zero may change its sign, which nothing in a step asks for
         values = [
@@ -277,6 +279,22 @@ class Rows:
             for each in (state, after)
         ]
         assert _bits(values[0]) == _bits(values[1])
+
+    @often
+    @given(data=st.data())
+    def test_a_live_change_to_other_numbers_makes_no_bump(self, goes_on: type[Block], data: st.DataObject) -> None:
+        """At rest and in even motion, without following error, from a start and after errors that fill an integral."""
+        x = _inputs(data)
+        T, position, force = float(x.T), float(x.position), float(x.force)
+        old = concrete(data.draw(blocks_of(goes_on, T)))
+        new = concrete(data.draw(variants_of(old, T)))
+        at_rest, moving = place(position, False, T, force), place(position, True, T, force)
+        with np.errstate(all="ignore"):
+            assert not bump(old, new, at_rest)
+            assert not bump(old, new, at_rest._replace(force=np.float64(0.0)))
+            assert not bump(old, without_friction(new, old), moving)
+            if isinstance(old, Law):
+                assert not bump(old, new, at_rest, ERRORS)
 
     @drawn
     @given(data=st.data())

@@ -44,7 +44,7 @@ _USUAL: dict[str, tuple[float, float]] = {
     "": (1e-2, 2.0),
 }
 _TRIES = 40
-_EITHER = st.booleans()
+_EITHER, _SELDOM = st.booleans(), st.integers(0, 3)
 _SHARES = st.floats(0.0, 1.0)
 _GOLDEN = 0.6180339887498949  # turns of a share by it fill the range evenly
 _NAME = re.compile(r"[A-Za-z_]\w*")
@@ -101,7 +101,7 @@ def _runs_at(block: Block, sample_time: float | None) -> bool:
 
 
 def _drawn(draw: st.DrawFn, cls: type[Block], names: Container[str], attempt: int) -> dict[str, Any]:
-    """Draw some fields of a block; of those that may be absent none, all or some; every other time its defaults."""
+    """Draw some fields of a block; of those that may be absent none, all or some; now and then a default."""
     present = _PRESENT[(draw(st.integers(0, len(_PRESENT) - 1)) + attempt) % len(_PRESENT)]
     drawn: dict[str, Any] = {}
     for place, (name, (default, value)) in enumerate(_fields(cls).items()):
@@ -111,7 +111,7 @@ def _drawn(draw: st.DrawFn, cls: type[Block], names: Container[str], attempt: in
             absent = present == "none" or (present == "some" and draw(_EITHER) == bool(attempt >> place & 1))
             drawn[name] = None if absent else value(draw, attempt * (place + 1))
         else:
-            usual = attempt % 2 == 1 and default is not dataclasses.MISSING
+            usual = default is not dataclasses.MISSING and (attempt % 2 == 1 or draw(_SELDOM) == 3)
             drawn[name] = default if usual else value(draw, attempt * (place + 1))
     return drawn
 
@@ -159,9 +159,10 @@ def _one_of(options: Sequence[Any]) -> _Draw:
 
 @st.composite
 def variants_of(draw: st.DrawFn, block: Block, sample_time: float) -> Any:
-    """Draw other numbers for a block, valid as those it has: what may differ between lanes and at a live change."""
-    names = [name for name, _ in tree.leaves(block)]
-    values = {name: draw(numbers(tree.declaration(block, name))) for name in names}
+    """Draw other numbers for some leaves of a block: what may differ between lanes and at a live change."""
+    values = dict(tree.leaves(block))
+    names = [name for name in values if draw(_EITHER)] or list(values)
+    values |= {name: draw(numbers(tree.declaration(block, name))) for name in names}
     for _ in range(_TRIES):
         varied = tree.rebuild(block, iter(values.values()))
         try:

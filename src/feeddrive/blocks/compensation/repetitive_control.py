@@ -104,6 +104,10 @@ class RepetitiveControl(Compensation):
         wait = ops.maximum(state.wait - 1.0, 0.0) if self.waits else state.wait
         return self.State((shift, *state.shifts[:-1]), window, state.past.push(filtered), wait), moved, 0.0
 
+    def retune(self, state: State, old: RepetitiveControl, old_prepared: Prepared, prepared: Prepared) -> State:
+        """Return the state as it is: what was learned is in m."""
+        return state
+
 
 def taps(weight: Number, count: int) -> tuple[Number, ...]:
     """The kernel (weight, 1 - 2 weight, weight) convolved `count` times with itself, from the center outwards."""

@@ -178,6 +178,10 @@ class CascadePPI(Law):
         integral = integral + (self.Kp * T / self.Tn) * missed
         return self.State(positions, integral, interpolator, model), force + integral
 
+    def retune(self, state: State, old: CascadePPI, old_prepared: Prepared, prepared: Prepared) -> State:
+        """Return the state as it is: positions, velocities, and an integral and forces in N."""
+        return state
+
     def _modelled(self, held: Model, wanted: Number, T: Number) -> tuple[tuple[Model, ...], Number]:
         """The velocity that the P velocity loop of the reference model has now."""
         assert self.model_mass is not None  # without one there is no model

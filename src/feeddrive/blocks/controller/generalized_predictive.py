@@ -159,9 +159,12 @@ class GeneralizedPredictive(Law):
         return after, reading.applied + change
 
     def retune(self, state: State, old: GeneralizedPredictive, old_prepared: Prepared, prepared: Prepared) -> State:
-        """The set path that was previewed stays where it is."""
-        ratio = prepared.preview[0] / old_prepared.preview[0]
-        return state._replace(previews=(ratio * state.previews[0], ratio * state.previews[1]))
+        """Keep the set path that was previewed where it is, at the speed at which the last two previews follow."""
+        before, now = old_prepared.preview, prepared.preview
+        ratio = now[0] / before[0]
+        speed = (state.previews[0] - state.previews[1]) / (before[0] * prepared.T)
+        more = (now[1] - ratio * before[1]) * speed
+        return state._replace(previews=(ratio * state.previews[0] + more, ratio * state.previews[1] + more))
 
 
 def _series(B: Row, A: Row, count: int) -> list[Any]:

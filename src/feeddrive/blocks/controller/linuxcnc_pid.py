@@ -33,6 +33,8 @@ class LinuxcncPid(Law):
     One pid is the same for one encoder and Kp, Kv, Tn by Pgain = Kp (Kv + 1/Tn)/c, Igain = Kp Kv/(c Tn), Dgain = Kp/c.
     Both forms differ from `CascadePPI` only in the behavior of the integral at the limit.
     The limit is the pid's `maxoutput`; a control with this law needs no other limit.
+    Parameters that change in a running loop change the force at once, as a `setp` does: a pid integrates the error, so
+    that Igain scales all that was gathered before, and a biquad keeps delayed sums of its old coefficients.
 
     When to use: to see how a design behaves on an unmodified LinuxCNC before it is installed there.  When not: the
     component that the export target `linuxcnc` writes computes the design itself.
@@ -40,6 +42,7 @@ class LinuxcncPid(Law):
     """
 
     feeds = ("acceleration", "velocity")
+    steps_live = True
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
@@ -126,6 +129,10 @@ class LinuxcncPid(Law):
             velocity = (held,)
         filters, output = self._filtered(state.filters, output, forward)
         return self.State(position, velocity, motor, filters), self.force_per_output * output
+
+    def retune(self, state: State, old: LinuxcncPid, old_prepared: Prepared, prepared: Prepared) -> State:
+        """Return the state as it is, as LinuxCNC keeps it: the integral of the error, not its force."""
+        return state
 
     def _filtered(
         self, states: tuple[Any, ...], output: Number, forward: Number | None

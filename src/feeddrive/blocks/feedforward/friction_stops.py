@@ -110,6 +110,10 @@ class FrictionStops(Feedforward):
             force = force + self.residual(middle.velocity)
         return self.State(x, lowest, highest, tuple(stretch)), known * force
 
+    def retune(self, state: State, old: FrictionStops) -> State:
+        """Return the state as it is: positions and distances in m."""
+        return state
+
     def residual(self, v: Number) -> Number:
         """r(v) in N, without the factor c."""
         assert self.residual_width is not None

@@ -41,3 +41,7 @@ class ReversalPulse(Feedforward):
         level = ops.where(reversed_now, direction * self.force, state.level * ops.exp(-(T / self.decay_time)))
         direction = ops.where(ops.equal(direction, 0.0), state.direction, direction)
         return self.State(direction, level), level
+
+    def retune(self, state: State, old: ReversalPulse) -> State:
+        """Return the state as it is: a pulse goes on from the force that it has."""
+        return state

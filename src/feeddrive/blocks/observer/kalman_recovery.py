@@ -92,6 +92,10 @@ class KalmanRecovery(Observer):
         after = self.State(position, velocity, disturbance, commands[: self.delay_samples])
         return after, Estimate(position, velocity, disturbance)
 
+    def retune(self, state: State, old: KalmanRecovery, old_prepared: Prepared, prepared: Prepared) -> State:
+        """Return the state as it is: position, velocity and forces."""
+        return state
+
     def lag(self, prepared: Prepared, T: Number) -> Number:
         """The lasting error under a force that rises steadily, over its slope."""
         x, v, force = prepared.gain

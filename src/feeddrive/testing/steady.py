@@ -1,0 +1,210 @@
+"""A block of a control in a steady state without following error, and what a live change of its numbers does there.
+
+The axis follows exactly, at rest or evenly, and the force that a law commands acts with the next sample.  So whatever
+comes out of a block is constant, and a live change has to leave it so, unless it asks for another value: a larger share
+of a disturbance is another force.  What it asks for is what the new block gives if it is started there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from feeddrive.blocks import families
+from feeddrive.blocks.catalogue import family_of
+from feeddrive.blocks.signals import Reading, Setpoint
+from feeddrive.language import tree
+from feeddrive.language.block import Block
+from feeddrive.language.ring import Ring
+
+_GRID = 2.0**-17  # m: positions on it, and their differences, are exact
+ERRORS = tuple(1e-6 * k for k in (-1.5, -0.5, 0.5, 1.5, 2.5))  # m: they fill the integral of a law
+SETTLING, SAMPLES = 12, 8
+_SHARE = 1e-6  # of an output and of its usual size: far above rounding, far below what a wrong unit makes of it
+_DIGITS = 8.0 * float(np.finfo(float).eps)
+_SIZES = (1e-3, 1.0, 10.0, 1e3, 1e5)  # m, m/s, m/s², m/s³, m/s⁴ of motions
+_FORCE = 1e3  # N
+
+
+class Place(NamedTuple):
+    """Where and how fast the axis is: its position at sample 0 and its way in a sample (m), T (s) and a force (N)."""
+
+    position: Any
+    way: Any
+    T: Any
+    force: Any
+
+    def setpoint(self, sample: int, ahead: float = 0.0) -> Setpoint:
+        """Return the set motion at a sample, ahead of the axis by some m."""
+        return Setpoint(self.position + float(sample) * self.way + ahead, self.way / self.T)
+
+    def reading(self, sample: int, force: Any) -> Reading:
+        """Return what is read at a sample while a force acts."""
+        position = self.position + float(sample) * self.way
+        return Reading(position, position, force, force, self.way / self.T)
+
+
+def place(position: float, moves: bool, T: float, force: float) -> Place:
+    """Return a place near a position, on a grid on which differences of positions are exact."""
+    return Place(*map(np.float64, (round(position / _GRID) * _GRID, _GRID if moves else 0.0, T, force)))
+
+
+class Steady:
+    """A block that was started at a place and a sample, and goes on from there."""
+
+    def __init__(self, block: Any, at: Place, sample: int = 0) -> None:
+        self.block, self.at, self.sample = block, at, sample
+        self._family = family_of(type(block))
+        self.prepared = None if self._family in UNPREPARED else block.prepare(at.T)
+        self.force = at.force  # that acts: of a law the last one that it commanded
+        setpoint, reading = at.setpoint(sample), at.reading(sample, at.force)
+        if self._family in UNPREPARED:
+            self.state = block.start(setpoint)
+        elif self._family is families.Filter:
+            self.state = block.start(self.prepared, at.force)
+        elif self._family is families.Observer:
+            self.state = block.start(self.prepared, reading)
+        else:
+            self.state = block.start(self.prepared, setpoint, reading)
+
+    def outputs(self, count: int, errors: Sequence[float] = ()) -> np.ndarray:
+        """Return what comes out in some samples, the first ones with following errors: a row each."""
+        rows = [self._step(errors[k] if k < len(errors) else 0.0) for k in range(count)]
+        return np.array(rows, dtype=float)
+
+    def after(self, count: int, errors: Sequence[float] = ()) -> np.ndarray:
+        """Return the numbers of the state after some samples; what rings hold shows in what is read from them."""
+        self.outputs(count, errors)
+        return np.array([float(value) for _, value in tree.leaves(self.state) if not isinstance(value, Ring)])
+
+    def _step(self, error: float) -> Sequence[Any]:
+        self.sample += 1
+        setpoint, reading = self.at.setpoint(self.sample, error), self.at.reading(self.sample, self.force)
+        block, made, T = self.block, self.prepared, self.at.T
+        if self._family is families.Law:
+            self.state, self.force = block.step(made, self.state, setpoint, reading, T)
+            return (self.force,)
+        if self._family is families.Filter:
+            self.state, value = block.step(made, self.state, self.force)
+            return (value,)
+        if self._family is families.Observer:
+            self.state, seen = block.step(made, self.state, reading, T)
+            return (seen.position - reading.position_load, seen.velocity, seen.disturbance)
+        if self._family is families.Compensation:
+            self.state, moved, force = block.step(made, self.state, setpoint, reading, T)
+            return (moved.position - setpoint.position, *moved[1:], force)
+        self.state, found = block.step(self.state, setpoint, T)
+        if self._family is families.Feedforward:
+            return (found,)
+        return (found.position - setpoint.position, *found[1:])
+
+    def retune(self, new: Any) -> None:
+        """Change the numbers of the block between two samples."""
+        if self._family in UNPREPARED:
+            self.state = new.retune(self.state, self.block)
+        else:
+            prepared = new.prepare(self.at.T)
+            self.state, self.prepared = new.retune(self.state, self.block, self.prepared, prepared), prepared
+        self.block = new
+
+
+UNPREPARED = (families.Feedforward, families.Prefilter)
+RETUNED = (families.Law, families.Filter, families.Observer, families.Compensation, *UNPREPARED)
+
+
+def without_friction(new: Block, old: Block) -> Block:
+    """Return the new block with the viscous friction of the old one: in motion another friction asks for a force."""
+    pairs = zip(tree.leaves(new), tree.leaves(old), strict=True)
+    values = (old if name.rpartition(".")[2].startswith("viscous") else new for (name, new), (_, old) in pairs)
+    return tree.rebuild(new, values)
+
+
+def bump(old: Block, new: Block, at: Place, errors: Sequence[float] = ()) -> str:
+    """Return what a live change from one block to another does to a steady output that it does not ask for, in words.
+
+    Empty where the output goes on, and where there is no steady state: with a block that settles slowly, with a law
+    that does not hold the force with which it was started, and in even motion also where the new one would not.
+    """
+    change = _changed(old, new, at, errors)
+    if not change.settled:
+        return ""
+    last, asked = change.before[-1], change.asked
+    rounding = _rounding(old, new, at, errors, change)
+    near = _SHARE * (np.maximum(np.abs(last), np.abs(asked[0])) + _usual(last.size)) + rounding
+    steady = np.all(np.abs(change.before - last) <= 0.01 * near)
+    if isinstance(old, families.Law) and not errors:
+        steady = steady and abs(last[0] - at.force) <= near[0]
+    if at.way > 0.0:
+        steady = steady and np.all(np.abs(asked - last) <= near)
+    low, high = np.minimum(last, asked) - near, np.maximum(last, asked) + near
+    wrong = np.argwhere(~((low <= change.after) & (change.after <= high)))
+    if not steady or not wrong.size:
+        return ""
+    sample, output = wrong[0]
+    return (
+        f"output {output} of {new.kind} was {last[output]:.9g} in a steady state; {sample + 1} samples after a live "
+        f"change it is {change.after[sample, output]:.9g}, and started there with the new numbers it would be "
+        f"{asked[sample, output]:.9g}: retune must return the state with which it goes on"
+    )
+
+
+class Change(NamedTuple):
+    """Outputs before and after a live change, those of the new block started there; if the state was steady."""
+
+    before: np.ndarray
+    after: np.ndarray
+    asked: np.ndarray
+    settled: bool
+
+
+def _changed(
+    old: Block, new: Block, at: Place, errors: Sequence[float], wrong: float = 0.0, pattern: int = 0
+) -> Change:
+    """Run a live change; if `wrong`, readings are wrong in their last digits and numbers of the state by this share.
+
+    Bit `pattern` of the place of a number is its sign.
+    """
+    held = Steady(old, at)
+    states = [held.after(SETTLING, errors), held.after(SETTLING), held.after(SETTLING)]
+    before = held.outputs(SAMPLES)
+    asked = Steady(new, at._replace(force=held.force), held.sample).outputs(SAMPLES)
+    if wrong:
+        held.at = at._replace(position=(1.0 + _DIGITS) * at.position)
+        values = [value for _, value in tree.leaves(held.state)]
+        signs = [wrong if i >> pattern & 1 else -wrong for i in range(len(values))]
+        moved = (v if isinstance(v, Ring) else (1.0 + sign) * v for v, sign in zip(values, signs, strict=True))
+        held.state = tree.rebuild(held.state, moved)
+    held.retune(new)
+    return Change(before, held.outputs(SAMPLES), asked, _settled(*states, exactly=len(errors) > 0))
+
+
+def _rounding(old: Block, new: Block, at: Place, errors: Sequence[float], change: Change) -> np.ndarray:
+    """Return how far outputs move with the last digits of readings and state, and with what they waver by themselves.
+
+    With a gain of 1e17 N/m, as a predictive law over a short horizon has it, that is 100 N; with a filter that
+    amplifies high frequencies by 1e6 it is 0.1 N.
+    """
+    last = change.before[-1]
+    wavers = np.max(np.abs(change.before - last), axis=0) / (np.abs(last) + _SHARE * _usual(last.size))
+    wrong = _DIGITS + float(np.max(wavers))
+    beside = [_changed(old, new, at, errors, wrong, pattern).after for pattern in range(3)]
+    return 10.0 * np.max(np.abs(np.array(beside) - change.after), axis=(0, 1))
+
+
+def _settled(first: np.ndarray, second: np.ndarray, third: np.ndarray, exactly: bool) -> bool:
+    """Return whether states at equal distances are on straight lines: what still settles shows with other gains.
+
+    After errors they must be equal to the last bit, as an integral is: the slow end of an observer's transient is not.
+    """
+    if exactly:
+        return bool(np.all(first == second) and np.all(second == third))
+    largest = np.maximum(np.maximum(np.abs(first), np.abs(second)), np.abs(third))
+    bent = np.abs(first - 2.0 * second + third)
+    return bool(np.all(bent <= 1e-9 * largest + 1e-13 * np.max(largest, initial=0.0)))
+
+
+def _usual(count: int) -> np.ndarray:
+    """Return the usual sizes of the outputs of a block, the force last."""
+    return np.array([*_SIZES[: 5 if count >= 5 else count - 1], *([_FORCE] if count != 5 else [])])
