@@ -120,12 +120,63 @@ def _rounding(graph: Graph, nodes: list[int], leaves: dict[str, Any], moved: lis
     return np.fmax.reduce(np.abs(beside - base[:, None]), axis=1, initial=0.0)
 
 
+def check_slopes(exercise: Exercise) -> None:
+    """Compare tangents of the graph with central differences, wherever one-sided ones and those of other steps agree.
+
+    Raises AssertionError with the output and the numbers by which it is wrong.
+    """
+    graph, nodes, leaves = exercise.trace()
+    if any(graph.name(index) == "quantise" for index in reachable(graph, nodes)):
+        return  # counts as a straight line, which differences cannot show; see test_linearize.py
+    moved = [name for name, value in leaves.items() if not isinstance(value, np.ndarray)]
+    moved = [name for name in moved if name not in ("x.seed", "x.sample", "x.time")]
+    truth = classify(graph, [], [], []).truth
+    values = node_values(graph, nodes, leaves)
+    if _stands_at_a_root(graph, nodes, values, moved):
+        return  # √0 has no slope: nothing to compare with differences there
+    base = np.array([float(values[node]) for node in nodes])
+    sizes = np.abs([float(value) for value in values.values() if not isinstance(value, np.ndarray | Ring)])
+    largest = np.max(sizes[np.isfinite(sizes)], initial=1e-9)
+    rounding = _rounding(graph, nodes, leaves, moved, base)
+
+    def size(name: str) -> float:
+        return max(abs(float(leaves[name])), 1e-2 if name.startswith("x.") and name != "x.mobility" else 1e-6)
+
+    # a lane for each number that moves: lanes compute the bits of floats, as another row asserts
+    h = 1e-6 * np.array([size(name) for name in moved])
+    steps = dict(zip(moved, np.diag(h), strict=True))
+    above, below, far_above, far_below, near_above, near_below = (
+        _answers(graph, nodes, _moved(leaves, {name: k * step for name, step in steps.items()}), len(moved))
+        for k in (1.0, -1.0, 2.0, -2.0, _BETWEEN, -_BETWEEN)
+    )
+    slopes, beside = (
+        _slopes(graph, nodes, _moved(leaves, {name: k * step for name, step in steps.items()}), moved)
+        for k in (0.0, 1.0)
+    )
+    for i, node in enumerate(nodes):
+        if truth[node]:
+            continue
+        slope = slopes[i]
+        right, left = (above[i] - base[i]) / h, (base[i] - below[i]) / h
+        # rounding of the largest number inside, or what cancellation makes of it, over the step
+        blur = max(16 * 2.3e-16 * largest, 4.0 * rounding[i]) / h
+        found, wide = 0.5 * (right + left), (far_above[i] - far_below[i]) / (4.0 * h)
+        near = (near_above[i] - near_below[i]) / (2.0 * _BETWEEN * h)
+        bent = np.maximum(np.maximum(np.abs(right - left), np.abs(found - wide)), np.abs(found - near))
+        jumps = np.abs(slope - beside[i]) > 1e-3 * np.abs(slope)
+        # a kink, a jump, or too curved for this step
+        uneven = jumps | (bent > 1e-4 * np.maximum(np.abs(right), np.abs(left)) + blur)
+        wrong = ~uneven & ~(np.abs(found - slope) <= 1e-3 * np.abs(slope) + 10 * blur)
+        assert not np.any(wrong), f"output {i} by {[name for name, bad in zip(moved, wrong, strict=True) if bad]}"
+
+
 def _without_denormal(values: Sequence[Any] | np.ndarray) -> list[float]:
     """Numbers with those up to the first normal ones as 0 of their sign: native code counts what is below them as 0."""
     numbers = np.array([float(value) for value in values])
     return list(np.where(np.abs(numbers) < 2.3e-308, np.copysign(0.0, numbers), numbers))
 
 
+_BETWEEN = 0.6180339887498949  # of the step of a difference: steps of whole periods of a ripple show no slope
 _UNHURRIED = (
     HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much, HealthCheck.large_base_example,
     HealthCheck.differing_executors,
@@ -213,50 +264,7 @@ class Rows:
     @few
     @given(data=st.data())
     def test_slopes_are_those_of_differences(self, asked: type[Block], data: st.DataObject) -> None:
-        """Tangents of the graph against central differences, wherever the two one-sided ones agree."""
-        exercise = _exercise(data, asked)
-        graph, nodes, leaves = exercise.trace()
-        if any(graph.name(index) == "quantise" for index in reachable(graph, nodes)):
-            return  # counts as a straight line, which differences cannot show; see test_linearize.py
-        moved = [name for name, value in leaves.items() if not isinstance(value, np.ndarray)]
-        moved = [name for name in moved if name not in ("x.seed", "x.sample", "x.time")]
-        truth = classify(graph, [], [], []).truth
-        values = node_values(graph, nodes, leaves)
-        if _stands_at_a_root(graph, nodes, values, moved):
-            return  # √0 has no slope: nothing to compare with differences there
-        base = np.array([float(values[node]) for node in nodes])
-        sizes = np.abs([float(value) for value in values.values() if not isinstance(value, np.ndarray | Ring)])
-        largest = np.max(sizes[np.isfinite(sizes)], initial=1e-9)
-        rounding = _rounding(graph, nodes, leaves, moved, base)
-
-        def size(name: str) -> float:
-            return max(abs(float(leaves[name])), 1e-2 if name.startswith("x.") and name != "x.mobility" else 1e-6)
-
-        # a lane for each number that moves: lanes compute the bits of floats, as another row asserts
-        h = 1e-6 * np.array([size(name) for name in moved])
-        steps = dict(zip(moved, np.diag(h), strict=True))
-        above, below, far_above, far_below = (
-            _answers(graph, nodes, _moved(leaves, {name: k * step for name, step in steps.items()}), len(moved))
-            for k in (1.0, -1.0, 2.0, -2.0)
-        )
-        slopes, beside = (
-            _slopes(graph, nodes, _moved(leaves, {name: k * step for name, step in steps.items()}), moved)
-            for k in (0.0, 1.0)
-        )
-        for i, node in enumerate(nodes):
-            if truth[node]:
-                continue
-            slope = slopes[i]
-            right, left = (above[i] - base[i]) / h, (base[i] - below[i]) / h
-            # rounding of the largest number inside, or what cancellation makes of it, over the step
-            blur = max(16 * 2.3e-16 * largest, 4.0 * rounding[i]) / h
-            found, wide = 0.5 * (right + left), (far_above[i] - far_below[i]) / (4.0 * h)
-            bent = np.maximum(np.abs(right - left), np.abs(found - wide))
-            jumps = np.abs(slope - beside[i]) > 1e-3 * np.abs(slope)
-            # a kink, a jump, or too curved for this step
-            uneven = jumps | (bent > 1e-4 * np.maximum(np.abs(right), np.abs(left)) + blur)
-            wrong = ~uneven & ~(np.abs(found - slope) <= 1e-3 * np.abs(slope) + 10 * blur)
-            assert not np.any(wrong), f"output {i} by {[name for name, bad in zip(moved, wrong, strict=True) if bad]}"
+        check_slopes(_exercise(data, asked))
 
     @drawn
     @given(data=st.data())

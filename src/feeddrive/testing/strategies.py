@@ -45,7 +45,7 @@ _USUAL: dict[str, tuple[float, float]] = {
 }
 _TRIES = 40
 _EITHER, _SELDOM = st.booleans(), st.integers(0, 3)
-_SHARES = st.floats(0.0, 1.0)
+_SHARES = st.floats(0.0, 1.0).map(lambda share: share if share > 1e-6 else 0.0)  # not down to 5e-324
 _GOLDEN = 0.6180339887498949  # turns of a share by it fill the range evenly
 _NAME = re.compile(r"[A-Za-z_]\w*")
 _PRESENT = ("none", "all", "some", "some")  # of the fields that may be absent: often those of a group belong together
@@ -234,8 +234,7 @@ def _choices(declared: Declaration, hint: Any, needed: bool) -> _Draw:
 
 
 def _rows(declared: Declaration) -> st.SearchStrategy[np.ndarray]:
-    high = _USUAL.get(declared.unit, (1e-3, 1e3))[1]
-    entries = numbers(declared) if declared.bounds() else st.floats(-high, high)
+    entries = numbers(declared) if declared.bounds() else st.one_of(numbers(declared), st.just(0.0))
     if declared.unit == "s":  # times follow each other
         return st.lists(entries, min_size=2, max_size=5, unique=True).map(sorted).map(np.array)
     return st.lists(entries, min_size=2, max_size=5).map(np.array)
