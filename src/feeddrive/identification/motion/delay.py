@@ -16,7 +16,8 @@ from feeddrive.language.table import Result, Table
 REACH = 20  # samples to both sides that are tried
 LATEST = 5e-3  # s: a force that acts later than that does not belong to this clock
 CLEAR = 0.9  # largest ratio of the residuals of two delays at which the better one counts as certain
-_DRIFT = 2  # samples by which the delays of the two halves of a log must differ to be called a drift
+_EARLY = 1e-3  # s: unknown forces and counts shift the delay of a closed loop by as much
+_DRIFT = 2  # times that, and samples, by which the delays of the two halves of a log differ if they drift
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,6 +45,10 @@ class DelayFit(Result):
         """Whether the residual of the best delay is a tenth less than without delay."""
         return float(np.min(self.residual)) < CLEAR * float(self.residual[np.flatnonzero(self.delays == 0)[0]])
 
+    def left(self, samples: float) -> float:
+        """Share of the force that the inverse dynamics leave with a delay, on straight lines between whole samples."""
+        return float(np.interp(samples, self.delays, self.residual))
+
     def table(self) -> Table:
         """Residual of the delays around the best."""
         near = np.abs(self.delays - self.nearest) <= 2
@@ -52,7 +57,9 @@ class DelayFit(Result):
         return Table(title, ["samples", "residual %"], rows)
 
 
-def find_delay(log: MotionLog, *, friction: str = "directional", how: Preparation | None = None) -> DelayFit:
+def find_delay(
+    log: MotionLog, *, friction: str = "directional", how: Preparation | None = None, clocks: bool = True
+) -> DelayFit:
     """The dead time between a logged force and the acceleration that it causes, in samples.
 
         force(k - 1/2 - dead_time) = inverse dynamics(k),   the dead time that leaves the least residual
@@ -63,6 +70,9 @@ def find_delay(log: MotionLog, *, friction: str = "directional", how: Preparatio
 
     When not to trust it alone: in a closed loop the force reacts to disturbances, and part of that reaction is taken
     for a delay. This error grows with the residual of the model.  There `refine` decides between whole samples.
+
+    clocks  whether a delay that cannot be is an error; not where the law proves that both channels have one clock
+
     Raises NotIdentifiableError where the force comes before its cause, acts later than 5 ms, or if its delay drifts:
     then force and position were recorded on two clocks.
     """
@@ -76,8 +86,9 @@ def find_delay(log: MotionLog, *, friction: str = "directional", how: Preparatio
     residual = np.array([_left(basis, force) for force in forces])
     best = int(np.argmin(residual))
     _check_slope(log, basis, forces, residual)
-    _check(log, int(delays[best]), delays, residual)
-    _check_drift(log, columns, forces, delays)
+    if clocks:
+        _check(log, int(delays[best]), delays, residual)
+        _check_drift(log, columns, forces, delays)
     slope = 0.5 * (forces[min(best + 1, delays.size - 1)] - forces[max(best - 1, 0)])
     wide = np.column_stack([columns, -slope])
     values = np.linalg.lstsq(wide, forces[best], rcond=None)[0]
@@ -114,13 +125,14 @@ def _check(log: MotionLog, best: int, delays: np.ndarray, residual: np.ndarray) 
     at_zero = float(residual[np.flatnonzero(delays == 0)[0]])
     clear = float(np.min(residual)) < CLEAR * at_zero  # otherwise there is no evidence for a delay other than 0
     late = best * log.sample_time > LATEST
-    if clear and best < -1 and _trails(log):
+    early = best < -1 and -best * log.sample_time > _EARLY
+    if clear and early and _trails(log):
         raise NotIdentifiableError(
             f"{log.name}: set position and position are swapped: the set position trails the position, and the axis "
             f"seems to feel the force {-best} samples before it was logged; name their columns the other way round, "
             f"with --set-position and --position"
         )
-    if clear and (best < -1 or late or abs(best) == REACH):
+    if clear and (early or late or abs(best) == REACH):
         when = (
             f"{-best} samples before" if best < 0 else f"{best} samples ({1e3 * best * log.sample_time:.3g} ms) after"
         )
@@ -144,7 +156,7 @@ def _check_drift(log: MotionLog, columns: np.ndarray, forces: np.ndarray, delays
     left = [np.array([_left(np.linalg.qr(columns[rows])[0], force[rows]) for force in forces]) for rows in halves]
     first, second = (int(np.argmin(each)) for each in left)
     sure = left[0][first] < CLEAR * left[0][second] and left[1][second] < CLEAR * left[1][first]
-    if sure and abs(second - first) >= _DRIFT:
+    if sure and abs(second - first) >= _DRIFT * max(1.0, _EARLY / log.sample_time):
         raise NotIdentifiableError(
             f"{log.name}: force and position are not on one clock: the force acts {delays[first]} samples late in the "
             f"first half of the log and {delays[second]} in the second; record both channels with one recorder"

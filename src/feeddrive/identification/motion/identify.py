@@ -6,14 +6,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from feeddrive.analysis.friction_map import FrictionMap, friction_map
 from feeddrive.blocks.families import Law
 from feeddrive.identification.estimate import SHAFT
+from feeddrive.identification.motion.contradiction import agreed, better, beyond
 from feeddrive.identification.motion.control_law import ControlFit, identify_control
 from feeddrive.identification.motion.delay import DelayFit, find_delay
 from feeddrive.identification.motion.known_axis import axis_remarks, is_richer, refined_names, with_rigid
+from feeddrive.identification.motion.law_check import MOST_OFF, LawCheck, check_law
 from feeddrive.identification.motion.motion_log import MotionLog, checked
-from feeddrive.identification.motion.output_error import Refinement, refine
+from feeddrive.identification.motion.output_error import Refinement, later, refine
 from feeddrive.identification.motion.preparation import HOLD, Preparation
 from feeddrive.identification.motion.rigid import RigidFit, identify_rigid
 from feeddrive.identification.plausibility import outside, remedy, said, sizes
@@ -24,8 +28,8 @@ from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 
+_PLACE = "control"  # of a law that no machine file states
 _CLEARLY = 1.02  # times the position residual of plain friction up to which the machine's own kind is kept
-_COUNTS = 10.0  # of the encoder: what is left of the following error below them is no sign of another law
 POOR = 0.15  # largest unexplained share of the force for which the values are recommended
 _BENDS = "so the axis bends, binds or is driven by something else; measure a frequency response next"
 
@@ -37,6 +41,7 @@ class Identified(Result):
     loop        the loop with the identified values, ready to simulate; None if its law is not known, or at a shaft
     control     the law identified from the log, or None
     refinement  the output-error fit, or None
+    law         what the law leaves of the force at the log's own readings; None if no law is known
     remarks     what could not be identified, and why
     doubt       why the magnitudes in the log are not those of a feed drive; empty if they are
     """
@@ -50,6 +55,7 @@ class Identified(Result):
     loop: Loop | None
     remarks: tuple[str, ...]
     doubt: str = ""
+    law: LawCheck | None = None
 
     @property
     def rotary(self) -> bool:
@@ -63,30 +69,15 @@ class Identified(Result):
     @property
     def unusable(self) -> str:
         """Why the values must not become part of a machine file; empty if they may."""
-        left, unused = 100.0 * self.rigid.residuals.relative, 100.0 * self.rigid.validation.relative
-        if self.rigid.residuals.relative > POOR:
+        left, unused = 100.0 * self.rigid.left, 100.0 * self.rigid.validation.relative
+        if self.rigid.left > POOR:
             return f"a rigid drive with {self.rigid.friction} friction leaves {left:.3g} % of the force"
         if self.rigid.validation.relative > 1.5 * self.rigid.residuals.relative:
             return (
                 f"the error on stretches that were not used is {unused:.3g} %, on those that were used {left:.3g} "
                 "%, so the axis changed along the log"
             )
-        left, what = self._law_leaves
-        if left > POOR:
-            return (
-                f"the law of the machine file, or the one that was found, leaves {100.0 * left:.3g} % of the {what} in "
-                "closed loop, so it is not the law that ran"
-            )
-        return ""
-
-    @property
-    def _law_leaves(self) -> tuple[float, str]:
-        """The share of force or following error that the loop with its law does not explain: the larger one; or 0."""
-        if self.refinement is None:
-            return 0.0, ""
-        replay, count = self.refinement.replay, self.refinement.count or 0.0
-        names = ["force", *(["following_error"] if replay.rms("following_error") > _COUNTS * count else [])]
-        return max((replay.share(name), name.replace("_", " ")) for name in names)
+        return "" if self.law is None else self.law.wrong
 
     @property
     def recommendation(self) -> str:
@@ -99,9 +90,9 @@ class Identified(Result):
         why = self.unusable
         if self.doubt:
             return Judgment.UNITS_IN_DOUBT.because(self.doubt)
-        if self.rigid.residuals.relative > POOR:
+        if self.rigid.left > POOR:
             return Judgment.DO_NOT_TUNE.because(f"{why}, {_BENDS} (feeddrive excite)")
-        if self._law_leaves[0] > POOR:
+        if self.law is not None and why == self.law.wrong != "":
             return Judgment.DO_NOT_TUNE.because(f"{why}; state in the machine file the law that made the log")
         if why:
             return Judgment.DO_NOT_TRUST.because(why)
@@ -141,10 +132,16 @@ def identify_motion(
     A step that is not possible gives a remark instead of an error; only the rigid drive itself must be identifiable.
     Raises NotIdentifiableError with what to measure next, LogError for a log that cannot be used.
     """
-    log, spikes = checked(log).without_spikes()
-    remarks = [*spikes]
-    delay = find_delay(log, how=how)
+    whole, remarks = checked(log), list[str]()
     closed = log.set_position is not None and log.frame is not SHAFT
+    check = _checked_law(log, start, law) if closed else None
+    if check is None or not check.proves:  # what the law commanded is no spike
+        log, spikes = whole.without_spikes()
+        remarks += spikes
+    control = _attempted(lambda: identify_control(log), remarks) if start is None and law is None and closed else None
+    if control is not None:
+        check = _checked_law(log, None, control.law())
+    delay = find_delay(log, how=how, clocks=check is None or not check.proves)
     known = 0.0 if start is None else float(start.axis.actuator.dead_time) / log.sample_time
     late = 0 if closed or start is not None or not delay.clear else max(0, delay.nearest)
     rigid = _rigid(log, friction, how, known + late)
@@ -153,32 +150,92 @@ def identify_motion(
         rigid = rigid if lead is None else rigid.at_table(lead, gear)
         remarks += [*_about(rigid, late), _SHAFT if lead is None else _NO_LOOP]
         return Identified(log, rigid, delay, None, None, None, None, tuple(remarks), doubt)
-    control = _attempted(lambda: identify_control(log), remarks) if start is None and law is None and closed else None
     loop = _loop(log, rigid, start, control, law if closed else None)
     refinement = None
-    if loop is not None and closed:
-        whole = loop
-        refinement = _attempted(lambda: refine(whole, log, refined_names(whole)), remarks)
+    if loop is not None and closed and not (check is not None and check.disagrees):
+        loop, refinement = _refined(log, start, rigid, loop, delay, known, remarks)
     if start is not None:
         remarks += axis_remarks(start.axis, rigid)
-    if loop is not None and start is not None and is_richer(start.axis):
-        loop, refinement = _by_friction(log, start, rigid, loop, refinement, remarks)
-    if refinement is not None and refinement.count:
-        remarks.append(
-            f"readings stand on counts of {1e6 * refinement.count:.3g} {log.micro}: the output error was fitted to the "
-            "mean of runs with such counts, without the rows at rest, and its errors hold what the counts do"
+    if loop is not None and refinement is not None and check is None:
+        check = check_law(
+            loop.control, log, apart=_apart(refinement, log.position.size), place=loop.place_of("control")
         )
-    if refinement is not None and refinement.delay:
+        refinement = None if check.disagrees else refinement
+    if check is not None and check.disagrees:
+        remarks.append(_not_alone(check))
+    if refinement is None and closed and (start is None or check is not None):  # the inverse dynamics decide
+        late = beyond(delay, known)
+    elif refinement is not None:
         late = refinement.delay
-    elif refinement is None and start is None and closed and delay.clear:  # no loop decides: the inverse dynamics do
-        late = max(0, delay.nearest)
     if late:
         rigid = _rigid(log, friction, how, known + late)
-    remarks += _about(rigid, late)
+    if refinement is not None:
+        refinement = better(log, rigid, refinement, how or Preparation(delay=HOLD + known + late), remarks)
+    if refinement is None and loop is not None and start is not None:
+        loop = dataclasses.replace(start, axis=with_rigid(start.axis, rigid))
+        if is_richer(start.axis):
+            loop, _ = _by_friction(log, start, rigid, loop, None, remarks)
+        loop = later(loop, late)
+    remarks += [*_counted(log, refinement), *_about(rigid, late), *_untold(check)]
     seen = friction_map(log.position, log.force, rigid["mass"].value, log.sample_time)
     final = loop if refinement is None else refinement.loop
     doubt = _doubt(log, rigid, remarks)
-    return Identified(log, rigid, delay, control, refinement, seen, final, tuple(remarks), doubt)
+    return Identified(log, rigid, delay, control, refinement, seen, final, tuple(remarks), doubt, check)
+
+
+def _checked_law(log: MotionLog, start: Loop | None, law: Law | None) -> LawCheck | None:
+    """The law at the readings of the log; None if none is stated, or if it reads two encoders: the log has one."""
+    if start is not None:
+        return None if start.axis.encoders() == 2 else check_law(start.control, log, place=start.place_of("control"))
+    return None if law is None else check_law(Control(law=law, force_limit=log.force_limit), log, place=_PLACE)
+
+
+def _apart(refinement: Refinement, rows: int) -> np.ndarray:
+    """How far the motor is from the load in the fitted loop, m."""
+    run = refinement.replay.run
+    return (run["position_motor"] - run["position_load"])[:rows]
+
+
+def _refined(
+    log: MotionLog, start: Loop | None, rigid: RigidFit, loop: Loop, delay: DelayFit, known: float, remarks: list[str]
+) -> tuple[Loop, Refinement | None]:
+    """The loop and its output-error fit, with the friction model of the machine file if that fits as well."""
+    found = _attempted(lambda: refine(loop, log, refined_names(loop)), remarks)
+    if found is None:
+        return loop, None
+    if start is not None and is_richer(start.axis):
+        loop, found = _by_friction(log, start, rigid, loop, found, remarks)
+    return loop, None if found is None else agreed(log, loop, found, delay, known, remarks)
+
+
+def _not_alone(check: LawCheck) -> str:
+    """A remark on a force of the log that the stated law does not make."""
+    if check.added:
+        return (
+            f"a force was added to the command of the law in {100.0 * check.added:.3g} % of the log (RMS "
+            f"{100.0 * check.left:.3g} % of all): the closed loop cannot be simulated without it, and mass, friction "
+            "and dead time are those of the inverse dynamics, which need only the force that acted"
+        )
+    return "the closed loop was not simulated: its law is not that of the log; the inverse dynamics do without it"
+
+
+def _counted(log: MotionLog, refinement: Refinement | None) -> list[str]:
+    if refinement is None or not refinement.count:
+        return []
+    return [
+        f"readings stand on counts of {1e6 * refinement.count:.3g} {log.micro}: the output error was fitted to the "
+        "mean of runs with such counts, without the rows at rest, and its errors hold what the counts do"
+    ]
+
+
+def _untold(check: LawCheck | None) -> list[str]:
+    """A remark on numbers of the law that have no clear part in the log."""
+    if check is None or check.disagrees or not check.unseen:
+        return []
+    return [
+        f"the log does not tell {', '.join(check.unseen)} to {100.0 * MOST_OFF:g} %: with another value the law would "
+        "leave as little of its force"
+    ]
 
 
 def _doubt(log: MotionLog, rigid: RigidFit, remarks: list[str]) -> str:
@@ -197,7 +254,7 @@ def swapped(channels: Mapping[str, Any]) -> bool:
     both: dict[str, Any] = {**channels, "position": channels["force"], "force": channels["position"]}
     both |= {"set_position": None, "force_limit": None}
     try:
-        return identify_rigid(MotionLog(**both), friction="symmetric").residuals.relative < POOR
+        return identify_rigid(MotionLog(**both), friction="symmetric").left < POOR
     except FeeddriveError:
         return False
 

@@ -125,9 +125,9 @@ def refine(
     chosen = tuple(names or physics(loop))
     for name in chosen:
         tree.declaration(loop, name)
-    fits = {d: _fitted(_later(loop, d), log, chosen, skip) for d in delays or DELAYS}
+    fits = {d: _fitted(later(loop, d), log, chosen, skip) for d in delays or DELAYS}
     while delays is None and _is_last(fits) and max(fits) < _LATEST:
-        fits[max(fits) + 1] = _fitted(_later(loop, max(fits) + 1), log, chosen, skip)
+        fits[max(fits) + 1] = _fitted(later(loop, max(fits) + 1), log, chosen, skip)
     if all(fit is None for fit in fits.values()):
         raise DivergedError(f"{log.name}: the loop diverges along the log's reference: check its gains and its start")
     there = {d: fit for d, fit in fits.items() if fit is not None}
@@ -148,13 +148,30 @@ def refine(
     )
 
 
+def dead_time(found: Refinement, log: MotionLog, *, skip: int = 49) -> tuple[float, float]:
+    """Samples of dead time that the closed loop of a fit asks for beyond that of its start, and their standard error.
+
+    One more parameter of its least squares, with the difference of a run a sample later as its column.
+    """
+    names = tuple(each.name for each in found.estimates)
+    model = _signals(found.loop, log, skip)
+    measured = np.array([log.position[skip:], log.force[skip:]])
+    change = _signals(later(found.loop, 1), log, skip) - model
+    columns = np.concatenate([_columns(found.loop, log, names, skip, model), change[:, :, None]], axis=2)
+    sizes = _sizes(measured - model)
+    left = (measured - model) / sizes
+    covariance = robust_covariance(columns / sizes[:, :, None], left)
+    return found.delay + float(_solved(columns / sizes[:, :, None], left)[-1]), float(errors(covariance)[-1])
+
+
 def _is_last(fits: Mapping[int, _Fit | None]) -> bool:
     """Whether the longest delay has the least position residual so far."""
     left = {d: fit.left for d, fit in fits.items() if fit is not None}
     return bool(left) and min(left, key=lambda d: left[d]) == max(fits)
 
 
-def _later(loop: Loop, samples: int) -> Loop:
+def later(loop: Loop, samples: int) -> Loop:
+    """The loop with so many samples more of dead time."""
     if samples == 0:
         return loop
     dead_time = float(loop.axis.actuator.dead_time) + samples * float(loop.sample_time)

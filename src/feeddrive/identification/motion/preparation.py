@@ -61,6 +61,7 @@ class Prepared:
     constant    of 1, which the ripple of the filter reduces a little
     places      sample numbers of the rows in the log
     stretches   samples of the log that were filtered, each by itself
+    cutoff      Hz, of the position's low pass; sample_time in s of the log; how it was prepared
     """
 
     time: np.ndarray
@@ -72,10 +73,22 @@ class Prepared:
     decimation: int
     places: np.ndarray
     stretches: tuple[slice, ...]
+    cutoff: float
+    sample_time: float
+    how: Preparation
 
     def reduced(self, values: np.ndarray) -> np.ndarray:
         """Values at each sample of the log, prepared as the force is; the samples are the last axis."""
         return _reduced(values, self.stretches, self.places, self.decimation)
+
+    def force_with(self, force: np.ndarray, delay: float) -> np.ndarray:
+        """Another force of the same log in these rows, so many samples later."""
+        return self.reduced(delayed(force, delay))
+
+    def errors(self, position: np.ndarray) -> np.ndarray:
+        """What errors of the position (m, at each sample) make of acceleration and velocity, shape (2, n)."""
+        velocity, acceleration = _differenced(position, self.cutoff, self.sample_time, self.how)
+        return self.reduced(np.array([acceleration, velocity]))
 
 
 def prepare(log: MotionLog, how: Preparation) -> Prepared:
@@ -88,11 +101,7 @@ def prepare(log: MotionLog, how: Preparation) -> Prepared:
         raise ParameterError(f"acceleration = {how.acceleration!r} must be 'second' or 'twice'")
     factor = how.decimation if how.decimation is not None else max(1, round(0.01 / T))
     cutoff = min(how.cutoff, 0.4 / T)
-    position = zero_phase(log.position, cutoff, T)
-    velocity = central_difference(position, T)
-    acceleration = central_difference(velocity, T)
-    if how.acceleration == "second":
-        acceleration[1:-1] = np.diff(position, 2) / (T * T)
+    velocity, acceleration = _differenced(log.position, cutoff, T, how)
     skip = round(5.0 / (cutoff * T)) if how.skip is None else how.skip
     end = skip if how.skip_end is None else how.skip_end
     rows = slice(skip, max(skip, log.position.size - end))
@@ -120,7 +129,19 @@ def prepare(log: MotionLog, how: Preparation) -> Prepared:
         )
     channels = np.array([velocity, acceleration, np.ones_like(velocity), delayed(log.force, how.delay)])
     slow, changes, constant, applied = _reduced(channels, stretches, places, factor)
-    return Prepared(places * T, slow, changes, constant, applied, velocity, factor, places, stretches)
+    return Prepared(
+        places * T, slow, changes, constant, applied, velocity, factor, places, stretches, cutoff, T, how
+    )  # fmt: skip
+
+
+def _differenced(values: np.ndarray, cutoff: float, T: float, how: Preparation) -> tuple[np.ndarray, np.ndarray]:
+    """Velocity and acceleration of positions behind their low pass."""
+    position = zero_phase(values, cutoff, T)
+    velocity = central_difference(position, T)
+    acceleration = central_difference(velocity, T)
+    if how.acceleration == "second":
+        acceleration[1:-1] = np.diff(position, 2) / (T * T)
+    return velocity, acceleration
 
 
 def _stretches(velocity: np.ndarray, rows: slice, reach: int) -> tuple[slice, ...]:

@@ -21,6 +21,7 @@ from feeddrive.identification.estimate import (
     pulls,
     require_table,
 )
+from feeddrive.identification.motion.counts import count_of
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.preparation import Preparation, Prepared, prepare
 from feeddrive.identification.regression import (
@@ -46,6 +47,7 @@ NAMES = {
     "symmetric": ("mass", "viscous", "coulomb", "offset"),
     "directional": ("mass", "viscous_positive", "coulomb_positive", "viscous_negative", "coulomb_negative"),
 }
+_DRAWN = 4  # sets of readings with other places within their counts
 LEAST_REVERSAL = 0.05  # least share of the moving rows in each direction
 LEAST_OWN = 0.02  # share of a column's size that the other columns must leave unexplained
 MOST_MEMORY = 0.97  # correlation from row to row that is taken out of scores: as in Andrews' rule
@@ -60,6 +62,7 @@ class RigidFit(Result):
     covariance  robust, in the order of the estimates
     validation  prediction of rows that were not used
     criterion   by friction model: the information criterion (less is better), as far as they were compared
+    counts      share of the force that counts of the readings make of the residual
     """
 
     name: str
@@ -71,6 +74,12 @@ class RigidFit(Result):
     criterion: dict[str, float]
     time: np.ndarray
     frame: Frame
+    counts: float = 0.0
+
+    @property
+    def left(self) -> float:
+        """Share of the force that the model leaves beyond what the counts of the readings make."""
+        return float(np.sqrt(max(0.0, self.residuals.relative**2 - self.counts**2)))
 
     def __getitem__(self, parameter: str) -> Estimate:
         for each in self.estimates:
@@ -166,7 +175,8 @@ def _fit(log: MotionLog, rows: Prepared, friction: str, folds: int) -> RigidFit:
     check_columns(log.name, columns, names)
     values = np.linalg.lstsq(columns, rows.force, rcond=None)[0]
     residual = rows.force - columns @ values
-    robust = covariance_of(columns, residual)
+    counted, shifts = _with_counts(log, rows, columns, values, friction)
+    robust = covariance_of(columns, residual) + np.outer(shifts, shifts)
     frame = log.frame
     units = [{"mass": frame.inertia, "viscous": frame.viscous}.get(name.split("_")[0], frame.force) for name in names]
     found = tuple(
@@ -184,7 +194,35 @@ def _fit(log: MotionLog, rows: Prepared, friction: str, folds: int) -> RigidFit:
         criterion={friction: information(residual, len(names))},
         time=rows.time,
         frame=frame,
+        counts=counted / float(np.sqrt(np.mean(rows.force**2))),
     )
+
+
+def _with_counts(
+    log: MotionLog, rows: Prepared, columns: np.ndarray, values: np.ndarray, friction: str
+) -> tuple[float, np.ndarray]:
+    """RMS of the force that counts make of the residual, and by how much they shift each value; 0 without counts.
+
+    Counts are drawn once more, as uniform errors of the readings: what they do to the columns they did before, too.
+    Source: Cook & Stefanski 1994 (SIMEX, its first step).
+    """
+    count, names = count_of(log.position), NAMES[friction]
+    if count == 0.0:
+        return 0.0, np.zeros(len(names))
+    random = np.random.default_rng(0)
+    ways = {"viscous_positive": rows.velocity > 0.0, "viscous_negative": rows.velocity < 0.0}
+    made, shifts = [], []
+    for _ in range(_DRAWN):
+        changes, slow = rows.errors(count * random.uniform(-0.5, 0.5, log.position.size))
+        noise = np.column_stack(
+            [
+                changes if name == "mass" else slow * ways.get(name, 1.0) if name.startswith("viscous") else 0.0 * slow
+                for name in names
+            ]
+        )
+        made.append(np.mean((noise @ values) ** 2))
+        shifts.append(np.linalg.lstsq(columns + noise, rows.force, rcond=None)[0] - values)
+    return float(np.sqrt(np.mean(made))), np.sqrt(np.mean(np.square(shifts), axis=0))
 
 
 def covariance_of(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:

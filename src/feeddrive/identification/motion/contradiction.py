@@ -1,0 +1,82 @@
+"""Inverse dynamics and closed loop on the same log: which one is taken where they contradict each other."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from feeddrive.identification.motion.delay import CLEAR, DelayFit
+from feeddrive.identification.motion.law_check import SURE
+from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.motion.output_error import Refinement, dead_time, refine
+from feeddrive.identification.motion.preparation import Preparation, prepare
+from feeddrive.identification.motion.rigid import RigidFit
+from feeddrive.language.errors import DivergedError
+from feeddrive.loop.loop import Loop
+
+
+def agreed(
+    log: MotionLog, loop: Loop, found: Refinement, delay: DelayFit, known: float, remarks: list[str]
+) -> Refinement:
+    """Return the closed loop with the dead time to be taken: its own, unless the inverse dynamics speak more clearly.
+
+    Each has a dead time that leaves it least: the inverse dynamics of the force, the closed loop of the position.
+    Where they differ, and the inverse dynamics leave a tenth more of the force with that of the closed loop, the one
+    is taken whose residual grows more with the dead time of the other.
+    """
+    own = beyond(delay, known)
+    grows = delay.left(known + found.delay) / delay.left(known + own)
+    if own == found.delay or grows < 1.0 / CLEAR:
+        return found
+    try:
+        other = refine(loop, log, tuple(each.name for each in found.estimates), delays=[own])
+    except DivergedError:
+        return found
+    left, without = other.by_delay[own], found.by_delay[found.delay]
+    value, error = dead_time(other, log)
+    apart = abs(delay.dead_time - known - value)
+    joint = SURE * math.hypot(error, delay.error)
+    first = grows > left / without
+    ways = delay.left(known + own), delay.left(known + found.delay)
+    remarks.append(
+        f"dead time in samples beyond the stated one: the inverse dynamics say {delay.dead_time - known:.2f} ± "
+        f"{delay.error:.2g} and leave {100.0 * ways[0]:.3g} % of the force with {own}, {100.0 * ways[1]:.3g} % with "
+        f"{found.delay}; the closed loop says {value:.2f} ± {error:.2g} and leaves {1e6 * left:.4g} {log.micro} of the "
+        f"position with {own}, {1e6 * without:.4g} {log.micro} with {found.delay}. They "
+        f"{'contradict each other' if apart > joint else 'agree within three errors'}; that of the "
+        f"{'inverse dynamics' if first else 'closed loop'} is taken, whose residual grows more with the other one"
+    )
+    return other if first else found
+
+
+def better(
+    log: MotionLog, rigid: RigidFit, found: Refinement, how: Preparation, remarks: list[str]
+) -> Refinement | None:
+    """Return the output-error fit, or None if its mass contradicts the inverse dynamics and they leave less force.
+
+    Both are compared in the same rows, those of the inverse dynamics, and contradict each other beyond three joint
+    standard errors.
+    """
+    mass = next((each for each in found.estimates if each.name.endswith("plant.mass")), None)
+    own = rigid["mass"]
+    if mass is None or abs(mass.value - own.value) < SURE * math.hypot(mass.error, own.error):
+        return found
+    rows = prepare(log, how)
+    residual = log.force - found.replay.run["force"][: log.force.size]
+    left = float(np.linalg.norm(rows.force_with(residual, how.delay)) / np.linalg.norm(rows.force))
+    first = rigid.residuals.relative < left
+    remarks.append(
+        f"the inverse dynamics say a mass of {own.value:.5g} ± {own.error:.2g} {own.unit} and leave "
+        f"{100.0 * rigid.residuals.relative:.3g} % of the force in motion, the closed loop says {mass.value:.5g} ± "
+        f"{mass.error:.2g} {own.unit} and leaves {100.0 * left:.3g} % of it: they contradict each other, as where a "
+        f"force acts that the model lacks; the {'inverse dynamics' if first else 'closed loop'}, which leave"
+        f"{'' if first else 's'} less, {'are' if first else 'is'} taken"
+    )
+    return None if first else found
+
+
+def beyond(delay: DelayFit, known: float) -> int:
+    """Return the whole samples of dead time beyond a known one that the inverse dynamics clearly ask for, or 0."""
+    own = max(0, round(delay.dead_time - known))
+    return own if delay.left(known + own) < CLEAR * delay.left(known) else 0
