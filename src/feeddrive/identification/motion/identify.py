@@ -172,7 +172,7 @@ def identify_motion(
     if refinement is not None:
         refinement = better(log, rigid, refinement, how or Preparation(delay=HOLD + known + late), remarks)
     if refinement is None and loop is not None and start is not None:
-        loop = dataclasses.replace(start, axis=with_rigid(start.axis, rigid))
+        loop = replace(start, axis=with_rigid(start.axis, rigid))
         if is_richer(start.axis):
             loop, _ = _by_friction(log, start, rigid, loop, None, remarks)
         loop = later(loop, late)
