@@ -417,6 +417,12 @@ def compared() -> Iterator[str]:
 
     if runs(drive, there, velocity=way, told=lambda k: way(max(0, k - 5))) is not None:
         yield "late velocity: stopped a live drive"
+
+    def filtered(k: int) -> float:  # at a stop in cycle 200
+        return (0.2 + 1e-6 * k) * (5 <= k <= 205)
+
+    if runs(drive, lambda k: 2e-4 * min(k, 200), velocity=lambda k: 0.2 * (k <= 200), told=filtered) is not None:
+        yield "late velocity at a stop: stopped a live drive"
     if runs(drive, lambda k: 2e-4 * k, velocity=lambda _: 0.2, told=lambda _: 0.22, cycles=600) is not None:
         yield "wrong factor: stopped a live drive"
 

@@ -160,11 +160,11 @@ def test_a_place_that_is_open_to_others_is_not_taken(tmp_path: Path, monkeypatch
     private = opening._private
     monkeypatch.setattr(opening, "_private", lambda path: "drive" not in path.parts and private(path))
     missing, drive, home = (tmp_path / each for each in ("missing", "drive", "home"))
-    assert write_redirect("http://127.0.0.1:1/?token=a&b", [missing, drive]) == []
+    assert write_redirect("http://localhost:1/?token=a&b", [missing, drive]) == []
     assert list(drive.iterdir()) == []
-    (path,) = write_redirect('http://127.0.0.1:1/?token=a&"b', [missing, drive, home])
+    (path,) = write_redirect('http://localhost:1/?token=a&"b', [missing, drive, home])
     assert path.is_relative_to(home)
-    assert "url=http://127.0.0.1:1/?token=a&amp;&quot;b" in path.read_text(encoding="utf-8")
+    assert "url=http://localhost:1/?token=a&amp;&quot;b" in path.read_text(encoding="utf-8")
     remove_redirect(path)
     assert list(home.iterdir()) == []
 

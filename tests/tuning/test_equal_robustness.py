@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from feeddrive.analysis.loop_model import robustness
 from feeddrive.analysis.margins import margins
+from feeddrive.analysis.robustness import robustness
 from feeddrive.blocks import catalogue
 from feeddrive.blocks.catalogue import members
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI

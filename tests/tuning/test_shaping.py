@@ -9,8 +9,9 @@ import pytest
 from scipy.optimize import minimize
 
 import feeddrive as fd
-from feeddrive.analysis.loop_model import Robustness, loop_model, robustness
+from feeddrive.analysis.loop_model import loop_model
 from feeddrive.analysis.margins import margins
+from feeddrive.analysis.robustness import Robustness, robustness
 from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, ParameterError, UnstableError
 from feeddrive.language.progress import Progress

@@ -177,15 +177,15 @@ def test_set_and_actual_position_that_are_swapped_are_said() -> None:
 
 
 def test_a_machine_file_with_a_law_that_did_not_run_is_no_verdict_to_use() -> None:
-    """In closed loop the wrong law leaves a third of the force; the verdict was to use what came out."""
+    """A law that the log contradicts; the verdict was to use what came out."""
     from types import SimpleNamespace
 
     s = signals()
     found = identify_motion(MotionLog(name="log", position=s.x, force=s.f, sample_time=T))
     assert found.recommendation.startswith("Use these values")
-    poor: Any = SimpleNamespace(replay=SimpleNamespace(share=lambda _: 0.366, rms=lambda _: 0.0), count=None)
-    wrong = replace(found, refinement=poor)
-    assert "leaves 36.6 % of the force in closed loop" in wrong.unusable
+    contradicted: Any = SimpleNamespace(wrong="the law leaves 36.6 % of the force")
+    wrong = replace(found, law=contradicted)
+    assert wrong.unusable == "the law leaves 36.6 % of the force"
     assert wrong.recommendation.startswith("Do not tune on these values")
 
 
@@ -336,7 +336,7 @@ def test_a_response_of_named_columns_in_a_wrong_unit_is_not_written(tmp_path: Pa
     mass = 1.0 / ((2.0 * np.pi * frequency) ** 2 * np.abs(response))
     assert np.median(mass) == pytest.approx(95.0, rel=0.02)  # the sums lag by a sample
     insisted = frf.run(frf.request((path,), input="f:N", output=("x:m",), reference=("none",), band="5..100"))
-    assert any("as its unit was told" in each for each in insisted.remarks)
+    assert any("as its unit was told" in each for each in (*insisted.remarks, insisted.verdict))
 
 
 def test_a_frequency_response_without_heads_is_named_as_one(tmp_path: Path) -> None:

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.analysis.margins import margins
-from feeddrive.analysis.stiffness import rope_snap
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.lifting import Lifted, gain_of, lifted
 from feeddrive.loop.linearize import StateSpace, linearize
@@ -133,34 +130,3 @@ def delay_edge(model: Lifted) -> int | None:
         if np.max(np.abs(np.linalg.eigvals(product))) >= 1.0:
             return count - 1
     return None
-
-
-_EDGE = 1e-9  # of |z|: what eigenvalues of a small matrix are uncertain by
-
-
-class Robustness(NamedTuple):
-    """Figures of one loop. If it is not stable, those after `growth` are infinite and the delay margin is 0."""
-
-    growth: float  # |z| of the largest pole; infinite where the parameters do not fit each other
-    sensitivity_peak: float = np.inf  # Ms
-    delay_margin_samples: float = 0.0  # infinite without a gain crossover
-    rope_snap: float = np.inf  # m s^½/N
-
-    @property
-    def stable(self) -> bool:
-        """All poles inside the unit circle."""
-        return self.growth < 1.0 - _EDGE
-
-
-def robustness(loop: Loop, *, velocity: float = 0.05, per_decade: int = 40) -> Robustness:
-    """The figures of a loop that moves with `velocity` (m/s), opened at the actuator."""
-    both = loop_model(loop, velocity=velocity)
-    poles = both.closed.poles()  # over a period
-    growth = float(abs(poles[0])) if poles.size else 0.0
-    if not Robustness(growth).stable:
-        return Robustness(growth)
-    found = margins(both.loop_gain(both.lines(per_decade)))
-    if not np.isfinite(found.sensitivity_peak):
-        return Robustness(np.inf)  # the parameters are so extreme that rounding leaves no digits
-    delay = found.delay_margin_samples
-    return Robustness(growth, found.sensitivity_peak, np.inf if delay is None else delay, rope_snap(both.closed))

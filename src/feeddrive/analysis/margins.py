@@ -9,9 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from feeddrive.analysis.conversion import as_frf
+from feeddrive.analysis.loop_model import loop_model
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.loop import Loop
 
 
 def least(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
@@ -198,18 +200,22 @@ class Margins(Result):
         return "" if T is None else f" = {delay / T:.2f} samples"
 
 
-def margins(loop_gain: FRF | Any, frequency: np.ndarray | None = None) -> Margins:
-    """Margins of a loop gain L(f), with 1 + L = 0 the edge of stability.
+def margins(loop_gain: FRF | Loop | Any, frequency: np.ndarray | None = None) -> Margins:
+    """Return the margins of a loop gain L(f), with 1 + L = 0 the edge of stability.
 
     Between two lines ln |L| and the phase are straight over ln f, so a pure power of f is exact; the nearest approach
     to -1 is that of a parabola.  Two neighboring lines must lie within 180° of each other.  If a sampled loop is given
     up to Nyquist, its last line is real and counts as real. For an array or a loop gain of another tool give
-    `frequency` in Hz: see `as_frf`.
+    `frequency` in Hz: see `as_frf`.  Of a `Loop` its model at 0.05 m/s is opened at the drive (`loop_model`), on lines
+    of its own if no `frequency` is given.
     Raises ParameterError for fewer than two lines.
 
     When not: for a loop that is not stable when closed, and for a measured L where its coherence is low.
     Source: Skogestad & Postlethwaite, Multivariable Feedback Control, section 2.4 (definitions).
     """
+    if isinstance(loop_gain, Loop):
+        model = loop_model(loop_gain)
+        loop_gain, frequency = model.loop_gain(model.lines() if frequency is None else frequency), None
     L = as_frf(loop_gain, frequency)
     if L.frequency.size < 2:
         raise ParameterError(f"margins need at least two lines of the loop gain, not {L.frequency.size}")

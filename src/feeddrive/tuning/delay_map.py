@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from feeddrive.analysis.loop_model import Robustness, robustness
+from feeddrive.analysis.robustness import Robustness, robustness
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.table import Result, Table

@@ -10,8 +10,6 @@ job.toml             the job as it was given, with machine and part program besi
 
 from __future__ import annotations
 
-import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +20,7 @@ from feeddrive.files.job import Job, JobLike, read_job
 from feeddrive.files.job_program import FILES
 from feeddrive.files.log import write_log
 from feeddrive.files.run_files import file_names, summary_text, write_run_csv, write_run_parquet
+from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.language import tree
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
@@ -131,19 +130,19 @@ def program_of(result: JobResult) -> Path | None:
 
 
 def repeatable(result: JobResult) -> str:
-    """The job as it was given, but for the copies of machine and part program beside it, other files by whole paths."""
+    """Return the job as it was written, with the copies of machine and part program beside it, and whole paths else."""
     job = result.job
-    text = re.sub(r"(?m)^machine\s*=.*$", lambda _: 'machine = "machine.toml"', job.file.text, count=1)
+    edit, folder, program = TomlEdit(job.file.text, job.file.name), Path(job.file.name).parent, program_of(result)
+    if edit.has(("machine",)):
+        edit.set(("machine",), "machine.toml")
     if job.log is not None:
-        path = json.dumps(str(job.log.path.resolve()))
-        return re.sub(r"(?m)^file\s*=.*$", lambda _: f"file = {path}", text, count=1)
-    folder, program = Path(job.file.name).parent, program_of(result)
-
-    def whole(found: re.Match[str]) -> str:
-        copied = program.name if program is not None and found[1] == "file" else None
-        return f"{found[1]} = {json.dumps(copied or str((folder / found[2]).resolve()))}"
-
-    return re.sub(rf'(?m)^({"|".join(FILES)})\s*=\s*"([^"\n]*)"', whole, text) if job.program else text
+        edit.set(("log", "file"), str(job.log.path.resolve()))
+    for name in FILES if job.program is not None else ():
+        written = job.file.content["program"].get(name)
+        if written is not None:
+            copied = program.name if program is not None and name == "file" else None
+            edit.set(("program", name), copied or str((folder / written).resolve()))
+    return edit.text
 
 
 def summary(result: JobResult) -> dict[str, Any]:

@@ -139,8 +139,8 @@ def identify_motion(
         log, spikes = whole.without_spikes()
         remarks += spikes
     control = _attempted(lambda: identify_control(log), remarks) if start is None and law is None and closed else None
-    if control is not None:
-        check = _checked_law(log, None, control.law())
+    if control is not None and (sought := _attempted(control.law, remarks)) is not None:
+        check = _checked_law(log, None, sought)
     delay = find_delay(log, how=how, clocks=check is None or not check.proves)
     known = 0.0 if start is None else float(start.axis.actuator.dead_time) / log.sample_time
     late = 0 if closed or start is not None or not delay.clear else max(0, delay.nearest)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from feeddrive import plot
-from feeddrive.analysis.loop_model import robustness
+from feeddrive.analysis.robustness import robustness
 from feeddrive.analysis.stiffness import stiffness
 from feeddrive.blocks.compensation.disturbance_rejection import DisturbanceRejection
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
