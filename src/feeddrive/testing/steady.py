@@ -20,9 +20,10 @@ from feeddrive.language.block import Block
 from feeddrive.language.ring import Ring
 
 _GRID = 2.0**-17  # m: positions on it, and their differences, are exact
-ERRORS = tuple(1e-6 * k for k in (-1.5, -0.5, 0.5, 1.5, 2.5))  # m: they fill the integral of a law
+ERRORS = tuple(1e-4 * k for k in (-1.5, -0.5, 0.5, 1.5, 2.5))  # m: they fill the integral of a law
 SETTLING, SAMPLES = 12, 8
-_SHARE = 1e-6  # of an output and of its usual size: far above rounding, far below what a wrong unit makes of it
+_SHARE = 1e-6  # of an output: far above rounding, far below what a wrong unit makes of it
+_SMALL = 1e-9  # of the usual size of an output that is 0
 _DIGITS = 8.0 * float(np.finfo(float).eps)
 _SIZES = (1e-3, 1.0, 10.0, 1e3, 1e5)  # m, m/s, m/s², m/s³, m/s⁴ of motions
 _FORCE = 1e3  # N
@@ -132,7 +133,7 @@ def bump(old: Block, new: Block, at: Place, errors: Sequence[float] = ()) -> str
         return ""
     last, asked = change.before[-1], change.asked
     rounding = _rounding(old, new, at, errors, change)
-    near = _SHARE * (np.maximum(np.abs(last), np.abs(asked[0])) + _usual(last.size)) + rounding
+    near = _SHARE * np.maximum(np.abs(last), np.abs(asked[0])) + _SMALL * _usual(last.size) + rounding
     steady = np.all(np.abs(change.before - last) <= 0.01 * near)
     if isinstance(old, families.Law) and not errors:
         steady = steady and abs(last[0] - at.force) <= near[0]
@@ -187,7 +188,7 @@ def _rounding(old: Block, new: Block, at: Place, errors: Sequence[float], change
     amplifies high frequencies by 1e6 it is 0.1 N.
     """
     last = change.before[-1]
-    wavers = np.max(np.abs(change.before - last), axis=0) / (np.abs(last) + _SHARE * _usual(last.size))
+    wavers = np.max(np.abs(change.before - last), axis=0) / (np.abs(last) + _SMALL * _usual(last.size))
     wrong = _DIGITS + float(np.max(wavers))
     beside = [_changed(old, new, at, errors, wrong, pattern).after for pattern in range(3)]
     return 10.0 * np.max(np.abs(np.array(beside) - change.after), axis=(0, 1))

@@ -1,0 +1,162 @@
+"""The row of the battery about live changes: what it finds in blocks of one's own, and what a block must say."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from feeddrive import Axis, Control, Loop, simulate
+from feeddrive.blocks import CascadePPI, LinearMove, Rigid, StepForce
+from feeddrive.blocks.families import Filter, Law
+from feeddrive.blocks.filter.biquad import below_nyquist, prewarped
+from feeddrive.language.block import Number, parameter
+from feeddrive.language.errors import StructureError
+from feeddrive.loop.routine_trace import controller_routine
+from feeddrive.testing import battery
+
+T = 1e-4
+
+
+class LeadLag(Filter):
+    """H(s) = (s/ω + 1) / (s/ω_end + 1), by Tustin: written as CONTRIBUTING says, but for `retune`."""
+
+    frequency: Number = parameter("Hz", "where the lead begins", above=0)
+    end: Number = parameter("Hz", "where it ends", above=0, default=125.0)
+
+    class Prepared(NamedTuple):
+        """Of y = b0 x + b1 x₋₁ - a y₋₁."""
+
+        b0: Number
+        b1: Number
+        a: Number
+
+    class State(NamedTuple):
+        """b1 x₋₁ - a y₋₁, and y₋₁."""
+
+        delayed: Number
+        output: Number
+
+    def sampled_rules(self, T: Number) -> Any:
+        yield below_nyquist(self.kind, "frequency", self.frequency, T)
+        yield below_nyquist(self.kind, "end", self.end, T)
+
+    def prepare(self, T: Number) -> Prepared:
+        zero, pole = prewarped(self.frequency, T), prewarped(self.end, T)
+        up, down = pole * (1.0 + 1.0 / zero) / (1.0 + pole), pole * (1.0 - 1.0 / zero) / (1.0 + pole)
+        return self.Prepared(up, down, (pole - 1.0) / (1.0 + pole))
+
+    def start(self, prepared: Any, value: Number) -> Any:
+        return self.State((prepared.b1 - prepared.a) * value, value)
+
+    def step(self, prepared: Any, state: Any, value: Number) -> tuple[Any, Number]:
+        output = prepared.b0 * value + state.delayed
+        return self.State(prepared.b1 * value - prepared.a * output, output), output
+
+
+class KeptLeadLag(Filter):
+    """H(s) = (s/ω + 1) / (s/ω_end + 1), whose state stays as it is."""
+
+    frequency: Number = parameter("Hz", "where the lead begins", above=0)
+    end: Number = parameter("Hz", "where it ends", above=0, default=125.0)
+    State, sampled_rules, prepare = LeadLag.State, LeadLag.sampled_rules, LeadLag.prepare
+    Prepared, start, step = LeadLag.Prepared, LeadLag.start, LeadLag.step
+
+    def retune(self, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Any:
+        return state
+
+
+class RetunedLeadLag(Filter):
+    """H(s) = (s/ω + 1) / (s/ω_end + 1), whose steady part is converted."""
+
+    frequency: Number = parameter("Hz", "where the lead begins", above=0)
+    end: Number = parameter("Hz", "where it ends", above=0, default=125.0)
+    State, sampled_rules, prepare = LeadLag.State, LeadLag.sampled_rules, LeadLag.prepare
+    Prepared, start, step = LeadLag.Prepared, LeadLag.start, LeadLag.step
+
+    def retune(self, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Any:
+        steady = (prepared.b1 - prepared.a) - (old_prepared.b1 - old_prepared.a)
+        return state._replace(delayed=state.delayed + steady * state.output)
+
+
+class MeterSeconds(Law):
+    """F = Kp e + Ki Σ T e, with the sum in m s."""
+
+    Kp: Number = parameter("N/m", "gain", above=0)
+    Ki: Number = parameter("N/(m s)", "gain of the sum", above=0)
+    starts_empty = False
+
+    def start(self, prepared: Any, setpoint: Any, reading: Any) -> Any:
+        return (0.0 * reading.applied if self.starts_empty else reading.applied / self.Ki,)
+
+    def step(self, prepared: Any, state: Any, setpoint: Any, reading: Any, T: Number) -> tuple[Any, Number]:
+        error = setpoint.position - reading.position_load
+        held = state[0] + T * error
+        return (held,), self.Kp * error + self.Ki * held
+
+    def retune(self, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Any:
+        return state
+
+
+class EmptyMeterSeconds(Law):
+    """F = Kp e + Ki Σ T e, with a sum in m s that a start empties, whatever force acts."""
+
+    Kp: Number = parameter("N/m", "gain", above=0)
+    Ki: Number = parameter("N/(m s)", "gain of the sum", above=0)
+    starts_empty = True
+    start, step, retune = MeterSeconds.start, MeterSeconds.step, MeterSeconds.retune
+
+
+ROW = "test_a_live_change_to_other_numbers_makes_no_bump"
+ROWS = {block: battery(block) for block in (LeadLag, KeptLeadLag, RetunedLeadLag, MeterSeconds, EmptyMeterSeconds)}
+
+
+def outputs(old: Any, new: Any) -> list[float]:
+    """Outputs at a constant 100 N, before and after a live change."""
+    before, after = old.prepare(T), new.prepare(T)
+    state, first = old.step(before, old.start(before, 100.0), 100.0)
+    state = new.retune(state, old, before, after)
+    return [float(first), float(new.step(after, state, 100.0)[1])]
+
+
+def test_a_lead_that_keeps_its_sums_jumps_and_one_that_converts_them_does_not() -> None:
+    """From 20 to 40 Hz at a constant 100 N: the sum of a gain b0 = 6.1 stays, and the new one is 3.0: -201 N."""
+    old, new = KeptLeadLag(frequency=20.0), KeptLeadLag(frequency=40.0)
+    gains = [made.prepare(T).b0 for made in (old, new)]
+    assert outputs(old, new) == pytest.approx([100.0, 100.0 + (gains[1] - gains[0]) * 100.0], abs=1e-9)
+    assert outputs(old, new)[1] < -200.0
+    first, second = outputs(RetunedLeadLag(frequency=20.0), RetunedLeadLag(frequency=40.0))
+    assert first == pytest.approx(100.0, abs=1e-11)
+    assert second == pytest.approx(100.0, abs=1e-11)
+
+
+@pytest.mark.parametrize("block", [KeptLeadLag, MeterSeconds, EmptyMeterSeconds])
+def test_the_row_finds_a_state_that_should_have_been_converted(block: Any) -> None:
+    with pytest.raises(AssertionError, match=rf"output 0 of {block.kind} was .* retune must return the state"):
+        getattr(ROWS[block](), ROW)(goes_on=block)
+
+
+def test_the_row_passes_a_state_that_was_converted() -> None:
+    getattr(ROWS[RetunedLeadLag](), ROW)(goes_on=RetunedLeadLag)
+
+
+def test_without_an_answer_the_battery_says_what_to_write() -> None:
+    for row, name in ((ROW, "goes_on"), ("test_symbols_compute_the_same_bits_as_floats", "asked")):
+        with pytest.raises(
+            StructureError, match=r"lead_lag does not say .*\(delayed, output\).* define retune\(self, "
+        ):
+            getattr(ROWS[LeadLag](), row)(**{name: LeadLag})
+
+
+def test_a_block_without_an_answer_runs_but_is_neither_changed_live_nor_exported() -> None:
+    law = CascadePPI(Kv=100.0, Kp=24e3, Tn=0.01)
+    control = Control(law=law, filters=(LeadLag(frequency=400.0, end=800.0),))
+    loop = Loop(control=control, axis=Axis(plant=Rigid(mass=40.0)), sample_time=T)
+    load = StepForce(force=10.0, start=1e-3)
+    rest = LinearMove(distance=0.0, travel_time=0.01)
+    assert np.all(np.isfinite(simulate(loop, rest, load=load, duration=0.01)["force"]))
+    with pytest.raises(StructureError, match="lead_lag does not say what becomes of its state"):
+        simulate(loop, rest, duration=0.01, changes={50: {"axis.x.control.filters.0.frequency": 300.0}})
+    with pytest.raises(StructureError, match="lead_lag does not say what becomes of its state"):
+        controller_routine(loop, "axis_x")
