@@ -48,6 +48,10 @@ class SquareRootMode(Law):
         force = self.reaching * ops.sqrt(abs(s)) * side + state.grown
         return self.State(reading.position_load, state.grown + T * self.twisting * side), force
 
+    def retune(self, state: State, old: SquareRootMode, old_prepared: object, prepared: object) -> State:
+        """After a live change the force goes on: what has grown is in N."""
+        return state
+
 
 if __name__ == "__main__":
     today = fd.read_machine("linear_motor").loop("x")

@@ -51,6 +51,10 @@ class LateInertia(Feedforward):
         state = state.push(setpoint.acceleration)
         return state, self.mass * state.ago(self.late / T)
 
+    def retune(self, state: History, old: LateInertia) -> History:
+        """Past accelerations stay."""
+        return state
+
 
 def loop(axis: fd.Axis, law: object, **parts: object) -> fd.Loop:
     control = {"force_limit": 9000.0, "guard": GUARD, **parts}

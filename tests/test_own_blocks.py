@@ -45,6 +45,9 @@ class {name}(Law):
         v = (reading.position_load - state[0]) / T
         force = self.gain * (setpoint.position - reading.position_load + 0.01 * (setpoint.velocity - v))
         return (reading.position_load,), {force}
+
+    def retune(self, state, old, old_prepared, prepared):
+        return state
 '''
 MACHINE = """\
 sample_time_us = 100

@@ -63,6 +63,10 @@ class LateInertia(Feedforward):
         state = state.push(setpoint.acceleration)
         return state, self.mass * state.ago(self.late / T)
 
+    def retune(self, state: History, old: LateInertia) -> History:
+        """The set accelerations of the past, which no parameter scales."""
+        return state
+
 
 class LearnedByPlace(Force):
     """F = -gain · (mean of the velocities at this place): a ring that is written by a position."""
