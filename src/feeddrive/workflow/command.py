@@ -22,7 +22,7 @@ from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table
 from feeddrive.language.units import turning_text
-from feeddrive.workflow.request import OUT, Request, fields_of
+from feeddrive.workflow.request import OUT, Request, fields_of, signature
 
 P = ParamSpec("P")
 R = TypeVar("R", bound=Request)
@@ -107,7 +107,7 @@ class Command(Generic[P, R, T]):
     def __init__(self, request: Callable[P, R], work: Callable[[R, Progress], Outcome[T]]) -> None:
         self.request, self.work = request, work
         self.__doc__, self.__name__, self.__module__ = work.__doc__, work.__name__, work.__module__
-        self.__signature__ = _signature(request, work)
+        self.__signature__ = signature(request, work)
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> T:
         """The result. `progress` may be given beside the fields of the request; `run` gives the whole outcome."""
@@ -146,14 +146,6 @@ class Command(Generic[P, R, T]):
         if found.turns and found.error is not None:
             _worded(found.error, request)
         return replace(found, failure=turning_text(found.failure)) if found.turns else found
-
-
-def _signature(request: Callable[..., Any], work: Callable[..., Any]) -> inspect.Signature:
-    """The fields of the request and the progress as parameters; it returns what the outcome of the work holds."""
-    fields = inspect.signature(request)
-    progress = inspect.Parameter("progress", inspect.Parameter.KEYWORD_ONLY, default=None, annotation="Progress | None")
-    result = str(work.__annotations__["return"]).removeprefix("Outcome[").removesuffix("]")
-    return fields.replace(parameters=[*fields.parameters.values(), progress], return_annotation=result)
 
 
 def _worded(error: FeeddriveError, request: Request) -> None:

@@ -13,6 +13,7 @@ and in forms; in the request itself the value is in SI.
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import shlex
 import types
 import typing
@@ -256,3 +257,11 @@ def frequencies(band: str) -> tuple[float, float]:
     except ValueError:
         raise ParameterError(f"band '{band}' must be two frequencies in Hz, as 5..500") from None
     return low, high
+
+
+def signature(request: Callable[..., Any], work: Callable[..., Any]) -> inspect.Signature:
+    """The fields of the request and the progress as parameters; it returns what the outcome of the work holds."""
+    fields = inspect.signature(request)
+    progress = inspect.Parameter("progress", inspect.Parameter.KEYWORD_ONLY, default=None, annotation="Progress | None")
+    result = str(work.__annotations__["return"]).removeprefix("Outcome[").removesuffix("]")
+    return fields.replace(parameters=[*fields.parameters.values(), progress], return_annotation=result)

@@ -30,6 +30,8 @@ class PitchCompensation(Compensation):
     library's.
     """
 
+    steps_live = True  # another table lies elsewhere: the set position steps by what changed
+
     forward: Any = table("m", "correction of motion towards larger positions, along the travel")
     backward: Any = table("m", "the same of motion towards smaller positions")
     table_start: Number = parameter("m", "position of the first entry")
@@ -37,11 +39,10 @@ class PitchCompensation(Compensation):
     reversal_distance: Number = parameter("m", "set path over which a reversal comes in", above=0, default=1e-5)
 
     class State(NamedTuple):
-        """The direction, -1 to 1; what was added to the set position in the last sample, and that position (m)."""
+        """The direction, -1 to 1, and what was added to the set position in the last sample (m)."""
 
         side: Number
         shift: Number
-        position: Number
 
     def check(self) -> None:
         """The tables have the same length."""
@@ -59,7 +60,7 @@ class PitchCompensation(Compensation):
     def start(self, prepared: object, setpoint: Setpoint, reading: Reading) -> State:
         """Between both directions."""
         side = ops.zero(setpoint.position)
-        return self.State(side, self._shift(side, setpoint.position), setpoint.position)
+        return self.State(side, self._shift(side, setpoint.position))
 
     def step(
         self, prepared: object, state: State, setpoint: Setpoint, reading: Reading, T: Number
@@ -70,14 +71,15 @@ class PitchCompensation(Compensation):
         moved = setpoint._replace(
             position=setpoint.position + shift, velocity=setpoint.velocity + (shift - state.shift) / T
         )
-        return self.State(side, shift, setpoint.position), moved, 0.0
-
-    def retune(self, state: State, old: PitchCompensation, old_prepared: object, prepared: object) -> State:
-        """Take the shift from the table as it lies now: the set position steps by the change, the set velocity does
-        not.
-        """
-        return state._replace(shift=self._shift(state.side, state.position))
+        return self.State(side, shift), moved, 0.0
 
     def moved(self, state: State) -> Number:
         """The shift of the last sample."""
         return state.shift
+
+    def retune(self, state: State, old: PitchCompensation, old_prepared: object, prepared: object) -> State:
+        """Direction and shift in m, which no parameter scales.
+
+        Another table steps the set position by the change, and for one sample the set velocity by the change over T.
+        """
+        return state
