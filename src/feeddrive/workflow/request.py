@@ -17,7 +17,7 @@ import inspect
 import shlex
 import types
 import typing
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import MISSING, dataclass
 from functools import cache
 from itertools import chain, count
@@ -260,8 +260,6 @@ def frequencies(band: str) -> tuple[float, float]:
 
 
 def signature(request: Callable[..., Any], work: Callable[..., Any]) -> inspect.Signature:
-    """The fields of the request and the progress as parameters; it returns what the outcome of the work holds."""
-    fields = inspect.signature(request)
-    progress = inspect.Parameter("progress", inspect.Parameter.KEYWORD_ONLY, default=None, annotation="Progress | None")
+    """Return the fields of the request as parameters, and what the outcome of the work holds as the result."""
     result = str(work.__annotations__["return"]).removeprefix("Outcome[").removesuffix("]")
-    return fields.replace(parameters=[*fields.parameters.values(), progress], return_annotation=result)
+    return inspect.signature(request).replace(return_annotation=result)
