@@ -241,7 +241,7 @@ def _decimating(values: np.ndarray, factor: int) -> np.ndarray:
 def _chebyshev(factor: int) -> np.ndarray:
     from scipy.signal import cheby1  # takes a second to import
 
-    return cheby1(_ORDER, 0.05, 0.8 / factor, output="sos")
+    return np.asarray(cheby1(_ORDER, 0.05, 0.8 / factor, output="sos"))
 
 
 def kept(samples: int, factor: int) -> np.ndarray:
