@@ -160,7 +160,7 @@ def check_law(control: Control, log: MotionLog, *, apart: np.ndarray | None = No
     counts, error = _by_counts(rows, fit, names)
     left = float(np.sqrt(max(0.0, float(np.var(y)) - counts**2)))
     gains = tuple(
-        Gain(f"{place}.{name}", *(float(tree.get(each, name)) for each in (control, fit.control)), float(e))
+        Gain(f"{place}.{name}", float(tree.get(control, name)), float(tree.get(fit.control, name)), float(e))
         for name, e in zip(names, error, strict=True)
     )
     integral = rows.reduced(np.cumsum(log.set_position - log.position), delay)
