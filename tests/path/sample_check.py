@@ -20,8 +20,8 @@ WIDER = 1e-9  # of a limit: the planner's proof widens limits by that
 _JUMP = 1e-9  # of a limit: the proof allows a derivative to jump by that at a joint
 _ROUNDING = 32.0 * 2.0**-53  # of the farthest coordinate and of the way: each place is rounded some ten times
 _APART = 1e-12  # of a coordinate or 1 m: ends of runs are computed twice
-_GRID, _KEPT = 48, 6  # places of a curve; on so many on either side of the nearest one a finer grid is laid, as curves
-_ZOOMS = 25  # may turn back sharply; to 1e-15 of the curve
+_GRIDS = 48, 3000  # steps of a curve, of which the place nearest to a sample is sought: the finer where the other fails
+_KEPT, _ZOOMS = 6, 25  # steps on either side of it, on which a finer grid is laid, and how often: to 1e-15 of the curve
 _ROWS = 1500  # samples that are assigned to moves
 
 
@@ -67,7 +67,18 @@ class Curve(NamedTuple):
             start, along = self.place(0.0), self.place(1.0) - self.place(0.0)
             s = np.clip((points - start) @ along / (along @ along), 0.0, 1.0)
             return np.linalg.norm(points - self.at(s), axis=1)
-        found, grid = np.full(len(points), np.inf), np.linspace(0.0, 1.0, _GRID + 1)
+        found, some = np.full(len(points), np.inf), np.arange(len(points))
+        for fine in _GRIDS:  # where a curve turns back sharply, the nearest place of a coarse grid may be a wrong one
+            if len(some):
+                away, cell = self._zoomed(points[some], near, fine)
+                found[some] = np.minimum(found[some], away)
+                some = some[(away > near) & (away <= near + 2.0 * cell)]
+        return found
+
+    def _zoomed(self, points: np.ndarray, near: float, fine: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return distances from a grid of so many steps and finer ones around the nearest place, and the first step."""
+        found, grid = np.full(len(points), np.inf), np.linspace(0.0, 1.0, fine + 1)
+        first = np.zeros(len(points))
         begin, end, some = np.full(len(points), self.begin), np.full(len(points), self.end), np.arange(len(points))
         for _ in range(_ZOOMS):
             s = begin[some, None] + grid * (end - begin)[some, None]
@@ -76,12 +87,14 @@ class Curve(NamedTuple):
             nearest = np.argmin(away, axis=1)
             found[some] = np.minimum(found[some], away.min(axis=1))
             begin[some] = s[np.arange(len(some)), np.maximum(nearest - _KEPT, 0)]
-            end[some] = s[np.arange(len(some)), np.minimum(nearest + _KEPT, _GRID)]
+            end[some] = s[np.arange(len(some)), np.minimum(nearest + _KEPT, len(grid) - 1)]
             cell = np.linalg.norm(np.diff(places, axis=1), axis=2).max(axis=1)
+            first[some] = np.where(first[some] > 0.0, first[some], cell)
             some = some[(found[some] > near) & (found[some] <= near + 2.0 * cell)]
+            grid = np.linspace(0.0, 1.0, _GRIDS[0] + 1)
             if not len(some):
                 break
-        return found
+        return found, first
 
 
 def _angle(move: Arc) -> float:
