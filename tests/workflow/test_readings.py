@@ -177,15 +177,15 @@ def test_set_and_actual_position_that_are_swapped_are_said() -> None:
 
 
 def test_a_machine_file_with_a_law_that_did_not_run_is_no_verdict_to_use() -> None:
-    """A law that the log contradicts; the verdict was to use what came out."""
-    from types import SimpleNamespace
-
+    """Kv stated a fifth too large: what it commands at the log's own readings is not the force; the log says its Kv."""
     s = signals()
-    found = identify_motion(MotionLog(name="log", position=s.x, force=s.f, sample_time=T))
+    log = MotionLog(name="log", position=s.x, force=s.f, sample_time=T, set_position=s.r)
+    found = identify_motion(log)
     assert found.recommendation.startswith("Use these values")
-    contradicted: Any = SimpleNamespace(wrong="the law leaves 36.6 % of the force")
-    wrong = replace(found, law=contradicted)
-    assert wrong.unusable == "the law leaves 36.6 % of the force"
+    assert found.control is not None
+    law = found.control.law()
+    wrong = identify_motion(log, law=replace(law, Kv=1.2 * float(law.Kv)))
+    assert f"meets its force best with control.law.Kv = {found.control['Kv'].value:.4g}" in wrong.unusable
     assert wrong.recommendation.startswith("Do not tune on these values")
 
 

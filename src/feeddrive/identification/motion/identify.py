@@ -11,7 +11,7 @@ import numpy as np
 from feeddrive.analysis.friction_map import FrictionMap, friction_map
 from feeddrive.blocks.families import Law
 from feeddrive.identification.estimate import SHAFT
-from feeddrive.identification.motion.contradiction import agreed, better, beyond
+from feeddrive.identification.motion.contradiction import agreed, better, beyond, with_counts
 from feeddrive.identification.motion.control_law import ControlFit, identify_control
 from feeddrive.identification.motion.delay import DelayFit, find_delay
 from feeddrive.identification.motion.known_axis import axis_remarks, is_richer, refined_names, with_rigid
@@ -69,15 +69,17 @@ class Identified(Result):
     @property
     def unusable(self) -> str:
         """Why the values must not become part of a machine file; empty if they may."""
-        left, unused = 100.0 * self.rigid.left, 100.0 * self.rigid.validation.relative
-        if self.rigid.left > POOR:
-            return f"a rigid drive with {self.rigid.friction} friction leaves {left:.3g} % of the force"
-        if self.rigid.validation.relative > 1.5 * self.rigid.residuals.relative:
+        rigid = self.rigid
+        if self.law is not None and self.law.wrong:
+            return self.law.wrong
+        if rigid.left > POOR:
+            return f"a rigid drive with {rigid.friction} friction leaves {100.0 * rigid.left:.3g} % of the force"
+        if rigid.changed:
             return (
-                f"the error on stretches that were not used is {unused:.3g} %, on those that were used {left:.3g} "
-                "%, so the axis changed along the log"
+                f"the error on stretches that were not used is {100.0 * rigid.validation.relative:.3g} %, on those "
+                f"that were used {100.0 * rigid.residuals.relative:.3g} %, so the axis changed along the log"
             )
-        return "" if self.law is None else self.law.wrong
+        return ""
 
     @property
     def recommendation(self) -> str:
@@ -90,10 +92,10 @@ class Identified(Result):
         why = self.unusable
         if self.doubt:
             return Judgment.UNITS_IN_DOUBT.because(self.doubt)
+        if self.law is not None and self.law.wrong:
+            return Judgment.DO_NOT_TUNE.because(f"{why}; state in the machine file the law that made the log")
         if self.rigid.left > POOR:
             return Judgment.DO_NOT_TUNE.because(f"{why}, {_BENDS} (feeddrive excite)")
-        if self.law is not None and why == self.law.wrong != "":
-            return Judgment.DO_NOT_TUNE.because(f"{why}; state in the machine file the law that made the log")
         if why:
             return Judgment.DO_NOT_TRUST.because(why)
         unused = 100.0 * self.rigid.validation.relative
@@ -139,8 +141,8 @@ def identify_motion(
         log, spikes = whole.without_spikes()
         remarks += spikes
     control = _attempted(lambda: identify_control(log), remarks) if start is None and law is None and closed else None
-    if control is not None and (sought := _attempted(control.law, remarks)) is not None:
-        check = _checked_law(log, None, sought)
+    if control is not None:  # gains that no law can have come of a wrong sign, which the rigid drive names
+        check = _attempted(lambda: _checked_law(log, None, control.law()), [])
     delay = find_delay(log, how=how, clocks=check is None or not check.proves)
     known = 0.0 if start is None else float(start.axis.actuator.dead_time) / log.sample_time
     late = 0 if closed or start is not None or not delay.clear else max(0, delay.nearest)
@@ -171,6 +173,8 @@ def identify_motion(
         rigid = _rigid(log, friction, how, known + late)
     if refinement is not None:
         refinement = better(log, rigid, refinement, how or Preparation(delay=HOLD + known + late), remarks)
+    if refinement is not None and (rigid.left > POOR or rigid.changed):
+        rigid = with_counts(log, rigid, refinement, how or Preparation(delay=HOLD + known + late))
     if refinement is None and loop is not None and start is not None:
         loop = replace(start, axis=with_rigid(start.axis, rigid))
         if is_richer(start.axis):

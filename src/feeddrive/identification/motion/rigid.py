@@ -62,7 +62,7 @@ class RigidFit(Result):
     covariance  robust, in the order of the estimates
     validation  prediction of rows that were not used
     criterion   by friction model: the information criterion (less is better), as far as they were compared
-    counts      share of the force that counts of the readings make of the residual
+    counts      shares of the force that counts of the readings make of the residual, in rows that were used and unused
     """
 
     name: str
@@ -74,12 +74,18 @@ class RigidFit(Result):
     criterion: dict[str, float]
     time: np.ndarray
     frame: Frame
-    counts: float = 0.0
+    counts: tuple[float, float] = (0.0, 0.0)
 
     @property
     def left(self) -> float:
         """Share of the force that the model leaves beyond what the counts of the readings make."""
-        return float(np.sqrt(max(0.0, self.residuals.relative**2 - self.counts**2)))
+        return float(np.sqrt(max(0.0, self.residuals.relative**2 - self.counts[0] ** 2)))
+
+    @property
+    def changed(self) -> bool:
+        """True if unused rows are met worse than used ones by half, beyond what the counts of the readings make."""
+        beyond = np.sqrt(max(0.0, self.validation.relative**2 - self.counts[1] ** 2))
+        return bool(beyond > 1.5 * self.residuals.relative)
 
     def __getitem__(self, parameter: str) -> Estimate:
         for each in self.estimates:
@@ -194,7 +200,7 @@ def _fit(log: MotionLog, rows: Prepared, friction: str, folds: int) -> RigidFit:
         criterion={friction: information(residual, len(names))},
         time=rows.time,
         frame=frame,
-        counts=counted / float(np.sqrt(np.mean(rows.force**2))),
+        counts=(counted / float(np.sqrt(np.mean(rows.force**2))),) * 2,
     )
 
 
