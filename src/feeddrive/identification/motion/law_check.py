@@ -316,7 +316,8 @@ def _independent(columns: dict[str, np.ndarray]) -> tuple[str, ...]:
 
 
 def _readings(log: MotionLog) -> Iterator[np.ndarray]:
-    """Readings that err within their count; none if they stand on none."""
+    """Readings that err within their count, by one number as long as they stand on one; none if they are on none."""
     count, random = count_of(log.position), np.random.default_rng(0)
+    since = np.cumsum(np.diff(log.position, prepend=log.position[0]) != 0.0)
     for _ in range(_DRAWN if count > 0.0 else 0):
-        yield log.position + count * random.uniform(-0.5, 0.5, log.position.size)
+        yield log.position + count * random.uniform(-0.5, 0.5, int(since[-1]) + 1)[since]

@@ -1,0 +1,180 @@
+"""A law is judged by what it commands at the log's own readings: true ones pass at any count, wrong gains do not."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import feeddrive as fd
+from feeddrive.identification import MotionLog, identify_motion
+from sliding_mass import Cascade, Drive, Pid, run, strokes, unknown
+from slow_share import all_but
+
+B = fd.blocks
+SCALE = 1e3 * 750.0  # machine units in a meter, times N for one of the pid's output
+
+
+def law_of(law: Cascade | Pid, wrong: str = "", factor: float = 1.0) -> fd.blocks.CascadePPI | fd.blocks.LinuxcncPid:
+    """The law as feeddrive has it, with one number wrong by a factor, or without its integral."""
+    if isinstance(law, Cascade):
+        gains = {"Kv": law.Kv, "Kp": law.Kp, "Tn": law.Tn, "velocity_feedforward": law.feedforward}
+        gains = {name: value * (factor if name == wrong else 1.0) for name, value in gains.items()}
+        tn = gains.pop("Tn")
+        return B.CascadePPI(**gains, Tn=tn if tn and wrong != "integral" else None, velocity_samples=law.n)
+    gains = {"Pgain": law.P, "Igain": law.I, "Dgain": law.D, "FF1": law.F1, "FF2": law.F2}
+    if wrong == "integral":
+        gains["Igain"] = 0.0
+    gains = {name: value / SCALE * (factor if name == wrong else 1.0) for name, value in gains.items()}
+    return B.LinuxcncPid(position=B.StockPid(**gains), units=1000, force_per_output=750)
+
+
+def loop_of(law: fd.blocks.CascadePPI | fd.blocks.LinuxcncPid, drive: Drive, T: float) -> fd.Loop:
+    """A machine file's loop: its mass and friction are guesses."""
+    return fd.Loop(
+        control=fd.Control(law=law),
+        axis=fd.Axis(
+            plant=B.Rigid(mass=1.3 * drive.mass), friction_load=B.Coulomb(coulomb=0.4 * drive.coulomb),
+            actuator=B.Actuator(dead_time=drive.dead_time), encoder_load=B.Encoder(resolution=drive.count),
+        ),
+        sample_time=T,
+    )  # fmt: skip
+
+
+@cache
+def shop(mass: float, count: float) -> tuple[MotionLog, Pid, Drive]:
+    """The axis of docs/shop_linuxcnc.md, its gains in SI, with another mass and count."""
+    c = 1e3 * 753.98
+    law = Pid(20.0 * c, 20.0 * c, 0.5 * c, 0.004 * c, 0.002 * c)
+    drive = Drive(mass, 420.0, 3000.0, dead_time=0.0008, count=count)
+    reference = strokes(1e-3, (0.15,), 1.5, seconds=0.6)
+    position, force = run(drive, law, reference, 1e-3)
+    log = MotionLog(name="shop", position=position[0], force=force[0], set_position=reference, sample_time=1e-3)
+    return log, law, drive
+
+
+SHOPS = [(mass, count) for count in (1.25e-6, 2e-5) for mass in (2300.0, 1500.0, 1000.0, 500.0)]
+
+
+@pytest.mark.parametrize(
+    ("mass", "count"), all_but([(1500.0, 1.25e-6)], SHOPS, "the same with other masses and counts")
+)
+def test_counts_through_a_velocity_gain_speak_against_no_law(mass: float, count: float) -> None:
+    """They left 14, 24 and 37 % of the force in closed loop, "so it is not the law that ran": it was.
+
+    At 20 um each count commands the whole force, and the inverse dynamics leave a quarter of it: "the axis bends".
+    """
+    log, law, drive = shop(mass, count)
+    found = identify_motion(log, loop_of(law_of(law), drive, 1e-3))
+    assert found.recommendation.startswith("Use these values"), found.recommendation
+    assert found.law is not None
+    assert found.law.left < 1e-6  # rounding, and limits that are reached by rounding
+    assert found.refinement is not None
+    # a reading errs by a count to both sides, and so does the run that it is compared with
+    assert found.refinement.replay.rms("position_load") < 2.0 * count
+    assert abs(found.refinement["mass"].value - mass) < 4.0 * found.refinement["mass"].error
+
+
+@pytest.mark.parametrize(
+    ("wrong", "factor"),
+    [("Pgain", 0.8), ("Igain", 0.8), ("Dgain", 1.2), ("FF1", 0.8), ("FF2", 1.2), ("integral", 0.0)],
+)
+def test_a_gain_that_is_a_fifth_wrong_or_an_integral_that_is_left_out_is_refused(wrong: str, factor: float) -> None:
+    """At 2.3 t some of these were accepted; at less they were refused, as right ones were.  The gain is named."""
+    log, law, drive = shop(2300.0, 1.25e-6)
+    found = identify_motion(log, loop_of(law_of(law, wrong, factor), drive, 1e-3))
+    assert found.recommendation.startswith(
+        "Do not tune on these values: what the law commands at the log's own readings"
+    )
+    assert found.law is not None
+    if wrong != "integral":
+        gain = next(each for each in found.law.gains if each.name.endswith(wrong))
+        # the log lacks nothing of the law: it begins at rest, where all states are 0
+        assert gain.needed == pytest.approx(gain.stated / factor, rel=1e-6)
+        assert f"meets its force best with axis.x.control.law.position.{wrong} = " in found.unusable
+    # the inverse dynamics, which need no law, are as good as with the right one
+    assert found.refinement is None
+    assert found.rigid["mass"].value == pytest.approx(2300.0, rel=5e-3)
+
+
+def drawn(seed: int, logs: int) -> Iterator[tuple[MotionLog, Cascade | Pid, Drive, float]]:
+    """Logs of drawn drives: 50 to 2,000 kg, counts of 0.1 to 20 um, four sample times, four laws, an unknown force.
+
+    Kp = m w with w up to the most that the delay bears (0.25 over it), as far as 60 to 250 1/s; the unknown force is a
+    twentieth of Coulomb friction with a memory of 20 ms.
+    """
+    random = np.random.default_rng(seed)
+    T = float(random.choice([2.5e-4, 5e-4, 1e-3, 2e-3]))
+    late = float(random.uniform(0.0, 1.5)) * T
+    mass, count = (np.exp(random.uniform(np.log(a), np.log(b), logs)) for a, b in ((50.0, 2000.0), (1e-7, 2e-5)))
+    w = np.minimum(0.25 / (late + 1.5 * T) * random.uniform(0.35, 1.0, logs), random.uniform(60.0, 250.0, logs))
+    coulomb, viscous = mass * 9.81 * random.uniform(0.005, 0.03, logs), mass * random.uniform(0.3, 3.0, logs)
+    Kp, Kv, Tn = mass * w, w * random.uniform(0.1, 0.25, logs), 1.0 / (w * random.uniform(0.1, 0.25, logs))
+    feedforward, n = float(random.choice([0.0, 0.8, 1.0])), int(random.integers(1, 4))
+    laws: list[Cascade | Pid] = [
+        Cascade(Kv, Kp, 0.0, feedforward, n),
+        Cascade(Kv, Kp, Tn, feedforward, n),
+        Pid(Kp * (Kv + 1.0 / Tn), Kp * Kv / Tn, Kp),
+        Pid(
+            Kp * (Kv + 1.0 / Tn), Kp * Kv / Tn, Kp, *(each * random.uniform(0.5, 1.0, logs) for each in (viscous, mass))
+        ),
+    ]
+    law = laws[seed % 4]
+    speed = float(random.uniform(0.08, 0.3))
+    reference = strokes(
+        T, (speed, speed / 3.0, speed / 1.6), float(random.uniform(0.8, 3.0)), seconds=0.35,
+        dwell=float(random.uniform(0.1, 0.5)),
+    )  # fmt: skip
+    drive = Drive(mass, coulomb, viscous, dead_time=late, count=count, start=count * random.uniform(-0.5, 0.5, logs))
+    load = unknown(0.05 * coulomb, 0.02, T, logs, reference.size, seed)
+    positions, forces = run(drive, law, reference, T, logs=logs, load=load)
+    for i in range(logs):
+        log = MotionLog(name="drawn", position=positions[i], force=forces[i], set_position=reference, sample_time=T)
+        yield log, _lane(law, i), _lane(drive, i), T
+
+
+def _lane(many: Cascade | Pid | Drive, i: int) -> Cascade | Pid | Drive:
+    return replace(many, **{k: float(v[i]) for k, v in vars(many).items() if isinstance(v, np.ndarray)})  # type: ignore
+
+
+def wrongs(law: Cascade | Pid) -> list[tuple[str, float]]:
+    """What may be wrong with a law: each of its gains by a fifth, its integral."""
+    names = ["Kv", "Kp", "Tn"] if isinstance(law, Cascade) else ["Pgain", "Igain", "Dgain", "FF1", "FF2"]
+    there = [law.Kv, law.Kp, law.Tn] if isinstance(law, Cascade) else [law.P, law.I, law.D, law.F1, law.F2]
+    found = [(name, factor) for name, value in zip(names, there, strict=True) if value for factor in (0.8, 1.2)]
+    return [*found, *([("integral", 0.0)] if (law.Tn if isinstance(law, Cascade) else law.I) else [])]
+
+
+def judged(seeds: range, logs: int) -> Counter[tuple[bool, bool]]:
+    """(right, accepted) -> count, of every law of every log; right ones go through the whole of identify."""
+    from feeddrive.identification.motion.law_check import check_law
+
+    found: Counter[tuple[bool, bool]] = Counter()
+    for seed in seeds:
+        for log, law, drive, T in drawn(seed, logs):
+            found[True, identify_motion(log, loop_of(law_of(law), drive, T)).unusable == ""] += 1
+            for wrong, factor in wrongs(law):
+                control = loop_of(law_of(law, wrong, factor), drive, T).control
+                found[False, check_law(control, log).wrong == ""] += 1
+    return found
+
+
+@pytest.mark.slow(
+    reason="240 logs are drawn, and each is identified with its law and judged with four to eleven wrong ones"
+)
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("first", [0, 10, 20, 30])
+def test_drawn_laws_are_told_from_wrong_ones(first: int) -> None:
+    """Of 60 logs at most one right law is refused, and none of some 435 wrong ones is accepted.
+
+    Measured over all 240: 0 refused of the right ones, 0 accepted of 1,740 wrong ones.  If one in 20 right ones were
+    refused, 60 would pass with at most one refused by a chance of 19 %, four times so by 0.1 %.
+    """
+    found = judged(range(first, first + 10), 6)
+    assert found[True, True] + found[True, False] == 60
+    assert found[True, False] <= 1, found
+    assert found[False, True] == 0, found
