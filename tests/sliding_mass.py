@@ -169,5 +169,5 @@ def unknown(size: Any, memory: float, T: float, logs: int, rows: int, seed: int)
     """Forces of standard deviations `size` (N) whose autocorrelation falls to 1/e in `memory` s, (logs, rows)."""
     rho = np.exp(-T / memory)
     white = np.random.default_rng(seed).standard_normal((logs, rows + 3000))
-    made = lfilter([np.sqrt(1.0 - rho * rho)], [1.0, -rho], white, axis=1)[:, 3000:]
+    made = np.asarray(lfilter([np.sqrt(1.0 - rho * rho)], [1.0, -rho], white, axis=1))[:, 3000:]
     return np.broadcast_to(np.asarray(size, float), (logs,))[:, None] * made

@@ -37,11 +37,10 @@ def pushed(size: float, seed: int = 1, *, holds: bool = True, late: float = 0.00
     )
 
 
-def loop(**law: float) -> Loop:
+def loop(Kv: float = 160.18) -> Loop:
     """The machine file of the axis, its mass and friction wrong."""
-    gains = {"Kv": 160.18, "Kp": 8557.0, "velocity_samples": 2, "velocity_feedforward": 0.0} | law
     return fd.Loop(
-        control=fd.Control(law=fd.blocks.CascadePPI(**gains)),
+        control=fd.Control(law=fd.blocks.CascadePPI(Kv=Kv, Kp=8557.0, velocity_samples=2, velocity_feedforward=0.0)),
         axis=fd.Axis(
             plant=fd.blocks.Rigid(mass=80.0),
             friction_load=fd.blocks.Coulomb(coulomb=15.0, viscous=150.0),

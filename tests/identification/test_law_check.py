@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,10 +23,11 @@ SCALE = 1e3 * 750.0  # machine units in a meter, times N for one of the pid's ou
 def law_of(law: Cascade | Pid, wrong: str = "", factor: float = 1.0) -> fd.blocks.CascadePPI | fd.blocks.LinuxcncPid:
     """The law as feeddrive has it, with one number wrong by a factor, or without its integral."""
     if isinstance(law, Cascade):
-        gains = {"Kv": law.Kv, "Kp": law.Kp, "Tn": law.Tn, "velocity_feedforward": law.feedforward}
-        gains = {name: value * (factor if name == wrong else 1.0) for name, value in gains.items()}
-        tn = gains.pop("Tn")
-        return B.CascadePPI(**gains, Tn=tn if tn and wrong != "integral" else None, velocity_samples=law.n)
+        Kv, Kp, Tn = (getattr(law, name) * (factor if name == wrong else 1.0) for name in ("Kv", "Kp", "Tn"))
+        return B.CascadePPI(
+            Kv=Kv, Kp=Kp, Tn=Tn if Tn and wrong != "integral" else None, velocity_feedforward=law.feedforward,
+            velocity_samples=law.n,
+        )  # fmt: skip
     gains = {"Pgain": law.P, "Igain": law.I, "Dgain": law.D, "FF1": law.F1, "FF2": law.F2}
     if wrong == "integral":
         gains["Igain"] = 0.0
@@ -137,8 +139,8 @@ def drawn(seed: int, logs: int) -> Iterator[tuple[MotionLog, Cascade | Pid, Driv
         yield log, _lane(law, i), _lane(drive, i), T
 
 
-def _lane(many: Cascade | Pid | Drive, i: int) -> Cascade | Pid | Drive:
-    return replace(many, **{k: float(v[i]) for k, v in vars(many).items() if isinstance(v, np.ndarray)})  # type: ignore
+def _lane(many: Any, i: int) -> Any:
+    return replace(many, **{k: float(v[i]) for k, v in vars(many).items() if isinstance(v, np.ndarray)})
 
 
 def wrongs(law: Cascade | Pid) -> list[tuple[str, float]]:

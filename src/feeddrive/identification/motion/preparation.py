@@ -238,7 +238,7 @@ def _decimating(values: np.ndarray, factor: int) -> np.ndarray:
 
 
 @lru_cache(maxsize=32)
-def _chebyshev(factor: int) -> np.ndarray:
+def _chebyshev(factor: int) -> Any:
     from scipy.signal import cheby1  # takes a second to import
 
     return np.asarray(cheby1(_ORDER, 0.05, 0.8 / factor, output="sos"))

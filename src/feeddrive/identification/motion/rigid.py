@@ -182,6 +182,7 @@ def _fit(log: MotionLog, rows: Prepared, friction: str, folds: int) -> RigidFit:
     values = np.linalg.lstsq(columns, rows.force, rcond=None)[0]
     residual = rows.force - columns @ values
     counted, shifts = _with_counts(log, rows, columns, values, friction)
+    size = float(np.sqrt(np.mean(rows.force**2)))
     robust = covariance_of(columns, residual) + np.outer(shifts, shifts)
     frame = log.frame
     units = [{"mass": frame.inertia, "viscous": frame.viscous}.get(name.split("_")[0], frame.force) for name in names]
@@ -200,7 +201,7 @@ def _fit(log: MotionLog, rows: Prepared, friction: str, folds: int) -> RigidFit:
         criterion={friction: information(residual, len(names))},
         time=rows.time,
         frame=frame,
-        counts=(counted / float(np.sqrt(np.mean(rows.force**2))),) * 2,
+        counts=(counted / size, counted / size),
     )
 
 
