@@ -30,8 +30,6 @@ class PitchCompensation(Compensation):
     library's.
     """
 
-    steps_live = True  # another table lies elsewhere: the set position steps by what changed
-
     forward: Any = table("m", "correction of motion towards larger positions, along the travel")
     backward: Any = table("m", "the same of motion towards smaller positions")
     table_start: Number = parameter("m", "position of the first entry")
@@ -39,10 +37,11 @@ class PitchCompensation(Compensation):
     reversal_distance: Number = parameter("m", "set path over which a reversal comes in", above=0, default=1e-5)
 
     class State(NamedTuple):
-        """The direction, -1 to 1, and what was added to the set position in the last sample (m)."""
+        """The direction, -1 to 1; what was added to the set position in the last sample, and that position (m)."""
 
         side: Number
         shift: Number
+        position: Number
 
     def check(self) -> None:
         """The tables have the same length."""
@@ -60,26 +59,22 @@ class PitchCompensation(Compensation):
     def start(self, prepared: object, setpoint: Setpoint, reading: Reading) -> State:
         """Between both directions."""
         side = ops.zero(setpoint.position)
-        return self.State(side, self._shift(side, setpoint.position))
+        return self.State(side, self._shift(side, setpoint.position), setpoint.position)
 
     def step(
         self, prepared: object, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Setpoint, Number]:
         """The equations above; no force."""
         side = ops.clip(state.side + 2.0 * T * setpoint.velocity / self.reversal_distance, -1.0, 1.0)
-        shift = self._shift(side, setpoint.position)
-        moved = setpoint._replace(
-            position=setpoint.position + shift, velocity=setpoint.velocity + (shift - state.shift) / T
-        )
-        return self.State(side, shift), moved, 0.0
+        # looked up again, not remembered: after a live change of the table's place the old shift would be a jump
+        before, shift = self._shift(state.side, state.position), self._shift(side, setpoint.position)
+        moved = setpoint._replace(position=setpoint.position + shift, velocity=setpoint.velocity + (shift - before) / T)
+        return self.State(side, shift, setpoint.position), moved, 0.0
+
+    def retune(self, state: State, old: PitchCompensation, old_prepared: object, prepared: object) -> State:
+        """Return the state as it is: the set position steps by what the table gives now, the set velocity does not."""
+        return state
 
     def moved(self, state: State) -> Number:
         """The shift of the last sample."""
         return state.shift
-
-    def retune(self, state: State, old: PitchCompensation, old_prepared: object, prepared: object) -> State:
-        """Direction and shift in m, which no parameter scales.
-
-        Another table steps the set position by the change, and for one sample the set velocity by the change over T.
-        """
-        return state
