@@ -121,6 +121,31 @@ class TestAgainstARunningHal:
         pid = StockPid(Igain=50.0, Dgain=1e-3, maxerror=0.5, maxoutput=1.0, maxerrorD=1e3)
         against_hal(tmp_path, [pid], rows, ())
 
+    def test_a_gain_that_is_set_while_it_runs_steps_the_output_at_once(self, tmp_path: Path) -> None:
+        """The integral is one of errors: at rest Igain from 400 to 900 multiplies what it holds by 9/4, there and here.
+
+        Hence `LinuxcncPid.retune` returns the state as it is, and the battery does not ask for a force that goes on.
+        """
+        before, after = StockPid(Igain=400.0), StockPid(Igain=900.0)
+        moving, count = 100, 200
+        command = np.where(np.arange(count) < moving, np.sin(0.1 * np.arange(count)) + 0.5, 0.0)
+        gain = np.where(np.arange(count) < 150, before.Igain, after.Igain)
+        rows = np.column_stack([command, np.zeros(count), np.ones(count), np.zeros(count), gain])
+        pins = ("command", "feedback", "enable", "index-enable", "Igain")
+        wiring = [
+            "loadrt pid names=p0", "addf p0.do-pid-calcs servo-thread",
+            *(f"net in-{i} streamer.0.pin.{i} => p0.{pin}" for i, pin in enumerate(pins)),
+            "net out-0 p0.output => sampler.0.pin.0", *settings(before, "p0", wired="Igain"),
+        ]  # fmt: skip
+        found = halrun([], tmp_path, PERIOD, wiring, rows, "ffbbf", "f").rows[:, 0]
+        state, outputs = before.start(0.0, 0.0), []
+        for k, row in enumerate(rows):
+            state, output = (before if k < 150 else after).step(state, *map(np.float64, row[:2]), T)
+            outputs.append(output)
+        assert np.array_equal(bits(found), bits(outputs))
+        assert found[149] == found[148] > 0.5
+        assert found[150] == pytest.approx(900.0 / 400.0 * found[149], rel=1e-12)
+
     @pytest.mark.parametrize("two", [True, False], ids=["two pids", "one pid"])
     @pytest.mark.parametrize("joint", [True, False], ids=["derivatives from pins", "differences"])
     def test_the_law_is_what_its_wiring_computes(self, two: bool, joint: bool, tmp_path: Path) -> None:
