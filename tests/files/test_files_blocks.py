@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.blocks.families import Force, Friction, Law, Plant, Reference
@@ -46,17 +47,15 @@ def families() -> list[tuple[type[Block], type[Block]]]:
 
 
 @pytest.mark.parametrize(("family", "kind"), families(), ids=lambda kind: kind.__name__)
-def test_every_block_comes_back_from_its_text(family: type[Block], kind: type[Block]) -> None:
-    @settings(max_examples=8, deadline=None, suppress_health_check=list(HealthCheck))
-    @given(blocks_of(kind))
-    def comes_back(block: Block) -> None:
-        text = to_toml(block)
-        assert bits(read(family, text)) == bits(block)
-        nested = to_toml(block, "axis.x.part")
-        section = parse_toml(nested, "m.toml").root().section("axis").section("x").section("part")
-        assert bits(read_block(family, section)) == bits(block)
-
-    comes_back()
+@settings(max_examples=8, suppress_health_check=list(HealthCheck))
+@given(data=st.data())
+def test_every_block_comes_back_from_its_text(family: type[Block], kind: type[Block], data: st.DataObject) -> None:
+    block = data.draw(blocks_of(kind))
+    text = to_toml(block)
+    assert bits(read(family, text)) == bits(block)
+    nested = to_toml(block, "axis.x.part")
+    section = parse_toml(nested, "m.toml").root().section("axis").section("x").section("part")
+    assert bits(read_block(family, section)) == bits(block)
 
 
 class Everything(Force):

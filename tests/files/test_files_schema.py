@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 
 from feeddrive.blocks.catalogue import catalogue
@@ -71,16 +72,12 @@ def test_every_block_is_in_a_schema() -> None:
 
 
 @pytest.mark.parametrize("family", [Reference, Load])
-def test_every_reference_and_load_is_valid_in_a_job(family: type) -> None:
+@settings(max_examples=5, suppress_health_check=list(HealthCheck))
+@given(data=st.data())
+def test_every_reference_and_load_is_valid_in_a_job(family: type, data: st.DataObject) -> None:
     for kind in catalogue()[family].values():
-
-        @settings(max_examples=5, suppress_health_check=list(HealthCheck))
-        @given(blocks_of(kind))
-        def is_valid(block: Any) -> None:
-            text = 'machine = "emps"\n' + to_toml(block, family.kind)
-            assert problems(JOB, text if family is Reference else text + MOVE) == []
-
-        is_valid()
+        text = 'machine = "emps"\n' + to_toml(data.draw(blocks_of(kind)), family.kind)
+        assert problems(JOB, text if family is Reference else text + MOVE) == []
 
 
 def test_units_of_the_language_are_units_of_the_schema() -> None:
