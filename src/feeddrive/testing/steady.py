@@ -152,12 +152,13 @@ def bump(old: Block, new: Block, at: Place, errors: Sequence[float] = ()) -> str
 
 
 class Change(NamedTuple):
-    """Outputs before and after a live change, those of the new block started there; if the state was steady."""
+    """Outputs before and after a live change, and of the new block started there; if a state settled, and its size."""
 
     before: np.ndarray
     after: np.ndarray
     asked: np.ndarray
     settled: bool
+    size: float
 
 
 def _changed(
@@ -178,18 +179,21 @@ def _changed(
         moved = (v if isinstance(v, Ring) else (1.0 + sign) * v for v, sign in zip(values, signs, strict=True))
         held.state = tree.rebuild(held.state, moved)
     held.retune(new)
-    return Change(before, held.outputs(SAMPLES), asked, _settled(*states, exactly=len(errors) > 0))
+    settled, size = _settled(*states, exactly=len(errors) > 0), np.max(np.abs(states[-1]), initial=0.0)
+    return Change(before, held.outputs(SAMPLES), asked, settled, float(size))
 
 
 def _rounding(old: Block, new: Block, at: Place, errors: Sequence[float], change: Change) -> np.ndarray:
-    """Return how far outputs move with the last digits of readings and state, and with what they waver by themselves.
+    """Return how far outputs move with the last digits of readings and state, and with what these left in the outputs.
 
     With a gain of 1e17 N/m, as a predictive law over a short horizon has it, that is 100 N; with a filter that
     amplifies high frequencies by 1e6 it is 0.1 N.
     """
     last = change.before[-1]
-    wavers = np.max(np.abs(change.before - last), axis=0) / (np.abs(last) + _SMALL * _usual(last.size))
-    wrong = _DIGITS + float(np.max(wavers))
+    size = np.abs(last) + _SMALL * _usual(last.size)
+    off = np.abs(change.asked[0] - last)
+    wrong = _DIGITS * max(1.0, change.size / float(np.max(size)))
+    wrong += float(np.max(np.where(off <= _SHARE * np.abs(last), off, 0.0) / size))
     beside = [_changed(old, new, at, errors, wrong, pattern).after for pattern in range(3)]
     return 10.0 * np.max(np.abs(np.array(beside) - change.after), axis=(0, 1))
 
