@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -101,7 +100,7 @@ def _few_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.fixture
-def seeded(request: pytest.FixtureRequest) -> Callable[[int | str], int | str]:
+def seeded(request: pytest.FixtureRequest) -> fresh_draws.Seeded:
     """Seeds of random cases whose assertions hold for all: a test's own number, or with `--fresh-seed` another one.
 
     A test of noise whose bound is a chance keeps a seed of its own.

@@ -16,12 +16,12 @@ import subprocess
 import sys
 from collections.abc import Callable
 from random import SystemRandom
-from typing import TypeVar
+from typing import Any, TypeAlias
 
 import pytest
 
 FIXTURE = "seeded"
-Seed = TypeVar("Seed", int, str)
+Seeded: TypeAlias = Callable[[Any], Any]  # the seed of a test by its own number or text: see the fixture
 
 
 def is_drawn(item: pytest.Item) -> bool:
@@ -35,10 +35,10 @@ def in_share(name: str, seed: int, share: float) -> bool:
     return int.from_bytes(hashlib.sha256(f"{seed} {name}".encode()).digest()[:8], "big") < share * 2.0**64
 
 
-def mixed(seed: int | None) -> Callable[[int | str], int | str]:
+def mixed(seed: int | None) -> Seeded:
     """Return what makes the seed of a test from its own number: that number, or one that follows from both."""
 
-    def seeded(number: int | str) -> int | str:
+    def seeded(number: Any) -> Any:
         if seed is None:
             return number
         return int.from_bytes(hashlib.sha256(f"{seed} {number}".encode()).digest()[:4], "big")

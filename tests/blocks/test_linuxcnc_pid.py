@@ -15,6 +15,7 @@ from feeddrive.blocks.controller.stock_pid import StockPid
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.export.linuxcnc.session import halrun
 from feeddrive.language.block import declarations
+from fresh_draws import Seeded
 from hal_programs import needs_linuxcnc
 
 PERIOD = 50_000  # ns
@@ -110,8 +111,8 @@ class TestAgainstARunningHal:
         ]
         + [("command-deriv", "feedback-deriv")],
     )
-    def test_random_gains_limits_and_pins(self, wired: tuple[str, ...], tmp_path: Path) -> None:
-        rng = np.random.default_rng(len(str(wired)))
+    def test_random_gains_limits_and_pins(self, wired: tuple[str, ...], tmp_path: Path, seeded: Seeded) -> None:
+        rng = np.random.default_rng(seeded(len(str(wired))))
         pids = [random_pid(rng) for _ in range(16)]  # as many as LinuxCNC can load
         against_hal(tmp_path, pids, random_rows(rng, 1000, wired), wired)
 

@@ -22,6 +22,7 @@ from feeddrive.loop.routine_trace import controller_routine
 from feeddrive.loop.simulate import simulate
 from feeddrive.tuning.repetitive import shift_response, tune_repetitive
 from field_laws import R, T, loop
+from fresh_draws import Seeded
 
 LAW = CascadePPI(Kv=400.0 / 3.0, Kp=36000.0, Tn=7.5e-3)
 REPETITIVE = RepetitiveControl(period_samples=2000, lead_samples=10, passes=32)
@@ -38,9 +39,9 @@ def test_the_golden_taps() -> None:
 
 
 @pytest.mark.parametrize(("passes", "lead"), [(1, 0), (3, 0), (4, 7)])
-def test_it_is_the_published_recursion(passes: int, lead: int) -> None:
+def test_it_is_the_published_recursion(passes: int, lead: int, seeded: Seeded) -> None:
     """w from all past w and e at once: a limit of the shift, samples in which the force was limited, and the wait."""
-    N, rng = 40, np.random.default_rng(1)
+    N, rng = 40, np.random.default_rng(seeded(1))
     block = RepetitiveControl(
         period_samples=N, lead_samples=lead, passes=passes, weight=0.2, learning_gain=0.7, most_shift=0.8e-6
     )

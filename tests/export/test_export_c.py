@@ -26,6 +26,7 @@ from feeddrive.export.trial import BROKEN, Trial, trial
 from feeddrive.loop.guard import TRIP_COMMAND, TRIP_READING
 from feeddrive.loop.routine_run import run
 from feeddrive.loop.routine_trace import controller_routine, plant_routine
+from fresh_draws import Seeded
 from slow_share import all_but
 
 pytestmark = pytest.mark.skipif(
@@ -71,10 +72,10 @@ def same_bits(found: np.ndarray, wanted: np.ndarray) -> bool:
         *all_but([], ((name, 1_000_000) for name in LAWS), "a million samples of what 50 000 assert"),
     ],
 )
-def test_a_million_samples_have_the_simulators_bits(name: str, count: int) -> None:
+def test_a_million_samples_have_the_simulators_bits(name: str, count: int, seeded: Seeded) -> None:
     """With limits, trips, broken numbers and live changes of parameters; the trial must have reached them all."""
     made = laid_out(LOOPS[name])
-    tried = trial(made.routine, count, seed=3, changes=20)
+    tried = trial(made.routine, count, seed=seeded(3), changes=20)
     wanted = run(made.routine, tried.inputs, tried.changes)
     assert same_bits(streamed(made, files(made), tried).outputs, wanted)
     assert len(tried.changes) >= 10
@@ -112,10 +113,10 @@ def test_a_closed_loop_has_the_simulators_bits(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", all_but(["cascade_ppi", "dadsc, mode"], LOOPS, WHY))
-def test_single_precision_has_the_bits_of_its_operations(name: str) -> None:
+def test_single_precision_has_the_bits_of_its_operations(name: str, seeded: Seeded) -> None:
     """Against the same operations in Python, each rounded to single precision."""
     made = laid_out(LOOPS[name], "float")
-    tried = trial(made.routine, 600, seed=4, changes=3, broken=1e-3)
+    tried = trial(made.routine, 600, seed=seeded(4), changes=3, broken=1e-3)
     assert same_bits(streamed(made, files(made), tried).outputs, stepped(made, tried))
 
 

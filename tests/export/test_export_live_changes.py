@@ -18,6 +18,7 @@ from feeddrive.language import tree
 from feeddrive.loop.routine import Routine
 from feeddrive.loop.routine_run import run
 from feeddrive.loop.routine_trace import controller_routine
+from fresh_draws import Seeded, mixed
 from slow_share import all_but
 
 FORCE, PLACE = 20.0, 0.25  # N, that acts when the loop is enabled; m, where a binary fraction is exact
@@ -71,9 +72,9 @@ def goes_on(force: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("name", HELD)
-def test_the_force_of_a_steady_state_goes_on(name: str) -> None:
+def test_the_force_of_a_steady_state_goes_on(name: str, seeded: Seeded) -> None:
     """In the run that every target reproduces bit for bit."""
-    loop, random = held(name), np.random.default_rng(1)
+    loop, random = held(name), np.random.default_rng(seeded(1))
     routine = controller_routine(loop, "axis_x")
     for _ in range(CHANGES):
         goes_on(run(routine, at_rest(routine, name), {CHANGE: other(loop, routine, random)})[:, 0])
@@ -81,9 +82,9 @@ def test_the_force_of_a_steady_state_goes_on(name: str) -> None:
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="NOT TESTED: exported C needs gcc: apt-get install gcc")
 @pytest.mark.parametrize("name", all_but(["cascade_ppi", "pole_placement, exact commands"], HELD, WHY))
-def test_the_force_of_exported_c_goes_on(name: str) -> None:
+def test_the_force_of_exported_c_goes_on(name: str, seeded: Seeded) -> None:
     made = laid_out(held(name))
-    changed = {CHANGE: other(held(name), made.routine, np.random.default_rng(2))}
+    changed = {CHANGE: other(held(name), made.routine, np.random.default_rng(seeded(2)))}
     tried = Trial(at_rest(made.routine, name), changed)
     found = streamed(made, files(made), tried).outputs
     goes_on(found[:, 0])
@@ -95,4 +96,4 @@ def test_without_its_hook_the_force_would_step(law: type, monkeypatch: pytest.Mo
     """The test above can fail."""
     monkeypatch.setattr(law, "retune", lambda _, state, *__: state)
     with pytest.raises(AssertionError):
-        test_the_force_of_a_steady_state_goes_on(law.kind)
+        test_the_force_of_a_steady_state_goes_on(law.kind, mixed(None))

@@ -25,6 +25,7 @@ from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.testing.strategies import blocks_of
+from fresh_draws import Seeded
 
 ALL = [block for group in catalogue().values() for block in group.values()]
 TWO_MASS = 'kind = "two_mass"\nmass_motor = 100\nmass_load = 350.0\nstiffness = 1.8e8\n'
@@ -279,8 +280,8 @@ def test_variants_have_no_text() -> None:
         to_toml(tree.vary(plant, {"mass_load": np.array([1.0, 2.0])}))
 
 
-def test_random_values_raise_nothing_but_errors_with_file_and_line() -> None:
-    draw = random.Random(2)
+def test_random_values_raise_nothing_but_errors_with_file_and_line(seeded: Seeded) -> None:
+    draw = random.Random(seeded(2))
     pool = [
         "1",
         "-1",

@@ -29,6 +29,7 @@ from feeddrive.files.read_log import read_log
 from feeddrive.files.run_files import write_run_csv, write_run_parquet
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.loop.frequency_response import FRF
+from fresh_draws import Seeded
 from slow_share import all_but
 
 TIME = 1e-3 * np.arange(60)
@@ -256,14 +257,14 @@ def check_responses(folder: Path, name: str, count: int, seed: str) -> None:
 
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize("name", SOURCES)
-def test_damaged_logs(tmp_path: Path, name: str) -> None:
-    check_logs(tmp_path, name, FEW, name)
+def test_damaged_logs(tmp_path: Path, name: str, seeded: Seeded) -> None:
+    check_logs(tmp_path, name, FEW, seeded(name))
 
 
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize("name", RESPONSES)
-def test_damaged_responses(tmp_path: Path, name: str) -> None:
-    check_responses(tmp_path, name, FEW, name)
+def test_damaged_responses(tmp_path: Path, name: str, seeded: Seeded) -> None:
+    check_responses(tmp_path, name, FEW, seeded(name))
 
 
 @pytest.mark.slow(reason="thousands of damaged files; each kind is damaged a few times quickly")
@@ -281,8 +282,8 @@ def test_responses_damaged_very_often(tmp_path: Path, name: str) -> None:
     check_responses(tmp_path, name, MANY, f"often {name}")
 
 
-def test_random_bytes_and_texts(tmp_path: Path) -> None:
-    draw = random.Random(5)
+def test_random_bytes_and_texts(tmp_path: Path, seeded: Seeded) -> None:
+    draw = random.Random(seeded(5))
     starts = [
         b"",
         b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM",
@@ -387,10 +388,10 @@ VALUES = [
     ),
     ids=lambda value: value.stem if isinstance(value, Path) else value,
 )
-def test_damaged_machines_and_jobs(tmp_path: Path, kind: str, source: Path) -> None:
+def test_damaged_machines_and_jobs(tmp_path: Path, kind: str, source: Path, seeded: Seeded) -> None:
     text = source.read_text(encoding="utf-8")
     path = tmp_path / "file.toml"
-    draw = random.Random(source.stem)
+    draw = random.Random(seeded(source.stem))
     for _ in range(100):
         path.write_text(damaged_text(text, draw), encoding="utf-8")
         with np.errstate(all="ignore"):

@@ -12,6 +12,7 @@ import pytest
 
 from feeddrive.files.toml_file import Key, Section, TomlFile, lines_of_keys, parse_toml, read_toml
 from feeddrive.language.errors import FileError, ParameterError, plain, shown
+from fresh_draws import Seeded
 from slow_share import all_but
 
 EVERYTHING = (
@@ -155,9 +156,9 @@ class Writer:
         return "\n".join(self.rows) + "\n"
 
 
-def test_random_documents_in_every_layout() -> None:
+def test_random_documents_in_every_layout(seeded: Seeded) -> None:
     for seed in range(600):
-        writer = Writer(seed)
+        writer = Writer(seeded(seed))
         text = writer.document()
         content = tomllib.loads(text)
         lines = lines_of_keys(text)
@@ -172,8 +173,8 @@ def outcome(text: str) -> TomlFile | str:
         return str(error)
 
 
-def test_damaged_documents_raise_nothing_but_a_file_error() -> None:
-    draw = random.Random(1)
+def test_damaged_documents_raise_nothing_but_a_file_error(seeded: Seeded) -> None:
+    draw = random.Random(seeded(1))
     accepted = 0
     for _ in range(2500):
         text = list(EVERYTHING)

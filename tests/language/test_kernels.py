@@ -23,6 +23,7 @@ from feeddrive.language.kernels import module
 from feeddrive.language.kernels.kernel import Kernel, _address, interpreted
 from feeddrive.language.kernels.module import QUICK, THOROUGH, Unit
 from feeddrive.language.kernels.source import KernelError
+from fresh_draws import Seeded
 from kernel_oracle import bits, compare, drawn
 
 CONSTRUCTS = [each for each in vars(kernel_constructs).values() if isinstance(each, Kernel)]
@@ -30,8 +31,8 @@ ALL = [*CONSTRUCTS, kernel_beside.halves]
 DRAWS = 40
 
 
-def test_machine_code_has_the_bits_and_errors_of_the_interpreter():
-    errors = {each.__name__: compare(each, drawn(each, DRAWS, seed=1)) for each in ALL}
+def test_machine_code_has_the_bits_and_errors_of_the_interpreter(seeded: Seeded):
+    errors = {each.__name__: compare(each, drawn(each, DRAWS, seed=seeded(1))) for each in ALL}
     assert sum(errors.values()) > 5 * DRAWS
     assert max(errors.values()) < DRAWS
 

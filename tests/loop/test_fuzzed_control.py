@@ -16,6 +16,7 @@ from feeddrive.language import tree
 from feeddrive.loop.guard import COMMAND_LIMIT, SETPOINT_LIMIT, TRIP_READING
 from feeddrive.loop.routine_run import run
 from feeddrive.loop.routine_trace import controller_routine
+from fresh_draws import Seeded
 from loop.controls import CONTROLS as RETUNED
 from loop.controls import T, loop_of
 
@@ -79,23 +80,23 @@ def test_every_law_observer_and_filter_is_among_them() -> None:
 
 @limited
 @every_control
-def test_ten_thousand_absurd_inputs_natively(control: Control, limit: float | None) -> None:
+def test_ten_thousand_absurd_inputs_natively(control: Control, limit: float | None, seeded: Seeded) -> None:
     routine = controller_routine(loop_of(guarded(control, limit)), "axis_x")
     names = [variable.name for variable in routine.inputs]
-    inputs = fuzzed(names, 10_000, seed=11)
+    inputs = fuzzed(names, 10_000, seed=seeded(11))
     outputs = run(routine, inputs)
     check(names, inputs, dict(zip((v.name for v in routine.outputs), outputs.T, strict=True)), limit)
 
 
 @every_control
-def test_without_every_part_that_may_be_left_out_no_command_is_broken(control: Control) -> None:
+def test_without_every_part_that_may_be_left_out_no_command_is_broken(control: Control, seeded: Seeded) -> None:
     """Laws carry a NaN on to their command, so that it is seen there; what none reads is not seen, and does no harm."""
     bare = guarded(control, 2000.0)
     parts = {"checks_setpoint": False, "holds": False, "aligns": False, "starts_moving": False}
     assert bare.guard is not None
     routine = controller_routine(loop_of(replace(bare, guard=replace(bare.guard, **parts))), "axis_x")
     names = [variable.name for variable in routine.inputs]
-    inputs = fuzzed(names, 2_000, seed=13)
+    inputs = fuzzed(names, 2_000, seed=seeded(13))
     found = dict(zip((v.name for v in routine.outputs), run(routine, inputs).T, strict=True))
     force, enabled = found["force"], found["enabled"]
     assert np.all(np.abs(force) <= 2000.0)
@@ -109,11 +110,11 @@ def test_without_every_part_that_may_be_left_out_no_command_is_broken(control: C
 
 
 @every_control
-def test_absurd_inputs_in_plain_python(control: Control) -> None:
+def test_absurd_inputs_in_plain_python(control: Control, seeded: Seeded) -> None:
     """And nothing that is no number stays in the guard, whatever the law remembers."""
     loop = loop_of(guarded(control, 2000.0))
     names = [variable.name for variable in controller_routine(loop, "axis_x").inputs]
-    inputs = fuzzed(names, 300, seed=12)
+    inputs = fuzzed(names, 300, seed=seeded(12))
     made = tree.rebuild(loop.control, (np.float64(value) for _, value in tree.leaves(loop.control)))
     setpoints, readings = inputs[:, :5], inputs[:, 5:-1]
     found = []

@@ -22,6 +22,7 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.plant.three_mass_chain import ThreeMassChain
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.loop.axis import Axis
+from fresh_draws import Seeded
 
 RIGID = Rigid(mass=40.0, viscous=60.0)
 TWO_MASS = TwoMass(
@@ -117,11 +118,13 @@ def test_hold_of_any_two_mass_axis(
 @pytest.mark.parametrize("samples", [0.0, 0.3, 1.0, 1.75, 3.5])
 @pytest.mark.parametrize("lag", [None, 400.0], ids=["ideal", "lagging"])
 @pytest.mark.parametrize("substeps", [1, 3])
-def test_dead_time_switches_the_force_at_the_exact_instant(samples: float, lag: float | None, substeps: int) -> None:
+def test_dead_time_switches_the_force_at_the_exact_instant(
+    samples: float, lag: float | None, substeps: int, seeded: Seeded
+) -> None:
     T = 1e-3
     dead_time = samples * T
     axis = Axis(plant=TWO_MASS, actuator=Actuator(dead_time=dead_time, current_loop=lag), substeps=substeps)
-    commands = np.random.default_rng(7).normal(0.0, 500.0, 25)
+    commands = np.random.default_rng(seeded(7)).normal(0.0, 500.0, 25)
     found = move(axis, T, commands, position=0.1, velocity=0.05)
 
     A, B = state_space(axis, None if lag is None else 2 * np.pi * lag)
@@ -180,10 +183,10 @@ def energy(axis: Axis, position: np.ndarray, velocity: np.ndarray) -> np.ndarray
     ],
     ids=["rigid", "two_mass", "full", "three_mass", "modal"],
 )
-def test_work_of_the_forces_is_the_change_of_energy(plant: Plant) -> None:
+def test_work_of_the_forces_is_the_change_of_energy(plant: Plant, seeded: Seeded) -> None:
     T = 2e-4
     axis = Axis(plant=plant)
-    rng = np.random.default_rng(3)
+    rng = np.random.default_rng(seeded(3))
     commands, loads = rng.normal(0.0, 800.0, 400), rng.normal(0.0, 300.0, 400)
     found = move(axis, T, commands, loads=loads, velocity=0.2)
     made = plant.mechanics()

@@ -43,6 +43,7 @@ from feeddrive.loop.simulate import simulate, simulate_batch, stream
 from feeddrive.loop.trace import Carried, Program, concrete
 from feeddrive.loop.work import Work
 from feeddrive.testing import c_loop as c
+from fresh_draws import Seeded
 from loop.engine_loops import Saw, Sway
 from slow_share import all_but
 
@@ -243,9 +244,9 @@ def test_gradients_go_through_rings():
         assert found.gradient[name] == pytest.approx(slope, rel=2e-3), name
 
 
-def test_a_history_is_a_delay_line():
+def test_a_history_is_a_delay_line(seeded: Seeded):
     """Against a plain list, through several turns of the ring, for whole and for broken ages."""
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seeded(0))
     values = rng.standard_normal(40)
     history = History.start(7, np.float64(5.0))
     past = [5.0] * 20

@@ -13,6 +13,7 @@ import pytest
 from feeddrive.language.errors import ProgramError
 from feeddrive.path.program.commands import canonical_text
 from feeddrive.path.program.reading import read_commands
+from fresh_draws import Seeded
 
 pytestmark = pytest.mark.skipif(not shutil.which("rs274"), reason="NOT RUN: rs274 of linuxcnc-uspace is not installed")
 
@@ -138,14 +139,14 @@ def compare(path: Path, blocks: list[str]) -> None:
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_drawn_motions_are_those_of_the_interpreter(seed: int, tmp_path: Path):
-    drawn = Drawn(seed)
+def test_drawn_motions_are_those_of_the_interpreter(seed: int, tmp_path: Path, seeded: Seeded):
+    drawn = Drawn(seeded(seed))
     blocks = [block for _ in range(drawn.random.randint(3, 14)) for block in drawn.motion()]
     compare(tmp_path / "program.ngc", ["F10", "M3 S10", *blocks])
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_drawn_loops_are_those_of_the_interpreter(seed: int, tmp_path: Path):
-    drawn = Drawn(seed)
+def test_drawn_loops_are_those_of_the_interpreter(seed: int, tmp_path: Path, seeded: Seeded):
+    drawn = Drawn(seeded(seed))
     body = ["o1 sub", "#<v>=2", *drawn.flow(3), "o1 endsub [#1+1]", "#1=1 #2=2 #3=3 #<v>=4"]
     compare(tmp_path / "program.ngc", [*body, *drawn.flow(), *drawn.flow()])

@@ -19,6 +19,7 @@ from feeddrive.path.schedule.bump import ROWS, straight, width
 from feeddrive.path.schedule.crossing import Crossings
 from feeddrive.path.schedule.overlap import overlapped
 from feeddrive.path.schedule.run import Schedule, plan_run
+from fresh_draws import Seeded
 
 
 def passed(segments: Pieces, tolerance: float, limits: np.ndarray = LIMITS, share: float = 1.0) -> list[Part]:
@@ -279,9 +280,9 @@ def _polylines(count: int, seed: int) -> None:
         assert found.missed <= 1.0 + 1e-9
 
 
-def test_no_limit_is_broken_where_runs_overlap():
+def test_no_limit_is_broken_where_runs_overlap(seeded: Seeded):
     """Polylines within 0.3 um to 1 mm, unequal axes, limits over decades."""
-    _polylines(15, 4)
+    _polylines(15, seeded(4))
 
 
 @pytest.mark.slow(reason="500 random polylines, where the quick test has 15")
