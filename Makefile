@@ -63,7 +63,7 @@ slow-share: $(VENV)/installed-dev
 # drawn tests on new seeds: before an issue is called resolved (make fresh SEEDS=20)
 SEEDS ?= 2
 fresh: $(VENV)/installed-dev
-	MAKEFLAGS= $(BIN)/python tests/fresh.py --seeds $(SEEDS)
+	MAKEFLAGS= $(BIN)/python tests/fresh_draws.py --count $(SEEDS)
 
 mutate: $(VENV)/installed-dev
 	$(BIN)/python tests/mutants.py
