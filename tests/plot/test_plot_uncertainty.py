@@ -14,7 +14,7 @@ from feeddrive.analysis.stiffness import stiffness
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate, Level
 from feeddrive.identification.response.fit_axis import fit_axis
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.shown_units import ShownUnits
+from feeddrive.language.quantity import Units
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
 from feeddrive.plot.chart import DOTS, LOG
@@ -72,7 +72,7 @@ def test_an_open_loop_that_was_measured_shows_its_coherence_and_its_bands_and_a_
 
 
 def test_other_units_are_other_numbers_of_the_same_picture() -> None:
-    other = ShownUnits(length="mm", force="kN", frequency="rad/s", gain="absolute")
+    other = Units(typographic=True, length="mm", force="kN", frequency="rad/s", gain="absolute")
     found = margins(measured())
     usual, chart = open_loop_chart(found), open_loop_chart(found, other)
     assert chart.label == "frequency (rad/s)"
@@ -92,12 +92,12 @@ def test_other_units_are_other_numbers_of_the_same_picture() -> None:
     assert peak.label == "|S|"
     assert peak.marks[0].y == pytest.approx(found.sensitivity_peak)
     with pytest.raises(ParameterError, match="one of N, kN"):
-        ShownUnits(force="lbf")
+        Units(typographic=True, force="lbf")
 
 
 def test_a_picture_of_an_axis_that_turns_says_torque_and_angle() -> None:
     compliance = FRF(F, 1e-8 / (1.0 + 1j * F / 50.0), "load_force", "position_load", "m/N")
-    chart = stiffness_chart({"now": stiffness(compliance)}).turning()
+    chart = stiffness_chart({"now": stiffness(compliance)}).shown(Units(rotary=True, quoted=()))
     assert chart.panels[0].label == "dynamic stiffness (N m/µrad)"
     assert "N m/µrad at" in chart.panels[0].curves[0].said
 
@@ -149,7 +149,7 @@ def test_a_measured_response_lies_over_its_model_with_a_band_each() -> None:
     assert [each.name for each in chart.panels[0].curves] == ["measured", "model"]
     np.testing.assert_allclose(chart.panels[2].curves[0].y, 20.0 * np.log10(0.02), atol=1e-9)
     assert [each.name for each in chart.panels[0].bands] == ["", "95 % of the measurement"]
-    absolute = overlay_chart([Overlay("", None, None, model)], ShownUnits(gain="absolute"))
+    absolute = overlay_chart([Overlay("", None, None, model)], Units(typographic=True, gain="absolute"))
     assert absolute.panels[0].label == "magnitude (µm/N)"
     np.testing.assert_allclose(absolute.panels[0].curves[0].y, 1e6 * 1.02 * np.abs(GAIN))
 
@@ -172,7 +172,7 @@ def test_what_a_friction_model_leaves_of_the_measured_points_is_their_distance_f
     v = np.array([-0.2, -0.1, 0.1, 0.2])
     off = np.array([1.0, -2.0, 3.0, 0.0])
     seen = FrictionMap(v, 50.0 * np.sign(v) + 300.0 * v + off, np.full(4, 0.5), np.full(4, 10))
-    chart = friction_chart(loop, measured=seen, units=ShownUnits(force="kN"))
+    chart = friction_chart(loop, measured=seen, units=Units(typographic=True, force="kN"))
     above, below = chart.panels
     assert above.label == "friction (kN)"
     whole = next(each for each in above.curves if each.name.startswith("model with"))

@@ -92,7 +92,7 @@ def linear_units(text: str) -> list[str]:
 
 def shown(outcome: Outcome[Any]) -> str:
     """All that a command shows."""
-    return "\n".join(str(each) for each in outcome.said())
+    return "\n".join(str(each) for each in outcome.shown())
 
 
 @pytest.mark.parametrize(

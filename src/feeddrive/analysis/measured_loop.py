@@ -69,7 +69,7 @@ class MeasuredLoop(Result):
         if self.compliance is not None:
             least = self.stiffness
             rows.append(["least stiffness", f"{least.minimum_frequency:.4g}", f"{1e-6 * least.minimum:.4g} N/um"])
-        return Table("control on a measured axis", found.heads, rows)
+        return Table("control on a measured axis", found.columns, rows)
 
 
 def measured_loop(

@@ -67,7 +67,7 @@ class Stability(Result):
     def table(self) -> Table:
         """The verdict and the poles."""
         poles = self.model.table()
-        return Table(self.sentence(), poles.heads, poles.rows)
+        return Table(self.sentence(), poles.columns, poles.rows)
 
 
 def stability(system: StateSpace | System, *, velocity: float = 0.05) -> Stability:

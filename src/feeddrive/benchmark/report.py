@@ -12,8 +12,9 @@ from feeddrive.benchmark.score import FIGURES, Benchmark
 from feeddrive.benchmark.work import ROBUST
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.run_files import summary_text
-from feeddrive.language.table import Table
-from feeddrive.report.page import Shown, definitions, header, page, picture, table
+from feeddrive.language.quantity import USUAL, Units
+from feeddrive.language.table import Grid, Table
+from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
 
 CITE = "feeddrive benchmark of feed-drive control laws"
 _LATEX = str.maketrans({"%": r"\%", "&": r"\&", "_": r"\_", "±": r"$\pm$", "½": r"\textonehalf{}", "^": ""})
@@ -72,7 +73,7 @@ def build(found: Benchmark) -> str:
         "</section><section><h2>Who wins where</h2>",
         _shown(found.winners()),
         "</section><section><h2>No place</h2>",
-        definitions([(f"{law}, {plants}", why) for law, plants, why in reasons(found).rows]),
+        definitions([(f"{law}, {plants}", why) for law, plants, why in reasons(found).grid().rows]),
         '</section><section id="plants"><h2>Plants</h2>',
         definitions([(name, f"{each.title}. {each.source}. {each.remark}") for name in found.plants
                      for each in [rules.plants[name]]]),
@@ -88,8 +89,8 @@ def _plants(found: Benchmark) -> str:
     return f"{len(found.plants)} plant{'s' if len(found.plants) > 1 else ''}"
 
 
-def _shown(made: Table) -> str:
-    return table(made.title, made.heads, made.rows)
+def _shown(made: Table | Grid) -> str:
+    return tabled(made)
 
 
 def reasons(found: Benchmark) -> Table:
@@ -102,7 +103,7 @@ def reasons(found: Benchmark) -> Table:
     return Table("Laws without a place, and why", ["law", "plants", "reason"], rows, sentences=2)
 
 
-def plant_table(found: Benchmark, plant: str) -> Table:
+def plant_table(found: Benchmark, plant: str) -> Grid:
     """All figures of one plant, in the units in which they are shown."""
     rows: list[list[str]] = []
     for each in found.rows:
@@ -114,7 +115,7 @@ def plant_table(found: Benchmark, plant: str) -> Table:
     rotary = found.rules.plants[plant].loop.axis.rotary
     heads = [f"{each.head} {each.unit}" for each in FIGURES]
     made = Table(f"{plant}: figures", ["law", *heads, "Ms varied", ""], rows)
-    return made.turning() if rotary else made
+    return made.grid(Units(rotary=True, quoted=()) if rotary else USUAL)
 
 
 def _figure(value: float | None, factor: float) -> str:
@@ -165,14 +166,15 @@ def markdown(found: Benchmark) -> str:
     return "\n\n".join([*map(_markdown, made), f"{citation(found)}."]) + "\n"
 
 
-def _markdown(made: Table) -> str:
+def _markdown(table: Table) -> str:
+    made = table.grid()
     rows = [made.heads, ["---", *["--:"] * (len(made.heads) - 1)], *made.rows]
     return "\n".join([f"{made.title}.", "", *(f"| {' | '.join(row)} |" for row in rows)])
 
 
 def latex(found: Benchmark) -> str:
     """The table of scores as a LaTeX tabular (booktabs), its source in a comment."""
-    made = found.table()
+    made = found.table().grid()
 
     def line(cells: Any) -> str:
         return " & ".join(str(cell).translate(_LATEX) for cell in cells) + r" \\"

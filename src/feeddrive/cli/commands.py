@@ -231,7 +231,7 @@ def _perform(command: Command[Any, Any, Any], values: dict[str, Any], verbose: b
     console = open_console()
     with TerminalProgress(console) as progress:
         found = command.run(request, progress)
-    for each in found.said(verbose=verbose):
+    for each in found.shown(verbose=verbose):
         show(console, each)
     for line in found.written():
         show(console, line, soft_wrap=True)

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, Self
 import typer
 
 from feeddrive.language.progress import Progress
-from feeddrive.language.table import Table, visible
+from feeddrive.language.table import Grid, Table, visible
+from feeddrive.language.text import Text
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
@@ -49,12 +50,12 @@ def open_console() -> Console:
     return Console(highlight=False, width=None if sys.stdout.isatty() else UNBROKEN)
 
 
-def show(console: Console, said: Table | str, *, soft_wrap: bool = False) -> None:
+def show(console: Console, said: Table | Grid | str, *, soft_wrap: bool = False) -> None:
     """A table, or a sentence that is broken between words; nothing in it obeys the terminal, see `visible`."""
-    if isinstance(said, Table):
-        console.print(DrawnTable(said))
+    if isinstance(said, Table | Grid):
+        console.print(DrawnTable(said if isinstance(said, Grid) else said.grid()))
     else:
-        console.print(visible(said), markup=False, soft_wrap=soft_wrap)
+        console.print(visible(Text(said)), markup=False, soft_wrap=soft_wrap)
 
 
 class TerminalProgress(Progress):
@@ -112,7 +113,7 @@ class DrawnTable:
     Where the terminal is narrower than the values, the rows go on in the next line.
     """
 
-    def __init__(self, table: Table) -> None:
+    def __init__(self, table: Grid) -> None:
         from rich.box import SIMPLE_HEAD
         from rich.markup import escape
         from rich.table import Table as Shown

@@ -69,7 +69,7 @@ class Verified(Result):
 
     def sentences(self) -> str:
         """The certificate as text."""
-        table = self.table()
+        table = self.table().grid()
         wide = max(len(row[0]) for row in table.rows)
         return "\n".join([table.title, *(f"  {row[0]:<{wide}}  {row[1]}" for row in table.rows)])
 

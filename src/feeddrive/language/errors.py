@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Any, ClassVar
 
+from feeddrive.language.text import Text
+
 
 def nearest(name: str, allowed: Iterable[str]) -> str:
     """`; did you mean a or b?`, or `; there are: ...` (at most 20) if no name is similar."""
@@ -26,6 +28,14 @@ class FeeddriveError(Exception):
     """
 
     exit_code: ClassVar[int] = 2
+
+    def __init__(self, *args: object) -> None:
+        super().__init__(*(Text(each) if isinstance(each, str) else each for each in args))
+
+    def __format__(self, form: str) -> str:
+        """The message with its quantities, for a text that quotes it."""
+        message = self.args[0] if len(self.args) == 1 else str(self)
+        return format(message, form) if isinstance(message, str) else format(str(message), form)
 
 
 class ParameterError(FeeddriveError):

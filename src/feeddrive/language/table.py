@@ -7,14 +7,16 @@ Results import neither matplotlib nor pandas.  Plots and frames are registered b
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import singledispatch
 from html import escape
-from typing import Any
+from typing import Any, Final, NamedTuple, TypeAlias
 
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.units import turning, turning_text
+from feeddrive.language.quantity import ABSENT, USUAL, Quantity, Units, finite, form_unit, unit_name
+from feeddrive.language.text import Mark, Text, marked, resolve
+from feeddrive.language.units import turning
 
 
 def visible(text: str) -> str:
@@ -24,22 +26,68 @@ def visible(text: str) -> str:
     return "".join(each if each.isprintable() or each == "\n" else ascii(each)[1:-1] for each in text)
 
 
-@dataclass(frozen=True)
-class Table:
-    """Rows under column heads; the first column is text, the others are shown as given.
+Cell: TypeAlias = str | float | int | bool | Quantity | None
+UNIT: Final = str(Mark("", "", "", "", "", "unit"))
+"""A cell that shows the unit of the quantities of its row, which then go without."""
 
-    sentences  index of a column whose cells are sentences: its lines may be broken
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table.
+
+    head       what is in it, without unit
+    unit       SI unit of its numbers, which stands in the head; None: text, and quantities with units of their own
+    form       digits and unit in which its numbers are read, see `Quantity`
+    sentences  its cells are sentences: their lines may be broken
+    """
+
+    head: str
+    unit: str | None = None
+    form: str = ""
+    sentences: bool = False
+
+    def named(self) -> str:
+        """The head with the unit in which the numbers are read, as a marked text."""
+        name = "" if self.unit is None else unit_name(self.unit, form_unit(self.form))
+        return f"{marked(self.head)} {name}".rstrip()
+
+    def cell(self, cell: Cell, *, bare: bool = False) -> str:
+        """A cell as a marked text; `bare`: its unit stands in another column."""
+        match cell:
+            case None:
+                return str(ABSENT)
+            case str():
+                return marked(cell)
+            case bool():
+                return "yes" if cell else "no"
+            case int() if self.unit is None:
+                return str(cell)
+            case Quantity():
+                bare = bare or self.unit is not None
+                return f"{replace(cell, form=cell.form or self.form, bare=bare)}"
+            case _:
+                return f"{Quantity(float(cell), self.unit or '', form=self.form, bare=True)}"
+
+
+class Grid(NamedTuple):
+    """A table that is all text: marked, or as a person reads it.
+
+    sentences  index of the column whose lines may be broken, if any
     """
 
     title: str
-    heads: Sequence[str]
-    rows: Sequence[Sequence[str]]
+    heads: list[str]
+    rows: list[list[str]]
     sentences: int | None = None
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "title", visible(self.title))
-        object.__setattr__(self, "heads", [visible(each) for each in self.heads])
-        object.__setattr__(self, "rows", [[visible(cell) for cell in row] for row in self.rows])
+    def shown(self, units: Units) -> Grid:
+        """It in the units of a reader."""
+
+        def said(text: str) -> str:
+            return visible(resolve(text, units))
+
+        rows = [[said(cell) for cell in row] for row in self.rows]
+        return Grid(said(self.title), [said(each) for each in self.heads], rows, self.sentences)
 
     def __str__(self) -> str:
         widths = [max(len(row[i]) for row in (self.heads, *self.rows)) for i in range(len(self.heads))]
@@ -53,19 +101,95 @@ class Table:
 
         return "\n".join([self.title, line(self.heads), line(["-" * width for width in widths]), *map(line, self.rows)])
 
-    def turning(self, kept: Collection[str] = ()) -> Table:
-        """The same of an axis that turns: in rad, N m and kg m2; `kept` is what a person wrote."""
-        rows = [[turning_text(cell, kept) for cell in row] for row in self.rows]
-        return replace(self, title=turning_text(self.title, kept), heads=[*map(turning_text, self.heads)], rows=rows)
-
     def html(self) -> str:
         """The table as HTML."""
         heads = "".join(f"<th>{escape(head)}</th>" for head in self.heads)
         rows = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in self.rows)
         return f"<table><caption>{escape(self.title)}</caption><tr>{heads}</tr>{rows}</table>"
 
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under column heads, with numbers in SI: `grid` is what a person reads, `record` what a program does.
+
+        Table("Errors", [Column("law"), Column("RMS", "m"), Column("Ms", "1")], [["P-PI", 5.88e-6, 1.9]])
+
+    A head may be a plain text, which is `Column(text)`. Where rows have different units, a column holds quantities and
+    another one the cell `UNIT`.
+
+    sentences  index of a column whose cells are sentences, if no `Column` says so
+    """
+
+    title: str
+    columns: Sequence[Column | str]
+    rows: Sequence[Sequence[Cell]]
+    sentences: int | None = None
+
+    def __post_init__(self) -> None:
+        columns = [Column(each) if isinstance(each, str) else each for each in self.columns]
+        breaks = self.sentences
+        if breaks is None:
+            breaks = next((i for i, each in enumerate(columns) if each.sentences), None)
+        object.__setattr__(self, "title", Text(self.title))
+        object.__setattr__(self, "columns", columns)
+        object.__setattr__(self, "rows", [list(row) for row in self.rows])
+        object.__setattr__(self, "sentences", breaks)
+
+    @property
+    def heads(self) -> list[str]:
+        """The heads in the usual units."""
+        return self.grid().heads
+
+    def marked(self) -> Grid:
+        """The table as texts with marks, for a page that is read in other units later."""
+        columns = self.made_columns
+        rows = [self._row(columns, row) for row in self.rows]
+        return Grid(marked(self.title), [each.named() for each in columns], rows, self.sentences)
+
+    def grid(self, units: Units = USUAL) -> Grid:
+        """The table in the units of a reader."""
+        return self.marked().shown(units)
+
+    @property
+    def made_columns(self) -> list[Column]:
+        """The columns, none of them a mere head."""
+        return [Column(each) if isinstance(each, str) else each for each in self.columns]
+
+    def _row(self, columns: Sequence[Column], row: Sequence[Cell]) -> list[str]:
+        if UNIT not in row:
+            return [column.cell(cell) for column, cell in zip(columns, row, strict=True)]
+        pairs = list(zip(columns, row, strict=True))
+        column, first = next((each for each in pairs if isinstance(each[1], Quantity)), (Column(""), Quantity(0.0)))
+        assert isinstance(first, Quantity)
+        name = unit_name(first.unit, form_unit(first.form or column.form), stays=first.stays)
+        return [name if cell == UNIT else column.cell(cell, bare=True) for column, cell in pairs]
+
+    def record(self) -> dict[str, Any]:
+        """The table as JSON has it: columns with their units, cells in SI; a quantity has value, unit and error."""
+        columns = self.made_columns
+        rows = [[_recorded(cell, row) for cell in row] for row in self.rows]
+        heads = [{"head": str(Text(each.head)), "unit": each.unit} for each in columns]
+        return {"title": str(self.title), "columns": heads, "rows": rows}
+
+    def __str__(self) -> str:
+        return str(self.grid())
+
+    def html(self) -> str:
+        """The table as HTML."""
+        return self.grid().html()
+
     def _repr_html_(self) -> str:
         return self.html()
+
+
+def _recorded(cell: Cell, row: Sequence[Cell]) -> Any:
+    if isinstance(cell, Quantity):
+        return cell.record()
+    if cell == UNIT:
+        return next((each.unit for each in row if isinstance(each, Quantity)), "")
+    if isinstance(cell, str):
+        return str(Text(cell))
+    return finite(cell) if isinstance(cell, float) else cell
 
 
 @singledispatch
@@ -78,6 +202,14 @@ def picture_of(result: Any) -> Any:
 def frame_of(result: Any) -> Any:
     """The pandas DataFrame of a result; `frame_of.register(type)` says what its rows and columns are."""
     raise ParameterError(f"{type(result).__name__} has no DataFrame: print it, or take its fields")
+
+
+def resolve_texts(figure: Any, units: Units) -> None:
+    """Write all texts of a matplotlib figure in the units of a reader."""
+    for text in figure.findobj(lambda each: hasattr(each, "set_text")):
+        said = text.get_text()
+        if (resolved := resolve(said, units)) != said:
+            text.set_text(resolved)
 
 
 _load_views: list[Callable[[type], object]] = []
@@ -108,22 +240,23 @@ class Result(ABC):
         """Texts of a person that it shows as they are."""
         return ()
 
-    def _shown(self) -> Table:
-        return self.table().turning(self.quoted) if self.rotary else self.table()
+    @property
+    def reader(self) -> Units:
+        """The units in which it shows itself."""
+        return Units(rotary=True, quoted=tuple(self.quoted)) if self.rotary else USUAL
 
     def __repr__(self) -> str:
-        return str(self._shown())
+        return str(self.table().grid(self.reader))
 
     def _repr_html_(self) -> str:
-        return self._shown().html()
+        return self.table().grid(self.reader).html()
 
     def plot(self) -> Any:
         """The picture of this type of result, a matplotlib figure. Raises ParameterError if it has none."""
         for load in _load_views:
             load(type(self))
         figure = picture_of(self)
-        for text in figure.findobj(lambda each: hasattr(each, "set_text")) if self.rotary else ():
-            text.set_text(turning_text(text.get_text(), self.quoted))
+        resolve_texts(figure, replace(self.reader, typographic=True))
         return figure
 
     def to_pandas(self) -> Any:

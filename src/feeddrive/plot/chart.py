@@ -6,12 +6,12 @@ words.
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from feeddrive.language.units import turning_text
+from feeddrive.language.quantity import Units
+from feeddrive.language.text import resolve
 
 LINE, THIN, BAR, DOTS, PLUS = "line", "thin", "bar", "dots", "plus"
 CROSS, RING, SOLID = "cross", "ring", "solid"
@@ -173,22 +173,22 @@ class Chart:
     columns: int = 4
     factor: float = 1.0
 
-    def turning(self, kept: Collection[str] = ()) -> Chart:
-        """The same of an axis that turns: in rad, N m and kg m2; `kept` is what a person wrote."""
+    def shown(self, units: Units) -> Chart:
+        """The chart with all its texts in the units of a reader; the numbers stay."""
         return replace(
-            self, label=turning_text(self.label, kept), panels=tuple(_turning(each, kept) for each in self.panels)
+            self, label=resolve(self.label, units), panels=tuple(_shown(each, units) for each in self.panels)
         )
 
 
-def _turning(panel: Panel, kept: Collection[str]) -> Panel:
+def _shown(panel: Panel, units: Units) -> Panel:
     return replace(
         panel,
-        label=turning_text(panel.label, kept),
-        said=turning_text(panel.said, kept),
-        marks=tuple(replace(each, said=turning_text(each.said, kept)) for each in panel.marks),
-        heat=panel.heat and replace(panel.heat, label=turning_text(panel.heat.label, kept)),
-        curves=tuple(replace(each, said=turning_text(each.said, kept)) for each in panel.curves),
-        levels=tuple(replace(each, text=turning_text(each.text, kept)) for each in panel.levels),
-        notes=tuple(replace(each, text=turning_text(each.text, kept)) for each in panel.notes),
-        bands=tuple(replace(each, name=turning_text(each.name, kept)) for each in panel.bands),
+        label=resolve(panel.label, units),
+        said=resolve(panel.said, units),
+        marks=tuple(replace(each, said=resolve(each.said, units)) for each in panel.marks),
+        heat=panel.heat and replace(panel.heat, label=resolve(panel.heat.label, units)),
+        curves=tuple(replace(each, said=resolve(each.said, units)) for each in panel.curves),
+        levels=tuple(replace(each, text=resolve(each.text, units)) for each in panel.levels),
+        notes=tuple(replace(each, text=resolve(each.text, units)) for each in panel.notes),
+        bands=tuple(replace(each, name=resolve(each.name, units)) for each in panel.bands),
     )

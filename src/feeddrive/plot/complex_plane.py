@@ -8,7 +8,7 @@ import numpy as np
 
 from feeddrive.analysis.margins import Margins
 from feeddrive.analysis.margins import margins as margins_of
-from feeddrive.language.shown_units import USUAL, ShownUnits
+from feeddrive.language.quantity import DRAWN, Units
 from feeddrive.plot import style
 from feeddrive.plot.chart import ALERT, LINE, PLUS, THIN, Chart, Curve, Disc, Level, Mark, Note, Panel
 from feeddrive.plot.drawing import draw_chart
@@ -42,7 +42,7 @@ def nyquist(loops: Margins | Mapping[str, Margins]) -> Any:
     return figure
 
 
-def nyquist_chart(loops: Margins | Mapping[str, Margins], units: ShownUnits = USUAL) -> Chart:
+def nyquist_chart(loops: Margins | Mapping[str, Margins], units: Units = DRAWN) -> Chart:
     """What `nyquist` shows."""
     chosen = style.named(loops)
     curves, marks, discs = list[Curve](), list[Mark](), [Disc(0.0, 0.0, 1.0)]

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from feeddrive.language.quantity import DRAWN, Units
 from feeddrive.plot import chart as looks
 from feeddrive.plot import style
 from feeddrive.plot.chart import Band, Chart, Curve, Disc, Heat, Level, Note, Panel
@@ -20,8 +21,9 @@ _DASHED = (0, (4, 3))
 _COLD, _HOT = 1.1, 2.6  # width of the smallest and the largest value
 
 
-def drawn(chart: Chart) -> Any:
-    """The picture of a chart, in the width of a report."""
+def drawn(chart: Chart, units: Units = DRAWN) -> Any:
+    """The picture of a chart, in the width of a report, with its texts in the units of a reader."""
+    chart = chart.shown(units)
     shares = [panel.share for panel in chart.panels]
     figure, axes = style.picture(len(shares), height=chart.height, ratios=shares)
     draw_chart(chart, axes)

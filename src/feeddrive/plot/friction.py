@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from feeddrive.identification.estimate import NORMAL
-from feeddrive.language.shown_units import USUAL, ShownUnits
+from feeddrive.language.quantity import DRAWN, Units
 from feeddrive.plot import style
 from feeddrive.plot.chart import DOTS, NEUTRAL, THIN, Band, Chart, Curve, Level, Panel
 from feeddrive.plot.drawing import drawn
@@ -37,7 +37,7 @@ def friction(loops: Loop | Mapping[str, Loop], run: Run | None = None, measured:
 
 def friction_chart(
     loops: Loop | Mapping[str, Loop], run: Run | None = None, measured: FrictionMap | None = None,
-    units: ShownUnits = USUAL,
+    units: Units = DRAWN,
 ) -> Chart:  # fmt: skip
     """What `friction` shows."""
     chosen = style.named(loops)

@@ -9,7 +9,7 @@ import numpy as np
 from feeddrive.analysis.margins import Margins, complementary_sensitivity, tracking_bandwidth
 from feeddrive.analysis.margins import sensitivity as sensitivity_of
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.shown_units import USUAL, ShownUnits
+from feeddrive.language.quantity import DRAWN, Units
 from feeddrive.language.table import shown
 from feeddrive.plot import style
 from feeddrive.plot.chart import BAR, DEGREES, FREQUENCY, LINEAR, LOG, Chart, Curve, Level, Mark, Panel
@@ -85,7 +85,7 @@ def sensitivity(loops: Margins | Mapping[str, Margins]) -> Any:
     return drawn(sensitivity_chart(loops))
 
 
-def sensitivity_chart(loops: Margins | Mapping[str, Margins], units: ShownUnits = USUAL) -> Chart:
+def sensitivity_chart(loops: Margins | Mapping[str, Margins], units: Units = DRAWN) -> Chart:
     """What `sensitivity` shows."""
     chosen = style.named(loops)
     hertz, rows = units.of("Hz")[1], list[tuple[Curve, Curve]]()
@@ -111,22 +111,22 @@ def _decibel(ratio: float) -> float:
     return float(style.decibel(np.array(ratio)))
 
 
-def _floor(least: float, units: ShownUnits) -> float | None:
+def _floor(least: float, units: Units) -> float | None:
     """Where a panel of gains ends below what matters."""
     return float(units.from_decibel(-60.0)) if least < -60.0 else None
 
 
-def _scale(units: ShownUnits) -> str:
+def _scale(units: Units) -> str:
     """Of a panel of gains."""
     return LINEAR if units.decibel else LOG
 
 
-def _ratio(what: str, units: ShownUnits) -> str:
+def _ratio(what: str, units: Units) -> str:
     """Label of a panel of gains."""
     return f"{what} (dB)" if units.decibel else what
 
 
-def _hertz(units: ShownUnits) -> str:
+def _hertz(units: Units) -> str:
     return f"frequency ({units.of('Hz')[0]})"
 
 
@@ -135,7 +135,7 @@ def stiffness(stiffnesses: Stiffness | Mapping[str, Stiffness]) -> Any:
     return drawn(stiffness_chart(stiffnesses))
 
 
-def stiffness_chart(stiffnesses: Stiffness | Mapping[str, Stiffness], units: ShownUnits = USUAL) -> Chart:
+def stiffness_chart(stiffnesses: Stiffness | Mapping[str, Stiffness], units: Units = DRAWN) -> Chart:
     """What `stiffness` shows."""
     chosen = style.named(stiffnesses)
     hertz, (unit, factor) = units.of("Hz")[1], units.of("N/m")
@@ -206,7 +206,7 @@ def _banded(found: Spectrum, low: float, high: float) -> tuple[np.ndarray, np.nd
     return centre, amplitude, found.cumulative_rms[1:][ends]
 
 
-def _span(frequencies: Any, units: ShownUnits = USUAL) -> tuple[float, float]:
+def _span(frequencies: Any, units: Units = DRAWN) -> tuple[float, float]:
     """First and last of all frequencies in Hz, in the unit that is shown."""
     ends, hertz = [(float(f[0]), float(f[-1])) for f in frequencies], units.of("Hz")[1]
     return hertz * min(low for low, _ in ends), hertz * max(high for _, high in ends)
@@ -237,7 +237,7 @@ def open_loop(loops: Margins | Mapping[str, Margins]) -> Any:
     return drawn(open_loop_chart(loops))
 
 
-def open_loop_chart(loops: Margins | Mapping[str, Margins], units: ShownUnits = USUAL) -> Chart:
+def open_loop_chart(loops: Margins | Mapping[str, Margins], units: Units = DRAWN) -> Chart:
     """What `open_loop` shows."""
     chosen = style.named(loops)
     hertz, gains = units.of("Hz")[1], [margins.loop_gain for margins in chosen.values()]
@@ -274,7 +274,7 @@ def open_loop_chart(loops: Margins | Mapping[str, Margins], units: ShownUnits = 
     return Chart(_hertz(units), panels, FREQUENCY, *span, height=3.0 + len(panels), columns=1, factor=hertz)
 
 
-def _said(margins: Margins, units: ShownUnits) -> str:
+def _said(margins: Margins, units: Units) -> str:
     said = []
     if margins.crossover is not None:
         said.append(f"crossover {units.said(margins.crossover, 'Hz', 3)}, phase margin {margins.phase_margin_deg:.1f}°")
@@ -293,7 +293,7 @@ def _phase(margins: Margins) -> np.ndarray:
 
 def _margins(
     margins: Margins, phase: np.ndarray, i: int, alone: bool, bars: tuple[list[Curve], list[Curve]],
-    marks: tuple[list[Mark], list[Mark]], units: ShownUnits,
+    marks: tuple[list[Mark], list[Mark]], units: Units,
 ) -> None:  # fmt: skip
     """Points at the crossovers, and bars from the curve to 0 dB or to the nearest -180°, for both panels."""
     x, hertz = np.log(margins.loop_gain.frequency), units.of("Hz")[1]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feeddrive.language.shown_units import USUAL, ShownUnits
+from feeddrive.language.quantity import DRAWN, Units
 from feeddrive.loop.poles_and_zeros import continuous, natural
 from feeddrive.plot import style
 from feeddrive.plot.chart import (
@@ -49,7 +49,7 @@ _LIGHT = 0.5  # damping up to which a pole decides how much of the plane is show
 _ROOM, _RIGHT, _BELOW = 1.25, 0.25, 0.04  # around the farthest of them; parts of the height to the right and below
 
 
-def poles_chart(models: StateSpace | Mapping[str, StateSpace], units: ShownUnits = USUAL) -> Chart:
+def poles_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = DRAWN) -> Chart:
     """Upper half of the s plane, s = ln(z)/T: poles as crosses, zeros of the first response as rings.
 
     Rays of equal damping and circles of equal natural frequency; what lies on the right of 0 grows.  So much of the
@@ -109,7 +109,7 @@ def _step(reach: float) -> float:
     return float(size * max(each for each in (1.0, 2.0, 2.5, 5.0) if each * size <= reach / 3.0))
 
 
-def damping_chart(models: StateSpace | Mapping[str, StateSpace], units: ShownUnits = USUAL) -> Chart:
+def damping_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = DRAWN) -> Chart:
     """Damping ratio over natural frequency of all poles up to Nyquist; real ones have 1, what grows has less than 0."""
     chosen = style.named(models)
     unit, hertz = units.of("Hz")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from feeddrive.language.shown_units import USUAL, ShownUnits
+from feeddrive.language.quantity import DRAWN, Units
 from feeddrive.plot import style
 from feeddrive.plot.chart import DEGREES, DOTS, FREQUENCY, LINEAR, LOG, THIN, Band, Chart, Curve, Panel
 from feeddrive.plot.drawing import drawn
@@ -32,7 +32,7 @@ def frequency_estimate(found: FrequencyEstimate, model: FRF | None = None) -> An
     return drawn(estimates_chart([found], model=model))
 
 
-def estimates_chart(found: Sequence[FrequencyEstimate], units: ShownUnits = USUAL, model: FRF | None = None) -> Chart:
+def estimates_chart(found: Sequence[FrequencyEstimate], units: Units = DRAWN, model: FRF | None = None) -> Chart:
     """Responses that were estimated, those in the unit of the first: each in its 95 % band, with its coherence.
 
     Of one alone the levels of noise and distortion too.  The radius counts that the variance itself is estimated
@@ -50,7 +50,7 @@ def estimates_chart(found: Sequence[FrequencyEstimate], units: ShownUnits = USUA
     return overlay_chart(rows, units, _levels(alike[0], units) if len(alike) == 1 else ())
 
 
-def _levels(found: FrequencyEstimate, units: ShownUnits) -> list[Curve]:
+def _levels(found: FrequencyEstimate, units: Units) -> list[Curve]:
     """Noise and distortion over frequency, as far as the excitation shows them."""
     factor, curves = _magnitudes(found.frf.unit, units)[0], list[Curve]()
     for i, (name, text) in enumerate(_LEVELS.items(), start=2):
@@ -107,14 +107,14 @@ def response_fit(found: Agreement) -> Any:
     return drawn(response_fit_chart(found))
 
 
-def response_fit_chart(found: Agreement, units: ShownUnits = USUAL) -> Chart:
+def response_fit_chart(found: Agreement, units: Units = DRAWN) -> Chart:
     """What `response_fit` shows."""
     rows = zip(found.measured, found.fitted, found.drawn, strict=True)
     several = len(found.measured) > 1
     return overlay_chart([Overlay(each.output if several else "", each, *model) for each, *model in rows], units)
 
 
-def overlay_chart(rows: Sequence[Overlay], units: ShownUnits = USUAL, more: Sequence[Curve] = ()) -> Chart:
+def overlay_chart(rows: Sequence[Overlay], units: Units = DRAWN, more: Sequence[Curve] = ()) -> Chart:
     """Measured responses and those of a model over each other: magnitude, phase, distance, and coherence.
 
     more  curves beside the magnitudes, as shown
@@ -185,7 +185,7 @@ def _by_model(measured: FRF, fitted: FRF | None, curve: FRF) -> np.ndarray:
     return on_lines + np.degrees(np.angle(measured.response / fitted.response))
 
 
-def _magnitudes(unit: str, units: ShownUnits) -> tuple[float, str]:
+def _magnitudes(unit: str, units: Units) -> tuple[float, str]:
     """Factor to what is shown of a response of this unit, and the label of its magnitude."""
     if units.decibel:
         return 1.0, f"magnitude (dB re 1 {unit})" if unit else "magnitude (dB)"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from feeddrive.analysis.step_response import settling_time
-from feeddrive.language.shown_units import USUAL, ShownUnits
+from feeddrive.language.quantity import DRAWN, Units
 from feeddrive.loop.simulate import Run
 from feeddrive.plot import style
 from feeddrive.plot.chart import Chart, Curve, Level, Mark, Panel
@@ -24,7 +24,7 @@ _SEEN = 1e-3  # of the step: an overshoot that is marked
 _MS = 1e3
 
 
-def run_chart(runs: Mapping[str, Run], units: ShownUnits = USUAL) -> Chart:
+def run_chart(runs: Mapping[str, Run], units: Units = DRAWN) -> Chart:
     """Following error and force over the same time."""
     (length, micro), (force, newton) = units.of("m"), units.of("N")
     errors, forces = list[Curve](), list[Curve]()
@@ -68,7 +68,7 @@ def _at(found: StepResponse) -> float:
     return float(np.interp(found.settling_time, found.time, found.position))
 
 
-def snap_chart(runs: Mapping[str, Run], begin: float, near: float, units: ShownUnits = USUAL) -> Chart:
+def snap_chart(runs: Mapping[str, Run], begin: float, near: float, units: Units = DRAWN) -> Chart:
     """Error of the table after a rope that pulled at it was cut at `begin` (s), and the force.
 
     near  m: within it the table counts as settled

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from feeddrive.language.shown_units import USUAL, ShownUnits
+from feeddrive.language.quantity import DRAWN, Units
 from feeddrive.loop.frequency_response import FRF, TRUSTED
 from feeddrive.plot import style
 from feeddrive.plot.chart import Band, Curve, Level, Panel
@@ -16,7 +16,7 @@ _FAR = 1e4  # dB or degrees beyond all panels
 
 
 def magnitude_band(
-    frf: FRF, number: int, units: ShownUnits = USUAL, name: str = "", *, factor: float = 1.0, model: bool = False
+    frf: FRF, number: int, units: Units = DRAWN, name: str = "", *, factor: float = 1.0, model: bool = False
 ) -> tuple[Band, ...]:
     """|G| - r to |G| + r with the radius r of the 95 % disc; none without a variance.
 
@@ -40,7 +40,7 @@ def _radius(frf: FRF, model: bool) -> np.ndarray | None:
 
 
 def phase_band(
-    frf: FRF, phase: np.ndarray, number: int, units: ShownUnits = USUAL, *, model: bool = False
+    frf: FRF, phase: np.ndarray, number: int, units: Units = DRAWN, *, model: bool = False
 ) -> tuple[Band, ...]:
     """Round a phase in degrees, ± arcsin(r/|G|) with the radius r of `magnitude_band`; none without a variance."""
     radius = _radius(frf, model)
@@ -50,12 +50,12 @@ def phase_band(
     return (_band(frf, phase - spread, phase + spread, number, units),)
 
 
-def _band(frf: FRF, low: object, high: object, number: int, units: ShownUnits, name: str = "") -> Band:
+def _band(frf: FRF, low: object, high: object, number: int, units: Units, name: str = "") -> Band:
     return Band(units.of("Hz")[1] * frf.frequency, np.asarray(low), np.asarray(high), number, name)
 
 
 def doubtful(
-    responses: Iterable[FRF], units: ShownUnits = USUAL, *, ratio: bool = False, name: str = ""
+    responses: Iterable[FRF], units: Units = DRAWN, *, ratio: bool = False, name: str = ""
 ) -> tuple[Band, ...]:
     """Stretches of frequency in which a coherence is 0.9 or less, over the whole height of a panel.
 
@@ -86,7 +86,7 @@ def _stretches(frf: FRF) -> list[tuple[float, float]]:
     return [(float(edges[a]), float(edges[b + 1])) for a, b in zip(begins, ends, strict=True)]
 
 
-def coherence_panels(responses: Iterable[tuple[int, FRF]], units: ShownUnits = USUAL) -> tuple[Panel, ...]:
+def coherence_panels(responses: Iterable[tuple[int, FRF]], units: Units = DRAWN) -> tuple[Panel, ...]:
     """A strip with the coherence of those that have one, and where a line may carry a tuning; none without any."""
     known = [(i, each) for i, each in responses if each.coherence is not None]
     if not known:

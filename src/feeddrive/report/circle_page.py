@@ -65,13 +65,13 @@ def build_circle(test: CircleTest, causes: CircleCauses, said: str = "") -> str:
     parts = [
         header("feeddrive circle", "Circular test", [largest, f"What draws most: {told}."], links),
         '<section id="figures"><h2>Figures</h2>',
-        table("Circular test after ISO 230-4.", [*map(style.written, figures.heads)], figures.rows),
+        table("Circular test after ISO 230-4.", [*map(style.written, figures.heads)], figures.grid().rows),
         table(
             "Quadrant peaks: outward, in the 10° after a reversal, above the mean of the 10° before it.",
             [*map(style.written, peaks.heads)],
-            peaks.rows,
+            peaks.grid().rows,
         ),
-        table("What draws the deviations.", [*map(style.written, split.heads)], split.rows),
+        table("What draws the deviations.", [*map(style.written, split.heads)], split.grid().rows),
         "</section><section><h2>Pictures</h2>",
         *(picture(each) for each in pictures),
         '</section><section id="facts"><h2>What was measured</h2>',

@@ -151,7 +151,7 @@ def prediction(replay: Replay) -> ShownTable:
     found = replay.table()
     rows = [
         [cell.replace("um", "µm") if i == 1 else "–" if cell == "-" else cell for i, cell in enumerate(row)]
-        for row in found.rows
+        for row in found.grid().rows
     ]
     return ShownTable(Table(f"{found.title[0].upper()}{found.title[1:]}.", found.heads, rows))
 

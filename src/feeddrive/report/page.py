@@ -21,8 +21,9 @@ from feeddrive.analysis.margins import Margins, margins
 from feeddrive.analysis.replay import Replay
 from feeddrive.analysis.spectrum import Spectrum, spectrum
 from feeddrive.analysis.stiffness import Stiffness, stiffness
-from feeddrive.language.table import Table
-from feeddrive.language.units import turning_text
+from feeddrive.language.quantity import DRAWN, Units
+from feeddrive.language.table import Grid, Table, resolve_texts
+from feeddrive.language.text import marked, plain, resolve, split
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run
@@ -58,12 +59,12 @@ def render(template: str, *, rotary: bool = False, quoted: Sequence[str] = (), *
     quoted text of a person, which is not changed
     """
     text = _environment().get_template(template).render(widths=_WIDTHS, **content).translate(_CONTROL)
-    if not rotary:
-        return text
-    from markupsafe import escape
+    if rotary:
+        from markupsafe import escape
 
-    kept = [str(escape(each)) for each in quoted]
-    return _PIECES.sub(lambda found: turning_text(found[0], kept) if found["said"] else found[0], text)
+        kept = Units(rotary=True, typographic=True, quoted=tuple(str(escape(each)) for each in quoted))
+        text = _PIECES.sub(lambda found: resolve(found[0], kept) if found["said"] else found[0], text)
+    return resolve(text, replace(DRAWN, rotary=rotary))
 
 
 @cache
@@ -83,10 +84,13 @@ def _environment() -> Environment:
         return Markup(svg(shown.draw(), shown.key, shown.alt))
 
     def unbroken(text: str) -> Markup:
-        """A word joiner keeps a unit such as N/µm on one line."""
-        return escape(text).replace("/", Markup("/&#8288;"))
+        """A word joiner keeps a unit such as N/µm on one line, an element one that is still a mark."""
+        whole, joined = Markup('<span class="unit">{}</span>'), Markup("/&#8288;")
+        pieces = split(marked(text))
+        made = (whole.format(each) if is_mark else escape(each).replace("/", joined) for each, is_mark in pieces)
+        return Markup("").join(made)
 
-    filters: dict[str, Any] = {"drawn": drawn, "unbroken": unbroken, "beyond": _beyond}
+    filters: dict[str, Any] = {"drawn": drawn, "unbroken": unbroken, "beyond": _beyond, "marked": Table.marked}
     made.filters.update(filters)
     return made
 
@@ -98,7 +102,8 @@ def _beyond(heads: Sequence[str], rows: Sequence[Sequence[Any]], text: bool = Fa
     """
 
     def columns(cell: Any, breaks: bool) -> int:
-        return max(map(len, re.split(r"[\s-]", str(cell)))) if breaks else len(str(cell))
+        text = plain(marked(str(cell)))
+        return max(map(len, re.split(r"[\s-]", text))) if breaks else len(text)
 
     widest = [
         max(columns(str(row[i]), i == 0 or text or row is heads) for row in (heads, *rows) if i < len(row))
@@ -139,6 +144,12 @@ def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]], bes
     return _part("table", caption, heads, rows, best)
 
 
+def tabled(found: Table | Grid, caption: str = "") -> str:
+    """A table under its own title, or under a caption."""
+    grid = found if isinstance(found, Grid) else found.marked()
+    return table(caption or grid.title, grid.heads, grid.rows)
+
+
 def svg(figure: Any, key: str, alt: str) -> str:
     """The figure as an SVG element in the colors of the page's theme.
 
@@ -152,6 +163,7 @@ def svg(figure: Any, key: str, alt: str) -> str:
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": key}), warnings.catch_warnings():
         # the browser has the glyphs that matplotlib's own font lacks
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+        resolve_texts(figure, DRAWN)
         figure.savefig(text, format="svg", metadata=silent)
     return _inlined(text.getvalue(), key, alt, float(figure.get_figwidth()) / style.WIDTH)
 

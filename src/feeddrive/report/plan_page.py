@@ -32,7 +32,7 @@ def build_plan(plan: Planned) -> str:
     parts = [
         header("feeddrive plan", plan.program, _lead(plan), [*links, ("facts", "What was planned")]),
         '<section id="limits"><h2>Limits</h2>',
-        table("The largest share of each limit that is used.", [*map(style.written, limits.heads)], limits.rows),
+        table("The largest share of each limit that is used.", [*map(style.written, limits.heads)], limits.grid().rows),
         "</section><section><h2>Pictures</h2>",
         *(picture(each) for each in shown),
         '</section><section id="stops"><h2>Stops</h2>',

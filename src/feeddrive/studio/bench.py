@@ -17,7 +17,7 @@ from feeddrive.files.frf import FrfLike
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
-from feeddrive.language.shown_units import ShownUnits
+from feeddrive.language.quantity import Units
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import StateSpace, linearize
@@ -140,7 +140,7 @@ class Bench:
             self._overlays[place] = tuple(self._overlaid(next(p for p in self.by_hand.points if p.name == place)))
         return self._overlays[place]
 
-    def friction_shown(self, units: ShownUnits) -> Chart | None:
+    def friction_shown(self, units: Units) -> Chart | None:
         """Friction over velocity, of the machine and as it was measured; None without a machine."""
         if self.loop is None:
             return None
@@ -149,7 +149,7 @@ class Bench:
         return self._frictions[units]
 
     @cached_property
-    def _frictions(self) -> dict[ShownUnits, Chart]:
+    def _frictions(self) -> dict[Units, Chart]:
         return {}
 
     @cached_property

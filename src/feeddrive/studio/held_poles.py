@@ -9,7 +9,7 @@ import numpy as np
 
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.shown_units import ShownUnits
+from feeddrive.language.quantity import Units
 from feeddrive.studio.desk import Desk, Values
 from feeddrive.tuning.loop_poles import LoopPole, Model, loop_poles, nearest_pole, pole_moved
 from feeddrive.tuning.placed_poles import placed_dragged, placed_poles
@@ -26,7 +26,7 @@ class HeldPoles:
         self.desk = desk
         self._named: dict[str, complex] = {}
 
-    def shown(self, units: ShownUnits) -> tuple[list[dict[str, Any]], str]:
+    def shown(self, units: Units) -> tuple[list[dict[str, Any]], str]:
         """Where each one is held: Hz across, and a height in the unit of the picture; and in a sentence what they are.
 
         Nothing without a machine.
@@ -107,7 +107,7 @@ class HeldPoles:
         return list(self._named.items())
 
 
-def _grip(name: str, label: str, s: complex, nyquist: float, units: ShownUnits) -> dict[str, Any]:
+def _grip(name: str, label: str, s: complex, nyquist: float, units: Units) -> dict[str, Any]:
     unit, factor = units.of("Hz")
     hertz, ratio = abs(s) / (2.0 * np.pi), -s.real / abs(s)
     text = f"{factor * hertz:.4g} {unit}, damping ratio {ratio:.3g}"

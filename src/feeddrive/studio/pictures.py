@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
-from feeddrive.language import shown_units
-from feeddrive.language.shown_units import ShownUnits
+from feeddrive.language.quantity import DRAWN, Units
 from feeddrive.plot.chart import Band, Chart, Curve, Disc, Mark, Note
 from feeddrive.plot.complex_plane import nyquist_chart
 from feeddrive.plot.over_frequency import open_loop_chart, sensitivity_chart, stiffness_chart
@@ -35,7 +34,7 @@ class View:
     bench: Bench
     looks: Mapping[str, Look]
     parts: Mapping[str, Parts]
-    units: ShownUnits
+    units: Units
 
     @property
     def leading(self) -> dict[str, Figures]:
@@ -137,12 +136,13 @@ USUAL = tuple(name for name, each in PICTURES.items() if each.usual)
 
 def charts(
     bench: Bench, looks: Mapping[str, Look], parts: Mapping[str, Parts] | None = None, names: Iterable[str] = USUAL,
-    units: ShownUnits = shown_units.USUAL,
+    units: Units = DRAWN,
 ) -> dict[str, Chart]:  # fmt: skip
     """The pictures that are named, as far as there is something to draw; nothing is computed for the others."""
     view = View(bench, looks, parts or {}, units)
     found = {name: numbered(chart) for name in names if (chart := PICTURES[name].made(view)) is not None}
-    return {name: each.turning() for name, each in found.items()} if bench.rotary else found
+    units = replace(units, rotary=True, quoted=()) if bench.rotary else units
+    return {name: each.shown(units) for name, each in found.items()}
 
 
 def numbered(chart: Chart) -> Chart:

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast
 
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.table import Table
+from feeddrive.language.quantity import USUAL, Units
+from feeddrive.language.table import Grid, Table
 from feeddrive.plot.chart import Chart
 
 if TYPE_CHECKING:
@@ -86,9 +87,10 @@ class Asked:
         return found
 
 
-def tabled(found: Table) -> dict[str, Any]:
-    """A table for the page."""
-    return {"title": found.title, "heads": [*found.heads], "rows": [[*row] for row in found.rows]}
+def tabled(found: Table | Grid, units: Units = USUAL) -> dict[str, Any]:
+    """A table for the page, in the units of its reader."""
+    grid = found if isinstance(found, Grid) else found.grid(units)
+    return {"title": grid.title, "heads": grid.heads, "rows": grid.rows}
 
 
 def act(method: F) -> F:

@@ -8,25 +8,25 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.language.shown_units import ShownUnits
-from feeddrive.language.units import turning_text
+from feeddrive.language.quantity import Units
+from feeddrive.language.text import resolve
 from feeddrive.plot.chart import ALERT, Chart, Level, Mark, Note
 from feeddrive.tuning.by_hand import Look, Verdict
 from feeddrive.tuning.limits import Limits
 
 
-def verdict_words(look: Look, limits: Limits, units: ShownUnits, *, rotary: bool) -> list[dict[str, Any]]:
+def verdict_words(look: Look, limits: Limits, units: Units) -> list[dict[str, Any]]:
     """Each limit in a sentence, that which uses most of its limit first; whether it is kept."""
     several, found = len(look.figures) > 1, list[dict[str, Any]]()
     for each in look.judged:
         where = f" ({each.point})" if several else ""
         at = "" if each.frequency is None else f" at {units.said(each.frequency, 'Hz')}"
         text = f"{each.judged}{at}{where}, limit: {limits.only(each.judged.kind)}"
-        found.append({"text": turning_text(text) if rotary else text, "keeps": each.keeps})
+        found.append({"text": resolve(text, units), "keeps": each.keeps})
     return found
 
 
-def figure_words(look: Look, units: ShownUnits, *, rotary: bool) -> str:
+def figure_words(look: Look, units: Units) -> str:
     """Crossover, margins and the least stiffness of the leading place, each with its frequency."""
     leading, said = look.leading, list[str]()
     margins = leading.margins
@@ -44,12 +44,10 @@ def figure_words(look: Look, units: ShownUnits, *, rotary: bool) -> str:
         least, where = units.said(stiff.minimum, "N/m"), units.said(stiff.minimum_frequency, "Hz")
         said.append(f"least stiffness{against} {least} at {where}")
     text = "; ".join(said)
-    return turning_text(text) if rotary else text
+    return resolve(text, units)
 
 
-def with_verdicts(
-    drawn: Mapping[str, Chart], look: Look, limits: Limits, units: ShownUnits, *, rotary: bool
-) -> dict[str, Chart]:
+def with_verdicts(drawn: Mapping[str, Chart], look: Look, limits: Limits, units: Units) -> dict[str, Chart]:
     """The pictures with the limits of Ms and stiffness as lines, and what is broken written at its place."""
     found, lines = dict(drawn), dict[str, Level]()
     if limits.sensitivity_peak is not None:
@@ -57,7 +55,7 @@ def with_verdicts(
     if limits.compliance_peak is not None:
         text = f"stiffness >= {units.said(1.0 / limits.compliance_peak, 'N/m')}"
         least = units.of("N/m")[1] / limits.compliance_peak
-        lines["stiffness"] = Level(least, turning_text(text) if rotary else text, dashed=True)
+        lines["stiffness"] = Level(least, resolve(text, units), dashed=True)
     for name, line in lines.items():
         if name in found:
             first, *rest = found[name].panels
@@ -67,7 +65,7 @@ def with_verdicts(
         if not each.keeps and place is not None and place[0] in found and each.point == look.leading.point:
             name, x, y = place
             text = f"{each.judged}"
-            note = Note(x, y, turning_text(text) if rotary else text, ALERT)
+            note = Note(x, y, resolve(text, units), ALERT)
             mark = Mark(x, y, ALERT)
             first, *rest = found[name].panels
             first = replace(first, notes=(*first.notes, note), marks=(*first.marks, mark))
@@ -75,11 +73,11 @@ def with_verdicts(
     return found
 
 
-def _gain(units: ShownUnits, ratio: float) -> float:
+def _gain(units: Units, ratio: float) -> float:
     return float(units.from_decibel(20.0 * float(np.log10(ratio))))
 
 
-def _place(each: Verdict, units: ShownUnits) -> tuple[str, float, float] | None:
+def _place(each: Verdict, units: Units) -> tuple[str, float, float] | None:
     """In which picture a figure is seen, and where in its first panel."""
     value = each.judged.value
     if value is None or each.frequency is None:

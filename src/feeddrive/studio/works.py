@@ -12,7 +12,8 @@ import numpy as np
 
 from feeddrive.language.errors import sentence
 from feeddrive.language.progress import Progress
-from feeddrive.language.table import Table
+from feeddrive.language.table import Grid
+from feeddrive.language.text import resolve
 from feeddrive.plot.chart import Chart
 from feeddrive.studio.jobs import perform
 from feeddrive.studio.room import tabled
@@ -58,22 +59,23 @@ class Shown:
 def words_of(outcome: Outcome[Any]) -> dict[str, Any]:
     """Sentences and tables of an outcome, for the page; of a bad one always a sentence that says so."""
     said, tables = list[str](), list[dict[str, Any]]()
-    for each in outcome.said():
-        if isinstance(each, Table):
+    verdict = resolve(outcome.verdict, outcome.units)
+    for each in outcome.shown():
+        if isinstance(each, Grid):
             tables.append(tabled(each))
-        elif str(each) != outcome.verdict:
-            said.append(str(each).removeprefix("- "))
+        elif each != verdict:
+            said.append(each.removeprefix("- "))
     bad = outcome.judgment.bad
     failure = outcome.failure if outcome.failure or outcome.verdict or not bad else sentence(outcome.judgment.says)
-    return {"said": said, "tables": tables, "verdict": outcome.verdict, "failure": failure, "bad": bad}
+    return {"said": said, "tables": tables, "verdict": verdict, "failure": failure, "bad": bad}
 
 
 def fitted(command: str, request: Request, progress: Progress) -> Shown:
     """A model or responses from logs; of a motion the model over the log."""
     outcome = perform(command, request, progress)
     charts = dict(_fit_charts(outcome.result))
-    if outcome.turns:
-        charts = {name: each.turning() for name, each in charts.items()}
+    units = replace(outcome.units, typographic=True)
+    charts = {name: each.shown(units) for name, each in charts.items()}
     files = {what: Path(str(path)) for what, path in outcome.files.items()}
     return Shown(words_of(outcome), charts=charts, files=files, friction=getattr(outcome.result, "friction", None))
 
@@ -181,7 +183,7 @@ def compared(request: CompareRequest, progress: Progress) -> Shown:
     ]
     words = {**words_of(outcome), "laws": laws, "seed": found.seed}
     controls = {each.name: each.loop.control for each in found.competitors}
-    return Shown(words, {"tradeoff": chart.turning() if found.rotary else chart}, controls)
+    return Shown(words, {"tradeoff": chart.shown(replace(outcome.units, typographic=True))}, controls)
 
 
 def exported(request: ExportRequest, progress: Progress) -> Shown:

@@ -24,10 +24,11 @@ from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.errors import FeeddriveError, FileError, ParameterError, sentence
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
+from feeddrive.language.text import capitalized
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
-from feeddrive.report.page import Shown, definitions, header, page, picture, table
+from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
 from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, called, option, stem
@@ -195,7 +196,7 @@ def build(found: Certificate, facts: Mapping[str, str], *, rotary: bool = False)
     links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn),
              ("outside", "What is outside"), ("facts", "What was certified")]  # fmt: skip
     shown = [found.table(), plants_table(found), control_table(found)]
-    made = "".join(table(f"{each.title[:1].upper()}{each.title[1:]}.", each.heads, each.rows) for each in shown)
+    made = "".join(tabled(each, capitalized(f"{each.title}.")) for each in shown)
     parts = [
         header("feeddrive certify", title, [f"{said[:1].upper()}{said[1:]}."], links),
         f'<section id="result">\n<h2>Result</h2>\n{made}\n</section>\n',

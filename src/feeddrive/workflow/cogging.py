@@ -29,7 +29,7 @@ from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterE
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
-from feeddrive.report.page import Shown, definitions, header, page, picture, table
+from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import (
     Drive,
@@ -128,7 +128,7 @@ def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
         files = written(write_cogging(fit, seen.runs, text, request.out, facts, verdict), text)
     found = fit.table()
     # the chance of each is in the report: a terminal of 80 columns holds the rest whole
-    shown = Table(found.title, found.heads[:-1], [row[:-1] for row in found.rows])
+    shown = Table(found.title, found.columns[:-1], [row[:-1] for row in found.rows])
     notes = [f"No machine file was written: {why}."] if text is None else []
     said = [sentence(each) for each in (*seen.doubts, *fit.remarks)]
     return Outcome(fit, [shown], said, verdict, notes, files=files, judgment=judgment)
@@ -272,8 +272,7 @@ def build(fit: CoggingFit, runs: Sequence[CoggingRun], facts: Mapping[str, str],
     links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("facts", "The logs")]
     parts = [
         header("feeddrive cogging", title, [verdict or advice(fit).sentence], links),
-        f'<section id="result">\n<h2>Result</h2>\n{table(sentence(found.title), found.heads, found.rows)}{listed}\n'
-        f"</section>\n",
+        f'<section id="result">\n<h2>Result</h2>\n{tabled(found, sentence(found.title))}{listed}\n</section>\n',
         f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each) for each in drawn)}</section>\n',
         f'<section id="facts">\n<h2>The logs</h2>\n{definitions(facts.items())}\n</section>\n',
     ]

@@ -20,8 +20,9 @@ from typing import Any, Generic, NamedTuple, ParamSpec, TypeVar
 from feeddrive.language.errors import FeeddriveError, ParameterError, nearest
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
-from feeddrive.language.table import Result, Table
-from feeddrive.language.units import turning_text
+from feeddrive.language.quantity import USUAL, Units
+from feeddrive.language.table import Grid, Result, Table
+from feeddrive.language.text import Text, resolve
 from feeddrive.workflow.request import OUT, Request, fields_of, signature
 
 P = ParamSpec("P")
@@ -68,24 +69,29 @@ class Outcome(Generic[T]):
         return self.rotary or bool(getattr(self.result, "rotary", False))
 
     def said(self, *, verbose: bool = True) -> Iterator[Table | str]:
-        """What a person reads of the result, in order; without the details unless `verbose`."""
-        if not self.turns:
-            yield from self._said(verbose)
-            return
-        kept = self.result.quoted if isinstance(self.result, Result) else ()
-        for each in self._said(verbose):
-            yield each.turning(kept) if isinstance(each, Table) else turning_text(each, kept)
-
-    def _said(self, verbose: bool) -> Iterator[Table | str]:
-        yield from self.tables
-        yield from (f"- {remark}" for remark in self.remarks)
+        """The tables and texts of the result, in order; without the details unless `verbose`."""
+        yield from (each if isinstance(each, Table) else Text(each) for each in self.tables)
+        yield from (Text(f"- {remark}") for remark in self.remarks)
         if verbose:
-            yield from (each if isinstance(each, Table) else f"- {each}" for each in self.details)
+            yield from (each if isinstance(each, Table) else Text(f"- {each}") for each in self.details)
         elif self.details:
             yield f"- {len(self.details)} more with --verbose"
         if self.verdict:
-            yield self.verdict
-        yield from (f"- {note}" for note in self.notes)
+            yield Text(self.verdict)
+        yield from (Text(f"- {note}") for note in self.notes)
+
+    def shown(self, units: Units | None = None, *, verbose: bool = True) -> Iterator[Grid | str]:
+        """What a person reads of the result in the units of a reader, in order."""
+        units = units or self.units
+        for each in self.said(verbose=verbose):
+            yield each.grid(units) if isinstance(each, Table) else resolve(each, units)
+
+    @property
+    def units(self) -> Units:
+        """The units in which it is about its axis."""
+        if not self.turns:
+            return USUAL
+        return Units(rotary=True, quoted=tuple(self.result.quoted) if isinstance(self.result, Result) else ())
 
     def written(self) -> Iterator[str]:
         """What may be pasted, and where files were written."""
@@ -95,7 +101,7 @@ class Outcome(Generic[T]):
         yield from (f"{what}: {path}" for what, path in self.files.items())
 
     def __repr__(self) -> str:
-        return "\n".join(map(str, (*self.said(), *self.written())))
+        return "\n".join(map(str, (*self.shown(), *self.written())))
 
 
 class Command(Generic[P, R, T]):
@@ -145,13 +151,14 @@ class Command(Generic[P, R, T]):
             raise
         if found.turns and found.error is not None:
             _worded(found.error, request)
-        return replace(found, failure=turning_text(found.failure)) if found.turns else found
+        return replace(found, failure=resolve(found.failure, found.units)) if found.turns else found
 
 
 def _worded(error: FeeddriveError, request: Request) -> None:
     """The message in the units of an axis that turns; the names of files stay."""
     kept = [str(value) for each in fields_of(type(request)) if isinstance(value := getattr(request, each.name), Path)]
-    error.args = (turning_text(str(error), kept), *error.args[1:])
+    units = Units(rotary=True, quoted=tuple(kept))
+    error.args = (resolve(f"{error}", units), *error.args[1:])
 
 
 def _turns(request: Request) -> bool:

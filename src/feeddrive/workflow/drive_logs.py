@@ -241,8 +241,8 @@ def narrow(table: Table) -> Table:
     """A table of estimates without its intervals, which the report has: a terminal of 80 columns holds it whole."""
     if table.heads[-1] != "95 % interval":
         return table
-    rows = [[*row[:-1], "unknown" if row[-1].startswith("not") else ""] for row in table.rows]
-    return Table(table.title, [*table.heads[:-1], ""], rows)
+    rows = [[*row[:-1], "unknown" if str(row[-1]).startswith("not") else ""] for row in table.rows]
+    return Table(table.title, [*table.columns[:-1], ""], rows)
 
 
 def written(report: Path, machine: str | None) -> dict[str, Path]:

@@ -24,7 +24,7 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import UNITS, Loop
 from feeddrive.plot.responses import frequency_estimate
-from feeddrive.report.page import Shown, definitions, header, page, picture, table
+from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, frequencies, option, stem
 
@@ -167,7 +167,7 @@ def build(found: Excitation, loop: Loop, facts: Mapping[str, str]) -> str:
     parts = [
         header("feeddrive excite", "Excitation for a frequency response", lead,
                [("limits", "Limits"), ("facts", "What was designed")]),
-        f'<section id="limits">\n<h2>Limits</h2>\n{table(shown.title, shown.heads, shown.rows)}{noted}\n</section>\n',
+        f'<section id="limits">\n<h2>Limits</h2>\n{tabled(shown)}{noted}\n</section>\n',
         f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(map(picture, pictures))}\n</section>\n',
         f'<section id="facts">\n<h2>What was designed</h2>\n{definitions(stated.items())}\n</section>\n',
     ]  # fmt: skip

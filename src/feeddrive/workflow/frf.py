@@ -28,7 +28,7 @@ from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.frequency_response import TRUSTED
-from feeddrive.report.page import Shown, definitions, header, page, picture, table
+from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
 from feeddrive.workflow.channels import requested, show, whole_log
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.readings import check_response, doubt, units_first, with_units
@@ -316,7 +316,7 @@ def _section(key: str, head: str, found: FrequencyEstimate) -> str:
         "Magnitude and phase over frequency with their confidence bands, and the coherence below.",
         found.plot,
     )
-    tables = "".join(table(each.title, each.heads, each.rows) for each in (found.table(), levels(found)))
+    tables = "".join(tabled(each) for each in (found.table(), levels(found)))
     said = "".join(f"<li>{escape(remark)}</li>" for remark in found.remarks)
     remarks = f'<div class="remarks"><h3>Remarks</h3><ul>{said}</ul></div>' if said else ""
     return f'<section id="{key}">\n<h2>{escape(head)}</h2>\n{picture(shown)}{tables}{remarks}\n</section>\n'

@@ -29,7 +29,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.loop import Loop
-from feeddrive.report.page import Shown, definitions, header, page, picture, table
+from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
 from feeddrive.workflow import drive_logs
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import (
@@ -151,11 +151,11 @@ def build(curve: FrictionCurve, said: Sequence[str], facts: Mapping[str, str], v
     """The page. Pure: the same curve gives the same text."""
     title = f"A friction curve from {curve.runs.velocity.size} constant-speed runs"
     drawn = list(_pictures(curve))
-    made = "".join(table(sentence(each.title), each.heads, each.rows) for each in tables(curve))
+    made = "".join(tabled(each, sentence(each.title)) for each in tables(curve))
     items = "".join(f"<li>{escape(sentence(remark))}</li>" for remark in said)
     listed = f'<div class="remarks"><h3>Remarks</h3><ul>{items}</ul></div>' if items else ""
     runs = curve.runs.table()
-    points = f"<details><summary>All runs</summary>{table(f'{runs.title}.', runs.heads, runs.rows)}</details>"
+    points = f"<details><summary>All runs</summary>{tabled(runs, f'{runs.title}.')}</details>"
     links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("facts", "The logs")]
     parts = [
         header("feeddrive friction", title, [verdict or advice(curve).sentence], links),
@@ -170,7 +170,7 @@ def tables(curve: FrictionCurve) -> list[Table]:
     """The models by evidence, then the parameters of the one that is taken."""
     found = curve.comparison()
     rows = [[f"{row[0]} (taken)" if row[0] == curve.model.name else row[0], *row[1:]] for row in found.rows]
-    return [Table(found.title, found.heads, rows), curve.table()]
+    return [Table(found.title, found.columns, rows), curve.table()]
 
 
 def remarks(curve: FrictionCurve, loop: Loop | None) -> list[str]:

@@ -30,10 +30,11 @@ from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError, sentence
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
+from feeddrive.language.text import capitalized
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
-from feeddrive.report.page import Shown, definitions, header, page, picture, table
+from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
 from feeddrive.tuning.filter_pack import read_block
 from feeddrive.workflow.channels import mapped, no_column
 from feeddrive.workflow.command import Outcome, command
@@ -322,7 +323,7 @@ def write_identified(found: Identified, machine: str | None, out: str | Path, fa
 def build(found: Identified, facts: Mapping[str, str]) -> str:
     """The page. Pure: the same identification gives the same text."""
     drawn = list(_pictures(found))
-    made = "".join(table(f"{each.title[:1].upper()}{each.title[1:]}.", each.heads, each.rows) for each in tables(found))
+    made = "".join(tabled(each, capitalized(f"{each.title}.")) for each in tables(found))
     said = "".join(f"<li>{escape(f'{remark[:1].upper()}{remark[1:]}.')}</li>" for remark in found.remarks)
     remarks = f'<div class="remarks"><h3>Remarks</h3><ul>{said}</ul></div>' if said else ""
     links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("facts", "The log")]

@@ -35,7 +35,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.frequency_response import FRF
-from feeddrive.report.page import Shown, definitions, header, page, picture, table
+from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
 from feeddrive.workflow.command import Outcome
 from feeddrive.workflow.drive_logs import narrow, written
 from feeddrive.workflow.readings import check_response, units_first
@@ -211,7 +211,7 @@ def build(found: AxisFits | ModalFit, remarks: Sequence[str], facts: Mapping[str
     title = "Modes of a frequency response" if modal else "An axis from its frequency responses"
     fit = found if isinstance(found, ModalFit) else found.fit
     drawn = list(_pictures(fit))
-    made = "".join(table(sentence(each.title), each.heads, each.rows) for each in tables(found))
+    made = "".join(tabled(each, sentence(each.title)) for each in tables(found))
     said = list(remarks)
     if isinstance(fit, PlantFit):
         said += [f"not identifiable: {name}: {why}" for name, why in fit.not_identifiable.items()]

@@ -23,7 +23,7 @@ from feeddrive.machining.lobe_theory import ZeroOrder, zero_order
 from feeddrive.machining.lobes import Lobes, stability_lobes
 from feeddrive.machining.regeneration import Regeneration, regeneration
 from feeddrive.machining.tool_point import ToolMode, cut_of, tool_modes, tool_point
-from feeddrive.report.page import Shown, definitions, header, page, picture, table
+from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, called, option, stem
 
@@ -240,7 +240,7 @@ def build(result: Lobes, facts: Mapping[str, str]) -> str:
 
 
 def _html(shown: Table) -> str:
-    return table(shown.title, shown.heads, shown.rows)
+    return tabled(shown)
 
 
 def _capital(text: str) -> str:

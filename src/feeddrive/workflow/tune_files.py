@@ -93,7 +93,7 @@ def build(found: Tuned, story: Story) -> str:
             [_printed(head) for head in each.heads],
             [[_printed(cell) for cell in row] for row in each.rows],
         )
-        for each in tables(found, story)
+        for each in (table.grid() for table in tables(found, story))
     )
     links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("facts", "What was tuned")]
     title = f"{story.what}: {found.rule.split(' subject to ')[0].split(';')[0]}"
@@ -150,7 +150,7 @@ def tables(found: Tuned, story: Story) -> list[Table]:
         made.append(_compared(found, story))
     for name, each in zip((story.today, "new"), found.cascade, strict=False):
         shown = each.table()
-        made.append(Table(f"{shown.title}, {name}", shown.heads, shown.rows))
+        made.append(Table(f"{shown.title}, {name}", shown.columns, shown.rows))
     proof = [[line.what, {None: "not proven", True: "holds", False: "does not hold"}[line.holds], line.said]
              for line in found.proof]  # fmt: skip
     made.append(Table("proof: computed anew in other ways", ["what", "", "figures"], proof))

@@ -19,8 +19,9 @@ from feeddrive.files.run_files import summary_text
 from feeddrive.language.errors import FeeddriveError, UnstableError, sentence
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.table import Table
+from feeddrive.language.text import capitalized
 from feeddrive.loop.control import Control
-from feeddrive.report.page import Shown, definitions, header, page, picture, table
+from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
 from feeddrive.study.fresh import Measured
 from feeddrive.study.robust import SNAP, Robust, RobustTuner, in_percent, said
 from feeddrive.tuning.candidates import candidates, control_with
@@ -225,7 +226,7 @@ def _page(tuner: RobustTuner, laws: Laws, story: Story) -> str:
 
 def _printed(made: Sequence[Table]) -> str:
     """Tables of a page."""
-    return "".join(table(f"{each.title[:1].upper()}{each.title[1:]}.", each.heads, each.rows) for each in made)
+    return "".join(tabled(each, capitalized(f"{each.title}.")) for each in made)
 
 
 def _deciding(best: Robust) -> Table:

@@ -77,7 +77,7 @@ class PlantFit(Result):
             for name in self.not_identifiable
             if name not in there
         ]
-        return Table(title, found.heads, rows)
+        return Table(title, found.columns, rows)
 
     def _unit(self, name: str) -> str:
         """Of a parameter of the plant or of the actuator."""

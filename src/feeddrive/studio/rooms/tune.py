@@ -10,7 +10,7 @@ import numpy as np
 
 from feeddrive.analysis.margins import Margins
 from feeddrive.language.errors import FeeddriveError, ParameterError
-from feeddrive.language.shown_units import CHOICES, ShownUnits
+from feeddrive.language.quantity import CHOICES, DRAWN
 from feeddrive.language.tree import check_sampled
 from feeddrive.language.units import turning
 from feeddrive.loop.control import Control
@@ -50,7 +50,7 @@ class Tune(Room):
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
-        self.chosen, self.units = USUAL, ShownUnits()  # pictures and units stay with another source
+        self.chosen, self.units = USUAL, DRAWN  # pictures and units stay with another source
         self.begin()
 
     def begin(self) -> None:
@@ -246,11 +246,12 @@ class Tune(Room):
         now, limits = found[NOW].look, self.desk.limits
         looks, parts = ({name: getattr(each, what) for name, each in found.items()} for what in ("look", "parts"))
         drawn = charts(bench, looks, parts, self.chosen, self.units)
-        drawn = with_verdicts(drawn, now, limits, self.units, rotary=bench.rotary)
+        units = replace(self.units, rotary=True, quoted=()) if bench.rotary else self.units
+        drawn = with_verdicts(drawn, now, limits, units)
         margins = now.leading.margins
         said = {
-            "judged": verdict_words(now, limits, self.units, rotary=bench.rotary),
-            "figures": figure_words(now, self.units, rotary=bench.rotary),
+            "judged": verdict_words(now, limits, units),
+            "figures": figure_words(now, units),
             "grips": self._grips(margins),
             "speed": margins.crossover, "remarks": bench.remarks, "places": len(bench.by_hand.points),
             "leading": now.leading.point, "stable": now.stable, "values": values,

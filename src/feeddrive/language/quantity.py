@@ -1,0 +1,265 @@
+"""Numbers with their units until the edge: quantities, and the units in which a person reads them.
+
+    rms = Quantity(5.88e-6, "m")
+    str(rms)                                         # 5.88 um
+    Units(length="inch").text(rms)                   # 0.0002315 in
+    Units(rotary=True).text(rms)                     # 5.88 urad: the lengths of an axis that turns are angles
+
+`Units` is the one renderer of numbers: tables (`table.py`) and texts (`text.py`) are read through it.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.text import Mark, marks
+from feeddrive.language.units import factor, turning, turning_text
+
+# the unit in which people of the field read a quantity, by its SI unit
+_USUAL = {
+    "m": "um", "m/s": "mm/s", "s": "ms", "N/m": "N/um", "m/N": "um/N", "m √s/N": "nm √s/N", "share": "%",
+}  # fmt: skip
+_SHARES = {"%": 100.0, "ppm": 1e6, "": 1.0}
+_DIGITS = 4
+_READABLE = 7  # digits before the point up to which a number is written without an exponent
+
+DECIBEL, ABSOLUTE = "dB", "absolute"
+_LENGTHS = {"nm": "nm", "um": "um", "mm": "mm", "inch": "in"}
+CHOICES: Mapping[str, tuple[str, ...]] = {
+    "length": tuple(_LENGTHS), "force": ("N", "kN"), "frequency": ("Hz", "rad/s"), "gain": (DECIBEL, ABSOLUTE),
+}  # fmt: skip
+_LENGTH_WORD = re.compile(r"(?<!\w)[num]?m(?!\w)")
+
+
+def number(value: float | None, digits: int = _DIGITS) -> str:
+    """Return a number with so many significant digits, without an exponent if it is readable; `-` for None.
+
+    Zeros at the end are left out, and digits before the point are all written: 0.5, 12345.
+    """
+    if value is None:
+        return "-"
+    value = float(value)
+    if not math.isfinite(value) or value == 0.0:
+        return f"{value:g}"
+    size = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}")))) + 1
+    if not -4 < size <= _READABLE:
+        return f"{value:.{digits}g}"
+    text = f"{value:.{max(digits - size, 0)}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def _numeral(value: float, form: str) -> str:
+    """Return a number in a form: so many significant digits (`3`), or a format of Python's (`.2f`)."""
+    if not form:
+        return number(value)
+    return number(value, int(form)) if form.isdigit() else f"{value:{form}}"
+
+
+@dataclass(frozen=True)
+class Units:
+    """The units in which a person reads numbers, one choice for each kind of quantity.
+
+    length       of errors and positions; `um` leaves each its usual unit (um, mm)
+    force        N or kN
+    frequency    Hz or rad/s
+    gain         dB or ratios
+    rotary       the axis turns: lengths are angles, forces torques, masses inertias; all numbers are the same
+    typographic  µ in place of u, ± in place of +-
+    quoted       what a person wrote in texts that are not yet made of quantities, whose units are found by their names
+
+    Raises ParameterError for a unit that is none of `CHOICES`.
+    """
+
+    length: str = "um"
+    force: str = "N"
+    frequency: str = "Hz"
+    gain: str = DECIBEL
+    rotary: bool = False
+    typographic: bool = False
+    quoted: tuple[str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name in CHOICES and value not in CHOICES[field.name]:
+                raise ParameterError(
+                    f"the unit of {field.name} must be one of {', '.join(CHOICES[field.name])}, not '{value:.40}'"
+                )
+
+    def of(self, unit: str, shown: str = "", *, stays: bool = False) -> tuple[str, float]:
+        """Return the name of the unit in which a quantity of an SI unit is read, and the factor to it from SI.
+
+        shown  the unit that people of the field use for this quantity; empty: the usual one of its SI unit
+        stays  on an axis that turns, too: the quantity is not one of the axis
+        """
+        wanted = unit if shown == "SI" else self._chosen(unit, shown or _USUAL.get(unit, unit))
+        size = _factor(unit, wanted)
+        if self.rotary and not stays:
+            wanted = turning(wanted)
+        if self.typographic:
+            wanted = re.sub(r"(?<!\w)u(?=[A-Za-z])", "µ", wanted).replace("deg", "°")
+        return wanted, size
+
+    def _chosen(self, unit: str, usual: str) -> str:
+        if unit == "Hz" and usual == "Hz":
+            return self.frequency
+        if self.length != USUAL_LENGTH and not self.rotary and unit in ("m", "N/m", "m/N"):
+            usual = _LENGTH_WORD.sub(_LENGTHS[self.length], usual)
+        if self.force != "N" and unit in ("N", "N/m", "m/N"):
+            usual = re.sub(r"(?<!\w)N(?!\w)", self.force, usual)
+        return usual
+
+    def name(self, unit: str, shown: str = "", *, stays: bool = False) -> str:
+        """Return the name of the unit in which a quantity of an SI unit is read."""
+        return self.of(unit, shown, stays=stays)[0]
+
+    def text(self, quantity: Quantity, form: str = "") -> str:
+        """Return a quantity as a person reads it, with the error to two digits if it has one."""
+        digits, shown = _read(form or quantity.form)
+        name, size = self.of(quantity.unit, shown, stays=quantity.stays)
+        value = size * quantity.value
+        if quantity.error is None or not 0.0 < quantity.error < math.inf or digits:
+            said = _numeral(value, digits)
+        else:
+            error = size * quantity.error
+            decimals = max(0, 1 - math.floor(math.log10(float(f"{error:.1e}"))))
+            said = f"{value:.{decimals}f} {'±' if self.typographic else '+-'} {error:.{decimals}f}"
+        return said if quantity.bare or not name else f"{said}{'' if name == '°' else ' '}{name}"
+
+    def read(self, mark: Mark) -> str:
+        """Return what the mark of a quantity, or of the name of a unit, reads as."""
+        if mark.value:
+            return self.text(_quantity(mark))
+        if not mark.unit:
+            return "–" if self.typographic and mark == ABSENT else mark.plain
+        return self.name(mark.unit, mark.form, stays="s" in mark.flags)
+
+    def unmarked(self, text: str) -> str:
+        """Return what a text without marks reads as."""
+        return text if self.quoted is None else turning_text(text, self.quoted)
+
+    def said(self, value: float, unit: str, digits: int = _DIGITS) -> str:
+        """Return a number given in SI as a person reads it."""
+        return self.text(Quantity(value, unit), str(digits))
+
+    @property
+    def decibel(self) -> bool:
+        """True if gains are in dB."""
+        return self.gain == DECIBEL
+
+    def from_decibel(self, level: np.ndarray | float) -> np.ndarray | float:
+        """Return a gain in dB, or the ratio that it stands for: 10^(level/20)."""
+        return level if self.decibel else 10.0 ** (np.asarray(level) / 20.0)
+
+    def to_decibel(self, gain: float) -> float:
+        """Return the gain in dB of a height in a picture of gains. Raises ParameterError for a ratio <= 0."""
+        if self.decibel:
+            return gain
+        if not gain > 0.0:
+            raise ParameterError(f"a gain must be > 0, not {gain:g}")
+        return 20.0 * float(np.log10(gain))
+
+    def gain_said(self, level: float, digits: int = 1) -> str:
+        """Return a gain given in dB as a person reads it."""
+        return f"{level:.{digits}f} dB" if self.decibel else f"a factor of {number(10.0 ** (level / 20.0), 3)}"
+
+
+USUAL_LENGTH = "um"
+USUAL = Units()
+DRAWN = Units(typographic=True)
+
+
+@cache
+def _factor(unit: str, shown: str) -> float:
+    """Return the factor from an SI unit to the shown one; a unit that `measure` does not know has the factor 1."""
+    if unit == shown:
+        return 1.0
+    if unit in ("", "share", "1") and shown in _SHARES:
+        return _SHARES[shown]
+    plain, other = (each.replace("√s", "1") for each in (unit, shown))
+    return factor(plain, other)
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A number with its unit.
+
+    value  in SI
+    unit   SI unit of a linear axis: `m`, `N/m`, `N s/m`; `share` is read in percent, empty is a plain number
+    error  its standard error in SI, if known
+    form   digits and unit in which it is read, as in an f-string: `3`, `3 mm`, `.2f`, `.1f ms`
+    stays  it is no quantity of the axis: a length stays a length on an axis that turns
+    bare   it is read without its unit, which stands beside it
+
+    In an f-string: `{lag}`, `{lag:3}` (significant digits), `{lag:3 us}` (with the unit), `{lag:.2f}`, `{low:SI}`
+    (in the SI unit, as a file has it).
+    """
+
+    value: float
+    unit: str = ""
+    error: float | None = None
+    form: str = ""
+    stays: bool = False
+    bare: bool = False
+
+    def __str__(self) -> str:
+        return USUAL.text(self)
+
+    def __format__(self, form: str) -> str:
+        error = "" if self.error is None else repr(float(self.error))
+        form = form or self.form
+        flags = f"{'s' if self.stays else ''}{'b' if self.bare else ''}"
+        return str(Mark(repr(float(self.value)), self.unit, error, form, flags, USUAL.text(self, form)))
+
+    def record(self) -> dict[str, Any]:
+        """Return it as JSON has it: value and error in SI, and the unit."""
+        found: dict[str, Any] = {"value": finite(self.value), "unit": self.unit}
+        if self.error is not None:
+            found["error"] = finite(self.error)
+        return found
+
+
+def finite(value: float) -> float | None:
+    """Return the number, or None for what JSON has no number for."""
+    return float(value) if math.isfinite(value) else None
+
+
+@cache
+def _read(form: str) -> tuple[str, str]:
+    """Return digits and unit of a form: `3 um`, `.2f`, `um`."""
+    head, _, tail = form.partition(" ")
+    if re.fullmatch(r"[+]?,?(\d+|(\.\d+)?[gfe])", head):
+        return head, tail
+    return "", form
+
+
+def form_unit(form: str) -> str:
+    """Return the unit of a form, empty if it names none."""
+    return _read(form)[1]
+
+
+ABSENT = Mark("", "", "", "", "", "-")
+"""What is read where there is no number."""
+
+
+def unit_name(si: str, shown: str = "", *, stays: bool = False) -> str:
+    """Return the name of a unit as a mark in an f-string, as heads and labels need it: `f"force, {unit_name('N')}"`."""
+    return str(Mark("", si, "", shown, "s" if stays else "", USUAL.name(si, shown))) if si else shown
+
+
+def quantities(text: str) -> tuple[Quantity, ...]:
+    """Return the quantities in a text, in order."""
+    return tuple(_quantity(each) for each in marks(text) if each.value)
+
+
+def _quantity(mark: Mark) -> Quantity:
+    error = float(mark.error) if mark.error else None
+    return Quantity(float(mark.value), mark.unit, error, mark.form, "s" in mark.flags, "b" in mark.flags)

@@ -1,0 +1,139 @@
+"""Texts that keep their quantities: what an f-string of `Quantity` says, with the numbers beside it.
+
+A quantity in an f-string leaves a mark there: its number, unit and error, and what they read as in the usual units.
+`Text` shows the last, as any str, and keeps the marks, so that the same text can be had in other units.  What a person
+wrote, as the name of a row, is never looked at.  (Python before 3.14 has no template strings, which need no marks.)
+
+    remark = Text(f"the residual is {Quantity(5.88e-6, 'm')} RMS")      # the residual is 5.88 um RMS
+    remark.shown(Units(rotary=True))                                    # the residual is 5.88 urad RMS
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple, Protocol
+
+# characters of the private use area, which no font and no keyboard has
+_BEGIN, _BETWEEN, _END = "\ue000", "\ue001", "\ue002"
+_MARK = re.compile(f"{_BEGIN}([^{_BEGIN}{_END}]*){_END}")
+
+
+class Mark(NamedTuple):
+    """What a quantity leaves in an f-string: numbers by repr, empty if there is none.
+
+    flags  s: it stays as it is on an axis that turns; b: it is read without its unit
+    plain  what it reads as in the usual units
+    """
+
+    value: str
+    unit: str
+    error: str
+    form: str
+    flags: str
+    plain: str
+
+    def __str__(self) -> str:
+        return f"{_BEGIN}{_BETWEEN.join(self)}{_END}"
+
+
+class Reader(Protocol):
+    """The units of a reader, see `quantity.Units`."""
+
+    def read(self, mark: Mark) -> str:
+        """Return what a mark reads as."""
+        ...
+
+    def unmarked(self, text: str) -> str:
+        """Return what a text without marks reads as."""
+        ...
+
+
+def marks(text: str) -> list[Mark]:
+    """Return the marks in a text, in order."""
+    return [each for found in _MARK.finditer(marked(text)) if (each := _mark(found[1]))]
+
+
+def _mark(content: str) -> Mark | None:
+    parts: Sequence[str] = content.split(_BETWEEN)
+    return Mark(*parts) if len(parts) == len(Mark._fields) else None
+
+
+def split(text: str) -> list[tuple[str, bool]]:
+    """Return the pieces of a text in order, and whether each is a mark."""
+    pieces = re.split(f"({_BEGIN}[^{_END}]*{_END})", text)
+    return [(each, each.startswith(_BEGIN)) for each in pieces if each]
+
+
+def plain(text: str) -> str:
+    """Return a text with each mark as it reads in the usual units."""
+
+    def said(found: re.Match[str]) -> str:
+        mark = _mark(found[1])
+        return ascii(found[0])[1:-1] if mark is None else mark.plain
+
+    return text if _BEGIN not in text else _MARK.sub(said, text)
+
+
+def resolve(text: str, units: Reader) -> str:
+    """Return a text as it reads in the units of a reader."""
+
+    def said(found: re.Match[str]) -> str:
+        mark = _mark(found[1])
+        return ascii(found[0])[1:-1] if mark is None else units.read(mark)
+
+    text = marked(text)
+    return _MARK.sub(said, text) if _BEGIN in text else units.unmarked(text)
+
+
+def marked(text: str) -> str:
+    """Return a text with its marks."""
+    return text.marked if isinstance(text, Text) else text
+
+
+class Text(str):
+    """A text whose quantities are still numbers; as a str it says what they read as in the usual units.
+
+    In an f-string it keeps its quantities; `str.join`, slices and other methods of str give plain text: see `joined`.
+    """
+
+    marked: str
+
+    def __new__(cls, text: str = "") -> Text:
+        """Make a text of an f-string or of a text."""
+        source = marked(text)
+        made = super().__new__(cls, plain(source))
+        made.marked = source
+        return made
+
+    def __reduce__(self) -> tuple[type[Text], tuple[str]]:
+        return Text, (self.marked,)
+
+    def __format__(self, form: str) -> str:
+        return format(str(self), form) if form else self.marked
+
+    def __add__(self, other: str) -> Text:
+        return Text(self.marked + marked(other))
+
+    def __radd__(self, other: str) -> Text:
+        return Text(other + self.marked)
+
+    def __html__(self) -> str:
+        from markupsafe import escape
+
+        return str(escape(self.marked))
+
+    def shown(self, units: Reader) -> str:
+        """Return the plain text in the units of a reader."""
+        return resolve(self.marked, units)
+
+
+def joined(between: str, texts: Iterable[str]) -> Text:
+    """Return texts one after the other, with their quantities; `str.join` gives plain text."""
+    return Text(between.join(map(marked, texts)))
+
+
+def capitalized(text: str) -> Text:
+    """Return a text with a capital at its start, with its quantities."""
+    source = marked(text)
+    return Text(source[:1].upper() + source[1:])
