@@ -10,7 +10,9 @@ import numpy as np
 
 from feeddrive.blocks.coupling.cross_coupled import CrossCoupled
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.lifting import tracking
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.machine import Machine
@@ -55,13 +57,15 @@ class MatchedDynamics(Result):
             differ = None not in gains and gains[0] != gains[1]
             named = f"{a} Kv {gains[0]:g}, {b} {gains[1]:g}" if differ else f"{a} lags {self._ms(a)}, {b} {self._ms(b)}"
             found.append(
-                f"{named}: {1e6 * off:.1f} um off a 45 deg line at {1e3 * self.feed:g} mm/s: give both axes the same "
-                f"position gain and feedforward, that of the slower one"
+                Text(
+                    f"{named}: {Quantity(off, 'm'):.1f} off a 45 deg line at {Quantity(self.feed, 'm/s'):6}: give both "
+                    "axes the same position gain and feedforward, that of the slower one"
+                )
             )
         return found
 
     def _ms(self, axis: str) -> str:
-        return f"{1e3 * self.lag[axis]:.4g} ms"
+        return Text(f"{Quantity(self.lag[axis], 's')}")
 
     def table(self) -> Table:
         """One row for each pair of axes."""
@@ -69,7 +73,7 @@ class MatchedDynamics(Result):
             [f"{a}, {b}", self._ms(a), self._ms(b), f"{1e6 * self.line(a, b):.3g}", f"{1e6 * self.circle(a, b):.3g}"]
             for a, b in combinations(self.lag, 2)
         ]
-        title = f"Matched dynamics at {1e3 * self.feed:g} mm/s, circle of {1e3 * self.radius:g} mm"
+        title = Text(f"Matched dynamics at {Quantity(self.feed, 'm/s'):6}, circle of {Quantity(self.radius, 'm'):6 mm}")
         return Table(title, ["axes", "lag of first", "lag of second", "45 deg line, um", "circle, um"], rows)
 
 
@@ -82,7 +86,9 @@ def matched_dynamics(
     axis that is not there, or a feed or radius that is not positive.
     """
     if feed <= 0.0 or radius <= 0.0:
-        raise ParameterError(f"feed = {feed:g} m/s and radius = {radius:g} m must be > 0")
+        raise ParameterError(
+            f"feed = {Quantity(feed, 'm/s'):6 SI} and radius = {Quantity(radius, 'm'):6 SI} must be > 0"
+        )
     names = [name for name, each in machine.axes().items() if not each.axis.rotary] if axes is None else list(axes)
     loops = {name: machine.loop(name) for name in names}
     circle = feed / (2.0 * np.pi * radius)

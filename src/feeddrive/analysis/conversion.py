@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import StateSpace
 
@@ -84,8 +85,8 @@ def _from_control(source: Any, lines: np.ndarray | None, unit: str) -> FRF:
     lines = _required(lines, "a transfer function")
     if sampled is not None and lines.size and lines.max() > 0.5 / sampled * (1.0 + 1e-9):
         raise ParameterError(
-            f"frequency {lines.max():g} Hz is beyond Nyquist, {0.5 / sampled:g} Hz: an object of python-control with "
-            f"dt = {sampled:g} s has no response there"
+            f"frequency {Quantity(lines.max(), 'Hz'):6} is beyond Nyquist, {Quantity(0.5 / sampled, 'Hz'):6}: an "
+            f"object of python-control with dt = {Quantity(sampled, 's'):6 SI} has no response there"
         )
     s = 2j * np.pi * lines
     point = s if sampled is None else np.exp(s * sampled)

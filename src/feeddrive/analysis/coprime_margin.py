@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.loop.frequency_response import FRF
 
 
@@ -22,7 +23,9 @@ def coprime_margin(plant: FRF, controller: FRF, crossover: float) -> float:
     if not np.array_equal(f, controller.frequency):
         raise ParameterError(f"plant ({f.size} lines) and controller ({controller.frequency.size}) need the same lines")
     if not f[0] <= crossover <= f[-1]:
-        raise ParameterError(f"crossover = {crossover:g} Hz must lie on the lines, {f[0]:g} to {f[-1]:g} Hz")
+        raise ParameterError(
+            f"crossover = {Quantity(crossover, 'Hz'):6} must lie on the lines, {f[0]:g} to {Quantity(f[-1], 'Hz'):6}"
+        )
     scale = np.exp(np.interp(np.log(crossover), np.log(f), np.log(np.abs(plant.response))))
     P, C = plant.response / scale, controller.response * scale
     return float(np.min(np.abs(1.0 + P * C) / np.sqrt((1.0 + np.abs(P) ** 2) * (1.0 + np.abs(C) ** 2))))

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.simulate import Run
 
@@ -49,7 +50,8 @@ def friction_map(
     half = max(2, round(0.5 * window / sample_time))
     if position.size < 6 * half:
         raise ParameterError(
-            f"a friction map needs at least {6 * half} samples for a window of {window:g} s, not {position.size}"
+            f"a friction map needs at least {6 * half} samples for a window of {Quantity(window, 's'):6 SI}, not "
+            f"{position.size}"
         )
     offsets = np.arange(-half, half + 1) * sample_time
     fit = np.linalg.pinv(np.vander(offsets, 3, increasing=True))

@@ -10,7 +10,9 @@ import numpy as np
 
 from feeddrive.analysis.margins import Margins, margins
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 
 if TYPE_CHECKING:
@@ -154,7 +156,7 @@ class MarginIntervals(Result):
             ]
             for name, each in self.intervals.items()
         ]
-        title = f"margins with {100.0 * self.level:g} % intervals ({self.draws} draws, seed {self.seed})"
+        title = Text(f"margins with {Quantity(self.level, 'share'):6} intervals ({self.draws} draws, seed {self.seed})")
         return Table(title, ["figure", "unit", "value", "from", "to", ""], rows)
 
 

@@ -11,7 +11,9 @@ import numpy as np
 from feeddrive.analysis.conversion import as_frf
 from feeddrive.analysis.loop_model import loop_model
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 
@@ -184,13 +186,19 @@ class Margins(Result):
     def table(self) -> Table:
         """All crossovers and the nearest approach to -1."""
         rows = [
-            ["gain crossover", f"{c.frequency:.4g}", f"phase margin {c.phase_margin_deg:.1f} deg, "
-             f"delay margin {1e3 * c.delay_margin:.4g} ms{self._samples(c.delay_margin)}"]
+            ["gain crossover", f"{c.frequency:.4g}", Text(f"phase margin {c.phase_margin_deg:.1f} deg, "
+             f"delay margin {Quantity(c.delay_margin, 's')}{self._samples(c.delay_margin)}")]
             for c in self.gain_crossovers
         ]  # fmt: skip
         for c in self.phase_crossovers:
             verb = "rise" if c.gain_margin_dB >= 0.0 else "fall"
-            rows.append(["phase crossover", f"{c.frequency:.4g}", f"gain may {verb} by {abs(c.gain_margin_dB):.2f} dB"])
+            rows.append(
+                [
+                    "phase crossover",
+                    f"{c.frequency:.4g}",
+                    Text(f"gain may {verb} by {Quantity(abs(c.gain_margin_dB), 'dB'):.2f}"),
+                ]
+            )
         nearest = f"Ms {self.sensitivity_peak:.3f}, modulus margin {self.modulus_margin:.3f}"
         rows.append(["nearest to -1", f"{self.modulus_frequency:.4g}", nearest])
         return Table("margins of the loop gain", ["what", "Hz", "how much"], rows)
@@ -316,6 +324,6 @@ def _check(L: FRF) -> None:
     on_edge = np.flatnonzero(L.response == -1.0)
     if on_edge.size:
         raise ParameterError(
-            f"the loop gain is exactly -1 at {L.frequency[on_edge[0]]:g} Hz: the closed loop is at the edge of "
-            f"stability and has no sensitivity there"
+            f"the loop gain is exactly -1 at {Quantity(L.frequency[on_edge[0]], 'Hz'):6}: the closed loop is at the "
+            "edge of stability and has no sensitivity there"
         )

@@ -14,7 +14,9 @@ from feeddrive.analysis.stability import Encirclement, encirclement
 from feeddrive.analysis.stiffness import Stiffness, stiffness
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
@@ -68,7 +70,9 @@ class MeasuredLoop(Result):
         rows = [list(row) for row in found.rows]
         if self.compliance is not None:
             least = self.stiffness
-            rows.append(["least stiffness", f"{least.minimum_frequency:.4g}", f"{1e-6 * least.minimum:.4g} N/um"])
+            rows.append(
+                ["least stiffness", f"{least.minimum_frequency:.4g}", Text(f"{Quantity(least.minimum, 'N/m')}")]
+            )
         return Table("control on a measured axis", found.columns, rows)
 
 
@@ -161,12 +165,16 @@ def _as_response(control: Any, T: float | None, frequency: np.ndarray, *, one_en
         raise ParameterError("a control that is one response reads one encoder: leave `motor` out, or give a Control")
     C = as_frf(control, None if isinstance(control, FRF) or hasattr(control, "omega") else frequency)
     if C.sample_time is not None and (T is None or abs(C.sample_time / T - 1.0) > 1e-9):
-        asked = "none" if T is None else f"{T:g} s"
-        raise ParameterError(f"the control's response is sampled with {C.sample_time:g} s, and sample_time is {asked}")
+        asked = "none" if T is None else Text(f"{Quantity(T, 's'):6 SI}")
+        raise ParameterError(
+            f"the control's response is sampled with {Quantity(C.sample_time, 's'):6 SI}, and sample_time is {asked}"
+        )
     if C.frequency.shape != frequency.shape or not np.allclose(C.frequency, frequency, rtol=1e-9, atol=0.0):
         raise ParameterError("the responses of the control and of the axis are on different frequencies")
     if T is not None and frequency.size and frequency[-1] * T > 0.5 * (1.0 + 1e-9):
-        raise ParameterError(f"frequency {frequency[-1]:g} Hz is beyond Nyquist, {0.5 / T:g} Hz")
+        raise ParameterError(
+            f"frequency {Quantity(frequency[-1], 'Hz'):6} is beyond Nyquist, {Quantity(0.5 / T, 'Hz'):6}"
+        )
     return C.response
 
 

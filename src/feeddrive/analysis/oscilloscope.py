@@ -16,6 +16,7 @@ import numpy as np
 
 from feeddrive.analysis.trigger import Crossings, Trigger
 from feeddrive.language.errors import ParameterError, nearest
+from feeddrive.language.quantity import Quantity
 
 AUTO, NORMAL, SINGLE = "auto", "normal", "single"
 MODES: Mapping[str, str] = {
@@ -214,7 +215,7 @@ class Oscilloscope:
     def set(self, window: float, before: float, mode: str, trigger: Trigger | None) -> None:
         """Other settings; it looks for the trigger from now on. Raises ParameterError."""
         if not 0.0 < window < math.inf:
-            raise ParameterError(f"window = {window:g} s must be > 0 s and finite")
+            raise ParameterError(f"window = {Quantity(window, 's'):6 SI} must be > 0 s and finite")
         if not 0.0 <= before <= 0.95:
             raise ParameterError(f"before = {before:g}, the share of the window before the trigger, must be 0 to 0.95")
         if mode not in MODES:

@@ -16,7 +16,9 @@ from feeddrive.language import tree
 from feeddrive.language.block import Number
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.graph import Graph
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table, shown
+from feeddrive.language.text import Text
 from feeddrive.loop.engine.native import native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.loop import UNITS, Loop
@@ -186,7 +188,9 @@ class Observation(Result):
         """Mean, RMS and peak of the disturbance."""
         d = self.disturbance
         row = [self.name, f"{d.mean():.4g}", f"{np.sqrt(np.mean(d**2)):.4g}", f"{np.max(np.abs(d)):.4g}"]
-        title = f"estimated disturbance over {1e3 * d.size * self.sample_time:.4g} ms, {1e3 * self.lag:.3g} ms late"
+        title = Text(
+            f"estimated disturbance over {Quantity(d.size * self.sample_time, 's')}, {Quantity(self.lag, 's'):3} late"
+        )
         return Table(title, ["observer", "mean N", "RMS N", "peak N"], [row])
 
 
@@ -217,7 +221,7 @@ def observe(
     if not (np.all(np.isfinite(x)) and np.all(np.isfinite(u)) and np.isfinite(before + velocity)):
         raise LogError("positions and forces for an observer must be finite: cut the rows without a reading out")
     if not 0.0 < sample_time < np.inf:
-        raise ParameterError(f"sample_time = {sample_time:g} s must be > 0 s")
+        raise ParameterError(f"sample_time = {Quantity(sample_time, 's'):6 SI} must be > 0 s")
     tree.check_sampled(observer, float(sample_time))
     T = np.float64(sample_time)
     plain = tree.rebuild(observer, (np.float64(value) for _, value in tree.leaves(observer)))

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table, shown
+from feeddrive.language.text import Text
 
 LARGEST = 6  # lines that the table names
 
@@ -44,7 +46,7 @@ class Spectrum(Result):
         rows = []
         for frequency, amplitude in self.largest():
             gathered = float(self.cumulative_rms[np.searchsorted(self.frequency, frequency)])
-            share = f"{100 * gathered / self.rms:.1f} %" if self.rms else "-"
+            share = Text(f"{Quantity(gathered / self.rms, 'share'):.1f}") if self.rms else "-"
             rows.append([f"{frequency:.4g}", f"{factor * amplitude:.4g}", f"{factor * gathered:.4g}", share])
         title = f"{self.name.replace('_', ' ')}: RMS {factor * self.rms:.4g} {unit}".rstrip()
         return Table(title, ["Hz", f"amplitude {unit}".rstrip(), f"RMS up to there {unit}".rstrip(), "of RMS"], rows)

@@ -12,7 +12,9 @@ from feeddrive.analysis.conversion import as_frf
 from feeddrive.blocks.families import Law
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, ParameterError, UnstableError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
@@ -55,14 +57,14 @@ class Stability(Result):
 
     def sentence(self) -> str:
         """What the deciding pole does, in words."""
-        motion = f"an oscillation of {self.frequency:.4g} Hz" if self.frequency > 0.0 else "a drift"
+        motion = Text(f"an oscillation of {Quantity(self.frequency, 'Hz')}") if self.frequency > 0.0 else "a drift"
         time = self.time_constant
         if self.stable:
-            rate = "at once" if time is None else f"to 1/e in {1e3 * time:.4g} ms"
+            rate = "at once" if time is None else Text(f"to 1/e in {Quantity(time, 's')}")
             return f"the loop is stable: its slowest motion, {motion}, falls {rate}"
         if time is None:
             return f"the loop is at the edge of stability: {motion} neither grows nor dies out"
-        return f"the loop is unstable: {motion} grows by the factor e every {1e3 * time:.4g} ms"
+        return Text(f"the loop is unstable: {motion} grows by the factor e every {Quantity(time, 's')}")
 
     def table(self) -> Table:
         """The verdict and the poles."""
@@ -107,14 +109,14 @@ def require_stable(system: StateSpace | System, *, velocity: float = 0.05, where
     if found.frequency == 0.0:
         remedy = "check the signs of the gains and that the position loop is closed"
     elif found.frequency > 0.45 * nyquist:
-        remedy = (
-            f"this is close to Nyquist ({nyquist:g} Hz), so the gain is too high for the mass and the sample "
-            f"time: lower {tunables.split(',')[0]}, or sample faster"
+        remedy = Text(
+            f"this is close to Nyquist ({Quantity(nyquist, 'Hz'):6}), so the gain is too high for the mass and the "
+            f"sample time: lower {tunables.split(',')[0]}, or sample faster"
         )
     else:
-        remedy = (
-            f"lower {tunables}; shorten dead time and filters; if the axis has a resonance there, put a "
-            f"notch at {found.frequency:.4g} Hz"
+        remedy = Text(
+            f"lower {tunables}; shorten dead time and filters; if the axis has a resonance there, put a notch at "
+            f"{Quantity(found.frequency, 'Hz')}"
         )
     nearest = _nearest_stable(system, velocity) if isinstance(system, Loop) else ""
     raise UnstableError(
@@ -157,7 +159,9 @@ def _nearest_stable(loop: Loop, velocity: float) -> str:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if holds(middle) else (low, middle)
     listed = ", ".join(f"{name} = {value:.4g} {units[name]}" for name, value in slowed(low).items())
-    return f"; in the same proportion it is stable up to {listed}, which is {100.0 * low:.3g} % of the speed"
+    return Text(
+        f"; in the same proportion it is stable up to {listed}, which is {Quantity(low, 'share'):3} of the speed"
+    )
 
 
 _COARSE = np.radians(60.0)  # turn of 1 + L between two lines from which the curve between them is uncertain
@@ -240,7 +244,9 @@ def encirclement(
     response = L.response
     distance = 1.0 + response
     if np.any(distance == 0.0):
-        raise ParameterError(f"the loop gain is exactly -1 at {L.frequency[np.argmin(np.abs(distance))]:g} Hz")
+        raise ParameterError(
+            f"the loop gain is exactly -1 at {Quantity(L.frequency[np.argmin(np.abs(distance))], 'Hz'):6}"
+        )
     doubts: list[str] = []
     count = _integrators(L) if integrators is None else integrators
     if count == 0:
@@ -253,16 +259,22 @@ def encirclement(
     first = _turned(1.0 + way)
     if count > 0 and np.abs(response[0]) <= 1.0:
         doubts.append(
-            f"|L| is {np.abs(response[0]):.3g} at the first line, {L.frequency[0]:.3g} Hz: below 1 the unmeasured arc "
-            f"of its {count} integrators may pass on either side of -1; measure from a lower frequency"
+            Text(
+                f"|L| is {np.abs(response[0]):.3g} at the first line, {Quantity(L.frequency[0], 'Hz'):3}: below 1 the "
+                f"unmeasured arc of its {count} integrators may pass on either side of -1; measure from a lower "
+                "frequency"
+            )
         )
     steps = np.angle(distance[1:] / distance[:-1])
     coarse = np.flatnonzero(np.abs(steps) > _COARSE)
     if coarse.size:
         i = int(coarse[np.argmax(np.abs(steps[coarse]))])
         doubts.append(
-            f"1 + L turns by {np.degrees(abs(steps[i])):.0f} deg between {L.frequency[i]:.5g} and "
-            f"{L.frequency[i + 1]:.5g} Hz, more than {np.degrees(_COARSE):.0f} deg: measure lines between them"
+            Text(
+                f"1 + L turns by {np.degrees(abs(steps[i])):.0f} deg between {L.frequency[i]:.5g} and "
+                f"{Quantity(L.frequency[i + 1], 'Hz'):5}, more than {np.degrees(_COARSE):.0f} deg: measure lines "
+                "between them"
+            )
         )
     closing = -float(np.angle(distance[-1]))
     if L.sample_time is not None and L.frequency[-1] * L.sample_time >= 0.5 * (1.0 - 1e-9):
@@ -271,8 +283,10 @@ def encirclement(
             closing += float(np.copysign(np.pi, np.angle(distance[-1])))
     elif np.abs(response[-1]) >= 1.0:
         doubts.append(
-            f"|L| is {np.abs(response[-1]):.3g} at the last line, {L.frequency[-1]:.4g} Hz, and may turn round -1 "
-            f"beyond it: measure to where it stays below 1"
+            Text(
+                f"|L| is {np.abs(response[-1]):.3g} at the last line, {Quantity(L.frequency[-1], 'Hz')}, and may turn "
+                "round -1 beyond it: measure to where it stays below 1"
+            )
         )
     total = (first + float(np.sum(steps)) + closing) / np.pi
     turns = round(total)
@@ -281,8 +295,10 @@ def encirclement(
         place = int(np.argmin(near))
         if near[place] < _DISC:
             doubts.append(
-                f"-1 lies within the 95 % disc of L at {L.frequency[place]:.5g} Hz (|1 + L| = "
-                f"{np.abs(distance[place]):.3g}): measure longer there"
+                Text(
+                    f"-1 lies within the 95 % disc of L at {Quantity(L.frequency[place], 'Hz'):5} (|1 + L| = "
+                    f"{np.abs(distance[place]):.3g}): measure longer there"
+                )
             )
     if abs(total - turns) > 0.1:
         doubts.append(f"the turns come out as {total:.3f}, not a whole number: the curve of L does not close")

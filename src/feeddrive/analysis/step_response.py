@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from feeddrive.language.errors import ParameterError, UnstableError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
 
@@ -55,9 +57,17 @@ class StepResponse(Result):
     def table(self) -> Table:
         """The figures."""
         rows = [
-            ["overshoot", f"{100.0 * self.overshoot:.2f} %", f"at {1e3 * self.overshoot_time:.4g} ms"],
-            ["settling time", f"{1e3 * self.settling_time:.4g} ms", f"to {100.0 * self.settled:g} %"],
-            ["rise time", f"{1e3 * self.rise_time:.4g} ms", "10 to 90 %"],
+            [
+                "overshoot",
+                Text(f"{Quantity(self.overshoot, 'share'):.2f}"),
+                Text(f"at {Quantity(self.overshoot_time, 's')}"),
+            ],
+            [
+                "settling time",
+                Text(f"{Quantity(self.settling_time, 's')}"),
+                Text(f"to {Quantity(self.settled, 'share'):6}"),
+            ],
+            ["rise time", Text(f"{Quantity(self.rise_time, 's')}"), "10 to 90 %"],
         ]
         return Table("step of the set position", ["what", "", ""], rows)
 

@@ -12,6 +12,7 @@ import numpy as np
 from feeddrive.analysis.conversion import as_frf
 from feeddrive.analysis.margins import least
 from feeddrive.language.errors import ParameterError, UnstableError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.lifting import Lifted
@@ -75,8 +76,8 @@ class Stiffness(Result):
         """N/m at a frequency in Hz, straight between lines on log-log paper. Raises ParameterError outside of them."""
         if not self.frequency[0] <= frequency <= self.frequency[-1]:
             raise ParameterError(
-                f"frequency {frequency:g} Hz is outside of the stiffness's lines, "
-                f"{self.frequency[0]:g} to {self.frequency[-1]:g} Hz"
+                f"frequency {Quantity(frequency, 'Hz'):6} is outside of the stiffness's lines, {self.frequency[0]:g} "
+                f"to {Quantity(self.frequency[-1], 'Hz'):6}"
             )
         return float(np.exp(np.interp(np.log(frequency), np.log(self.frequency), np.log(self.magnitude))))
 
@@ -102,7 +103,7 @@ def stiffness(compliance: FRF | Any, static: float | None = None, *, frequency: 
         raise ParameterError("a stiffness needs at least one line of compliance")
     if np.any(magnitude == 0.0):
         where = compliance.frequency[np.argmin(magnitude)]
-        raise ParameterError(f"the compliance is zero at {where:g} Hz: leave out this line")
+        raise ParameterError(f"the compliance is zero at {Quantity(where, 'Hz'):6}: leave out this line")
     return Stiffness(compliance.frequency, 1.0 / magnitude, static)
 
 

@@ -17,6 +17,8 @@ from feeddrive.files.run_files import versions
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, FileError
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import Candidate, Refusal
@@ -65,7 +67,10 @@ class Design:
             if now is None or abs(now - value) > STALE * abs(value):
                 return f"{key} was {value:.6g} when it was stored and is {now if now is None else f'{now:.6g}'}"
         if self.noise is not None and rule.noise is not None and abs(self.noise / rule.noise - 1.0) > STALE:
-            return f"it was tuned to a noise bound of {self.noise:.6g} N/m, which is {rule.noise:.6g} N/m now"
+            return Text(
+                f"it was tuned to a noise bound of {Quantity(self.noise, 'N/m'):6 SI}, which is "
+                f"{Quantity(rule.noise, 'N/m'):6 SI} now"
+            )
         return ""
 
 

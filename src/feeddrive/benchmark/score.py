@@ -26,7 +26,9 @@ from feeddrive.files.run_files import versions
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.language.processes import follow_parent, one_thread
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table, frame_of, picture_of
+from feeddrive.language.text import Text
 from feeddrive.tuning.candidates import PLAIN
 
 _KEYS = (
@@ -127,7 +129,7 @@ class Benchmark(Result):
             cells = [str(self.score(law, each)) for each in FIGURES]
             robust = "-" if peak is None else "unstable" if math.isinf(peak) else f"{peak:.2f}"
             rows.append([law, f"{count}/{len(self.plants)}", *cells, robust])
-        varied = f"Ms ±{100.0 * self.rules.varied:g} %"
+        varied = Text(f"Ms ±{Quantity(self.rules.varied, 'share'):6}")
         return Table(title, ["law", "plants", *HEADS, varied], rows)
 
     def winners(self) -> Table:

@@ -10,6 +10,8 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, declarations
 from feeddrive.language.errors import StructureError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 
 B = TypeVar("B", bound=Block)
 
@@ -75,7 +77,9 @@ class AxisModel:
     def sentence(self) -> str:
         """The model in words."""
         late = f", a command to act after {self.delay_samples} samples" if self.delay_samples else ""
-        return f"designed for an axis of {self.mass:.6g} kg and {self.viscous:.6g} N s/m{late}"
+        return Text(
+            f"designed for an axis of {Quantity(self.mass, 'kg'):6} and {Quantity(self.viscous, 'N s/m'):6}{late}"
+        )
 
 
 class Start(NamedTuple):

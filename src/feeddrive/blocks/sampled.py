@@ -6,6 +6,7 @@ import numpy as np
 
 from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.language.quantity import Quantity
 
 LONGEST = 1e7  # s, nearly four months; beyond it a time says more about a wrong unit than about the motion
 _ROUNDING = 1e-6  # share of a row spacing by which kT may miss a row; a run would need 1e9 samples to round that far
@@ -30,14 +31,18 @@ def check_duration(kind: str, duration: float) -> None:
     """Raise StructureError for a motion that would never end."""
     if not 0.0 <= duration <= LONGEST:
         raise StructureError(
-            f"{kind} would take {duration:.3g} s, more than {LONGEST:g} s: check the units of its parameters"
+            f"{kind} would take {Quantity(duration, 's'):3 SI}, more than {Quantity(LONGEST, 's'):6 SI}: check the "
+            "units of its parameters"
         )
 
 
 def check_order(kind: str, start: float, end: float | None) -> None:
     """Raise ParameterError for an end that does not come after the start."""
     if end is not None and not end > start:
-        raise ParameterError(f"{kind}.end = {end:g} s must be > {kind}.start = {start:g} s; leave it out to never end")
+        raise ParameterError(
+            f"{kind}.end = {Quantity(end, 's'):6 SI} must be > {kind}.start = {Quantity(start, 's'):6 SI}; leave it "
+            "out to never end"
+        )
 
 
 def since(t: np.ndarray, start: float) -> np.ndarray:

@@ -32,6 +32,7 @@ from feeddrive.bus.ethercat import EtherCAT, Segment
 from feeddrive.bus.pace import Pace
 from feeddrive.bus.transport import Transport, has_object, write_object
 from feeddrive.language.errors import BusError
+from feeddrive.language.quantity import Quantity
 
 _PATIENCE = 3.0  # s for a change of state, on the clock and in cycles
 _FIRST = 20  # cycles at the start within which the drive must answer
@@ -175,9 +176,9 @@ class DriveClient:
         late, T = self.pace.wait(), self.drive.cycle_time
         if late > self.drive.late_cycles * T and self.state is PowerState.ENABLED:
             raise BusError(
-                f"{self.transport.where}: a cycle began {1e3 * late:.0f} ms late, {late / T:.0f} cycles, more than "
-                f"late_cycles = {self.drive.late_cycles} of the drive file: something held this "
-                "computer up; take a real-time kernel, or a longer cycle_time"
+                f"{self.transport.where}: a cycle began {Quantity(late, 's'):.0f} late, {late / T:.0f} cycles, more "
+                f"than late_cycles = {self.drive.late_cycles} of the drive file: something held this computer up; take "
+                "a real-time kernel, or a longer cycle_time"
             )
         return self._exchange()
 
@@ -320,14 +321,15 @@ class DriveClient:
             given_up = silent > _PATIENCE or (cycles >= _ASKED and silent > _SILENCE)
             if self.lost_in_row >= self.drive.lost_frames and given_up:
                 raise BusError(
-                    f"{self.transport.where}: no frame came back for {silent:.2g} s; {self.transport.state()}"
+                    f"{self.transport.where}: no frame came back for {Quantity(silent, 's'):2 SI}; "
+                    f"{self.transport.state()}"
                 )
             if cycles * self.drive.cycle_time > _PATIENCE and time.monotonic() - began > _PATIENCE:
                 at = "unknown" if self.state is None else self.state.words
                 bus = f"; {self.transport.state()}" if self.lost_in_row else ""
                 raise BusError(
-                    f"{self.transport.where}: does not go to '{wanted.words}' within {_PATIENCE:g} s but stays in "
-                    f"'{at}'{bus}; look at supply, enable inputs and the emergency stop"
+                    f"{self.transport.where}: does not go to '{wanted.words}' within {Quantity(_PATIENCE, 's'):6 SI} "
+                    f"but stays in '{at}'{bus}; look at supply, enable inputs and the emergency stop"
                 )
 
     def _fault(self) -> str:

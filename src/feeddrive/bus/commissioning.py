@@ -6,6 +6,7 @@ from feeddrive.bus.cia402 import DEVICE_NAME, MODES, OBJECTS
 from feeddrive.bus.drive_file import BusDrive, DriveScaling, interpolation_time
 from feeddrive.bus.transport import RefusedError, Transport, has_object, read_object, write_object
 from feeddrive.language.errors import BusError
+from feeddrive.language.quantity import Quantity
 
 _PROFILE = 402
 _NEAR = 5e-3  # share by which the data of the drive may differ from the declared ones
@@ -84,8 +85,8 @@ def write_cycle_time(transport: Transport, drive: BusDrive) -> None:
         write_object(transport, "cycle_value", value)
     except RefusedError as error:
         raise BusError(
-            f"{transport.where}: cycle_time = {1e6 * drive.cycle_time:g} us does not suit the drive: "
-            f"object 0x60C2 is refused (0x{error.code:08X}); take a cycle time that its manual names"
+            f"{transport.where}: cycle_time = {Quantity(drive.cycle_time, 's'):6 us} does not suit the drive: object "
+            f"0x60C2 is refused (0x{error.code:08X}); take a cycle time that its manual names"
         ) from None
 
 

@@ -27,6 +27,7 @@ from feeddrive.files.blocks_from_toml import read_block
 from feeddrive.files.toml_file import read_toml
 from feeddrive.language.block import Block, Number, choice, parameter, part
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 
 MOST_WATCH = 6.5  # s that the registers of a watchdog hold
 
@@ -85,20 +86,20 @@ class BusDrive(Block):
                 )
         if self.limits.force < self.scaling.newton:
             raise ParameterError(
-                f"limits.force = {self.limits.force:g} N is less than a thousandth of the rated torque, "
-                f"{self.scaling.newton:g} N: look at scaling.rated_torque or scaling.rated_force"
+                f"limits.force = {Quantity(self.limits.force, 'N'):6} is less than a thousandth of the rated torque, "
+                f"{Quantity(self.scaling.newton, 'N'):6}: look at scaling.rated_torque or scaling.rated_force"
             )
         if 0.0 < self.watchdog_time <= self._silent_at_most:
             raise ParameterError(
-                f"watchdog = {1e3 * self.watchdog_time:g} ms must be longer than late_cycles and lost_frames together, "
-                f"{self.late_cycles + self.lost_frames} cycles or {1e3 * self._silent_at_most:g} ms, which the motion "
-                "allows"
+                f"watchdog = {Quantity(self.watchdog_time, 's'):6} must be longer than late_cycles and lost_frames "
+                f"together, {self.late_cycles + self.lost_frames} cycles or {Quantity(self._silent_at_most, 's'):6}, "
+                "which the motion allows"
             )
         for name in ("travel", "following_error"):
             if getattr(self.limits, name) < self.scaling.metre:
                 raise ParameterError(
-                    f"limits.{name} = {getattr(self.limits, name):g} m is less than one increment, "
-                    f"{self.scaling.metre:g} m: look at scaling.counts_per_turn, lead and increment"
+                    f"limits.{name} = {Quantity(getattr(self.limits, name), 'm'):6 SI} is less than one increment, "
+                    f"{Quantity(self.scaling.metre, 'm'):6 SI}: look at scaling.counts_per_turn, lead and increment"
                 )
 
     @property

@@ -13,6 +13,8 @@ from typing import Any
 from feeddrive.bus.cia402 import Layout
 from feeddrive.bus.transport import Claim, RefusedError, holds_mapping, write_mapping
 from feeddrive.language.errors import BusError, MissingExtraError, ParameterError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 
 _ATTEMPTS = 4  # repetitions for an object whose frame was lost, and for an incomplete mapping
 _PATIENCE = 20_000  # us for a frame to come back at standstill, for a busy computer
@@ -241,10 +243,14 @@ class EtherCAT:
         except (self._segment.soem.WkcError, ValueError, TypeError, IndexError) as error:
             raise BusError(f"{self.where}: its watchdog cannot be set ({type(error).__name__}: {error})") from None
         if abs(got - seconds) > 1e-3 + 0.01 * seconds or not control & _FEEDS_WATCHDOG:
-            why = f"reads back as {1e3 * got:g} ms" if control & _FEEDS_WATCHDOG else "is switched off for its outputs"
+            why = (
+                Text(f"reads back as {Quantity(got, 's'):6}")
+                if control & _FEEDS_WATCHDOG
+                else "is switched off for its outputs"
+            )
             raise BusError(
-                f"{self.where}: its watchdog was set to {1e3 * seconds:g} ms and {why}: without it the axis runs on "
-                "when this computer stops; choose another `watchdog_ms` in the drive file, or 0 if you accept that"
+                f"{self.where}: its watchdog was set to {Quantity(seconds, 's'):6} and {why}: without it the axis runs "
+                "on when this computer stops; choose another `watchdog_ms` in the drive file, or 0 if you accept that"
             )
 
     def operate(self, content: bytes) -> None:

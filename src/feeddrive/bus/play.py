@@ -20,6 +20,8 @@ from feeddrive.bus.watch import Answer, Target, Watch
 from feeddrive.files.log import Log
 from feeddrive.language.errors import BusError
 from feeddrive.language.progress import ENDINGS, Progress
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 
 _SETTLING = 0.1  # s that the last target is held before the drive is switched off
 
@@ -136,8 +138,10 @@ def _remarks(client: DriveClient, lost: int, permitted: bool, lateness: Lateness
         yield "Real-time priority was not permitted: run as root, or give CAP_SYS_NICE, for fewer late cycles."
     if lateness is not None and lateness.missed:
         yield (
-            f"{lateness.missed} cycles began more than a cycle late, {1e3 * lateness.slipped:.3g} ms in all; the "
-            "motion paused for as long, and the times of the log do not show it."
+            Text(
+                f"{lateness.missed} cycles began more than a cycle late, {Quantity(lateness.slipped, 's'):3} in all; "
+                "the motion paused for as long, and the times of the log do not show it."
+            )
         )
 
 

@@ -11,6 +11,8 @@ import numpy as np
 from feeddrive.bus.drive_file import BusDrive
 from feeddrive.files.read_log import read_log
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text, joined
 
 _UNITS = {"csp": ("N", "m"), "csv": ("N", "m/s"), "cst": ("N",)}
 _NEGLIGIBLE = 0.02  # of the peak, at the ends of a profile
@@ -78,8 +80,8 @@ def _every(path: str | Path, step: float, T: float, advice: str) -> int:
     every = round(T / step)
     if every < 1 or abs(T / step - every) > 1e-6 * every:
         raise ParameterError(
-            f"{path}: has a row every {1e6 * step:g} us, of which cycle_time = {1e6 * T:g} us of the drive file is no "
-            f"whole multiple: {advice}"
+            f"{path}: has a row every {Quantity(step, 's'):6 us}, of which cycle_time = {Quantity(T, 's'):6 us} of the "
+            f"drive file is no whole multiple: {advice}"
         )
     return every
 
@@ -112,9 +114,9 @@ def read_plan_profiles(setpoints: Path, drives: Mapping[str, BusDrive]) -> list[
     times = {drive.cycle_time for drive in drives.values()}
     modes = {drive.mode for drive in drives.values()}
     if len(times) > 1 or modes != {"csp"}:
+        listed = joined(", ", (Text(f"{Quantity(each, 's'):6 us}") for each in sorted(times)))
         raise ParameterError(
-            "the drives of a plan have one cycle_time and the mode csp, not "
-            f"{', '.join(f'{1e6 * each:g} us' for each in sorted(times))} and {', '.join(sorted(modes))}"
+            f"the drives of a plan have one cycle_time and the mode csp, not {listed} and {', '.join(sorted(modes))}"
         )
     found: list[Profile] = []
     for axis, drive in drives.items():
@@ -140,8 +142,9 @@ def _check_band(path: str, excitation: np.ndarray, every: int, step: float) -> N
     lost = float(power[above].sum() / power.sum())
     if lost > _ABOVE_NYQUIST:
         raise ParameterError(
-            f"{path}: {100 * lost:.2g} % of the power of the excitation lie above {0.5 / (every * step):g} Hz, half "
-            "the rate of the bus: end the band below it, or shorten cycle_time"
+            f"{path}: {Quantity(lost, 'share'):2} of the power of the excitation lie above "
+            f"{Quantity(0.5 / (every * step), 'Hz'):6}, half the rate of the bus: end the band below it, or shorten "
+            "cycle_time"
         )
 
 
@@ -165,8 +168,8 @@ def check_profile(profile: Profile, drive: BusDrive) -> None:
         if peak > 0.0 and ends > _NEGLIGIBLE * peak:
             advice = "give --ramp" if name == "excitation" else "let it start and end at rest"
             raise ParameterError(
-                f"{profile.name}: the {name} begins or ends with {100 * ends / peak:.3g} % of its peak, a jump for the "
-                f"axis: {advice}"
+                f"{profile.name}: the {name} begins or ends with {Quantity(ends / peak, 'share'):3} of its peak, a "
+                f"jump for the axis: {advice}"
             )
     if drive.mode == "cst" and np.any(profile.set_position):
         raise ParameterError(

@@ -24,6 +24,7 @@ from feeddrive.bus.drive_file import BusDrive, DriveFile, DriveScaling
 from feeddrive.bus.pace import Pace
 from feeddrive.bus.transport import Transport, has_object
 from feeddrive.language.errors import BusError, FeeddriveError
+from feeddrive.language.quantity import Quantity
 
 _CONTEXT = multiprocessing.get_context("spawn")
 _TOGETHER = 0.02  # s of rows that are handed over at once
@@ -77,7 +78,9 @@ class Sampler:
         if told is None:
             self._lost += 1
             if self._lost >= _LOST or clock.monotonic() - self._heard > _SILENT:
-                raise BusError(f"{self.transport.where}: no answer for {_SILENT:g} s: {self.transport.state()}")
+                raise BusError(
+                    f"{self.transport.where}: no answer for {Quantity(_SILENT, 's'):6 SI}: {self.transport.state()}"
+                )
             return late, None
         self._lost, self._heard = 0, clock.monotonic()
         return late, values_of(self._told.unpack(told), self.channels, self.drive.scaling)

@@ -82,6 +82,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from feeddrive.bus.drive_file import BusDrive
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 
 SHOWN = 2  # counts by which a reading must change to be a sign of life: one may be noise
 SURE = 3  # counts of true motion beyond which two are shown: one is shown, rounding and noise take one each
@@ -250,7 +252,11 @@ class Watch:
             told = answer.following_error
             error = max(abs(lead), abs(told or 0.0))
             if not error <= limits.following_error:
-                says = "the drive has no 0x60F4" if told is None else f"the drive says {told:.4g} m in 0x60F4"
+                says = (
+                    "the drive has no 0x60F4"
+                    if told is None
+                    else Text(f"the drive says {Quantity(told, 'm'):SI} in 0x60F4")
+                )
                 which = f" (set position - 0x6064; {says})" if error == abs(lead) else " (0x60F4)"
                 return _exceeded("following_error", error, limits.following_error, "m", cycle, which)
         for key, bound, way in (
@@ -258,7 +264,10 @@ class Watch:
             ("position_most", limits.position_most, 1.0),
         ):
             if bound is not None and way * (position - bound) > 0.0:
-                message = f"position = {position:.6g} m in cycle {cycle} left limits.{key} = {bound:.6g} m"
+                message = Text(
+                    f"position = {Quantity(position, 'm'):6 SI} in cycle {cycle} left limits.{key} = "
+                    f"{Quantity(bound, 'm'):6 SI}"
+                )
                 return Fault("position", position, bound, "m", cycle, message)
         return None
 
@@ -301,23 +310,23 @@ class Watch:
             if push.due is None or cycle - push.due < self._patience:
                 return None
             value, bound = float(cycle - push.due), float(self._patience)
-            message = (
+            message = Text(
                 f"{self._stands(cycle, anchor)}: since cycle {push.due} the force, beyond limits.breakaway_force = "
-                f"{self.limits.breakaway_force:.4g} N, must have moved limits.largest_mass = "
-                f"{self.limits.largest_mass:.4g} kg by {SURE} increments, and a live drive shows it within "
+                f"{Quantity(self.limits.breakaway_force or 0.0, 'N')}, must have moved limits.largest_mass = "
+                f"{Quantity(self.limits.largest_mass or 0.0, 'kg')} by {SURE} increments, and a live drive shows it within "
                 f"{self._patience} cycles"
             )
             return Fault("standstill", value, bound, "cycles", cycle, message)
-        message = (
-            f"{self._stands(cycle, anchor)}: {why} by {value:.4g} m, and a live drive moves before {bound:.4g} m at "
-            f"limits.following_error = {most:.4g} m"
+        message = Text(
+            f"{self._stands(cycle, anchor)}: {why} by {Quantity(value, 'm'):SI}, and a live drive moves before "
+            f"{Quantity(bound, 'm'):SI} at limits.following_error = {Quantity(most, 'm'):SI}"
         )
         return Fault("standstill", value, bound, "m", cycle, message)
 
     def _stands(self, cycle: int, anchor: Anchor) -> str:
-        return (
+        return Text(
             f"in cycle {cycle} the position (0x6064) still stands within {SHOWN} increments "
-            f"({SHOWN * self._count:.4g} m) of cycle {anchor.cycle}"
+            f"({Quantity(SHOWN * self._count, 'm'):SI}) of cycle {anchor.cycle}"
         )
 
     def _repeated(self, state: State, answer: Answer, silent: float) -> tuple[tuple[int, float], int]:
@@ -336,9 +345,10 @@ class Watch:
         way, least = abs(answer.velocity) * min(time, self._memory), SHOWN * self._count
         if way < least:
             return None
-        message = (
-            f"all values stand still since cycle {cycle - many}, and 0x606C says {answer.velocity:.4g} m/s: that is "
-            f"{way:.4g} m up to cycle {cycle}, and a live drive would have shown {SHOWN} increments, {least:.4g} m"
+        message = Text(
+            f"all values stand still since cycle {cycle - many}, and 0x606C says "
+            f"{Quantity(answer.velocity or 0.0, 'm/s'):SI}: that is {Quantity(way, 'm'):SI} up to cycle {cycle}, and a live "
+            f"drive would have shown {SHOWN} increments, {Quantity(least, 'm'):SI}"
         )
         return Fault("velocity_frozen", way, least, "m", cycle, message)
 
@@ -355,10 +365,11 @@ class Watch:
         """A velocity that the positions contradict."""
         bound = self._response * speed + max(self._sure, USED * self.limits.following_error)
         if abs(gap) > bound:
-            said = (
-                f"0x606C and 0x6064 contradict each other: in cycle {cycle} the velocity, {answer.velocity:.4g} m/s, "
-                f"and the positions of the last {self._memory:.4g} s differ by {abs(gap):.4g} m, more than "
-                f"{bound:.4g} m: one of them is dead, or the unit of the velocity is another"
+            said = Text(
+                f"0x606C and 0x6064 contradict each other: in cycle {cycle} the velocity, "
+                f"{Quantity(answer.velocity or 0.0, 'm/s'):SI}, and the positions of the last "
+                f"{Quantity(self._memory, 's'):SI} differ by {Quantity(abs(gap), 'm'):SI}, more than "
+                f"{Quantity(bound, 'm'):SI}: one of them is dead, or the unit of the velocity is another"
             )
             return Fault("velocity_contradicts", abs(gap), bound, "m", cycle, said)
         return None

@@ -14,7 +14,9 @@ import numpy as np
 from feeddrive.certificate import check
 from feeddrive.certificate.discs import LoopResponse, control_of, matrices
 from feeddrive.language.errors import NotCertifiedError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,9 +92,9 @@ class Certificate(Result):
         room = ""
         if self.reserve is not None:
             least = min((each for each in plants if each["reserve"] is not None), key=lambda each: each["reserve"])
-            room = (
-                f"; the least room is at {least['reserve_at_Hz']:.3g} Hz, where the disc of '{least['name']}' could be "
-                f"{self.reserve:.2g} times as wide"
+            room = Text(
+                f"; the least room is at {Quantity(least['reserve_at_Hz'], 'Hz'):3}, where the disc of "
+                f"'{least['name']}' could be {self.reserve:.2g} times as wide"
             )
         return f"stable for {count}, with {self.arithmetic} coefficients{room}"
 

@@ -15,6 +15,8 @@ from feeddrive.certificate.discs import LoopResponse, Radius, deviations, given,
 from feeddrive.certificate.plants import NominalPlant, measured_plant, modelled_plant
 from feeddrive.language import tree
 from feeddrive.language.errors import NotCertifiedError, ParameterError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
@@ -70,11 +72,13 @@ def refusal(made: Deployed, plant: NominalPlant, loop: LoopResponse, place: floa
     lost = ""
     if made.coarse:
         name = max(made.coarse, key=lambda each: made.coarse[each])
-        lost = f"; rounding to {made.arithmetic} moves {name} by {100.0 * made.coarse[name]:.3g} %: use more digits"
+        lost = Text(
+            f"; rounding to {made.arithmetic} moves {name} by {Quantity(made.coarse[name], 'share'):3}: use more digits"
+        )
     T = made.model.sample_time
     if place is None:
         turning = abs(np.angle(loop.pole)) / (2.0 * np.pi * T * len(loop.samples))
-        motion = f"an oscillation of {turning:.4g} Hz" if turning > 0.0 else "a drift"
+        motion = Text(f"an oscillation of {Quantity(turning, 'Hz')}") if turning > 0.0 else "a drift"
         grows = "grows" if loop.growth > 1.0 else "does not die out"
         rounded = "" if made.arithmetic == "float64" else f" with {made.arithmetic} coefficients"
         remedy = "lower the gains, or put a notch there" if turning > 0.0 else "lower the gains"
@@ -88,9 +92,9 @@ def refusal(made: Deployed, plant: NominalPlant, loop: LoopResponse, place: floa
     distance, taken = (float(each[0]) for each in loop.room(at))
     share = distance / taken if taken else np.inf
     r = float(np.max(loop.radii(at)))
-    said = (
-        f"not certified: '{plant.name}': at {place:.5g} Hz |1 + L| is {distance:.4g} and the disc takes {taken:.4g}: "
-        f"with r = {r:.4g} there, it may be at most {r * share:.4g}"
+    said = Text(
+        f"not certified: '{plant.name}': at {Quantity(place, 'Hz'):5} |1 + L| is {distance:.4g} and the disc takes "
+        f"{taken:.4g}: with r = {r:.4g} there, it may be at most {r * share:.4g}"
     )
     return f"{said}: {_remedy(plant, place)}{lost}"
 
@@ -101,22 +105,27 @@ def _remedy(plant: NominalPlant, place: float) -> str:
     if plant.lines:
         lines = plant.lines[0]
         if place > lines.frequency[-1]:
-            return f"lower the gains, measure beyond {lines.frequency[-1]:.4g} Hz, or state a smaller r beyond it"
+            return Text(
+                f"lower the gains, measure beyond {Quantity(lines.frequency[-1], 'Hz')}, or state a smaller r beyond it"
+            )
         i = int(np.argmin(np.abs(lines.frequency - place)))
         model = plant.model.response(lines.frequency[i : i + 1], output=plant.model.outputs[0]).response[0]
         noise, misfit = np.sqrt(lines.variance[i]), abs(lines.response[i] - model)
         if noise > misfit:
-            return f"measure longer around {place:.4g} Hz, where noise makes the disc wide, or lower the gains"
+            return Text(
+                f"measure longer around {Quantity(place, 'Hz')}, where noise makes the disc wide, or lower the gains"
+            )
         better = "" if "fitted" in plant.source else ", with --fit from the lines alone"
-        return (
-            f"lower the gains, or fit the plant better around {place:.4g} Hz, where the model misses the lines{better}"
+        return Text(
+            f"lower the gains, or fit the plant better around {Quantity(place, 'Hz')}, where the model misses the "
+            f"lines{better}"
         )
     modes = np.array([p for p in plant.model.poles() if abs(p) > 0.5 and np.imag(p) > 0.0])
     if modes.size:
         near = np.angle(modes) / (2.0 * np.pi * T)
         nearest = float(near[np.argmin(np.abs(np.log(near / place)))])
         if 0.9 < nearest / place < 1.1:
-            return f"put a notch at {nearest:.4g} Hz, lower the gains, or state a smaller disc"
+            return Text(f"put a notch at {Quantity(nearest, 'Hz')}, lower the gains, or state a smaller disc")
     return "lower the gains, or state a smaller disc"
 
 
@@ -173,7 +182,9 @@ def certify_loop(
     if not (math.isfinite(beyond) and beyond >= 0.0):
         raise ParameterError(f"beyond = {beyond:g}, the radius above the last line, must be a finite number >= 0")
     if not math.isfinite(velocity):
-        raise ParameterError(f"velocity = {velocity:g} m/s, at which the axes move, must be a finite number")
+        raise ParameterError(
+            f"velocity = {Quantity(velocity, 'm/s'):6 SI}, at which the axes move, must be a finite number"
+        )
     if plants is None:
         if not isinstance(loop, Loop):
             raise ParameterError("a control alone has no plant: give `plants`")
@@ -231,12 +242,14 @@ def _plant(
         raise ParameterError(f"'{name}' is neither a loop, an axis nor one or two responses in m/N")
     for other in loops:
         if abs(float(other.sample_time) / T - 1.0) > 1e-9:
-            raise ParameterError(f"'{name}' is sampled every {1e3 * float(other.sample_time):g} ms, not {1e3 * T:g} ms")
+            raise ParameterError(
+                f"'{name}' is sampled every {Quantity(float(other.sample_time), 's'):6}, not {Quantity(T, 's'):6}"
+            )
     for response in responses:
         if response.sample_time is not None and abs(response.sample_time / T - 1.0) > 1e-6:
             raise ParameterError(
-                f"'{name}' was measured every {1e3 * response.sample_time:g} ms, and the control runs every "
-                f"{1e3 * T:g} ms: a sampled response holds for its own sample time"
+                f"'{name}' was measured every {Quantity(response.sample_time, 's'):6}, and the control runs every "
+                f"{Quantity(T, 's'):6}: a sampled response holds for its own sample time"
             )
     axis = axes[0] if axes else None
     if responses:

@@ -14,6 +14,8 @@ from feeddrive.blocks.plant.mode import Mode
 from feeddrive.certificate.deployed import READINGS
 from feeddrive.identification.response.modal_response import common_poles
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
@@ -193,9 +195,13 @@ def modelled_plant(
     loop = Loop(control=replace(control, guard=None, force_limit=None), axis=axis, sample_time=sample_time)
     model = linearize(loop, ["cut"], list(readings), velocity=velocity)
     if not model.states:
-        raise ParameterError(f"'{name}' does not respond to its command at {velocity:g} m/s: does it stick?")
+        raise ParameterError(
+            f"'{name}' does not respond to its command at {Quantity(velocity, 'm/s'):6 SI}: does it stick?"
+        )
     along = [float(share) for share in axis.plant.mechanics().rigid_motion()]
-    held = f"{axis.plant.kind}, held over {1e3 * sample_time:g} ms, moving with {velocity:g} m/s"
+    held = Text(
+        f"{axis.plant.kind}, held over {Quantity(sample_time, 's'):6}, moving with {Quantity(velocity, 'm/s'):6 SI}"
+    )
     return NominalPlant(name, _free(model, along), (), held, float(axis.actuator.dead_time))
 
 
@@ -245,7 +251,9 @@ def measured_plant(
         size = np.abs(each.response)
         wrong = np.flatnonzero(~((size > _SIZES[0]) & (size < _SIZES[1])))
         if wrong.size:
-            raise ParameterError(f"'{name}' is {size[wrong[0]]:.3g} m/N at {each.frequency[wrong[0]]:g} Hz: no axis is")
+            raise ParameterError(
+                f"'{name}' is {size[wrong[0]]:.3g} m/N at {Quantity(each.frequency[wrong[0]], 'Hz'):6}: no axis is"
+            )
     chosen = [load if motor is None or each == READINGS[1] else motor for each in readings]
     taken = chosen[:1] if all(each is chosen[0] for each in chosen) else chosen
     lines = tuple(_lines(each, sample_time) for each in taken)

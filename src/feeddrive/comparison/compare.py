@@ -26,7 +26,9 @@ from feeddrive.files.machine import MachineFile
 from feeddrive.files.run_files import versions
 from feeddrive.language.errors import FeeddriveError, ParameterError, UnstableError
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table, frame_of, picture_of
+from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
 from feeddrive.tuning.tunables import own_tunables
@@ -281,8 +283,11 @@ def _noisy(rows: tuple[Competitor, ...]) -> list[str]:
         limit, noise = row.loop.control.force_limit, row.figures.get("force_noise_N")
         if limit is not None and noise is not None and noise > _NOISY * limit:
             said.append(
-                f"'{row.name}': counts and noise of the encoders alone make {noise:.3g} N RMS of force, "
-                f"{100.0 * noise / limit:.3g} % of the limit: a finer encoder, a low-pass or lower gains come first."
+                Text(
+                    f"'{row.name}': counts and noise of the encoders alone make {Quantity(noise, 'N'):3} RMS of force, "
+                    f"{Quantity(noise / limit, 'share'):3} of the limit: a finer encoder, a low-pass or lower gains "
+                    "come first."
+                )
             )
     return said
 

@@ -18,6 +18,7 @@ from feeddrive.blocks.families import Load, Reference
 from feeddrive.blocks.load.step_force import StepForce
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run
 
@@ -227,7 +228,7 @@ def duty_of(loop: Loop, reference: Reference | None = None, force: float | None 
         least = _STEP_FRICTION * friction
         force = _STEP_ALONE + least if limit is None else min(max(_STEP_SHARE * limit, least), _STEP_MOST * limit)
     if not (force > 0.0 and math.isfinite(force)):
-        raise ParameterError(f"force = {force:g} N must be a finite force > 0 N")
+        raise ParameterError(f"force = {Quantity(force, 'N'):6} must be a finite force > 0 N")
     if reference is None:
         v = min(_SPEED_SHARE * min(speeds), _SPEED) if speeds else _SPEED_ALONE
         a = _FORCE_ALONE if limit is None else min(_FORCE_SHARE * limit / mass, _ACCELERATION)

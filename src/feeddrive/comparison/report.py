@@ -19,7 +19,9 @@ from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.run_files import file_names, summary_text
 from feeddrive.language import tree
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
+from feeddrive.language.text import Text
 from feeddrive.language.units import turning_name
 from feeddrive.loop.control import Control
 from feeddrive.loop.lifting import compliance, tracking
@@ -35,13 +37,18 @@ def contents(found: Comparison) -> LawsReport:
     facts = {
         "Machine": f"{found.machine.name}, axis {found.axis}",
         "Source of its numbers": found.machine.source or "not stated",
-        "Sample time": f"{1e3 * loop.sample_time:g} ms, {loop.axis.substeps} substep(s) of exact hold",
-        "Move": f"{block_sentence(duty.move)}; the first {duty.skip:g} s do not count",
-        "Rope snap": f"the table pulled back by {duty.force:g} N, let go after {duty.begin:g} s",
-        "Force step": f"{duty.force:g} N switched on after {duty.begin:g} s",
-        "Settled": f"what stays within {1e6 * duty.near:g} µm until the end, {duty.rest:g} s after the force changed",
+        "Sample time": Text(f"{Quantity(loop.sample_time, 's'):6}, {loop.axis.substeps} substep(s) of exact hold"),
+        "Move": Text(f"{block_sentence(duty.move)}; the first {Quantity(duty.skip, 's'):6 SI} do not count"),
+        "Rope snap": Text(
+            f"the table pulled back by {Quantity(duty.force, 'N'):6}, let go after {Quantity(duty.begin, 's'):6 SI}"
+        ),
+        "Force step": Text(f"{Quantity(duty.force, 'N'):6} switched on after {Quantity(duty.begin, 's'):6 SI}"),
+        "Settled": Text(
+            f"what stays within {Quantity(duty.near, 'm'):6} until the end, {Quantity(duty.rest, 's'):6 SI} after the "
+            "force changed"
+        ),
         "Noise": f"seed {found.seed}, the same for all laws; in the force: from counts and noise of the encoders",
-        "Linear model": f"sliding at {1e3 * found.velocity:.4g} mm/s",
+        "Linear model": Text(f"sliding at {Quantity(found.velocity, 'm/s')}"),
     }
     if found.machine.remark:
         facts["Remark"] = found.machine.remark

@@ -17,6 +17,8 @@ from feeddrive.comparison.kept import Keeps
 from feeddrive.language.errors import CancelledError, FeeddriveError, UnstableError
 from feeddrive.language.processes import follow_parent, one_thread
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal
@@ -63,8 +65,8 @@ class Rule:
             f"a delay margin of at least {self.delay_margin_samples:g} samples, "
         )
         if self.noise is not None:
-            said += (
-                f"at most {NANO * self.noise:.3g} N RMS of force per nm RMS of white noise in the readings "
+            said += Text(
+                f"at most {Quantity(NANO * self.noise, 'N'):3} RMS of force per nm RMS of white noise in the readings "
                 f"({self.noise_ratio:g} times that of P-PI, which is tuned to the other bounds alone), "
             )
         return said + (
@@ -92,7 +94,7 @@ class Rule:
         if delay < self.delay_margin_samples * (1.0 - _ROOM):
             said.append(f"a delay margin of {delay:.3g} samples")
         if self.noise is not None and noise > self.noise * (1.0 + _ROOM):
-            said.append(f"{NANO * noise:.3g} N per nm of noise")
+            said.append(Text(f"{Quantity(NANO * noise, 'N'):3} per nm of noise"))
         return ", ".join(said)
 
     def with_noise_of(self, plain: Tuned | Refusal) -> Rule:
@@ -273,7 +275,7 @@ def _repeated(loop: Loop, limits: Limits, rule: Rule, progress: Progress) -> Tun
         return tried[0]
     goals = np.log([goal_of(each, each.after) for each in tried])
     spread = float(np.ptp(goals))
-    apart = f"{rule.repeats} whole tunings end up to {100.0 * np.expm1(spread):.2g} % apart"
+    apart = Text(f"{rule.repeats} whole tunings end up to {Quantity(np.expm1(spread), 'share'):2} apart")
     said = apart if spread > np.log1p(AGREE) else ""
     if failed:
         said = f"{len(failed)} of {rule.repeats} whole tunings found no setting that keeps the rule"

@@ -17,6 +17,8 @@ from typing import Any, NamedTuple
 
 from feeddrive.files.atomic_io import refusal
 from feeddrive.language.errors import FmuError, MissingExtraError, ParameterError, nearest
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.language.units import factor, measure
 from feeddrive.loop.loop import UNITS
 
@@ -337,7 +339,7 @@ class Instance:
 
     def step(self, time: float, length: float) -> None:
         """One communication step, in s. Raises FmuError if it is refused or if the FMU ends the simulation."""
-        what = f"step of {length:.6g} s at {time:.6g} s"
+        what = Text(f"step of {Quantity(length, 's'):6 SI} at {Quantity(time, 's'):6 SI}")
         answer = self._call(what, self.fmu.doStep, currentCommunicationPoint=time, communicationStepSize=length)
         if answer is not None and (answer[1] or answer[2]):  # terminateSimulation, earlyReturn
             raise FmuError(f"{self.archive.name}: {what}: the FMU wants to end{self._words()}")

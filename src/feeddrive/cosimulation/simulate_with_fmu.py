@@ -19,6 +19,7 @@ from feeddrive.files.job import Job
 from feeddrive.files.run_files import file_names, versions, write_run_csv, write_run_parquet
 from feeddrive.language.errors import DivergedError, FeeddriveError, ParameterError
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.loop import SETPOINT, Loop, Signals
 from feeddrive.loop.routine import Routine
@@ -64,7 +65,7 @@ def simulate_with_fmu(
     sample at which the bound was left, and ParameterError for arguments that do not fit.
     """
     if not 0.0 <= dead_time < 1.0:
-        raise ParameterError(f"dead_time = {dead_time:g} s must be >= 0 s and < 1 s")
+        raise ParameterError(f"dead_time = {Quantity(dead_time, 's'):6 SI} must be >= 0 s and < 1 s")
     T = float(loop.sample_time)
     routine = controller_routine(loop, "control")
     motor = loop.axis.actuator.motor
@@ -162,9 +163,9 @@ class _DeadTime:
 def _check_inside(error: float, limit: float, k: int, T: float) -> None:
     if not abs(error) <= limit:
         raise DivergedError(
-            f"the loop left its bounds at sample {k} (t = {k * T:.6g} s): |set position - reading| is "
-            f"{abs(error):.4g} m, not <= {limit:g} m; "
-            f"check sign and unit of the FMU's force and position, then the gains"
+            f"the loop left its bounds at sample {k} (t = {Quantity(k * T, 's'):6 SI}): |set position - reading| is "
+            f"{Quantity(abs(error), 'm'):SI}, not <= {Quantity(limit, 'm'):6 SI}; check sign and unit of the FMU's "
+            "force and position, then the gains"
         )
 
 

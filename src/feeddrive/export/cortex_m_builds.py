@@ -15,6 +15,7 @@ import numpy as np
 
 from feeddrive.export.design import Design
 from feeddrive.language.errors import FeeddriveError, MissingProgramError, ParameterError
+from feeddrive.language.quantity import Quantity
 
 FLAGS = "-std=c99 -O2 -ffp-contract=off -fno-math-errno"
 WARNINGS = "-Wall -Wextra -Wconversion -Wdouble-promotion"
@@ -300,7 +301,9 @@ def _made(bundle: Path, *targets: str, given: Mapping[str, bytes] | None = None,
                 check=False,
             )
         except subprocess.TimeoutExpired:
-            raise EmulatorError(f"{bundle}: `{' '.join(command)}` did not end within {PATIENCE:g} s") from None
+            raise EmulatorError(
+                f"{bundle}: `{' '.join(command)}` did not end within {Quantity(PATIENCE, 's'):6 SI}"
+            ) from None
         if done.returncode != 0:
             raise EmulatorError(f"{bundle}: `{' '.join(command)}` failed:\n{done.stdout}{done.stderr}")
         return done.stdout, (folder / read).read_bytes() if read else b""

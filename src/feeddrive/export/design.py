@@ -20,6 +20,8 @@ from feeddrive.language.block import Number
 from feeddrive.language.errors import NoSlopeError, ParameterError, StructureError
 from feeddrive.language.graph import ELEMENTARY
 from feeddrive.language.judgment import Advice, Judgment
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.lifting import MOST, loop_gain, period_of
 from feeddrive.loop.loop import Loop
@@ -99,7 +101,13 @@ class Design:
     def period(self) -> str:
         """The sample time with its unit, as text."""
         T = self.routine.sample_time
-        return f"{1e6 * T:.6g} µs" if T < 1e-3 else f"{1e3 * T:.6g} ms" if T < 1.0 else f"{T:.6g} s"
+        return (
+            Text(f"{Quantity(T, 's'):6 us}")
+            if T < 1e-3
+            else Text(f"{Quantity(T, 's'):6}")
+            if T < 1.0
+            else Text(f"{Quantity(T, 's'):6 SI}")
+        )
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -118,8 +126,11 @@ class Design:
         assert said is not None, "what is exported has a guard"
         if held != 0.0 and float(said.safe_force) == 0.0:
             found.append(
-                f"A HANGING AXIS FALLS: gravity pulls with {-held:g} N, but the guard's safe_force is 0 N, which acts "
-                f"whenever the loop is off; write safe_force_N = {held:g}, or hold the axis by a brake"
+                Text(
+                    f"A HANGING AXIS FALLS: gravity pulls with {Quantity(-held, 'N'):6}, but the guard's safe_force is "
+                    f"0 N, which acts whenever the loop is off; write safe_force_N = {held:g}, or hold the axis by a "
+                    "brake"
+                )
             )
         if said.following_error_limit is None:
             found.append("the guard has no following_error_limit: a loop that runs away does not trip")

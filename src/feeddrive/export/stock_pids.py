@@ -34,6 +34,8 @@ from feeddrive.blocks.reference.jerk_limited_move import JerkLimitedMove
 from feeddrive.export.parameters.quantities import Cascade, LostPart, lost
 from feeddrive.language import tree
 from feeddrive.language.errors import DivergedError, ParameterError, StructureError, UnstableError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.loop.lifting import loop_gain
 from feeddrive.loop.loop import Loop
@@ -100,8 +102,8 @@ def stock_law(cascade: Cascade, *, route: str = "two", units: float = 1000.0) ->
     back = law.viscous or 0.0
     if back >= law.Kp:
         raise ParameterError(
-            f"control.law.viscous = {back:g} N s/m must be below Kp = {law.Kp:g} N s/m: their difference is the gain "
-            f"of a pid, which may not be negative"
+            f"control.law.viscous = {Quantity(back, 'N s/m'):6} must be below Kp = {Quantity(law.Kp, 'N s/m'):6}: "
+            "their difference is the gain of a pid, which may not be negative"
         )
     bias = (value["weight"] or 0.0) / per_output
     mass, viscous = value["mass"] or 0.0, value["viscous"] or 0.0
@@ -236,8 +238,8 @@ def require_stable_pids(cascade: Cascade, stock: Loop, route: str, units: float)
         trial = Cascade(slower, law, values)
         if stability(stock_loop(trial, stock_law(trial, route=route, units=units))).stable:
             hint = (
-                f"; with Kv = {law.Kv:.4g} 1/s, Kp = {law.Kp:.4g} N s/m"
-                + ("" if law.Tn is None else f" and Tn = {law.Tn:.4g} s")
+                Text(f"; with Kv = {law.Kv:.4g} 1/s, Kp = {Quantity(law.Kp, 'N s/m')}")
+                + ("" if law.Tn is None else Text(f" and Tn = {Quantity(law.Tn, 's'):SI}"))
                 + f" ({share:.0%}) it would be at the limit of stability"
             )
             break

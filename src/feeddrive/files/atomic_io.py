@@ -19,6 +19,7 @@ from collections.abc import Generator
 from pathlib import Path
 
 from feeddrive.language.errors import FileError
+from feeddrive.language.text import plain
 from feeddrive.version import __version__
 
 MARKER = ".feeddrive"  # in a directory of results: the version that wrote it, and its files
@@ -108,7 +109,7 @@ def written_whole(path: str | Path) -> Generator[Path]:
 def write_whole(path: str | Path, content: bytes | str) -> None:
     """Write a file completely or not at all. Raises FileError that names the file and the reason."""
     with written_whole(path) as temporary:
-        temporary.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+        temporary.write_bytes(plain(content).encode("utf-8") if isinstance(content, str) else content)
 
 
 def _beside(target: Path, suffix: str) -> Path:

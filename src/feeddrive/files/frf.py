@@ -17,6 +17,7 @@ from feeddrive.files.formats import OpenedFile, refuse_others
 from feeddrive.files.readers import ast_xml, uff
 from feeddrive.files.readers.frf_columns import Response, frequency_of, in_si, responses_of
 from feeddrive.language.errors import LogError, ParameterError, nearest, plain
+from feeddrive.language.quantity import Quantity
 from feeddrive.loop.frequency_response import FRF
 
 _LARGEST = 1e30  # of a response: its powers must not overflow
@@ -187,16 +188,16 @@ def _check_frequency(where: str, label: str, frequency: np.ndarray, table: Colum
     if negative.size:
         k = int(negative[0])
         raise LogError(
-            f"{where}: the frequency is {frequency[k]:.9g} Hz at {table.place(k)} ({negative.size} such lines); "
-            "an FRF has positive frequencies: leave out the half that mirrors the other"
+            f"{where}: the frequency is {Quantity(frequency[k], 'Hz'):9} at {table.place(k)} ({negative.size} such "
+            "lines); an FRF has positive frequencies: leave out the half that mirrors the other"
         )
     still = np.flatnonzero(np.diff(frequency) <= 0.0)
     if still.size:
         k = int(still[0])
         what = "stands still" if frequency[k + 1] == frequency[k] else "falls"
         raise LogError(
-            f"{where}: the frequency {what} at {table.place(k + 1)}: {frequency[k]:.9g} Hz is followed by "
-            f"{frequency[k + 1]:.9g} Hz ({still.size} such lines); sort the lines by frequency, each once"
+            f"{where}: the frequency {what} at {table.place(k + 1)}: {Quantity(frequency[k], 'Hz'):9} is followed by "
+            f"{Quantity(frequency[k + 1], 'Hz'):9} ({still.size} such lines); sort the lines by frequency, each once"
         )
     if frequency.size == 1 and frequency[0] == 0.0:
         raise LogError(f"{where}: holds only a line at 0 Hz")
@@ -223,7 +224,9 @@ def _from_parts(where: str, response: Response, table: Columns) -> np.ndarray:
     magnitude, phase = _finite(where, table, places["magnitude"]), _finite(where, table, places["phase"])
     if response.decibel:
         if np.max(np.abs(magnitude), initial=0.0) > 2000.0:
-            raise LogError(f"{where}: column '{places['magnitude']}' reaches {np.max(np.abs(magnitude)):.4g} dB")
+            raise LogError(
+                f"{where}: column '{places['magnitude']}' reaches {Quantity(np.max(np.abs(magnitude)), 'dB')}"
+            )
         magnitude = 10.0 ** (magnitude / 20.0)
     elif np.any(magnitude < 0.0):
         k = int(np.argmax(magnitude < 0.0))

@@ -35,6 +35,8 @@ from feeddrive.files.readers.csv_text import (
 )
 from feeddrive.files.readers.recorders import COUNTER, counts_samples, read_halsampler
 from feeddrive.language.errors import FileError, LogError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 
 HEAD = 64_000  # bytes from the beginning in which heads and first rows stand
 FIRST = 8_000_000  # bytes of a long file that are read at first, from its end
@@ -260,7 +262,7 @@ class GrowingTable:
             said = f"waits for {_LEAST} rows of numbers"
         else:
             silent = clock.monotonic() - self._heard
-            said = f"no new rows for {silent:.0f} s" if silent > _SILENT else "rows come"
+            said = Text(f"no new rows for {Quantity(silent, 's'):.0f SI}") if silent > _SILENT else "rows come"
         if self._wrong:
             said += f"; {self._wrong} lines were no rows, the last one '{self._last_wrong}'"
         return said

@@ -42,6 +42,8 @@ from feeddrive.files.blocks_from_toml import read_block
 from feeddrive.files.toml_file import Section
 from feeddrive.language.block import Block, Number, Rule, choice, parameter
 from feeddrive.language.errors import ParameterError, ProgramError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.path.program.moves import Arc, Move, Spindle, Spline, Straight, ToolChange
 
 _COMMENT = re.compile(r"\(([^()]*)\)|;(.*)")
@@ -149,13 +151,13 @@ class Process:
         flute, diameter = edge.flute_length, float(edge.diameter)
         if flute is not None and depth > flute:
             raise self._error(
-                line, f"a depth of cut of {1e3 * depth:g} mm is more than the tool's flute_length of "
-                f"{1e3 * flute:g} mm: cut in two passes, or take a longer tool"
+                line, Text(f"a depth of cut of {Quantity(depth, 'm'):6 mm} is more than the tool's flute_length of "
+                f"{Quantity(flute, 'm'):6 mm}: cut in two passes, or take a longer tool")
             )  # fmt: skip
         if width is not None and width > diameter:
             raise self._error(
-                line, f"a width of cut of {1e3 * width:g} mm is more than the tool's diameter of "
-                f"{1e3 * diameter:g} mm: at most the diameter, or no ae for a slot"
+                line, Text(f"a width of cut of {Quantity(width, 'm'):6 mm} is more than the tool's diameter of "
+                f"{Quantity(diameter, 'm'):6 mm}: at most the diameter, or no ae for a slot")
             )  # fmt: skip
 
     def couplings(self, cuts: Sequence[Cut], axes: Sequence[str], substep: float) -> tuple[MillingCut, ...]:

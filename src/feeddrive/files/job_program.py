@@ -33,6 +33,8 @@ from feeddrive.files.read_log import read_log
 from feeddrive.files.toml_file import Section
 from feeddrive.language import units
 from feeddrive.language.errors import FeeddriveError, NotPlannedError, ParameterError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.simulate import samples
 from feeddrive.path.planned import Planned, planned_of
 from feeddrive.path.program.reading import read_program
@@ -108,8 +110,9 @@ def read_planned(section: Section, place: Path, machine: MachineFile, process: S
             lines.append(np.where(np.isinf(samples.feed), -samples.line, samples.line).astype(np.int32))
             if setpoints.samples > MOST:
                 raise NotPlannedError(
-                    f"{section.where()}: {program.name} lasts longer than {MOST * T:.6g} s, {MOST:,} samples, which a "
-                    "job does not hold in memory: cut the program, or take feeddrive plan for its setpoints"
+                    f"{section.where()}: {program.name} lasts longer than {Quantity(MOST * T, 's'):6 SI}, {MOST:,} "
+                    "samples, which a job does not hold in memory: cut the program, or take feeddrive plan for its "
+                    "setpoints"
                 )
             if not samples.proven:
                 raise NotPlannedError(
@@ -127,7 +130,8 @@ def read_planned(section: Section, place: Path, machine: MachineFile, process: S
     cuts = () if said is None else said.cuts(times, np.abs(line), line < 0)
     return PlannedProgram(
         references,
-        f"part program {program.name}, {planned.blocks:,} blocks in {planned.cycle_time:.6g} s, planned and proven",
+        Text(f"part program {program.name}, {planned.blocks:,} blocks in {Quantity(planned.cycle_time, 's'):6 SI}, "
+        f"planned and proven"),
         program, planned, np.abs(line), line > 0 if said is None else _cutting(cuts, times), cuts, said,
     )  # fmt: skip
 
@@ -175,8 +179,10 @@ def _recorded(section: Section, place: Path, machine: MachineFile) -> PlannedPro
         raise columns.error(f"{columns.dotted()} names no axis")
     return PlannedProgram(
         references,
-        f"setpoints recorded in {path.name}, averaged four times over {rows} rows as control points of a "
-        f"spline of fifth degree; an axis is at most {1e6 * farthest:.4g} um from the record",
+        Text(
+            f"setpoints recorded in {path.name}, averaged four times over {rows} rows as control points of a spline of "
+            f"fifth degree; an axis is at most {Quantity(farthest, 'm')} from the record"
+        ),
     )
 
 

@@ -15,7 +15,9 @@ import numpy as np
 
 from feeddrive.files.run_files import write_parquet
 from feeddrive.language.errors import LogError, ParameterError, nearest
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table, shown
+from feeddrive.language.text import Text
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -81,8 +83,11 @@ class Log(Result):
             rms = float(np.sqrt(np.mean(np.square(values))))
             figures = (float(np.min(values)), float(np.max(values)), rms)
             rows.append([channel, unit, *(f"{factor * figure:.5g}" for figure in figures)])
-        rate = f"{1e3 * self.sample_time:.6g} ms"
-        title = f"{self.name}: {self.time.size} rows, {self.duration:.4g} s at {rate}, jitter {100 * self.jitter:.2g} %"
+        rate = Text(f"{Quantity(self.sample_time, 's'):6}")
+        title = Text(
+            f"{self.name}: {self.time.size} rows, {Quantity(self.duration, 's'):SI} at {rate}, jitter "
+            f"{Quantity(self.jitter, 'share'):2}"
+        )
         return Table(title, ["channel", "unit", "least", "most", "RMS"], rows)
 
 

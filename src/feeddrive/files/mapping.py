@@ -18,6 +18,7 @@ from feeddrive.files.toml_file import Section, parse_toml
 from feeddrive.files.toml_values import optional_text, quoted
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 
 _LONGEST = 1e9  # s, of a sample time
 
@@ -51,7 +52,10 @@ class Mapping(abc.Mapping[str, Column]):
         object.__setattr__(self, "reasons", reasons)
         if self.sample_time is not None:
             if not 0.0 < self.sample_time < _LONGEST:
-                raise ParameterError(f"sample_time = {self.sample_time:g} s must be > 0 s and < {_LONGEST:g} s")
+                raise ParameterError(
+                    f"sample_time = {Quantity(self.sample_time, 's'):6 SI} must be > 0 s and < "
+                    f"{Quantity(_LONGEST, 's'):6 SI}"
+                )
             object.__setattr__(self, "sample_time", float(self.sample_time))
 
     def __getitem__(self, role: str) -> Column:

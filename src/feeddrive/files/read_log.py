@@ -20,6 +20,8 @@ from feeddrive.files.log import Log, write_log
 from feeddrive.files.mapping import Mapping
 from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError, nearest, plain
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 
 # names of a constant that is the sampling rate in Hz
 _RATES = ("fs", "sampling_rate", "sample_rate", "samplerate", "fsample", "f_s")
@@ -84,7 +86,7 @@ def _read_log(
 ) -> Log:
     where = str(path)
     if sample_time is not None and not (np.isfinite(sample_time) and sample_time > 0.0):
-        raise ParameterError(f"{where}: sample_time = {sample_time:g} s must be > 0 s")
+        raise ParameterError(f"{where}: sample_time = {Quantity(sample_time, 's'):6 SI} must be > 0 s")
     given = None if mapping is None else {role: _column(where, role, column) for role, column in mapping.items()}
     extra = {role: _column(where, role, column) for role, column in optional.items()}
     if isinstance(path, OpenedFile):
@@ -217,7 +219,7 @@ def _scaled_by_rate(columns: Columns, column: Column, time: np.ndarray) -> tuple
     for unit in ("ms", "us", "ns"):
         size = units.factor(unit, "s")
         if abs(usual * size * rate - 1.0) < 1e-3:
-            return time * size, f"in {unit}, by {name} = {rate:g} Hz in the file"
+            return time * size, Text(f"in {unit}, by {name} = {Quantity(rate, 'Hz'):6} in the file")
     return time, ""
 
 
@@ -279,8 +281,9 @@ def checked_clock(name: str, time: np.ndarray, place: Callable[[int], str], samp
         k = int(back[0])
         what = "stands still" if steps[k] == 0.0 else "runs backward"
         raise LogError(
-            f"{name}: time {what} at {place(k + 1)}: {time[k]:.9g} s is followed by {time[k + 1]:.9g} s "
-            f"({back.size} such rows); remove the repeated rows, or give the sample time if the stamps are only rounded"
+            f"{name}: time {what} at {place(k + 1)}: {Quantity(time[k], 's'):9 SI} is followed by "
+            f"{Quantity(time[k + 1], 's'):9 SI} ({back.size} such rows); remove the repeated rows, or give the sample "
+            "time if the stamps are only rounded"
         )
     if _grow(time):
         raise LogError(
@@ -292,9 +295,9 @@ def checked_clock(name: str, time: np.ndarray, place: Callable[[int], str], samp
     if gaps.size:
         k = int(gaps[0])
         raise LogError(
-            f"{name}: a gap lies before {place(k + 1)}: {time[k]:.9g} s is followed by {time[k + 1]:.9g} s, "
-            f"where the step is {usual:.6g} s ({gaps.size} such rows); "
-            "cut the log there, or record it again without loss"
+            f"{name}: a gap lies before {place(k + 1)}: {Quantity(time[k], 's'):9 SI} is followed by "
+            f"{Quantity(time[k + 1], 's'):9 SI}, where the step is {Quantity(usual, 's'):6 SI} ({gaps.size} such "
+            "rows); cut the log there, or record it again without loss"
         )
     mean = float(time[-1] - time[0]) / (time.size - 1)
     deviation = np.divide(steps, mean, out=steps)  # in place: logs are large
@@ -303,9 +306,9 @@ def checked_clock(name: str, time: np.ndarray, place: Callable[[int], str], samp
     if deviation[worst] > JITTER:
         k = int(np.argmax(deviation > JITTER))
         raise LogError(
-            f"{name}: the clock is not uniform: the step to {place(k + 1)} is {time[k + 1] - time[k]:.6g} s, "
-            f"the mean {mean:.6g} s; "
-            "resample the log to a uniform clock, or give the sample time if the stamps are only rounded"
+            f"{name}: the clock is not uniform: the step to {place(k + 1)} is "
+            f"{Quantity(time[k + 1] - time[k], 's'):6 SI}, the mean {Quantity(mean, 's'):6 SI}; resample the log to a "
+            "uniform clock, or give the sample time if the stamps are only rounded"
         )
     _check_plausible(name, mean)
     largest = float(deviation[worst])
@@ -328,22 +331,22 @@ def _fitted(name: str, time: np.ndarray, place: Callable[[int], str], sample_tim
     if bad.size:
         k = int(bad[0])
         raise LogError(
-            f"{name}: with a sample time of {sample_time:.6g} s, {place(k)} should be at "
-            f"{time[0] + k * sample_time:.9g} s, not at {time[k]:.9g} s; "
-            "give the right sample time, or cut the log there"
+            f"{name}: with a sample time of {Quantity(sample_time, 's'):6 SI}, {place(k)} should be at "
+            f"{Quantity(time[0] + k * sample_time, 's'):9 SI}, not at {Quantity(time[k], 's'):9 SI}; give the right "
+            "sample time, or cut the log there"
         )
     return Clock(units.decimal(sample_time), float(np.max(np.abs(np.diff(off)))))
 
 
 def _check_plausible(name: str, sample_time: float) -> None:
     if not _FASTEST <= sample_time <= _SLOWEST:
-        read = [f"{unit} ({1e3 * step:.4g} ms)" for unit, step in time_units(sample_time)]
+        read = [Text(f"{unit} ({Quantity(step, 's')})") for unit, step in time_units(sample_time)]
         likely = f"; likeliest are {' and '.join(read)} from one row to the next" if read else ""
         unit = read[0].partition(" ")[0] if read else "ms"
         raise LogError(
-            f"{name}: a sample time of {sample_time:.6g} s is not one of a servo loop, {_FASTEST:g} to {_SLOWEST:g} s; "
-            f"is the time in another unit{likely}? Then state it: --time t:{unit}, or  time = "
-            f"{{ column = 't', unit = '{unit}' }}"
+            f"{name}: a sample time of {Quantity(sample_time, 's'):6 SI} is not one of a servo loop, {_FASTEST:g} to "
+            f"{Quantity(_SLOWEST, 's'):6 SI}; is the time in another unit{likely}? Then state it: --time t:{unit}, or  "
+            f"time = {{ column = 't', unit = '{unit}' }}"
         )
 
 

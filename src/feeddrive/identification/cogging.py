@@ -12,6 +12,7 @@ from feeddrive.blocks.force.harmonic import Harmonic
 from feeddrive.identification.estimate import Estimate
 from feeddrive.identification.regression import ols_covariance, strays, strays_said
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
 
 RISK = 0.05  # probability that any order is called significant if there is no cogging
@@ -310,8 +311,8 @@ class CoggingRun:
             share = float(np.mean(steps > 0.0)) if steps.size else 0.5
             if 1.0 - _ONE_WAY < share < _ONE_WAY:
                 raise NotIdentifiableError(
-                    f"a cogging run goes both ways ({100.0 * share:.3g} % of its steps forward): friction changes its "
-                    f"sign within it; cut it into runs of one direction, or state `direction`"
+                    f"a cogging run goes both ways ({Quantity(share, 'share'):3} of its steps forward): friction "
+                    "changes its sign within it; cut it into runs of one direction, or state `direction`"
                 )
             direction = 1 if share > 0.5 else -1
         if direction not in (-1, 1):

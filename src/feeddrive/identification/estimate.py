@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from feeddrive.blocks.plant.transmission import radians_per_metre
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
 
 NORMAL = 1.959963985  # half width of a 95 % interval of a normal error, in standard errors
@@ -47,7 +48,7 @@ def frame_of(rotary: bool) -> Frame:
 def lever(lead: float, gear: float = 1.0) -> float:
     """Travel of the table per rad of the motor, m/rad; lead in m, gear in turns of the motor per turn of the screw."""
     if not (math.isfinite(lead) and lead > 0.0 and math.isfinite(gear) and gear > 0.0):
-        raise ParameterError(f"lead = {lead:g} m and gear = {gear:g} must be > 0")
+        raise ParameterError(f"lead = {Quantity(lead, 'm'):6 SI} and gear = {gear:g} must be > 0")
     return 1.0 / (gear * float(radians_per_metre(lead)))
 
 

@@ -13,7 +13,9 @@ from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.preparation import Preparation, prepare
 from feeddrive.identification.regression import errors, ols_covariance, robust_covariance
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 
 WIDTHS = tuple(np.geomspace(0.5e-6, 200e-6, 15).tolist())  # m
 _UNUSED = 3  # one of so many parts of the log, the last, tests what the others gave
@@ -46,9 +48,10 @@ class LearnedStops(Result):
 
     def table(self) -> Table:
         """The estimates with both standard errors; below the title how many stops there are and what they leave."""
-        title = (
-            f"{self.name}: {len(self.stops.width)} stops leave {self.left[0]:.3g} N RMS, {self.left[1]:.3g} N of rows "
-            f"not used; Coulomb and viscous friction {self.plain[0]:.3g} and {self.plain[1]:.3g} N"
+        title = Text(
+            f"{self.name}: {len(self.stops.width)} stops leave {Quantity(self.left[0], 'N'):3} RMS, "
+            f"{Quantity(self.left[1], 'N'):3} of rows not used; Coulomb and viscous friction {self.plain[0]:.3g} and "
+            f"{Quantity(self.plain[1], 'N'):3}"
         )
         return estimates_table(title, self.estimates)
 
@@ -108,8 +111,8 @@ def learned_stops(
     most = float(np.quantile(np.abs(force), _USUAL))
     if not kept or level > _MOST_LEVEL * most:
         raise NotIdentifiableError(
-            f"{log.name}: the stops found bear {level:.3g} N together, where the friction of the log stays within "
-            f"{most:.3g} N: it does not show presliding; record slow moves to and fro of 1 um to "
+            f"{log.name}: the stops found bear {Quantity(level, 'N'):3} together, where the friction of the log stays "
+            f"within {Quantity(most, 'N'):3}: it does not show presliding; record slow moves to and fro of 1 um to "
             f"{4e3 * max(widths):.2g} mm"
         )
     if len(kept) == 1:  # a table has two entries at least: its neighbor, without stiffness
@@ -130,14 +133,14 @@ def _check(log: MotionLog, widths: Sequence[float], mass: float | None, bells: i
     if len(widths) < 2 or not all(np.isfinite(each) and each > 0.0 for each in widths):
         raise ParameterError(f"widths = {list(widths)} m must be two or more lengths > 0")
     if mass is not None and not (np.isfinite(mass) and mass >= 0.0):
-        raise ParameterError(f"mass = {mass:g} kg must be >= 0; leave it out to estimate it")
+        raise ParameterError(f"mass = {Quantity(mass, 'kg'):6} must be >= 0; leave it out to estimate it")
     if bells < 0 or bells == 1:
         raise ParameterError(f"bells = {bells} must be 0 or at least 2")
     travel = float(np.ptp(log.position))
     if 2.0 * max(widths) > travel:
         raise NotIdentifiableError(
-            f"{log.name}: the axis moves by {1e6 * travel:.4g} um, less than twice the widest stop of "
-            f"{1e6 * max(widths):.4g} um, which never slips: move farther, or offer narrower stops (widths)"
+            f"{log.name}: the axis moves by {Quantity(travel, 'm')}, less than twice the widest stop of "
+            f"{Quantity(max(widths), 'm')}, which never slips: move farther, or offer narrower stops (widths)"
         )
 
 

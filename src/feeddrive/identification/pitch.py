@@ -9,7 +9,9 @@ import numpy as np
 
 from feeddrive.blocks.compensation.pitch_compensation import PitchCompensation
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.simulate import Run
 from feeddrive.machining.circle_causes import CircleCauses
 
@@ -37,11 +39,16 @@ class LearnedPitch(Result):
         peak = max(float(np.max(np.abs(each))) for each in (block.forward, block.backward))
         rows = [
             ["entries", f"{len(block.forward)}"],
-            ["from", f"{1e3 * float(block.table_start):g} mm, every {1e3 * float(block.spacing):g} mm"],
-            ["largest entry", f"{1e6 * peak:.3g} um"],
-            ["backlash, mean", f"{1e6 * self.backlash:.3g} um"],
-            ["error before, RMS", f"{1e6 * self.before:.3g} um"],
-            ["left, RMS", f"{1e6 * self.after:.3g} um"],
+            [
+                "from",
+                Text(
+                    f"{Quantity(float(block.table_start), 'm'):6 mm}, every {Quantity(float(block.spacing), 'm'):6 mm}"
+                ),
+            ],
+            ["largest entry", Text(f"{Quantity(peak, 'm'):3}")],
+            ["backlash, mean", Text(f"{Quantity(self.backlash, 'm'):3}")],
+            ["error before, RMS", Text(f"{Quantity(self.before, 'm'):3}")],
+            ["left, RMS", Text(f"{Quantity(self.after, 'm'):3}")],
         ]
         return Table(f"Pitch compensation learned from {sum(self.samples)} samples", ["", ""], rows)
 
@@ -73,7 +80,7 @@ def learned_pitch(
     if not all(np.all(np.isfinite(each)) for each in rows):
         raise ParameterError("nominal, reached and velocity hold numbers that are not finite: leave those samples out")
     if not spacing > 0.0:
-        raise ParameterError(f"spacing = {spacing:g} m must be > 0")
+        raise ParameterError(f"spacing = {Quantity(spacing, 'm'):6 SI} must be > 0")
     nominal, reached, velocity = rows
     moves = np.abs(velocity) > _LEAST_SPEED
     way = np.where(moves, np.sign(velocity), 0.0)
@@ -84,7 +91,9 @@ def learned_pitch(
     low, high = float(np.min(nominal[way != 0.0])), float(np.max(nominal[way != 0.0]))
     count = max(2, round(np.ceil((high - low) / spacing * (1.0 - 1e-9))) + 1)
     if count > _MOST:
-        raise ParameterError(f"{count} entries are more than {_MOST}: take a larger spacing than {spacing:g} m")
+        raise ParameterError(
+            f"{count} entries are more than {_MOST}: take a larger spacing than {Quantity(spacing, 'm'):6 SI}"
+        )
     added = nominal - reached
     tables, left = [], []
     for sign in (1.0, -1.0):

@@ -15,6 +15,7 @@ from feeddrive.language import tree
 from feeddrive.language.block import Block, Number
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import Graph, Symbol
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.trace import evaluate
 from feeddrive.loop.traced_model import push
@@ -280,7 +281,7 @@ class Validation(Result):
     def table(self) -> Table:
         """One row a stretch."""
         rows = [[f"{i + 1}", f"{100.0 * error:.3g}"] for i, error in enumerate(self.errors)]
-        return Table(f"unused rows: {100.0 * self.relative:.3g} % RMS", ["stretch", "error %"], rows)
+        return Table(f"unused rows: {Quantity(self.relative, 'share'):3} RMS", ["stretch", "error %"], rows)
 
 
 def cross_validated(columns: np.ndarray, measured: np.ndarray, folds: int, unit: str) -> Validation:

@@ -15,7 +15,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cache
-from typing import Any
+from typing import Any, SupportsFloat
 
 import numpy as np
 
@@ -125,11 +125,10 @@ class Units:
         """Return a quantity as a person reads it, with the error to two digits if it has one."""
         digits, shown = _read(form or quantity.form)
         name, size = self.of(quantity.unit, shown, stays=quantity.stays)
-        value = size * quantity.value
-        if quantity.error is None or not 0.0 < quantity.error < math.inf or digits:
+        value, error = size * float(quantity.value), quantity.error
+        if error is None or not 0.0 < (error := size * float(error)) < math.inf or digits:
             said = _numeral(value, digits)
         else:
-            error = size * quantity.error
             decimals = max(0, 1 - math.floor(math.log10(float(f"{error:.1e}"))))
             said = f"{value:.{decimals}f} {'±' if self.typographic else '+-'} {error:.{decimals}f}"
         return said if quantity.bare or not name else f"{said}{'' if name == '°' else ' '}{name}"
@@ -203,9 +202,9 @@ class Quantity:
     (in the SI unit, as a file has it).
     """
 
-    value: float
+    value: SupportsFloat
     unit: str = ""
-    error: float | None = None
+    error: SupportsFloat | None = None
     form: str = ""
     stays: bool = False
     bare: bool = False
@@ -221,9 +220,9 @@ class Quantity:
 
     def record(self) -> dict[str, Any]:
         """Return it as JSON has it: value and error in SI, and the unit."""
-        found: dict[str, Any] = {"value": finite(self.value), "unit": self.unit}
+        found: dict[str, Any] = {"value": finite(float(self.value)), "unit": self.unit}
         if self.error is not None:
-            found["error"] = finite(self.error)
+            found["error"] = finite(float(self.error))
         return found
 
 

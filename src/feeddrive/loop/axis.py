@@ -13,6 +13,8 @@ from feeddrive.language import matrix, ops
 from feeddrive.language.block import Block, Number, Rule, choice, declarations, part
 from feeddrive.language.errors import StructureError
 from feeddrive.language.matrix import Matrix, Row
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.hold import Hold, Port, Rows, Timing, hold, samples_of
 
 # noise channels of the encoders; each can carry several kinds of noise
@@ -90,12 +92,13 @@ class Axis(Block):
         least, most = -ops.most(-whole, 0.0), ops.most(whole, 0.0)
         if least != most:
             raise StructureError(
-                f"axis.actuator.dead_time: variants of one batch need the same number of whole samples, "
-                f"not {least:g} to {most:g} at a sample time of {T:g} s: run them as separate batches"
+                f"axis.actuator.dead_time: variants of one batch need the same number of whole samples, not {least:g} "
+                f"to {most:g} at a sample time of {Quantity(T, 's'):6 SI}: run them as separate batches"
             )
         if most > 1000:
             raise StructureError(
-                f"axis.actuator.dead_time is {most:g} samples of {T:g} s; the longest that is simulated is 1000 samples"
+                f"axis.actuator.dead_time is {most:g} samples of {Quantity(T, 's'):6 SI}; the longest that is "
+                "simulated is 1000 samples"
             )
         return Timing(int(most), ops.most(samples - whole, 0.0) > 0.0)
 
@@ -208,9 +211,10 @@ def slow_enough(
         yield Rule(
             2.0 * math.pi * current_loop * h <= MOST_DECAY,
             "the actuator's current_loop is slow enough for a substep",
-            lambda: (
-                f"axis.actuator.current_loop = {current_loop:g} Hz is over within a substep of {h:g} s: leave it out "
-                f"for an ideal current loop, or keep it below {MOST_DECAY / (2.0 * math.pi * h):g} Hz"
+            lambda: Text(
+                f"axis.actuator.current_loop = {Quantity(current_loop, 'Hz'):6} is over within a substep of "
+                f"{Quantity(h, 's'):6 SI}: leave it out for an ideal current loop, or keep it below "
+                f"{Quantity(MOST_DECAY / (2.0 * math.pi * h), 'Hz'):6}"
             ),
         )
     squares = matrix.solve(mechanics.mass, mechanics.stiffness)
@@ -225,15 +229,16 @@ def slow_enough(
         matrix.decays(matrix.scale(turn, decays)),
         f"the fastest motion of {whose} dies out slowly enough for a substep: masses are not too small, nor damping "
         "too large",
-        lambda: (
-            f"{what}: its fastest motion dies out in {1.0 / matrix.growth(decays):.4g} s, more than {MOST_TURN:g} "
-            f"times within a substep of {h:g} s: check masses and damping, or raise substeps"
+        lambda: Text(
+            f"{what}: its fastest motion dies out in {Quantity(1.0 / matrix.growth(decays), 's'):SI}, more than "
+            f"{MOST_TURN:g} times within a substep of {Quantity(h, 's'):6 SI}: check masses and damping, or raise "
+            "substeps"
         ),
     )
 
 
 def _too_fast_a_mode(mode: float, h: float, what: str) -> str:
-    return (
-        f"{what}: its fastest mode, {mode / (2.0 * math.pi):.4g} Hz, turns {mode * h:.4g} rad in a substep of "
-        f"{h:g} s, more than {MOST_TURN:g}: check masses and stiffnesses, or raise substeps"
+    return Text(
+        f"{what}: its fastest mode, {Quantity(mode / (2.0 * math.pi), 'Hz')}, turns {Quantity(mode * h, 'rad')} in a "
+        f"substep of {Quantity(h, 's'):6 SI}, more than {MOST_TURN:g}: check masses and stiffnesses, or raise substeps"
     )

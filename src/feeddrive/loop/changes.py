@@ -12,6 +12,8 @@ import numpy as np
 
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.loop.engine.native import Native
 from feeddrive.loop.loop import Loop
@@ -59,14 +61,14 @@ def _sample(key: int | float, T: float, count: int) -> int:
         raise ParameterError(f"changes: {key!r} must be a sample (whole number) or a time in s (float)")
     if not 0 <= sample < count:
         raise ParameterError(
-            f"changes: {_shown(key)} is outside of the run, which has {count} samples, "
-            f"0 ... {count - 1} (0 ... {(count - 1) * T:g} s)"
+            f"changes: {_shown(key)} is outside of the run, which has {count} samples, 0 ... {count - 1} (0 ... "
+            f"{Quantity((count - 1) * T, 's'):6 SI})"
         )
     return sample
 
 
 def _shown(key: int | float) -> str:
-    return f"{key:g} s" if isinstance(key, (float, np.floating)) else f"sample {key}"
+    return Text(f"{Quantity(key, 's'):6 SI}") if isinstance(key, (float, np.floating)) else f"sample {key}"
 
 
 def _changed(loop: System, change: Any) -> System:

@@ -13,7 +13,9 @@ from feeddrive.language import matrix, ops, tree
 from feeddrive.language.block import Block, Number, Rule, parameter, part
 from feeddrive.language.errors import StructureError
 from feeddrive.language.graph import Symbol
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.ring import History, Ring, Track
+from feeddrive.language.text import Text
 from feeddrive.loop.guard import Guard
 
 
@@ -99,9 +101,10 @@ class Control(Block):
             yield Rule(
                 ops.absolute(held) <= limit,
                 "guard.safe_force is within the force_limit",
-                lambda: (
-                    f"control.guard.safe_force = {held:g} N is beyond control.force_limit = {limit:g} N by "
-                    f"{abs(held) - limit:g} N: raise the limit, or lower the force"
+                lambda: Text(
+                    f"control.guard.safe_force = {Quantity(held, 'N'):6} is beyond control.force_limit = "
+                    f"{Quantity(limit, 'N'):6} by {Quantity(abs(held) - limit, 'N'):6}: raise the limit, or lower the "
+                    "force"
                 ),
             )
 

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from feeddrive.language.errors import MissingExtraError, ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 
 TRUSTED = 0.9  # coherence from which a line may carry a tuning
 AVERAGES = 8  # behind a coherence that comes without a variance
@@ -66,10 +68,10 @@ class FRF(Result):
         wrong = np.flatnonzero(np.diff(frequency, prepend=0.0) <= 0.0)
         if wrong.size:
             i = int(wrong[0])
-            before = f" after {frequency[i - 1]:.6g} Hz" if i else ""
+            before = Text(f" after {Quantity(frequency[i - 1], 'Hz'):6}") if i else ""
             raise ParameterError(
                 f"the frequencies of an FRF must be positive and rise from line to line: line {i + 1} of the one from "
-                f"{self.input} to {self.output} is {frequency[i]:.6g} Hz{before} ({wrong.size} such lines)"
+                f"{self.input} to {self.output} is {Quantity(frequency[i], 'Hz'):6}{before} ({wrong.size} such lines)"
             )
         object.__setattr__(self, "frequency", frequency)
         object.__setattr__(self, "response", response)
@@ -82,7 +84,7 @@ class FRF(Result):
             i = int(wrong[0])
             raise ParameterError(
                 f"the FRF from {self.input} to {self.output} holds numbers that are not finite: line {i + 1} is "
-                f"{response[i]:.6g} at {frequency[i]:.6g} Hz ({wrong.size} such lines)"
+                f"{response[i]:.6g} at {Quantity(frequency[i], 'Hz'):6} ({wrong.size} such lines)"
             )
 
     def _check(self, name: str, most: float) -> None:
@@ -97,8 +99,9 @@ class FRF(Result):
             i = int(wrong[0])
             bounds = f"between 0 and {most:g}" if np.isfinite(most) else "finite and at least 0"
             raise ParameterError(
-                f"the FRF from {self.input} to {self.output}: {name} is {values[i]:.6g} at {self.frequency[i]:g} Hz, "
-                f"it must be {bounds} ({wrong.size} of {values.size} lines are not)"
+                f"the FRF from {self.input} to {self.output}: {name} is {values[i]:.6g} at "
+                f"{Quantity(self.frequency[i], 'Hz'):6}, it must be {bounds} ({wrong.size} of {values.size} lines are "
+                "not)"
             )
         object.__setattr__(self, name, values)
 

@@ -8,6 +8,8 @@ from typing import Any, NamedTuple, TypeVar
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, Rule, choice, parameter
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.language.tree import cases
 
 Memory = TypeVar("Memory")
@@ -291,8 +293,9 @@ def travel_rules(of: str, least: Number | None, most: Number | None) -> Iterator
         yield Rule(
             least < most,
             "travel_least is below travel_most",
-            lambda: (
-                f"{of}.travel_least = {least:g} m must be < {of}.travel_most = {most:g} m: between them the axis "
-                f"may move; leave one out for a travel without that end"
+            lambda: Text(
+                f"{of}.travel_least = {Quantity(least, 'm'):6 SI} must be < {of}.travel_most = "
+                f"{Quantity(most, 'm'):6 SI}: between them the axis may move; leave one out for a travel without that "
+                "end"
             ),
         )

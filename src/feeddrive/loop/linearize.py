@@ -13,6 +13,7 @@ import numpy as np
 
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.errors import MissingExtraError, ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.ring import Ring
 from feeddrive.language.table import Result, Table
 from feeddrive.language.units import units_of
@@ -124,8 +125,8 @@ def check_below_nyquist(frequency: np.ndarray, sample_time: float) -> None:
     """Raise ParameterError for a frequency in Hz beyond half the sample rate."""
     if frequency.size and frequency.max() > 0.5 / sample_time * (1 + 1e-9):
         raise ParameterError(
-            f"frequency {frequency.max():g} Hz is beyond Nyquist, {0.5 / sample_time:g} Hz: "
-            f"a sampled loop has no response there"
+            f"frequency {Quantity(frequency.max(), 'Hz'):6} is beyond Nyquist, {Quantity(0.5 / sample_time, 'Hz'):6}: "
+            "a sampled loop has no response there"
         )
 
 

@@ -13,7 +13,9 @@ import numpy as np
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.language.errors import DivergedError, ParameterError, nearest
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table, shown
+from feeddrive.language.text import Text
 from feeddrive.loop.changes import Changes, Course, changed_loops
 from feeddrive.loop.engine.native import Native
 from feeddrive.loop.engine.plan import ARITHMETIC
@@ -114,7 +116,7 @@ class Run(Result):
                 rows.append(
                     [name.replace("_", " "), unit, f"{_rms(values):.4g}", f"{np.max(np.abs(values), initial=0.0):.4g}"]
                 )
-        title = f"{self.name}: {self.samples} samples, {self.samples * self.sample_time:.4g} s"
+        title = Text(f"{self.name}: {self.samples} samples, {Quantity(self.samples * self.sample_time, 's'):SI}")
         return Table(title, ["signal", "unit", "RMS", "peak"], rows)
 
 
@@ -200,7 +202,7 @@ def sample_count(work: Work, duration: float | None) -> int:
     """How many samples a run has. Raises ParameterError for a duration that is no finite time."""
     span = work.duration if duration is None else duration
     if not 0.0 <= span < float("inf"):
-        raise ParameterError(f"duration = {span:g} s must be a finite time, >= 0 s")
+        raise ParameterError(f"duration = {Quantity(span, 's'):6 SI} must be a finite time, >= 0 s")
     return samples(span, work.T)
 
 
@@ -214,8 +216,9 @@ def _bound(work: Work, bound: float | None, count: int) -> float:
 def _check_inside(left: float, bound: float, T: float) -> None:
     if left >= 0.0:
         raise DivergedError(
-            f"the loop left its bounds at sample {int(left)} (t = {left * T:.6g} s): |tracking error| > {bound:g} m. "
-            f"It is unstable or was started far from its setpoint: check its margins, gains and sample time"
+            f"the loop left its bounds at sample {int(left)} (t = {Quantity(left * T, 's'):6 SI}): |tracking error| > "
+            f"{Quantity(bound, 'm'):6 SI}. It is unstable or was started far from its setpoint: check its margins, "
+            "gains and sample time"
         )
 
 

@@ -9,7 +9,9 @@ from scipy.interpolate import CubicSpline
 
 from feeddrive.analysis.spectrum import Spectrum, spectrum
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table, shown
+from feeddrive.language.text import Text
 
 _LINES = 2  # of the spectrum to each side of a harmonic that belong to it: the width of the window
 _TEETH = 16  # at least
@@ -48,10 +50,13 @@ class ChatterSigns(Result):
         spread = float(np.std(self.samples)) / self.swing if self.swing else 0.0
         said = {
             1: "no chatter: samples once per tooth agree",
-            2: f"flip chatter at {self.chatter:.4g} Hz: every second tooth cuts deeper",
-            0: f"chatter at {self.chatter:.4g} Hz, beside the harmonics of the teeth: samples once per tooth run round",
+            2: Text(f"flip chatter at {Quantity(self.chatter, 'Hz')}: every second tooth cuts deeper"),
+            0: Text(
+                f"chatter at {Quantity(self.chatter, 'Hz')}, beside the harmonics of the teeth: samples once per tooth "
+                "run round"
+            ),
         }[self.dots]
-        return f"{said} (they spread by {100.0 * spread:.2g} % of the swing within a tooth)"
+        return Text(f"{said} (they spread by {Quantity(spread, 'share'):2} of the swing within a tooth)")
 
     def table(self) -> Table:
         """The strongest lines, and to what they belong."""
@@ -94,8 +99,8 @@ def chatter_signs(
     count = int(((found.size - 1) * sample_time - (start or 0.0)) / period)
     if 1.0 / passing < 4.0 * sample_time:
         raise ParameterError(
-            f"a tooth passes every {1e3 / passing:.4g} ms, and {name} has a sample every {1e3 * sample_time:.4g} ms: "
-            f"four samples a tooth are needed, sample faster"
+            f"a tooth passes every {1e3 / passing:.4g} ms, and {name} has a sample every {Quantity(sample_time, 's')}: "
+            "four samples a tooth are needed, sample faster"
         )
     if count < _TEETH:
         what = "turns" if runout else "teeth"

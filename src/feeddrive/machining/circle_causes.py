@@ -9,7 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.machining.circle_columns import Fit, Rows, Solved, since_reversal, window
 from feeddrive.machining.circle_test import DIRECTIONS, CirclePath, about_origin, circle_fit, circle_test
 
@@ -101,8 +103,8 @@ class CircleCauses(Result):
             unit, factor = SHOWN[each.unit]
             error = "-" if not np.isfinite(each.error) else f"{factor * each.error:.2g}"
             rows.append([each.name, f"{factor * each.value:.4g}", error, unit, f"{1e6 * each.effect:.4g}",
-                         f"{100.0 * each.share:.3g} %", each.note])  # fmt: skip
-        title = f"causes; {1e6 * self.residual:.3g} um RMS are not explained"
+                         Text(f"{Quantity(each.share, 'share'):3}"), each.note])  # fmt: skip
+        title = Text(f"causes; {Quantity(self.residual, 'm'):3} RMS are not explained")
         return Table(title, ["cause", "value", "+-", "unit", "draws um", "of G", ""], rows, sentences=6)
 
 
@@ -140,7 +142,9 @@ def circle_causes(
             raise ParameterError(f"{what} = {value!r} must be one of {', '.join(options)}")
     for axis, length in (pitch or {}).items():
         if axis not in names or not 0.0 < length < float("inf"):
-            raise ParameterError(f"pitch of '{axis}' = {length:g} m: a pitch > 0 m of {' or '.join(names)} is needed")
+            raise ParameterError(
+                f"pitch of '{axis}' = {Quantity(length, 'm'):6 SI}: a pitch > 0 m of {' or '.join(names)} is needed"
+            )
     placed = [about_origin(each) for each in circles]
     center, _ = circle_fit(np.concatenate([c.x for c in placed]), np.concatenate([c.y for c in placed]))
     data = [

@@ -9,7 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.simulate import Run
 from feeddrive.machining.contour import tool_columns
 
@@ -195,7 +197,8 @@ def circle_path(
     first = max(first, 0)
     gap = float(r[-1] - np.interp(turned[-1] - 2.0 * np.pi, turned, r))
     if abs(gap) > max(_OPEN * float(np.ptp(r[first:])), _SMALL):
-        raise LogError(f"{name}: the circle is not closed: after a turn the radius differs by {1e6 * gap:.3g} um. Let "
+        raise LogError(f"{name}: the circle is not closed: after a turn the radius differs by "
+            f"{Quantity(gap, 'm'):3}. Let "
                        "it settle for another turn, or look for drift")  # fmt: skip
     wanted = turned[-1] - 2.0 * np.pi + 2.0 * np.pi * (np.arange(points) + 0.5) / points
     places = np.maximum.accumulate(turned[first:])
@@ -204,8 +207,8 @@ def circle_path(
     nominal = _ROUND * round(fitted / _ROUND) if radius is None else radius
     feed = nominal * float(turned[-1] - turned[first]) / span
     if radius is not None and abs(fitted - radius) > 0.05 * radius:
-        raise ParameterError(f"{name}: the circle has a radius of {1e3 * fitted:.4g} mm, and radius = "
-                             f"{1e3 * radius:.4g} mm was stated")  # fmt: skip
+        raise ParameterError(f"{name}: the circle has a radius of {Quantity(fitted, 'm'):mm}, and radius = "
+                             f"{Quantity(radius, 'm'):mm} was stated")  # fmt: skip
     drawn = direction * wanted
     return CirclePath(
         middle[0] + even * np.cos(drawn),
@@ -295,8 +298,8 @@ class CircleTest(Result):
         """One row for each circle and each pair, in um."""
         first = self.circles[0]
         label = "" if first.source == "tool" else "; FROM ENCODERS, which do not see the tool"
-        title = (
-            f"circular test after ISO 230-4: R {1e3 * self.radius:.5g} mm in {''.join(first.axes)}; F about the "
+        title = Text(
+            f"circular test after ISO 230-4: R {Quantity(self.radius, 'm'):5 mm} in {''.join(first.axes)}; F about the "
             f"{self.about} center{label}"
         )
         rows = [
@@ -326,8 +329,8 @@ def circle_test(circles: Sequence[CirclePath], *, about: str = "least squares") 
         if abs(each.radius - first.radius) > 1e-9 or each.axes != first.axes or each.source != first.source:
             raise ParameterError(
                 f"the circles of one test have one radius, plane and source: {first.name} has "
-                f"{1e3 * first.radius:.5g} mm in {''.join(first.axes)} by {first.source}, {each.name} "
-                f"{1e3 * each.radius:.5g} mm in {''.join(each.axes)} by {each.source}"
+                f"{Quantity(first.radius, 'm'):5 mm} in {''.join(first.axes)} by {first.source}, {each.name} "
+                f"{Quantity(each.radius, 'm'):5 mm} in {''.join(each.axes)} by {each.source}"
             )
     if about == "set-up" and any(each.center is None for each in circles):
         raise ParameterError("F about the set-up center needs the center of each circle")

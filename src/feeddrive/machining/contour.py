@@ -11,7 +11,9 @@ import numpy as np
 
 from feeddrive.blocks.families import Reference
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.simulate import Run
 from feeddrive.machining.curve import CORNER, Curve, curve_through, feet, lengths, size, unit
 
@@ -170,10 +172,10 @@ class ContourError(Result):
 
     def table(self) -> Table:
         """Largest, RMS and 95 % of the error, and the worst places."""
-        title = (
-            f"{self.name}: contour error {1e6 * self.largest:.4g} um at most, {1e6 * self.rms:.4g} um RMS, "
-            f"{1e6 * self.within(0.95):.4g} um on 95 % of {1e3 * float(self.curve.along[-1]):.4g} mm; "
-            f"lag at most {1e6 * float(np.max(np.abs(self.lag))):.4g} um"
+        title = Text(
+            f"{self.name}: contour error {Quantity(self.largest, 'm')} at most, {Quantity(self.rms, 'm')} RMS, "
+            f"{Quantity(self.within(0.95), 'm')} on 95 % of {Quantity(float(self.curve.along[-1]), 'm'):mm}; lag at "
+            f"most {Quantity(float(np.max(np.abs(self.lag))), 'm')}"
         )
         heads = ["worst places", "um", "s", "at mm of path", *(f"{name} mm" for name in self.axes)]
         lines = [] if self.line is None else ["line"]

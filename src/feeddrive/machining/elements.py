@@ -9,7 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.machining.circle_test import circle_fit, minimum_zone
 from feeddrive.machining.contour import ContourError, Corner
 
@@ -66,7 +68,7 @@ class Elements(Result):
         ]  # fmt: skip
         rows += [
             [f"corner{'' if each.line is None else f', line {each.line}'}", "", f"{np.degrees(each.turn):.4g}", "",
-             f"passed at {1e6 * each.nearest:.4g} um", f"{1e6 * each.error:.4g}"]
+             Text(f"passed at {Quantity(each.nearest, 'm')}"), f"{1e6 * each.error:.4g}"]
             for each in self.corners
         ]  # fmt: skip
         heads = ["element", "mm", "deg", "straight, round um", "tilt, radius", "contour error um"]

@@ -8,7 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.language.units import turning
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import System, check_system
@@ -90,7 +92,7 @@ class AxisLoad(Result):
 
     def table(self) -> Table:
         """One row."""
-        return _table([self], f"load of axis {self.axis} over {self.duration:.4g} s")
+        return _table([self], Text(f"load of axis {self.axis} over {Quantity(self.duration, 's'):SI}"))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -130,8 +132,11 @@ class MachineLoad(Result):
 
     def table(self) -> Table:
         """One row for each axis; the energy of all in the title."""
-        spindle = "" if self.spindle is None else f", {self.spindle.energy:.4g} J of them by the spindle"
-        title = f"load: {self.energy():.4g} J with recovery, {self.energy(recovers=False):.4g} J without{spindle}"
+        spindle = "" if self.spindle is None else Text(f", {Quantity(self.spindle.energy, 'J')} of them by the spindle")
+        title = Text(
+            f"load: {Quantity(self.energy(), 'J')} with recovery, {Quantity(self.energy(recovers=False), 'J')} "
+            f"without{spindle}"
+        )
         return _table(list(self.axes.values()), title)
 
 
@@ -150,7 +155,7 @@ def _table(rows: list[AxisLoad], title: str) -> Table:
 
 
 def _percent(share: float | None) -> str:
-    return "-" if share is None else f"{100.0 * share:.3g} %"
+    return "-" if share is None else Text(f"{Quantity(share, 'share'):3}")
 
 
 def axis_load(

@@ -10,7 +10,9 @@ import numpy as np
 
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import StateSpace
 from feeddrive.loop.loop import Loop
@@ -64,12 +66,12 @@ class CutStability(Result):
 
     def sentence(self) -> str:
         """The verdict in words."""
-        at = f"at {self.speed:.6g} rpm and {1e3 * self.depth:.4g} mm"
-        said = "does not chatter" if self.stable else f"chatters at {self.frequency:.4g} Hz"
+        at = Text(f"at {self.speed:.6g} rpm and {Quantity(self.depth, 'm'):mm}")
+        said = "does not chatter" if self.stable else Text(f"chatters at {Quantity(self.frequency, 'Hz')}")
         limit = (
-            f"the limit there is {1e3 * self.limit:.4g} mm ({self.kind}, {self.frequency:.4g} Hz)"
+            Text(f"the limit there is {Quantity(self.limit, 'm'):mm} ({self.kind}, {Quantity(self.frequency, 'Hz')})")
             if np.isfinite(self.limit)
-            else f"no limit was found up to {1e3 * self.deepest:.4g} mm"
+            else Text(f"no limit was found up to {Quantity(self.deepest, 'm'):mm}")
         )
         return f"{at} the cut {said}: a vibration is multiplied by {self.growth:.4g} from tooth to tooth; {limit}"
 
@@ -132,11 +134,11 @@ class Lobes(Result):
         """Where the limit is least, and the best pocket."""
         i, best = int(np.argmin(self.depth)), self.pockets(1)[0]
         if not np.isfinite(self.depth[i]):
-            return f"no chatter up to {1e3 * self.deepest:.4g} mm at any of these speeds"
+            return Text(f"no chatter up to {Quantity(self.deepest, 'm'):mm} at any of these speeds")
         shown = f"{1e3 * self.depth[best]:.4g}" if np.isfinite(self.depth[best]) else f"over {1e3 * self.deepest:.4g}"
-        return (
-            f"the cut is free of chatter up to {1e3 * self.depth[i]:.4g} mm at every one of these speeds (least at "
-            f"{self.spindle_speed[i]:.6g} rpm); at {self.spindle_speed[best]:.6g} rpm up to {shown} mm"
+        return Text(
+            f"the cut is free of chatter up to {Quantity(self.depth[i], 'm'):mm} at every one of these speeds (least "
+            f"at {self.spindle_speed[i]:.6g} rpm); at {self.spindle_speed[best]:.6g} rpm up to {shown} mm"
         )
 
     def table(self) -> Table:
@@ -215,7 +217,7 @@ def cut_stability(
     Raises as `stability_lobes` does, and for a depth that is not above 0.
     """
     if not (depth > 0.0 and np.isfinite(depth)):
-        raise ParameterError(f"depth = {depth:g} m must be > 0: the axial depth of the cut")
+        raise ParameterError(f"depth = {Quantity(depth, 'm'):6 SI} must be > 0: the axial depth of the cut")
     point, cut = as_tool_point(tool), regeneration(cutter, **changes)
     first, most = _range(point, cut, deepest)
     passage = ToothPassage(point, cut, speed)
@@ -245,8 +247,8 @@ def _range(point: ToolPoint, cut: Regeneration, deepest: float | None) -> tuple[
     worst = poles[np.argmax(poles.real)]
     if worst.real >= 0.0:
         raise UnstableError(
-            f"the tool point is unstable without any cut: a pole at {abs(worst) / (2.0 * np.pi):.4g} Hz grows with "
-            f"{worst.real:.4g} 1/s; damp the mode, or close the position loop"
+            f"the tool point is unstable without any cut: a pole at {Quantity(abs(worst) / (2.0 * np.pi), 'Hz')} grows "
+            f"with {worst.real:.4g} 1/s; damp the mode, or close the position loop"
         )
     least = zero_order(point, cut).least
     if not np.isfinite(least):
@@ -254,7 +256,9 @@ def _range(point: ToolPoint, cut: Regeneration, deepest: float | None) -> tuple[
         size = np.abs(point.response(frequency if frequency.size else np.array([1.0]))).max()
         least = 1.0 / (2.0 * float(size) * float(np.abs(cut.mean()).max()))
     if deepest is not None and not (deepest > 0.0 and np.isfinite(deepest)):
-        raise ParameterError(f"deepest = {deepest:g} m must be > 0: the axial depth up to which a limit is looked for")
+        raise ParameterError(
+            f"deepest = {Quantity(deepest, 'm'):6 SI} must be > 0: the axial depth up to which a limit is looked for"
+        )
     most = _REACH * least if deepest is None else deepest
     return min(_BEGIN * least, 0.5 * most), most
 
@@ -283,8 +287,8 @@ def _borders(
             if growth(fine, ends[0]) * growth(fine, ends[1]) < 0.0:
                 return _root(lambda a: growth(fine, a), *ends, _DIGITS)
         raise ParameterError(
-            f"at {speed:g} rpm the limit near {1e3 * near:.4g} mm is lost between two grids of points: leave out modes "
-            f"that are far above the teeth"
+            f"at {speed:g} rpm the limit near {Quantity(near, 'm'):mm} is lost between two grids of points: leave out "
+            "modes that are far above the teeth"
         )
 
     from scipy.optimize import minimize_scalar  # not for commands that only read

@@ -13,7 +13,9 @@ from feeddrive.blocks.families import Observer
 from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.language import matrix
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import Run
@@ -140,9 +142,10 @@ class PartRun(Result):
 
     def table(self) -> Table:
         """A row for each axis."""
-        title = (
-            f"{self.name}: contour error {1e6 * self.contour.largest:.4g} um at most, {1e6 * self.contour.rms:.4g} um "
-            f"RMS, {1e6 * self.contour.within():.4g} um on 95 % of the path that counts"
+        title = Text(
+            f"{self.name}: contour error {Quantity(self.contour.largest, 'm')} at most, "
+            f"{Quantity(self.contour.rms, 'm')} RMS, {Quantity(self.contour.within(), 'm')} on 95 % of the path that "
+            "counts"
         )
         heads = ["axis", "following RMS um", "peak um", "in line", "force RMS N", "peak N", "reversal um"]
         rows = [

@@ -11,6 +11,7 @@ import numpy as np
 
 from feeddrive.blocks.machine_families import Cutter
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 
 _STRAIGHT = 1e-7  # rad of lag below which an edge counts as straight: the mean over it is then its value at the tip
 _APART = 1e-12  # rad; engagement changes closer than this are one
@@ -59,8 +60,8 @@ class Regeneration:
             raise ParameterError(f"teeth = {self.teeth} must be 1 or more: a tool without teeth does not cut")
         if not (self.entry < self.leave <= self.entry + 2.0 * np.pi):
             raise ParameterError(
-                f"entry = {self.entry:.6g} rad and leave = {self.leave:.6g} rad: a tooth leaves the work after it "
-                f"entered it, and within a turn; a slot is 0 to {np.pi:.6g} rad"
+                f"entry = {Quantity(self.entry, 'rad'):6} and leave = {Quantity(self.leave, 'rad'):6}: a tooth leaves "
+                f"the work after it entered it, and within a turn; a slot is 0 to {Quantity(np.pi, 'rad'):6}"
             )
         if not self.tangential > 0.0 or not np.isfinite(self.tangential + self.radial):
             raise ParameterError(

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.simulate import Run
 from feeddrive.machining.contour import ContourError, contour_error
@@ -62,7 +63,7 @@ class Reversals(Result):
         ]  # fmt: skip
         highest = max((abs(each.height) for each in self.reversals), default=0.0)
         heads = ["reversal", "at s", "height um", "after ms", "width ms", "stands from ms", "for ms", "base um"]
-        return Table(f"{self.name}: quadrant glitches up to {1e6 * highest:.4g} um", heads, rows)
+        return Table(f"{self.name}: quadrant glitches up to {Quantity(highest, 'm')}", heads, rows)
 
 
 def reversals(run: Run, contour: ContourError | None = None, *, begin: float = 0.0) -> Reversals:

@@ -9,6 +9,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.simulate import Run
 from feeddrive.machining.cutting_force import cutting_forces
@@ -94,7 +95,9 @@ def wall(
     """
     _side(milling)
     if not run.time[0] <= begin < end <= run.time[-1]:
-        raise ParameterError(f"a wall is made between two instants of the run, {run.time[0]:g} to {run.time[-1]:g} s")
+        raise ParameterError(
+            f"a wall is made between two instants of the run, {run.time[0]:g} to {Quantity(run.time[-1], 's'):6 SI}"
+        )
     axes = (cut.along_x, cut.along_y)
     sign = 1.0 if cut.moves == "tool" else -1.0
     place, speed, meant = (

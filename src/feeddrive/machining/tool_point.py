@@ -11,6 +11,7 @@ import numpy as np
 
 from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.language.errors import ParameterError, UnstableError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
@@ -229,8 +230,8 @@ def _continuous(model: StateSpace, lowest: float) -> ToolPoint:
     missed = float(np.max(np.abs(basis @ residues - flat)) / np.max(size))
     if missed > _WORST:
         raise ParameterError(
-            f"the response of the machine at the tool is not that of its poles: a fit misses it by "
-            f"{100.0 * missed:.3g} % of its largest compliance; sample faster, or give the modes by tool_modes"
+            "the response of the machine at the tool is not that of its poles: a fit misses it by "
+            f"{Quantity(missed, 'share'):3} of its largest compliance; sample faster, or give the modes by tool_modes"
         )
     return _realized(poles, residues.reshape(-1, q, q), missed)
 

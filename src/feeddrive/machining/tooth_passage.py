@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.machining.regeneration import Piece, Regeneration
 from feeddrive.machining.tool_point import ToolPoint
 
@@ -98,7 +99,7 @@ class ToothPassage:
             raise ParameterError(
                 f"at {self.speed:g} rpm the fastest mode swings {vibrations:.0f} times while a tooth cuts, and at most "
                 f"50 are resolved: begin at {self.speed * vibrations / 50.0:.4g} rpm, or leave out modes above "
-                f"{50.0 / length:.4g} Hz, which the damping of the process holds there"
+                f"{Quantity(50.0 / length, 'Hz')}, which the damping of the process holds there"
             )
         x, derivative, weights = _differences(n)
         D = derivative * (2.0 / length)

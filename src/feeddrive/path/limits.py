@@ -23,6 +23,8 @@ import numpy as np
 
 from feeddrive.language.block import Block, Number, Rule, parameter
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.guard import travel_rules
 from feeddrive.path.program.frame import FARTHEST
 from feeddrive.path.program.lines import BlockError, located
@@ -120,7 +122,10 @@ class MachineLimits:
     def unfit(self, tolerance: float) -> str:
         """Why a tolerance of the path, m, is smaller than what an axis resolves or than rounding, or too large."""
         if tolerance > LARGEST:
-            return f"the tolerance of {1e3 * tolerance:.4g} mm is more than {1e3 * LARGEST:g} mm: give a smaller one"
+            return Text(
+                f"the tolerance of {Quantity(tolerance, 'm'):mm} is more than {Quantity(LARGEST, 'm'):6 mm}: give a "
+                "smaller one"
+            )
         known = {letter: float(each.resolution or 0.0) for letter, each in self.axes.items() if letter not in ROTARY}
         coarse = max(known, key=lambda letter: known[letter], default="")
         found = known.get(coarse, 0.0)
@@ -128,8 +133,8 @@ class MachineLimits:
         if not 0.0 < tolerance < resolution:
             return ""
         what = f"the resolution of axis {coarse}" if found >= ROUNDING else "the rounding of positions"
-        return (
-            f"the tolerance of {1e3 * tolerance:.4g} mm is smaller than {what}, {1e3 * resolution:.4g} mm: "
+        return Text(
+            f"the tolerance of {Quantity(tolerance, 'm'):mm} is smaller than {what}, {Quantity(resolution, 'm'):mm}: "
             "give a larger one"
         )
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 
 MOST = 2.0
 """The largest factor."""
@@ -43,10 +44,13 @@ def override(steps: Sequence[tuple[float, float]]) -> Override:
     time, factor = [0.0], [1.0]
     for k, (begin, value) in enumerate(steps):
         if not 0.0 <= begin < np.inf or (k and begin <= time[-1]):
-            raise ParameterError(f"override: the times must rise from 0 s on, step {k + 1} is at {begin:g} s")
+            raise ParameterError(
+                f"override: the times must rise from 0 s on, step {k + 1} is at {Quantity(begin, 's'):6 SI}"
+            )
         if not 0.0 <= value <= MOST:
             raise ParameterError(
-                f"override: the factor of step {k + 1} must be 0 .. {MOST:g} (0 .. {100.0 * MOST:g} %), got {value:g}"
+                f"override: the factor of step {k + 1} must be 0 .. {MOST:g} (0 .. {Quantity(MOST, 'share'):6}), got "
+                f"{value:g}"
             )
         if begin == 0.0:
             factor[0] = value

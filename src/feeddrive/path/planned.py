@@ -9,7 +9,9 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.path.limits import MachineLimits
 from feeddrive.path.proof.prove import DERIVATIVES, Proof
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
@@ -141,7 +143,7 @@ class Planned(Result):
             [
                 letter,
                 *(
-                    f"{100.0 * use:.4g} % of {factor * limit:.4g}" + (f" {unit}/{s}" if unit != "mm" else "")
+                    Text(f"{Quantity(use, 'share')} of {factor * limit:.4g}") + (f" {unit}/{s}" if unit != "mm" else "")
                     for limit, use, s in zip(given, used, _PER, strict=True)
                 ),
             ]
@@ -149,7 +151,10 @@ class Planned(Result):
         ]
         heads = ["axis", *(f"{name} mm/{s}" for name, s in zip(DERIVATIVES, _PER, strict=True))]
         held = "every limit is proven" if self.proof.count == 0 else f"{self.proof.count} violations"
-        title = f"{self.program}: {self.cycle_time:.6g} s, {self.blocks} blocks, {self.stop_count} stops; {held}"
+        title = Text(
+            f"{self.program}: {Quantity(self.cycle_time, 's'):6 SI}, {self.blocks} blocks, {self.stop_count} stops; "
+            f"{held}"
+        )
         return Table(title, heads, rows)
 
 

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.plot import style
 from feeddrive.plot.chart import ALERT, BAR, FREQUENCY, LOG, PLUS, Band, Chart, Curve, Level, Mark, Note, Panel
 from feeddrive.plot.drawing import draw_chart, drawn
@@ -54,7 +56,7 @@ def _room(found: Certificate, plant: Any, low: float, *, named: bool, first: boo
     if plant["reserve"] is not None:
         place = np.array([plant["reserve_at_Hz"]])
         marks.append(Mark(float(place[0]), float((loop.room(place)[0] / loop.size(place))[0]), 0))
-        said = f"discs could be {plant['reserve']:.3g} times as wide, at {plant['reserve_at_Hz']:.4g} Hz"
+        said = Text(f"discs could be {plant['reserve']:.3g} times as wide, at {Quantity(plant['reserve_at_Hz'], 'Hz')}")
     return Panel(
         "relative size", tuple(curves), tuple(marks), bands=(Band(f, np.full(f.size, floor), radius, 1),), scale=LOG,
         low=floor, high=30.0 * max(1.0, least), said=f"{plant['name']}: {said}" if named else said,

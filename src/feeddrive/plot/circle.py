@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.machining.circle_test import CirclePath, CircleTest, same_feed
 from feeddrive.machining.quadrant_peaks import QuadrantPeak, deviations, quadrant_peaks
 from feeddrive.plot import style
@@ -106,17 +108,17 @@ def _closed(place: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarra
 def _peak(peak: QuadrantPeak, ring: float) -> Mark:
     """On the drawn circle."""
     r = ring + 1e6 * peak.deviation
-    said = f"peak {1e6 * peak.height:.3g} µm behind {peak.side}{peak.axis}"
+    said = Text(f"peak {Quantity(peak.height, 'm'):3} behind {peak.side}{peak.axis}")
     return Mark(float(r * np.cos(peak.angle)), float(r * np.sin(peak.angle)), peak.circle, True, said=said)
 
 
 def _gap(circle: CirclePath, test: CircleTest, before: CircleTest | None) -> str:
     """G of a circle, and as it was."""
     own = [each for each in test.figures if not each.both]
-    said = f"G {1e6 * own[test.circles.index(circle)].G:.4g} µm"
+    said = Text(f"G {Quantity(own[test.circles.index(circle)].G, 'm')}")
     if before is None or (i := _like(circle, before)) == len(before.circles):
         return said
-    return f"{said}, before {1e6 * [each for each in before.figures if not each.both][i].G:.4g} µm"
+    return Text(f"{said}, before {Quantity([each for each in before.figures if not each.both][i].G, 'm')}")
 
 
 def _arrow(radius: float, angle: float, direction: int, division: float, number: int) -> Curve:
@@ -132,9 +134,9 @@ def _arrow(radius: float, angle: float, direction: int, division: float, number:
 
 def _box(test: CircleTest, division: float, said: str) -> str:
     first = test.circles[0]
-    lines = [f"{division:g} µm per division", f"R {1e3 * test.radius:.5g} mm, {''.join(first.axes)} plane"]
+    lines = [f"{division:g} µm per division", Text(f"R {Quantity(test.radius, 'm'):5 mm}, {''.join(first.axes)} plane")]
     lines += [
-        f"{'both ' if each.both else ''}{each.name}: {'G(b)' if each.both else 'G'} {1e6 * each.G:.4g} µm"
+        Text(f"{'both ' if each.both else ''}{each.name}: {'G(b)' if each.both else 'G'} {Quantity(each.G, 'm')}")
         for each in test.figures
     ]
     most = test.largest
@@ -193,7 +195,7 @@ def unrolled_chart(test: CircleTest, before: CircleTest | None = None) -> Chart:
     )
     rate = max(each.feed / each.radius for each in test.circles)
     thin = "" if before is None else "; thin: before"
-    said = f"10 deg are {1e3 * np.radians(10.0) / rate:.3g} ms at the highest feed{thin}"
+    said = Text(f"10 deg are {Quantity(np.radians(10.0) / rate, 's'):3} at the highest feed{thin}")
     panel = Panel("radial deviation (µm)", tuple(curves), tuple(marks), levels, said=said)
     return Chart("angle (deg)", (panel,), low=0.0, high=360.0, height=3.4)
 
@@ -213,16 +215,16 @@ def circle_causes(found: CircleCauses, most: int = 12) -> Any:
             ax.plot(
                 [1e6 * each.effect - error, 1e6 * each.effect + error], [-row, -row], color=style.INK, linewidth=1.4
             )
-        share = f", {100.0 * each.share:.2g} % of G" if each.share > 5e-4 else ""
+        share = Text(f", {Quantity(each.share, 'share'):2} of G") if each.share > 5e-4 else ""
         note = f"; {each.note}" if each.note else ""
-        ax.annotate(f"{1e6 * each.effect:.3g} µm{share}{note}", (1e6 * each.effect, -row), xytext=(5, 0),
+        ax.annotate(Text(f"{Quantity(each.effect, 'm'):3}{share}{note}"), (1e6 * each.effect, -row), xytext=(5, 0),
                     textcoords="offset points", va="center", fontsize=style.SMALL, color=style.MUTED)  # fmt: skip
     ax.set_yticks([-row for row in range(len(shown))], [each.name for each in shown])
     ax.set_xlim(0.0, 1.75 * widest)
     ax.set_ylim(0.5 - max(len(shown), 1), 0.6)
     ax.grid(visible=False, axis="y")
     style.labels(ax, "largest radial deviation (µm)", "")
-    style.note(ax, f"not explained: {1e6 * found.residual:.3g} µm RMS; bars: standard error; {_runs(found)}")
+    style.note(ax, Text(f"not explained: {Quantity(found.residual, 'm'):3} RMS; bars: standard error; {_runs(found)}"))
     return figure
 
 
@@ -243,8 +245,9 @@ def reversals(found: Reversals) -> Any:
         ax.axvspan(1e3 * each.stick_begin, 1e3 * (each.stick_begin + each.stick_time), color=style.GRID)
         ax.plot(1e3 * (found.time[rows] - each.time), 1e6 * found.outward[rows], **style.curve(0))
         ax.axhline(1e6 * each.base, color=style.MUTED, linewidth=0.9, linestyle=(0, (4, 3)))
-        style.note(ax, f"{each.axis} at {each.side}: {1e6 * each.height:.3g} µm at {1e3 * each.peak_time:.3g} ms, "
-                       f"stands {1e3 * each.stick_time:.3g} ms")  # fmt: skip
+        style.note(ax, Text(f"{each.axis} at {each.side}: {Quantity(each.height, 'm'):3} at "
+            f"{Quantity(each.peak_time, 's'):3}, "
+                       f"stands {Quantity(each.stick_time, 's'):3}"))  # fmt: skip
         style.labels(ax, "since the reversal (ms)", "outward (µm)")
     for ax in axes[len(chosen) :]:
         ax.set_axis_off()
@@ -267,7 +270,7 @@ def axis_load(load: AxisLoad) -> Any:
             top = max(top, 1.1 * level)
             for sign in (1.0, -1.0):
                 ax.axhline(sign * level, color=style.ALERT, linewidth=1.0, linestyle=dash,
-                           label=f"{name} {level:.4g} N" if sign > 0 else None)  # fmt: skip
+                           label=Text(f"{name} {Quantity(level, 'N')}") if sign > 0 else None)  # fmt: skip
     ax.set_ylim(-top, top)
     style.labels(ax, None if load.heat is not None else "time (s)", "force (N)")
     if load.heat is not None:
@@ -280,7 +283,10 @@ def axis_load(load: AxisLoad) -> Any:
                               color=style.MUTED)  # fmt: skip
         style.labels(heat, "time (s)", "heat (%)")
         style.note(
-            heat, f"repeated for ever at most {100.0 * (load.heat_repeated or 0.0):.3g} % of the continuous heat"
+            heat,
+            Text(
+                f"repeated for ever at most {Quantity((load.heat_repeated or 0.0), 'share'):3} of the continuous heat"
+            ),
         )
     style.legend(figure, ax)
     return figure

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.plot import style
 from feeddrive.plot.chart import ALERT, BAR, NEUTRAL, THIN, Chart, Curve, Heat, Mark, Panel
 from feeddrive.plot.drawing import drawn
@@ -36,8 +38,8 @@ def contour(found: ContourError) -> Any:
     over.set_ylim(*style.padded(min(0.0, float(error.min())), max(0.0, float(error.max()))))
     side = "contour error, + left\n(µm)" if found.signed else "contour error\n(µm)"
     style.labels(over, "length of the path (mm)", side)
-    style.note(over, f"largest {1e6 * found.largest:.4g} µm, RMS {1e6 * found.rms:.4g} µm, "
-                     f"95 % within {1e6 * found.within():.4g} µm")  # fmt: skip
+    style.note(over, Text(f"largest {Quantity(found.largest, 'm')}, RMS {Quantity(found.rms, 'm')}, "
+                     f"95 % within {Quantity(found.within(), 'm')}"))  # fmt: skip
     counts, edges = np.histogram(error, bins=60, weights=100.0 * found.weights)
     share.stairs(counts, edges, fill=True, color=style.color(0))
     style.labels(share, "contour error (µm)", "part of the path\n(%)")
@@ -75,11 +77,11 @@ def path_chart(
     ends = [style.padded(*_ends(np.append(foot[:, k], tool[:, k]))) for k in axes]
     (left, right), (low, high) = ends
     shape = max(0.35, min(1.0, (high - low) / (right - left)))
-    said = f"largest {1e6 * found.largest:.4g} µm, RMS {1e6 * found.rms:.4g} µm"
+    said = Text(f"largest {Quantity(found.largest, 'm')}, RMS {Quantity(found.rms, 'm')}")
     heat = Heat("contour error (µm)", 0.0, max(1e6 * found.largest, 1e-9))
     marks = tuple(
         Mark(1e3 * float(each.position[i]), 1e3 * float(each.position[j]), ALERT, True,
-             said=f"{1e6 * abs(each.error):.3g} µm", key=str(k))
+             said=Text(f"{Quantity(abs(each.error), 'm'):3}"), key=str(k))
         for k, each in enumerate(places)
     )  # fmt: skip
     panel = Panel(f"{found.axes[j]} (mm)", curves, marks, low=low, high=high, said=said, heat=heat)
@@ -120,7 +122,7 @@ def place_chart(found: ContourError, place: Worst) -> Chart:
     i, j = sorted(int(k) for k in np.argsort(spans)[-2:])
     curves = (
         Curve(at[rows, i], at[rows, j], "commanded", NEUTRAL),
-        Curve(tool[rows, i], tool[rows, j], "tool", 1, said=f"{1e6 * abs(place.error):.4g} µm off the path"),
+        Curve(tool[rows, i], tool[rows, j], "tool", 1, said=Text(f"{Quantity(abs(place.error), 'm')} off the path")),
     )
     foot = tool[row] - 1e6 * found.vector[row]
     to_path = Curve(np.array([foot[i], 0.0]), np.array([foot[j], 0.0]), number=ALERT, look=BAR)
@@ -160,7 +162,7 @@ def corner_zoom(found: ContourError, corners: Sequence[Corner] | None = None, to
         ax.set_ylim(-reach, reach)
         ax.set_aspect("equal")
         where = "" if each.line is None else f"line {each.line}, "
-        style.note(ax, f"{where}{np.degrees(each.turn):.3g}°: passed at {1e6 * each.nearest:.4g} µm")
+        style.note(ax, Text(f"{where}{np.degrees(each.turn):.3g}°: passed at {Quantity(each.nearest, 'm')}"))
         style.labels(ax, f"{found.axes[0]} (µm)", f"{found.axes[1]} (µm)")
     for ax in axes[len(chosen) :]:
         ax.set_axis_off()

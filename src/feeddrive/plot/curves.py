@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.plot import style
 from feeddrive.plot.style import envelope
 
@@ -81,7 +83,9 @@ def turn(angle: np.ndarray, forces: Mapping[str, np.ndarray]) -> Any:
     figure, (ax,) = style.picture(1, height=3.2)
     for i, (name, force) in enumerate(forces.items()):
         mean = float(np.mean(force))
-        ax.plot(np.degrees(angle), force, label=style.caption(name, f"mean {mean:.4g} N"), **style.curve(i))
+        ax.plot(
+            np.degrees(angle), force, label=style.caption(name, Text(f"mean {Quantity(mean, 'N')}")), **style.curve(i)
+        )
         ax.axhline(mean, color=style.color(i), linewidth=0.8, alpha=0.6)
     ax.set_xlim(0.0, 360.0)
     ax.set_xticks(np.arange(0.0, 361.0, 45.0))

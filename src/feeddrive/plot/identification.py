@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.plot import style
 from feeddrive.plot.chart import DOTS, NEUTRAL, THIN, Chart, Curve, Panel
 from feeddrive.plot.drawing import drawn
@@ -37,7 +39,7 @@ def rigid_fit_chart(fit: RigidFit) -> Chart:
         Curve(*envelope(fit.time, measured), "measured", NEUTRAL, DOTS),
         Curve(*envelope(fit.time, measured - off), "fitted", 0),
     )
-    said = f"{100.0 * fit.residuals.relative:.3g} % of the force's RMS"
+    said = Text(f"{Quantity(fit.residuals.relative, 'share'):3} of the force's RMS")
     left = Curve(*envelope(fit.time, off), "residual", 1, THIN, said=said)
     panels = Panel(f"force ({unit})", forces, share=2.0), Panel(f"residual ({unit})", (left,))
     return Chart("time (s)", panels, low=float(fit.time[0]), high=float(fit.time[-1]), height=3.8)

@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import shown
+from feeddrive.language.text import Text
 from feeddrive.plot import style
 
 if TYPE_CHECKING:
@@ -100,7 +102,7 @@ def cutting_forces(found: CuttingForces) -> Any:
         degrees = 360.0 * (turns[turn] - np.floor(turns[turn][0]))
         for i, name in enumerate(("feed", "normal", "axial")):
             axes[0].plot(degrees, getattr(found, name)[turn], **style.curve(i), label=name)
-        style.note(axes[0], f"the turn from {found.time[turn][0]:.4g} s on")
+        style.note(axes[0], Text(f"the turn from {Quantity(found.time[turn][0], 's'):SI} on"))
     axes[0].set_xlim(0.0, 360.0)
     axes[0].set_xticks(range(0, 361, 60))
     style.labels(axes[0], "angle of the spindle (°)", "force on the\ntool (N)")
@@ -130,8 +132,8 @@ def chatter_signs(found: ChatterSigns) -> Any:
         left.vlines(lines.frequency, 0.0, amplitude, color=style.color(i), linewidth=style.LINE, label=name)
     if found.dots != 1:
         peak = factor * float(lines.amplitude[np.searchsorted(lines.frequency, found.chatter)])
-        left.annotate(f"{found.chatter:.4g} Hz", (found.chatter, peak), xytext=(4, 2), textcoords="offset points",
-                      fontsize=style.SMALL, color=style.color(1))  # fmt: skip
+        left.annotate(str(Quantity(found.chatter, "Hz")), (found.chatter, peak), xytext=(4, 2),
+                      textcoords="offset points", fontsize=style.SMALL, color=style.color(1))  # fmt: skip
     left.set_xlim(0.0, top)
     left.set_ylim(0.0, 1.12 * factor * float(np.max(lines.amplitude[chosen])))
     style.labels(left, "frequency (Hz)", f"{lines.name.replace('_', ' ')} ({style.written(unit)})")

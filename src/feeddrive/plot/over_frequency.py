@@ -9,8 +9,9 @@ import numpy as np
 from feeddrive.analysis.margins import Margins, complementary_sensitivity, tracking_bandwidth
 from feeddrive.analysis.margins import sensitivity as sensitivity_of
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.quantity import DRAWN, Units
+from feeddrive.language.quantity import DRAWN, Quantity, Units
 from feeddrive.language.table import shown
+from feeddrive.language.text import Text
 from feeddrive.plot import style
 from feeddrive.plot.chart import BAR, DEGREES, FREQUENCY, LINEAR, LOG, Chart, Curve, Level, Mark, Panel
 from feeddrive.plot.drawing import drawn
@@ -67,7 +68,9 @@ def closed_loop_chart(responses: FRF | Mapping[str, FRF]) -> Chart:
     for i, (name, response) in enumerate(chosen.items()):
         level = style.decibel(response.magnitude)
         width = tracking_bandwidth(response)
-        said = [f"peak {level.max():.2f} dB"] + ([f"-3 dB at {width:.4g} Hz"] if width is not None else [])
+        said = [Text(f"peak {Quantity(level.max(), 'dB'):.2f}")] + (
+            [Text(f"-3 dB at {Quantity(width, 'Hz')}")] if width is not None else []
+        )
         curves.append(Curve(response.frequency, level, name, i, said=", ".join(said)))
         marks += [] if width is None else [Mark(width, _MINUS_3_DB, i)]
     line = Level(_MINUS_3_DB, text="-3 dB", dashed=True)

@@ -9,7 +9,9 @@ import numpy as np
 
 from feeddrive.analysis.friction_map import Window, set_velocity
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import shown
+from feeddrive.language.text import Text
 from feeddrive.loop.simulate import Run
 from feeddrive.plot import style
 from feeddrive.plot.style import POINTS, envelope
@@ -63,21 +65,21 @@ def force(runs: Runs, limits: Mapping[str, float] | None = None, points: int = P
     """Force of each run in its own row, with the limits in N by name as lines on both sides."""
     chosen = style.named(runs)
     values = {name: run["force"] for name, run in chosen.items()}
-    notes = {name: f"RMS {_rms(v):.4g} N, peak {_peak(v):.4g} N" for name, v in values.items()}
+    notes = {name: Text(f"RMS {Quantity(_rms(v), 'N')}, peak {Quantity(_peak(v), 'N')}") for name, v in values.items()}
     figure, axes = _rows(chosen, values, notes, "force (N)", None, points, one_scale=True)
     largest = max(_peak(v) for v in values.values())
     outside: list[str] = []
     lines: dict[str, Any] = {}
     for i, (name, limit) in enumerate((limits or {}).items()):
         if limit > 4.0 * largest:
-            outside.append(f"{name} ±{limit:.4g} N")
+            outside.append(Text(f"{name} ±{Quantity(limit, 'N')}"))
             continue
         look: dict[str, Any] = {"color": style.ALERT, "linewidth": 1.0, "linestyle": _LIMITS[i % len(_LIMITS)]}
         for ax in axes:
             drawn = [ax.axhline(side, **look) for side in (-limit, limit)]
             low, high = ax.get_ylim()
             ax.set_ylim(min(low, -1.12 * limit), max(high, 1.12 * limit))
-            lines[f"{name} ±{limit:.4g} N"] = drawn[0]
+            lines[Text(f"{name} ±{Quantity(limit, 'N')}")] = drawn[0]
     style.figure_legend(figure, lines)
     if outside:
         style.note(axes[-1], "outside of the picture: " + ", ".join(outside), x=0.005, align="left", y=0.0)

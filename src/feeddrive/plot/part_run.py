@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.plot import style
 from feeddrive.plot.chart import Chart, Curve, Panel
 from feeddrive.plot.drawing import drawn
@@ -28,7 +30,7 @@ def part_run(part: PartRun) -> Any:
     ax.plot(*envelope(contour.time, error), color=style.MUTED, linewidth=0.7, alpha=0.6, label="does not count")
     ax.plot(*envelope(contour.time, np.where(part.contour.counted, error, 0.0)), label="counts", **style.curve(0))
     style.labels(ax, "time (s)", "contour error (µm)")
-    style.note(ax, f"RMS {1e6 * part.contour.rms:.4g} µm, largest {1e6 * part.contour.largest:.4g} µm")
+    style.note(ax, Text(f"RMS {Quantity(part.contour.rms, 'm')}, largest {Quantity(part.contour.largest, 'm')}"))
     style.legend(figure, ax)
     return figure
 
@@ -76,7 +78,7 @@ def part_estimates(part: PartRun, axis: str) -> Any:
     ax.plot(1e3 * time[shown], true[shown], color=style.MUTED, linewidth=1.0, alpha=0.6, label="what acts")
     for i, (name, by) in enumerate(part.estimates.items()):
         if axis in by:
-            label = f"{name.replace('_', ' ')}, {1e3 * by[axis].lag:.3g} ms late"
+            label = Text(f"{name.replace('_', ' ')}, {Quantity(by[axis].lag, 's'):3} late")
             ax.plot(1e3 * time[shown], by[axis].disturbance[shown], label=label, **style.curve(i))
     style.labels(ax, "time (ms)", f"force on {axis} (N)")
     style.legend(figure, ax, 2)

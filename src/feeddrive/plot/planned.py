@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.path.limits import FEED, STANDSTILL
 from feeddrive.path.planned import Planned
 from feeddrive.path.proof.prove import DERIVATIVES
@@ -104,7 +106,7 @@ def plan_causes(plan: Planned) -> Any:
         part = np.bincount(column[here], weights=lengths[here], minlength=_COLUMNS) / np.maximum(whole, 1e-12)
         ax.stairs(0.8 * part - row, edges, baseline=-row, fill=True, color=_cause_color(name))
         ax.axhline(-row, color=style.GRID, linewidth=0.8)
-        told = f"{100.0 * plan.seconds[name] / plan.cycle_time:.3g} %"
+        told = Text(f"{Quantity(plan.seconds[name] / plan.cycle_time, 'share'):3}")
         ax.annotate(told, (1.005, -row + 0.4), xycoords=("axes fraction", "data"), ha="left", va="center",
                     fontsize=style.SMALL, color=style.MUTED)  # fmt: skip
     ax.set_yticks([0.4 - row for row in range(len(shown))], shown)
@@ -142,5 +144,5 @@ def plan_profiles(plan: Planned, axis: int) -> Any:
             ax.axhline(side, color=style.ALERT, linewidth=1.0, linestyle=_LIMIT)
         ax.set_ylim(*style.padded(*((-top, top) if within else (-used, used))))
         style.labels(ax, "time (s)" if k == 3 else None, f"{name}\n({unit})")
-        style.note(ax, f"{100.0 * plan.proof.use[axis, k]:.3g} % of {top:.4g} {unit}")
+        style.note(ax, Text(f"{Quantity(plan.proof.use[axis, k], 'share'):3} of {top:.4g} {unit}"))
     return figure

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from feeddrive.analysis.step_response import settling_time
-from feeddrive.language.quantity import DRAWN, Units
+from feeddrive.language.quantity import DRAWN, Quantity, Units
+from feeddrive.language.text import Text
 from feeddrive.loop.simulate import Run
 from feeddrive.plot import style
 from feeddrive.plot.chart import Chart, Curve, Level, Mark, Panel
@@ -49,9 +50,9 @@ def step_chart(responses: StepResponse | Mapping[str, StepResponse]) -> Chart:
     curves, marks = list[Curve](), list[Mark]()
     end = max(_LEAST, *(_AFTER * each.settling_time for each in chosen.values()))
     for i, (name, found) in enumerate(chosen.items()):
-        said = (
-            f"overshoot {100.0 * found.overshoot:.1f} %, settled to {100.0 * found.settled:g} % "
-            f"in {_MS * found.settling_time:.4g} ms"
+        said = Text(
+            f"overshoot {Quantity(found.overshoot, 'share'):.1f}, settled to {Quantity(found.settled, 'share'):6} in "
+            f"{_MS * found.settling_time:.4g} ms"
         )
         there = found.time <= end
         curves.append(Curve(_MS * found.time[there], found.position[there], name, i, said=said))

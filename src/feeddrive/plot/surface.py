@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.plot import style
 
 if TYPE_CHECKING:
@@ -30,6 +32,6 @@ def surface(found: Surface) -> Any:
     ax.axhline(low + 1e6 * found.mark, color=style.ALERT, linewidth=1.0, linestyle=(0, (5, 2)), label="feed mark alone")
     style.labels(ax, "along the feed (mm)", "left of\nmaterial (µm)")
     ra, rz = found.roughness
-    style.note(ax, f"Ra {1e6 * ra:.3g} µm, Rz {1e6 * rz:.3g} µm of the patch")
+    style.note(ax, Text(f"Ra {Quantity(ra, 'm'):3}, Rz {Quantity(rz, 'm'):3} of the patch"))
     style.legend(figure, ax)
     return figure

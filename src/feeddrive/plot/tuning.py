@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from feeddrive.language import tree
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.plot import style
 from feeddrive.plot.style import POINTS, envelope
 
@@ -31,7 +33,7 @@ def trial(trial: Trial) -> Any:
     figure, axes = style.picture(2, height=3.6, ratios=(2, 1))
     axes[0].plot(*envelope(trial.time, 1e6 * trial.following_error), **style.curve(0))
     style.labels(axes[0], None, "following error\n(µm)")
-    style.note(axes[0], f"RMS {1e6 * trial.rms:.4g} µm, peak {1e6 * trial.peak:.4g} µm")
+    style.note(axes[0], Text(f"RMS {Quantity(trial.rms, 'm')}, peak {Quantity(trial.peak, 'm')}"))
     _velocity(axes[1], trial)
     figure.align_ylabels(axes)
     return figure
@@ -41,8 +43,8 @@ def iteration(iteration: Iteration) -> Any:
     """The error of the trial, and below it the error predicted for the next trial with the same reference."""
     figure, axes = style.picture(2, height=3.8, ratios=(2, 1))
     time = iteration.trial.time
-    before = f"this trial, RMS {1e6 * iteration.trial.rms:.4g} µm"
-    after = f"predicted for the next, RMS {1e6 * iteration.predicted_rms:.4g} µm"
+    before = Text(f"this trial, RMS {Quantity(iteration.trial.rms, 'm')}")
+    after = Text(f"predicted for the next, RMS {Quantity(iteration.predicted_rms, 'm')}")
     axes[0].plot(*envelope(time, 1e6 * iteration.trial.following_error), label=before, **style.curve(0))
     axes[0].plot(*envelope(time, 1e6 * iteration.predicted), label=after, **style.curve(1) | {"linestyle": "-"})
     style.labels(axes[0], None, "following error\n(µm)")
@@ -114,7 +116,7 @@ def prefilter_fit(fit: PrefilterFit, points: int = POINTS) -> Any:
         ax.set_ylim(-size, size)
     style.labels(axes[0], None, "tracking error\n(µm)")
     style.labels(axes[1], "time (s)", "predicted with\nthe prefilter (µm)")
-    style.note(axes[1], f"RMS {1e6 * fit.rms(fit.error):.4g} µm -> {1e6 * fit.rms(fit.predicted):.4g} µm")
+    style.note(axes[1], Text(f"RMS {Quantity(fit.rms(fit.error), 'm')} -> {Quantity(fit.rms(fit.predicted), 'm')}"))
     style.legend(figure, axes[0])
     return figure
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from feeddrive import plot
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.machining.circle_causes import CircleCauses
 from feeddrive.machining.circle_test import CircleTest
 from feeddrive.machining.quadrant_peaks import peaks_table
@@ -43,7 +45,7 @@ def build_circle(test: CircleTest, causes: CircleCauses, said: str = "") -> str:
     first = test.circles[0]
     facts = [
         ("Circles", ", ".join(each.name for each in test.circles)),
-        ("Nominal radius", f"{1e3 * test.radius:.6g} mm, in {''.join(first.axes)}"),
+        ("Nominal radius", Text(f"{Quantity(test.radius, 'm'):6 mm}, in {''.join(first.axes)}")),
         (
             "Measured by",
             "encoders, which do not see the tool" if first.source == "encoder" else "positions of the tool",

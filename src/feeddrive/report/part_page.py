@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from feeddrive import plot
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
+from feeddrive.language.text import Text
 from feeddrive.machining.part_run import PartRun
 from feeddrive.path.planned import Planned
 from feeddrive.report.page import Entry, LawsReport, Shown, ShownTable
@@ -28,7 +30,9 @@ def lead(contents: LawsReport) -> list[str]:
     best = min((part for _, part in found), key=lambda part: part.contour.rms)
     said: list[str] = []
     if contents.planned is not None:
-        said.append(f"The program takes {contents.planned.cycle_time:.4g} s. {_limited(contents.planned)}")
+        said.append(
+            Text(f"The program takes {Quantity(contents.planned.cycle_time, 's'):SI}. {_limited(contents.planned)}")
+        )
     if best is first:
         told = "" if len(found) == 1 else "None of the others keeps the contour better than "
         said.append(f"{told}'{first.name}': {_contour(first)}.")
@@ -93,7 +97,7 @@ def laws_table(title: str, parts: Mapping[str, PartRun]) -> Table:
         worst = next(iter(part.worst(1)), None)
         sizes = (part.contour.rms, part.contour.within(), part.contour.largest)
         cells = [*(f"{1e6 * each:.4g}" for each in sizes), "-" if worst is None else str(worst.line)]
-        cells += ["-" if part.duty is None else f"{100.0 * part.duty:.3g} %"]
+        cells += ["-" if part.duty is None else Text(f"{Quantity(part.duty, 'share'):3}")]
         cut = part.cutting_rms
         rows.append([name, *cells, "-" if cut is None else f"{cut:.4g}", f"{part.load.energy():.4g}"])
     return Table(title, heads, rows)
@@ -250,7 +254,10 @@ def pictures(contents: LawsReport) -> Iterator[Shown]:
         yield Shown(
             "worst",
             f"The worst place of '{first.name}'",
-            f"{_place(first, worst.position)}, line {worst.line}, {worst.time:.4g} s: the contour error of each law.",
+            Text(
+                f"{_place(first, worst.position)}, line {worst.line}, {Quantity(worst.time, 's'):SI}: the contour "
+                "error of each law."
+            ),
             "Contour error of each law around the worst place of the first one.",
             lambda: plot.part_zoom(parts, worst.time),
         )

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from feeddrive import plot
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.path.planned import Planned
 from feeddrive.plot import style
 from feeddrive.report.page import Shown, definitions, header, page, picture, table
@@ -52,9 +54,9 @@ def _lead(plan: Planned) -> Sequence[str]:
         else f"{proof.count} violations, the first at {plan.limits.named(str(proof.faults[0]))}: no setpoints were "
         "written. This is a fault of feeddrive, not of the program."
     )
-    first = f"The cycle takes {plan.cycle_time:.6g} s, with {plan.stop_count:,} stops. {held}"
+    first = Text(f"The cycle takes {Quantity(plan.cycle_time, 's'):6 SI}, with {plan.stop_count:,} stops. {held}")
     most = sorted(plan.seconds.items(), key=lambda each: -each[1])[:3] if plan.cycle_time else []
-    told = ", ".join(f"{name} {100.0 * seconds / plan.cycle_time:.3g} %" for name, seconds in most)
+    told = ", ".join(Text(f"{name} {Quantity(seconds / plan.cycle_time, 'share'):3}") for name, seconds in most)
     return [first, f"What limits it for most of the time: {told}."] if most else [first]
 
 

@@ -8,6 +8,8 @@ import numpy as np
 
 from feeddrive.analysis.replay import Replay
 from feeddrive.language.block import Block, declarations
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.report.page import Entry, LawsReport
 
@@ -197,5 +199,5 @@ def described(control: Control) -> str:
     if control.prefilter is not None:
         parts.append(f"prefilter {block_sentence(control.prefilter)}")
     if control.force_limit is not None:
-        parts.append(f"limit {control.force_limit:.4g} N")
+        parts.append(Text(f"limit {Quantity(control.force_limit, 'N')}"))
     return "; ".join(parts)

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from feeddrive.language.text import plain
 from feeddrive.plot.chart import Band, Chart, Curve, Panel
 from feeddrive.plot.style import envelope
 
@@ -30,7 +31,8 @@ def message(
     """
     numbers, windows = list[np.ndarray](), windows or {}
     shown = {name: _chart(each, numbers, windows.get(each.label)) for name, each in (charts or {}).items()}
-    header = json.dumps({**said, "charts": shown}, allow_nan=False, separators=(",", ":")).encode()
+    content = json.dumps({**said, "charts": shown}, allow_nan=False, separators=(",", ":"), ensure_ascii=False)
+    header = plain(content).encode()
     header += b" " * (-len(header) % 4)
     body = np.concatenate(numbers).astype("<f4").tobytes() if numbers else b""
     return struct.pack("<I", len(header)) + header + body

@@ -12,8 +12,9 @@ import numpy as np
 
 from feeddrive.language.errors import sentence
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Grid
-from feeddrive.language.text import resolve
+from feeddrive.language.text import Text, resolve
 from feeddrive.plot.chart import Chart
 from feeddrive.studio.jobs import perform
 from feeddrive.studio.room import tabled
@@ -139,7 +140,7 @@ def circle_shown(found: Shown, before: CircleTest | None) -> Shown:
     peaks = list[dict[str, Any]]()
     for each in quadrant_peaks(test)[:_PLACES]:
         at = float(np.degrees(each.angle))
-        text = f"{1e6 * each.height:.3g} µm at {each.side}{each.axis}, {test.circles[each.circle].name}"
+        text = Text(f"{Quantity(each.height, 'm'):3} at {each.side}{each.axis}, {test.circles[each.circle].name}")
         peaks.append({"text": text, "view": [max(at - _TURN, 0.0), min(at + _TURN, 360.0)]})
     charts = {"circle": circle_chart(test, before), "unrolled": unrolled_chart(test, before)}
     return replace(found, words={**found.words, "peaks": peaks}, charts=charts)
@@ -163,7 +164,7 @@ def program_run(request: RunRequest, progress: Progress) -> Shown:
             charts[f"time_{i}"] = part_zoom_chart({row.name: row.part}, each.time)
             where = ", ".join(f"{1e3 * value:.3f}" for value in each.position)
             line = "" if each.line is None else f", line {each.line}"
-            text = f"{1e6 * abs(each.error):.3g} µm at {each.time:.3f} s ({where} mm{line})"
+            text = Text(f"{Quantity(abs(each.error), 'm'):3} at {Quantity(each.time, 's'):.3f SI} ({where} mm{line})")
             worst.append({"text": text, "view": place_view(row.part.contour, each)})
         words["tables"] = [tabled(row.part.table()), *words["tables"]]
     return Shown({**words, "worst": worst}, charts)

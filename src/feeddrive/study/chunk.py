@@ -17,6 +17,8 @@ import numpy as np
 from feeddrive.language import ops, tree
 from feeddrive.language.errors import CancelledError, FeeddriveError, plain
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.hold import samples_of
 from feeddrive.loop.machine import System
 from feeddrive.loop.simulate import Run, simulate, simulate_batch
@@ -181,8 +183,10 @@ def _gather(case: Case, system: System, wanted: Sequence[Figure], rows: Rows, th
         sample = int(batch.left[place])
         rows.refuse(
             int(case.rows[place]),
-            f"the loop left its bounds at sample {sample} (t = {sample * batch.sample_time:.6g} s): it is unstable or "
-            "was started far from its setpoint",
+            Text(
+                f"the loop left its bounds at sample {sample} (t = {Quantity(sample * batch.sample_time, 's'):6 SI}): "
+                "it is unstable or was started far from its setpoint"
+            ),
         )
 
 

@@ -30,6 +30,8 @@ from feeddrive.language.errors import (
     WorkerError,
 )
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.study.chunk import run_chunk
 from feeddrive.study.study import Study
 from feeddrive.version import __version__
@@ -179,7 +181,7 @@ def _client(address: str, timeout: float, progress: Progress) -> Generator[Any]:
             apart.submit(asyncio.run, asyncio.wait_for(_answer(address), timeout)).result()
         client = Client(address, timeout=timeout, set_as_default=False, name="feeddrive")
     except (OSError, ValueError, TypeError) as error:  # TimeoutError is an OSError
-        reason = str(error).splitlines()[0] if str(error) else f"nothing within {timeout:g} s"
+        reason = str(error).splitlines()[0] if str(error) else Text(f"nothing within {Quantity(timeout, 's'):6 SI}")
         raise ParameterError(
             f"no Dask scheduler answers at '{address}' ({reason}): start one (dask scheduler), or check the address; "
             "it is what the scheduler printed, as tcp://10.0.0.5:8786"

@@ -15,6 +15,8 @@ from feeddrive.analysis.margins import Margins, margins
 from feeddrive.analysis.stiffness import Stiffness, rope_snap, stiffness
 from feeddrive.comparison.figures import AT, BANDS, noise_gain
 from feeddrive.language.errors import ParameterError, UnstableError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.study.figure import Figure
 
@@ -106,7 +108,8 @@ class StiffnessAt:
         """N/m."""
         if self.frequency > linear.nyquist:
             raise ParameterError(
-                f"a stiffness at {self.frequency:g} Hz is asked for, and the loop ends at {linear.nyquist:g} Hz"
+                f"a stiffness at {Quantity(self.frequency, 'Hz'):6} is asked for, and the loop ends at "
+                f"{Quantity(linear.nyquist, 'Hz'):6}"
             )
         return linear.stiffness(np.array([self.frequency])).at(self.frequency)
 
@@ -131,7 +134,7 @@ def _model(
 
 def _at(frequency: float) -> Figure:
     return _model(
-        f"stiffness_{frequency:g}_Hz_N_per_m", "N/m", f"dynamic stiffness at {frequency:g} Hz",
+        f"stiffness_{frequency:g}_Hz_N_per_m", "N/m", Text(f"dynamic stiffness at {Quantity(frequency, 'Hz'):6}"),
         StiffnessAt(frequency), "higher",
     )  # fmt: skip
 
@@ -151,7 +154,8 @@ OF_MODELS = (
     *(_at(frequency) for frequency in AT),
     *(
         _model(
-            f"stiffness_{low:g}_{high:g}_Hz_N_per_m", "N/m", f"mean dynamic stiffness from {low:g} to {high:g} Hz",
+            f"stiffness_{low:g}_{high:g}_Hz_N_per_m", "N/m", Text(f"mean dynamic stiffness from {low:g} to "
+                f"{Quantity(high, 'Hz'):6}"),
             StiffnessOver(low, high), "higher",
         )
         for low, high in BANDS

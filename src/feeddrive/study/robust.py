@@ -24,7 +24,9 @@ import numpy as np
 
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table, picture_of, shown
+from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.study.answers.shares import Share
 from feeddrive.study.figures import figure
@@ -83,7 +85,7 @@ class Robust(Result):
     def sentence(self) -> str:
         """What came out, with both yields."""
         n, m = self.seen.goal.size, self.after.count
-        aim = "all" if self.share == 1.0 else f"{100.0 * self.share:g} %"
+        aim = "all" if self.share == 1.0 else Text(f"{Quantity(self.share, 'share'):6}")
         kept = int(np.sum(self.seen_new.kept))
         told = (
             f"Tuned for {aim} of {n} machines, of which {len(self.active)} decide: {kept} keep all limits, "
@@ -101,7 +103,7 @@ class Robust(Result):
         ]
         for share in (0.05, 0.5, 0.95):
             cells = [1e9 * each.quantile(SNAP, share) for each in (self.before, self.after)]
-            head = f"rope-snap error, {100.0 * share:g} % quantile, nm s^1/2/N"
+            head = Text(f"rope-snap error, {Quantity(share, 'share'):6} quantile, nm s^1/2/N")
             rows.append([head, *(f"{each:.4g}" for each in cells)])
         title = f"{self.after.count} fresh machines: share within bounds (95 % interval)"
         return Table(title, ["", "today", "new"], rows)
@@ -118,7 +120,7 @@ def _picture(result: Robust) -> Any:
 def in_percent(share: Share) -> str:
     """A share of the fresh machines with its interval of 95 %: `81.5 % (75.4 .. 86.6 %)`."""
     low, high = share.interval or (share.value, share.value)
-    return f"{100.0 * share.value:.3g} % ({100.0 * low:.3g} .. {100.0 * high:.3g} %)"
+    return Text(f"{Quantity(share.value, 'share'):3} ({100.0 * low:.3g} .. {Quantity(high, 'share'):3})")
 
 
 def said(bound: Bound) -> str:

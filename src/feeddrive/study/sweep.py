@@ -19,7 +19,9 @@ from typing import TYPE_CHECKING
 
 from feeddrive.language.errors import CancelledError, ParameterError, WorkerError
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.runner import cores
 from feeddrive.study.chunk import REASON, VARIANT
 from feeddrive.study.pool import finished
@@ -171,7 +173,7 @@ def _time(seconds: float) -> str:
     for unit, size in (("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
         if seconds >= 2.0 * size:
             return f"{seconds / size:.0f} {unit}"
-    return f"{seconds:.0f} s"
+    return Text(f"{Quantity(seconds, 's'):.0f SI}")
 
 
 def bad_variants(store: Store, most: int = 10) -> tuple[int, list[tuple[int, str]]]:

@@ -14,6 +14,8 @@ from feeddrive.language import tree
 from feeddrive.language.block import Block
 from feeddrive.language.declaration import Declaration
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.tuning.closed_loop import Figures, answer, figures
@@ -100,7 +102,7 @@ class Verdict:
         return self.judged.keeps
 
     def __str__(self) -> str:
-        return f"{self.judged}" + ("" if self.frequency is None else f" at {self.frequency:.4g} Hz")
+        return f"{self.judged}" + ("" if self.frequency is None else Text(f" at {Quantity(self.frequency, 'Hz')}"))
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import numpy as np
 from feeddrive.analysis.robustness import Robustness, robustness
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.loop import Loop
 
@@ -101,8 +102,9 @@ def _largest(admits: Callable[[float], bool], dead_time: float) -> float:
         high = 2.0 * low
     if not 0.0 < low < high < float("inf"):
         raise ParameterError(
-            f"with a dead time of {dead_time:g} s no bound lies within a factor of 2^{_FARTHEST} of the tunables: "
-            f"start from gains with which the loop is stable, and name tunables that bring it to the edge of stability"
+            f"with a dead time of {Quantity(dead_time, 's'):6 SI} no bound lies within a factor of 2^{_FARTHEST} of "
+            "the tunables: start from gains with which the loop is stable, and name tunables that bring it to the "
+            "edge of stability"
         )
     while high > low * (1.0 + _CLOSE):
         middle = 0.5 * (low + high)

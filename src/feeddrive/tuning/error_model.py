@@ -15,6 +15,8 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, UnstableError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.lifting import Lifted, linear_model
 from feeddrive.loop.linearize import StateSpace
 from feeddrive.loop.loop import Loop
@@ -113,8 +115,9 @@ def _required(loop: Loop, plant: Plant | None) -> StateSpace | Lifted:
         what = "the axis" if plant is None else f"the plant '{plant.kind}'"
         raise UnstableError(f"the model loop with {what} {said}: these gains are not those of a loop with this axis")
     raise UnstableError(
-        f"the model loop with a mass of {plant.mass:.4g} kg {said}; the nearest admissible mass is {near:.4g} kg: "
-        f"start from another mass, give the plant, or take form = 'model_free', which needs no mass"
+        f"the model loop with a mass of {Quantity(plant.mass, 'kg')} {said}; the nearest admissible mass is "
+        f"{Quantity(near, 'kg')}: start from another mass, give the plant, or take form = 'model_free', which needs no "
+        "mass"
     )
 
 
@@ -216,10 +219,10 @@ def not_excited(
         left = _own(alike, i, kept)
         if left < LEAST_OWN:
             nearest = names[max(kept, key=lambda k: abs(float(alike[i, k])))] if kept else "none"
-            found[name] = (
-                f"only {100.0 * left:.2g} % of its column is not explained by {_listed([names[k] for k in kept])}, at "
-                f"least {100.0 * LEAST_OWN:g} % is needed; it is most like {nearest}: add a second speed, or more "
-                f"acceleration"
+            found[name] = Text(
+                f"only {Quantity(left, 'share'):2} of its column is not explained by "
+                f"{_listed([names[k] for k in kept])}, at least {Quantity(LEAST_OWN, 'share'):6} is needed; it is most "
+                f"like {nearest}: add a second speed, or more acceleration"
             )
         else:
             kept.append(i)
@@ -244,10 +247,10 @@ def _without_reversal(names: Sequence[str], velocity: np.ndarray, dead_band: flo
         return {}
     towards = "smaller" if backward <= forward else "larger"
     missing = int(np.ceil(LEAST_REVERSAL * moving)) - min(forward, backward)
-    reason = (
-        f"the trial has no reversal: {100.0 * share:.2g} % of its moving samples go towards {towards} positions, at "
-        f"least {100.0 * LEAST_REVERSAL:g} % are needed ({missing} samples more), else friction cannot be told from "
-        f"gravity or an offset"
+    reason = Text(
+        f"the trial has no reversal: {Quantity(share, 'share'):2} of its moving samples go towards {towards} "
+        f"positions, at least {Quantity(LEAST_REVERSAL, 'share'):6} are needed ({missing} samples more), else friction "
+        "cannot be told from gravity or an offset"
     )
     if moving == 0:
         reason = "the axis does not move in the trial"

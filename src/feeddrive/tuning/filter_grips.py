@@ -16,7 +16,9 @@ from feeddrive.blocks.filter.second_order import SecondOrder
 from feeddrive.language import tree
 from feeddrive.language.block import declarations
 from feeddrive.language.errors import ParameterError, nearest
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.recent import Recent
+from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.tuning.filter_pack import filter_response
 from feeddrive.tuning.tunables import HIGHEST_FILTER
@@ -79,12 +81,19 @@ def filter_grips(control: Control, loop: Margins, sample_time: float) -> tuple[G
             )
             own = _decibel(_gain(block, x, sample_time))
             found.append(
-                Grip(f"filters.{i}.{name}", x, _on(loop, x), *ends, label, f"{x:.4g} Hz, gain {own:.1f} dB there")
+                Grip(
+                    f"filters.{i}.{name}",
+                    x,
+                    _on(loop, x),
+                    *ends,
+                    label,
+                    Text(f"{Quantity(x, 'Hz')}, gain {Quantity(own, 'dB'):.1f} there"),
+                )
             )
         if isinstance(block, Notch):
             ratio, f = float(block.damping_pole), float(block.frequency)
             edge = _edge(block, sample_time)
-            text = f"{2.0 * ratio * f:.4g} Hz wide, damping of the poles {ratio:.3g}"
+            text = Text(f"{Quantity(2.0 * ratio * f, 'Hz')} wide, damping of the poles {ratio:.3g}")
             found.append(Grip(f"filters.{i}.{WIDTH}", edge, _on(loop, f), *ends, f"filter {i}, {kind}: width", text))
     return tuple(found)
 

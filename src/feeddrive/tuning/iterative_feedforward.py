@@ -16,7 +16,9 @@ from feeddrive.identification.regression import solve, standard_errors
 from feeddrive.language import tree
 from feeddrive.language.block import declarations
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError, StructureError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.error_model import condition, decay, error_model, filtered, not_excited, reasons
 from feeddrive.tuning.trial import Trial, check_clock
@@ -129,10 +131,10 @@ class Iteration(Result):
             error = f"{self.errors[name]:.2g}" if name in self.errors else "-"
             said = "frozen" if name in self.frozen else "at its bound" if name in self.held else ""
             rows.append([name, unit, f"{value:.6g}", f"{now[name]:.6g}", error, said])
-        title = (
-            f"{self.trial.name}: error {1e6 * self.trial.rms:.4g} um RMS, next along the same reference "
-            f"{1e6 * self.predicted_rms:.4g} um predicted; {self.form}, gamma {self.gamma:g}, "
-            f"condition {self.condition:.3g}"
+        title = Text(
+            f"{self.trial.name}: error {Quantity(self.trial.rms, 'm')} RMS, next along the same reference "
+            f"{Quantity(self.predicted_rms, 'm')} predicted; {self.form}, gamma {self.gamma:g}, condition "
+            f"{self.condition:.3g}"
         )
         return Table(title, ["parameter", "unit", "now", "next", "standard error", ""], rows)
 
@@ -279,8 +281,8 @@ def _rows(trial: Trial, after: int, saturation: str, skip: int) -> np.ndarray:
     if saturation == "refused":
         raise LogError(
             f"{trial.name}: the force was limited in {int(np.sum(saturated & counted))} samples, the first at "
-            f"{first * trial.sample_time:.6g} s; 0 are admitted, since the error then says nothing of the feedforward: "
-            f"take a slower reference, or leave these samples out (saturation = 'left_out')"
+            f"{Quantity(first * trial.sample_time, 's'):6 SI}; 0 are admitted, since the error then says nothing of "
+            "the feedforward: take a slower reference, or leave these samples out (saturation = 'left_out')"
         )
     for k in np.flatnonzero(saturated):
         counted[k : k + after] = False

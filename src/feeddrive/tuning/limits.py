@@ -16,6 +16,8 @@ from feeddrive.analysis.margins import Margins, gain_crossings, least, logarithm
 from feeddrive.analysis.stiffness import force_noise_weights
 from feeddrive.blocks.filter.notch import Notch
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.tuning.closed_loop import Answer, force_noise, noisy_readings
 
@@ -65,7 +67,7 @@ class Limits:
         return ", ".join(each for each in self._clauses().values() if each) or "stability alone"
 
     def _readings(self) -> str:
-        motor, load = (f"{1e9 * each:.4g} nm" for each in self.reading_noise)
+        motor, load = (Text(f"{Quantity(each, 'm'):nm}") for each in self.reading_noise)
         return f"{motor} of white noise in the readings" if motor == load else f"{motor} (motor) and {load} (load)"
 
     def only(self, kind: str) -> str:

@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import AVERAGES, FRF
 from feeddrive.loop.linearize import StateSpace, linearize
@@ -188,9 +190,8 @@ def measured_point(
         if bad.size:
             raise ParameterError(
                 f"the response from {each.input} to {each.output} is {np.abs(each.response[bad[0]]):.3g} m/N at "
-                f"{each.frequency[bad[0]]:.4g} Hz ({bad.size} such lines), which is impossible for an axis: check "
-                "columns and unit, "
-                f"and leave out lines on which nothing was measured"
+                f"{Quantity(each.frequency[bad[0]], 'Hz')} ({bad.size} such lines), which is impossible for an axis: "
+                "check columns and unit, and leave out lines on which nothing was measured"
             )
     inside = load.frequency < 0.5 / sample_time
     if np.count_nonzero(inside) < 10:
@@ -338,7 +339,7 @@ def with_table_force(
     off = disagreement(point, loop, velocity)
     if off > _WORST:
         nothing = "a force on the table, nor for a run of the new control" if run else "a force on the table"
-        apart = f"{source} is {100.0 * off:.3g} % away from the response '{point.name}'"
+        apart = Text(f"{source} is {Quantity(off, 'share'):3} away from the response '{point.name}'")
         return point, f"{apart}, so it cannot be used for {nothing}"
     if run:
         point = replace(point, known_as=replace(loop, sample_time=point.sample_time))
@@ -362,9 +363,9 @@ def with_table_force(
         variance = np.array([np.zeros(spread.shape[1]), spread[1]])
     ratio = None if point.ratio is None else np.array([point.ratio[0], by_load[0] / by_load[1]])
     moved = np.array([point.moved[0], by_load[1]])
-    shown = (
+    shown = Text(
         f"the force on the table is by {source}, which agrees with the response '{point.name}' within "
-        f"{100.0 * max(off, 1e-3):.2g} %; a hammer on the table (--disturbance) would verify it"
+        f"{Quantity(max(off, 1e-3), 'share'):2}; a hammer on the table (--disturbance) would verify it"
     )
     return (
         replace(point, by_load=by_load, moved=moved, load_variance=variance, at_drive=False, ratio=ratio),

@@ -12,7 +12,9 @@ from feeddrive.blocks.controller.pole_placement import PolePlacement
 from feeddrive.blocks.plant.two_bodies import Gains
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, UnstableError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 
 _SMALLEST = 0.02  # of a tunable: lower end of the search for a stable value
@@ -45,7 +47,10 @@ class Placement(Result):
 
 def _words(pole: complex) -> str:
     size = abs(pole)
-    return f"{pole.real:.4g}{pole.imag:+.4g}j 1/s ({size / (2.0 * np.pi):.4g} Hz, damping {-pole.real / size:.3f})"
+    return Text(
+        f"{pole.real:.4g}{pole.imag:+.4g}j 1/s ({Quantity(size / (2.0 * np.pi), 'Hz')}, damping "
+        f"{-pole.real / size:.3f})"
+    )
 
 
 def placement(loop: Loop, *, velocity: float = 0.05) -> Placement:
@@ -64,9 +69,8 @@ def placement(loop: Loop, *, velocity: float = 0.05) -> Placement:
         remedy = "; or ".join(near) or "none by lowering a single tunable"
         raise UnstableError(
             f"control.law: the poles cannot be reached on this axis: {found.sentence()} (|z| = {found.growth:.6f}, "
-            "must be "
-            f"< 1); the nearest stable values: {remedy}. If the axis has a mode there that the model leaves out, put a "
-            f"notch at {found.frequency:.4g} Hz"
+            f"must be < 1); the nearest stable values: {remedy}. If the axis has a mode there that the model leaves "
+            f"out, put a notch at {Quantity(found.frequency, 'Hz')}"
         )
     poles = np.roots([float(a) for a in reversed(law.polynomial())])
     z = found.model.poles()

@@ -18,6 +18,8 @@ from feeddrive.blocks.load.step_force import StepForce
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.language.errors import FeeddriveError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.loop.lifting import Lifted
 from feeddrive.loop.loop import Loop
@@ -104,10 +106,10 @@ def _of_two_rates(name: str, model: Lifted, limits: Limits) -> Checked:
     keeps = (gain is None or gain >= least) and (
         delay is None or limits.delay_margin_samples is None or delay >= math.floor(limits.delay_margin_samples)
     )
-    rises = "at will" if gain is None else f"by {20.0 * math.log10(gain):.4g} dB"
+    rises = "at will" if gain is None else Text(f"by {Quantity(20.0 * math.log10(gain), 'dB')}")
     later = "however long" if delay is None else f"{delay} to {delay + 1} samples"
     N, T = len(model.samples), model.sample_time
-    what = f"{name}: both rates, {1e3 * T:g} ms and {1e3 * N * T:g} ms"
+    what = Text(f"{name}: both rates, {Quantity(T, 's'):6} and {Quantity(N * T, 's'):6}")
     return Checked(what, keeps, f"until the edge by poles over {N} samples: gain {rises}, dead time {later} more")
 
 
@@ -164,14 +166,21 @@ def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float
         return Checked(what, False, f"the guard trips {said}")
     largest = float(np.max(np.abs(runs[0]["requested"][settle:])))
     if limit is not None and largest > limit:
-        return Checked(what, False, f"{force:g} N on the table need {largest:.4g} N, the limit is {limit:g} N")
+        return Checked(
+            what,
+            False,
+            Text(
+                f"{Quantity(force, 'N'):6} on the table need {Quantity(largest, 'N')}, the limit is "
+                f"{Quantity(limit, 'N'):6}"
+            ),
+        )
     moved = runs[1]["position_load"] - runs[2]["position_load"]
     got = rope_snap_of_run(moved, force, T)
     off = got / expected - 1.0
     noise = float(np.std(runs[0]["requested"][settle // 2 : settle]))
-    said = (
-        f"{force:g} N: rope snap {1e9 * got:.4g} nm s^1/2/N, {100.0 * abs(off):.1f} % off; the command swings by "
-        f"{noise:.3g} N RMS, at most {largest:.4g} N"
+    said = Text(
+        f"{Quantity(force, 'N'):6}: rope snap {Quantity(got, 'm'):nm} s^1/2/N, {Quantity(abs(off), 'share'):.1f} off; "
+        f"the command swings by {Quantity(noise, 'N'):3} RMS, at most {Quantity(largest, 'N')}"
     )
     return Checked(what, abs(off) <= _APART, said)
 

@@ -12,7 +12,9 @@ from feeddrive.analysis.margins import margins
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.language.errors import FeeddriveError, NotIdentifiableError, ParameterError
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
@@ -100,8 +102,8 @@ class _Axis:
         if last < 5 or phase[last - 1] > 2.0 * _STRAIGHT:
             end = self.frequency[max(last - 1, 0)]
             raise NotIdentifiableError(
-                f"'{self.point.name}' shows no mass from {self.frequency[0]:.4g} to {end:.4g} Hz: measure between "
-                f"the friction, which holds it below, and its first resonance above"
+                f"'{self.point.name}' shows no mass from {self.frequency[0]:.4g} to {Quantity(end, 'Hz')}: measure "
+                "between the friction, which holds it below, and its first resonance above"
             )
         s = 1j * w[:last] / w[last - 1]
         rows = np.stack([s**0, s, s * s], axis=1) * np.abs(self.unit[:last, None])
@@ -143,7 +145,7 @@ def symmetric_optimum(point: OperatingPoint | Loop, control: Control | None = No
         raise ParameterError(f"a = {a:g} must be > 1")
     axis = _Axis(point, control)
     tau = axis.lag
-    reason = f"mass {axis.mass:.4g} kg, lag {1e3 * tau:.3g} ms, a = {a:g}"
+    reason = Text(f"mass {Quantity(axis.mass, 'kg')}, lag {Quantity(tau, 's'):3}, a = {a:g}")
     return axis.made(
         "symmetric optimum", axis.mass / (a * tau), a * a * tau, 1.0 / (_CRITICAL * a * tau), reason, "Kessler 1958"
     )
@@ -172,8 +174,10 @@ def makers_rule(point: OperatingPoint | Loop, control: Control | None = None) ->
     rate = _largest(keeps, 1e-3 * usual, usual)
     if rate is None:
         raise NotIdentifiableError("no velocity gain keeps Ms <= 2: filter the resonances first")
-    lowered = "" if rate == usual else f", lowered from {usual / (2.0 * math.pi):.4g} Hz to keep Ms <= 2"
-    reason = f"mass {axis.mass:.4g} kg, velocity loop at {rate / (2.0 * math.pi):.4g} Hz{lowered}"
+    lowered = "" if rate == usual else Text(f", lowered from {Quantity(usual / (2.0 * math.pi), 'Hz')} to keep Ms <= 2")
+    reason = Text(
+        f"mass {Quantity(axis.mass, 'kg')}, velocity loop at {Quantity(rate / (2.0 * math.pi), 'Hz')}{lowered}"
+    )
     made = law(rate)
     return axis.made("maker's rule", made.Kp, made.Tn, made.Kv, reason, "manuals of drives")
 
@@ -189,9 +193,11 @@ def kv_rule(point: OperatingPoint | Loop, control: Control | None = None, *, dam
     law = axis.law
     crossover = margins(axis.velocity_loop(law.Kp, law.Tn)).crossover
     if crossover is None:
-        raise ParameterError(f"with Kp = {law.Kp:g} N s/m the velocity loop has no crossover: set Kp first")
+        raise ParameterError(
+            f"with Kp = {Quantity(law.Kp, 'N s/m'):6} the velocity loop has no crossover: set Kp first"
+        )
     Kv = 2.0 * math.pi * crossover / (4.0 * damping * damping)
-    reason = f"the velocity loop crosses over at {crossover:.4g} Hz, damping ratio {damping:g}"
+    reason = Text(f"the velocity loop crosses over at {Quantity(crossover, 'Hz')}, damping ratio {damping:g}")
     return axis.made("Kv rule", law.Kp, law.Tn, Kv, reason, "Weck & Brecher")
 
 
@@ -207,11 +213,11 @@ def half_antiresonance(point: OperatingPoint | Loop, control: Control | None = N
     first = axis.antiresonance()
     if not math.isfinite(first):
         raise NotIdentifiableError(
-            f"'{axis.point.name}' shows no antiresonance up to {axis.frequency[-1]:.4g} Hz: take symmetric_optimum, or "
-            f"measure higher"
+            f"'{axis.point.name}' shows no antiresonance up to {Quantity(axis.frequency[-1], 'Hz')}: take "
+            "symmetric_optimum, or measure higher"
         )
     rate = min(math.pi * first, 0.5 / axis.lag)
-    reason = f"first antiresonance {first:.4g} Hz, crossover {rate / (2.0 * math.pi):.4g} Hz"
+    reason = Text(f"first antiresonance {Quantity(first, 'Hz')}, crossover {Quantity(rate / (2.0 * math.pi), 'Hz')}")
     Kp = _by_crossover(axis, rate)
     return axis.made("half the first antiresonance", Kp, _SLOW / rate, rate / _CRITICAL, reason, "rule of the trade")
 
@@ -243,7 +249,8 @@ def margin_goals(point: OperatingPoint | Loop, control: Control | None = None, *
     Kp = _largest(lambda value: keeps(axis.velocity_loop(value, integral(value))), 1e-3 * highest, 3.0 * highest)
     if Kp is None:
         raise NotIdentifiableError(
-            f"no velocity gain keeps {least_gain:g} dB and {least_phase:g} deg: filter the resonances first"
+            f"no velocity gain keeps {Quantity(least_gain, 'dB'):6} and {least_phase:g} deg: filter the resonances "
+            "first"
         )
     Tn, rate = integral(Kp), Kp / axis.mass
     inner = axis.response(replace(axis.law, Kv=_OFF, Kp=Kp, Tn=Tn))
@@ -253,8 +260,12 @@ def margin_goals(point: OperatingPoint | Loop, control: Control | None = None, *
 
     Kv = _largest(lambda value: keeps(position(value)), 1e-3 * rate, rate / _CRITICAL)
     if Kv is None:
-        raise NotIdentifiableError(f"no Kv keeps {least_gain:g} dB and {least_phase:g} deg with Kp = {Kp:g} N s/m")
-    reason = f"gain margin >= {least_gain:g} dB and phase margin >= {least_phase:g} deg, velocity loop first"
+        raise NotIdentifiableError(
+            f"no Kv keeps {Quantity(least_gain, 'dB'):6} and {least_phase:g} deg with Kp = {Quantity(Kp, 'N s/m'):6}"
+        )
+    reason = Text(
+        f"gain margin >= {Quantity(least_gain, 'dB'):6} and phase margin >= {least_phase:g} deg, velocity loop first"
+    )
     return axis.made(f"margins, {goal}", Kp, Tn, Kv, reason, "own numbers")
 
 

@@ -8,7 +8,9 @@ import numpy as np
 
 from feeddrive.blocks.compensation.repetitive_control import RepetitiveControl, taps
 from feeddrive.language.errors import ParameterError, UnstableError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
 
@@ -33,8 +35,9 @@ class RepetitiveDesign(Result):
         """The chosen lead and its neighbors."""
         rows = [[str(lead), f"{factor:.4g}", "chosen" if lead == self.block.lead_samples else ""]
                 for lead, factor in enumerate(self.factors)]  # fmt: skip
-        title = (
-            f"left from period to period, at worst {self.factor:.3g} at {self.frequency:.4g} Hz; below 1 it converges"
+        title = Text(
+            f"left from period to period, at worst {self.factor:.3g} at {Quantity(self.frequency, 'Hz')}; below 1 it "
+            "converges"
         )
         return Table(title, ["lead in samples", "left", ""], rows)
 
@@ -63,8 +66,8 @@ def tune_repetitive(
     count = round(period / T) if np.isfinite(period) and period > 0.0 else 0
     if count < 1 or abs(count * T / period - 1.0) > _WHOLE:
         raise ParameterError(
-            f"period = {period:g} s must be a whole number of samples of {T:g} s, to {_WHOLE:g}: the nearest is "
-            f"{max(count, 1) * T:.6g} s"
+            f"period = {Quantity(period, 's'):6 SI} must be a whole number of samples of {Quantity(T, 's'):6 SI}, to "
+            f"{_WHOLE:g}: the nearest is {Quantity(max(count, 1) * T, 's'):6 SI}"
         )
     if most_lead < 0:
         raise ParameterError(f"most_lead = {most_lead} must be >= 0 samples")
@@ -87,7 +90,8 @@ def tune_repetitive(
     if factors[lead] >= 1.0:
         raise UnstableError(
             f"no lead up to {leads[-1]} samples lets learning converge: at best {factors[lead]:.4g} of the worst "
-            f"frequency, {worst:.4g} Hz, is left from period to period; take more passes or a smaller learning_gain"
+            f"frequency, {Quantity(worst, 'Hz')}, is left from period to period; take more passes or a smaller "
+            "learning_gain"
         )
     return RepetitiveDesign(replace(made, lead_samples=lead), factors[lead], worst, factors)
 

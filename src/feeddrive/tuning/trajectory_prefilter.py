@@ -12,7 +12,9 @@ from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.identification.regression import standard_errors
 from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.tuning.trial import differenced
@@ -103,9 +105,9 @@ class PrefilterFit(Result):
                 cells = [f"{value:.4g}", f"{error:.2g}", f"{getattr(self.prefilter, _NAMES[i]):.4g}"]
             correlations = [f"{each[name]:.2f}" if name in each else "-" for each in (before, after)]
             rows.append([name, _UNITS[i], *cells, *correlations])
-        title = (
-            f"{int(self.counted.sum())} samples in motion: error {1e6 * self.rms(self.error):.4g} um RMS, "
-            f"{1e6 * self.rms(self.predicted):.4g} um predicted; condition {self.condition:.3g}"
+        title = Text(
+            f"{int(self.counted.sum())} samples in motion: error {Quantity(self.rms(self.error), 'm')} RMS, "
+            f"{Quantity(self.rms(self.predicted), 'm')} predicted; condition {self.condition:.3g}"
         )
         heads = ["regressor", "unit", "theta", "std. error", "next theta", "corr.", "left"]
         return Table(title, heads, rows)
@@ -206,8 +208,9 @@ def _known(regressors: Sequence[str]) -> list[str]:
 def _check_limit(name: str, limited: np.ndarray, time: np.ndarray) -> None:
     if limited.size:
         raise LogError(
-            f"{name}: the force met its limit in {limited.size} samples (> 0), first at {time[limited[0]]:.6g} s: its "
-            f"error is not that of the reference; take a run with lower acceleration or jerk"
+            f"{name}: the force met its limit in {limited.size} samples (> 0), first at "
+            f"{Quantity(time[limited[0]], 's'):6 SI}: its error is not that of the reference; take a run with lower "
+            "acceleration or jerk"
         )
 
 
@@ -215,9 +218,10 @@ def _check_clock(name: str, found: float, wanted: float) -> None:
     off = abs(found / wanted - 1.0)
     if off > LIMIT_CLOCK:
         raise LogError(
-            f"{name}: its sample time {found:.9g} s is not the controller's, {wanted:.9g} s: they differ by "
-            f"{100.0 * off:.3g} %, at most {100.0 * LIMIT_CLOCK:g} % is admitted; record on the controller's clock, "
-            f"{wanted:.9g} s, or name the machine file of this controller"
+            f"{name}: its sample time {Quantity(found, 's'):9 SI} is not the controller's, "
+            f"{Quantity(wanted, 's'):9 SI}: they differ by {Quantity(off, 'share'):3}, at most "
+            f"{Quantity(LIMIT_CLOCK, 'share'):6} is admitted; record on the controller's clock, "
+            f"{Quantity(wanted, 's'):9 SI}, or name the machine file of this controller"
         )
 
 
@@ -226,9 +230,9 @@ def _check_follows(name: str, set_position: np.ndarray, position: np.ndarray) ->
     travel, off = float(np.ptp(set_position)), float(np.max(np.abs(set_position - position), initial=0.0))
     if travel > 0.0 and not off < 0.5 * travel:
         raise LogError(
-            f"{name}: the position is up to {off:.4g} m away from the set position, less than half the travel, "
-            f"{0.5 * travel:.4g} m, is allowed: the axis does not follow; check the columns, their units and their "
-            "offset"
+            f"{name}: the position is up to {Quantity(off, 'm'):SI} away from the set position, less than half the "
+            f"travel, {Quantity(0.5 * travel, 'm'):SI}, is allowed: the axis does not follow; check the columns, their "
+            "units and their offset"
         )
 
 
@@ -241,7 +245,7 @@ def _laid_over(name: str, time: np.ndarray, set_position: np.ndarray, reference:
     off = float(np.max(np.abs(setpoint.position - set_position), initial=0.0))
     if not off <= 1e-5 * travel:
         raise LogError(
-            f"{name}: its set positions are not those of the reference: they differ by up to {1e6 * off:.4g} um, at "
+            f"{name}: its set positions are not those of the reference: they differ by up to {Quantity(off, 'm')}, at "
             f"most {10.0 * travel:.4g} um is admitted; give the job that was run, or none"
         )
     return setpoint

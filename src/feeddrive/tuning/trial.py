@@ -10,7 +10,9 @@ import numpy as np
 from feeddrive.blocks.families import Reference
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run
 
@@ -65,10 +67,11 @@ def _check_rounding(name: str, derivative: str, values: np.ndarray, rounding: fl
     share = gain * rounding / rms
     if share > LARGEST_ROUNDING:
         raise LogError(
-            f"{name}: its set positions are rounded by about {rounding:.2g} m RMS, which is {100.0 * share:.3g} % of "
-            f"their {derivative} by differences; at most {100.0 * LARGEST_ROUNDING:g} % is admitted, "
-            f"{rounding * LARGEST_ROUNDING / share:.2g} m: give the job that was run, for exact derivatives, "
-            f"or leave out the regressor"
+            f"{name}: its set positions are rounded by about {Quantity(rounding, 'm'):2 SI} RMS, which is "
+            f"{Quantity(share, 'share'):3} of their {derivative} by differences; at most "
+            f"{Quantity(LARGEST_ROUNDING, 'share'):6} is admitted, "
+            f"{Quantity(rounding * LARGEST_ROUNDING / share, 'm'):2 SI}: give the job that was run, for exact "
+            "derivatives, or leave out the regressor"
         )
 
 
@@ -122,7 +125,7 @@ class Trial(Result):
             f"{np.max(np.abs(a)):.4g}", f"{1e6 * self.rms:.4g}", f"{1e6 * self.peak:.4g}",
         ]  # fmt: skip
         heads = ["trial", "samples", "travel mm", "velocity mm/s", "acceleration m/s2", "error RMS um", "peak um"]
-        return Table(f"a trial of {self.following_error.size * self.sample_time:.4g} s", heads, [row])
+        return Table(f"a trial of {Quantity(self.following_error.size * self.sample_time, 's'):SI}", heads, [row])
 
 
 def simulated_trial(run: Run, reference: Reference) -> Trial:
@@ -132,7 +135,9 @@ def simulated_trial(run: Run, reference: Reference) -> Trial:
     """
     if "trip" in run.signals and np.any(run["trip"] > 0.0):
         k = int(np.argmax(run["trip"] > 0.0))
-        raise LogError(f"{run.name}: the guard tripped at {run.time[k]:.6g} s (code {run['trip'][k]:g}): no trial")
+        raise LogError(
+            f"{run.name}: the guard tripped at {Quantity(run.time[k], 's'):6 SI} (code {run['trip'][k]:g}): no trial"
+        )
     rows = (np.broadcast_to(np.asarray(row, dtype=np.float64), run.time.shape) for row in reference.at(run.time))
     return Trial(
         name=run.name,
@@ -204,9 +209,10 @@ def check_clock(name: str, sample_time: float, T: float) -> None:
         return
     near = T * (1.0 + CLOCK if sample_time > T else 1.0 - CLOCK)
     raise LogError(
-        f"{name}: its clock of {1e3 * sample_time:.6g} ms differs from the controller's {1e3 * T:.6g} ms by "
-        f"{1e3 * off:.6g} ms; {100 * CLOCK:g} % or {1e3 * CLOCK * T:.4g} ms is admitted, so the nearest admissible "
-        f"clock is {1e3 * near:.6g} ms: log every sample of the controller, or give the machine the sample time it has"
+        f"{name}: its clock of {Quantity(sample_time, 's'):6} differs from the controller's {Quantity(T, 's'):6} by "
+        f"{Quantity(off, 's'):6}; {Quantity(CLOCK, 'share'):6} or {Quantity(CLOCK * T, 's')} is admitted, so the "
+        f"nearest admissible clock is {Quantity(near, 's'):6}: log every sample of the controller, or give the machine "
+        "the sample time it has"
     )
 
 
@@ -260,11 +266,13 @@ def _width(x: np.ndarray, T: float) -> tuple[int, tuple[str, ...]]:
         pulse[pulse.size // 2] = step / np.sqrt(12.0)
         noise = float(np.linalg.norm(_acceleration(pulse, width, T)))
         if noise <= _NOISE * float(np.sqrt(np.mean(_acceleration(x, width, T) ** 2))):
-            said = f"the set position was rounded to {step:g} m and is averaged over ±{2 * width} samples"
+            said = Text(
+                f"the set position was rounded to {Quantity(step, 'm'):6 SI} and is averaged over ±{2 * width} samples"
+            )
             return width, (said,) if width else ()
     raise LogError(
-        f"the set position is rounded to {step:g} m, which hides its acceleration at a sample time of {1e3 * T:g} ms: "
-        f"log it with more digits"
+        f"the set position is rounded to {Quantity(step, 'm'):6 SI}, which hides its acceleration at a sample time of "
+        f"{Quantity(T, 's'):6}: log it with more digits"
     )
 
 

@@ -11,6 +11,8 @@ import numpy as np
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.closed_loop import Figures, figures
@@ -120,7 +122,9 @@ def _tuner(
     if not 0.5 <= confidence < 1.0:
         raise ParameterError(f"confidence = {confidence:g} must be >= 0.5 and < 1")
     if not 0.0 <= band[0] < band[1]:
-        raise ParameterError(f"the band from {band[0]:g} to {band[1]:g} Hz is empty: the lower frequency comes first")
+        raise ParameterError(
+            f"the band from {band[0]:g} to {Quantity(band[1], 'Hz'):6} is empty: the lower frequency comes first"
+        )
     given = (points,) if isinstance(points, (OperatingPoint, Loop)) else tuple(points)
     made = tuple(
         modelled_point(each, f"axis {i + 1}" if len(given) > 1 else "model", velocity=velocity)
@@ -131,7 +135,7 @@ def _tuner(
     if not made:
         raise ParameterError("shaping needs at least one point")
     if len({each.sample_time for each in made}) > 1:
-        said = ", ".join(f"'{each.name}' {1e3 * each.sample_time:g} ms" for each in made)
+        said = ", ".join(Text(f"'{each.name}' {Quantity(each.sample_time, 's'):6}") for each in made)
         raise ParameterError(f"one control has one sample time, but the points have {said}")
     _check_band(made, band)
     tuner = Tuner(made, goal, limits or Limits(), band, confidence, starts, seed, velocity, progress or Progress())
@@ -149,8 +153,8 @@ def _check_band(points: Sequence[OperatingPoint], band: tuple[float, float]) -> 
         inside = np.count_nonzero((each.frequency >= band[0]) & (each.frequency <= band[1]))
         if inside < 3:
             raise ParameterError(
-                f"the band from {band[0]:g} to {band[1]:g} Hz holds {inside} lines of '{each.name}', which has "
-                f"{each.frequency[0]:.4g} to {each.frequency[-1]:.4g} Hz: at least 3"
+                f"the band from {band[0]:g} to {Quantity(band[1], 'Hz'):6} holds {inside} lines of '{each.name}', "
+                f"which has {each.frequency[0]:.4g} to {Quantity(each.frequency[-1], 'Hz')}: at least 3"
             )
 
 
@@ -249,13 +253,15 @@ def _advice(tuner: Tuner, best: Best) -> tuple[str, ...]:
     if gained > 1e-4:
         # by slopes: for a whole sample where the effect is small, for a tenth where it is large
         small = gained < _MUCH
-        how = f"one sample ({10e6 * step:g} us)" if small else f"a tenth of a sample ({1e6 * step:g} us)"
+        how = f"one sample ({10e6 * step:g} us)" if small else Text(f"a tenth of a sample ({Quantity(step, 's'):6 us})")
         found.append(
-            f"{how} less dead time, from computation, filters or bus, would gain about "
-            f"{100.0 * gained * (10.0 if small else 1.0):.2g} %"
+            Text(
+                f"{how} less dead time, from computation, filters or bus, would gain about "
+                f"{Quantity(gained * (10.0 if small else 1.0), 'share'):2}"
+            )
         )
     if tuner.noisy and best.cost > 5e-3:
-        found.append(f"a measurement without noise would gain {100.0 * best.cost:.2g} %")
+        found.append(Text(f"a measurement without noise would gain {Quantity(best.cost, 'share'):2}"))
     found += _edges(tuner, best)
     if any(point.at_drive for point in tuner.points):
         found.append(
@@ -277,7 +283,7 @@ def _edges(tuner: Tuner, best: Best) -> list[str]:
         end = "upper" if high - value < 1e-6 else "lower"
         reason = ""
         if name.startswith("filters.") and unit == "Hz" and end == "upper":
-            reason = f", {100.0 * size / nyquist:.3g} % of half the sample rate: as good as no filter"
+            reason = Text(f", {Quantity(size / nyquist, 'share'):3} of half the sample rate: as good as no filter")
             if tuner.limits.force_noise is None:
                 reason += ", since no limit on the force noise prevents it"
         found.append(f"{shown} = {size:.4g} {unit}".rstrip() + f" is the {end} end of the range of the search{reason}")

@@ -12,7 +12,9 @@ from feeddrive.analysis.margins import Margins, margins
 from feeddrive.analysis.stiffness import mean_compliance
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.language import tree
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
@@ -36,7 +38,7 @@ class CascadeLoops(Result):
         """Crossover and margins of both."""
         rows: list[list[str]] = []
         fast, slow = (each.loop_gain.sample_time for each in (self.velocity, self.position))
-        ran = "" if fast is None or slow is None or fast == slow else f", every {1e3 * slow:g} ms"
+        ran = "" if fast is None or slow is None or fast == slow else Text(f", every {Quantity(slow, 's'):6}")
         for name, m in (("velocity loop", self.velocity), (f"position loop{ran}", self.position)):
             cells = (m.crossover, m.phase_margin_deg, m.gain_increase_dB, m.sensitivity_peak)
             rows.append([name, *("-" if cell is None else f"{cell:.4g}" for cell in cells)])
@@ -77,7 +79,7 @@ class HeldBack:
 
     def sentence(self) -> str:
         """The bound in one sentence."""
-        where = f" at {self.frequency:.4g} Hz" if self.frequency > 0.0 else ""
+        where = Text(f" at {Quantity(self.frequency, 'Hz')}") if self.frequency > 0.0 else ""
         return f"{self.what}{where} ({self.point}): a tenth more room would gain {self.gain:.2g} %"
 
 
@@ -229,7 +231,7 @@ _WHAT = {
 
 def aim(found: Tuned) -> str:
     """The goal."""
-    band = "" if found.band == (0.0, np.inf) else f" from {found.band[0]:g} to {found.band[1]:g} Hz"
+    band = "" if found.band == (0.0, np.inf) else Text(f" from {found.band[0]:g} to {Quantity(found.band[1], 'Hz'):6}")
     drive = " against a force at the drive" if found.at_drive and found.goal != "bandwidth" else ""
     return {
         "rope-snap": f"least rope-snap error{drive}",

@@ -12,6 +12,8 @@ from feeddrive.blocks.filter.notch import Notch
 from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, UnstableError
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.criteria import Criteria, needed, require_covered, require_good, some
@@ -283,7 +285,7 @@ class Tuner:
         if search.sure * worst.deviation > 0.5 * abs(worst.slack - search.sure * worst.deviation):
             noise = ", for the noise of the measurement there, and it"
         beyond = 100.0 * (search.sure * worst.deviation - worst.slack)
-        where = f" at {worst.frequency:.4g} Hz" if worst.frequency > 0.0 else ""
+        where = Text(f" at {Quantity(worst.frequency, 'Hz')}") if worst.frequency > 0.0 else ""
         others = {b.kind for b in end.judged.bounds if search.room(b) - b.slack > 0.5 * search.broken(end.judged)}
         against = f", in conflict with {', '.join(sorted(others - {worst.kind}))}" if others - {worst.kind} else ""
         found = [self._reachable(search, end, kind) for kind in (worst.kind, *sorted(others - {worst.kind}))]
@@ -320,16 +322,16 @@ class Tuner:
         forced = [b for b in end.judged.bounds if end.force.get(b.key, 0.0) > 0.0 and b.deviation > 0.0]
         worst = max(forced or end.judged.bounds, key=lambda b: end.force.get(b.key, 0.0) * b.deviation)
         raise NotIdentifiableError(
-            f"do not tune, measure again: the noise of '{self.points[worst.point].name}' costs {100.0 * cost:.3g} % of "
-            f"the goal, most of it from {0.7 * worst.frequency:.4g} to {1.4 * worst.frequency:.4g} Hz, where "
-            f"{worst.kind} is only known to {100.0 * worst.deviation:.2g} %; excite this band more strongly, or "
-            f"average longer"
+            f"do not tune, measure again: the noise of '{self.points[worst.point].name}' costs "
+            f"{Quantity(cost, 'share'):3} of the goal, most of it from {0.7 * worst.frequency:.4g} to "
+            f"{Quantity(1.4 * worst.frequency, 'Hz')}, where {worst.kind} is only known to "
+            f"{Quantity(worst.deviation, 'share'):2}; excite this band more strongly, or average longer"
         )
 
     def with_notches(self, best: Best, tried: list[str]) -> Best:
         """Notches at the remaining large resonances, one after the other, as long as each improves the goal."""
         for frequency in self._loud(best)[:_NOTCHES]:
-            self.progress.step(f"a notch at {frequency:.4g} Hz")
+            self.progress.step(Text(f"a notch at {Quantity(frequency, 'Hz')}"))
             # nearly without effect, so that the search begins where the last one ended
             notch = Notch(frequency=frequency, damping_zero=0.35, damping_pole=0.4)
             control = replace(best.control, filters=(*best.control.filters, notch))
@@ -344,10 +346,17 @@ class Tuner:
             gained = float(np.max(best.end.judged.goal) - np.max(other.end.judged.goal))
             ended = float(np.exp(other.end.x[len(best.names)]))
             if gained > _PAYS:
-                tried.append(f"at {ended:.4g} Hz (begun at {frequency:.4g} Hz): gains {100.0 * gained:.2g} %, taken")
+                tried.append(
+                    Text(
+                        f"at {Quantity(ended, 'Hz')} (begun at {Quantity(frequency, 'Hz')}): gains "
+                        f"{Quantity(gained, 'share'):2}, taken"
+                    )
+                )
                 best = other
             else:
-                tried.append(f"at {frequency:.4g} Hz: would gain {max(100.0 * gained, 0.0):.2g} %, not taken")
+                tried.append(
+                    Text(f"at {Quantity(frequency, 'Hz')}: would gain {max(100.0 * gained, 0.0):.2g} %, not taken")
+                )
         return best
 
     def _loud(self, best: Best) -> list[float]:
@@ -377,7 +386,11 @@ def _missing(search: Search, ends: Sequence[End], kinds: Sequence[str]) -> str:
     for kind, told in (("population", "from all over the range"), ("continuation", "by continuation in Ms")):
         off = min((cost for cost, own in zip(costs, kinds, strict=True) if own == kind), default=np.inf) - min(costs)
         if off >= _AGREE:
-            said.append(f"{told} {100.0 * np.expm1(off):.2g} % above the best" if np.isfinite(off) else f"none {told}")
+            said.append(
+                Text(f"{told} {Quantity(np.expm1(off), 'share'):2} above the best")
+                if np.isfinite(off)
+                else f"none {told}"
+            )
     return f"searches ended {' and '.join(said)}" if said else ""
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from feeddrive.blocks.families import Reference
 from feeddrive.language.errors import ParameterError, UnstableError
+from feeddrive.language.quantity import Quantity
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.set_path import ChangedReference, SetPath, changed, sampled, set_path
 
@@ -94,9 +95,9 @@ def zero_phase(loop: Loop, reference: Reference) -> ChangedReference:
     before, after = (_left(model, each, wanted) for each in (wanted, given))
     if not after < before:
         raise ParameterError(
-            f"the model of the loop itself is {1e6 * after:.4g} um off the path with this inverse, and "
-            f"{1e6 * before:.4g} um without: polynomials of degree {path.A.size - 1} have lost "
-            f"their digits; take filtered splines"
+            f"the model of the loop itself is {Quantity(after, 'm')} off the path with this inverse, and "
+            f"{Quantity(before, 'm')} without: polynomials of degree {path.A.size - 1} have lost their digits; take "
+            "filtered splines"
         )
     return changed(given, wanted, T, path.preview)
 

@@ -23,8 +23,9 @@ from feeddrive.files.frf import FrfLike, encoders, read_frf, read_frfs
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.errors import FeeddriveError, FileError, ParameterError, sentence
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
-from feeddrive.language.text import capitalized
+from feeddrive.language.text import Text, capitalized
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
@@ -94,8 +95,8 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]
         facts = {
             "Machine": request.name if machine is None else f"{machine.name}, {request.name}",
             "Law": loop.control.law.kind,
-            "Sample time": f"{1e3 * float(loop.sample_time):g} ms",
-            "Velocity of the axis": f"{request.velocity:g} m/s",
+            "Sample time": Text(f"{Quantity(float(loop.sample_time), 's'):6}"),
+            "Velocity of the axis": Text(f"{Quantity(request.velocity, 'm/s'):6 SI}"),
         }
         report = write_certified(found, request.out, facts, rotary=loop.axis.rotary)
         files = {"Certificate": report.parent / FILE, "Report": report}
@@ -219,7 +220,10 @@ def _words(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [
         ("Claim", document["claim"]),
         ("Theorem", document["theorem"]),
-        ("Confidence of the measured lines", f"{100.0 * document['confidence']:g} %, all lines together"),
+        (
+            "Confidence of the measured lines",
+            Text(f"{Quantity(document['confidence'], 'share'):6}, all lines together"),
+        ),
         ("SHA-256", document["sha256"]),
         ("Check it", f"feeddrive check {FILE}, or with nothing but Python: python check.py {FILE}"),
     ]

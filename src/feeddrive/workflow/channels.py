@@ -24,7 +24,9 @@ from feeddrive.files.read_log import read_log, time_units
 from feeddrive.files.readers.ast_xml import is_ast
 from feeddrive.language.errors import FileError, LogError, ParameterError
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
+from feeddrive.language.text import Text
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.readings import Doubt, with_units
 from feeddrive.workflow.readings import doubt as doubt_of
@@ -259,7 +261,7 @@ def _likely_time(file: OpenedFile) -> tuple[Column, str] | None:
     units_ = time_units(step) if np.isfinite(step) and step > 0.0 else []
     if not units_ or units_[0][0] == "s":
         return None
-    other = "".join(f", in {unit} {1e3 * size:.4g} ms" for unit, size in units_[1:])
+    other = "".join(Text(f", in {unit} {Quantity(size, 's')}") for unit, size in units_[1:])
     unit, size = units_[0]
-    why = f"no unit is stated; in {unit} the step is {1e3 * size:.4g} ms{other}: correct it if wrong"
+    why = Text(f"no unit is stated; in {unit} the step is {Quantity(size, 's')}{other}: correct it if wrong")
     return Column(name=name, unit=unit), why

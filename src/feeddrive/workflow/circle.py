@@ -23,6 +23,7 @@ from feeddrive.files.machine import MachineFile, read_machine
 from feeddrive.files.read_log import read_log
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.simulate import simulate
 from feeddrive.machining.circle_causes import Cause, CircleCauses, circle_causes
@@ -177,8 +178,8 @@ def _middle(file: MachineFile, name: str, radius: float) -> float:
     least, most = float(limits.travel_least), float(limits.travel_most)
     if most - least < 2.0 * radius:
         raise ParameterError(
-            f"radius = {1e3 * radius:g} mm: axis '{name}' travels {1e3 * (most - least):g} mm, a circle needs "
-            f"{2e3 * radius:g} mm: give a smaller --radius"
+            f"radius = {Quantity(radius, 'm'):6 mm}: axis '{name}' travels {Quantity((most - least), 'm'):6 mm}, a "
+            f"circle needs {2e3 * radius:g} mm: give a smaller --radius"
         )
     return 0.5 * (least + most)
 

@@ -28,7 +28,9 @@ from feeddrive.language.block import Number
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError, nearest, sentence
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
+from feeddrive.language.text import Text
 from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import (
@@ -117,11 +119,13 @@ def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
         facts = {
             "Logs": logs_said([*request.logs, *request.backward]),
             "Runs": f"{ways[0]} forward, {ways[1]} backward, {sum(run.turns.size for run in seen.runs)} rows",
-            "Period": f"{math.degrees(seen.period):.6g} deg" if seen.turning else f"{1e3 * seen.period:.6g} mm",
+            "Period": f"{math.degrees(seen.period):.6g} deg"
+            if seen.turning
+            else Text(f"{Quantity(seen.period, 'm'):6 mm}"),
             "Columns": seen.columns,
             "Force at the table": "not known"
             if table is None
-            else f"{table.force_per_unit:.6g} N per {seen.unit or 'unit'}",
+            else Text(f"{Quantity(table.force_per_unit, 'N'):6} per {seen.unit or 'unit'}"),
             "Machine": called(request.machine),
         }
         progress.step("report")
@@ -337,7 +341,7 @@ def machine_text(fit: CoggingFit, at_table: AtTable, machine: MachineFile | None
             edit.add(section)
     strongest = max((each.even for each in fit.significant if each.even is not None), key=lambda each: each.value)
     error = at_table.force_per_unit * strongest.error
-    edit.comment(("axis", axis, "forces", index, "force"), f"standard error {error:.2g} N")
+    edit.comment(("axis", axis, "forces", index, "force"), Text(f"standard error {Quantity(error, 'N'):2}"))
     return edit.text
 
 

@@ -19,6 +19,8 @@ from feeddrive.identification.excitation.estimate_frf import estimate_frf
 from feeddrive.identification.excitation.excitation import Excitation, said
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.language.units import turning
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
@@ -123,7 +125,7 @@ def _lost(frequency: np.ndarray, share: np.ndarray) -> str:
     if lost == 0:
         return ""
     ends = good.size and good[-1] < share.size - 1
-    above = f", all above {frequency[good[-1]]:.4g} Hz among them" if ends else ""
+    above = Text(f", all above {Quantity(frequency[good[-1]], 'Hz')} among them") if ends else ""
     remedy = f"take more amplitude or more periods{', or end the band there' if ends else ''}"
     return f" {lost} of {share.size} lines are not known to {_USELESS:g} %{above}: {remedy}."
 
@@ -135,12 +137,16 @@ def build(found: Excitation, loop: Loop, facts: Mapping[str, str]) -> str:
     share = 100.0 * np.sqrt(estimate.frf.variance) / estimate.frf.magnitude
     shown = found.table()
     lead = [
-        f"{found.lines.size} lines from {found.frequency[0]:.4g} to {found.frequency[-1]:.4g} Hz on the {found.where}, "
-        f"peak {said(found.amplitude, found.unit)}, crest factor {found.crest:.3f}; all limits that were stated hold "
-        f"in the simulation.",
-        f"Expect a deviation of {np.median(share):.2g} % in the middle and {np.max(share):.3g} % at worst, at "
-        f"{estimate.frequency[int(np.argmax(share))]:.4g} Hz, if noise and friction of the machine are those of its "
-        f"file.{_lost(estimate.frequency, share)}",
+        Text(
+            f"{found.lines.size} lines from {found.frequency[0]:.4g} to {Quantity(found.frequency[-1], 'Hz')} on the "
+            f"{found.where}, peak {said(found.amplitude, found.unit)}, crest factor {found.crest:.3f}; all limits that "
+            "were stated hold in the simulation."
+        ),
+        Text(
+            f"Expect a deviation of {np.median(share):.2g} % in the middle and {np.max(share):.3g} % at worst, at "
+            f"{Quantity(estimate.frequency[int(np.argmax(share))], 'Hz')}, if noise and friction of the machine are "
+            f"those of its file.{_lost(estimate.frequency, share)}"
+        ),
         WARNING,
     ]
     pictures = [
@@ -159,7 +165,7 @@ def build(found: Excitation, loop: Loop, facts: Mapping[str, str]) -> str:
     noted = f'<div class="remarks"><h3>Remarks</h3><ul>{remarks}</ul></div>' if remarks else ""
     stated = {
         **facts,
-        "Grid": f"{found.grid}, lines at multiples of {1.0 / (found.period * found.sample_time):.4g} Hz",
+        "Grid": Text(f"{found.grid}, lines at multiples of {Quantity(1.0 / (found.period * found.sample_time), 'Hz')}"),
         "Periods": f"{found.periods} of {found.period} samples, each realisation swells and fades over {found.fade}",
         "Motion underneath": f"{said(found.offset_velocity, 'm/s')}, back in every second realisation",
         "Least speed while excited": said(found.least_velocity, "m/s"),

@@ -17,6 +17,8 @@ from feeddrive.files.log import Log, write_log
 from feeddrive.files.read_log import checked_clock
 from feeddrive.language.errors import FileError, LogError, ParameterError, nearest
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT_FILE, Request, argument, option
 
@@ -88,7 +90,7 @@ def follow(request: FollowRequest, progress: Progress) -> Outcome[Log]:
                 said = state
             progress.check()
             if time.monotonic() > until or (source.over and not came):
-                within = "" if source.over else f" within {request.timeout:g} s"
+                within = "" if source.over else Text(f" within {Quantity(request.timeout, 's'):6 SI}")
                 raise LogError(
                     f"{source.name}: no window came{within} ({state}; {scope.rows} rows in all): look at level, "
                     "channel and length of the window" + ("" if source.over else ", or give a longer --timeout")
@@ -102,7 +104,11 @@ def follow(request: FollowRequest, progress: Progress) -> Outcome[Log]:
         request.out.parent.mkdir(parents=True, exist_ok=True)
         write_log(request.out, log)
         files["Log"] = request.out
-    at = f"triggered at {shown.zero:.6g} s" if shown.triggered else f"until {shown.zero:.6g} s"
+    at = (
+        Text(f"triggered at {Quantity(shown.zero, 's'):6 SI}")
+        if shown.triggered
+        else Text(f"until {Quantity(shown.zero, 's'):6 SI}")
+    )
     return Outcome(log, [log.table()], [f"{at} of the clock of {source.name}", *log.remarks], files=files)
 
 
@@ -166,11 +172,11 @@ def window_log(
     if lost.size:
         at = float(shown.time[int(lost[0])]) - shown.zero
         raise LogError(
-            f"{name}: has {lost.size} gap{'s' * (lost.size != 1)}, the first at {at:.6g} s; keep a window without one: "
-            "between the cursors, or a shorter one"
+            f"{name}: has {lost.size} gap{'s' * (lost.size != 1)}, the first at {Quantity(at, 's'):6 SI}; keep a "
+            "window without one: between the cursors, or a shorter one"
         )
     time = shown.time - shown.zero
-    found = checked_clock(name, time, lambda row: f"{time[row]:.6g} s")
+    found = checked_clock(name, time, lambda row: Text(f"{Quantity(time[row], 's'):6 SI}"))
     return Log(
         name=name, time=time, channels=values, units={each: units[each] for each in names},
         sample_time=found.sample_time, jitter=found.jitter,
@@ -183,5 +189,7 @@ def between(shown: Shown, a: float, b: float) -> Shown:
     low, high = min(a, b), max(a, b)
     kept = (shown.time - shown.zero >= low) & (shown.time - shown.zero <= high)
     if not kept.any():
-        raise ParameterError(f"nothing was recorded between the cursors at {low:.6g} s and {high:.6g} s")
+        raise ParameterError(
+            f"nothing was recorded between the cursors at {Quantity(low, 's'):6 SI} and {Quantity(high, 's'):6 SI}"
+        )
     return replace(shown, time=shown.time[kept], values=shown.values[kept], start=low, end=high)

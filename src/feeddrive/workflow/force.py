@@ -17,7 +17,9 @@ from feeddrive.identification.estimate import lever
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import Request, argument, option
 
@@ -131,7 +133,7 @@ def scale(request: ForceRequest) -> ForceScale:
         steps.append((f"constant {constant:g} {of}/A", value, unit))
     if unit == "N m" and request.lead is not None:
         value, unit = value / lever(request.lead, request.gear), "N"
-        steps.append((f"lead {1e3 * request.lead:g} mm, gear {request.gear:g}", value, unit))
+        steps.append((Text(f"lead {Quantity(request.lead, 'm'):6 mm}, gear {request.gear:g}"), value, unit))
     elif unit == "N" and request.lead is not None:
         raise ParameterError("--lead turns a torque into a force, and this is a force already: leave it out")
     if request.inverted:

@@ -26,7 +26,9 @@ from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError, nearest
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
+from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import TRUSTED
 from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
 from feeddrive.workflow.channels import requested, show, whole_log
@@ -105,7 +107,7 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
         facts = {"Logs": ", ".join(str(log) for log in logs), "Input": found[0].frf.input,
                  "Output": ", ".join(each.frf.output for each in found),
                  "Reference": ", ".join(map(_plain, _references(read[0], references))) or "none",
-                 "Sample time": f"{1e3 * read[0].sample_time:.6g} ms",
+                 "Sample time": Text(f"{Quantity(read[0].sample_time, 's'):6}"),
                  **({"In doubt": " ".join((*doubted, *doubts))} if doubted or doubts else {})}  # fmt: skip
         progress.step("report")
         report = write_estimates(found, request.out, facts)
@@ -121,8 +123,8 @@ def _advice(found: Sequence[FrequencyEstimate]) -> Advice | None:
         poor = float(np.mean(each.frf.coherence <= TRUSTED))
         if poor > 0.5:
             return Judgment.INCOHERENT.because(
-                f"the coherence of '{each.frf.output}' is {TRUSTED:g} or less on {100.0 * poor:.3g} % of the lines; "
-                "measure again with more amplitude or longer"
+                f"the coherence of '{each.frf.output}' is {TRUSTED:g} or less on {Quantity(poor, 'share'):3} of the "
+                "lines; measure again with more amplitude or longer"
             )
     return None
 
@@ -291,7 +293,7 @@ def build(found: Sequence[FrequencyEstimate], facts: Mapping[str, str]) -> str:
     heads = [each.frf.output for each in found]  # columns under the names that their owner gave them
     title = f"Frequency response, {found[0].frf.input} to {' and '.join(heads)}"
     keys = [f"response{'abcdefghijkl'[k]}" for k in range(len(found))]
-    lead = [
+    lead: list[str] = [
         sentence if len(found) == 1 else f"{name}: {sentence}"
         for name, each in zip(heads, found, strict=True)
         for sentence in sentences(each)
@@ -330,16 +332,21 @@ def sentences(found: FrequencyEstimate) -> list[str]:
     share = 100.0 * np.sqrt(frf.variance) / frf.magnitude
     good = float(np.mean(frf.coherence > TRUSTED))
     what = "noise and nonlinear distortion" if found.total else "noise"
-    lead = [
-        f"{frf.frequency.size} lines from {frf.frequency[0]:.4g} to {frf.frequency[-1]:.4g} Hz; the deviation by "
-        f"{what} is {np.median(share):.2g} % in the middle and {np.max(share):.2g} % at worst, at "
-        f"{frf.frequency[int(np.argmax(share))]:.4g} Hz."
+    lead: list[str] = [
+        Text(
+            f"{frf.frequency.size} lines from {frf.frequency[0]:.4g} to {Quantity(frf.frequency[-1], 'Hz')}; the "
+            f"deviation by {what} is {np.median(share):.2g} % in the middle and {np.max(share):.2g} % at worst, at "
+            f"{Quantity(frf.frequency[int(np.argmax(share))], 'Hz')}."
+        )
     ]
     if good < 1.0:
         low = frf.frequency[frf.coherence <= TRUSTED]
         lead.append(
-            f"The coherence is {TRUSTED:g} or less on {100.0 * (1.0 - good):.3g} % of the lines, between {low[0]:.4g} "
-            f"and {low[-1]:.4g} Hz: do not tune on them; measure again there with more amplitude or longer."
+            Text(
+                f"The coherence is {TRUSTED:g} or less on {Quantity((1.0 - good), 'share'):3} of the lines, between "
+                f"{low[0]:.4g} and {Quantity(low[-1], 'Hz')}: do not tune on them; measure again there with more "
+                "amplitude or longer."
+            )
         )
     return lead
 
@@ -350,7 +357,7 @@ def levels(found: FrequencyEstimate) -> Table:
     edges = np.geomspace(f[0], f[-1] * (1.0 + 1e-9), 7)
     rows: list[list[str]] = []
     for low, high in pairwise(edges):
-        row = [f"{low:.4g} .. {high:.4g} Hz"]
+        row: list[str] = [Text(f"{low:.4g} .. {Quantity(high, 'Hz')}")]
         for name in ("noise", "nonlinear", "odd", "even"):
             level = found.levels.get(name)
             inside = None if level is None else (level.frequency >= low) & (level.frequency < high)

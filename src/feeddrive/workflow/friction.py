@@ -26,7 +26,9 @@ from feeddrive.language.block import declarations
 from feeddrive.language.errors import NotIdentifiableError, sentence
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
+from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.loop import Loop
 from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
@@ -99,7 +101,9 @@ def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCu
             "Logs": drive_logs.logs_said(request.logs),
             "Runs": f"{runs.velocity.size} of {int(np.min(runs.rows))} to {int(np.max(runs.rows))} rows",
             "Columns": columns_said(mapping),
-            "Lead": "none given" if drive.lead is None else f"{1e3 * drive.lead:.6g} mm, gear {drive.gear:g}",
+            "Lead": "none given"
+            if drive.lead is None
+            else Text(f"{Quantity(drive.lead, 'm'):6 mm}, gear {drive.gear:g}"),
             "Machine": called(request.machine),
         }
         progress.step("report")
@@ -183,8 +187,10 @@ def remarks(curve: FrictionCurve, loop: Loop | None) -> list[str]:
     if curve.model.offset and not curve.is_pulled and (axis is None or _weight(axis) is None):
         pull = curve["offset"]
         said.append(
-            f"the offset of {pull.value:.3g} ± {pull.error:.2g} {pull.unit} becomes no constant force: that takes "
-            f"more than {SIGNIFICANT:g} of its errors and {100.0 * LEAST_PULL:g} % of Coulomb friction"
+            Text(
+                f"the offset of {pull.value:.3g} ± {pull.error:.2g} {pull.unit} becomes no constant force: that takes "
+                f"more than {SIGNIFICANT:g} of its errors and {Quantity(LEAST_PULL, 'share'):6} of Coulomb friction"
+            )
         )
     if axis is None:
         return said
@@ -192,15 +198,20 @@ def remarks(curve: FrictionCurve, loop: Loop | None) -> list[str]:
     found = min(value for name, value in curve.values.items() if name.startswith("viscous"))
     if found < own:
         said.append(
-            f"the runs show {found:.4g} N s/m of viscous friction, less than the {own:.4g} N s/m that the plant has of "
-            f"its own: the block has none, and the plant's must be lowered by hand"
+            Text(
+                f"the runs show {Quantity(found, 'N s/m')} of viscous friction, less than the {Quantity(own, 'N s/m')} "
+                "that the plant has of its own: the block has none, and the plant's must be lowered by hand"
+            )
         )
     elif own > 0.0:
-        said.append(f"the plant has {own:.4g} N s/m of its own, which is taken off the viscous friction")
+        said.append(Text(f"the plant has {Quantity(own, 'N s/m')} of its own, which is taken off the viscous friction"))
     weight = _weight(axis)
     if weight is not None and not curve.model.offset:
         said.append(
-            f"the machine has a constant force of {float(weight.force):.4g} N, and the runs show none: it stays"
+            Text(
+                f"the machine has a constant force of {Quantity(float(weight.force), 'N')}, and the runs show none: it "
+                "stays"
+            )
         )
     return said
 
@@ -210,7 +221,7 @@ def kept_away(curve: FrictionCurve, loop: Loop | None) -> str:
     if curve.frame is SHAFT:
         return "the curve is that of a shaft; give --lead and --gear to put it at the table"
     if _share(curve) > _POOR:
-        return f"the curve leaves {100.0 * _share(curve):.3g} % of the force"
+        return Text(f"the curve leaves {Quantity(_share(curve), 'share'):3} of the force")
     missing, _ = _missing(curve)
     if missing:
         return missing
@@ -264,7 +275,7 @@ def machine_text(curve: FrictionCurve, machine: MachineFile | None, axis: str) -
     if gravity is not None:
         index = 0 if machine is None else _index(machine.loop(axis).axis)
         key = edit.set(("axis", axis, "forces", index, "force"), float(gravity.force), "N")
-        edit.comment(key, f"standard error {curve['offset'].error:.2g} N")
+        edit.comment(key, Text(f"standard error {Quantity(curve['offset'].error, 'N'):2}"))
     return edit.text
 
 
@@ -342,7 +353,10 @@ def _missing(curve: FrictionCurve) -> tuple[str, str]:
     unknown = [e for e in curve.estimates if not e.name.startswith(("viscous", "offset")) and e.error > _OPEN * e.value]
     if unknown:
         worst = max(unknown, key=lambda each: each.error / max(each.value, 1e-300))
-        return f"{worst.name} is known to {100.0 * worst.error / max(worst.value, 1e-300):.2g} % only", worst.name
+        return (
+            Text(f"{worst.name} is known to {Quantity(worst.error / max(worst.value, 1e-300), 'share'):2} only"),
+            worst.name,
+        )
     vs = curve.values.get("stribeck_velocity")
     if vs is None:
         return "", ""
@@ -380,6 +394,9 @@ def _pictures(curve: FrictionCurve) -> Iterator[Shown]:
         "Points: the mean force of each run with twice its standard error. Line: the model that is taken, in the band "
         "that holds it with 95 % if the model is right. Below: what it leaves of each run; waves over several speeds "
         "say that the shape is not quite right, and the errors count that.",
-        f"Measured and fitted friction over velocity; the residual is {100.0 * _share(curve):.2g} % of the force.",
+        Text(
+            f"Measured and fitted friction over velocity; the residual is {Quantity(_share(curve), 'share'):2} of the "
+            "force."
+        ),
         curve.plot,
     )

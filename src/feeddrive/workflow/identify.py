@@ -29,8 +29,9 @@ from feeddrive.language import tree
 from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError, sentence
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
-from feeddrive.language.text import capitalized
+from feeddrive.language.text import Text, capitalized
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
@@ -97,7 +98,7 @@ def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, p
     if request.out is not None:
         facts = {
             "Log": called(request.log),
-            "Rows": f"{found.log.position.size}, {1e3 * found.log.sample_time:.6g} ms apart",
+            "Rows": Text(f"{found.log.position.size}, {Quantity(found.log.sample_time, 's'):6} apart"),
             "Columns": columns_said(mapping) or "those of the object",
             "Machine": called(request.machine),
         }
@@ -352,7 +353,7 @@ def tables(found: Identified) -> list[Table]:
 
 def _pictures(found: Identified) -> Iterator[Shown]:
     rigid = found.rigid
-    left = f"{100.0 * rigid.residuals.relative:.3g} %"
+    left = Text(f"{Quantity(rigid.residuals.relative, 'share'):3}")
     yield Shown(
         "fit",
         "Fitted and measured force",
@@ -367,7 +368,10 @@ def _pictures(found: Identified) -> Iterator[Shown]:
             "closed",
             "The loop, simulated along the same reference",
             "Gray: the log. Blue: the fitted loop, given only the reference and how the log starts.",
-            f"Measured and predicted signals; residual of the position {1e6 * replay.rms('position_load'):.3g} µm RMS.",
+            Text(
+                "Measured and predicted signals; residual of the position "
+                f"{Quantity(replay.rms('position_load'), 'm'):3} RMS."
+            ),
             replay.plot,
         )
     if found.loop is not None and found.friction is not None:

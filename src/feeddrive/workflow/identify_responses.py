@@ -32,7 +32,9 @@ from feeddrive.language import tree, units
 from feeddrive.language.errors import FeeddriveError, ParameterError, nearest, sentence
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
+from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
@@ -94,7 +96,8 @@ def _facts(path: Path, chosen: Mapping[str, FRF], request: IdentifyRequest) -> d
         "File": str(path),
         "Responses": ", ".join(f"{role}: {frf.output}" for role, frf in chosen.items()),
         "Lines": ", ".join(
-            f"{frf.frequency.size} from {frf.frequency[0]:.4g} to {frf.frequency[-1]:.4g} Hz" for frf in chosen.values()
+            Text(f"{frf.frequency.size} from {frf.frequency[0]:.4g} to {Quantity(frf.frequency[-1], 'Hz')}")
+            for frf in chosen.values()
         ),
         "Band": request.band or "all lines",
         "Known before": ", ".join(request.fix) or "nothing",
@@ -269,7 +272,7 @@ def told_by(fit: PlantFit | ModalFit) -> str:
     if isinstance(fit, ModalFit):
         return "modes without masses are no plant; --model modal makes one"
     if fit.agreement.unused > _POOR:
-        return f"the model misses lines that were not used by {_DECIBEL * fit.agreement.unused:.2g} dB"
+        return Text(f"the model misses lines that were not used by {Quantity(_DECIBEL * fit.agreement.unused, 'dB'):2}")
     if not fit.units.si:
         return f"the result is in {fit.units.of('kg')}; give --force-constant and --lead"
     kinds = {name: name.rsplit(".", 1)[-1].split("_")[0] for name, _ in tree.leaves(fit.plant)}
@@ -293,7 +296,9 @@ def advice(found: AxisFits | ModalFit) -> Advice:
             if wrong
             else "cut the band to where the coherence is high, or ask for more modes"
         )
-        missed = f"missed by {unused:.2g} dB RMS, most near {where:.4g} Hz ({apart:.2g} dB)"
+        missed = Text(
+            f"missed by {Quantity(unused, 'dB'):2} RMS, most near {Quantity(where, 'Hz')} ({Quantity(apart, 'dB'):2})"
+        )
         return Judgment.DO_NOT_USE_MODEL.because(f"lines that were not used are {missed}; {other}")
     if told_by(fit) and isinstance(fit, PlantFit) and fit.units.si:
         return Judgment.MODEL_IS_OPEN.because(told_by(fit))
@@ -302,7 +307,10 @@ def advice(found: AxisFits | ModalFit) -> Advice:
     if isinstance(fit, PlantFit) and fit.not_identifiable:
         open_ = f"{', '.join(fit.not_identifiable)} cannot be told from these lines, and stay as stated. "
     use = f"{open_}{Judgment.USE_MODEL.says}{which} in its band"
-    return Advice(Judgment.USE_MODEL, f"{use}: lines that were not used are predicted within {unused:.2g} dB RMS.")
+    return Advice(
+        Judgment.USE_MODEL,
+        Text(f"{use}: lines that were not used are predicted within {Quantity(unused, 'dB'):2} RMS."),
+    )
 
 
 def machine_text(fit: PlantFit, machine: MachineFile | None, axis: str, drive: bool = True) -> str:

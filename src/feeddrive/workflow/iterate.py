@@ -18,7 +18,9 @@ from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.files.mapping import MappingLike
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
+from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.iterative_feedforward import Iteration, begin_compensation, next_iteration
 from feeddrive.tuning.machine_trials import MachineTrials, iterate_machine, tune_prefilters
@@ -135,9 +137,9 @@ def _simulated(request: IterateRequest, loop: Loop, progress: Progress) -> tuple
         loop, references, request.trials, form=request.form.replace("-", "_"), gamma=request.gamma,
         columns=request.wanted, least_mass=request.least_mass, seed=request.seed,
     )  # fmt: skip
-    text = (
-        f"Each trial: {1e3 * MOVE.distance:g} mm out and back, at most {MOVE.velocity:g} m/s, "
-        f"{MOVE.acceleration:g} m/s², {MOVE.jerk:g} m/s³; --job names another motion."
+    text = Text(
+        f"Each trial: {Quantity(MOVE.distance, 'm'):6 mm} out and back, at most {Quantity(MOVE.velocity, 'm/s'):6 SI}, "
+        f"{Quantity(MOVE.acceleration, 'm/s'):6 SI}², {Quantity(MOVE.jerk, 'm/s'):6 SI}³; --job names another motion."
     )
     return found.iterations[-1], [found.table()], [] if request.job else [text]
 

@@ -13,6 +13,7 @@ from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.files.job import Job
 from feeddrive.files.log import Log
 from feeddrive.language.errors import LogError
+from feeddrive.language.quantity import Quantity
 from feeddrive.loop.loop import Loop
 from feeddrive.report.sentences import block_sentence
 from feeddrive.workflow.drive_logs import drive_with
@@ -44,8 +45,8 @@ def _setpoint(job: Job, log: Log) -> np.ndarray:
         raise LogError(f"{log.name}: the job needs the channel setpoint_position: name its column under [log.channels]")
     if abs(log.sample_time / T - 1.0) > 1e-4:
         raise LogError(
-            f"{log.name}: one sample takes {log.sample_time:g} s, but the machine's control runs every "
-            f"{T:g} s: resample the log, or set sample_time in {job.machine.file.name}"
+            f"{log.name}: one sample takes {Quantity(log.sample_time, 's'):6 SI}, but the machine's control runs every "
+            f"{Quantity(T, 's'):6 SI}: resample the log, or set sample_time in {job.machine.file.name}"
         )
     return log["setpoint_position"]
 

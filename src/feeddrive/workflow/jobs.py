@@ -21,7 +21,9 @@ from feeddrive.files.log import Log
 from feeddrive.files.run_files import versions
 from feeddrive.language.errors import FeeddriveError, NoSlopeError
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table, frame_of, picture_of
+from feeddrive.language.text import Text
 from feeddrive.loop.lifting import MOST, compliance, loop_gain, period_of, tracking
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine, System
@@ -100,12 +102,12 @@ class JobResult(Result):
         facts = {
             "Machine": job.machine.name,
             "Source of its numbers": job.machine.source or "not stated",
-            "Sample time": f"{1e3 * loop.sample_time:g} ms, {loop.axis.substeps} substep(s) of exact hold",
+            "Sample time": Text(f"{Quantity(loop.sample_time, 's'):6}, {loop.axis.substeps} substep(s) of exact hold"),
             "Work": _work(job, self.log),
             "Load": load_said(job, self.log),
             **_couplings(job),
             "Noise": f"seed {job.seed}",
-            "Linear model": f"sliding at {1e3 * self.velocity:.4g} mm/s",
+            "Linear model": Text(f"sliding at {Quantity(self.velocity, 'm/s')}"),
         }
         if job.machine.remark:
             facts["Remark"] = job.machine.remark
@@ -327,16 +329,25 @@ def _remarks(rows: list[Entry]) -> list[str]:
     needed, used = substeps_needed(rows[0].loop), rows[0].loop.axis.substeps
     if used < needed:
         remarks.append(
-            f"The fastest mode of the axis, {fastest_mode(rows[0].loop):.4g} Hz, is too fast for friction in "
-            f"{used} substep(s) a sample: set substeps = {needed}."
+            Text(
+                f"The fastest mode of the axis, {Quantity(fastest_mode(rows[0].loop), 'Hz')}, is too fast for friction "
+                f"in {used} substep(s) a sample: set substeps = {needed}."
+            )
         )
     for row in rows:
         tripped = np.flatnonzero(row.run["trip"] > 0.0)
         if tripped.size:
-            remarks.append(f"'{row.name}': the guard tripped at {row.run.time[tripped[0]]:.4g} s, no force after it.")
+            remarks.append(
+                Text(
+                    f"'{row.name}': the guard tripped at {Quantity(row.run.time[tripped[0]], 's'):SI}, no force after "
+                    "it."
+                )
+            )
         held = float(np.mean(row.run["force"] != row.run["requested"]))
         if held > 0.0:
-            remarks.append(f"'{row.name}': the force was at its limit for {100.0 * held:.3g} % of the samples.")
+            remarks.append(
+                Text(f"'{row.name}': the force was at its limit for {Quantity(held, 'share'):3} of the samples.")
+            )
         if row.no_model:
             remarks.append(f"'{row.name}': no margins, and that it is stable is not proven: {row.no_model}.")
         elif row.loop_gain is None:

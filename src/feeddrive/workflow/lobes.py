@@ -17,7 +17,9 @@ from feeddrive.files.toml_file import read_toml
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
+from feeddrive.language.text import Text
 from feeddrive.loop.machine import Machine
 from feeddrive.machining.lobe_theory import ZeroOrder, zero_order
 from feeddrive.machining.lobes import Lobes, stability_lobes
@@ -188,8 +190,10 @@ def _remarks(result: Lobes) -> list[str]:
         said.append("At flip borders every second tooth cuts deeper: the zero-order theory does not know them.")
     if result.missed > 1e-3:
         said.append(
-            f"The response of the machine at the tool is matched to {100.0 * result.missed:.2g} % of its largest "
-            f"compliance: limits are as uncertain."
+            Text(
+                f"The response of the machine at the tool is matched to {Quantity(result.missed, 'share'):2} of its "
+                "largest compliance: limits are as uncertain."
+            )
         )
     if result.islands:
         n = len({speed for speed, _, _ in result.islands})

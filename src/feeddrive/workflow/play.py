@@ -19,7 +19,9 @@ from feeddrive.files.log import write_log
 from feeddrive.files.plan_files import PLAN, SETPOINTS
 from feeddrive.language.errors import AbortedError, BusError, FeeddriveError, ParameterError
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
+from feeddrive.language.text import Text
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.excite import WARNING
 from feeddrive.workflow.request import OUT, Request, argument, option
@@ -241,7 +243,7 @@ def _write(out: Path, done: Sequence[Played], called: Sequence[str]) -> list[Pat
 
 
 def _late(late: Lateness) -> str:
-    return (
-        f"Cycles began late by {1e6 * late.median:.3g} us in the median, {1e6 * late.often:.3g} us in 99 %, "
-        f"{1e6 * late.most:.3g} us at most (this computer, not the drive)."
+    return Text(
+        f"Cycles began late by {Quantity(late.median, 's'):3 us} in the median, {Quantity(late.often, 's'):3 us} in 99 "
+        f"%, {Quantity(late.most, 's'):3 us} at most (this computer, not the drive)."
     )

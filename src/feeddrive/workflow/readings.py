@@ -21,7 +21,9 @@ from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
+from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 
 _MOTIONS = ("position_load", "position_motor", "angle_motor", "angle_load", "velocity_load", "velocity_motor",
@@ -279,8 +281,14 @@ def _hal(file: OpenedFile, column: str) -> bool:
 def _silent_torque(file: OpenedFile, force: _Group, log: Log, found: Mapping[str, float]) -> str:
     most = float(np.max(np.abs(log["torque"])))
     inertia = found.get("inertia")
-    as_it_is = f"up to {most:.3g} N m" + ("" if inertia is None else f", inertia {inertia:.3g} kg m2")
-    rated = "" if inertia is None else f", inertia {inertia / 100.0:.3g} kg m2 for each N m of rated torque"
+    as_it_is = Text(f"up to {Quantity(most, 'N'):3} m") + (
+        "" if inertia is None else Text(f", inertia {Quantity(inertia, 'kg'):3} m2")
+    )
+    rated = (
+        ""
+        if inertia is None
+        else Text(f", inertia {Quantity(inertia / 100.0, 'kg'):3} m2 for each N m of rated torque")
+    )
     return (
         f"{file}: '{force.column}' states no unit, and drives log a torque in N m or in percent of the rated one. "
         f"Likeliest: {force.column} in N m ({as_it_is}), or in percent (up to {most:.3g} % of the rated torque"

@@ -12,7 +12,9 @@ from feeddrive.files.job import JobLike, read_job
 from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
+from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 from feeddrive.tuning.filtered_splines import filtered_splines
@@ -66,8 +68,10 @@ def setpath(request: SetpathRequest, progress: Progress) -> Outcome[ChangedRefer
     ]
     title = f"{called(request.source)}, axis {loop.name}: distance of the table from the wanted path, {request.method}"
     remarks = [
-        f"The changed path is up to {1e6 * found.shift:.4g} um off the wanted one, and begins {1e3 * found.lead:.4g} "
-        f"ms earlier than the motion: give every axis of a machine the same lead.",
+        Text(
+            f"The changed path is up to {Quantity(found.shift, 'm')} off the wanted one, and begins "
+            f"{1e3 * found.lead:.4g} ms earlier than the motion: give every axis of a machine the same lead."
+        ),
         "It holds for this load and these gains: after a change of either make it anew.",
     ]
     files: dict[str, Path] = {}

@@ -12,6 +12,8 @@ from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.study.study import StudyLike, read_study
@@ -197,8 +199,8 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
     loop = given if base is None else base.loop(request.axis)
     if loop is not None and request.sample_time and abs(request.sample_time / float(loop.sample_time) - 1.0) > 1e-6:
         raise ParameterError(
-            f"--sample-time {request.sample_time:g} s is not that of the machine file, {float(loop.sample_time):g} s: "
-            f"leave it out, or change sample_time there"
+            f"--sample-time {Quantity(request.sample_time, 's'):6 SI} is not that of the machine file, "
+            f"{Quantity(float(loop.sample_time), 's'):6 SI}: leave it out, or change sample_time there"
         )
     limits = request.limits()
     name = axis_name(loop, request.axis)
@@ -225,11 +227,11 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
         "Source": ", ".join(map(called, (request.source, *request.at))),
         "Today": begun or what,
         "Law": control.law.kind,
-        "Sample time": f"{1e3 * float(points[0].sample_time):g} ms",
+        "Sample time": Text(f"{Quantity(float(points[0].sample_time), 's'):6}"),
         "Loops judged": str(found.evaluations),
         "Searches": "none, a rule"
         if found.recipe
-        else f"{request.starts}, their ends {100.0 * found.spread:.2g} % apart",
+        else Text(f"{request.starts}, their ends {Quantity(found.spread, 'share'):2} apart"),
         "Again": request.command_line("tune"),
         "In Python": request.python("tune"),
     }

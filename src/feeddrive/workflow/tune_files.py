@@ -24,7 +24,9 @@ from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.language import tree, units
 from feeddrive.language.block import Block
 from feeddrive.language.errors import FeeddriveError, sentence
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
+from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
@@ -249,9 +251,12 @@ def old_and_new(story: Story, crossover: float) -> Shown:
     return Shown(
         "time",
         "Old and new in time",
-        f"Simulated with friction, counts, noise and force limit of the machine file, without its guard. Above: the "
-        f"table after a step of the set position by {1e6 * _STEP:g} µm. Middle: the table after a rope that pulled it "
-        f"with {duty.force:g} N is cut. Below: the following error of a move there and back, {block_sentence(move)}.",
+        Text(
+            "Simulated with friction, counts, noise and force limit of the machine file, without its guard. Above: "
+            f"the table after a step of the set position by {Quantity(_STEP, 'm'):6}. Middle: the table after a rope "
+            f"that pulled it with {Quantity(duty.force, 'N'):6} is cut. Below: the following error of a move there and "
+            f"back, {block_sentence(move)}."
+        ),
         "Position of the table after a step and after a rope is cut, and following error of a move, before and after.",
         lambda: plot.in_time(
             [

@@ -16,6 +16,7 @@ from feeddrive.identification.response.two_mass_fit import fit_modal_axis
 from feeddrive.language import units
 from feeddrive.language.errors import FeeddriveError, ParameterError, nearest
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
@@ -263,7 +264,8 @@ def _check_sign(path: str, frf: FRF) -> None:
     if _BACKWARD[0] < turned < _BACKWARD[1]:
         raise ParameterError(
             f"{path}: the axis moves against the force ({np.degrees(turned):.3g} deg from force to velocity at "
-            f"{frf.frequency[0]:.4g} Hz): the sign of force or position is reversed; multiply the response by -1"
+            f"{Quantity(frf.frequency[0], 'Hz')}): the sign of force or position is reversed; multiply the response by "
+            "-1"
         )
 
 
@@ -277,8 +279,9 @@ def _check_size(path: str, point: OperatingPoint, loop: Loop, *, stated: bool) -
         guess = {3: "mm/N", 6: "um/N", 9: "nm/N"}.get(round(math.log10(ratio)) if ratio > 0.0 else 0)
         hint = f", as if it were in {guess}" if guess else ""
         raise ParameterError(
-            f"{path}: is {ratio:.3g} times what the baseline's plant does at {point.frequency[0]:.4g} Hz{hint}, and it "
-            f"states no unit: say it with --unit (m/N if it is right and the baseline's mass is not)"
+            f"{path}: is {ratio:.3g} times what the baseline's plant does at "
+            f"{Quantity(point.frequency[0], 'Hz')}{hint}, and it states no unit: say it with --unit (m/N if it is "
+            "right and the baseline's mass is not)"
         )
 
 

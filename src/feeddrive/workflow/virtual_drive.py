@@ -13,6 +13,8 @@ from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import Request, argument, option
 
@@ -73,9 +75,12 @@ def virtual_drive(request: VirtualDriveRequest, progress: Progress) -> Outcome[i
     def ready() -> None:
         for name, firmware in drives.items():
             progress.remark(
-                f"{f'Axis {name}: one' if name else 'One'} increment is {1e9 * firmware.scaling.metre:.6g} nm, a "
-                f"thousandth of the rated torque {firmware.scaling.newton:.6g} N, a bus cycle "
-                f"{1e6 * firmware.cycle_time:g} us."
+                Text(
+                    f"{f'Axis {name}: one' if name else 'One'} increment is "
+                    f"{Quantity(firmware.scaling.metre, 'm'):6 nm}, a thousandth of the rated torque "
+                    f"{Quantity(firmware.scaling.newton, 'N'):6}, a bus cycle "
+                    f"{Quantity(firmware.cycle_time, 's'):6 us}."
+                )
             )
         progress.remark(f"Ready on {request.interface}; Ctrl-C ends it.")
 

@@ -15,6 +15,8 @@ from feeddrive.language import matrix, ops
 from feeddrive.language.block import Number, Rule, parameter, part
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.matrix import Matrix, Row
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 
 
 class ModeCompensation(Compensation):
@@ -109,10 +111,10 @@ class ModeCompensation(Compensation):
         return Rule(
             lead <= most,
             f"modes.{i} can be predicted over the lead_time, or over the lag of the observer",
-            lambda: (
-                f"{self.kind}.{whose} = {lead:g} s is {lead * mode.frequency:.4g} periods of modes.{i} with its "
-                f"{mode.frequency:g} Hz: at most {most:.4g} s can be predicted; give a shorter lead_time, or leave "
-                f"out a mode so far above the band of the observer"
+            lambda: Text(
+                f"{self.kind}.{whose} = {Quantity(lead, 's'):6 SI} is {lead * mode.frequency:.4g} periods of modes.{i} "
+                f"with its {Quantity(mode.frequency, 'Hz'):6}: at most {Quantity(most, 's'):SI} can be predicted; give "
+                "a shorter lead_time, or leave out a mode so far above the band of the observer"
             ),
         )
 

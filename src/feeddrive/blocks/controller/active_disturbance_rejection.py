@@ -13,6 +13,8 @@ from feeddrive.blocks.observer.gpi_observer import GpiObserver
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import matrix, tree
 from feeddrive.language.block import Number, Rule, parameter, part
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 
 _SURE = 1.0 - 1e-9  # smallest share worth proposing: below it rounding decides about stability
 
@@ -110,7 +112,7 @@ class ActiveDisturbanceRejection(Law):
         growth, remedies = self._growth(T), list[str]()
         slowest = _nearest(self._growth, T)
         if slowest is not None:
-            remedies.append(f"sample every {slowest:.4g} s or faster")
+            remedies.append(Text(f"sample every {Quantity(slowest, 's'):SI} or faster"))
         values = dict(tree.leaves(self))
         tuned = (*self.tunables, *(f"observer.{name}" for name in self.observer.tunables))
         for name in (name for name in tuned if name in values):
@@ -118,10 +120,10 @@ class ActiveDisturbanceRejection(Law):
             if nearest is not None:
                 unit = tree.declaration(self, name).unit
                 remedies.append(f"take {name} <= {nearest:.4g} {unit} in place of {values[name]:g}".replace("  ", " "))
-        return (
-            f"{self.kind} is not stable on a rigid axis of {self.mass:g} kg at a sample time of {T:g} s: its motion "
-            f"grows by the factor {growth:.7g} a sample, which is {growth - 1.0:.3g} over the limit 1; "
-            f"{', or '.join(remedies) or 'take another observer'}"
+        return Text(
+            f"{self.kind} is not stable on a rigid axis of {Quantity(self.mass, 'kg'):6} at a sample time of "
+            f"{Quantity(T, 's'):6 SI}: its motion grows by the factor {growth:.7g} a sample, which is "
+            f"{growth - 1.0:.3g} over the limit 1; {', or '.join(remedies) or 'take another observer'}"
         )
 
     def _with(self, path: str, value: Any) -> ActiveDisturbanceRejection:

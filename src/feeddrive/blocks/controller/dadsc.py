@@ -10,6 +10,8 @@ from feeddrive.blocks.families import Law
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import ops
 from feeddrive.language.block import Number, Rule, choice, parameter
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 
 
 class DADSC(Law):
@@ -135,11 +137,13 @@ class DADSC(Law):
             f"{name} = {rate:g} 1/s (must be below {share * rate:.4g})"
             for name, rate in zip(self.tunables, rates, strict=True)
         )
-        excess = f"{100.0 * (1.0 / share - 1.0):.3g} %" if share > 0.0 else "far"  # share 0: a rate of 1e300 1/s
-        return (
-            f"dadsc: {bounds}: {excess} too fast for the sample time {T:g} s, since the "
-            f"loop is then unstable without any dead time. Stay below these bounds, in the same ratios, or sample "
-            f"faster; with d samples of dead time 0.19/((d + 1) T) = {0.19 / T:.4g}/(d + 1) 1/s for each keeps Ms <= 2"
+        excess = (
+            Text(f"{Quantity((1.0 / share - 1.0), 'share'):3}") if share > 0.0 else "far"
+        )  # share 0: a rate of 1e300 1/s
+        return Text(
+            f"dadsc: {bounds}: {excess} too fast for the sample time {Quantity(T, 's'):6 SI}, since the loop is then "
+            "unstable without any dead time. Stay below these bounds, in the same ratios, or sample faster; with d "
+            f"samples of dead time 0.19/((d + 1) T) = {0.19 / T:.4g}/(d + 1) 1/s for each keeps Ms <= 2"
         )
 
 

@@ -24,6 +24,8 @@ from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import matrix, ops
 from feeddrive.language.block import Number, Rule, choice, parameter, part
 from feeddrive.language.errors import StructureError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 
 AXIAL_SHARE = 0.975  # share of the axial mode's natural frequency: moving a mode wastes force, damping it does not
 
@@ -82,9 +84,10 @@ class PolePlacement(Law):
         shown = two_bodies(cls.kind, model)
         mode = shown.mode / (2.0 * ops.pi)
         law = cls(model=model, bandwidth=ops.minimum(0.3 * mode, axis.rate / (2.0 * ops.pi)))
-        remark = (
-            f"model: {shown.m11:.5g} kg and {shown.m22:.5g} kg, spring {1e-6 * shown.k:.4g} N/um ({mode:.4g} Hz), "
-            f"friction {shown.c11 + shown.c12:.4g} and {shown.dragged:.4g} N s/m"
+        remark = Text(
+            f"model: {Quantity(shown.m11, 'kg'):5} and {Quantity(shown.m22, 'kg'):5}, spring "
+            f"{Quantity(shown.k, 'N/m')} ({Quantity(mode, 'Hz')}), friction {shown.c11 + shown.c12:.4g} and "
+            f"{Quantity(shown.dragged, 'N s/m')}"
         )
         return (Start(cls.title, law, remark, InverseDynamics(model=model)),)
 
@@ -141,11 +144,11 @@ class PolePlacement(Law):
         else:
             ringing = ops.sqrt(-k / m12)
             ratio = -0.5 * c / (m12 * ringing)
-            why = f"rings at {ringing / (2.0 * ops.pi):.4g} Hz with a damping ratio of {ratio:.3g}"
-        return (
-            f"{self.kind}.commands = 'exact': with model.coupling_mass = {m12:g} kg the exact filter of the screw's"
-            f" set position {why}; the nearest admissible coupling_mass is 0 kg, {abs(m12):g} kg away: leave it "
-            f"out, or take commands = 'series'"
+            why = Text(f"rings at {Quantity(ringing / (2.0 * ops.pi), 'Hz')} with a damping ratio of {ratio:.3g}")
+        return Text(
+            f"{self.kind}.commands = 'exact': with model.coupling_mass = {Quantity(m12, 'kg'):6} the exact filter of "
+            f"the screw's set position {why}; the nearest admissible coupling_mass is 0 kg, "
+            f"{Quantity(abs(m12), 'kg'):6} away: leave it out, or take commands = 'series'"
         )
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
@@ -257,9 +260,9 @@ def _below_nyquist(kind: str, name: str, frequency: Number, damping: Number, spr
     return Rule(
         fastest < nyquist,
         f"the fastest pole that {name} and its damping ratio place is below half the sample rate",
-        lambda: (
-            f"{kind}.{name} = {frequency:g} Hz with a damping ratio of {damping:g} places a pole at "
-            f"{fastest:g} Hz, {fastest / nyquist:.3g} times half the sample rate: it must be below {nyquist:g} "
-            f"Hz, which {name} < {nyquist / spread:g} Hz gives; lower it, or sample faster"
+        lambda: Text(
+            f"{kind}.{name} = {Quantity(frequency, 'Hz'):6} with a damping ratio of {damping:g} places a pole at "
+            f"{Quantity(fastest, 'Hz'):6}, {fastest / nyquist:.3g} times half the sample rate: it must be below "
+            f"{nyquist:g} Hz, which {name} < {Quantity(nyquist / spread, 'Hz'):6} gives; lower it, or sample faster"
         ),
     )

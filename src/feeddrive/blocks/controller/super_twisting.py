@@ -13,6 +13,8 @@ from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import ops
 from feeddrive.language.block import Number, Rule, choice, parameter
 from feeddrive.language.errors import StructureError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 
 _QUIET = 3.0  # standard deviations of the noise in s that stay inside the zone
 _USUAL = 5e4  # m/s³: a disturbance that changes by a force of 5 g in a millisecond
@@ -80,7 +82,7 @@ class SuperTwisting(Law):
         fastest = 0.25 * zone_time  # the tuning may make the zone narrower
         rate = max(_USUAL, _QUIET * noise / (1.1 * fastest * fastest))
         law = begun(cls, axis, zone_time=zone_time, disturbance_rate=rate)
-        return (Start(cls.title, law, f"{axis.sentence()}; L = {rate:.4g} m/s3"),)
+        return (Start(cls.title, law, Text(f"{axis.sentence()}; L = {Quantity(rate, 'm/s3')}")),)
 
     class Prepared(NamedTuple):
         """h (the sample time where none is given), k1 and k2."""
@@ -204,9 +206,9 @@ class SuperTwisting(Law):
         said = f"tracking_rate = {self.tracking_rate:g} 1/s (must be below {share * self.tracking_rate:.4g})"
         if self.zone_time is not None:
             most = f"{self.zone_time / share:.4g}" if share > 0.0 else "a longer time"
-            said += f", zone_time = {self.zone_time:g} s (must be above {most})"
-        return (
+            said += Text(f", zone_time = {Quantity(self.zone_time, 's'):6 SI} (must be above {most})")
+        return Text(
             f"{self.kind}: {said}: inside its zone the loop is unstable without any dead time at the sample time "
-            f"{T:g} s. Stay within these bounds together, or sample faster; zone_time = {3.75 * T:.4g} s times d + 1, "
-            f"with d samples of dead time, keeps Ms <= 2"
+            f"{Quantity(T, 's'):6 SI}. Stay within these bounds together, or sample faster; zone_time = "
+            f"{Quantity(3.75 * T, 's'):SI} times d + 1, with d samples of dead time, keeps Ms <= 2"
         )

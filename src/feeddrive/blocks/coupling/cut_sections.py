@@ -10,6 +10,7 @@ from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, table
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import Symbol
+from feeddrive.language.quantity import Quantity
 
 
 class Settings(NamedTuple):
@@ -51,22 +52,24 @@ class CutSections(Block):
         for i, (before, after) in enumerate(pairwise(start), 1):
             if after <= before:
                 raise ParameterError(
-                    f"cut_sections.start[{i}] = {after:g} s must be > start[{i - 1}] = {before:g} s: sections follow "
-                    f"each other"
+                    f"cut_sections.start[{i}] = {Quantity(after, 's'):6 SI} must be > start[{i - 1}] = "
+                    f"{Quantity(before, 's'):6 SI}: sections follow each other"
                 )
         if ("entry" in rows) != ("exit" in rows):
             raise ParameterError("cut_sections.entry and .exit (rad) belong together: give both or neither")
         for i, (entry, leave) in enumerate(zip(rows.get("entry", ()), rows.get("exit", ()), strict=True)):
             if leave <= entry:
                 raise ParameterError(
-                    f"cut_sections.exit[{i}] = {leave:g} rad, of the section that begins at {start[i]:g} s, must be "
-                    f"above its entry of {entry:g} rad: a tooth goes from entry to exit"
+                    f"cut_sections.exit[{i}] = {Quantity(leave, 'rad'):6}, of the section that begins at "
+                    f"{Quantity(start[i], 's'):6 SI}, must be above its entry of {Quantity(entry, 'rad'):6}: a tooth "
+                    "goes from entry to exit"
                 )
         for i, (speed, cuts) in enumerate(zip(rows.get("spindle_speed", ()), self.cutting(), strict=False)):
             if speed == 0.0 and cuts:
                 raise ParameterError(
-                    f"cut_sections.spindle_speed[{i}] = 0 rpm, of the section that begins at {start[i]:g} s, must be "
-                    f"> 0 rpm where the tool cuts (axial_depth > 0 m): start the spindle before, or cut later"
+                    f"cut_sections.spindle_speed[{i}] = 0 rpm, of the section that begins at "
+                    f"{Quantity(start[i], 's'):6 SI}, must be > 0 rpm where the tool cuts (axial_depth > 0 m): start "
+                    "the spindle before, or cut later"
                 )
 
     def rows(self) -> dict[str, list[float]]:

@@ -12,7 +12,9 @@ from feeddrive.blocks.signals import Motion
 from feeddrive.language import ops
 from feeddrive.language.block import Number, Rule, choice, parameter, part
 from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.ring import Track
+from feeddrive.language.text import Text
 
 _SLOWEST = 1e-6  # 1/s; a spindle that turns slower stands
 
@@ -86,8 +88,9 @@ class MillingCut(Coupling):
         for i, depth in enumerate(self._depths()):
             if isinstance(flute, float) and depth > flute:
                 raise ParameterError(
-                    f"milling_cut.sections.axial_depth[{i}] = {depth:g} m is more than cutter.flute_length = "
-                    f"{flute:g} m: at most {flute:g} m, in two cuts or with a longer tool"
+                    f"milling_cut.sections.axial_depth[{i}] = {Quantity(depth, 'm'):6 SI} is more than "
+                    f"cutter.flute_length = {Quantity(flute, 'm'):6 SI}: at most {Quantity(flute, 'm'):6 SI}, in two "
+                    "cuts or with a longer tool"
                 )
 
     def rules(self) -> Iterator[Rule]:
@@ -97,7 +100,10 @@ class MillingCut(Coupling):
             yield Rule(
                 end > begin,
                 "the cut ends after it begins",
-                lambda: f"milling_cut.cut_to = {end:g} s must be > milling_cut.cut_from = {begin:g} s; absent: never",
+                lambda: Text(
+                    f"milling_cut.cut_to = {Quantity(end, 's'):6 SI} must be > milling_cut.cut_from = "
+                    f"{Quantity(begin, 's'):6 SI}; absent: never"
+                ),
             )
         edge, depths = self.cutter.edge(), self._depths()
         yield fits_slices("milling_cut.cutter", edge._replace(axial_depth=max(depths)) if depths else edge)
@@ -130,17 +136,18 @@ class MillingCut(Coupling):
         yield Rule(
             float(count) * period / h <= float(self.remembered - 2),
             "the substeps that the cut stores are not shorter than the tooth periods that it looks back",
-            lambda: (
-                f"milling_cut.remembered = {self.remembered} substeps of {h:g} s are shorter than {count} tooth "
-                f"period(s) of {period:g} s: at least {-int(-(count * period / h) // 1) + 2}"
+            lambda: Text(
+                f"milling_cut.remembered = {self.remembered} substeps of {Quantity(h, 's'):6 SI} are shorter than "
+                f"{count} tooth period(s) of {Quantity(period, 's'):6 SI}: at least "
+                f"{-int(-(count * period / h) // 1) + 2}"
             ),
         )
         yield Rule(
             turn >= 4.0 * h,
             "the spindle turns by at most a quarter of a turn in a substep",
-            lambda: (
-                f"milling_cut.spindle_speed: a turn of {turn:g} s has to have at least 4 substeps of {h:g} s: slow the "
-                f"spindle, or take a shorter sample time or more substeps"
+            lambda: Text(
+                f"milling_cut.spindle_speed: a turn of {Quantity(turn, 's'):6 SI} has to have at least 4 substeps of "
+                f"{Quantity(h, 's'):6 SI}: slow the spindle, or take a shorter sample time or more substeps"
             ),
         )
 

@@ -11,6 +11,8 @@ from typing import Any, NamedTuple
 from feeddrive.blocks.machine_families import Edge
 from feeddrive.language import ops
 from feeddrive.language.block import Number, Rule
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 
 LEAST_CHIP = 1e-12  # m; below it are the roundings of positions, and no chip
 LEAST_ANGLE = 1e-6  # rad; a straight edge enters and leaves over it at least
@@ -101,9 +103,9 @@ def fits_slices(kind: str, edge: Edge) -> Rule:
     return Rule(
         turn <= 0.5 * ops.pi * float(slices),
         "a slice of the edge turns by at most a quarter of a turn",
-        lambda: (
-            f"{kind}.slices = {slices}: an edge that turns by {float(turn):.3g} rad over its depth of "
-            f"{float(edge.axial_depth):g} m needs at least {-int(-(float(turn) / (0.5 * ops.pi)) // 1)}"
+        lambda: Text(
+            f"{kind}.slices = {slices}: an edge that turns by {Quantity(float(turn), 'rad'):3} over its depth of "
+            f"{Quantity(float(edge.axial_depth), 'm'):6 SI} needs at least {-int(-(float(turn) / (0.5 * ops.pi)) // 1)}"
         ),
     )
 

@@ -10,6 +10,7 @@ from feeddrive.blocks.machine_families import Cutter, Edge
 from feeddrive.language import ops
 from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 
 _SMALL = 1e-9  # rad; sin d / d is 1 to the last bit even far above it
 
@@ -57,8 +58,9 @@ class HelicalCutter(Cutter):
         width, diameter = self.radial_depth, self.diameter
         if isinstance(width, float) and isinstance(diameter, float) and width > diameter:
             raise ParameterError(
-                f"helical_cutter.radial_depth = {width:g} m is {width - diameter:.3g} m more than "
-                f"helical_cutter.diameter = {diameter:g} m: at most {diameter:g} m, or leave it out for a slot"
+                f"helical_cutter.radial_depth = {Quantity(width, 'm'):6 SI} is {Quantity(width - diameter, 'm'):3 SI} "
+                f"more than helical_cutter.diameter = {Quantity(diameter, 'm'):6 SI}: at most "
+                f"{Quantity(diameter, 'm'):6 SI}, or leave it out for a slot"
             )
 
     @classmethod

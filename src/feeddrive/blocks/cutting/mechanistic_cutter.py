@@ -10,6 +10,8 @@ from feeddrive.blocks.machine_families import Cutter, Edge
 from feeddrive.language import ops
 from feeddrive.language.block import Number, Rule, choice, parameter
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 
 _CUTTING = 1e6, 1e11  # N/m2: foam and the hardest alloys are within, 600 N/mm2 written as 600 N/m2 is not
 _EDGE = 100.0, 1e6  # N/m: 27.7 N/mm written as 27.7 N/m is not within
@@ -88,28 +90,31 @@ class MechanisticCutter(Cutter):
             yield Rule(
                 width <= diameter,
                 "the cut is not wider than the tool",
-                lambda: (
-                    f"mechanistic_cutter.radial_depth = {width:g} m is {width - diameter:.3g} m more than "
-                    f"mechanistic_cutter.diameter = {diameter:g} m: at most {diameter:g} m, or leave it out for a slot"
+                lambda: Text(
+                    f"mechanistic_cutter.radial_depth = {Quantity(width, 'm'):6 SI} is "
+                    f"{Quantity(width - diameter, 'm'):3 SI} more than mechanistic_cutter.diameter = "
+                    f"{Quantity(diameter, 'm'):6 SI}: at most {Quantity(diameter, 'm'):6 SI}, or leave it out for a "
+                    "slot"
                 ),
             )
         if flute is not None:
             yield Rule(
                 depth <= flute,
                 "the cut is not deeper than the edges are long",
-                lambda: (
-                    f"mechanistic_cutter.axial_depth = {depth:g} m is {depth - flute:.3g} m more than "
-                    f"mechanistic_cutter.flute_length = {flute:g} m: at most {flute:g} m, in two cuts or with a longer "
-                    f"tool"
+                lambda: Text(
+                    f"mechanistic_cutter.axial_depth = {Quantity(depth, 'm'):6 SI} is "
+                    f"{Quantity(depth - flute, 'm'):3 SI} more than mechanistic_cutter.flute_length = "
+                    f"{Quantity(flute, 'm'):6 SI}: at most {Quantity(flute, 'm'):6 SI}, in two cuts or with a longer "
+                    "tool"
                 ),
             )
         if entry is not None and leave is not None:
             yield Rule(
                 leave > entry,
                 "the chip ends after it begins",
-                lambda: (
-                    f"mechanistic_cutter.exit = {leave:g} rad must be > mechanistic_cutter.entry = {entry:g} rad: "
-                    f"both from 0 (along the normal) to π (against it)"
+                lambda: Text(
+                    f"mechanistic_cutter.exit = {Quantity(leave, 'rad'):6} must be > mechanistic_cutter.entry = "
+                    f"{Quantity(entry, 'rad'):6}: both from 0 (along the normal) to π (against it)"
                 ),
             )
         yield fits_slices("mechanistic_cutter", self.edge())

@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 from feeddrive.language import ops
 from feeddrive.language.block import Number, Rule
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 
 
 class Section(NamedTuple):
@@ -98,8 +100,8 @@ def below_nyquist(kind: str, name: str, frequency: Number, T: Number) -> Rule:
     return Rule(
         frequency < 0.5 / T,
         f"{name} is below half the sample rate",
-        lambda: (
-            f"{kind}.{name} = {frequency:g} Hz must be below half the sample rate, {0.5 / T:g} Hz: "
-            f"lower it, or leave the filter out"
+        lambda: Text(
+            f"{kind}.{name} = {Quantity(frequency, 'Hz'):6} must be below half the sample rate, "
+            f"{Quantity(0.5 / T, 'Hz'):6}: lower it, or leave the filter out"
         ),
     )

@@ -8,7 +8,9 @@ from typing import Any
 from feeddrive.blocks.families import Force, Plant
 from feeddrive.blocks.signals import Motion
 from feeddrive.language.block import Number, Rule, choice, parameter
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.ring import History
+from feeddrive.language.text import Text
 
 
 class Regeneration(Force):
@@ -32,9 +34,9 @@ class Regeneration(Force):
         yield Rule(
             self.delay / h <= float(self.remembered - 1),
             "the substeps that the regeneration stores are not shorter than its delay",
-            lambda: (
-                f"regeneration.remembered = {self.remembered} substeps of {h:g} s are shorter than the delay of "
-                f"{self.delay:g} s: at least {-int(-(self.delay / h) // 1) + 1}"
+            lambda: Text(
+                f"regeneration.remembered = {self.remembered} substeps of {Quantity(h, 's'):6 SI} are shorter than the "
+                f"delay of {Quantity(self.delay, 's'):6 SI}: at least {-int(-(self.delay / h) // 1) + 1}"
             ),
         )
 

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from feeddrive.language import ops
 from feeddrive.language.block import Number, Rule
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 
 
 def stribeck_level(
@@ -27,7 +29,10 @@ def levels(
         yield Rule(
             breakaway >= coulomb,
             f"{breakaway_name} is at least {coulomb_name}",
-            lambda: f"{kind}.{breakaway_name} = {breakaway:g} N must be >= {kind}.{coulomb_name} = {coulomb:g} N",
+            lambda: Text(
+                f"{kind}.{breakaway_name} = {Quantity(breakaway, 'N'):6} must be >= {kind}.{coulomb_name} = "
+                f"{Quantity(coulomb, 'N'):6}"
+            ),
         )
 
 

@@ -13,6 +13,8 @@ from feeddrive.blocks.signals import Estimate, Reading
 from feeddrive.language import matrix, ops
 from feeddrive.language.block import Number, Rule, choice, parameter
 from feeddrive.language.matrix import Matrix, Row
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 
 
 class GpiObserver(Observer):
@@ -187,11 +189,11 @@ class GpiObserver(Observer):
         real = 1.0 if self.p0 is None else self.p0 / self.omega_o
         most = _fastest(self.taylor_states, self.zeta_o, real, self.hold, self.delay_samples)
         turn = self.omega_o * T
-        return (
-            f"{self.kind}.omega_o = {self.omega_o:g} rad/s is too fast for a sample time of {T:g} s: "
-            f"omega_o T = {turn:.4g} is {turn - most:.3g} over the limit {most:.4g} of this observer with hold = "
-            f"'{self.hold}'. Take omega_o <= {most / T:.4g} rad/s, or sample every "
-            f"{most / self.omega_o:.4g} s or faster"
+        return Text(
+            f"{self.kind}.omega_o = {Quantity(self.omega_o, 'rad/s'):6} is too fast for a sample time of "
+            f"{Quantity(T, 's'):6 SI}: omega_o T = {turn:.4g} is {turn - most:.3g} over the limit {most:.4g} of this "
+            f"observer with hold = '{self.hold}'. Take omega_o <= {Quantity(most / T, 'rad/s')}, or sample every "
+            f"{Quantity(most / self.omega_o, 's'):SI} or faster"
         )
 
     def growth(self, T: Number) -> Any:

@@ -17,6 +17,8 @@ from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import matrix, ops
 from feeddrive.language.block import Number, Rule
 from feeddrive.language.errors import StructureError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 
 LEAST_CONTROL = 1e-6  # of 1, which is a table that only its screw moves: below it the gains lose all their digits
 
@@ -121,10 +123,16 @@ def _uncontrollable(where: str, bodies: TwoBodies, found: float) -> str:
     led, dragged, k = bodies.led, bodies.dragged, bodies.k
     if abs(led) < 0.5 * bodies.m22:
         near = -bodies.m22 * (1.0 - ops.sqrt(LEAST_CONTROL) * (1.0 if led >= 0.0 else -1.0))
-        remedy = f"coupling_mass = {bodies.m12:g} kg cancels mass_load; the nearest admissible value is {near:.6g} kg"
+        remedy = Text(
+            f"coupling_mass = {Quantity(bodies.m12, 'kg'):6} cancels mass_load; the nearest admissible value is "
+            f"{Quantity(near, 'kg'):6}"
+        )
     else:
         near = -k * bodies.m22 / bodies.c12 * (1.0 - 2.0 * LEAST_CONTROL)
-        remedy = f"the damping of the guideway is {dragged:g} N s/m; the nearest admissible value is {near:.6g} N s/m"
+        remedy = Text(
+            f"the damping of the guideway is {Quantity(dragged, 'N s/m'):6}; the nearest admissible value is "
+            f"{Quantity(near, 'N s/m'):6}"
+        )
     return (
         f"{where}: the poles cannot be placed: a force on the screw does not reach one motion of the table (control "
         f"{found:.3g} of 1, the least is {LEAST_CONTROL:g}): {remedy}"

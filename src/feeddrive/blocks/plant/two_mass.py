@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from feeddrive.blocks.families import Mechanics, Plant
 from feeddrive.language import ops
 from feeddrive.language.block import Number, Rule, parameter
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 
 
 class TwoMass(Plant):
@@ -35,9 +37,10 @@ class TwoMass(Plant):
             yield Rule(
                 m12 * m12 < product,
                 "coupling_mass is smaller than the geometric mean of mass_motor and mass_load",
-                lambda: (
-                    f"two_mass.coupling_mass = {m12:g} kg must be smaller than the geometric mean of mass_motor and "
-                    f"mass_load, {ops.sqrt(product):g} kg: the mass matrix is not positive definite"
+                lambda: Text(
+                    f"two_mass.coupling_mass = {Quantity(m12, 'kg'):6} must be smaller than the geometric mean of "
+                    f"mass_motor and mass_load, {Quantity(ops.sqrt(product), 'kg'):6}: the mass matrix is not positive "
+                    "definite"
                 ),
             )
 

@@ -11,6 +11,7 @@ from feeddrive.blocks.sampled import check_duration, check_single
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 
 
 class Chirp(Reference):
@@ -42,7 +43,8 @@ class Chirp(Reference):
         check_duration(self.kind, self.duration)
         if 2.0 * self._blend() > self.sweep_time:
             raise ParameterError(
-                f"chirp.blend_time = {self._blend():g} s must be <= {0.5 * self.sweep_time:g} s, half of the sweep"
+                f"chirp.blend_time = {Quantity(self._blend(), 's'):6 SI} must be <= "
+                f"{Quantity(0.5 * self.sweep_time, 's'):6 SI}, half of the sweep"
             )
 
     def _blend(self) -> float:

@@ -11,6 +11,7 @@ from feeddrive.blocks.sampled import check_duration, check_single
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 
 
 class Circle(Reference):
@@ -43,8 +44,8 @@ class Circle(Reference):
         at_feed = self._time_at_feed()
         if self.run_up_time is not None and self.run_up_time > at_feed:
             raise ParameterError(
-                f"circle.run_up_time = {self.run_up_time:g} s must be <= {at_feed:g} s, the time of all turns at the "
-                f"feed: make it shorter, or the turns more"
+                f"circle.run_up_time = {Quantity(self.run_up_time, 's'):6 SI} must be <= "
+                f"{Quantity(at_feed, 's'):6 SI}, the time of all turns at the feed: make it shorter, or the turns more"
             )
 
     def _time_at_feed(self) -> float:

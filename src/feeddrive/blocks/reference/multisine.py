@@ -14,6 +14,7 @@ from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import ops
 from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.language.quantity import Quantity
 
 _MOST_LINES = 20000
 _FINE = 32  # grid points per period of the highest line, on which the peak is taken
@@ -59,7 +60,8 @@ class Multisine(Reference):
         check_duration(self.kind, self.duration)
         if self.highest < self.lowest:
             raise ParameterError(
-                f"multisine.highest = {self.highest:g} Hz must be >= multisine.lowest, {self.lowest:g} Hz"
+                f"multisine.highest = {Quantity(self.highest, 'Hz'):6} must be >= multisine.lowest, "
+                f"{Quantity(self.lowest, 'Hz'):6}"
             )
         if self.highest * self.period > _MOST_LINES:
             raise StructureError(
@@ -68,8 +70,8 @@ class Multisine(Reference):
             )
         if self._all_lines().size == 0:
             raise StructureError(
-                f"multisine has no line: no multiple of 1/period = {1.0 / self.period:g} Hz lies in "
-                f"{self.lowest:g} .. {self.highest:g} Hz; make the period longer"
+                f"multisine has no line: no multiple of 1/period = {Quantity(1.0 / self.period, 'Hz'):6} lies in "
+                f"{self.lowest:g} .. {Quantity(self.highest, 'Hz'):6}; make the period longer"
             )
 
     def _all_lines(self) -> np.ndarray:

@@ -11,6 +11,7 @@ from feeddrive.blocks.sampled import check_duration, check_single, rows_at
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.block import Number, choice, parameter, table
 from feeddrive.language.errors import StructureError
+from feeddrive.language.quantity import Quantity
 
 _HIGHER = ("velocity", "acceleration", "jerk", "snap")
 
@@ -88,6 +89,6 @@ class Recorded(Reference):
     def _refuse(self, missed: np.ndarray) -> None:
         if missed.size:
             raise StructureError(
-                f"recorded has a row every {self.sample_time:g} s and none at t = {missed[0]:.12g} s: "
+                f"recorded has a row every {Quantity(self.sample_time, 's'):6 SI} and none at t = {missed[0]:.12g} s: "
                 f'run the loop at this sample time, or choose between = "linear"'
             )

@@ -11,6 +11,7 @@ from feeddrive.blocks.sampled import check_duration, check_single
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 
 
 class Sine(Reference):
@@ -36,7 +37,8 @@ class Sine(Reference):
         check_duration(self.kind, self.duration)
         if 2.0 * self.blend_time > self.duration:
             raise ParameterError(
-                f"sine.blend_time = {self.blend_time:g} s must be <= {0.5 * self.duration:g} s, half of all cycles"
+                f"sine.blend_time = {Quantity(self.blend_time, 's'):6 SI} must be <= "
+                f"{Quantity(0.5 * self.duration, 's'):6 SI}, half of all cycles"
             )
 
     @property

@@ -35,6 +35,7 @@ from feeddrive.bus.cia402 import (
 from feeddrive.bus.drive_file import DriveScaling, interpolation_time
 from feeddrive.bus.virtual.driven_axis import DrivenAxis
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.loop.guard import TRIP_COMMAND, TRIP_FOLLOWING_ERROR, TRIP_READING, TRIP_TRAVEL, TRIP_VELOCITY
 
 VENDOR, PRODUCT, REVISION = 0, 0x66656564, 1  # vendor 0: not assigned
@@ -83,8 +84,8 @@ class Firmware:
         self.samples = round(cycle_time / self.T)
         if self.samples < 1 or abs(cycle_time / self.T - self.samples) > 1e-6:
             raise ParameterError(
-                f"cycle_time = {1e6 * cycle_time:g} us must be a whole multiple of the sample time of the machine, "
-                f"{1e6 * self.T:g} us"
+                f"cycle_time = {Quantity(cycle_time, 's'):6 us} must be a whole multiple of the sample time of the "
+                f"machine, {Quantity(self.T, 's'):6 us}"
             )
         self.cycle_time = self.samples * self.T
         self.state = PowerState.SWITCH_ON_DISABLED

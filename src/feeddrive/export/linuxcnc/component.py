@@ -11,6 +11,7 @@ from typing import NamedTuple
 from feeddrive.export.c.text import Texts, header_only
 from feeddrive.export.identifiers import HAL_LENGTH
 from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.language.quantity import Quantity
 from feeddrive.loop.guard import TRIPS
 from feeddrive.loop.routine import Routine, Variable
 
@@ -267,7 +268,7 @@ def period(routine: Routine) -> int:
         )
     if not FASTEST <= whole <= SLOWEST:
         raise ParameterError(
-            f"sample_time = {routine.sample_time:.9g} s: a servo thread of LinuxCNC has a period from "
+            f"sample_time = {Quantity(routine.sample_time, 's'):9 SI}: a servo thread of LinuxCNC has a period from "
             f"{FASTEST * 1e-6:g} ms to {SLOWEST * 1e-6:g} ms; take a sample time in between"
         )
     return whole

@@ -22,6 +22,7 @@ import numpy as np
 from feeddrive.export.linuxcnc import component
 from feeddrive.export.linuxcnc.component import hal
 from feeddrive.language.errors import FeeddriveError, MissingProgramError, ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.loop.routine import Routine
 
 MODULES = "/usr/lib/linuxcnc/modules"
@@ -112,7 +113,9 @@ def _ran(script: Path, patience: float) -> tuple[int, str]:
         os.killpg(program.pid, signal.SIGKILL)
         printed, _ = program.communicate()
         if isinstance(error, subprocess.TimeoutExpired):
-            raise HalError(f"LinuxCNC did not end within {patience:g} s; it said:\n{printed[-2000:]}") from None
+            raise HalError(
+                f"LinuxCNC did not end within {Quantity(patience, 's'):6 SI}; it said:\n{printed[-2000:]}"
+            ) from None
         raise
     return program.returncode, printed
 

@@ -16,6 +16,7 @@ from feeddrive.blocks.reference.smooth_step import window
 from feeddrive.identification.excitation.excitation import Drawing, Excitation, advice, broken, limits
 from feeddrive.language import tree
 from feeddrive.language.errors import DivergedError, ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.loop.guard import TRIPS
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
@@ -154,7 +155,8 @@ def _check(
     nyquist = 0.5 / float(loop.sample_time)
     if not 0.0 < band[0] <= band[1] < nyquist:
         raise ParameterError(
-            f"band {band[0]:g} .. {band[1]:g} Hz must be above 0 Hz, rise, and end below Nyquist, {nyquist:g} Hz"
+            f"band {band[0]:g} .. {Quantity(band[1], 'Hz'):6} must be above 0 Hz, rise, and end below Nyquist, "
+            f"{Quantity(nyquist, 'Hz'):6}"
         )
     if where not in WHERE or flat not in FLAT:
         raise ParameterError(
@@ -167,15 +169,18 @@ def _check(
         if not (np.isfinite(value) and value > 0.0):
             raise ParameterError(f"{name} = {value:g} {unit} must be finite and > 0 {unit}")
     if resolution > band[1]:
-        raise ParameterError(f"resolution = {resolution:g} Hz must be <= {band[1]:g} Hz, the upper end of the band")
+        raise ParameterError(
+            f"resolution = {Quantity(resolution, 'Hz'):6} must be <= {Quantity(band[1], 'Hz'):6}, the upper end of the "
+            "band"
+        )
     if periods < 2 or drawn < 1:
         raise ParameterError(f"periods = {periods} must be >= 2 and realisations = {drawn} >= 1")
     if periods / (resolution * float(loop.sample_time)) > _MOST_SAMPLES:
         fitting = periods / (_MOST_SAMPLES * float(loop.sample_time))
         raise ParameterError(
-            f"resolution = {resolution:g} Hz asks for periods of {1.0 / resolution:.4g} s, {periods} of which are "
-            f"{periods / (resolution * float(loop.sample_time)):.3g} samples (at most {_MOST_SAMPLES:,}): take "
-            f"{fitting:.3g} Hz or more, or fewer periods"
+            f"resolution = {Quantity(resolution, 'Hz'):6} asks for periods of {Quantity(1.0 / resolution, 's'):SI}, "
+            f"{periods} of which are {periods / (resolution * float(loop.sample_time)):.3g} samples (at most "
+            f"{_MOST_SAMPLES:,}): take {Quantity(fitting, 'Hz'):3} or more, or fewer periods"
         )
 
 
@@ -247,8 +252,8 @@ def _simulated(
     tripped = np.flatnonzero(run["trip"])
     if tripped.size:
         raise ParameterError(
-            f"the guard trips by {TRIPS[float(run['trip'][tripped[0]])]} at t = {t[tripped[0]]:.4g} s of the simulation"
-            f": take less amplitude or a higher band, or widen the guard"
+            f"the guard trips by {TRIPS[float(run['trip'][tripped[0]])]} at t = {Quantity(t[tripped[0]], 's'):SI} of "
+            "the simulation: take less amplitude or a higher band, or widen the guard"
         )
     signals = dict(run.signals)
     del signals["trip"]
@@ -293,7 +298,7 @@ def grid_lines(lowest: float, highest: float, period: float, grid: str = "random
     if grid not in GRIDS:
         raise ParameterError(f"grid = {grid!r} must be one of {', '.join(GRIDS)}")
     if not 0.0 < lowest <= highest:
-        raise ParameterError(f"band {lowest:g} .. {highest:g} Hz must be above 0 Hz and rise")
+        raise ParameterError(f"band {lowest:g} .. {Quantity(highest, 'Hz'):6} must be above 0 Hz and rise")
     every = np.arange(max(1, int(np.ceil(lowest * period * (1 - 1e-12)))), int(highest * period * (1 + 1e-12)) + 1)
     if grid == "odd_odd":
         chosen = every[every % 4 == 1]
@@ -307,8 +312,8 @@ def grid_lines(lowest: float, highest: float, period: float, grid: str = "random
         chosen = np.delete(chosen, out)
     if not chosen.size:
         raise ParameterError(
-            f"no line of the grid '{grid}' lies in {lowest:g} .. {highest:g} Hz at a resolution of "
-            f"{1.0 / period:g} Hz: make the period longer"
+            f"no line of the grid '{grid}' lies in {lowest:g} .. {Quantity(highest, 'Hz'):6} at a resolution of "
+            f"{Quantity(1.0 / period, 'Hz'):6}: make the period longer"
         )
     return chosen
 

@@ -13,6 +13,7 @@ from feeddrive.identification.excitation.nonperiodic import METHODS, averaged, l
 from feeddrive.identification.excitation.periodic import periodic
 from feeddrive.identification.excitation.record import Record, find_period, repeating
 from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.quantity import Quantity
 
 ALL = ("auto", "periodic", "impact", "local_polynomial", *METHODS)
 MOST_LINES = 2000  # of a local polynomial by default
@@ -124,7 +125,8 @@ def _check_band(record: Record, band: tuple[float, float]) -> None:
     low, high = band
     if not 0.0 <= low < high <= record.nyquist * (1.0 + 1e-9):
         raise ParameterError(
-            f"band {low:g} .. {high:g} Hz must rise and lie between 0 Hz and Nyquist, {record.nyquist:g} Hz"
+            f"band {low:g} .. {Quantity(high, 'Hz'):6} must rise and lie between 0 Hz and Nyquist, "
+            f"{Quantity(record.nyquist, 'Hz'):6}"
         )
 
 
@@ -136,6 +138,6 @@ def within(found: FrequencyEstimate, band: tuple[float, float] | None) -> Freque
     kept = (f.frequency >= band[0] * (1.0 - 1e-9)) & (f.frequency <= band[1] * (1.0 + 1e-9))
     if not np.any(kept):
         raise ParameterError(
-            f"no line lies in {band[0]:g} .. {band[1]:g} Hz: take longer segments, or excite this band"
+            f"no line lies in {band[0]:g} .. {Quantity(band[1], 'Hz'):6}: take longer segments, or excite this band"
         )
     return found.lines(kept)

@@ -9,7 +9,9 @@ import numpy as np
 
 from feeddrive.identification.excitation.record import Record
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table, shown
+from feeddrive.language.text import Text
 from feeddrive.language.units import turning
 from feeddrive.loop.loop import Loop
 
@@ -21,7 +23,7 @@ _HOPELESS = 100.0  # times the limit: an amplitude that keeps such a limit is to
 def said(value: float, unit: str) -> str:
     """A figure in the unit that people read, lengths from 1 mm on in mm."""
     if unit == "m" and abs(value) >= 1e-3:
-        return f"{1e3 * value:.4g} mm"
+        return Text(f"{Quantity(value, 'm'):mm}")
     name, factor = shown(unit)
     return f"{factor * value:.4g} {name}"
 
@@ -130,10 +132,10 @@ class Excitation(Result):
 
     def table(self) -> Table:
         """The limits, and the peaks in the simulation."""
-        title = (
-            f"{self.name}: {self.lines.size} lines {self.frequency[0]:.4g} .. {self.frequency[-1]:.4g} Hz on "
-            f"{self.where}, peak {said(self.amplitude, self.unit)}, crest factor {self.crest:.3f}, "
-            f"{self.periods} periods of {self.period * self.sample_time:.4g} s, {len(self.drawings)} realisation(s)"
+        title = Text(
+            f"{self.name}: {self.lines.size} lines {self.frequency[0]:.4g} .. {Quantity(self.frequency[-1], 'Hz')} on "
+            f"{self.where}, peak {said(self.amplitude, self.unit)}, crest factor {self.crest:.3f}, {self.periods} "
+            f"periods of {Quantity(self.period * self.sample_time, 's'):SI}, {len(self.drawings)} realisation(s)"
         )
         return Table(title, ["in the simulation", "got", "limit", ""], [limit.cells() for limit in self.limits])
 
@@ -178,7 +180,11 @@ def broken(found: Excitation) -> str:
     text = f"{worst.what} reaches {got} in the simulation, the limit is {may}"
     if not np.isfinite(share):
         return text
-    return f"{text}, {100.0 * (share - 1.0):.3g} % too much" if share < 3.0 else f"{text}, {share:.3g} times as much"
+    return (
+        Text(f"{text}, {Quantity((share - 1.0), 'share'):3} too much")
+        if share < 3.0
+        else f"{text}, {share:.3g} times as much"
+    )
 
 
 def advice(found: Excitation, drawn: Callable[[float], Excitation]) -> str:

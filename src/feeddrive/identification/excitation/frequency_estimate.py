@@ -7,7 +7,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 
 _DOUBT = 0.1  # relative variance of the input; a line above it is left out
@@ -79,15 +81,17 @@ class FrequencyEstimate(Result):
         f = self.frequency
         if not np.any(kept):
             raise LogError(
-                f"between {f[0]:.4g} and {f[-1]:.4g} Hz the excitation does not exceed the noise of the input: "
-                "measure again with more amplitude or longer"
+                f"between {f[0]:.4g} and {Quantity(f[-1], 'Hz')} the excitation does not exceed the noise of the "
+                "input: measure again with more amplitude or longer"
             )
         left = f[~kept]
         return self.lines(
             kept,
-            f"{left.size} of {f.size} lines between {left[0]:.4g} and {left[-1]:.4g} Hz are left out: the "
-            "excitation does not exceed the noise of the input there; measure again with more amplitude, longer, "
-            "or with a coarser resolution",
+            Text(
+                f"{left.size} of {f.size} lines between {left[0]:.4g} and {Quantity(left[-1], 'Hz')} are left out: the "
+                "excitation does not exceed the noise of the input there; measure again with more amplitude, longer, "
+                "or with a coarser resolution"
+            ),
         )
 
     def radius(self, confidence: float = 0.95) -> np.ndarray:

@@ -11,6 +11,8 @@ from feeddrive.identification.excitation.frequency_estimate import FrequencyEsti
 from feeddrive.identification.excitation.nonperiodic import local_rational
 from feeddrive.identification.excitation.record import FEWEST, Record, saturation
 from feeddrive.language.errors import LogError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF, coherence_of
 
 _STRONG = 0.1  # of the largest force: a sample above it belongs to a blow
@@ -233,11 +235,13 @@ def _stretches(found: Sequence[tuple[Record, list[_Blow]]]) -> tuple[list[tuple[
         )
     said: list[str] = []
     if weak:
-        said.append(f"{weak} blow(s) below {100 * _WEAK:g} % of the usual force are not used")
+        said.append(Text(f"{weak} blow(s) below {Quantity(_WEAK, 'share'):6} of the usual force are not used"))
     if len(usable) > len(kept):
         said.append(
-            f"{len(usable) - len(kept)} blow(s) with less than {100 * _SHORT:g} % of the usual time after them are not "
-            f"used"
+            Text(
+                f"{len(usable) - len(kept)} blow(s) with less than {Quantity(_SHORT, 'share'):6} of the usual time "
+                "after them are not used"
+            )
         )
     return [(record, blow) for record, blow, _ in kept], length, said
 
@@ -332,8 +336,10 @@ def _remarks(
     below = np.flatnonzero(amplitude < _FALLS)
     if below.size:
         said.append(
-            f"the spectrum of the force falls to {100 * _FALLS:g} % of its largest value at {frequency[below[0]]:.4g} "
-            f"Hz: a harder tip excites higher frequencies"
+            Text(
+                f"the spectrum of the force falls to {Quantity(_FALLS, 'share'):6} of its largest value at "
+                f"{frequency[below[0]]:.4g} Hz: a harder tip excites higher frequencies"
+            )
         )
     if sigma:
         said.append(

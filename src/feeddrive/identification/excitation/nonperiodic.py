@@ -10,6 +10,8 @@ import numpy as np
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
 from feeddrive.identification.excitation.record import Record
 from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF, coherence_of
 
 METHODS = ("h1", "h2", "hv", "indirect", "joint")
@@ -121,9 +123,9 @@ def averaged(
     frf = FRF(found.frequency, response, first.input_name, first.output_name, first.unit, first.sample_time,
               coherence, variance)  # fmt: skip
     length = 1.0 / (found.frequency[0] * first.sample_time)
-    text = (
-        f"{method}: {u.shape[0]} stretches of {length:.0f} samples, Hann window, {100 * overlap:g} % overlap, "
-        f"worth {found.averages:.1f} independent ones"
+    text = Text(
+        f"{method}: {u.shape[0]} stretches of {length:.0f} samples, Hann window, {Quantity(overlap, 'share'):6} "
+        f"overlap, worth {found.averages:.1f} independent ones"
     )
     remarks = tuple(remark for record in records for remark in record.remarks)
     estimate = FrequencyEstimate(
@@ -201,10 +203,10 @@ def local_polynomial(
     nu = float((2 * half + 1 - 2 * (ORDER + 1)) * len(records))
     frf = FRF(frequency, response, first.input_name, first.output_name, first.unit, first.sample_time,
               coherence_of(response, variance, nu), variance)  # fmt: skip
-    text = (
-        f"local polynomials of order {ORDER} over {2 * half + 1} lines of {1 / (len(first) * first.sample_time):.4g} Hz"
-        + (", through the reference" if first.references else "")
-    )
+    text = Text(
+        f"local polynomials of order {ORDER} over {2 * half + 1} lines of "
+        f"{Quantity(1 / (len(first) * first.sample_time), 'Hz')}"
+    ) + (", through the reference" if first.references else "")
     remarks = tuple(remark for record in records for remark in record.remarks)
     estimate = FrequencyEstimate(
         frf, text, np.full(frequency.size, nu), variance, counts={"records": len(records)}, remarks=remarks
@@ -223,8 +225,8 @@ def _chosen(record: Record, half: int, band: tuple[float, float] | None, lines: 
     )
     if most < least:
         raise LogError(
-            f"{record.name}: no line of {resolution:.4g} Hz in {low:g} .. {high:g} Hz has {half} neighbors on each "
-            f"side: record longer"
+            f"{record.name}: no line of {Quantity(resolution, 'Hz')} in {low:g} .. {Quantity(high, 'Hz'):6} has {half} "
+            "neighbors on each side: record longer"
         )
     if lines is None or lines >= most - least + 1:
         return np.arange(least, most + 1)

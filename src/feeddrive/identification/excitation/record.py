@@ -8,6 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from feeddrive.language.errors import LogError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 
 FEWEST = 32  # samples
 _STUCK = 0.02  # share of samples at the very largest or smallest value from which a channel counts as saturated
@@ -39,7 +41,7 @@ class Record:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.sample_time) and self.sample_time > 0.0):
-            raise LogError(f"{self.name}: sample time {self.sample_time:g} s must be > 0 s")
+            raise LogError(f"{self.name}: sample time {Quantity(self.sample_time, 's'):6 SI} must be > 0 s")
         for name, values in self._channels():
             if values.ndim != 1 or values.size < FEWEST:
                 raise LogError(
@@ -91,8 +93,10 @@ def saturation(name: str, values: np.ndarray) -> list[str]:
         held = np.flatnonzero((values[1:] == end) & (values[:-1] == end)).size / values.size
         if share > _STUCK and held > 0.5 * share:
             found.append(
-                f"{name} stays at its {what} value {end:.6g} for {100 * share:.1f} % of the record: it seems "
-                f"saturated, and a saturated drive has no frequency response"
+                Text(
+                    f"{name} stays at its {what} value {end:.6g} for {Quantity(share, 'share'):.1f} of the record: it "
+                    "seems saturated, and a saturated drive has no frequency response"
+                )
             )
     return found
 

@@ -15,6 +15,8 @@ from feeddrive.identification.motion.output_error import Refinement, dead_time, 
 from feeddrive.identification.motion.preparation import Preparation, prepare
 from feeddrive.identification.motion.rigid import RigidFit, identify_rigid
 from feeddrive.language.errors import DivergedError, LogError, NotIdentifiableError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 
 _RUNS = 16  # of the closed loop with its counts: one log in 17 leaves more than the worst of them by chance
@@ -44,12 +46,15 @@ def agreed(
     first = grows > left / without
     ways = delay.left(known + own), delay.left(known + found.delay)
     remarks.append(
-        f"dead time in samples beyond the stated one: the inverse dynamics say {delay.dead_time - known:.2f} ± "
-        f"{delay.error:.2g} and leave {100.0 * ways[0]:.3g} % of the force with {own}, {100.0 * ways[1]:.3g} % with "
-        f"{found.delay}; the closed loop says {value:.2f} ± {error:.2g} and leaves {1e6 * left:.4g} {log.micro} of the "
-        f"position with {own}, {1e6 * without:.4g} {log.micro} with {found.delay}. They "
-        f"{'contradict each other' if apart > joint else 'agree within three errors'}; that of the "
-        f"{'inverse dynamics' if first else 'closed loop'} is taken, whose residual grows more with the other one"
+        Text(
+            f"dead time in samples beyond the stated one: the inverse dynamics say {delay.dead_time - known:.2f} ± "
+            f"{delay.error:.2g} and leave {Quantity(ways[0], 'share'):3} of the force with {own}, "
+            f"{Quantity(ways[1], 'share'):3} with {found.delay}; the closed loop says {value:.2f} ± {error:.2g} and "
+            f"leaves {1e6 * left:.4g} {log.micro} of the position with {own}, {1e6 * without:.4g} {log.micro} with "
+            f"{found.delay}. They {'contradict each other' if apart > joint else 'agree within three errors'}; that of "
+            f"the {'inverse dynamics' if first else 'closed loop'} is taken, whose residual grows more with the other "
+            "one"
+        )
     )
     return other if first else found
 
@@ -71,11 +76,14 @@ def better(
     left = float(np.linalg.norm(rows.force_with(residual, how.delay)) / np.linalg.norm(rows.force))
     first = rigid.residuals.relative < left
     remarks.append(
-        f"the inverse dynamics say a mass of {own.value:.5g} ± {own.error:.2g} {own.unit} and leave "
-        f"{100.0 * rigid.residuals.relative:.3g} % of the force in motion, the closed loop says {mass.value:.5g} ± "
-        f"{mass.error:.2g} {own.unit} and leaves {100.0 * left:.3g} % of it: they contradict each other, as where a "
-        f"force acts that the model lacks; the {'inverse dynamics' if first else 'closed loop'}, which leave"
-        f"{'' if first else 's'} less, {'are' if first else 'is'} taken"
+        Text(
+            f"the inverse dynamics say a mass of {own.value:.5g} ± {own.error:.2g} {own.unit} and leave "
+            f"{Quantity(rigid.residuals.relative, 'share'):3} of the force in motion, the closed loop says "
+            f"{mass.value:.5g} ± {mass.error:.2g} {own.unit} and leaves {Quantity(left, 'share'):3} of it: they "
+            "contradict each other, as where a force acts that the model lacks; the "
+            f"{'inverse dynamics' if first else 'closed loop'}, which leave{'' if first else 's'} less, "
+            f"{'are' if first else 'is'} taken"
+        )
     )
     return None if first else found
 

@@ -14,7 +14,9 @@ from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.regression import TracedForce, errors, ols_covariance, robust_covariance
 from feeddrive.language.block import Number
 from feeddrive.language.errors import NotIdentifiableError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 
 MOST_DELAY = 3  # samples between reading and command that are tried
 MOST_SAMPLES = 8  # over which a velocity may be computed by differences
@@ -50,9 +52,9 @@ class ControlFit(Result):
 
     def table(self) -> Table:
         """Gains with their errors."""
-        title = (
+        title = Text(
             f"{self.name}: P-PI cascade, velocity over {self.velocity_samples} samples, {self.delay} samples of delay; "
-            f"{100.0 * self.residual:.3g} % of the force is left"
+            f"{Quantity(self.residual, 'share'):3} of the force is left"
         )
         return estimates_table(title, self.estimates)
 
@@ -97,7 +99,8 @@ def identify_control(log: MotionLog) -> ControlFit:
     if tried[n, d] > LARGEST:
         raise NotIdentifiableError(
             f"{log.name}: no P-PI cascade without an integral part explains the force: the best leaves "
-            f"{100.0 * tried[n, d]:.3g} %, at most {100.0 * LARGEST:g} % is allowed; state the law in a machine file"
+            f"{Quantity(tried[n, d], 'share'):3}, at most {Quantity(LARGEST, 'share'):6} is allowed; state the law in "
+            "a machine file"
         )
     law, force = _traced(n), log.force[rows]
     columns = _slopes(law, _PLAIN, log, n)[rows - d]

@@ -11,7 +11,9 @@ from feeddrive.identification.motion.preparation import HOLD, Preparation, delay
 from feeddrive.identification.motion.rigid import LEAST_OWN, columns_of, covariance_of
 from feeddrive.identification.regression import errors
 from feeddrive.language.errors import NotIdentifiableError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 
 REACH = 20  # samples to both sides that are tried
 LATEST = 5e-3  # s: a force that acts later than that does not belong to this clock
@@ -114,10 +116,10 @@ def _check_slope(log: MotionLog, basis: np.ndarray, forces: np.ndarray, residual
     own = _left(basis, slope) if np.any(slope) else 0.0
     if own < LEAST_OWN:
         raise NotIdentifiableError(
-            f"{log.name}: the delay of the force is not identifiable: the motion has nearly one frequency only, "
-            f"where a delay acts like less mass and more damping ({100.0 * own:.2g} % of its effect is "
-            "independent, at least "
-            f"{100.0 * LEAST_OWN:g} % are needed); record next moves to and fro at constant speeds, with ramps between"
+            f"{log.name}: the delay of the force is not identifiable: the motion has nearly one frequency only, where "
+            f"a delay acts like less mass and more damping ({Quantity(own, 'share'):2} of its effect is independent, "
+            f"at least {Quantity(LEAST_OWN, 'share'):6} are needed); record next moves to and fro at constant speeds, "
+            "with ramps between"
         )
 
 
@@ -134,7 +136,9 @@ def _check(log: MotionLog, best: int, delays: np.ndarray, residual: np.ndarray) 
         )
     if clear and (early or late or abs(best) == REACH):
         when = (
-            f"{-best} samples before" if best < 0 else f"{best} samples ({1e3 * best * log.sample_time:.3g} ms) after"
+            f"{-best} samples before"
+            if best < 0
+            else Text(f"{best} samples ({Quantity(best * log.sample_time, 's'):3}) after")
         )
         raise NotIdentifiableError(
             f"{log.name}: force and position are not synchronised: the axis seems to feel the force {when} it was "

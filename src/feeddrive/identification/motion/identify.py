@@ -23,7 +23,9 @@ from feeddrive.identification.motion.rigid import RigidFit, identify_rigid
 from feeddrive.identification.plausibility import outside, remedy, said, sizes
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.judgment import Advice, Judgment
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
@@ -73,11 +75,14 @@ class Identified(Result):
         if self.law is not None and self.law.wrong:
             return self.law.wrong
         if rigid.left > POOR:
-            return f"a rigid drive with {rigid.friction} friction leaves {100.0 * rigid.left:.3g} % of the force"
+            return Text(
+                f"a rigid drive with {rigid.friction} friction leaves {Quantity(rigid.left, 'share'):3} of the force"
+            )
         if rigid.changed:
-            return (
-                f"the error on stretches that were not used is {100.0 * rigid.validation.relative:.3g} %, on those "
-                f"that were used {100.0 * rigid.residuals.relative:.3g} %, so the axis changed along the log"
+            return Text(
+                f"the error on stretches that were not used is {Quantity(rigid.validation.relative, 'share'):3}, on "
+                f"those that were used {Quantity(rigid.residuals.relative, 'share'):3}, so the axis changed along the "
+                "log"
             )
         return ""
 
@@ -215,10 +220,10 @@ def _refined(
 def _not_alone(check: LawCheck) -> str:
     """A remark on a force of the log that the stated law does not make."""
     if check.added:
-        return (
-            f"a force was added to the command of the law in {100.0 * check.added:.3g} % of the log (RMS "
-            f"{100.0 * check.left:.3g} % of all): the closed loop cannot be simulated without it, and mass, friction "
-            "and dead time are those of the inverse dynamics, which need only the force that acted"
+        return Text(
+            f"a force was added to the command of the law in {Quantity(check.added, 'share'):3} of the log (RMS "
+            f"{Quantity(check.left, 'share'):3} of all): the closed loop cannot be simulated without it, and mass, "
+            "friction and dead time are those of the inverse dynamics, which need only the force that acted"
         )
     return "the closed loop was not simulated: its law is not that of the log; the inverse dynamics do without it"
 
@@ -237,8 +242,10 @@ def _untold(check: LawCheck | None) -> list[str]:
     if check is None or check.disagrees or not check.unseen:
         return []
     return [
-        f"the log does not tell {', '.join(check.unseen)} to {100.0 * MOST_OFF:g} %: with another value the law would "
-        "leave as little of its force"
+        Text(
+            f"the log does not tell {', '.join(check.unseen)} to {Quantity(MOST_OFF, 'share'):6}: with another value "
+            "the law would leave as little of its force"
+        )
     ]
 
 

@@ -17,7 +17,9 @@ from feeddrive.identification.motion.rigid import LEAST_OWN, covariance_of
 from feeddrive.identification.regression import errors
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
+from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 
 MOST_OFF = 0.1  # of a gain: where one is 20 % wrong, the mass of the closed loop is up to 10 % off; of half of it, 5 %
@@ -100,9 +102,10 @@ class LawCheck:
                 f"{'is' if len(off) == 1 else 'are'} stated{_SO}"
             )
         if self.left > LARGEST:
-            return (
-                f"what the law commands at the log's own readings leaves {100.0 * self.left:.3g} % of its force beyond "
-                f"what the counts of the readings make, where a law that ran leaves {100.0 * LARGEST:g} % at most{_SO}"
+            return Text(
+                f"what the law commands at the log's own readings leaves {Quantity(self.left, 'share'):3} of its force "
+                "beyond what the counts of the readings make, where a law that ran leaves "
+                f"{Quantity(LARGEST, 'share'):6} at most{_SO}"
             )
         return ""
 
@@ -114,9 +117,9 @@ class LawCheck:
     def table(self) -> Table:
         """The numbers of the control, as stated and as the log needs them."""
         rows = [[each.name, f"{each.stated:.5g}", f"{each.needed:.5g}", f"{each.error:.2g}"] for each in self.gains]
-        title = (
-            f"{self.name}: the law at the log's own readings; {100.0 * self.left:.3g} % of the force is left, counts "
-            f"make {100.0 * self.counts:.3g} %"
+        title = Text(
+            f"{self.name}: the law at the log's own readings; {Quantity(self.left, 'share'):3} of the force is left, "
+            f"counts make {Quantity(self.counts, 'share'):3}"
         )
         return Table(title, ["parameter", "stated", "the log needs", "standard error"], rows)
 

@@ -9,6 +9,7 @@ import numpy as np
 from feeddrive.identification.estimate import TABLE, TURNING, Frame, frame_of
 from feeddrive.identification.regression import short_runs, strays_said
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
+from feeddrive.language.quantity import Quantity
 
 LEAST_ROWS = 100
 LARGEST = 1e100  # in SI: its square does not overflow
@@ -46,7 +47,7 @@ class MotionLog:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.sample_time) and self.sample_time > 0.0):
-            raise ParameterError(f"{self.name}: sample_time = {self.sample_time:g} s must be > 0 s")
+            raise ParameterError(f"{self.name}: sample_time = {Quantity(self.sample_time, 's'):6 SI} must be > 0 s")
         for channel in ("position", "force", "set_position"):
             values = getattr(self, channel)
             if values is not None:
@@ -106,9 +107,10 @@ class MotionLog:
         if share > MOST_SATURATED:
             unit = self.frame.force
             raise NotIdentifiableError(
-                f"{self.name}: the force sits at {most:.5g} {unit} in {100.0 * share:.3g} % of the rows (at most "
-                f"{100.0 * MOST_SATURATED:g} % are admitted): the drive or its recorder is saturated, and what acted "
-                f"on the axis is not known; repeat the motion with a lower acceleration, or with a wider recorder range"
+                f"{self.name}: the force sits at {most:.5g} {unit} in {Quantity(share, 'share'):3} of the rows (at "
+                f"most {Quantity(MOST_SATURATED, 'share'):6} are admitted): the drive or its recorder is saturated, "
+                "and what acted on the axis is not known; repeat the motion with a lower acceleration, or with a "
+                "wider recorder range"
             )
 
     def _check_spikes(self) -> None:
@@ -121,9 +123,9 @@ class MotionLog:
             k = int(starts[np.argmax(size[starts])])
             raise NotIdentifiableError(
                 f"{self.name}: the force has {starts.size} spike{'s' * (starts.size != 1)}, the largest of "
-                f"{self.force[k]:.4g} {self.frame.force} at row {k + 1} ({k * self.sample_time:.4g} s), where "
-                f"{100.0 * _USUAL_SHARE:g} % of the log stay within {most:.4g} {self.frame.force}: no mass reacts "
-                "to them; repair these rows, or cut the log there"
+                f"{self.force[k]:.4g} {self.frame.force} at row {k + 1} ({Quantity(k * self.sample_time, 's'):SI}), "
+                f"where {Quantity(_USUAL_SHARE, 'share'):6} of the log stay within {most:.4g} {self.frame.force}: no "
+                "mass reacts to them; repair these rows, or cut the log there"
             )
 
     def _check_jumps(self) -> None:
@@ -148,9 +150,10 @@ class MotionLog:
             unit = self.frame.position
             raise NotIdentifiableError(
                 f"{self.name}: the position has {int(np.sum(found))} jump{'s' * (int(np.sum(found)) != 1)} there and "
-                f"back, the largest to {self.position[k]:.4g} {unit} at row {k + 1} ({k * self.sample_time:.4g} s), "
-                f"{away[k]:.4g} {unit} off its neighbors, where {100.0 * _USUAL_SHARE:g} % of the steps stay within "
-                f"{usual:.4g} {unit}: no axis moves so; repair these rows, or cut the log there"
+                f"back, the largest to {self.position[k]:.4g} {unit} at row {k + 1} "
+                f"({Quantity(k * self.sample_time, 's'):SI}), {away[k]:.4g} {unit} off its neighbors, where "
+                f"{Quantity(_USUAL_SHARE, 'share'):6} of the steps stay within {usual:.4g} {unit}: no axis moves so; "
+                "repair these rows, or cut the log there"
             )
 
     def without_spikes(self) -> tuple[MotionLog, tuple[str, ...]]:

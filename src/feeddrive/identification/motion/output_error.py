@@ -17,7 +17,9 @@ from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.regression import errors, robust_covariance
 from feeddrive.language import tree
 from feeddrive.language.errors import DivergedError, NotIdentifiableError, ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 
@@ -67,7 +69,7 @@ class Refinement(Result):
         micro = "urad" if self.loop.axis.rotary else "um"
         off = f"position {1e6 * self.replay.rms('position_load'):.3g} {micro} RMS"
         if "force" in self.replay.measured:
-            off += f", force {100.0 * self.replay.share('force'):.3g} %"
+            off += Text(f", force {Quantity(self.replay.share('force'), 'share'):3}")
         last = [each.name.rsplit(".", 1)[-1] for each in self.estimates]
         short = tuple(
             dataclasses.replace(each, name=end if last.count(end) == 1 else each.name)
@@ -119,8 +121,8 @@ def refine(
         )
     if abs(log.sample_time / float(loop.sample_time) - 1.0) > 1e-3:
         raise ParameterError(
-            f"{log.name}: its sample time {log.sample_time:.6g} s is not that of the loop, "
-            f"{float(loop.sample_time):.6g} s"
+            f"{log.name}: its sample time {Quantity(log.sample_time, 's'):6 SI} is not that of the loop, "
+            f"{Quantity(float(loop.sample_time), 's'):6 SI}"
         )
     chosen = tuple(names or physics(loop))
     for name in chosen:

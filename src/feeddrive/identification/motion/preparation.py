@@ -10,6 +10,7 @@ import numpy as np
 
 from feeddrive.identification.motion.motion_log import MotionLog, checked
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
+from feeddrive.language.quantity import Quantity
 
 HOLD = 0.5  # samples: a force that is held from k to k+1 acts at k + 1/2 on average
 _LEAST_ROWS = 40
@@ -109,9 +110,9 @@ def prepare(log: MotionLog, how: Preparation) -> Prepared:
     if samples < _LEAST_ROWS * factor:
         raise LogError(
             f"{log.name}: {samples} samples are left of {log.position.size} after the ends are cut; "
-            f"{_LEAST_ROWS * factor} are needed: the log is {log.position.size * T:.3g} s long as its time was read; "
-            f"state the unit if it is another, as --time 't:s', else record {(_LEAST_ROWS * factor - samples) * T:.3g} "
-            "s more"
+            f"{_LEAST_ROWS * factor} are needed: the log is {Quantity(log.position.size * T, 's'):3 SI} long as its "
+            "time was read; state the unit if it is another, as --time 't:s', else record "
+            f"{(_LEAST_ROWS * factor - samples) * T:.3g} s more"
         )
     places = skip + kept(samples, factor)
     stretches: tuple[slice, ...] = (rows,)
@@ -124,8 +125,9 @@ def prepare(log: MotionLog, how: Preparation) -> Prepared:
     if places.size < _LEAST_ROWS:
         raise NotIdentifiableError(
             f"{log.name}: {places.size} of {-(-samples // factor)} rows are left where the axis moves, more than "
-            f"{factor * T:.3g} s away from each reversal; {_LEAST_ROWS} are needed: the axis rests, vibrates or "
-            f"reverses too often; record next moves to and fro that keep their direction for {4 * factor * T:.2g} s"
+            f"{Quantity(factor * T, 's'):3 SI} away from each reversal; {_LEAST_ROWS} are needed: the axis rests, "
+            "vibrates or reverses too often; record next moves to and fro that keep their direction for "
+            f"{Quantity(4 * factor * T, 's'):2 SI}"
         )
     channels = np.array([velocity, acceleration, np.ones_like(velocity), delayed(log.force, how.delay)])
     slow, changes, constant, applied = _reduced(channels, stretches, places, factor)
@@ -208,7 +210,10 @@ def zero_phase(values: np.ndarray, cutoff: float, sample_time: float, order: int
     """
     nyquist = 0.5 / sample_time
     if not 0.0 < cutoff < nyquist:
-        raise ParameterError(f"cutoff = {cutoff:g} Hz must be > 0 Hz and < {nyquist:g} Hz, half the sampling rate")
+        raise ParameterError(
+            f"cutoff = {Quantity(cutoff, 'Hz'):6} must be > 0 Hz and < {Quantity(nyquist, 'Hz'):6}, half the sampling "
+            "rate"
+        )
     from scipy.signal import butter  # takes a second to import
 
     return _forth_and_back(butter(order, cutoff / nyquist, output="sos"), order, values)

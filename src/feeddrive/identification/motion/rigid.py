@@ -37,7 +37,9 @@ from feeddrive.identification.regression import (
     steady_curve,
 )
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 
 FRICTIONS: dict[str, Friction] = {
     "symmetric": Coulomb(coulomb=1.0),
@@ -95,7 +97,10 @@ class RigidFit(Result):
 
     def table(self) -> Table:
         """Parameters with both standard errors."""
-        off = f"residual {100.0 * self.residuals.relative:.3g} %, unused rows {100.0 * self.validation.relative:.3g} %"
+        off = Text(
+            f"residual {Quantity(self.residuals.relative, 'share'):3}, unused rows "
+            f"{Quantity(self.validation.relative, 'share'):3}"
+        )
         return estimates_table(f"{self.name}: rigid drive, {self.friction} friction; {off}", self.estimates)
 
     def at_table(self, lead: float, gear: float = 1.0) -> RigidFit:
@@ -264,9 +269,9 @@ def check_motion(name: str, velocity: np.ndarray, frame: Frame) -> None:
     if share < LEAST_REVERSAL:
         towards = "smaller" if backward < forward else "larger"
         raise NotIdentifiableError(
-            f"{name}: not identifiable: only {100.0 * share:.2g} % of the motion goes towards {towards} "
-            f"positions, at least {100.0 * LEAST_REVERSAL:g} % are needed: in one direction friction cannot be "
-            f"told from a constant force; record next a move to and fro over the same travel, at {top:.3g} "
+            f"{name}: not identifiable: only {Quantity(share, 'share'):2} of the motion goes towards {towards} "
+            f"positions, at least {Quantity(LEAST_REVERSAL, 'share'):6} are needed: in one direction friction cannot "
+            f"be told from a constant force; record next a move to and fro over the same travel, at {top:.3g} "
             f"{frame.velocity} or more"
         )
 
@@ -282,7 +287,7 @@ def check_columns(name: str, columns: np.ndarray, names: tuple[str, ...]) -> Non
         own = float(np.linalg.norm(left)) / float(sizes[i])
         if own < LEAST_OWN:
             raise NotIdentifiableError(
-                f"{name}: {each} is not identifiable: {100.0 * (1.0 - own):.4g} % of its column is a sum of the "
+                f"{name}: {each} is not identifiable: {Quantity((1.0 - own), 'share')} of its column is a sum of the "
                 f"others; {_next(each)}"
             )
 

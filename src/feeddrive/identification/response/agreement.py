@@ -11,7 +11,9 @@ import numpy as np
 from feeddrive.identification.estimate import Estimate
 from feeddrive.identification.response.refine import Model, Refined, Unknown, refine
 from feeddrive.identification.response.units import ResponseUnits
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 
 _COARSE = 300  # points of a drawn curve to begin with
@@ -80,13 +82,18 @@ class Agreement(Result):
         if self.autocorrelation() > _MOST_HANGING:
             where, apart = self.worst
             said.append(
-                f"the residuals are correlated from line to line (autocorrelation {self.autocorrelation():.2f}): "
-                f"the model lacks a systematic part, mostly near {where:.4g} Hz ({apart:.2g} dB)"
+                Text(
+                    f"the residuals are correlated from line to line (autocorrelation {self.autocorrelation():.2f}): "
+                    f"the model lacks a systematic part, mostly near {Quantity(where, 'Hz')} "
+                    f"({Quantity(apart, 'dB'):2})"
+                )
             )
         if self.model_error > 0.0:
             said.append(
-                f"the model is wrong by {100.0 * self.model_error:.2g} % of the response beyond the measured noise; "
-                f"the errors of the parameters include it"
+                Text(
+                    f"the model is wrong by {Quantity(self.model_error, 'share'):2} of the response beyond the "
+                    "measured noise; the errors of the parameters include it"
+                )
             )
         return said
 
@@ -94,9 +101,17 @@ class Agreement(Result):
         """The figures."""
         where, apart = self.worst
         rows = [
-            ["lines that were fitted", f"{_DECIBEL * self.used:.3f} dB", f"{np.degrees(self.used):.2f} deg"],
-            ["lines that were not used", f"{_DECIBEL * self.unused:.3f} dB", f"{np.degrees(self.unused):.2f} deg"],
-            [f"furthest off, at {where:.4g} Hz", f"{apart:.2f} dB", ""],
+            [
+                "lines that were fitted",
+                Text(f"{Quantity(_DECIBEL * self.used, 'dB'):.3f}"),
+                f"{np.degrees(self.used):.2f} deg",
+            ],
+            [
+                "lines that were not used",
+                Text(f"{Quantity(_DECIBEL * self.unused, 'dB'):.3f}"),
+                f"{np.degrees(self.unused):.2f} deg",
+            ],
+            [Text(f"furthest off, at {Quantity(where, 'Hz')}"), Text(f"{Quantity(apart, 'dB'):.2f}"), ""],
             ["autocorrelation from line to line", f"{self.autocorrelation():.2f}", ""],
         ]
         return Table("agreement with the measurement, RMS", ["what", "magnitude", "phase"], rows)
@@ -193,10 +208,10 @@ def advice(name: str, band: tuple[float, float], mass: float, error: float, unit
         case "viscous_motor" | "viscous_load" | "viscous":
             # the phase of 1/(M s² + B s) leaves -180° by 3° where B = M ω/20
             below = error / (2.0 * np.pi * max(mass, 1e-300))
-            return (
-                f"{known} {units.of('N s/m')}: inertia hides it above {below:.2g} Hz, and the lowest line is at "
-                f"{low:.3g} Hz; fix it, or take it from runs at constant speeds (a friction curve), which show the "
-                "total viscous friction"
+            return Text(
+                f"{known} {units.of('N s/m')}: inertia hides it above {Quantity(below, 'Hz'):2}, and the lowest line "
+                f"is at {Quantity(low, 'Hz'):3}; fix it, or take it from runs at constant speeds (a friction curve), "
+                "which show the total viscous friction"
             )
         case "damping" | "damping_ratio":
             return (
@@ -204,9 +219,9 @@ def advice(name: str, band: tuple[float, float], mass: float, error: float, unit
                 f"top of the resonance; measure next at least five lines within its width at -3 dB, 2 ζ f"
             )
         case "current_loop":
-            return (
-                f"{known} Hz: below {high:.3g} Hz a lag looks like a dead time; fix one of both (the drive's manual "
-                f"states the bandwidth of its current loop), or measure next up to that bandwidth"
+            return Text(
+                f"{known} Hz: below {Quantity(high, 'Hz'):3} a lag looks like a dead time; fix one of both (the "
+                "drive's manual states the bandwidth of its current loop), or measure next up to that bandwidth"
             )
         case "mass_motor" | "mass_load" | "stiffness" | "mass" | "coupling_mass":
             return (
@@ -223,16 +238,18 @@ def beyond(resonance: Estimate, band: tuple[float, float]) -> list[str]:
     if low <= resonance.value <= high:
         return []
     surely = resonance.error <= 0.5 * resonance.value
-    where = f"at {resonance.value:.4g} ± {resonance.error:.2g} Hz " if surely else ""
+    where = Text(f"at {resonance.value:.4g} ± {Quantity(resonance.error, 'Hz'):2} ") if surely else ""
     last = (
-        f"up to {1.5 * resonance.value if surely else 3.0 * high:.3g} Hz"
+        Text(f"up to {Quantity(1.5 * resonance.value if surely else 3.0 * high, 'Hz'):3}")
         if resonance.value > high or not surely
-        else f"from {0.5 * resonance.value:.3g} Hz"
+        else Text(f"from {Quantity(0.5 * resonance.value, 'Hz'):3}")
     )
     return [
-        f"the resonance {where}lies beyond the lines ({low:.4g} to {high:.4g} Hz): its masses and its stiffness "
-        "follow only from the slope of the response towards it, which any further mode changes, too; measure next "
-        f"{last}"
+        Text(
+            f"the resonance {where}lies beyond the lines ({low:.4g} to {Quantity(high, 'Hz')}): its masses and its "
+            "stiffness follow only from the slope of the response towards it, which any further mode changes, too; "
+            f"measure next {last}"
+        )
     ]
 
 
@@ -243,8 +260,10 @@ def entangled(names: Sequence[str], found: Refined) -> list[str]:
     the row may change together without a visible effect.
     """
     return [
-        f"{', '.join(together)} are distinguished only by {100.0 * share:.2g} % of the effect of each on the "
-        "responses: fix one of them, or measure over a wider band"
+        Text(
+            f"{', '.join(together)} are distinguished only by {Quantity(share, 'share'):2} of the effect of each on "
+            "the responses: fix one of them, or measure over a wider band"
+        )
         for share, together in _combinations(names, found)
     ]
 
@@ -261,10 +280,11 @@ def blind(estimates: Sequence[Estimate], found: Refined) -> dict[str, str]:
                 others = ", ".join(name for name in together if name != each.name)
                 gone.setdefault(
                     each.name,
-                    f"it is distinguished from {others} by {100.0 * share:.2g} % of its effect on the responses, "
-                    f"less than the accuracy of a model, and its standard error is {each.error:.2g} {each.unit}; "
-                    "fix one of them (--fix), "
-                    f"from a data sheet",
+                    Text(
+                        f"it is distinguished from {others} by {Quantity(share, 'share'):2} of its effect on the "
+                        f"responses, less than the accuracy of a model, and its standard error is {each.error:.2g} "
+                        f"{each.unit}; fix one of them (--fix), from a data sheet"
+                    ),
                 )
     return gone
 

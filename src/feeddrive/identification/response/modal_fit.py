@@ -15,7 +15,9 @@ from feeddrive.identification.response.refine import Refined, Unknown, refine
 from feeddrive.identification.response.units import ResponseUnits, taken
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 
 _MOST_ASKED = 40
@@ -75,7 +77,9 @@ class ModalFit(Result):
             for i, m in enumerate(self.modes)
         ]  # fmt: skip
         fit = self.agreement
-        title = f"{len(self.modes)} modes; unused lines are predicted within {8.686 * fit.unused:.2f} dB RMS"
+        title = Text(
+            f"{len(self.modes)} modes; unused lines are predicted within {Quantity(8.686 * fit.unused, 'dB'):.2f} RMS"
+        )
         return Table(title, heads, rows)
 
 
@@ -236,9 +240,11 @@ def _result(
         if mode.damping_ratio.error > 0.5 * mode.damping_ratio.value:
             width = 2.0 * mode.damping_ratio.value * mode.frequency.value
             said.append(
-                f"the damping ratio of the mode at {mode.frequency.value:.4g} Hz is not identifiable "
-                f"({mode.damping_ratio.value:.2g} ± {mode.damping_ratio.error:.2g}): measure next at least five lines "
-                f"within {max(width, 0.002 * mode.frequency.value):.2g} Hz around it"
+                Text(
+                    f"the damping ratio of the mode at {Quantity(mode.frequency.value, 'Hz')} is not identifiable "
+                    f"({mode.damping_ratio.value:.2g} ± {mode.damping_ratio.error:.2g}): measure next at least five "
+                    f"lines within {Quantity(max(width, 0.002 * mode.frequency.value), 'Hz'):2} around it"
+                )
             )
     lags = [mode for mode in beyond if mode.damping_ratio.value >= 1.0]
     if lags:
@@ -250,8 +256,10 @@ def _result(
     if len(beyond) > len(lags):
         places = ", ".join(f"{mode.frequency.value:.4g}" for mode in beyond if mode not in lags)
         said.append(
-            f"resonances at {places} Hz represent the response beyond the lines ({low:.4g} to {high:.4g} Hz): not "
-            f"identifiable; measure next up to {2.0 * high:.4g} Hz"
+            Text(
+                f"resonances at {places} Hz represent the response beyond the lines ({low:.4g} to "
+                f"{Quantity(high, 'Hz')}): not identifiable; measure next up to {Quantity(2.0 * high, 'Hz')}"
+            )
         )
     if not refined.settled:
         said.append("the minimization did not converge: limit the band to high coherence, or take fewer modes")

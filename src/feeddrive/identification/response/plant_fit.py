@@ -19,7 +19,9 @@ from feeddrive.language import matrix, ops, tree
 from feeddrive.language.block import Number
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import Graph
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.hold import Port, Rows, Timing, rate
 from feeddrive.loop.traced_model import LinearModel, TracedModel
@@ -67,7 +69,10 @@ class PlantFit(Result):
 
     def table(self) -> Table:
         """One row a parameter, and one for each that is not identifiable."""
-        title = f"{self.plant.kind}; unused lines are predicted within {8.686 * self.agreement.unused:.3f} dB RMS"
+        title = Text(
+            f"{self.plant.kind}; unused lines are predicted within {Quantity(8.686 * self.agreement.unused, 'dB'):.3f} "
+            "RMS"
+        )
         found = estimates_table(title, (*self.estimates, *self.derived))
         rows = [[*row[:5], "not identifiable" if row[0] in self.not_identifiable else row[5]] for row in found.rows]
         there = {row[0] for row in rows}
@@ -220,9 +225,11 @@ def finished(
     late = next((e for e in estimates if e.name == "dead_time"), None)
     if late is not None and late.value < -3.0 * late.error:
         said.append(
-            f"the dead time comes out as {1e3 * late.value:.3g} ms: the position was logged that much later than "
-            f"the force, the input is a measured current (held=False, --measured-input), or a mode above the band is "
-            f"missing; it counts as 0"
+            Text(
+                f"the dead time comes out as {Quantity(late.value, 's'):3}: the position was logged that much later "
+                "than the force, the input is a measured current (held=False, --measured-input), or a mode above the "
+                "band is missing; it counts as 0"
+            )
         )
     return PlantFit(task.plant, task.actuator, estimates, found.covariance, (), gone, fit, task.units, tuple(said))
 

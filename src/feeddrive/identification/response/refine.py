@@ -9,6 +9,7 @@ import numpy as np
 
 from feeddrive.identification.regression import ols_covariance, robust_covariance
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.loop.frequency_response import FRF
 
 # from the parameters to each response, shape (lines,), and its slope, shape (lines, parameters)
@@ -84,7 +85,9 @@ def measured(responses: Sequence[FRF], model_error: float = 0.0) -> tuple[Measur
     for frf in responses:
         if np.any(frf.response == 0.0):
             where = frf.frequency[np.argmin(frf.magnitude)]
-            raise ParameterError(f"the response to {frf.output} is zero at {where:g} Hz: leave out this line")
+            raise ParameterError(
+                f"the response to {frf.output} is zero at {Quantity(where, 'Hz'):6}: leave out this line"
+            )
         if frf.variance is not None:
             # a variance of a real residual is half of E|dG|²
             sigma = np.sqrt(0.5 * frf.variance + 0.5 * (model_error * frf.magnitude) ** 2)

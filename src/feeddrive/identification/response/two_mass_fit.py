@@ -28,6 +28,7 @@ from feeddrive.identification.response.plant_fit import (
 from feeddrive.identification.response.units import ResponseUnits, taken
 from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, ParameterError, WrongSignError
+from feeddrive.language.quantity import Quantity
 from feeddrive.loop.frequency_response import FRF
 
 _BEYOND = 4.0  # how far beyond the lines a resonance is looked for, as a factor
@@ -148,10 +149,9 @@ def _check_driven(modal: ModalFit, frequency: float, residue: float) -> None:
     error = known[f"residue_{number}_motor"].error if f"residue_{number}_motor" in known else np.inf
     if residue < -3.0 * error:
         raise WrongSignError(
-            f"the mode at {frequency:.4g} Hz has the wrong sign at the motor's encoder (residue {residue:.3g} ± "
-            f"{error:.1g}): the force does not act where this encoder sits, and the masses cannot be determined; "
-            "give the "
-            f"response as `load` alone, or take fit_modes"
+            f"the mode at {Quantity(frequency, 'Hz')} has the wrong sign at the motor's encoder (residue {residue:.3g} "
+            f"± {error:.1g}): the force does not act where this encoder sits, and the masses cannot be determined; "
+            "give the response as `load` alone, or take fit_modes"
         )
 
 

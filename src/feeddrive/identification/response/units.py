@@ -11,6 +11,7 @@ import numpy as np
 from feeddrive.analysis.conversion import as_frf
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.loop.frequency_response import FRF
 
 _SI = {("m", "N"): {}, ("rad", "N m"): {"kg": "kg m2", "N/m": "N m/rad", "N s/m": "N m s/rad", "m/N": "rad/(N m)"}}
@@ -89,8 +90,8 @@ def taken(
         silent = np.flatnonzero(frf.response == 0.0)
         if silent.size:
             raise ParameterError(
-                f"the response of the {name} is 0 at {frf.frequency[silent[0]]:g} Hz ({silent.size} such lines), which "
-                f"no axis does: check its columns, and leave out lines on which nothing was measured"
+                f"the response of the {name} is 0 at {Quantity(frf.frequency[silent[0]], 'Hz'):6} ({silent.size} such "
+                "lines), which no axis does: check its columns, and leave out lines on which nothing was measured"
             )
     of_each = {name: response_units(frf) for name, frf in there.items()}
     first = next(iter(of_each.values()))
@@ -116,8 +117,8 @@ def taken(
         inside = (frf.frequency >= low) & (frf.frequency <= high)
         if np.count_nonzero(inside) < FEWEST:
             raise ParameterError(
-                f"the response to '{name}' has {np.count_nonzero(inside)} lines from {low:g} to {high:g} Hz and needs "
-                f"{FEWEST} at least"
+                f"the response to '{name}' has {np.count_nonzero(inside)} lines from {low:g} to "
+                f"{Quantity(high, 'Hz'):6} and needs {FEWEST} at least"
             )
         parts = {
             key: None if (values := getattr(frf, key)) is None else values[inside] for key in ("coherence", "variance")

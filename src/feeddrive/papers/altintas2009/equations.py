@@ -9,6 +9,8 @@ import numpy as np
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.controller.dadsc import DADSC
 from feeddrive.blocks.feedforward.inertia import Inertia
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.papers.altintas2009.testbed import (
     MASS,
     PLANT,
@@ -161,7 +163,14 @@ def _implicit(law: DADSC, coupled: DADSC, ppi: CascadePPI) -> list[Claim]:
     growth = float(np.max(value[1:] / value[:-1]))
     return [
         *claims,
-        Claim("1.a", f"V = s² + μ F̃² falls in every sample (μ = {mu:.3g} m²/(s² N²))", rule, growth, None, 1.0),
+        Claim(
+            "1.a",
+            Text(f"V = s² + μ F̃² falls in every sample (μ = {Quantity(mu, 'm'):3 SI}²/(s² N²))"),
+            rule,
+            growth,
+            None,
+            1.0,
+        ),
     ]
 
 

@@ -22,7 +22,9 @@ from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
 from feeddrive.blocks.observer.kalman_recovery import KalmanRecovery
 from feeddrive.blocks.reference.polynomial7 import Polynomial7
 from feeddrive.blocks.signals import Reading, Setpoint
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
+from feeddrive.language.text import Text
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.papers.altintas2009.testbed import MASS, PLANT, REST, VISCOUS, T, dadsc, loop, milling
 from feeddrive.papers.claims import Claim
@@ -276,9 +278,13 @@ def _sweep() -> tuple[Table, list[Claim]]:
             cells += [f"{none:.1f}", f"{lead:.2f}", f"{none / lead:.3g}"]
             if rate == 600.0:
                 expected = GAINS[frequency]
-                rule = f"100 N at resonance of a mode of {frequency:g} Hz, with lead; p = 600 1/s; else as above"
+                rule = Text(
+                    f"100 N at resonance of a mode of {Quantity(frequency, 'Hz'):6}, with lead; p = 600 1/s; else as "
+                    "above"
+                )
                 claims.append(
-                    Claim("1.f", f"gain at {frequency:g} Hz", rule, none / lead, 0.7 * expected, None, "",
+                    Claim("1.f", Text(f"gain at "
+                        f"{Quantity(frequency, 'Hz'):6}"), rule, none / lead, 0.7 * expected, None, "",
                           f"{expected:g} times")
                 )  # fmt: skip
             elif frequency == 35.0:

@@ -16,6 +16,8 @@ from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
 from feeddrive.blocks.observer.kalman_recovery import KalmanRecovery
 from feeddrive.blocks.signals import Reading, Setpoint
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.papers.altintas2009.testbed import cascade, continuous, dadsc, ideal_model
 from feeddrive.papers.claims import Claim
 from feeddrive.papers.random_motion import RANDOM, SAMPLES, RandomMotion, RandomReadings, misfit, stepped
@@ -26,7 +28,10 @@ LAW = DADSC(
     mass=MASS, viscous=VISCOUS, tracking_rate=210.0, reaching_rate=340.0, adaptation_rate=130.0, adaptation_ratio=0.8
 )
 PPI = CascadePPI(Kv=120.0, Kp=2.4e4, Tn=6e-3, velocity_feedforward=0.9, viscous=VISCOUS)
-RULE = f"{RANDOM}; m = {MASS:g} kg, b = {VISCOUS:g} N s/m, T = 0.2 ms; largest difference over the largest value"
+RULE = Text(
+    f"{RANDOM}; m = {Quantity(MASS, 'kg'):6}, b = {Quantity(VISCOUS, 'N s/m'):6}, T = 0.2 ms; largest difference over "
+    "the largest value"
+)
 
 
 def _signals() -> tuple[np.ndarray, RandomMotion, RandomReadings]:

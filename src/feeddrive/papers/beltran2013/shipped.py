@@ -15,6 +15,8 @@ from feeddrive.blocks.cutting.helical_cutter import HelicalCutter
 from feeddrive.blocks.load.step_force import StepForce
 from feeddrive.blocks.observer.gpi_observer import GpiObserver
 from feeddrive.blocks.reference.bezier10 import Bezier10
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
@@ -273,7 +275,7 @@ SIDE = 3e-3  # m, width of the cut in side milling
 
 def side_claims(without: Mapping[str, Run], compensated: Mapping[str, Run]) -> list[Claim]:
     """Runs in side milling, without and with the estimate."""
-    rule = f"up milling, {1e3 * SIDE:g} mm of the 10 mm tool, {RUNS}"
+    rule = Text(f"up milling, {Quantity(SIDE, 'm'):6 mm} of the 10 mm tool, {RUNS}")
     return [
         Claim("3.zj", f"Side milling: the estimate makes the RMS error of {axis} smaller", rule,
               mill.errors(without[axis])[1] / mill.errors(compensated[axis])[1], least=least, unit="times")

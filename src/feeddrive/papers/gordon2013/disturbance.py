@@ -18,7 +18,9 @@ from feeddrive.blocks.load.milling_force import MillingForce
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.language import tree
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
+from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.papers.claims import Claim
@@ -132,7 +134,9 @@ def machining() -> Part:
     rows = [["6000 rpm, first 60 ms", f"{entering(ppc):.3g}", "-", f"{entering(ppi):.3g}"]]
     for speed in (6000.0, 3000.0, 1800.0, 900.0):
         found = [steady(cut(loop, speed, "")) for loop in (placed(), placed(SOFTER), cascade())]
-        rows.append([f"{speed:g} rpm, steady, {speed / 30.0:g} Hz", *(f"{each:.3g}" for each in found)])
+        rows.append(
+            [Text(f"{speed:g} rpm, steady, {Quantity(speed / 30.0, 'Hz'):6}"), *(f"{each:.3g}" for each in found)]
+        )
     heads = ["RMS of the position, µm", PLACED, "with softer gains", CASCADE]
     drawing = Shown("cut", "Entry into a cut", "Two edges at 6000 rpm, 23 N in the mean, from 0.1 s on.",
                     "Position of the table under both laws as the cut begins.", lambda: _drawn(runs))  # fmt: skip

@@ -17,7 +17,9 @@ from feeddrive.analysis.margins import Margins, margins
 from feeddrive.analysis.measured_loop import measured_loop
 from feeddrive.analysis.stiffness import rope_snap, stiffness
 from feeddrive.language import tree
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
+from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.lifting import compliance, loop_gain, tracking
 from feeddrive.loop.linearize import StateSpace, linearize
@@ -95,10 +97,12 @@ def loop_figures() -> Part:
               - ppi.margins.sensitivity_peak, -0.1, 0.1, "", "Ms 1.98 and 1.95"),
         Claim("2.a crossover", "Pole placement crosses over higher", rule, first[0] / first[1], 1.15, 1.25, "",
               "82.9 and 70.0 Hz"),
-        *(Claim(f"2.a stiffness at {f:g} Hz", "Pole placement is stiffer at low frequencies", rule, ratio[f], least,
+        *(Claim(Text(f"2.a stiffness at "
+            f"{Quantity(f, 'Hz'):6}"), "Pole placement is stiffer at low frequencies", rule, ratio[f], least,
                 None, "", words) for f, least, words in ((1.0, 2.0, "286 / 118 N/µm"), (5.0, 2.0, "57 / 25 N/µm"),
                                                          (10.0, 1.7, "28.5 / 14.5 N/µm"))),
-        *(Claim(f"2.a stiffness at {f:g} Hz", "About equally stiff here", rule, ratio[f], 0.85, 1.15, "", words)
+        *(Claim(Text(f"2.a stiffness at "
+            f"{Quantity(f, 'Hz'):6}"), "About equally stiff here", rule, ratio[f], 0.85, 1.15, "", words)
           for f, words in ((30.0, "9.1 / 8.5 N/µm"), (100.0, "6.4 / 6.8 N/µm"), (131.0, "6.0 / 5.9 N/µm"))),
         Claim("2.a stiffness at 60 Hz", "P-PI is the stiffer one here", rule, ratio[60.0], None, 1.0, "",
               "5.6 / 7.4 N/µm"),
@@ -125,7 +129,7 @@ def _design_on_a_measurement(loop: Loop) -> Claim:
 
 def _stiffness_table(ppc: Linear, ppi: Linear) -> Table:
     rows = [
-        [f"{f:g} Hz", f"{a:g}", f"{ppc.stiffness(f):.3g}", f"{b:g}", f"{ppi.stiffness(f):.3g}"]
+        [Text(f"{Quantity(f, 'Hz'):6}"), f"{a:g}", f"{ppc.stiffness(f):.3g}", f"{b:g}", f"{ppi.stiffness(f):.3g}"]
         for f, a, b in zip(NAMED, EXPECTED[PLACED], EXPECTED[CASCADE], strict=True)
     ]
     found = [
@@ -198,7 +202,7 @@ def tooth_passing() -> Part:
     frequencies = np.array([10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 100.0, 130.0, 150.0, 200.0])
     default, softer, ppi = (Linear(loop).compliance(frequencies) for loop in (placed(), placed(SOFTER), cascade()))
     rows = [
-        [f"{f:g} Hz", f"{a:.3g}", f"{b:.3g}", f"{c:.3g}", f"{a / c:.3g}", f"{b / c:.3g}"]
+        [Text(f"{Quantity(f, 'Hz'):6}"), f"{a:.3g}", f"{b:.3g}", f"{c:.3g}", f"{a / c:.3g}", f"{b / c:.3g}"]
         for f, a, b, c in zip(frequencies, default, softer, ppi, strict=True)
     ]
     band = (frequencies >= 30.0) & (frequencies <= 100.0)

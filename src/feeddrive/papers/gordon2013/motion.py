@@ -11,7 +11,9 @@ import numpy as np
 from feeddrive import plot
 from feeddrive.blocks.load.step_force import StepForce
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
+from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.papers.claims import Claim
@@ -50,7 +52,7 @@ def rope_snap() -> Part:
         runs[name] = simulate(loop, rest, load=StepForce(force=-150.0, end=CUT), record=("position_load",), name=name)
     stronger = simulate(placed(), rest, load=StepForce(force=-300.0, end=CUT), record=("position_load",))
     peaks, left, settled = ([f(run) for run in runs.values()] for f in (_peak, _left, _settling))
-    rule = f"-150 N on the table until {CUT:g} s, then 0 N; {GAINS}"
+    rule = Text(f"-150 N on the table until {Quantity(CUT, 's'):6 SI}, then 0 N; {GAINS}")
     claims = [
         Claim("2.b peak", "The peak hardly differs: table mass and screw set it", rule, peaks[0] / peaks[1], 0.9, 1.1,
               "", "17.7 / 18.4 µm"),

@@ -16,6 +16,8 @@ from feeddrive.blocks.friction.curve import stribeck_level
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.blocks.signals import Setpoint
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.papers.claims import Claim
 from feeddrive.papers.gordon2013.frequency import LINES, Linear
 from feeddrive.papers.gordon2013.testbed import DESIGN, GAINS, MODEL, SOFTER, TRUTH, Part, placed
@@ -80,7 +82,8 @@ def gains() -> Part:
     )
     claims = [
         Claim("2.h gains", f"K1 to K4 and Ki of {name} are those of an independent program",
-              f"largest relative difference; gains of {law.bandwidth:g} Hz, model 130 and 33 kg, 18 N/µm",
+              Text(f"largest relative difference; gains of {Quantity(law.bandwidth, 'Hz'):6}, model 130 and 33 kg, "
+                  f"18 N/µm"),
               max(abs(a / b - 1.0) for a, b in zip(law.gains(), golden, strict=True)), None, most, "",
               "to the digits that were printed", equations=two)
         for name, law, golden, most in cases
@@ -88,7 +91,7 @@ def gains() -> Part:
     where = (DESIGN, MODEL, 0.975 * mode), (coupled, COUPLED, mode)
     claims += [
         Claim("2.h poles", f"Equation (2) closed by the gains has the chosen poles: {name}",
-              f"eigenvalues in continuous time, {law.bandwidth:g} Hz; largest relative distance",
+              Text(f"eigenvalues in continuous time, {Quantity(law.bandwidth, 'Hz'):6}; largest relative distance"),
               _missed(closed_poles(law, model), desired_poles(law, axial)), None, 1e-8, "", "exact", equations=two)
         for name, (law, model, axial) in zip(("two masses", "a full mass matrix"), where, strict=True)
     ]  # fmt: skip

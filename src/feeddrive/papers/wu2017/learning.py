@@ -15,7 +15,9 @@ import numpy as np
 from feeddrive.blocks.families import Load
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.circle import Circle
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
+from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import simulate
@@ -169,7 +171,7 @@ CASES: dict[str, tuple[object, object]] = {
     "same reference": (SAME, noise),
     "changing references": (CHANGING[:5], noise),
     "same reference, the same pulse in each trial": (SAME, pulsed),
-    f"same reference, noise of {STRONG:g} N": (SAME, strong),
+    Text(f"same reference, noise of {Quantity(STRONG, 'N'):6}"): (SAME, strong),
 }
 
 
@@ -191,7 +193,9 @@ def signals() -> tuple[list[Claim], list[Table], list[Shown]]:
     longest = max(len(row) for row in rows)
     rows = [row + ["-"] * (longest - len(row)) for row in rows]
     heads = ["friction", "case", "learned", *(f"trial {j + 1}" for j in range(longest - 3))]
-    table = Table(f"RMS error in um; the signal starts from 45 kg and learns up to {BANDWIDTH:g} Hz", heads, rows)
+    table = Table(
+        f"RMS error in um; the signal starts from 45 kg and learns up to {Quantity(BANDWIDTH, 'Hz'):6}", heads, rows
+    )
     kinds = ("parameters, + Stribeck", "signal")
     drawn = {f"{kind}: {case}": found[case, kind, False] for case in list(CASES)[:2] for kind in kinds}
     shown = [pictures.against_signal(drawn, f"Parameters and signal, {SET_VALUED}", "signal")]
@@ -220,14 +224,18 @@ def _signal_claims(found: dict[tuple[str, str, bool], np.ndarray]) -> list[Claim
         return last(case, theirs, smooth) / last(case, ours, smooth)
 
     same, changing, pulse, noisy = CASES
-    rule = f"x axis, last trial, RMS of the signal over that of the parameters; Q {BANDWIDTH:g} Hz; {SET_VALUED}"
+    rule = Text(
+        f"x axis, last trial, RMS of the signal over that of the parameters; Q {Quantity(BANDWIDTH, 'Hz'):6}; "
+        f"{SET_VALUED}"
+    )
     return [
         Claim("4.n", "the signal wins: same reference", rule, ratio(same, False), None, 1.0),
         Claim("4.n", "the signal wins: a pulse that repeats", rule, ratio(pulse, False), None, 1.0),
         Claim("4.n", "the signal loses: changing references", rule, ratio(changing, False), 2.0, None),
         Claim("4.n", "changing references: the signal is worse than its first trial", rule,
               float(np.max(found[changing, theirs, False][1:]) / found[changing, theirs, False][0]), 1.0, None),
-        *(Claim("4.n", f"{STRONG:g} N of noise over {NOISE:g} N, {kind}: last RMS", rule.replace("over that of the "
+        *(Claim("4.n", Text(f"{Quantity(STRONG, 'N'):6} of noise over {Quantity(NOISE, 'N'):6}, {kind}: last "
+            f"RMS"), rule.replace("over that of the "
                 "parameters", "over that with less noise"), last(noisy, kind, False) / last(same, kind, False), least,
                 most, "", words)
           for kind, least, most, words in ((theirs, 1.8, 2.6, "a signal learns the noise of its trials"),
@@ -319,9 +327,9 @@ def _driven(loops: dict[str, Loop]) -> MeasuredCircle:
 
 
 def _circle_claims(smooth: dict[str, MeasuredCircle], hard: dict[str, MeasuredCircle]) -> list[Claim]:
-    rule = (
-        f"x and y axis, circle R 20 mm, 0.1 m/s, two turns; start: the mass and viscous friction of the axes; learned "
-        f"on the circle in {LEARNED - 1} updates; {NOISE:g} N noise; {TANH}"
+    rule = Text(
+        "x and y axis, circle R 20 mm, 0.1 m/s, two turns; start: the mass and viscous friction of the axes; learned "
+        f"on the circle in {LEARNED - 1} updates; {Quantity(NOISE, 'N'):6} noise; {TANH}"
     )
     start = smooth["start"]
     removed = 100.0 * (1.0 - smooth["+ Coulomb"].rms / start.rms)

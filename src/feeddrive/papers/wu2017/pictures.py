@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.plot import style
 from feeddrive.plot.curves import Row, curves
 from feeddrive.plot.tuning import errors_and_parameters
@@ -32,7 +34,7 @@ def errors(same: Mapping[str, Trials]) -> Shown:
         style.legend(figure, ax)
         return figure
 
-    last = ", ".join(f"{name} {1e6 * t.rms[-1]:.2f} µm" for name, t in same.items())
+    last = ", ".join(Text(f"{name} {Quantity(t.rms[-1], 'm'):.2f}") for name, t in same.items())
     caption = "The same 100 mm move six times; each trial uses the parameters of the last one. tanh friction."
     return Shown("errors", "Error over the trials", caption, f"RMS falls within two trials; last: {last}.", draw)
 
@@ -96,7 +98,11 @@ def contour(paths: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Shown:
             ax.plot(1e3 * RADIUS * np.real(circle), 1e3 * RADIUS * np.imag(circle), color=style.MUTED, linewidth=0.7)
             ax.plot(1e3 * np.real(shown), 1e3 * np.imag(shown), color=style.color(i), linewidth=0.9)
             ax.set_aspect("equal")
-            ax.set_title(f"{name}: RMS {1e6 * np.sqrt(np.mean(off**2)):.2f} µm", fontsize=style.SMALL, color=style.INK)
+            ax.set_title(
+                Text(f"{name}: RMS {Quantity(np.sqrt(np.mean(off**2)), 'm'):.2f}"),
+                fontsize=style.SMALL,
+                color=style.INK,
+            )
             style.labels(ax, "x (mm)", "y (mm)")
         for ax in grid[len(paths) :]:
             ax.set_visible(False)

@@ -13,7 +13,9 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.reference.sequence import Sequence
 from feeddrive.language import tree
 from feeddrive.language.errors import UnstableError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
+from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, samples, simulate
 from feeddrive.papers.claims import Claim
@@ -172,7 +174,9 @@ def _scatter() -> tuple[list[Claim], Table]:
          f"{EXPECTED_SCATTER[i]:.4f}"]
         for i, name in enumerate(TRUE)
     ]  # fmt: skip
-    rule = f"x axis, friction along the set velocity, {STRONG:g} N white force noise, seeds 0 to {SEEDS - 1}"
+    rule = Text(
+        f"x axis, friction along the set velocity, {Quantity(STRONG, 'N'):6} white force noise, seeds 0 to {SEEDS - 1}"
+    )
     ratio = sure / scatter
     claims = [
         Claim("4.j", "standard error reported over scatter found, the smallest of four", rule, float(ratio.min()),
@@ -183,7 +187,9 @@ def _scatter() -> tuple[list[Claim], Table]:
         Claim("4.j", "scatter of b", rule, amperes(float(scatter[1])), 0.009, 0.014, "A s/m", "0.0115"),
     ]  # fmt: skip
     heads = ["parameter", "scatter, A units", "reported, A units", "reported / scatter", "expected scatter"]
-    return claims, Table(f"noise of {STRONG:g} N: scatter over {SEEDS} runs and standard errors", heads, rows)
+    return claims, Table(
+        f"noise of {Quantity(STRONG, 'N'):6}: scatter over {SEEDS} runs and standard errors", heads, rows
+    )
 
 
 def _condition() -> list[Claim]:

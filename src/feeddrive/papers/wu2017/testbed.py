@@ -13,6 +13,8 @@ from feeddrive.blocks.friction.regularised import Regularised
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.files.machine import read_machine
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.iterative_feedforward import compensated
 
@@ -33,7 +35,10 @@ PLANT = (
 )
 TANH = "tanh friction, v_t 0.2 mm/s"
 SET_VALUED = "set-valued friction"
-RULE = f"x axis, theta from [0.15 A s²/m, 0, 0, 0], model-free, gamma 1, {NOISE:g} N force noise, seeds 0 to 5"
+RULE = Text(
+    f"x axis, theta from [0.15 A s²/m, 0, 0, 0], model-free, gamma 1, {Quantity(NOISE, 'N'):6} force noise, seeds 0 to "
+    "5"
+)
 
 
 @lru_cache

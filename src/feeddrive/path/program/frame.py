@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import cast
 
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.path.program.blocks import AXES
 from feeddrive.path.program.commands import Command
 from feeddrive.path.program.cycles import PLANES
@@ -166,7 +167,8 @@ class Frame:
         if not (-FARTHEST <= min(end) <= max(end) <= FARTHEST and math.isfinite(sum(end))):
             axis = next(axis for axis, value in enumerate(end) if not abs(value) <= FARTHEST)
             raise BlockError(
-                f"the coordinate {end[axis]:g} is farther than {FARTHEST:g} m or rad: check units and offsets",
+                f"the coordinate {end[axis]:g} is farther than {Quantity(FARTHEST, 'm'):6 SI} or rad: check units and "
+                "offsets",
                 AXES[axis].upper(),
             )
         if self._present is None:

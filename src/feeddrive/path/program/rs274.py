@@ -16,6 +16,8 @@ from collections.abc import Generator, Iterator
 from pathlib import Path
 
 from feeddrive.language.errors import MissingProgramError, ProgramError, plain
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.path.program.blocks import AXES
 from feeddrive.path.program.commands import Command, read_command
 from feeddrive.path.program.lines import LONGEST_LINE, BlockError, Line, LineReader, Place, compact, located
@@ -110,7 +112,9 @@ def _run(command: list[str], program: Path, output: Path) -> tuple[int, str]:
                 except subprocess.TimeoutExpired:
                     large = output.exists() and output.stat().st_size > LARGEST_OUTPUT
                     if large or time.monotonic() - begun > LONGEST_RUN:
-                        bound = f"after {LONGEST_RUN:g} s or {LARGEST_OUTPUT / 1e9:g} GB of output"
+                        bound = Text(
+                            f"after {Quantity(LONGEST_RUN, 's'):6 SI} or {LARGEST_OUTPUT / 1e9:g} GB of output"
+                        )
                         reason = f"{PROGRAM} had not ended {bound}: does a loop never end?"
                         raise ProgramError(str(program), 1, 1, "", reason) from None
         finally:

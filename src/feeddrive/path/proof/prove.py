@@ -17,7 +17,9 @@ import numpy as np
 
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
 from feeddrive.path.motion import Entering, Motion, Part, chain, cubic, rows, way, when
 from feeddrive.path.pieces import Pieces, derivatives, part_of_pieces
 from feeddrive.path.proof.overlap import prove_sum
@@ -229,7 +231,7 @@ class Fault(NamedTuple):
     what: str
 
     def __str__(self) -> str:
-        return f"line {self.line}, {self.time:.6g} s into the run: {self.what}"
+        return Text(f"line {self.line}, {Quantity(self.time, 's'):6 SI} into the run: {self.what}")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -255,7 +257,9 @@ class Proof(Result):
 
     def table(self) -> Table:
         """The largest share of each limit, by axis."""
-        rows = [[str(axis), *(f"{100.0 * share:.4g} %" for share in row)] for axis, row in enumerate(self.use)]
+        rows = [
+            [str(axis), *(Text(f"{Quantity(share, 'share')}") for share in row)] for axis, row in enumerate(self.use)
+        ]
         held = "every limit holds" if self.count == 0 else f"{self.count} faults, the first: {self.faults[0]}"
         return Table(f"{held}; {self.spans} spans of time", ["axis", *DERIVATIVES], rows)
 

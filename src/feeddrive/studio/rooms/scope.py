@@ -16,7 +16,9 @@ from feeddrive.files.guess import words_of
 from feeddrive.files.log import write_log
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError, nearest
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import shown as usual_unit
+from feeddrive.language.text import Text
 from feeddrive.plot.chart import Chart
 from feeddrive.plot.scope import Channel, Ranges, scope_chart
 from feeddrive.plot.style import written
@@ -342,7 +344,7 @@ class Scope(Room):
         if waits and not count:
             return "waits for the trigger; what is shown is the one before"
         after = "; waits for the next one" if waits else "; press Arm for another one"
-        return f"triggered at {shown.zero:.6g} s of its clock, window {count}{after}"
+        return Text(f"triggered at {Quantity(shown.zero, 's'):6 SI} of its clock, window {count}{after}")
 
     def _field(self, name: str) -> dict[str, Any]:
         field = _FIELDS[name]

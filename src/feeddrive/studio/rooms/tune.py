@@ -10,7 +10,7 @@ import numpy as np
 
 from feeddrive.analysis.margins import Margins
 from feeddrive.language.errors import FeeddriveError, ParameterError
-from feeddrive.language.quantity import CHOICES, DRAWN
+from feeddrive.language.quantity import CHOICES, DRAWN, Quantity
 from feeddrive.language.tree import check_sampled
 from feeddrive.language.units import turning
 from feeddrive.loop.control import Control
@@ -131,7 +131,7 @@ class Tune(Room):
         """One more filter: at a frequency in Hz, or where the loop is likely to want it."""
         T, at = self._sample_time, asked.number_or_none("at")
         if at is not None and not at > 0.0:
-            raise ParameterError(f"the frequency of a filter must be > 0 Hz, not {at:g} Hz")
+            raise ParameterError(f"the frequency of a filter must be > 0 Hz, not {Quantity(at, 'Hz'):6}")
         made = begun_filter(asked.choice("kind", filter_kinds()), self._now.leading.margins, T, at)
         check_sampled(made, T)
         self.desk.exchange(with_filters(self.desk.control, (), (made,)))
@@ -191,7 +191,7 @@ class Tune(Room):
         """The whole loop faster or slower, by the crossover in Hz that it would have on a free mass."""
         wanted, first = asked.number("value"), asked.yes("first", True)
         if not wanted > 0.0:
-            raise ParameterError(f"the crossover must be > 0 Hz, not {wanted:g} Hz")
+            raise ParameterError(f"the crossover must be > 0 Hz, not {Quantity(wanted, 'Hz'):6}")
         if first or self._from is None:
             crossover = self._now.leading.margins.crossover
             if crossover is None:

@@ -6,7 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import shown
+from feeddrive.language.text import Text
 from feeddrive.plot.style import written
 from feeddrive.report.sentences import number
 from feeddrive.study.answers.sensitivity import RankCorrelation, SobolIndices
@@ -124,7 +126,7 @@ def _decides(figure: Figure, sobol: Sequence[SobolIndices], names: Mapping[str, 
         said.append(f"{first[0]} alone decides {first[1]} of the variance of {name_of(figure)}{rest}.")
     together = 1.0 - float(np.sum(found.first))
     if together >= _INFLUENCE:
-        said.append(f"{100.0 * together:.0f} % of it is decided by several together.")
+        said.append(Text(f"{Quantity(together, 'share'):.0f} of it is decided by several together."))
     return said
 
 
