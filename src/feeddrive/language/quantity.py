@@ -49,11 +49,16 @@ def number(value: float | None, digits: int = _DIGITS) -> str:
     value = float(value)
     if not math.isfinite(value) or value == 0.0:
         return f"{value:g}"
-    size = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}")))) + 1
+    size = _places(value, digits)
     if not -4 < size <= _READABLE:
         return f"{value:.{digits}g}"
     text = f"{value:.{max(digits - size, 0)}f}"
     return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def _places(value: float, digits: int) -> int:
+    """Return how many digits a number that is rounded to some has before its point: 1 for 9.4, 0 for 0.94."""
+    return int(f"{value:.{digits - 1}e}".partition("e")[2]) + 1
 
 
 def _numeral(value: float, form: str) -> str:
@@ -129,7 +134,7 @@ class Units:
         if error is None or not 0.0 < (error := size * float(error)) < math.inf or digits:
             said = _numeral(value, digits)
         else:
-            decimals = max(0, 1 - math.floor(math.log10(float(f"{error:.1e}"))))
+            decimals = max(0, 2 - _places(error, 2))
             said = f"{value:.{decimals}f} {'±' if self.typographic else '+-'} {error:.{decimals}f}"
         return said if quantity.bare or not name else f"{said}{'' if name == '°' else ' '}{name}"
 
