@@ -96,13 +96,12 @@ whenZoomed((label, x) => ask({ do: "view.window", label, low: x?.low ?? null, hi
 // A room may send the person on: new CustomEvent("go", { detail: "tune", bubbles: true })
 document.addEventListener("go", (event) => go((event as CustomEvent<string>).detail));
 
-function heard(received: Received): void {
+function heard(received: Received, shows: boolean): void {
   const { said } = received;
   job.show(said.job);
   title.textContent = said.title || "feeddrive";
-  if (said.number > 0 && (said.error || !said.live))
-    fail(said.error ?? ""); // what runs by takes no words away
-  else if (said.error) fail(said.error);
+  if (said.error) fail(said.error);
+  else if (said.number > 0 && !said.live && !shows) fail(""); // what runs by, or only shows, takes no words away
   const other = said.epoch !== undefined && said.epoch !== epoch;
   if (other) {
     epoch = said.epoch!;

@@ -12,11 +12,12 @@ export class Talk {
   private socket: WebSocket | null = null;
   private waiting: Request[] = [];
   private under_way = false;
+  private shows = false; // what is under way only asks what a room shows
   private number = 0;
   private tried = 0; // since the server last said something
 
   constructor(
-    private readonly heard: (received: Received) => void,
+    private readonly heard: (received: Received, shows: boolean) => void,
     private readonly opened: () => void,
     private readonly lost: (ended: boolean) => void, // it is tried again, or not any more
   ) {
@@ -56,7 +57,7 @@ export class Talk {
       this.tried = 0;
       if (received.said.number > 0) this.under_way = false;
       if (!this.under_way) this.idle();
-      this.heard(received);
+      this.heard(received, this.shows);
       this.send();
     };
     socket.onclose = () => {
@@ -74,6 +75,7 @@ export class Talk {
     const next = this.waiting.shift();
     if (!next) return;
     this.under_way = true;
+    this.shows = next.do.endsWith(".show");
     document.documentElement.toggleAttribute("data-asked", true); // for those who wait for an answer, as tests do
     this.number += 1;
     const mine = this.number;
