@@ -11,7 +11,7 @@ import numpy as np
 from feeddrive.blocks.coupling.cross_coupled import CrossCoupled
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.lifting import tracking
 from feeddrive.loop.linearize import StateSpace, linearize
@@ -53,9 +53,10 @@ class MatchedDynamics(Result):
             off = self.line(a, b)
             if off <= _WORTH_SAYING:
                 continue
-            gains = self.gain[a], self.gain[b]
-            differ = None not in gains and gains[0] != gains[1]
-            named = f"{a} Kv {gains[0]:g}, {b} {gains[1]:g}" if differ else f"{a} lags {self._ms(a)}, {b} {self._ms(b)}"
+            first, second = self.gain[a], self.gain[b]
+            named = f"{a} lags {Quantity(self.lag[a], 's')}, {b} {Quantity(self.lag[b], 's')}"
+            if first is not None and second is not None and first != second:
+                named = f"{a} Kv {Quantity(first, '1/s', bare=True):6}, {b} {Quantity(second, '1/s', bare=True):6}"
             found.append(
                 Text(
                     f"{named}: {Quantity(off, 'm'):.1f} off a 45 deg line at {Quantity(self.feed, 'm/s'):6}: give both "
@@ -64,17 +65,18 @@ class MatchedDynamics(Result):
             )
         return found
 
-    def _ms(self, axis: str) -> str:
-        return Text(f"{Quantity(self.lag[axis], 's')}")
-
     def table(self) -> Table:
         """One row for each pair of axes."""
         rows = [
-            [f"{a}, {b}", self._ms(a), self._ms(b), f"{1e6 * self.line(a, b):.3g}", f"{1e6 * self.circle(a, b):.3g}"]
+            [f"{a}, {b}", self.lag[a], self.lag[b], self.line(a, b), self.circle(a, b)]
             for a, b in combinations(self.lag, 2)
         ]
         title = Text(f"Matched dynamics at {Quantity(self.feed, 'm/s'):6}, circle of {Quantity(self.radius, 'm'):6 mm}")
-        return Table(title, ["axes", "lag of first", "lag of second", "45 deg line, um", "circle, um"], rows)
+        columns = [
+            "axes", Column("lag of first", "s"), Column("lag of second", "s"), Column("45 deg line", "m", "3"),
+            Column("circle", "m", "3"),
+        ]  # fmt: skip
+        return Table(title, columns, rows)
 
 
 def matched_dynamics(
@@ -131,17 +133,21 @@ class ContourGain(Result):
 
     def sentence(self) -> str:
         """The verdict in words."""
-        along = ", ".join(f"{name} {share:.3f}" for name, share in self.direction.items())
+        along = ", ".join(f"{name} {Quantity(share):.3f}" for name, share in self.direction.items())
         said = "stable" if self.stable else "unstable"
-        return (
-            f"{self.place}.contour_gain = {self.given:.4g} 1/s is {said}: at most {self.largest:.4g} 1/s, along the "
-            f"direction {along}"
+        return Text(
+            f"{self.place}.contour_gain = {Quantity(self.given, '1/s')} is {said}: at most "
+            f"{Quantity(self.largest, '1/s')}, along the direction {along}"
         )
 
     def table(self) -> Table:
         """Given and largest gain."""
-        rows = [["given", f"{self.given:.4g} 1/s"], ["largest", f"{self.largest:.4g} 1/s"],
-                ["gain margin", f"{self.gain_margin:.3g}"], ["Ms across the path", f"{self.peak:.3g}"]]  # fmt: skip
+        rows = [
+            ["given", Quantity(self.given, "1/s")],
+            ["largest", Quantity(self.largest, "1/s")],
+            ["gain margin", Quantity(self.gain_margin, form="3")],
+            ["Ms across the path", Quantity(self.peak, form="3")],
+        ]
         return Table(self.sentence(), ["gain", ""], rows)
 
 

@@ -31,7 +31,7 @@ class Effort(Result):
 
     def table(self) -> Table:
         """By kind, the most frequent first."""
-        rows = [[name, str(count)] for name, count in sorted(self.operations.items(), key=lambda each: -each[1])]
+        rows = [[name, count] for name, count in sorted(self.operations.items(), key=lambda each: -each[1])]
         return Table(f"{self.total} operations a sample", ["operation", "number"], rows)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Column, Result, Table
 from feeddrive.loop.simulate import Run
 
 
@@ -28,9 +28,10 @@ class FrictionMap(Result):
 
     def table(self) -> Table:
         """One row a velocity."""
-        columns = zip(self.velocity, self.force, self.deviation, self.count, strict=True)
-        rows = [[f"{1e3 * v:.4g}", f"{f:.4g}", f"{d:.3g}", f"{int(n)}"] for v, f, d, n in columns]
-        return Table("force against the motion", ["velocity mm/s", "N", "deviation N", "samples"], rows)
+        numbers = zip(self.velocity, self.force, self.deviation, self.count, strict=True)
+        rows = [[float(v), float(f), float(d), int(n)] for v, f, d, n in numbers]
+        columns = [Column("velocity", "m/s"), Column("force", "N"), Column("deviation", "N", "3"), "samples"]
+        return Table("force against the motion", columns, rows)
 
 
 def friction_map(

@@ -11,7 +11,7 @@ import numpy as np
 from feeddrive.analysis.margins import Margins, margins
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import UNIT, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 
@@ -148,10 +148,8 @@ class MarginIntervals(Result):
         rows = [
             [
                 name,
-                each.unit,
-                f"{each.value:.4g}",
-                f"{each.low:.4g}",
-                f"{each.high:.4g}",
+                UNIT,
+                *(Quantity(number, each.unit) for number in (each.value, each.low, each.high)),
                 "" if each.sure else "not sure",
             ]
             for name, each in self.intervals.items()
@@ -180,7 +178,7 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
     lines.
     """
     if not 0.5 <= level < 1.0 or draws < 20:
-        raise ParameterError(f"level = {level:g} must be >= 0.5 and < 1, and draws = {draws} at least 20")
+        raise ParameterError(f"level = {Quantity(level):6} must be >= 0.5 and < 1, and draws = {draws} at least 20")
     center_by, spread_by = smoothers(L)
     assert L.variance is not None
     center = center_by(L.response)

@@ -12,7 +12,7 @@ from feeddrive.analysis.conversion import as_frf
 from feeddrive.analysis.loop_model import loop_model
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
@@ -186,26 +186,27 @@ class Margins(Result):
     def table(self) -> Table:
         """All crossovers and the nearest approach to -1."""
         rows = [
-            ["gain crossover", f"{c.frequency:.4g}", Text(f"phase margin {c.phase_margin_deg:.1f} deg, "
-             f"delay margin {Quantity(c.delay_margin, 's')}{self._samples(c.delay_margin)}")]
+            [
+                "gain crossover",
+                c.frequency,
+                Text(
+                    f"phase margin {Quantity(c.phase_margin_deg, 'deg'):.1f}, delay margin "
+                    f"{Quantity(c.delay_margin, 's')}{self._samples(c.delay_margin)}"
+                ),
+            ]
             for c in self.gain_crossovers
-        ]  # fmt: skip
+        ]
         for c in self.phase_crossovers:
             verb = "rise" if c.gain_margin_dB >= 0.0 else "fall"
-            rows.append(
-                [
-                    "phase crossover",
-                    f"{c.frequency:.4g}",
-                    Text(f"gain may {verb} by {Quantity(abs(c.gain_margin_dB), 'dB'):.2f}"),
-                ]
-            )
-        nearest = f"Ms {self.sensitivity_peak:.3f}, modulus margin {self.modulus_margin:.3f}"
-        rows.append(["nearest to -1", f"{self.modulus_frequency:.4g}", nearest])
-        return Table("margins of the loop gain", ["what", "Hz", "how much"], rows)
+            may = Text(f"gain may {verb} by {Quantity(abs(c.gain_margin_dB), 'dB'):.2f}")
+            rows.append(["phase crossover", c.frequency, may])
+        peak, margin = Quantity(self.sensitivity_peak), Quantity(self.modulus_margin)
+        rows.append(["nearest to -1", self.modulus_frequency, Text(f"Ms {peak:.3f}, modulus margin {margin:.3f}")])
+        return Table("margins of the loop gain", ["what", Column("frequency", "Hz"), "how much"], rows)
 
     def _samples(self, delay: float) -> str:
         T = self.loop_gain.sample_time
-        return "" if T is None else f" = {delay / T:.2f} samples"
+        return "" if T is None else f" = {Quantity(delay / T):.2f} samples"
 
 
 def margins(loop_gain: FRF | Loop | Any, frequency: np.ndarray | None = None) -> Margins:

@@ -70,9 +70,7 @@ class MeasuredLoop(Result):
         rows = [list(row) for row in found.rows]
         if self.compliance is not None:
             least = self.stiffness
-            rows.append(
-                ["least stiffness", f"{least.minimum_frequency:.4g}", Text(f"{Quantity(least.minimum, 'N/m')}")]
-            )
+            rows.append(["least stiffness", least.minimum_frequency, Quantity(least.minimum, "N/m")])
         return Table("control on a measured axis", found.columns, rows)
 
 

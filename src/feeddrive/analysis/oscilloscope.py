@@ -17,6 +17,7 @@ import numpy as np
 from feeddrive.analysis.trigger import Crossings, Trigger
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 
 AUTO, NORMAL, SINGLE = "auto", "normal", "single"
 MODES: Mapping[str, str] = {
@@ -217,7 +218,9 @@ class Oscilloscope:
         if not 0.0 < window < math.inf:
             raise ParameterError(f"window = {Quantity(window, 's'):6 SI} must be > 0 s and finite")
         if not 0.0 <= before <= 0.95:
-            raise ParameterError(f"before = {before:g}, the share of the window before the trigger, must be 0 to 0.95")
+            raise ParameterError(
+                f"before = {Quantity(before):6}, the share of the window before the trigger, must be 0 to 0.95"
+            )
         if mode not in MODES:
             raise ParameterError(f"mode = '{mode:.20}' must be one of {', '.join(MODES)}")
         self.window, self.before, self.mode, self.trigger = window, before, mode, trigger
@@ -283,9 +286,10 @@ class Oscilloscope:
         if not 0.0 < kept < self.window:
             return ""
         step = 10.0 ** (math.floor(math.log10(kept)) - 1)
-        return (
-            f"a window of {self.window:g} {self.clock} is longer than what is kept of {len(self.channels)} channels at "
-            f"this rate: make it {math.floor(kept / step) * step:.6g} {self.clock} or shorter, or record fewer channels"
+        window, longest = (Quantity(span, self.clock) for span in (self.window, math.floor(kept / step) * step))
+        return Text(
+            f"a window of {window:6 SI} is longer than what is kept of {len(self.channels)} channels at this rate: "
+            f"make it {longest:6 SI} or shorter, or record fewer channels"
         )
 
     def _piece(self, time: np.ndarray, values: np.ndarray) -> None:

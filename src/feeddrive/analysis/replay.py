@@ -17,7 +17,7 @@ from feeddrive.language.block import Number
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.graph import Graph
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table, shown
+from feeddrive.language.table import UNIT, Column, Result, Table, shown
 from feeddrive.language.text import Text
 from feeddrive.loop.engine.native import native
 from feeddrive.loop.engine.plan import plan
@@ -59,15 +59,13 @@ class Replay(Result):
         """RMS and peak of measured, predicted and residual."""
         rows = []
         for signal, measured in self.measured.items():
-            unit, factor = shown(UNITS[signal])
-            if signal in ("position_load", "position_motor"):
-                size = "-"
-            else:
-                size = f"{factor * np.sqrt(np.mean(measured[self.skipped :] ** 2)):.4g}"
-            off = factor * self.residual(signal)
-            rows.append(
-                [signal.replace("_", " "), unit, size, f"{np.sqrt(np.mean(off**2)):.4g}", f"{np.max(np.abs(off)):.4g}"]
-            )
+            is_position = signal in ("position_load", "position_motor")
+            size = float(np.sqrt(np.mean(measured[self.skipped :] ** 2)))
+            peak = float(np.max(np.abs(self.residual(signal))))
+            cells = [None if is_position else size, self.rms(signal), peak]
+            unit = UNITS[signal]
+            numbers = [None if cell is None else Quantity(cell, unit, form=shown(unit)[0]) for cell in cells]
+            rows.append([signal.replace("_", " "), UNIT, *numbers])
         title = f"predicted against measured, after {self.skipped} samples"
         return Table(title, ["signal", "unit", "measured RMS", "residual RMS", "residual peak"], rows)
 
@@ -187,11 +185,12 @@ class Observation(Result):
     def table(self) -> Table:
         """Mean, RMS and peak of the disturbance."""
         d = self.disturbance
-        row = [self.name, f"{d.mean():.4g}", f"{np.sqrt(np.mean(d**2)):.4g}", f"{np.max(np.abs(d)):.4g}"]
+        row = [self.name, float(d.mean()), float(np.sqrt(np.mean(d**2))), float(np.max(np.abs(d)))]
         title = Text(
             f"estimated disturbance over {Quantity(d.size * self.sample_time, 's')}, {Quantity(self.lag, 's'):3} late"
         )
-        return Table(title, ["observer", "mean N", "RMS N", "peak N"], [row])
+        columns = ["observer", Column("mean", "N"), Column("RMS", "N"), Column("peak", "N")]
+        return Table(title, columns, [row])
 
 
 def observe(

@@ -8,7 +8,7 @@ import numpy as np
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table, shown
+from feeddrive.language.table import Column, Result, Table, shown
 from feeddrive.language.text import Text
 
 LARGEST = 6  # lines that the table names
@@ -42,14 +42,17 @@ class Spectrum(Result):
 
     def table(self) -> Table:
         """The largest peaks, and the share of the RMS that has gathered up to each."""
-        unit, factor = shown(self.unit)
-        rows = []
+        rows, unit = [], shown(self.unit)[0]
         for frequency, amplitude in self.largest():
             gathered = float(self.cumulative_rms[np.searchsorted(self.frequency, frequency)])
-            share = Text(f"{Quantity(gathered / self.rms, 'share'):.1f}") if self.rms else "-"
-            rows.append([f"{frequency:.4g}", f"{factor * amplitude:.4g}", f"{factor * gathered:.4g}", share])
-        title = f"{self.name.replace('_', ' ')}: RMS {factor * self.rms:.4g} {unit}".rstrip()
-        return Table(title, ["Hz", f"amplitude {unit}".rstrip(), f"RMS up to there {unit}".rstrip(), "of RMS"], rows)
+            share = Quantity(gathered / self.rms, "share", form=".1f") if self.rms else None
+            rows.append([frequency, amplitude, gathered, share])
+        title = Text(f"{self.name.replace('_', ' ')}: RMS {Quantity(self.rms, self.unit, form=unit)}")
+        columns = [
+            Column("frequency", "Hz"), Column("amplitude", self.unit, unit), Column("RMS up to there", self.unit, unit),
+            "of RMS",
+        ]  # fmt: skip
+        return Table(title, columns, rows)
 
 
 def spectrum(

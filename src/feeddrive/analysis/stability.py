@@ -61,9 +61,9 @@ class Stability(Result):
         time = self.time_constant
         if self.stable:
             rate = "at once" if time is None else Text(f"to 1/e in {Quantity(time, 's')}")
-            return f"the loop is stable: its slowest motion, {motion}, falls {rate}"
+            return Text(f"the loop is stable: its slowest motion, {motion}, falls {rate}")
         if time is None:
-            return f"the loop is at the edge of stability: {motion} neither grows nor dies out"
+            return Text(f"the loop is at the edge of stability: {motion} neither grows nor dies out")
         return Text(f"the loop is unstable: {motion} grows by the factor e every {Quantity(time, 's')}")
 
     def table(self) -> Table:
@@ -120,7 +120,7 @@ def require_stable(system: StateSpace | System, *, velocity: float = 0.05, where
         )
     nearest = _nearest_stable(system, velocity) if isinstance(system, Loop) else ""
     raise UnstableError(
-        f"{where + ': ' if where else ''}{found.sentence()} (|z| = {found.growth:.7g}, must be < 1): {remedy}{nearest}"
+        f"{where + ': ' if where else ''}{found.sentence()} (|z| = {Quantity(found.growth):7}, must be < 1): {remedy}{nearest}"
     )
 
 
@@ -158,7 +158,7 @@ def _nearest_stable(loop: Loop, velocity: float) -> str:
     for _ in range(8):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if holds(middle) else (low, middle)
-    listed = ", ".join(f"{name} = {value:.4g} {units[name]}" for name, value in slowed(low).items())
+    listed = ", ".join(f"{name} = {Quantity(value, units[name]):SI}" for name, value in slowed(low).items())
     return Text(
         f"; in the same proportion it is stable up to {listed}, which is {Quantity(low, 'share'):3} of the speed"
     )
@@ -208,10 +208,10 @@ class Encirclement(Result):
     def table(self) -> Table:
         """The count and its doubts."""
         rows = [
-            ["turns round -1, counterclockwise", f"{self.turns}"],
-            ["unstable poles of the open loop", f"{self.unstable_poles}"],
-            ["unstable poles of the closed loop", f"{self.unstable}"],
-            ["assumed arc below the first line", f"{self.arc:.0f} deg"],
+            ["turns round -1, counterclockwise", self.turns],
+            ["unstable poles of the open loop", self.unstable_poles],
+            ["unstable poles of the closed loop", self.unstable],
+            ["assumed arc below the first line", Quantity(self.arc, "deg", form=".0f")],
             *(["doubt", doubt] for doubt in self.doubts),
         ]
         return Table(self.sentence(), ["what", ""], rows)
@@ -260,7 +260,7 @@ def encirclement(
     if count > 0 and np.abs(response[0]) <= 1.0:
         doubts.append(
             Text(
-                f"|L| is {np.abs(response[0]):.3g} at the first line, {Quantity(L.frequency[0], 'Hz'):3}: below 1 the "
+                f"|L| is {Quantity(np.abs(response[0])):3} at the first line, {Quantity(L.frequency[0], 'Hz'):3}: below 1 the "
                 f"unmeasured arc of its {count} integrators may pass on either side of -1; measure from a lower "
                 "frequency"
             )
@@ -271,8 +271,9 @@ def encirclement(
         i = int(coarse[np.argmax(np.abs(steps[coarse]))])
         doubts.append(
             Text(
-                f"1 + L turns by {np.degrees(abs(steps[i])):.0f} deg between {L.frequency[i]:.5g} and "
-                f"{Quantity(L.frequency[i + 1], 'Hz'):5}, more than {np.degrees(_COARSE):.0f} deg: measure lines "
+                f"1 + L turns by {Quantity(np.degrees(abs(steps[i])), 'deg'):.0f} between "
+                f"{Quantity(L.frequency[i], 'Hz', bare=True):5} and "
+                f"{Quantity(L.frequency[i + 1], 'Hz'):5}, more than {Quantity(np.degrees(_COARSE), 'deg'):.0f}: measure lines "
                 "between them"
             )
         )
@@ -284,7 +285,7 @@ def encirclement(
     elif np.abs(response[-1]) >= 1.0:
         doubts.append(
             Text(
-                f"|L| is {np.abs(response[-1]):.3g} at the last line, {Quantity(L.frequency[-1], 'Hz')}, and may turn "
+                f"|L| is {Quantity(np.abs(response[-1])):3} at the last line, {Quantity(L.frequency[-1], 'Hz')}, and may turn "
                 "round -1 beyond it: measure to where it stays below 1"
             )
         )
@@ -297,11 +298,13 @@ def encirclement(
             doubts.append(
                 Text(
                     f"-1 lies within the 95 % disc of L at {Quantity(L.frequency[place], 'Hz'):5} (|1 + L| = "
-                    f"{np.abs(distance[place]):.3g}): measure longer there"
+                    f"{Quantity(np.abs(distance[place])):3}): measure longer there"
                 )
             )
     if abs(total - turns) > 0.1:
-        doubts.append(f"the turns come out as {total:.3f}, not a whole number: the curve of L does not close")
+        doubts.append(
+            Text(f"the turns come out as {Quantity(total):.3f}, not a whole number: the curve of L does not close")
+        )
     return Encirclement(
         L, turns, unstable_poles - turns, unstable_poles, float(np.degrees(arc)), abs(total - turns), tuple(doubts)
     )

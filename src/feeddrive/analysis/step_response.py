@@ -59,15 +59,11 @@ class StepResponse(Result):
         rows = [
             [
                 "overshoot",
-                Text(f"{Quantity(self.overshoot, 'share'):.2f}"),
+                Quantity(self.overshoot, "share", form=".2f"),
                 Text(f"at {Quantity(self.overshoot_time, 's')}"),
             ],
-            [
-                "settling time",
-                Text(f"{Quantity(self.settling_time, 's')}"),
-                Text(f"to {Quantity(self.settled, 'share'):6}"),
-            ],
-            ["rise time", Text(f"{Quantity(self.rise_time, 's')}"), "10 to 90 %"],
+            ["settling time", Quantity(self.settling_time, "s"), Text(f"to {Quantity(self.settled, 'share'):6}")],
+            ["rise time", Quantity(self.rise_time, "s"), "10 to 90 %"],
         ]
         return Table("step of the set position", ["what", "", ""], rows)
 

@@ -13,7 +13,7 @@ from feeddrive.analysis.conversion import as_frf
 from feeddrive.analysis.margins import least
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Cell, Column, Result, Table
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.lifting import Lifted
 from feeddrive.loop.linearize import StateSpace
@@ -76,20 +76,22 @@ class Stiffness(Result):
         """N/m at a frequency in Hz, straight between lines on log-log paper. Raises ParameterError outside of them."""
         if not self.frequency[0] <= frequency <= self.frequency[-1]:
             raise ParameterError(
-                f"frequency {Quantity(frequency, 'Hz'):6} is outside of the stiffness's lines, {self.frequency[0]:g} "
+                f"frequency {Quantity(frequency, 'Hz'):6} is outside of the stiffness's lines, "
+                f"{Quantity(self.frequency[0], 'Hz', bare=True):6} "
                 f"to {Quantity(self.frequency[-1], 'Hz'):6}"
             )
         return float(np.exp(np.interp(np.log(frequency), np.log(self.frequency), np.log(self.magnitude))))
 
     def table(self, frequencies: Sequence[float] = NAMED) -> Table:
         """Static, minimum, and at named frequencies as far as they were computed."""
-        rows = []
+        rows = list[list[Cell]]()
         if self.static is not None:
-            rows.append(["static", "0", f"{1e-6 * self.static:.4g}" if np.isfinite(self.static) else "infinite"])
-        rows.append(["minimum", f"{self.minimum_frequency:.4g}", f"{1e-6 * self.minimum:.4g}"])
+            rows.append(["static", 0.0, self.static if np.isfinite(self.static) else "infinite"])
+        rows.append(["minimum", self.minimum_frequency, self.minimum])
         inside = [f for f in frequencies if self.frequency[0] <= f <= self.frequency[-1]]
-        rows += [["dynamic", f"{f:g}", f"{1e-6 * self.at(f):.4g}"] for f in inside]
-        return Table("dynamic stiffness of the closed loop", ["stiffness", "Hz", "N/um"], rows)
+        rows += [["dynamic", f, self.at(f)] for f in inside]
+        columns = ["kind", Column("frequency", "Hz"), Column("stiffness", "N/m")]
+        return Table("dynamic stiffness of the closed loop", columns, rows)
 
 
 def stiffness(compliance: FRF | Any, static: float | None = None, *, frequency: np.ndarray | None = None) -> Stiffness:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 
 RISING, FALLING = "rising", "falling"
 
@@ -35,9 +36,12 @@ class Trigger:
             raise ParameterError(f"edge = '{self.edge:.20}' of the trigger must be {RISING} or {FALLING}")
         if not math.isfinite(self.level):
             raise ParameterError(f"level = {self.level} of the trigger must be a finite number")
-        for name, value, unit in (("hysteresis", self.hysteresis, ""), ("hold", self.hold, " s")):
+        for name, value, unit in (("hysteresis", self.hysteresis, ""), ("hold", self.hold, "s")):
             if not 0.0 <= value < math.inf:
-                raise ParameterError(f"{name} = {value:g}{unit} of the trigger must be >= 0{unit} and finite")
+                least = Quantity(0.0, unit)
+                raise ParameterError(
+                    f"{name} = {Quantity(value, unit):6 SI} of the trigger must be >= {least:SI} and finite"
+                )
 
 
 class Crossings:

@@ -316,4 +316,4 @@ def _refuse_missing(kind: type[Block], section: Section, found: dict[str, Any]) 
 
 
 def _described(declared: Declaration) -> tuple[str, ...]:
-    return declared.unit, declared.meaning, declared.bounds()
+    return declared.unit, declared.meaning, str(declared.bounds())

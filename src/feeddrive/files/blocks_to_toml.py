@@ -73,7 +73,7 @@ def _line(entry: str, comment: str) -> str:
 
 
 def _meaning(declared: Declaration) -> str:
-    allowed = f"one of {', '.join(map(str, declared.options))}" if declared.options else declared.bounds()
+    allowed = f"one of {', '.join(map(str, declared.options))}" if declared.options else str(declared.bounds())
     meaning = f"{declared.unit}: {declared.meaning}" if declared.unit else declared.meaning
     return f"{meaning} ({allowed})" if allowed else meaning
 

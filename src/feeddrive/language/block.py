@@ -35,8 +35,11 @@ import numpy as np
 from feeddrive.language.declaration import Declaration, check_bounds, check_choice
 from feeddrive.language.errors import ParameterError, StructureError, nearest
 from feeddrive.language.graph import Symbol
-from feeddrive.language.table import Table
+from feeddrive.language.quantity import Quantity, unit_name
+from feeddrive.language.table import UNIT, Cell, Column, Table
+from feeddrive.language.text import Text, joined
 
+_EXACT = "12 SI"  # digits and unit in which a parameter is read
 # A number of a law: float in a single run, array over lanes in the oracle, Symbol in a trace.
 Number: TypeAlias = float
 
@@ -166,14 +169,15 @@ class Block:
 
     def __repr__(self) -> str:
         if any(True for _ in _parts(self)):
-            return str(Table(type(self).__name__, ["part", "kind", "parameters"], _lines(self, ""), sentences=2))
+            columns = ["part", "kind", Column("parameters", sentences=True)]
+            return str(Table(type(self).__name__, columns, _lines(self, "")))
         shown = ", ".join(f"{name}={getattr(self, name)!r}" for name in declarations(type(self)))
         return f"{type(self).__name__}({shown})"
 
     def table(self) -> Table:
         """Every parameter that is present, those of the parts included: path, value, unit, bounds and meaning."""
-        heads = ["parameter", "value", "unit", "bounds", "meaning"]
-        return Table(type(self).__name__, heads, _parameters(self, ""), sentences=4)
+        columns = ["parameter", "value", "unit", "bounds", Column("meaning", sentences=True)]
+        return Table(type(self).__name__, columns, _parameters(self, ""))
 
     def _repr_html_(self) -> str:
         return self.table().html()
@@ -193,22 +197,22 @@ def _parts(block: Block) -> Iterator[tuple[str, Block]]:
                 yield place, value
 
 
-def _lines(block: Block, place: str) -> list[list[str]]:
+def _lines(block: Block, place: str) -> list[list[Cell]]:
     """One line for each block: where it stands, its kind, and its parameters with units."""
-    said = [
-        f"{name} {_text(getattr(block, name))} {declared.unit}".rstrip()
+    parameters = [
+        f"{name} {_text(getattr(block, name), declared.unit)}"
         for name, declared in declarations(type(block)).items()
         if declared.role != "part" and getattr(block, name) is not None
     ]
-    own = [[place or "-", block.kind, ", ".join(said)]] if said or place else []
+    own = [[place or "-", block.kind, joined(", ", parameters)]] if parameters or place else []
     for name, part in _parts(block):
         own += _lines(part, f"{place}.{name}" if place else name)
     return own
 
 
-def _parameters(block: Block, place: str) -> list[list[str]]:
+def _parameters(block: Block, place: str) -> list[list[Cell]]:
     own = [
-        [f"{place}.{name}" if place else name, _text(getattr(block, name)), declared.unit,
+        [f"{place}.{name}" if place else name, *_cells(getattr(block, name), declared.unit),
          declared.bounds() or ", ".join(map(str, declared.options)), declared.meaning]
         for name, declared in declarations(type(block)).items()
         if declared.role != "part" and getattr(block, name) is not None
@@ -218,10 +222,19 @@ def _parameters(block: Block, place: str) -> list[list[str]]:
     return own
 
 
-def _text(value: Any) -> str:
+def _cells(value: Any, unit: str) -> tuple[Cell, Cell]:
+    """Return a value and its unit as cells of a table."""
+    if isinstance(value, float):
+        return Quantity(value, unit, form=_EXACT), UNIT
+    return _text(value, ""), unit_name(unit, "SI") if unit else ""
+
+
+def _text(value: Any, unit: str) -> str:
     if isinstance(value, np.ndarray):
-        return f"[{value.size} values, {np.min(value):.6g} .. {np.max(value):.6g}]" if value.size else "[]"
-    return f"{value:.12g}" if isinstance(value, float) else str(value)
+        ends = [Quantity(end, form="6 SI") for end in (np.min(value), np.max(value))] if value.size else []
+        text = f"[{value.size} values, {ends[0]} .. {ends[1]}]" if ends else "[]"
+        return Text(f"{text} {unit_name(unit, 'SI')}" if unit else text)
+    return Text(f"{Quantity(value, unit, form=_EXACT)}") if isinstance(value, float) else str(value)
 
 
 def _said_of_names(cls: type[Block], make: Callable[..., None]) -> Callable[..., None]:

@@ -13,6 +13,8 @@ from typing import Any
 
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text, joined
 
 LARGEST = sys.float_info.max
 
@@ -35,10 +37,12 @@ class Declaration:
         """The same on an axis that turns: in rad, N m and kg m2."""
         return replace(self, unit=units.turning(self.unit)) if rotary else self
 
-    def bounds(self) -> str:
+    def bounds(self) -> Text:
         """The bounds as text, such as `> 0 kg and <= 5 kg`; empty if there are none."""
         signs = (("> ", self.above), (">= ", self.least), ("< ", self.below), ("<= ", self.most))
-        return " and ".join(f"{sign}{bound:g} {self.unit}".rstrip() for sign, bound in signs if bound is not None)
+        return joined(
+            " and ", (f"{sign}{Quantity(bound, self.unit):6 SI}" for sign, bound in signs if bound is not None)
+        )
 
     def conditions(self, value: Any) -> Iterator[Any]:
         """What must be true of a number or a symbol: it is finite and keeps the bounds."""
@@ -60,7 +64,7 @@ class Declaration:
 
 def check_bounds(where: str, declaration: Declaration, number: float) -> None:
     """Raise ParameterError for a number that is not finite or outside its bounds."""
-    shown = f"{where} = {number:g} {declaration.unit}".rstrip()
+    shown = f"{where} = {Quantity(number, declaration.unit):6 SI}"
     if not math.isfinite(number):
         raise ParameterError(f"{shown} ({declaration.meaning}) must be a finite number")
     if not declaration.admits(number):
@@ -76,6 +80,8 @@ def check_choice(where: str, declaration: Declaration, value: Any) -> None:
         if isinstance(value, bool) or not isinstance(value, int):
             raise ParameterError(f"{where} = {value!r} ({declaration.meaning}) must be a whole number")
         if value < declaration.least:
-            raise ParameterError(f"{where} = {value} ({declaration.meaning}) must be >= {declaration.least:g}")
+            raise ParameterError(
+                f"{where} = {value} ({declaration.meaning}) must be >= {Quantity(declaration.least):6}"
+            )
     if declaration.most is not None and value > declaration.most:
-        raise ParameterError(f"{where} = {value} ({declaration.meaning}) must be <= {declaration.most:g}")
+        raise ParameterError(f"{where} = {value} ({declaration.meaning}) must be <= {Quantity(declaration.most):6}")

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from feeddrive.language.errors import MissingExtraError, ParameterError
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.quantity import Quantity, unit_name
+from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 
 TRUSTED = 0.9  # coherence from which a line may carry a tuning
@@ -84,7 +84,8 @@ class FRF(Result):
             i = int(wrong[0])
             raise ParameterError(
                 f"the FRF from {self.input} to {self.output} holds numbers that are not finite: line {i + 1} is "
-                f"{response[i]:.6g} at {Quantity(frequency[i], 'Hz'):6} ({wrong.size} such lines)"
+                f"{Quantity(response[i].real):.6g}{Quantity(response[i].imag):+.6g}j at "
+                f"{Quantity(frequency[i], 'Hz'):6} ({wrong.size} such lines)"
             )
 
     def _check(self, name: str, most: float) -> None:
@@ -97,9 +98,9 @@ class FRF(Result):
         wrong = np.flatnonzero(~(np.isfinite(values) & (values >= 0.0) & (values <= most)))
         if wrong.size:
             i = int(wrong[0])
-            bounds = f"between 0 and {most:g}" if np.isfinite(most) else "finite and at least 0"
+            bounds = Text(f"between 0 and {Quantity(most):6}") if np.isfinite(most) else "finite and at least 0"
             raise ParameterError(
-                f"the FRF from {self.input} to {self.output}: {name} is {values[i]:.6g} at "
+                f"the FRF from {self.input} to {self.output}: {name} is {Quantity(values[i]):6} at "
                 f"{Quantity(self.frequency[i], 'Hz'):6}, it must be {bounds} ({wrong.size} of {values.size} lines are "
                 "not)"
             )
@@ -200,9 +201,13 @@ class FRF(Result):
         """Magnitude and phase at up to twelve frequencies."""
         chosen = np.unique(np.linspace(0, self.frequency.size - 1, 12).astype(int)) if self.frequency.size else []
         rows = [
-            [f"{self.frequency[i]:.5g}", f"{self.magnitude[i]:.4g}", f"{20 * np.log10(self.magnitude[i]):.2f}",
-             f"{self.phase_deg[i]:.1f}"]
+            [*map(float, (self.frequency[i], self.magnitude[i], 20.0 * np.log10(self.magnitude[i]), self.phase_deg[i]))]
             for i in chosen
+        ]
+        unit = unit_name(self.unit, "SI") if self.unit else "1"
+        title = Text(f"{self.output} / {self.input} in {unit}, {self.frequency.size} lines")
+        columns = [
+            Column("frequency", "Hz", "5"), Column("magnitude", self.unit, "4 SI"), Column("level", "dB", ".2f"),
+            Column("phase", "deg", ".1f"),
         ]  # fmt: skip
-        title = f"{self.output} / {self.input} in {self.unit or '1'}, {self.frequency.size} lines"
-        return Table(title, ["Hz", "magnitude", "dB", "deg"], rows)
+        return Table(title, columns, rows)

@@ -14,9 +14,10 @@ from feeddrive.language import tree
 from feeddrive.language.block import Number
 from feeddrive.language.errors import NoSlopeError, ParameterError
 from feeddrive.language.graph import Graph, Symbol, arguments
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.recent import Recent
 from feeddrive.language.ring import Ring
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Column, Result, Table
 from feeddrive.loop.beginning import STARTS, TracedBeginning, each_axis, traced_beginning
 from feeddrive.loop.engine.native import Native, native
 from feeddrive.loop.engine.plan import plan
@@ -56,8 +57,9 @@ class Gradient(Result):
         rows = []
         for name, slope in self.gradient.items():
             share = slope * self.values[name] / self.cost if self.cost else float("nan")
-            rows.append([name, f"{self.values[name]:.6g}", f"{slope:.6g}", f"{share:+.4f} %"])
-        return Table(f"cost {self.cost:.6g}", ["parameter", "value", "d cost / d value", "cost for +1 %"], rows)
+            rows.append([name, self.values[name], slope, Quantity(0.01 * share, "share", form="+.4f")])
+        columns = ["parameter", Column("value", form="6"), Column("d cost / d value", form="6"), "cost for +1 %"]
+        return Table(f"cost {Quantity(self.cost):6}", columns, rows)
 
 
 _gradients: Recent[Native] = Recent(64)

@@ -15,7 +15,8 @@ from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.errors import MissingExtraError, ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.ring import Ring
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Column, Result, Table
+from feeddrive.language.text import Text
 from feeddrive.language.units import units_of
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import SETPOINT, UNITS, Loop, Probe, quantity
@@ -114,11 +115,19 @@ class StateSpace(Result):
         """The poles as frequency and damping."""
         poles = self.poles()
         rows = [
-            [f"{pole.real:.6f}{pole.imag:+.6f}j", f"{abs(pole):.6f}", f"{frequency:.4g}", f"{damping:.3f}"]
+            [
+                Text(f"{Quantity(pole.real):.6f}{Quantity(pole.imag):+.6f}j"),
+                float(abs(pole)),
+                float(frequency),
+                float(damping),
+            ]
             for pole, frequency, damping in zip(poles, *natural(poles, self.sample_time), strict=True)
         ]
         title = f"{len(self.states)} states, inputs {', '.join(self.inputs)}, outputs {', '.join(self.outputs)}"
-        return Table(title, ["pole z", "|z|", "Hz", "damping"], rows)
+        columns = [
+            "pole z", Column("|z|", "1", ".6f"), Column("natural frequency", "Hz"), Column("damping", "1", ".3f"),
+        ]  # fmt: skip
+        return Table(title, columns, rows)
 
 
 def check_below_nyquist(frequency: np.ndarray, sample_time: float) -> None:

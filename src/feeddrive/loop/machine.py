@@ -11,7 +11,7 @@ from feeddrive.blocks.signals import Motion, Noise
 from feeddrive.language.block import Block, Number, Rule, parameter, part
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
+from feeddrive.language.text import joined
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.controls import Controls, Given
@@ -74,7 +74,7 @@ class Machine(Block):
         """The machine of some loops. Raises ParameterError if their sample times differ."""
         times = {name: float(loop.sample_time) for name, loop in loops.items()}
         if len(set(times.values())) != 1:
-            shown = ", ".join(Text(f"{name}: {Quantity(time, 's'):6 SI}") for name, time in times.items())
+            shown = joined(", ", (f"{name}: {Quantity(time, 's'):6 SI}" for name, time in times.items()))
             raise ParameterError(f"the axes of a machine have one sample time, not {shown or 'none'}")
         axes = {name: DrivenAxis(control=loop.control, axis=loop.axis) for name, loop in loops.items()}
         return cls(axis=named(axes), couplings=couplings, geometry=geometry, sample_time=next(iter(times.values())))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import reduce
 from typing import Any, cast
 
@@ -18,8 +19,9 @@ from feeddrive.language.declaration import Declaration
 from feeddrive.language.errors import StructureError
 from feeddrive.language.graph import Graph, Symbol, reachable
 from feeddrive.language.naming import Name, Names
+from feeddrive.language.quantity import USUAL, Units
 from feeddrive.language.ring import Ring, gathered, spread
-from feeddrive.language.units import turning_text
+from feeddrive.language.text import resolve
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.controls import Controlled, Controller, Controllers, Drive, controller_of, motors
 from feeddrive.loop.core import Acting, acting, advance
@@ -195,7 +197,9 @@ class _Traced:
         self.symbolic: Any = tree.with_tables(symbolic, rows)
         self.owners = tuple(_owners(self.symbolic))
         self.turning = turning_ports(loop)
-        self.worded = turning_text if self.turning else str
+        self.units = Units(rotary=True) if self.turning else USUAL
+        # docstrings of states hold no marks: their units are found by their names
+        self.documented = replace(self.units, quoted=()) if self.turning else USUAL
         runs = isinstance(block, Controller | Controllers)  # its own text only hands on
         self.words = Names(self.graph, {id(each): path for path, each in self.owners if path or not runs})
 
@@ -268,7 +272,7 @@ class _Traced:
             names=self.words.found,
             makers=self.words.makers,
             memory="controller" if isinstance(self.block, Controller | Controllers) else "plant",
-            said={name: self.worded(text) for name, text in (*_said(begun), *_said(made, "prepared"))},
+            said={name: resolve(text, self.documented) for name, text in (*_said(begun), *_said(made, "prepared"))},
             blocks=tuple((path, each) for path, each in _owners(self.block)),
         )
 
@@ -298,7 +302,8 @@ class _Traced:
                 _, declared = self._declared(path)
                 bounds = f", {declared.bounds()}" if declared.bounds() else ""
                 holds = reduce(ops.both, declared.conditions(cast(Number, symbol)))
-                yield Condition(holds.index, f"{self._word(path)} is a finite number{bounds}")
+                sentence = f"{self._word(path)} is a finite number{bounds}"
+                yield Condition(holds.index, resolve(sentence, self.units))
         leaves = iter([symbol if path in used else np.float64(values[path]) for path, symbol in self.parameters])
         traced = tree.with_tables(tree.rebuild(self.block, leaves), dict(tree.tables(self.symbolic)))
         with np.errstate(all="ignore"):
@@ -306,7 +311,8 @@ class _Traced:
                 for rule in (*block.rules(), *block.sampled_rules(self.T)):
                     if isinstance(rule.holds, Symbol):
                         where = path.removeprefix("control").removeprefix(".")
-                        yield Condition(rule.holds.index, f"{where}: {rule.sentence}" if where else rule.sentence)
+                        sentence = f"{where}: {rule.sentence}" if where else rule.sentence
+                        yield Condition(rule.holds.index, resolve(sentence, self.units))
         unused = {symbol.index for path, symbol in self.parameters if path not in used}
         for holds, sentence in more:
             if not unused & set(reachable(self.graph, [holds.index])):

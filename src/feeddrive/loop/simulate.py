@@ -14,7 +14,7 @@ from feeddrive.blocks.families import Load, Reference
 from feeddrive.language.errors import DivergedError, ParameterError, nearest
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table, shown
+from feeddrive.language.table import UNIT, Result, Table, shown
 from feeddrive.language.text import Text
 from feeddrive.loop.changes import Changes, Course, changed_loops
 from feeddrive.loop.engine.native import Native
@@ -111,10 +111,10 @@ class Run(Result):
         rows = []
         for name in self.signals:
             if quantity(name) in ("following_error", "tracking_error", "force", "friction_load", "velocity_load"):
-                unit, factor = shown(self.units[name])
-                values = factor * self.signals[name]
+                unit, values = self.units[name], self.signals[name]
+                sizes = _rms(values), float(np.max(np.abs(values), initial=0.0))
                 rows.append(
-                    [name.replace("_", " "), unit, f"{_rms(values):.4g}", f"{np.max(np.abs(values), initial=0.0):.4g}"]
+                    [name.replace("_", " "), UNIT, *(Quantity(size, unit, form=shown(unit)[0]) for size in sizes)]
                 )
         title = Text(f"{self.name}: {self.samples} samples, {Quantity(self.samples * self.sample_time, 's'):SI}")
         return Table(title, ["signal", "unit", "RMS", "peak"], rows)
@@ -241,10 +241,9 @@ class Batch(Result):
         """Best, median and worst variant by signal."""
         rows = []
         for signal, values in self.rms.items():
-            unit, factor = shown(UNITS[quantity(signal)])
-            low, middle, high = np.quantile(factor * values, [0.0, 0.5, 1.0])
-            best = int(np.argmin(values))
-            rows.append([signal.replace("_", " "), unit, f"{low:.4g}", str(best), f"{middle:.4g}", f"{high:.4g}"])
+            unit = UNITS[quantity(signal)]
+            low, middle, high = (Quantity(size, unit) for size in np.quantile(values, [0.0, 0.5, 1.0]).tolist())
+            rows.append([signal.replace("_", " "), UNIT, low, int(np.argmin(values)), middle, high])
         title = f"{self.left.size} variants of {self.samples} samples; {int(np.sum(self.left >= 0))} left their bounds"
         return Table(title, ["RMS of", "unit", "least", "variant", "median", "most"], rows)
 

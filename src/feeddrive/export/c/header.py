@@ -129,7 +129,7 @@ def _designed(name: str, layout: Layout) -> list[str]:
 
 def _meaning(variable: Variable) -> str:
     meaning = variable.meaning
-    bounds = variable.declared.bounds() if variable.declared is not None else ""
+    bounds = str(variable.declared.bounds()) if variable.declared is not None else ""
     bounds = bounds.replace(f" {variable.unit}", "") if variable.unit else bounds
     unit = f"{variable.unit}: " if variable.unit else ""
     return f"{unit}{meaning}" + (f"; {bounds}" if bounds else "")
