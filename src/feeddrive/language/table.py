@@ -204,12 +204,15 @@ def frame_of(result: Any) -> Any:
     raise ParameterError(f"{type(result).__name__} has no DataFrame: print it, or take its fields")
 
 
-def resolve_texts(figure: Any, units: Units) -> None:
-    """Write all texts of a matplotlib figure in the units of a reader."""
-    for text in figure.findobj(lambda each: hasattr(each, "set_text")):
-        said = text.get_text()
-        if (resolved := resolve(said, units)) != said:
-            text.set_text(resolved)
+def resolve_texts(figure: Any, units: Units) -> list[tuple[Any, str]]:
+    """Write all texts of a matplotlib figure in the units of a reader; return those that changed, as they were."""
+    before = list[tuple[Any, str]]()
+    for artist in figure.findobj(lambda artist: hasattr(artist, "set_text")):
+        text = artist.get_text()
+        if (resolved := resolve(text, units)) != text:
+            artist.set_text(resolved)
+            before.append((artist, text))
+    return before
 
 
 _load_views: list[Callable[[type], object]] = []

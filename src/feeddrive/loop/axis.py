@@ -93,12 +93,13 @@ class Axis(Block):
         if least != most:
             raise StructureError(
                 f"axis.actuator.dead_time: variants of one batch need the same number of whole samples, not "
-                f"{Quantity(least):6} to {Quantity(most):6} at a sample time of {Quantity(T, 's'):6 SI}: run them as separate batches"
+                f"{Quantity(least):6} to {Quantity(most):6} at a sample time of {Quantity(T, 's'):6 SI}: run them "
+                "as separate batches"
             )
         if most > 1000:
             raise StructureError(
-                f"axis.actuator.dead_time is {Quantity(most):6} samples of {Quantity(T, 's'):6 SI}; the longest that is "
-                "simulated is 1000 samples"
+                f"axis.actuator.dead_time is {Quantity(most):6} samples of {Quantity(T, 's'):6 SI}; the longest that "
+                "is simulated is 1000 samples"
             )
         return Timing(int(most), ops.most(samples - whole, 0.0) > 0.0)
 
@@ -231,8 +232,8 @@ def slow_enough(
         "too large",
         lambda: Text(
             f"{what}: its fastest motion dies out in {Quantity(1.0 / matrix.growth(decays), 's'):SI}, more than "
-            f"{Quantity(MOST_TURN):6} times within a substep of {Quantity(h, 's'):6 SI}: check masses and damping, or raise "
-            "substeps"
+            f"{Quantity(MOST_TURN):6} times within a substep of {Quantity(h, 's'):6 SI}: check masses and damping, or "
+            "raise substeps"
         ),
     )
 
@@ -240,5 +241,6 @@ def slow_enough(
 def _too_fast_a_mode(mode: float, h: float, what: str) -> str:
     return Text(
         f"{what}: its fastest mode, {Quantity(mode / (2.0 * math.pi), 'Hz')}, turns {Quantity(mode * h, 'rad')} in a "
-        f"substep of {Quantity(h, 's'):6 SI}, more than {Quantity(MOST_TURN):6}: check masses and stiffnesses, or raise substeps"
+        f"substep of {Quantity(h, 's'):6 SI}, more than {Quantity(MOST_TURN):6}: check masses and stiffnesses, or raise "
+        "substeps"
     )

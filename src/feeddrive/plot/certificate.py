@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.text import Text
 from feeddrive.plot import style
 from feeddrive.plot.chart import ALERT, BAR, FREQUENCY, LOG, PLUS, Band, Chart, Curve, Level, Mark, Note, Panel
@@ -36,7 +36,7 @@ def certificate_chart(found: Certificate) -> Chart:
     nyquist = 0.5 / found.sample_time
     low = min(max(each["reserve_at_Hz"] * 10.0**-_DECADES, 1e-4 * nyquist) for each in plants)
     panels = tuple(_room(found, each, low, named=len(plants) > 1, first=each is plants[0]) for each in plants)
-    return Chart("frequency (Hz)", panels, FREQUENCY, low, nyquist, height=1.0 + 2.2 * len(plants))
+    return Chart(f"frequency ({unit_name('Hz')})", panels, FREQUENCY, low, nyquist, height=1.0 + 2.2 * len(plants))
 
 
 def _room(found: Certificate, plant: Any, low: float, *, named: bool, first: bool) -> Panel:
@@ -56,10 +56,12 @@ def _room(found: Certificate, plant: Any, low: float, *, named: bool, first: boo
     if plant["reserve"] is not None:
         place = np.array([plant["reserve_at_Hz"]])
         marks.append(Mark(float(place[0]), float((loop.room(place)[0] / loop.size(place))[0]), 0))
-        said = Text(f"discs could be {plant['reserve']:.3g} times as wide, at {Quantity(plant['reserve_at_Hz'], 'Hz')}")
+        said = Text(
+            f"discs could be {Quantity(plant['reserve']):3} times as wide, at {Quantity(plant['reserve_at_Hz'], 'Hz')}"
+        )
     return Panel(
         "relative size", tuple(curves), tuple(marks), bands=(Band(f, np.full(f.size, floor), radius, 1),), scale=LOG,
-        low=floor, high=30.0 * max(1.0, least), said=f"{plant['name']}: {said}" if named else said,
+        low=floor, high=30.0 * max(1.0, least), said=Text(f"{plant['name']}: {said}") if named else said,
     )  # fmt: skip
 
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
+from feeddrive.language.quantity import Quantity, unit_name
+from feeddrive.language.text import Text, joined, marked
 from feeddrive.machining.circle_test import CirclePath, CircleTest, same_feed
 from feeddrive.machining.quadrant_peaks import QuadrantPeak, deviations, quadrant_peaks
 from feeddrive.plot import style
@@ -89,10 +89,21 @@ def circle_chart(test: CircleTest, before: CircleTest | None = None, division: f
         for a, text in zip(at, axes, strict=True)
     ]
     thin = "" if before is None else "\nthin: before"
-    notes.append(Note(0.0, 0.0, f"rings: {each:g} µm\ndeviation × {1e6 * test.radius / ring:.0f}{thin}", middle=True))
+    notes.append(
+        Note(
+            0.0,
+            0.0,
+            Text(f"rings: {Quantity(1e-6 * each, 'm'):6}\ndeviation × {Quantity(1e6 * test.radius / ring):.0f}{thin}"),
+            middle=True,
+        )
+    )
     side = edge + 0.6 * each
-    panel = Panel("y (µm)", tuple(curves), tuple(marks), discs=rings, notes=tuple(notes), low=-side, high=side)
-    return Chart("x (µm)", (panel,), low=-side, high=side, square=True, bare=True, height=6.2, columns=2)
+    panel = Panel(
+        f"y ({unit_name('um')})", tuple(curves), tuple(marks), discs=rings, notes=tuple(notes), low=-side, high=side
+    )
+    return Chart(
+        f"x ({unit_name('um')})", (panel,), low=-side, high=side, square=True, bare=True, height=6.2, columns=2
+    )
 
 
 def _scale(tests: Sequence[CircleTest]) -> float:
@@ -134,15 +145,19 @@ def _arrow(radius: float, angle: float, direction: int, division: float, number:
 
 def _box(test: CircleTest, division: float, said: str) -> str:
     first = test.circles[0]
-    lines = [f"{division:g} µm per division", Text(f"R {Quantity(test.radius, 'm'):5 mm}, {''.join(first.axes)} plane")]
+    lines = [
+        f"{Quantity(1e-6 * division, 'm'):6} per division",
+        f"R {Quantity(test.radius, 'm'):5 mm}, {''.join(first.axes)} plane",
+    ]
     lines += [
-        Text(f"{'both ' if each.both else ''}{each.name}: {'G(b)' if each.both else 'G'} {Quantity(each.G, 'm')}")
+        f"{'both ' if each.both else ''}{each.name}: {'G(b)' if each.both else 'G'} {Quantity(each.G, 'm')}"
         for each in test.figures
     ]
     most = test.largest
-    lines += [f"F {1e6 * most.F_min:+.4g} … {1e6 * most.F_max:+.4g} µm ({test.about})", f"D {1e6 * most.D:+.4g} µm"]
+    low, high = Quantity(most.F_min, "m", bare=True), Quantity(most.F_max, "m")
+    lines += [f"F {low:+.4g} … {high:+.4g} ({test.about})", f"D {Quantity(most.D, 'm'):+.4g}"]
     lines += ["readings of encoders"] if first.source == "encoder" else []
-    return "\n".join([*lines, *([style.caption(said) or ""] if said else [])])
+    return joined("\n", [*lines, *([style.caption(said) or ""] if said else [])]).marked
 
 
 def _division(wanted: float) -> float:
@@ -171,7 +186,7 @@ def circle_unrolled(test: CircleTest) -> Any:
         ax.axvline(0.0, color=style.MUTED, linewidth=0.9, linestyle=(0, (4, 3)))
         ax.set_xlim(-_NEAR, _NEAR)
         style.note(ax, f"{text.format(names[k % 2])}, {names[k % 2]} reverses", x=0.5, align="center")
-        style.labels(ax, "angle (deg)", "deviation (µm)" if k == 0 else "")
+        style.labels(ax, "angle (deg)", f"deviation ({unit_name('um')})" if k == 0 else "")
     style.legend(figure, whole, 4)
     return figure
 
@@ -196,7 +211,7 @@ def unrolled_chart(test: CircleTest, before: CircleTest | None = None) -> Chart:
     rate = max(each.feed / each.radius for each in test.circles)
     thin = "" if before is None else "; thin: before"
     said = Text(f"10 deg are {Quantity(np.radians(10.0) / rate, 's'):3} at the highest feed{thin}")
-    panel = Panel("radial deviation (µm)", tuple(curves), tuple(marks), levels, said=said)
+    panel = Panel(f"radial deviation ({unit_name('um')})", tuple(curves), tuple(marks), levels, said=said)
     return Chart("angle (deg)", (panel,), low=0.0, high=360.0, height=3.4)
 
 
@@ -217,13 +232,13 @@ def circle_causes(found: CircleCauses, most: int = 12) -> Any:
             )
         share = Text(f", {Quantity(each.share, 'share'):2} of G") if each.share > 5e-4 else ""
         note = f"; {each.note}" if each.note else ""
-        ax.annotate(Text(f"{Quantity(each.effect, 'm'):3}{share}{note}"), (1e6 * each.effect, -row), xytext=(5, 0),
+        ax.annotate(marked(f"{Quantity(each.effect, 'm'):3}{share}{note}"), (1e6 * each.effect, -row), xytext=(5, 0),
                     textcoords="offset points", va="center", fontsize=style.SMALL, color=style.MUTED)  # fmt: skip
     ax.set_yticks([-row for row in range(len(shown))], [each.name for each in shown])
     ax.set_xlim(0.0, 1.75 * widest)
     ax.set_ylim(0.5 - max(len(shown), 1), 0.6)
     ax.grid(visible=False, axis="y")
-    style.labels(ax, "largest radial deviation (µm)", "")
+    style.labels(ax, f"largest radial deviation ({unit_name('um')})", "")
     style.note(ax, Text(f"not explained: {Quantity(found.residual, 'm'):3} RMS; bars: standard error; {_runs(found)}"))
     return figure
 
@@ -245,10 +260,12 @@ def reversals(found: Reversals) -> Any:
         ax.axvspan(1e3 * each.stick_begin, 1e3 * (each.stick_begin + each.stick_time), color=style.GRID)
         ax.plot(1e3 * (found.time[rows] - each.time), 1e6 * found.outward[rows], **style.curve(0))
         ax.axhline(1e6 * each.base, color=style.MUTED, linewidth=0.9, linestyle=(0, (4, 3)))
-        style.note(ax, Text(f"{each.axis} at {each.side}: {Quantity(each.height, 'm'):3} at "
-            f"{Quantity(each.peak_time, 's'):3}, "
-                       f"stands {Quantity(each.stick_time, 's'):3}"))  # fmt: skip
-        style.labels(ax, "since the reversal (ms)", "outward (µm)")
+        text = Text(
+            f"{each.axis} at {each.side}: {Quantity(each.height, 'm'):3} at {Quantity(each.peak_time, 's'):3}, "
+            f"stands {Quantity(each.stick_time, 's'):3}"
+        )
+        style.note(ax, text)
+        style.labels(ax, "since the reversal (ms)", f"outward ({unit_name('um')})")
     for ax in axes[len(chosen) :]:
         ax.set_axis_off()
     return figure
@@ -270,9 +287,9 @@ def axis_load(load: AxisLoad) -> Any:
             top = max(top, 1.1 * level)
             for sign in (1.0, -1.0):
                 ax.axhline(sign * level, color=style.ALERT, linewidth=1.0, linestyle=dash,
-                           label=Text(f"{name} {Quantity(level, 'N')}") if sign > 0 else None)  # fmt: skip
+                           label=marked(f"{name} {Quantity(level, 'N')}") if sign > 0 else None)  # fmt: skip
     ax.set_ylim(-top, top)
-    style.labels(ax, None if load.heat is not None else "time (s)", "force (N)")
+    style.labels(ax, None if load.heat is not None else "time (s)", f"force ({unit_name('N')})")
     if load.heat is not None:
         heat = axes[1]
         heat.plot(load.sample_time * np.arange(len(load.heat)), 100.0 * load.heat, **style.curve(2))

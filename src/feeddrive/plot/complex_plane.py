@@ -8,7 +8,8 @@ import numpy as np
 
 from feeddrive.analysis.margins import Margins
 from feeddrive.analysis.margins import margins as margins_of
-from feeddrive.language.quantity import DRAWN, Units
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text, joined
 from feeddrive.plot import style
 from feeddrive.plot.chart import ALERT, LINE, PLUS, THIN, Chart, Curve, Disc, Level, Mark, Note, Panel
 from feeddrive.plot.drawing import draw_chart
@@ -42,15 +43,15 @@ def nyquist(loops: Margins | Mapping[str, Margins]) -> Any:
     return figure
 
 
-def nyquist_chart(loops: Margins | Mapping[str, Margins], units: Units = DRAWN) -> Chart:
+def nyquist_chart(loops: Margins | Mapping[str, Margins]) -> Chart:
     """What `nyquist` shows."""
     chosen = style.named(loops)
     curves, marks, discs = list[Curve](), list[Mark](), [Disc(0.0, 0.0, 1.0)]
     for i, (name, margins) in enumerate(chosen.items()):
         L = margins.loop_gain
-        said = f"Ms {margins.sensitivity_peak:.3g} at {units.said(margins.modulus_frequency, 'Hz')}"
+        said = Text(f"Ms {Quantity(margins.sensitivity_peak):3} at {Quantity(margins.modulus_frequency, 'Hz')}")
         x, y = _visible(_rounded(L.response) if L.coherence is None else L.response)
-        caption = (name[:40], i, LINE, f"\n{said}") if len(chosen) > 1 else (name[:40], i, LINE, said)
+        caption = (name[:40], i, LINE, joined("", ["\n", said])) if len(chosen) > 1 else (name[:40], i, LINE, said)
         curves += [Curve(x, y, *caption), Curve(x, -y, number=i, look=THIN)]
         discs.append(Disc(-1.0, 0.0, margins.modulus_margin, i, filled=True))
         touch = _at(margins, margins.modulus_frequency)

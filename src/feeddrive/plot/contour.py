@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
+from feeddrive.language.quantity import Quantity, unit_name
+from feeddrive.language.text import Text, marked
 from feeddrive.plot import style
 from feeddrive.plot.chart import ALERT, BAR, NEUTRAL, THIN, Chart, Curve, Heat, Mark, Panel
 from feeddrive.plot.drawing import drawn
@@ -36,13 +36,13 @@ def contour(found: ContourError) -> Any:
               fillstyle="none", label="worst places")  # fmt: skip
     over.axhline(0.0, color=style.MUTED, linewidth=0.8)
     over.set_ylim(*style.padded(min(0.0, float(error.min())), max(0.0, float(error.max()))))
-    side = "contour error, + left\n(µm)" if found.signed else "contour error\n(µm)"
-    style.labels(over, "length of the path (mm)", side)
+    side = f"contour error{', + left' if found.signed else ''}\n({unit_name('um')})"
+    style.labels(over, f"length of the path ({unit_name('mm')})", side)
     style.note(over, Text(f"largest {Quantity(found.largest, 'm')}, RMS {Quantity(found.rms, 'm')}, "
                      f"95 % within {Quantity(found.within(), 'm')}"))  # fmt: skip
     counts, edges = np.histogram(error, bins=60, weights=100.0 * found.weights)
     share.stairs(counts, edges, fill=True, color=style.color(0))
-    style.labels(share, "contour error (µm)", "part of the path\n(%)")
+    style.labels(share, f"contour error ({unit_name('um')})", "part of the path\n(%)")
     style.row_legend(over)
     return figure
 
@@ -71,22 +71,27 @@ def path_chart(
     factor = _factor(found, axes) if enlarged is None else enlarged
     tool = foot + factor * 1e3 * found.vector[rows]
     curves = (
-        Curve(tool[:, i], tool[:, j], f"tool, deviation × {factor:g}", NEUTRAL, THIN),
+        Curve(tool[:, i], tool[:, j], Text(f"tool, deviation × {Quantity(factor):6}"), NEUTRAL, THIN),
         Curve(foot[:, i], foot[:, j], heat=np.where(kept, 1e6 * size[rows], np.nan)),
     )
     ends = [style.padded(*_ends(np.append(foot[:, k], tool[:, k]))) for k in axes]
     (left, right), (low, high) = ends
     shape = max(0.35, min(1.0, (high - low) / (right - left)))
     said = Text(f"largest {Quantity(found.largest, 'm')}, RMS {Quantity(found.rms, 'm')}")
-    heat = Heat("contour error (µm)", 0.0, max(1e6 * found.largest, 1e-9))
+    heat = Heat(f"contour error ({unit_name('um')})", 0.0, max(1e6 * found.largest, 1e-9))
     marks = tuple(
         Mark(1e3 * float(each.position[i]), 1e3 * float(each.position[j]), ALERT, True,
              said=Text(f"{Quantity(abs(each.error), 'm'):3}"), key=str(k))
         for k, each in enumerate(places)
     )  # fmt: skip
-    panel = Panel(f"{found.axes[j]} (mm)", curves, marks, low=low, high=high, said=said, heat=heat)
+    panel = Panel(f"{found.axes[j]} ({unit_name('mm')})", curves, marks, low=low, high=high, said=said, heat=heat)
     return Chart(
-        f"{found.axes[i]} (mm)", (panel,), low=left, high=right, square=True, height=0.8 + 0.75 * style.WIDTH * shape
+        f"{found.axes[i]} ({unit_name('mm')})",
+        (panel,),
+        low=left,
+        high=right,
+        square=True,
+        height=0.8 + 0.75 * style.WIDTH * shape,
     )
 
 
@@ -126,8 +131,10 @@ def place_chart(found: ContourError, place: Worst) -> Chart:
     )
     foot = tool[row] - 1e6 * found.vector[row]
     to_path = Curve(np.array([foot[i], 0.0]), np.array([foot[j], 0.0]), number=ALERT, look=BAR)
-    panel = Panel(f"{found.axes[j]} (µm)", (*curves, to_path), (Mark(0.0, 0.0, 1, True),), low=-reach, high=reach)
-    return Chart(f"{found.axes[i]} (µm)", (panel,), low=-reach, high=reach, square=True, height=4.8)
+    panel = Panel(
+        f"{found.axes[j]} ({unit_name('um')})", (*curves, to_path), (Mark(0.0, 0.0, 1, True),), low=-reach, high=reach
+    )
+    return Chart(f"{found.axes[i]} ({unit_name('um')})", (panel,), low=-reach, high=reach, square=True, height=4.8)
 
 
 def _together(near: np.ndarray, row: int) -> tuple[int, int]:
@@ -162,8 +169,10 @@ def corner_zoom(found: ContourError, corners: Sequence[Corner] | None = None, to
         ax.set_ylim(-reach, reach)
         ax.set_aspect("equal")
         where = "" if each.line is None else f"line {each.line}, "
-        style.note(ax, Text(f"{where}{np.degrees(each.turn):.3g}°: passed at {Quantity(each.nearest, 'm')}"))
-        style.labels(ax, f"{found.axes[0]} (µm)", f"{found.axes[1]} (µm)")
+        style.note(
+            ax, Text(f"{where}{Quantity(np.degrees(each.turn), 'deg'):3}: passed at {Quantity(each.nearest, 'm')}")
+        )
+        style.labels(ax, *(f"{axis} ({unit_name('um')})" for axis in found.axes[:2]))
     for ax in axes[len(chosen) :]:
         ax.set_axis_off()
     if not chosen:
@@ -183,7 +192,7 @@ def _band(ax: Any, path: np.ndarray, half: float) -> None:
         line[::3], line[1::3] = begin + side * normal, end + side * normal
         smooth = np.flatnonzero(np.einsum("ij,ij->i", normal[1:], normal[:-1]) > 0.99 * half * half)
         line[3 * smooth + 2] = end[smooth] + side * normal[smooth]
-        label = f"tolerance {half:.3g} µm" if i == 0 else None
+        label = marked(f"tolerance {Quantity(1e-6 * half, 'm'):3}") if i == 0 else None
         ax.plot(line[:, 0], line[:, 1], color=style.ALERT, linewidth=0.9, linestyle=(0, (5, 2)), label=label)
 
 

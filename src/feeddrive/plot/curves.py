@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
+from feeddrive.language.quantity import Quantity, unit_name
+from feeddrive.language.text import Text, marked
 from feeddrive.plot import style
 from feeddrive.plot.style import envelope
 
@@ -47,9 +47,9 @@ def curves(
         style.labels(ax, None, row.ordinate)
     for name, level in (levels or {}).items():
         axes[0].axhline(level, color=style.MUTED, linewidth=1.0, linestyle=(0, (4, 3)))
-        axes[0].annotate(name, (1.0, level), xycoords=("axes fraction", "data"), xytext=(-4, 2),
+        axes[0].annotate(marked(name), (1.0, level), xycoords=("axes fraction", "data"), xytext=(-4, 2),
                          textcoords="offset points", ha="right", fontsize=style.SMALL, color=style.MUTED)  # fmt: skip
-    axes[-1].set_xlabel(abscissa, fontsize=style.TEXT)
+    axes[-1].set_xlabel(marked(abscissa), fontsize=style.TEXT)
     if frequency:
         style.frequency_axis(axes[-1], float(x[0]), float(x[-1]))
         style.frequency_grid(axes)
@@ -89,7 +89,7 @@ def turn(angle: np.ndarray, forces: Mapping[str, np.ndarray]) -> Any:
         ax.axhline(mean, color=style.color(i), linewidth=0.8, alpha=0.6)
     ax.set_xlim(0.0, 360.0)
     ax.set_xticks(np.arange(0.0, 361.0, 45.0))
-    style.labels(ax, "angle of the spindle (deg)", "force on the tool (N)")
+    style.labels(ax, "angle of the spindle (deg)", f"force on the tool ({unit_name('N')})")
     style.legend(figure, ax, 3)
     return figure
 
@@ -102,7 +102,7 @@ def by_axis(time: np.ndarray, rows: Mapping[str, Mapping[str, np.ndarray]], quan
             ax.plot(*envelope(time, values), label=style.caption(name), **style.curve(i))
         style.note(ax, axis)
     style.labels(axes[-1], "time (s)", "")
-    figure.supylabel(quantity, fontsize=style.TEXT, color=style.INK)
+    figure.supylabel(marked(quantity), fontsize=style.TEXT, color=style.INK)
     if any(len(curves) > 1 for curves in rows.values()):
         style.legend(figure, axes[0])
     return figure
@@ -112,7 +112,7 @@ def left_over(
     curves: Mapping[str, tuple[np.ndarray, np.ndarray]],
     measured: Mapping[str, tuple[np.ndarray, np.ndarray]],
     quantity: str,
-    marked: tuple[float, str],
+    place: tuple[float, str],
     one: bool = True,
 ) -> Any:
     """Magnitudes over frequency in Hz on a logarithmic scale, measured ones as marks, one frequency as a line.
@@ -130,8 +130,8 @@ def left_over(
             )  # fmt: skip
     if one:
         ax.axhline(1.0, color=style.MUTED, linewidth=1.0, linestyle=(0, (4, 3)))
-    ax.axvline(marked[0], color=style.INK, linewidth=1.0, linestyle=(0, (4, 3)))
-    ax.annotate(marked[1], (marked[0], 0.0), xycoords=("data", "axes fraction"), xytext=(3, 4),
+    ax.axvline(place[0], color=style.INK, linewidth=1.0, linestyle=(0, (4, 3)))
+    ax.annotate(marked(place[1]), (place[0], 0.0), xycoords=("data", "axes fraction"), xytext=(3, 4),
                 textcoords="offset points", fontsize=style.SMALL, color=style.MUTED)  # fmt: skip
     ax.set_yscale("log")
     style.plain_decades(ax.yaxis)

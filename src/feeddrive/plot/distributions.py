@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feeddrive.language.table import shown
+from feeddrive.language.quantity import DRAWN, Quantity, unit_name
+from feeddrive.language.text import Text, marked
 from feeddrive.loop.loop import UNITS
 from feeddrive.plot import style
 
@@ -28,7 +29,8 @@ def batch(batch: Batch) -> Any:
     axes = [style.dressed(ax) for ax in np.ravel(figure.subplots(rows, columns, squeeze=False))]
     inside = batch.left < 0
     for i, (ax, name) in enumerate(zip(axes, names, strict=False)):
-        unit, factor = shown(UNITS[name])
+        unit = UNITS[name]
+        factor = DRAWN.of(unit)[1]
         values = factor * batch.rms[name][inside]
         values = values[np.isfinite(values)]
         if values.size:
@@ -40,8 +42,9 @@ def batch(batch: Batch) -> Any:
             ax.xaxis.set_major_locator(MaxNLocator(5))
             ax.ticklabel_format(axis="x", useOffset=False)
             ax.axvline(float(np.median(values)), color=style.INK, linewidth=1.2)
-            style.note(ax, f"median {np.median(values):.4g}, least {values.min():.4g}")
-        style.labels(ax, f"RMS of {name.replace('_', ' ')} ({style.written(unit)})", "variants")
+            median, least = (Quantity(size / factor, unit, bare=True) for size in (np.median(values), values.min()))
+            style.note(ax, Text(f"median {median}, least {least}"))
+        style.labels(ax, f"RMS of {name.replace('_', ' ')} ({unit_name(unit)})", "variants")
     for ax in axes[len(names) :]:
         ax.set_visible(False)
     lost = int(np.sum(~inside))
@@ -63,7 +66,8 @@ def gradient(found: Gradient) -> Any:
     figure, (ax,) = style.picture(1, height=1.0 + 0.3 * len(names))
     tints = [style.color(0) if share[i] < 0.0 else style.color(1) for i in order]
     bars = ax.barh([names[i] for i in order], share[order], color=tints, height=0.65)
-    ax.bar_label(bars, labels=[f"{share[i]:+.3f} %" for i in order], padding=4, fontsize=style.SMALL, color=style.INK)
+    texts = [marked(f"{Quantity(0.01 * share[i], 'share'):+.3f}") for i in order]
+    ax.bar_label(bars, labels=texts, padding=4, fontsize=style.SMALL, color=style.INK)
     ax.axvline(0.0, color=style.INK, linewidth=1.0)
     ax.grid(False, axis="y")
     ax.margins(x=0.18)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from feeddrive.identification.estimate import NORMAL
-from feeddrive.language.quantity import DRAWN, Units
+from feeddrive.language.quantity import DRAWN, Units, unit_name
 from feeddrive.plot import style
 from feeddrive.plot.chart import DOTS, NEUTRAL, THIN, Band, Chart, Curve, Level, Panel
 from feeddrive.plot.drawing import drawn
@@ -41,7 +41,7 @@ def friction_chart(
 ) -> Chart:  # fmt: skip
     """What `friction` shows."""
     chosen = style.named(loops)
-    reach, (unit, newton) = _reach(run, measured), units.of("N")
+    reach, newton = _reach(run, measured), units.of("N")[1]
     curves = list[Curve]()
     first = next(iter(chosen.values()), None)
     if run is not None and first is not None:
@@ -58,11 +58,13 @@ def friction_chart(
             curves += _whole(first, reach, newton, len(curves))
             rest = measured.force - _of(first, measured.velocity)
             left += _measured(measured.velocity, rest, measured.deviation, newton)
-    panels = [Panel(f"friction ({unit})", tuple(curves), levels=_ZERO, share=2.0)]
+    panels = [Panel(f"friction ({unit_name('N')})", tuple(curves), levels=_ZERO, share=2.0)]
     if left:
-        panels.append(Panel(f"residual ({unit})", tuple(left), levels=_ZERO))
+        panels.append(Panel(f"residual ({unit_name('N')})", tuple(left), levels=_ZERO))
     end = 1.03e3 * reach
-    return Chart("velocity (mm/s)", tuple(panels), low=-end, high=end, height=3.4 if len(panels) == 1 else 4.4)
+    return Chart(
+        f"velocity ({unit_name('m/s')})", tuple(panels), low=-end, high=end, height=3.4 if len(panels) == 1 else 4.4
+    )
 
 
 def _steady(blocks: Iterable[Friction], velocity: np.ndarray) -> np.ndarray:
@@ -163,8 +165,8 @@ def friction_map(found: FrictionMap) -> Any:
 def steady_runs(runs: SteadyRuns) -> Any:
     """Force over velocity."""
     unit, _, force_unit, newton = _scales(runs)
-    panel = Panel(f"force ({force_unit})", tuple(_points(runs, newton)), levels=_ZERO)
-    return drawn(Chart(f"velocity ({unit})", (panel,), height=3.2))
+    panel = Panel(f"force ({unit_name(force_unit, 'SI')})", tuple(_points(runs, newton)), levels=_ZERO)
+    return drawn(Chart(f"velocity ({unit_name(unit, 'SI')})", (panel,), height=3.2))
 
 
 def identified_friction(curve: FrictionCurve) -> Any:
@@ -176,15 +178,15 @@ def identified_friction(curve: FrictionCurve) -> Any:
     name = "95 % band of the curve"
     low, high = newton * (force - half), newton * (force + half)
     above = Panel(
-        f"force ({force_unit})", (*_points(runs, newton), Curve(factor * v, newton * force, curve.model.name)),
+        f"force ({unit_name(force_unit, 'SI')})", (*_points(runs, newton), Curve(factor * v, newton * force, curve.model.name)),
         levels=_ZERO, bands=(Band(factor * v, low, high, 0, name),), share=2.0,
     )  # fmt: skip
     left = Curve(factor * runs.velocity, newton * curve.residual, number=1, look=DOTS)
     below = Panel(
-        f"residual ({force_unit})", (left,), levels=_ZERO,
+        f"residual ({unit_name(force_unit, 'SI')})", (left,), levels=_ZERO,
         bands=(Band(factor * v, -newton * half, newton * half, 0),),
     )  # fmt: skip
-    return drawn(Chart(f"velocity ({unit})", (above, below), height=4.2))
+    return drawn(Chart(f"velocity ({unit_name(unit, 'SI')})", (above, below), height=4.2))
 
 
 def _scales(runs: SteadyRuns) -> tuple[str, float, str, float]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import DRAWN, Quantity, Units, unit_name
 from feeddrive.language.text import Text
 from feeddrive.plot import style
 from feeddrive.plot.chart import DOTS, NEUTRAL, THIN, Chart, Curve, Panel
@@ -31,10 +31,10 @@ def rigid_fit(fit: RigidFit) -> Any:
     return drawn(rigid_fit_chart(fit))
 
 
-def rigid_fit_chart(fit: RigidFit) -> Chart:
+def rigid_fit_chart(fit: RigidFit, units: Units = DRAWN) -> Chart:
     """Measured and fitted force over time, and the residual."""
-    measured, off = fit.residuals.measured, fit.residuals.values
-    unit = style.written(fit.frame.force)
+    unit, newton = unit_name(fit.frame.force), units.of(fit.frame.force)[1]
+    measured, off = newton * fit.residuals.measured, newton * fit.residuals.values
     forces = (
         Curve(*envelope(fit.time, measured), "measured", NEUTRAL, DOTS),
         Curve(*envelope(fit.time, measured - off), "fitted", 0),
@@ -45,24 +45,26 @@ def rigid_fit_chart(fit: RigidFit) -> Chart:
     return Chart("time (s)", panels, low=float(fit.time[0]), high=float(fit.time[-1]), height=3.8)
 
 
-def identified_chart(found: Identified) -> Chart:
+def identified_chart(found: Identified, units: Units = DRAWN) -> Chart:
     """The model over the log: the loop in a simulation of the same reference if its law is known, else the force."""
     if found.refinement is None:
-        return rigid_fit_chart(found.rigid)
+        return rigid_fit_chart(found.rigid, units)
     replay = found.refinement.replay
     time, after = replay.run.time, replay.run.time[replay.skipped :]
     panels = list[Panel]()
-    for name, words, unit, factor in (("following_error", "following error", "µm", 1e6), ("force", "force", "N", 1.0)):
+    for name, words, unit in (("following_error", "following error", "m"), ("force", "force", "N")):
         if name not in replay.measured:
             continue
-        off = factor * replay.residual(name)
-        said = f"RMS {np.sqrt(np.mean(off**2)):.4g} {unit}, peak {np.max(np.abs(off)):.4g} {unit}"
+        off, factor = replay.residual(name), units.of(unit)[1]
+        rms, peak = (Quantity(size, unit) for size in (np.sqrt(np.mean(off**2)), np.max(np.abs(off))))
+        said = Text(f"RMS {rms}, peak {peak}")
         both = (
             Curve(*envelope(time, factor * replay.measured[name]), "" if panels else "measured", NEUTRAL, DOTS),
             Curve(*envelope(time, factor * replay.run[name]), "" if panels else "model", 0),
         )
-        left = Curve(*envelope(after, off), f"residual of the {words}", 1, THIN, said=said)
-        panels += [Panel(f"{words} ({unit})", both, share=2.0), Panel(f"residual ({unit})", (left,), share=1.2)]
+        left = Curve(*envelope(after, factor * off), f"residual of the {words}", 1, THIN, said=said)
+        label = unit_name(unit)
+        panels += [Panel(f"{words} ({label})", both, share=2.0), Panel(f"residual ({label})", (left,), share=1.2)]
     return Chart("time (s)", tuple(panels), low=float(time[0]), high=float(time[-1]), height=5.4)
 
 
@@ -70,7 +72,7 @@ def residuals(found: Residuals) -> Any:
     """Residual by row, and its autocorrelation with the bounds of a white one."""
     figure, axes = style.picture(2, height=3.8, share=False)
     axes[0].plot(*envelope(np.arange(found.values.size), found.values), **style.curve(1) | {"linestyle": "-"})
-    style.labels(axes[0], "row", f"residual ({found.unit})")
+    style.labels(axes[0], "row", f"residual ({unit_name(found.unit, 'SI')})")
     lags = np.arange(1, min(_LAGS, found.values.size // 4) + 1)
     rho = [found.autocorrelation(int(lag)) for lag in lags]
     bound = 1.96 / np.sqrt(found.values.size)
@@ -99,7 +101,7 @@ def delay_fit(found: DelayFit) -> Any:
     ax.plot(found.delays[near], 100.0 * found.residual[near], "o-", markersize=4.0, color=style.color(0), linewidth=1.0)
     ax.axvline(found.dead_time, color=style.color(1), linewidth=1.0)
     style.labels(ax, "dead time (samples, besides the hold)", "residual (%)")
-    style.note(ax, f"{found.dead_time:.2f} ± {found.error:.2f} samples")
+    style.note(ax, Text(f"{Quantity(found.dead_time):.2f} ± {Quantity(found.error):.2f} samples"))
     ax.margins(x=0.03)
     return figure
 
@@ -134,7 +136,7 @@ def cogging(fit: CoggingFit) -> Any:
     ax.set_yscale("log")
     style.plain_decades(ax.yaxis)
     ax.margins(x=0.03)
-    style.labels(ax, "order", f"amplitude ({fit.unit})")
+    style.labels(ax, "order", f"amplitude ({unit_name(fit.unit, 'SI')})")
     style.legend(figure, ax)
     return figure
 
@@ -156,7 +158,7 @@ def cogging_over_turn(fit: CoggingFit, runs: Sequence[CoggingRun]) -> Any:
         assert found is not None
         y += found.value * np.sin(2.0 * np.pi * each.order * x + (each.even_phase if both else each.phase))
     ax.plot(x, y, label="cogging and offset" if both else "significant orders", **style.curve(0))
-    style.labels(ax, "position (periods)", f"force ({fit.unit})")
+    style.labels(ax, "position (periods)", f"force ({unit_name(fit.unit, 'SI')})")
     style.legend(figure, ax)
     return figure
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.table import shown
 from feeddrive.language.text import Text
 from feeddrive.plot import style
@@ -83,7 +83,7 @@ def _border(
 def _own(ax: Axes, own: CutStability) -> None:
     color = style.color(2) if own.stable else style.ALERT
     ax.plot([own.speed], [1e3 * own.depth], "D", color=color, markersize=6, markeredgecolor=style.PAPER, zorder=5)
-    said = f"this cut: |µ| = {own.growth:.3f}{'' if own.stable else ', chatters'}"
+    said = f"this cut: |µ| = {Quantity(own.growth):.3f}{'' if own.stable else ', chatters'}"
     low, high = ax.get_xlim()
     right = own.speed > 0.6 * high + 0.4 * low
     ax.annotate(said, (own.speed, 1e3 * own.depth), xytext=(-8 if right else 8, 5), textcoords="offset points",
@@ -105,15 +105,17 @@ def cutting_forces(found: CuttingForces) -> Any:
         style.note(axes[0], Text(f"the turn from {Quantity(found.time[turn][0], 's'):SI} on"))
     axes[0].set_xlim(0.0, 360.0)
     axes[0].set_xticks(range(0, 361, 60))
-    style.labels(axes[0], "angle of the spindle (°)", "force on the\ntool (N)")
+    style.labels(axes[0], "angle of the spindle (°)", f"force on the\ntool ({unit_name('N')})")
     style.row_legend(axes[0])
-    for ax, name, unit in ((axes[1], "resultant", "force across\nthe spindle (N)"), (axes[2], "power", "power (W)")):
+    for ax, name, unit in ((axes[1], "resultant", "N"), (axes[2], "power", "W")):
         values = getattr(found, name)
         ax.plot(*style.envelope(found.time, values), **style.curve(0))
         ax.set_xlim(found.time[0], found.time[-1])
-        mean = f"{np.mean(values[cuts]):.4g}" if cuts.size else "0"
-        style.note(ax, f"mean {mean} while it cuts, peak {np.max(np.abs(values)):.4g}")
-        style.labels(ax, "time (s)" if name == "power" else None, unit)
+        mean = float(np.mean(values[cuts])) if cuts.size else 0.0
+        mean, peak = (Quantity(size, unit, bare=True) for size in (mean, np.max(np.abs(values))))
+        style.note(ax, Text(f"mean {mean} while it cuts, peak {peak}"))
+        words = "power" if name == "power" else "force across\nthe spindle"
+        style.labels(ax, "time (s)" if name == "power" else None, f"{words} ({unit_name(unit)})")
     figure.align_ylabels(axes)
     return figure
 
@@ -132,11 +134,11 @@ def chatter_signs(found: ChatterSigns) -> Any:
         left.vlines(lines.frequency, 0.0, amplitude, color=style.color(i), linewidth=style.LINE, label=name)
     if found.dots != 1:
         peak = factor * float(lines.amplitude[np.searchsorted(lines.frequency, found.chatter)])
-        left.annotate(str(Quantity(found.chatter, "Hz")), (found.chatter, peak), xytext=(4, 2),
+        left.annotate(f"{Quantity(found.chatter, 'Hz')}", (found.chatter, peak), xytext=(4, 2),
                       textcoords="offset points", fontsize=style.SMALL, color=style.color(1))  # fmt: skip
     left.set_xlim(0.0, top)
     left.set_ylim(0.0, 1.12 * factor * float(np.max(lines.amplitude[chosen])))
-    style.labels(left, "frequency (Hz)", f"{lines.name.replace('_', ' ')} ({style.written(unit)})")
+    style.labels(left, "frequency (Hz)", f"{lines.name.replace('_', ' ')} ({unit_name(style.written(unit))})")
     values = factor * found.samples
     right.plot(values[:-1], values[1:], ".", color=style.color(0 if found.dots == 1 else 1), markersize=4)
     said = {1: "one dot: stable", 2: "two dots: flip", 0: "a ring: Hopf chatter"}[found.dots]
@@ -146,6 +148,7 @@ def chatter_signs(found: ChatterSigns) -> Any:
     right.set_xlim(middle - room, middle + room)
     right.set_ylim(middle - room, middle + room)
     right.set_aspect("equal")
-    style.labels(right, f"once per tooth ({style.written(unit)})", f"a tooth later ({style.written(unit)})")
+    name = unit_name(style.written(unit))
+    style.labels(right, f"once per tooth ({name})", f"a tooth later ({name})")
     style.legend(figure, left)
     return figure

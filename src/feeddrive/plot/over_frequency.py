@@ -9,9 +9,9 @@ import numpy as np
 from feeddrive.analysis.margins import Margins, complementary_sensitivity, tracking_bandwidth
 from feeddrive.analysis.margins import sensitivity as sensitivity_of
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.quantity import DRAWN, Quantity, Units
+from feeddrive.language.quantity import DRAWN, Quantity, Units, unit_name
 from feeddrive.language.table import shown
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, joined
 from feeddrive.plot import style
 from feeddrive.plot.chart import BAR, DEGREES, FREQUENCY, LINEAR, LOG, Chart, Curve, Level, Mark, Panel
 from feeddrive.plot.drawing import drawn
@@ -41,7 +41,7 @@ def bode_chart(responses: FRF | Mapping[str, FRF]) -> Chart:
     chosen = style.named(responses)
     numbered = list(enumerate(chosen.items()))
     unit = next((each.unit for each in chosen.values() if each.unit), "")
-    label = f"magnitude (dB re 1 {unit})" if unit not in ("", "N/N", "m/m") else "magnitude (dB)"
+    label = f"magnitude (dB re 1 {unit_name(unit, 'SI')})" if unit not in ("", "N/N", "m/m") else "magnitude (dB)"
     levels = [Curve(each.frequency, style.decibel(each.magnitude), name, i) for i, (name, each) in numbered]
     phases = [Curve(each.frequency, each.phase_deg, number=i) for i, (_, each) in numbered]
     known = [Curve(each.frequency, each.coherence, number=i) for i, (_, each) in numbered if each.coherence is not None]
@@ -71,7 +71,7 @@ def closed_loop_chart(responses: FRF | Mapping[str, FRF]) -> Chart:
         said = [Text(f"peak {Quantity(level.max(), 'dB'):.2f}")] + (
             [Text(f"-3 dB at {Quantity(width, 'Hz')}")] if width is not None else []
         )
-        curves.append(Curve(response.frequency, level, name, i, said=", ".join(said)))
+        curves.append(Curve(response.frequency, level, name, i, said=joined(", ", said)))
         marks += [] if width is None else [Mark(width, _MINUS_3_DB, i)]
     line = Level(_MINUS_3_DB, text="-3 dB", dashed=True)
     bottom = max(-40.0, min(float(np.min(each.y)) for each in curves) - 2.0)
@@ -95,7 +95,7 @@ def sensitivity_chart(loops: Margins | Mapping[str, Margins], units: Units = DRA
     marks, least = list[Mark](), [0.0, 0.0]
     for i, (name, margins) in enumerate(chosen.items()):
         L, at = margins.loop_gain, margins.modulus_frequency
-        said = f"Ms {margins.sensitivity_peak:.3g} at {units.said(at, 'Hz')}"
+        said = Text(f"Ms {Quantity(margins.sensitivity_peak):3} at {Quantity(at, 'Hz')}")
         levels = [style.decibel(each.magnitude) for each in (sensitivity_of(L), complementary_sensitivity(L))]
         least = [min(before, float(np.min(each))) for before, each in zip(least, levels, strict=True)]
         S, T = (np.asarray(units.from_decibel(each)) for each in levels)
@@ -107,7 +107,7 @@ def sensitivity_chart(loops: Margins | Mapping[str, Margins], units: Units = DRA
         for k, what in enumerate(("|S|", "|T|"))
     )  # fmt: skip
     span = _span((margins.loop_gain.frequency for margins in chosen.values()), units)
-    return Chart(_hertz(units), panels, FREQUENCY, *span, height=4.4, columns=style.narrow(chosen), factor=hertz)
+    return Chart(_hertz(), panels, FREQUENCY, *span, height=4.4, columns=style.narrow(chosen), factor=hertz)
 
 
 def _decibel(ratio: float) -> float:
@@ -129,8 +129,8 @@ def _ratio(what: str, units: Units) -> str:
     return f"{what} (dB)" if units.decibel else what
 
 
-def _hertz(units: Units) -> str:
-    return f"frequency ({units.of('Hz')[0]})"
+def _hertz() -> str:
+    return f"frequency ({unit_name('Hz')})"
 
 
 def stiffness(stiffnesses: Stiffness | Mapping[str, Stiffness]) -> Any:
@@ -141,22 +141,22 @@ def stiffness(stiffnesses: Stiffness | Mapping[str, Stiffness]) -> Any:
 def stiffness_chart(stiffnesses: Stiffness | Mapping[str, Stiffness], units: Units = DRAWN) -> Chart:
     """What `stiffness` shows."""
     chosen = style.named(stiffnesses)
-    hertz, (unit, factor) = units.of("Hz")[1], units.of("N/m")
+    hertz, factor = (units.of(unit)[1] for unit in ("Hz", "N/m"))
     curves, marks, tops = list[Curve](), list[Mark](), list[float]()
     for i, (name, found) in enumerate(chosen.items()):
         least, where = factor * found.minimum, found.minimum_frequency
-        said = f"least {least:.3g} {unit} at {units.said(where, 'Hz', 3)}"
+        said = Text(f"least {Quantity(found.minimum, 'N/m'):3} at {Quantity(where, 'Hz'):3}")
         curves.append(Curve(hertz * found.frequency, factor * found.magnitude, name, i, said=said))
         marks.append(Mark(hertz * where, least, i))
         # a sampled axis is infinitely stiff at Nyquist, where the sampled position cannot show the motion
         tops.append(factor * float(np.max(found.magnitude[found.frequency <= 0.8 * found.frequency[-1]], initial=0.0)))
     lows = [each.y for each in marks]
     panel = Panel(
-        f"dynamic stiffness ({unit})", tuple(curves), marks=tuple(marks), scale=LOG, low=0.5 * min(lows),
+        f"dynamic stiffness ({unit_name('N/m')})", tuple(curves), marks=tuple(marks), scale=LOG, low=0.5 * min(lows),
         high=3.0 * max(*tops, *lows),
     )  # fmt: skip
     span = _span((found.frequency for found in chosen.values()), units)
-    return Chart(_hertz(units), (panel,), FREQUENCY, *span, height=3.4, columns=style.narrow(chosen), factor=hertz)
+    return Chart(_hertz(), (panel,), FREQUENCY, *span, height=3.4, columns=style.narrow(chosen), factor=hertz)
 
 
 def spectrum(spectra: Spectrum | Mapping[str, Spectrum]) -> Any:
@@ -190,8 +190,8 @@ def spectrum(spectra: Spectrum | Mapping[str, Spectrum]) -> Any:
     else:
         axes[1].set_ylim(0.0, 1.15 * max(whole) or 1.0)
     quantity = first.name.replace("_", " ") if len(chosen) == 1 or first.name else "amplitude"
-    style.labels(axes[0], None, f"{quantity}\namplitude ({style.written(unit)})")
-    style.labels(axes[1], "frequency (Hz)", f"cumulative\nRMS ({style.written(unit)})")
+    style.labels(axes[0], None, f"{quantity}\namplitude ({unit_name(style.written(unit))})")
+    style.labels(axes[1], "frequency (Hz)", f"cumulative\nRMS ({unit_name(style.written(unit))})")
     style.frequency_axis(axes[1], lowest, highest)
     style.frequency_grid(axes)
     style.legend(figure, axes[0])
@@ -274,16 +274,17 @@ def open_loop_chart(loops: Margins | Mapping[str, Margins], units: Units = DRAWN
         *coherence_panels(list(enumerate(gains))[-1:], units),
     )  # fmt: skip
     span = _span((each.frequency for each in gains), units)
-    return Chart(_hertz(units), panels, FREQUENCY, *span, height=3.0 + len(panels), columns=1, factor=hertz)
+    return Chart(_hertz(), panels, FREQUENCY, *span, height=3.0 + len(panels), columns=1, factor=hertz)
 
 
 def _said(margins: Margins, units: Units) -> str:
-    said = []
+    said = list[str]()
     if margins.crossover is not None:
-        said.append(f"crossover {units.said(margins.crossover, 'Hz', 3)}, phase margin {margins.phase_margin_deg:.1f}°")
+        phase = Quantity(margins.phase_margin_deg or 0.0, "deg")
+        said.append(f"crossover {Quantity(margins.crossover, 'Hz'):3}, phase margin {phase:.1f}")
     if margins.gain_increase_dB is not None:
         said.append(f"gain margin {units.gain_said(margins.gain_increase_dB)}")
-    return ", ".join(said)
+    return joined(", ", said)
 
 
 def _phase(margins: Margins) -> np.ndarray:
@@ -303,7 +304,7 @@ def _margins(
     one = float(units.from_decibel(0.0))
     for k, gain in enumerate(margins.gain_crossovers):
         at = float(np.interp(np.log(gain.frequency), x, phase))
-        text = f"{gain.phase_margin_deg:.1f}°" if alone and k < WRITTEN else ""
+        text = f"{Quantity(gain.phase_margin_deg, 'deg'):.1f}" if alone and k < WRITTEN else ""
         marks[0].append(Mark(hertz * gain.frequency, one, i))
         marks[1].append(Mark(hertz * gain.frequency, at, i))
         bars[1].append(_bar(hertz * gain.frequency, at - gain.phase_margin_deg, at, i, text))

@@ -9,9 +9,9 @@ import numpy as np
 
 from feeddrive.analysis.friction_map import Window, set_velocity
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import DRAWN, Quantity, unit_name
 from feeddrive.language.table import shown
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, joined, marked
 from feeddrive.loop.simulate import Run
 from feeddrive.plot import style
 from feeddrive.plot.style import POINTS, envelope
@@ -34,27 +34,28 @@ def run(run: Run) -> Any:
     """Following error, force and velocity of one run."""
     figure, axes = style.picture(3, height=5.4)
     _draw(axes[0], run.time, 1e6 * run["following_error"], style.curve(0))
-    style.labels(axes[0], None, "following error\n(µm)")
+    style.labels(axes[0], None, f"following error\n({unit_name('m')})")
     _draw(axes[1], run.time, run["force"], style.curve(1) | {"linestyle": "-"})
-    style.labels(axes[1], None, "force\n(N)")
+    style.labels(axes[1], None, f"force\n({unit_name('N')})")
     if "velocity_load" in run.signals:  # optional in an FMU
         _draw(axes[2], run.time, 1e3 * run["velocity_load"], style.curve(2) | {"linestyle": "-"}, "actual")
     _draw(axes[2], run.time, 1e3 * set_velocity(run), _set_line(), "set")
-    style.labels(axes[2], "time (s)", "velocity\n(mm/s)")
+    style.labels(axes[2], "time (s)", f"velocity\n({unit_name('m/s')})")
     style.row_legend(axes[2])
-    style.note(axes[0], f"RMS {_rms(1e6 * run['following_error']):.4g} µm")
+    style.note(axes[0], Text(f"RMS {Quantity(_rms(run['following_error']), 'm')}"))
     return figure
 
 
 def following_error(runs: Runs, window: Window | None = None, points: int = POINTS) -> Any:
     """Following error of each run in its own row, whole or in a window of time."""
     chosen = style.named(runs)
-    values = {name: 1e6 * run["following_error"] for name, run in chosen.items()}
-    notes = {name: f"RMS {_rms(v):.4g} µm, peak {_peak(v):.4g} µm" for name, v in values.items()}
+    values = {name: run["following_error"] for name, run in chosen.items()}
+    notes = {name: _sizes(v, "m") for name, v in values.items()}
     if window is not None:
         inside = {name: _inside(run, window) for name, run in chosen.items()}
-        notes = {name: f"peak here {_peak(values[name][inside[name]]):.4g} µm" for name in chosen}
-    figure, axes = _rows(chosen, values, notes, "following error (µm)", window, points)
+        notes = {name: Text(f"peak here {Quantity(_peak(values[name][inside[name]]), 'm')}") for name in chosen}
+    values = {name: 1e6 * error for name, error in values.items()}
+    figure, axes = _rows(chosen, values, notes, f"following error ({unit_name('m')})", window, points)
     if window is not None and window.reversal is not None:
         lines = [ax.axvline(window.reversal, color=style.INK, linewidth=1.0, linestyle=(0, (4, 3))) for ax in axes]
         style.figure_legend(figure, {"the setpoint starts off in the other direction": lines[0]})
@@ -65,10 +66,10 @@ def force(runs: Runs, limits: Mapping[str, float] | None = None, points: int = P
     """Force of each run in its own row, with the limits in N by name as lines on both sides."""
     chosen = style.named(runs)
     values = {name: run["force"] for name, run in chosen.items()}
-    notes = {name: Text(f"RMS {Quantity(_rms(v), 'N')}, peak {Quantity(_peak(v), 'N')}") for name, v in values.items()}
-    figure, axes = _rows(chosen, values, notes, "force (N)", None, points, one_scale=True)
+    notes = {name: _sizes(v, "N") for name, v in values.items()}
+    figure, axes = _rows(chosen, values, notes, f"force ({unit_name('N')})", None, points, one_scale=True)
     largest = max(_peak(v) for v in values.values())
-    outside: list[str] = []
+    outside: list[Text] = []
     lines: dict[str, Any] = {}
     for i, (name, limit) in enumerate((limits or {}).items()):
         if limit > 4.0 * largest:
@@ -82,7 +83,7 @@ def force(runs: Runs, limits: Mapping[str, float] | None = None, points: int = P
             lines[Text(f"{name} ±{Quantity(limit, 'N')}")] = drawn[0]
     style.figure_legend(figure, lines)
     if outside:
-        style.note(axes[-1], "outside of the picture: " + ", ".join(outside), x=0.005, align="left", y=0.0)
+        style.note(axes[-1], "outside of the picture: " + joined(", ", outside), x=0.005, align="left", y=0.0)
     return figure
 
 
@@ -95,14 +96,14 @@ def comparison(chosen: Mapping[str, Run]) -> Any:
         line = style.curve(i) | {"linestyle": "-"}
         _draw(axes[i], run.time, errors[i], line, name)
         style.row_legend(axes[i])
-        style.note(axes[i], f"RMS {_rms(errors[i]):.4g} µm, peak {_peak(errors[i]):.4g} µm")
-        style.labels(axes[i], None, "error (µm)")
+        style.note(axes[i], _sizes(run["following_error"], "m"))
+        style.labels(axes[i], None, f"error ({unit_name('m')})")
         _draw(axes[-1], run.time, run["force"], line)
     if alike(errors):
         low, high = min(float(np.min(e)) for e in errors), max(float(np.max(e)) for e in errors)
         for ax in axes[:-1]:
             ax.set_ylim(*style.padded(low, high))
-    style.labels(axes[-1], "time (s)", "force (N)")
+    style.labels(axes[-1], "time (s)", f"force ({unit_name('N')})")
     figure.align_ylabels(axes)
     return figure
 
@@ -126,8 +127,8 @@ def motion(runs: Runs, points: int = POINTS) -> Any:
     _draw(axes[1], first.time, np.gradient(wanted, first.sample_time), _set_line(), points=points)
     # a log that starts in motion has a jump in its first set velocity, which is no acceleration of the axis
     axes[1].set_ylim(*style.padded(min(lows), max(highs)))
-    style.labels(axes[0], None, "velocity (mm/s)")
-    style.labels(axes[1], "time (s)", "acceleration (m/s²)")
+    style.labels(axes[0], None, f"velocity ({unit_name('m/s')})")
+    style.labels(axes[1], "time (s)", f"acceleration ({unit_name('m/s²')})")
     style.legend(figure, axes[0])
     return figure
 
@@ -157,7 +158,7 @@ def _rows(
             ax.set_ylim(*style.padded(float(low), float(high)))
     style.labels(axes[-1], "time (s)", quantity if rows == 1 else "")
     if rows > 1:
-        figure.supylabel(quantity, fontsize=style.TEXT, color=style.INK)
+        figure.supylabel(marked(quantity), fontsize=style.TEXT, color=style.INK)
     return figure, axes
 
 
@@ -179,6 +180,11 @@ def _set_line() -> dict[str, Any]:
 
 def _inside(run: Run, window: Window) -> np.ndarray:
     return (run.time >= window.begin) & (run.time <= window.end)
+
+
+def _sizes(values: np.ndarray, unit: str) -> Text:
+    """Return RMS and peak of values in SI, in words."""
+    return Text(f"RMS {Quantity(_rms(values), unit)}, peak {Quantity(_peak(values), unit)}")
 
 
 def _rms(values: np.ndarray) -> float:
@@ -206,7 +212,9 @@ def log(log: Log) -> Any:
         axes[i].plot(*envelope(log.time, factor * values, POINTS), **style.curve(0))
         head = name.replace("_", " ")
         last = i == len(chosen) - 1
-        style.labels(axes[i], "time (s)" if last else None, f"{head}\n({unit.replace('um', 'µm')})" if unit else head)
+        style.labels(
+            axes[i], "time (s)" if last else None, f"{head}\n({unit_name(style.written(unit))})" if unit else head
+        )
     return figure
 
 
@@ -215,11 +223,11 @@ def guess(found: Guess) -> Any:
     raise ParameterError(f"{found.name}: a guess of roles has no picture; plot the log itself")
 
 
-# shown unit, factor from SI, words
+# SI unit, shown unit of the signal, words
 _SHOWN = {
-    "position_load": ("mm", 1e3, "position"),
-    "following_error": ("µm", 1e6, "following error"),
-    "force": ("N", 1.0, "force"),
+    "position_load": ("m", "mm", "position"),
+    "following_error": ("m", "", "following error"),
+    "force": ("N", "", "force"),
 }
 
 
@@ -232,23 +240,25 @@ def replay(replay: Replay, points: int = POINTS) -> Any:
     figure, axes = style.picture(len(rows), height=0.8 + 1.45 * len(rows))
     time = replay.run.time
     for ax, (name, is_residual) in zip(axes, rows, strict=True):
-        unit, factor, words = _SHOWN[name]
+        unit, in_unit, words = _SHOWN[name]
         if is_residual:
-            unit, factor = ("µm", 1e6) if unit == "mm" else (unit, factor)
-            off = factor * replay.residual(name)
+            off, factor = replay.residual(name), DRAWN.of(unit)[1]
             ax.plot(
-                *envelope(time[replay.skipped :], off, points), **style.curve(1) | {"linestyle": "-", "linewidth": 0.9}
+                *envelope(time[replay.skipped :], factor * off, points),
+                **style.curve(1) | {"linestyle": "-", "linewidth": 0.9},
             )
-            style.labels(ax, None, f"{words}\nresidual ({unit})")
-            style.note(ax, f"predicted - measured: RMS {_rms(off):.4g} {unit}, peak {np.max(np.abs(off)):.4g} {unit}")
+            style.labels(ax, None, f"{words}\nresidual ({unit_name(unit)})")
+            style.note(ax, Text(f"predicted - measured: {_sizes(off, unit)}"))
             continue
+        factor = DRAWN.of(unit, in_unit)[1]
         ax.plot(*envelope(time, factor * replay.measured[name], points), color=style.MUTED, linewidth=2.6, alpha=0.55,
                 label="measured")  # fmt: skip
         ax.plot(*envelope(time, factor * replay.run[name], points), color=style.color(0), linewidth=1.0,
                 label="predicted")  # fmt: skip
-        style.labels(ax, None, f"{words}\n({unit})")
+        style.labels(ax, None, f"{words}\n({unit_name(unit, in_unit)})")
         if name != "position_load":
-            style.note(ax, f"measured RMS {_rms(factor * replay.measured[name][replay.skipped :]):.4g} {unit}")
+            size = Quantity(_rms(replay.measured[name][replay.skipped :]), unit)
+            style.note(ax, Text(f"measured RMS {size}"))
     axes[-1].set_xlabel("time (s)", fontsize=style.TEXT)
     figure.align_ylabels(axes)
     style.legend(figure, axes[0])

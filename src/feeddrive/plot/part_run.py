@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
+from feeddrive.language.quantity import Quantity, unit_name
+from feeddrive.language.text import Text, marked
 from feeddrive.plot import style
 from feeddrive.plot.chart import Chart, Curve, Panel
 from feeddrive.plot.drawing import drawn
@@ -29,7 +29,7 @@ def part_run(part: PartRun) -> Any:
     error = 1e6 * np.abs(contour.error)
     ax.plot(*envelope(contour.time, error), color=style.MUTED, linewidth=0.7, alpha=0.6, label="does not count")
     ax.plot(*envelope(contour.time, np.where(part.contour.counted, error, 0.0)), label="counts", **style.curve(0))
-    style.labels(ax, "time (s)", "contour error (µm)")
+    style.labels(ax, "time (s)", f"contour error ({unit_name('um')})")
     style.note(ax, Text(f"RMS {Quantity(part.contour.rms, 'm')}, largest {Quantity(part.contour.largest, 'm')}"))
     style.legend(figure, ax)
     return figure
@@ -49,7 +49,7 @@ def part_laws(parts: Mapping[str, PartRun]) -> Any:
     ax.set_xlim(0.7 * shown.min(), 1.5 * shown.max())
     ax.set_ylim(rows[-1] - 0.6, 0.6)
     ax.set_yticks(rows, [style.caption(name) or "" for name in parts])
-    ax.set_xlabel("contour error (µm)", fontsize=style.TEXT)
+    ax.set_xlabel(f"contour error ({unit_name('um')})", fontsize=style.TEXT)
     style.legend(figure, ax)
     return figure
 
@@ -64,7 +64,7 @@ def part_cutting(part: PartRun) -> Any:
             *envelope(part.contour.time, part.cutting[:, i], POINTS // 2),
             **style.curve(i) | {"linewidth": 0.8, "linestyle": "-"},
         )
-        style.labels(ax, "time (s)" if i == len(names) - 1 else None, f"on {name} (N)")
+        style.labels(ax, "time (s)" if i == len(names) - 1 else None, f"on {name} ({unit_name('N')})")
     figure.align_ylabels(axes)
     return figure
 
@@ -78,9 +78,9 @@ def part_estimates(part: PartRun, axis: str) -> Any:
     ax.plot(1e3 * time[shown], true[shown], color=style.MUTED, linewidth=1.0, alpha=0.6, label="what acts")
     for i, (name, by) in enumerate(part.estimates.items()):
         if axis in by:
-            label = Text(f"{name.replace('_', ' ')}, {Quantity(by[axis].lag, 's'):3} late")
+            label = marked(f"{name.replace('_', ' ')}, {Quantity(by[axis].lag, 's'):3} late")
             ax.plot(1e3 * time[shown], by[axis].disturbance[shown], label=label, **style.curve(i))
-    style.labels(ax, "time (ms)", f"force on {axis} (N)")
+    style.labels(ax, "time (ms)", f"force on {axis} ({unit_name('N')})")
     style.legend(figure, ax, 2)
     return figure
 
@@ -107,5 +107,5 @@ def part_zoom_chart(parts: Mapping[str, PartRun], time: float) -> Chart:
         at = part.contour.time
         shown = (at >= time - _BEFORE) & (at <= time + _AFTER)
         curves.append(Curve(1e3 * (at[shown] - time), 1e6 * np.abs(part.contour.error[shown]), name, k))
-    panel = Panel("contour error (µm)", tuple(curves))
+    panel = Panel(f"contour error ({unit_name('um')})", tuple(curves))
     return Chart("time after the worst instant (ms)", (panel,), height=3.4, columns=3)

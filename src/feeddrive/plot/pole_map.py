@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feeddrive.language.quantity import DRAWN, Units
+from feeddrive.language.quantity import DRAWN, Quantity, Units, unit_name
+from feeddrive.language.text import Text
 from feeddrive.loop.poles_and_zeros import continuous, natural
 from feeddrive.plot import style
 from feeddrive.plot.chart import (
@@ -56,7 +57,7 @@ def poles_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = DR
     plane is shown as the poles with a damping below 0.5 need.
     """
     chosen = style.named(models)
-    unit, hertz = units.of("Hz")
+    hertz = units.of("Hz")[1]
     found = {name: _upper(model.poles(), model, hertz) for name, model in chosen.items()}
     light = [abs(s) for each in found.values() for s in each if s.imag > 0.0 and -s.real < _LIGHT * abs(s)]
     known = light or [abs(s) for each in found.values() for s in each if np.isfinite(s)]
@@ -66,12 +67,12 @@ def poles_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = DR
         x, y = -ratio, float(np.sqrt(1.0 - ratio**2))
         end = reach * min(1.0 / y, 1.0 / -x)
         curves.append(Curve(np.array([0.0, end * x]), np.array([0.0, end * y]), number=NEUTRAL, look=THIN))
-        notes.append(Note(0.9 * end * x, 0.9 * end * y, f"{ratio:g}"))
+        notes.append(Note(0.9 * end * x, 0.9 * end * y, Text(f"{Quantity(ratio)}")))
     circles = [k * _step(reach) for k in range(1, 8) if k * _step(reach) < reach]
-    notes += [Note(0.0, radius, f"{radius:g} {unit}", right=True) for radius in circles]
+    notes += [Note(0.0, radius, Text(f"{Quantity(radius / hertz, 'Hz'):6}"), right=True) for radius in circles]
     for i, (name, s) in enumerate(found.items()):
         model, grows = chosen[name], np.real(s) >= 0.0
-        curves.append(Curve(np.real(s[~grows]), np.imag(s[~grows]), name, i, CROSS, _lightest(s, unit)))
+        curves.append(Curve(np.real(s[~grows]), np.imag(s[~grows]), name, i, CROSS, _lightest(s / hertz)))
         if np.any(grows):
             growing = f"{name} grows".strip()
             curves.append(Curve(np.real(s[grows]), np.imag(s[grows]), growing, ALERT, CROSS))
@@ -80,10 +81,18 @@ def poles_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = DR
             curves.append(Curve(np.real(there), np.imag(there), number=i, look=RING))
     axes = Level(0.0), Level(0.0, upright=True)
     discs = tuple(Disc(0.0, 0.0, radius) for radius in circles)
-    panel = Panel(f"imaginary part of s ({unit})", tuple(curves), levels=axes, discs=discs, notes=tuple(notes),
-                  low=-_BELOW * reach, high=reach)  # fmt: skip
+    panel = Panel(
+        f"imaginary part of s ({unit_name('Hz')})", tuple(curves), levels=axes, discs=discs, notes=tuple(notes),
+        low=-_BELOW * reach, high=reach,
+    )  # fmt: skip
     return Chart(
-        f"real part of s ({unit})", (panel,), low=-reach, high=_RIGHT * reach, square=True, height=4.8, factor=hertz
+        f"real part of s ({unit_name('Hz')})",
+        (panel,),
+        low=-reach,
+        high=_RIGHT * reach,
+        square=True,
+        height=4.8,
+        factor=hertz,
     )
 
 
@@ -93,14 +102,14 @@ def _upper(z: np.ndarray, model: StateSpace, hertz: float) -> np.ndarray:
     return hertz / (2.0 * np.pi) * s[np.isfinite(s) & (np.imag(s) >= 0.0)]
 
 
-def _lightest(s: np.ndarray, unit: str) -> str:
-    """The least damped pole that oscillates, in words."""
+def _lightest(s: np.ndarray) -> str:
+    """The least damped pole that oscillates, in words; s in Hz."""
     swings = s[np.imag(s) > 0.0]
     if not swings.size:
         return "no pole oscillates"
     ratio = -np.real(swings) / np.abs(swings)
     at = int(np.argmin(ratio))
-    return f"least damping {ratio[at]:.2g} at {abs(swings[at]):.3g} {unit}"
+    return Text(f"least damping {Quantity(ratio[at]):2} at {Quantity(abs(swings[at]), 'Hz'):3}")
 
 
 def _step(reach: float) -> float:
@@ -112,14 +121,14 @@ def _step(reach: float) -> float:
 def damping_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = DRAWN) -> Chart:
     """Damping ratio over natural frequency of all poles up to Nyquist; real ones have 1, what grows has less than 0."""
     chosen = style.named(models)
-    unit, hertz = units.of("Hz")
+    hertz = units.of("Hz")[1]
     curves, sizes, least = list[Curve](), list[float](), 0.0
     for i, (name, model) in enumerate(chosen.items()):
         z = model.poles().astype(complex)
         there = (np.abs(z) > 1e-9) & (np.abs(z - 1.0) > 1e-9) & (np.imag(z) >= 0.0)  # neither delays nor integrators
         frequency, damping = natural(z[there], model.sample_time)
         grows = damping <= 0.0
-        said = _lightest(_upper(z[there], model, hertz), unit)
+        said = _lightest(_upper(z[there], model, 1.0))
         curves.append(Curve(hertz * frequency[~grows], damping[~grows], name, i, CROSS, said))
         if np.any(grows):
             curves.append(Curve(hertz * frequency[grows], damping[grows], f"{name} grows".strip(), ALERT, CROSS))
@@ -128,7 +137,7 @@ def damping_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = 
     panel = Panel("damping ratio", tuple(curves), levels=(Level(0.0),), low=least - 0.08, high=1.08)
     nyquist = max(0.5 * hertz / model.sample_time for model in chosen.values())
     low, high = 0.5 * min(sizes, default=1e-3 * nyquist), min(2.0 * max(sizes, default=nyquist), nyquist)
-    return Chart(f"natural frequency ({unit})", (panel,), FREQUENCY, low, high, factor=hertz)
+    return Chart(f"natural frequency ({unit_name('Hz')})", (panel,), FREQUENCY, low, high, factor=hertz)
 
 
 def stability(found: Stability) -> Any:

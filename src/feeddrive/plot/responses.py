@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from feeddrive.language.quantity import DRAWN, Units
+from feeddrive.language.quantity import DRAWN, Units, unit_name
 from feeddrive.plot import style
 from feeddrive.plot.chart import DEGREES, DOTS, FREQUENCY, LINEAR, LOG, THIN, Band, Chart, Curve, Panel
 from feeddrive.plot.drawing import drawn
@@ -72,11 +72,11 @@ def excitation(found: Excitation) -> Any:
     """The excitation of the first realization, and the simulated speed and force, over time."""
     drawn = found.drawings[0]
     figure, axes = style.picture(3, height=5.2)
-    unit, factor = ("N", 1.0) if found.where == "force" else ("µm", 1e6)
+    unit, factor = ("N", 1.0) if found.where == "force" else ("um", 1e6)
     rows = (
-        (factor * drawn.excitation, f"excitation ({unit})"),
-        (1e3 * drawn.signals["velocity_load"], "speed (mm/s)"),
-        (drawn.signals["force"], "force (N)"),
+        (factor * drawn.excitation, f"excitation ({unit_name(unit)})"),
+        (1e3 * drawn.signals["velocity_load"], f"speed ({unit_name('m/s')})"),
+        (drawn.signals["force"], f"force ({unit_name('N')})"),
     )
     for ax, (values, text) in zip(axes, rows, strict=True):
         ax.plot(*envelope(drawn.time, values), **style.curve(0) | {"linewidth": 0.7})
@@ -167,7 +167,7 @@ def overlay_chart(rows: Sequence[Overlay], units: Units = DRAWN, more: Sequence[
     panels += coherence_panels(coherent, units)
     x = [hertz * float(each.frequency[k]) for each in known for k in (0, -1)]
     return Chart(
-        f"frequency ({units.of('Hz')[0]})", tuple(panels), FREQUENCY, min(x), max(x), height=2.6 + 1.05 * len(panels),
+        f"frequency ({unit_name('Hz')})", tuple(panels), FREQUENCY, min(x), max(x), height=2.6 + 1.05 * len(panels),
         columns=2, factor=hertz,
     )  # fmt: skip
 
@@ -188,9 +188,8 @@ def _by_model(measured: FRF, fitted: FRF | None, curve: FRF) -> np.ndarray:
 def _magnitudes(unit: str, units: Units) -> tuple[float, str]:
     """Factor to what is shown of a response of this unit, and the label of its magnitude."""
     if units.decibel:
-        return 1.0, f"magnitude (dB re 1 {unit})" if unit else "magnitude (dB)"
-    shown, factor = units.of(unit)
-    return factor, f"magnitude ({shown})" if shown else "magnitude"
+        return 1.0, f"magnitude (dB re 1 {unit_name(unit, 'SI')})" if unit else "magnitude (dB)"
+    return units.of(unit)[1], f"magnitude ({unit_name(unit)})" if unit else "magnitude"
 
 
 def _gains(label: str, curves: Sequence[Curve], bands: Sequence[Band], scale: str, share: float) -> Panel:
@@ -246,7 +245,7 @@ def response_nyquist(found: Agreement) -> Any:
         dots = {"color": style.color(i), "linestyle": "none", "marker": "o", "markersize": 4.0, "zorder": 3.0}
         ax.plot(np.real(points), np.imag(points), label=style.caption(name, "measured"), **dots)
         ax.plot(np.real(curve), np.imag(curve), label=style.caption(name, "fitted"), **style.curve(i))
-    said = f" ({_velocity(unit)})" if unit else ""
+    said = f" ({unit_name(_velocity(unit), 'SI')})" if unit else ""
     ax.locator_params(nbins=5)
     ax.ticklabel_format(scilimits=(-3, 3))
     style.labels(ax, f"real part{said}", f"imaginary part{said}")

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from feeddrive.analysis.oscilloscope import Readout, Shown
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.plot.chart import Chart, Curve, Level, Panel
 from feeddrive.plot.style import written
 
@@ -98,7 +100,7 @@ def _panel(
 
 def _said(y: np.ndarray, unit: str) -> str:
     there = y[np.isfinite(y)]
-    return f"{there[-1]:.5g} {written(unit)}".strip() if there.size else "nothing"
+    return Text(f"{Quantity(there[-1], written(unit)):5 SI}") if there.size else "nothing"
 
 
 def kept_points(time: np.ndarray, y: np.ndarray, width: float) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from feeddrive.analysis.step_response import settling_time
-from feeddrive.language.quantity import DRAWN, Quantity, Units
+from feeddrive.language.quantity import DRAWN, Quantity, Units, unit_name
 from feeddrive.language.text import Text
 from feeddrive.loop.simulate import Run
 from feeddrive.plot import style
@@ -27,14 +27,17 @@ _MS = 1e3
 
 def run_chart(runs: Mapping[str, Run], units: Units = DRAWN) -> Chart:
     """Following error and force over the same time."""
-    (length, micro), (force, newton) = units.of("m"), units.of("N")
+    micro, newton = (units.of(unit)[1] for unit in ("m", "N"))
     errors, forces = list[Curve](), list[Curve]()
     for i, (name, run) in enumerate(runs.items()):
-        error = micro * run["following_error"]
-        said = f"RMS {np.sqrt(np.mean(error**2)):.4g} {length}, peak {np.max(np.abs(error)):.4g} {length}"
-        errors.append(Curve(run.time, error, name, i, said=said))
+        error = run["following_error"]
+        rms, peak = (Quantity(size, "m") for size in (np.sqrt(np.mean(error**2)), np.max(np.abs(error))))
+        errors.append(Curve(run.time, micro * error, name, i, said=Text(f"RMS {rms}, peak {peak}")))
         forces.append(Curve(run.time, newton * run["force"], number=i))
-    panels = Panel(f"following error ({length})", tuple(errors), share=2.0), Panel(f"force ({force})", tuple(forces))
+    panels = (
+        Panel(f"following error ({unit_name('m')})", tuple(errors), share=2.0),
+        Panel(f"force ({unit_name('N')})", tuple(forces)),
+    )
     end = max(float(run.time[-1]) for run in runs.values())
     return Chart("time (s)", panels, low=0.0, high=end, height=4.2)
 
@@ -52,7 +55,7 @@ def step_chart(responses: StepResponse | Mapping[str, StepResponse]) -> Chart:
     for i, (name, found) in enumerate(chosen.items()):
         said = Text(
             f"overshoot {Quantity(found.overshoot, 'share'):.1f}, settled to {Quantity(found.settled, 'share'):6} in "
-            f"{_MS * found.settling_time:.4g} ms"
+            f"{Quantity(found.settling_time, 's')}"
         )
         there = found.time <= end
         curves.append(Curve(_MS * found.time[there], found.position[there], name, i, said=said))
@@ -74,7 +77,7 @@ def snap_chart(runs: Mapping[str, Run], begin: float, near: float, units: Units 
 
     near  m: within it the table counts as settled
     """
-    (length, micro), (force, newton) = units.of("m"), units.of("N")
+    micro, newton = (units.of(unit)[1] for unit in ("m", "N"))
     known = dict[str, tuple[float, float]]()
     for name, run in runs.items():
         after = run.time >= begin - 0.5 * run.sample_time
@@ -85,15 +88,15 @@ def snap_chart(runs: Mapping[str, Run], begin: float, near: float, units: Units 
     errors, forces = list[Curve](), list[Curve]()
     for i, (name, run) in enumerate(runs.items()):
         peak, settled = known[name]
-        rest = "not settled" if np.isinf(settled) else f"settled in {_MS * settled:.4g} ms"
-        said = f"peak {micro * peak:.4g} {length}, {rest} to ±{micro * near:.3g} {length}"
+        rest = "not settled" if np.isinf(settled) else f"settled in {Quantity(settled, 's')}"
+        said = Text(f"peak {Quantity(peak, 'm')}, {rest} to ±{Quantity(near, 'm'):3}")
         there = (run.time >= begin - _BEFORE * end) & (run.time <= begin + end)
         time = _MS * (run.time[there] - begin)
         errors.append(Curve(time, micro * run["tracking_error"][there], name, i, said=said))
         forces.append(Curve(time, newton * run["force"][there], number=i))
     levels = Level(0.0, faint=True), Level(micro * near, dashed=True), Level(-micro * near, dashed=True)
     panels = (
-        Panel(f"error of the table ({length})", tuple(errors), levels=levels, share=2.0),
-        Panel(f"force ({force})", tuple(forces)),
+        Panel(f"error of the table ({unit_name('m')})", tuple(errors), levels=levels, share=2.0),
+        Panel(f"force ({unit_name('N')})", tuple(forces)),
     )
     return Chart("time after the cut (ms)", panels, low=-_MS * _BEFORE * end, high=_MS * end, height=4.2, columns=1)

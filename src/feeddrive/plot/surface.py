@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.text import Text
 from feeddrive.plot import style
 
@@ -23,14 +23,14 @@ def surface(found: Surface) -> Any:
     if maps:
         top = 1e3 * found.heights
         shown = axes[0].pcolormesh(along, top, off, cmap="viridis", shading="nearest", rasterized=True)
-        figure.colorbar(shown, ax=axes[0], label="left of material (µm)")
+        figure.colorbar(shown, ax=axes[0], label=f"left of material ({unit_name('um')})")
         axes[0].grid(visible=False)
         style.labels(axes[0], None, "above the tip (mm)")
     ax = axes[-1]
     ax.plot(along, off[0], label="profile at the tip", **style.curve(0))
     low = float(np.min(off[0]))
     ax.axhline(low + 1e6 * found.mark, color=style.ALERT, linewidth=1.0, linestyle=(0, (5, 2)), label="feed mark alone")
-    style.labels(ax, "along the feed (mm)", "left of\nmaterial (µm)")
+    style.labels(ax, "along the feed (mm)", f"left of\nmaterial ({unit_name('um')})")
     ra, rz = found.roughness
     style.note(ax, Text(f"Ra {Quantity(ra, 'm'):3}, Rz {Quantity(rz, 'm'):3} of the patch"))
     style.legend(figure, ax)

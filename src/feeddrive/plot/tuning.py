@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from feeddrive.language import tree
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
+from feeddrive.language.quantity import Quantity, unit_name
+from feeddrive.language.text import Text, marked
 from feeddrive.plot import style
 from feeddrive.plot.style import POINTS, envelope
 
@@ -32,7 +32,7 @@ def trial(trial: Trial) -> Any:
     """Following error over set velocity."""
     figure, axes = style.picture(2, height=3.6, ratios=(2, 1))
     axes[0].plot(*envelope(trial.time, 1e6 * trial.following_error), **style.curve(0))
-    style.labels(axes[0], None, "following error\n(µm)")
+    style.labels(axes[0], None, f"following error\n({unit_name('um')})")
     style.note(axes[0], Text(f"RMS {Quantity(trial.rms, 'm')}, peak {Quantity(trial.peak, 'm')}"))
     _velocity(axes[1], trial)
     figure.align_ylabels(axes)
@@ -43,11 +43,11 @@ def iteration(iteration: Iteration) -> Any:
     """The error of the trial, and below it the error predicted for the next trial with the same reference."""
     figure, axes = style.picture(2, height=3.8, ratios=(2, 1))
     time = iteration.trial.time
-    before = Text(f"this trial, RMS {Quantity(iteration.trial.rms, 'm')}")
-    after = Text(f"predicted for the next, RMS {Quantity(iteration.predicted_rms, 'm')}")
+    before = f"this trial, RMS {Quantity(iteration.trial.rms, 'm')}"
+    after = f"predicted for the next, RMS {Quantity(iteration.predicted_rms, 'm')}"
     axes[0].plot(*envelope(time, 1e6 * iteration.trial.following_error), label=before, **style.curve(0))
     axes[0].plot(*envelope(time, 1e6 * iteration.predicted), label=after, **style.curve(1) | {"linestyle": "-"})
-    style.labels(axes[0], None, "following error\n(µm)")
+    style.labels(axes[0], None, f"following error\n({unit_name('um')})")
     _velocity(axes[1], iteration.trial)
     figure.align_ylabels(axes)
     style.legend(figure, axes[0])
@@ -78,7 +78,7 @@ def errors_and_parameters(named: Mapping[str, Trials]) -> Any:
         )  # fmt: skip
     top.set_yscale("log")
     style.plain_decades(top.yaxis)
-    style.labels(top, None, "following error\nRMS (µm)")
+    style.labels(top, None, f"following error\nRMS ({unit_name('um')})")
     axes = [top]
     for i, (name, row) in enumerate(values.items()):
         ax = style.dressed(figure.add_subplot(grid[1 + i // 2, i % 2]))
@@ -89,7 +89,9 @@ def errors_and_parameters(named: Mapping[str, Trials]) -> Any:
             elinewidth=0.9, capsize=2.5, linewidth=1.0,
         )  # fmt: skip
         unit = style.written(tree.declaration(last.iterations[0].before, name).unit)
-        style.labels(ax, "trial" if i // 2 == rows - 1 else None, f"{_WORDS.get(name, name)}\n({unit})")
+        style.labels(
+            ax, "trial" if i // 2 == rows - 1 else None, f"{_WORDS.get(name, name)}\n({unit_name(unit, 'SI')})"
+        )
         axes.append(ax)
     for ax in axes:
         ax.set_xlim(0.7, max(most, 2) + 0.3)
@@ -101,7 +103,7 @@ def errors_and_parameters(named: Mapping[str, Trials]) -> Any:
 
 def _velocity(ax: Any, trial: Trial) -> None:
     ax.plot(*envelope(trial.time, 1e3 * np.asarray(trial.setpoint.velocity)), color=style.INK, linewidth=1.0)
-    style.labels(ax, "time (s)", "set velocity\n(mm/s)")
+    style.labels(ax, "time (s)", f"set velocity\n({unit_name('m/s')})")
 
 
 def prefilter_fit(fit: PrefilterFit, points: int = POINTS) -> Any:
@@ -114,8 +116,8 @@ def prefilter_fit(fit: PrefilterFit, points: int = POINTS) -> Any:
     size = 1.1e6 * float(np.max(np.abs(fit.error), initial=1e-12))
     for ax in axes:
         ax.set_ylim(-size, size)
-    style.labels(axes[0], None, "tracking error\n(µm)")
-    style.labels(axes[1], "time (s)", "predicted with\nthe prefilter (µm)")
+    style.labels(axes[0], None, f"tracking error\n({unit_name('um')})")
+    style.labels(axes[1], "time (s)", f"predicted with\nthe prefilter ({unit_name('um')})")
     style.note(axes[1], Text(f"RMS {Quantity(fit.rms(fit.error), 'm')} -> {Quantity(fit.rms(fit.predicted), 'm')}"))
     style.legend(figure, axes[0])
     return figure
@@ -137,7 +139,7 @@ def disturbance(
                 label="true")  # fmt: skip
     for i, (name, found) in enumerate(chosen.items()):
         ax.plot(1e3 * found.time[shown], found.disturbance[shown], label=style.caption(name), **style.curve(i))
-    style.labels(ax, "time (ms)", "disturbance (N)")
+    style.labels(ax, "time (ms)", f"disturbance ({unit_name('N')})")
     style.legend(figure, ax)
     return figure
 
@@ -154,7 +156,7 @@ def delay_map(maps: DelayMap | Mapping[str, DelayMap]) -> Any:
         before = f"{name}: " if name else ""
         ax.plot(samples, edge, mark + "-", color=style.color(i), linewidth=style.LINE, label=f"{before}unstable above")
         ax.plot(samples, robust, mark + "--", color=style.color(i), linewidth=style.LINE,
-                label=f"{before}Ms = {found.sensitivity_bound:g}")  # fmt: skip
+                label=marked(f"{before}Ms = {Quantity(found.sensitivity_bound)}"))  # fmt: skip
         ax.fill_between(samples, 0.0, robust, color=style.color(i), alpha=0.08, linewidth=0.0)
         style.labels(ax, "dead time (samples)", f"{tunable.rpartition('.')[2].replace('_', ' ')} (1/s)")
     ax.set_ylim(bottom=0.0)

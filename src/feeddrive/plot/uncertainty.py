@@ -6,7 +6,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from feeddrive.language.quantity import DRAWN, Units
+from feeddrive.language.quantity import DRAWN, Quantity, Units
+from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF, TRUSTED
 from feeddrive.plot import style
 from feeddrive.plot.chart import Band, Curve, Level, Panel
@@ -93,5 +94,5 @@ def coherence_panels(responses: Iterable[tuple[int, FRF]], units: Units = DRAWN)
         return ()
     curves = tuple(Curve(units.of("Hz")[1] * each.frequency, np.asarray(each.coherence), number=i) for i, each in known)
     level = Level(TRUSTED, dashed=True)
-    shaded = doubtful((each for _, each in known), units, name=f"coherence {TRUSTED:g} or less")
+    shaded = doubtful((each for _, each in known), units, name=Text(f"coherence {Quantity(TRUSTED)} or less"))
     return (Panel("coherence", curves, levels=(level,), bands=shaded, low=0.0, high=1.05),)

@@ -58,7 +58,7 @@ def _open_loop(view: View) -> Chart:
 
 
 def _nyquist(view: View) -> Chart:
-    return nyquist_chart({name: each.margins for name, each in view.leading.items()}, view.units)
+    return nyquist_chart({name: each.margins for name, each in view.leading.items()})
 
 
 def _sensitivity(view: View) -> Chart | None:
