@@ -261,9 +261,9 @@ def encirclement(
     if count > 0 and np.abs(response[0]) <= 1.0:
         doubts.append(
             Text(
-                f"|L| is {Quantity(np.abs(response[0])):3} at the first line, {Quantity(L.frequency[0], 'Hz'):3}: below 1 "
-                f"the unmeasured arc of its {count} integrators may pass on either side of -1; measure from a lower "
-                "frequency"
+                f"|L| is {Quantity(np.abs(response[0])):3} at the first line, {Quantity(L.frequency[0], 'Hz'):3}: "
+                f"below 1 the unmeasured arc of its {count} integrators may pass on either side of -1; measure from a "
+                "lower frequency"
             )
         )
     steps = np.angle(distance[1:] / distance[:-1])
@@ -274,8 +274,8 @@ def encirclement(
             Text(
                 f"1 + L turns by {Quantity(np.degrees(abs(steps[i])), 'deg'):.0f} between "
                 f"{Quantity(L.frequency[i], 'Hz', bare=True):5} and "
-                f"{Quantity(L.frequency[i + 1], 'Hz'):5}, more than {Quantity(np.degrees(_COARSE), 'deg'):.0f}: measure "
-                "lines between them"
+                f"{Quantity(L.frequency[i + 1], 'Hz'):5}, more than {Quantity(np.degrees(_COARSE), 'deg'):.0f}: "
+                "measure lines between them"
             )
         )
     closing = -float(np.angle(distance[-1]))
@@ -286,8 +286,8 @@ def encirclement(
     elif np.abs(response[-1]) >= 1.0:
         doubts.append(
             Text(
-                f"|L| is {Quantity(np.abs(response[-1])):3} at the last line, {Quantity(L.frequency[-1], 'Hz')}, and may "
-                "turn round -1 beyond it: measure to where it stays below 1"
+                f"|L| is {Quantity(np.abs(response[-1])):3} at the last line, {Quantity(L.frequency[-1], 'Hz')}, and "
+                "may turn round -1 beyond it: measure to where it stays below 1"
             )
         )
     total = (first + float(np.sum(steps)) + closing) / np.pi

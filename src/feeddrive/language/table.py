@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from functools import singledispatch
 from html import escape
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.quantity import ABSENT, USUAL, Quantity, Units, finite, form_unit, unit_name
+from feeddrive.language.quantity import ABSENT, DRAWN, USUAL, Quantity, Units, finite, form_unit, unit_name
 from feeddrive.language.text import Mark, Text, marked, resolve
 from feeddrive.language.units import turning
 
@@ -204,15 +205,16 @@ def frame_of(result: Any) -> Any:
     raise ParameterError(f"{type(result).__name__} has no DataFrame: print it, or take its fields")
 
 
-def resolve_texts(figure: Any, units: Units) -> list[tuple[Any, str]]:
-    """Write all texts of a matplotlib figure in the units of a reader; return those that changed, as they were."""
-    before = list[tuple[Any, str]]()
-    for artist in figure.findobj(lambda artist: hasattr(artist, "set_text")):
-        text = artist.get_text()
-        if (resolved := resolve(text, units)) != text:
-            artist.set_text(resolved)
-            before.append((artist, text))
-    return before
+READER: ContextVar[Units] = ContextVar("READER", default=DRAWN)
+"""The units of the reader for whom a picture is drawn: the functions that draw do not hand them on."""
+
+
+def resolve_texts(figure: Any, units: Units) -> None:
+    """Write all texts of a matplotlib figure in the units of a reader."""
+    for text in figure.findobj(lambda each: hasattr(each, "set_text")):
+        said = text.get_text()
+        if (resolved := resolve(said, units)) != said:
+            text.set_text(resolved)
 
 
 _load_views: list[Callable[[type], object]] = []
@@ -258,8 +260,13 @@ class Result(ABC):
         """The picture of this type of result, a matplotlib figure. Raises ParameterError if it has none."""
         for load in _load_views:
             load(type(self))
-        figure = picture_of(self)
-        resolve_texts(figure, replace(self.reader, typographic=True))
+        units = replace(self.reader, typographic=True)
+        before = READER.set(units)
+        try:
+            figure = picture_of(self)
+        finally:
+            READER.reset(before)
+        resolve_texts(figure, units)
         return figure
 
     def to_pandas(self) -> Any:

@@ -241,6 +241,6 @@ def slow_enough(
 def _too_fast_a_mode(mode: float, h: float, what: str) -> str:
     return Text(
         f"{what}: its fastest mode, {Quantity(mode / (2.0 * math.pi), 'Hz')}, turns {Quantity(mode * h, 'rad')} in a "
-        f"substep of {Quantity(h, 's'):6 SI}, more than {Quantity(MOST_TURN):6}: check masses and stiffnesses, or raise "
-        "substeps"
+        f"substep of {Quantity(h, 's'):6 SI}, more than {Quantity(MOST_TURN):6}: check masses and stiffnesses, or "
+        "raise substeps"
     )

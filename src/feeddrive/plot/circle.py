@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from feeddrive.language.quantity import Quantity, unit_name
-from feeddrive.language.text import Text, joined, marked
+from feeddrive.language.text import Text, joined
 from feeddrive.machining.circle_test import CirclePath, CircleTest, same_feed
 from feeddrive.machining.quadrant_peaks import QuadrantPeak, deviations, quadrant_peaks
 from feeddrive.plot import style
@@ -55,7 +55,7 @@ def circle_test(test: CircleTest, division: float | None = None, said: str = "")
     figure, (ax,) = style.picture(1, height=chart.height)
     draw_chart(chart, [ax])
     ax.set_anchor("W")
-    ax.annotate(_box(test, each, said), (1.02, 0.5), xycoords="axes fraction", ha="left", va="center",
+    ax.annotate(style.read(_box(test, each, said)), (1.02, 0.5), xycoords="axes fraction", ha="left", va="center",
                 fontsize=style.SMALL, color=style.INK, linespacing=1.5)  # fmt: skip
     style.legend(figure, ax, chart.columns)
     return figure
@@ -157,7 +157,7 @@ def _box(test: CircleTest, division: float, said: str) -> str:
     low, high = Quantity(most.F_min, "m", bare=True), Quantity(most.F_max, "m")
     lines += [f"F {low:+.4g} … {high:+.4g} ({test.about})", f"D {Quantity(most.D, 'm'):+.4g}"]
     lines += ["readings of encoders"] if first.source == "encoder" else []
-    return joined("\n", [*lines, *([style.caption(said) or ""] if said else [])]).marked
+    return joined("\n", [*lines, *([style.caption(said) or ""] if said else [])])
 
 
 def _division(wanted: float) -> float:
@@ -232,7 +232,7 @@ def circle_causes(found: CircleCauses, most: int = 12) -> Any:
             )
         share = Text(f", {Quantity(each.share, 'share'):2} of G") if each.share > 5e-4 else ""
         note = f"; {each.note}" if each.note else ""
-        ax.annotate(marked(f"{Quantity(each.effect, 'm'):3}{share}{note}"), (1e6 * each.effect, -row), xytext=(5, 0),
+        ax.annotate(style.read(f"{Quantity(each.effect, 'm'):3}{share}{note}"), (1e6 * each.effect, -row), xytext=(5, 0),
                     textcoords="offset points", va="center", fontsize=style.SMALL, color=style.MUTED)  # fmt: skip
     ax.set_yticks([-row for row in range(len(shown))], [each.name for each in shown])
     ax.set_xlim(0.0, 1.75 * widest)
@@ -287,7 +287,7 @@ def axis_load(load: AxisLoad) -> Any:
             top = max(top, 1.1 * level)
             for sign in (1.0, -1.0):
                 ax.axhline(sign * level, color=style.ALERT, linewidth=1.0, linestyle=dash,
-                           label=marked(f"{name} {Quantity(level, 'N')}") if sign > 0 else None)  # fmt: skip
+                           label=style.read(f"{name} {Quantity(level, 'N')}") if sign > 0 else None)  # fmt: skip
     ax.set_ylim(-top, top)
     style.labels(ax, None if load.heat is not None else "time (s)", f"force ({unit_name('N')})")
     if load.heat is not None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from feeddrive.language.quantity import Quantity, unit_name
-from feeddrive.language.text import Text, marked
+from feeddrive.language.text import Text
 from feeddrive.plot import style
 from feeddrive.plot.chart import ALERT, BAR, NEUTRAL, THIN, Chart, Curve, Heat, Mark, Panel
 from feeddrive.plot.drawing import drawn
@@ -192,7 +192,7 @@ def _band(ax: Any, path: np.ndarray, half: float) -> None:
         line[::3], line[1::3] = begin + side * normal, end + side * normal
         smooth = np.flatnonzero(np.einsum("ij,ij->i", normal[1:], normal[:-1]) > 0.99 * half * half)
         line[3 * smooth + 2] = end[smooth] + side * normal[smooth]
-        label = marked(f"tolerance {Quantity(1e-6 * half, 'm'):3}") if i == 0 else None
+        label = style.read(f"tolerance {Quantity(1e-6 * half, 'm'):3}") if i == 0 else None
         ax.plot(line[:, 0], line[:, 1], color=style.ALERT, linewidth=0.9, linestyle=(0, (5, 2)), label=label)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from feeddrive.language.quantity import Quantity, unit_name
-from feeddrive.language.text import Text, marked
+from feeddrive.language.text import Text
 from feeddrive.plot import style
 from feeddrive.plot.style import envelope
 
@@ -47,9 +47,9 @@ def curves(
         style.labels(ax, None, row.ordinate)
     for name, level in (levels or {}).items():
         axes[0].axhline(level, color=style.MUTED, linewidth=1.0, linestyle=(0, (4, 3)))
-        axes[0].annotate(marked(name), (1.0, level), xycoords=("axes fraction", "data"), xytext=(-4, 2),
+        axes[0].annotate(style.read(name), (1.0, level), xycoords=("axes fraction", "data"), xytext=(-4, 2),
                          textcoords="offset points", ha="right", fontsize=style.SMALL, color=style.MUTED)  # fmt: skip
-    axes[-1].set_xlabel(marked(abscissa), fontsize=style.TEXT)
+    axes[-1].set_xlabel(style.read(abscissa), fontsize=style.TEXT)
     if frequency:
         style.frequency_axis(axes[-1], float(x[0]), float(x[-1]))
         style.frequency_grid(axes)
@@ -102,7 +102,7 @@ def by_axis(time: np.ndarray, rows: Mapping[str, Mapping[str, np.ndarray]], quan
             ax.plot(*envelope(time, values), label=style.caption(name), **style.curve(i))
         style.note(ax, axis)
     style.labels(axes[-1], "time (s)", "")
-    figure.supylabel(marked(quantity), fontsize=style.TEXT, color=style.INK)
+    figure.supylabel(style.read(quantity), fontsize=style.TEXT, color=style.INK)
     if any(len(curves) > 1 for curves in rows.values()):
         style.legend(figure, axes[0])
     return figure
@@ -131,7 +131,7 @@ def left_over(
     if one:
         ax.axhline(1.0, color=style.MUTED, linewidth=1.0, linestyle=(0, (4, 3)))
     ax.axvline(place[0], color=style.INK, linewidth=1.0, linestyle=(0, (4, 3)))
-    ax.annotate(marked(place[1]), (place[0], 0.0), xycoords=("data", "axes fraction"), xytext=(3, 4),
+    ax.annotate(style.read(place[1]), (place[0], 0.0), xycoords=("data", "axes fraction"), xytext=(3, 4),
                 textcoords="offset points", fontsize=style.SMALL, color=style.MUTED)  # fmt: skip
     ax.set_yscale("log")
     style.plain_decades(ax.yaxis)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from feeddrive.language.quantity import DRAWN, Quantity, unit_name
-from feeddrive.language.text import Text, marked
+from feeddrive.language.text import Text
 from feeddrive.loop.loop import UNITS
 from feeddrive.plot import style
 
@@ -66,7 +66,7 @@ def gradient(found: Gradient) -> Any:
     figure, (ax,) = style.picture(1, height=1.0 + 0.3 * len(names))
     tints = [style.color(0) if share[i] < 0.0 else style.color(1) for i in order]
     bars = ax.barh([names[i] for i in order], share[order], color=tints, height=0.65)
-    texts = [marked(f"{Quantity(0.01 * share[i], 'share'):+.3f}") for i in order]
+    texts = [style.read(f"{Quantity(0.01 * share[i], 'share'):+.3f}") for i in order]
     ax.bar_label(bars, labels=texts, padding=4, fontsize=style.SMALL, color=style.INK)
     ax.axvline(0.0, color=style.INK, linewidth=1.0)
     ax.grid(False, axis="y")

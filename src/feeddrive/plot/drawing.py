@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from feeddrive.language.quantity import Units
-from feeddrive.language.text import marked
+from feeddrive.language.table import READER
 from feeddrive.plot import chart as looks
 from feeddrive.plot import style
 from feeddrive.plot.chart import Band, Chart, Curve, Disc, Heat, Level, Note, Panel
@@ -23,11 +23,8 @@ _COLD, _HOT = 1.1, 2.6  # width of the smallest and the largest value
 
 
 def drawn(chart: Chart, units: Units | None = None) -> Any:
-    """The picture of a chart in the width of a report.
-
-    units  of the reader; None: the texts keep their quantities until the picture is shown, see `Picture`
-    """
-    chart = chart if units is None else chart.shown(units)
+    """The picture of a chart in the width of a report, with its texts in the units of a reader; None: of `READER`."""
+    chart = chart.shown(units or READER.get())
     shares = [panel.share for panel in chart.panels]
     figure, axes = style.picture(len(shares), height=chart.height, ratios=shares)
     draw_chart(chart, axes)
@@ -102,7 +99,7 @@ def _level(ax: Axes, level: Level) -> None:
         return
     where, of = ((level.value, 1.0), ("data", "axes fraction")) if level.upright else (
         (0.0, level.value), ("axes fraction", "data"))  # fmt: skip
-    ax.annotate(marked(level.text), where, xycoords=of, xytext=(4, -2), textcoords="offset points", va="top",
+    ax.annotate(style.read(level.text), where, xycoords=of, xytext=(4, -2), textcoords="offset points", va="top",
                 fontsize=style.SMALL, color=style.MUTED)  # fmt: skip
 
 
@@ -120,7 +117,7 @@ def _note(ax: Axes, note: Note) -> None:
     off, across, along = (3, "left", "bottom") if note.right else (-5, "right", "top")
     if note.middle:
         off, across, along = 0, "center", "center"
-    ax.annotate(marked(note.text), (note.x, note.y), xytext=(off, off), textcoords="offset points", ha=across, va=along,
+    ax.annotate(style.read(note.text), (note.x, note.y), xytext=(off, off), textcoords="offset points", ha=across, va=along,
                 fontsize=style.SMALL, color=_color(note.number, style.MUTED))  # fmt: skip
 
 
@@ -139,7 +136,7 @@ def _heat(ax: Axes, curve: Curve, heat: np.ndarray, scale: Heat) -> None:
             x, y = (_stretches(row, rows) for row in (curve.x, curve.y))
             ax.plot(x, y, color=colors(k), linewidth=_COLD + (_HOT - _COLD) * k / (n - 1), solid_capstyle="round")
     bar = ax.figure.colorbar(ScalarMappable(Normalize(scale.low, scale.high), colors), ax=ax, pad=0.02, aspect=30)
-    bar.set_label(marked(scale.label), fontsize=style.TEXT, color=style.INK)
+    bar.set_label(style.read(scale.label), fontsize=style.TEXT, color=style.INK)
     bar.ax.tick_params(colors=style.MUTED, labelcolor=style.INK, labelsize=style.SMALL)
     bar.outline.set_visible(False)  # type: ignore[operator]
 
@@ -213,7 +210,7 @@ def _beside(ax: Axes, x: float, y: float, text: str) -> None:
     low, high = ax.get_xlim()
     right = np.log(x / low) < 0.85 * np.log(high / low)
     ax.annotate(
-        marked(text), (x, y), xytext=(5 if right else -5, 0), textcoords="offset points",
+        style.read(text), (x, y), xytext=(5 if right else -5, 0), textcoords="offset points",
         ha="left" if right else "right", va="center", fontsize=style.SMALL, color=style.INK,
         bbox={"facecolor": style.PAPER, "edgecolor": "none", "alpha": 0.8, "pad": 0.8},
     )  # fmt: skip

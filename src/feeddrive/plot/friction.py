@@ -178,7 +178,8 @@ def identified_friction(curve: FrictionCurve) -> Any:
     name = "95 % band of the curve"
     low, high = newton * (force - half), newton * (force + half)
     above = Panel(
-        f"force ({unit_name(force_unit, 'SI')})", (*_points(runs, newton), Curve(factor * v, newton * force, curve.model.name)),
+        f"force ({unit_name(force_unit, 'SI')})",
+        (*_points(runs, newton), Curve(factor * v, newton * force, curve.model.name)),
         levels=_ZERO, bands=(Band(factor * v, low, high, 0, name),), share=2.0,
     )  # fmt: skip
     left = Curve(factor * runs.velocity, newton * curve.residual, number=1, look=DOTS)

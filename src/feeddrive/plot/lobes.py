@@ -86,7 +86,7 @@ def _own(ax: Axes, own: CutStability) -> None:
     said = f"this cut: |µ| = {Quantity(own.growth):.3f}{'' if own.stable else ', chatters'}"
     low, high = ax.get_xlim()
     right = own.speed > 0.6 * high + 0.4 * low
-    ax.annotate(said, (own.speed, 1e3 * own.depth), xytext=(-8 if right else 8, 5), textcoords="offset points",
+    ax.annotate(style.read(said), (own.speed, 1e3 * own.depth), xytext=(-8 if right else 8, 5), textcoords="offset points",
                 ha="right" if right else "left", fontsize=style.SMALL, color=color,
                 bbox={"facecolor": style.PAPER, "edgecolor": "none", "pad": 0.8, "alpha": 0.85})  # fmt: skip
 
@@ -134,7 +134,7 @@ def chatter_signs(found: ChatterSigns) -> Any:
         left.vlines(lines.frequency, 0.0, amplitude, color=style.color(i), linewidth=style.LINE, label=name)
     if found.dots != 1:
         peak = factor * float(lines.amplitude[np.searchsorted(lines.frequency, found.chatter)])
-        left.annotate(f"{Quantity(found.chatter, 'Hz')}", (found.chatter, peak), xytext=(4, 2),
+        left.annotate(style.read(f"{Quantity(found.chatter, 'Hz')}"), (found.chatter, peak), xytext=(4, 2),
                       textcoords="offset points", fontsize=style.SMALL, color=style.color(1))  # fmt: skip
     left.set_xlim(0.0, top)
     left.set_ylim(0.0, 1.12 * factor * float(np.max(lines.amplitude[chosen])))

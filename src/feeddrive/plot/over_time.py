@@ -11,7 +11,7 @@ from feeddrive.analysis.friction_map import Window, set_velocity
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import DRAWN, Quantity, unit_name
 from feeddrive.language.table import shown
-from feeddrive.language.text import Text, joined, marked
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.simulate import Run
 from feeddrive.plot import style
 from feeddrive.plot.style import POINTS, envelope
@@ -158,7 +158,7 @@ def _rows(
             ax.set_ylim(*style.padded(float(low), float(high)))
     style.labels(axes[-1], "time (s)", quantity if rows == 1 else "")
     if rows > 1:
-        figure.supylabel(marked(quantity), fontsize=style.TEXT, color=style.INK)
+        figure.supylabel(style.read(quantity), fontsize=style.TEXT, color=style.INK)
     return figure, axes
 
 

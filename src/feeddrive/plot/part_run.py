@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from feeddrive.language.quantity import Quantity, unit_name
-from feeddrive.language.text import Text, marked
+from feeddrive.language.text import Text
 from feeddrive.plot import style
 from feeddrive.plot.chart import Chart, Curve, Panel
 from feeddrive.plot.drawing import drawn
@@ -49,7 +49,7 @@ def part_laws(parts: Mapping[str, PartRun]) -> Any:
     ax.set_xlim(0.7 * shown.min(), 1.5 * shown.max())
     ax.set_ylim(rows[-1] - 0.6, 0.6)
     ax.set_yticks(rows, [style.caption(name) or "" for name in parts])
-    ax.set_xlabel(f"contour error ({unit_name('um')})", fontsize=style.TEXT)
+    ax.set_xlabel(style.read(f"contour error ({unit_name('um')})"), fontsize=style.TEXT)
     style.legend(figure, ax)
     return figure
 
@@ -78,7 +78,7 @@ def part_estimates(part: PartRun, axis: str) -> Any:
     ax.plot(1e3 * time[shown], true[shown], color=style.MUTED, linewidth=1.0, alpha=0.6, label="what acts")
     for i, (name, by) in enumerate(part.estimates.items()):
         if axis in by:
-            label = marked(f"{name.replace('_', ' ')}, {Quantity(by[axis].lag, 's'):3} late")
+            label = style.read(f"{name.replace('_', ' ')}, {Quantity(by[axis].lag, 's'):3} late")
             ax.plot(1e3 * time[shown], by[axis].disturbance[shown], label=label, **style.curve(i))
     style.labels(ax, "time (ms)", f"force on {axis} ({unit_name('N')})")
     style.legend(figure, ax, 2)

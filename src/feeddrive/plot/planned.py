@@ -70,7 +70,8 @@ def _path(ax: Axes, plan: Planned, x: np.ndarray, y: np.ndarray) -> None:
         _gapped(ax, x, y, traverse, color=style.MUTED, linewidth=0.9, linestyle=(0, (2, 2)), label="traverse")
     for k, (color, width) in enumerate(zip(_SPEEDS, _WIDTHS, strict=True)):
         if np.any(kind == k):
-            label = f"{Quantity(1e-3 * edges[k], 'm/s', bare=True):3} to {Quantity(1e-3 * edges[k + 1], 'm/s'):3}"
+            low, high = Quantity(1e-3 * edges[k], "m/s", bare=True), Quantity(1e-3 * edges[k + 1], "m/s")
+            label = style.read(f"{low:3} to {high:3}")
             _gapped(ax, x, y, kind == k, color=color, linewidth=width, label=label, solid_capstyle="round")
 
 
@@ -106,7 +107,7 @@ def plan_causes(plan: Planned) -> Any:
         part = np.bincount(column[here], weights=lengths[here], minlength=_COLUMNS) / np.maximum(whole, 1e-12)
         ax.stairs(0.8 * part - row, edges, baseline=-row, fill=True, color=_cause_color(name))
         ax.axhline(-row, color=style.GRID, linewidth=0.8)
-        told = f"{Quantity(plan.seconds[name] / plan.cycle_time, 'share'):3}"
+        told = style.read(f"{Quantity(plan.seconds[name] / plan.cycle_time, 'share'):3}")
         ax.annotate(told, (1.005, -row + 0.4), xycoords=("axes fraction", "data"), ha="left", va="center",
                     fontsize=style.SMALL, color=style.MUTED)  # fmt: skip
     ax.set_yticks([0.4 - row for row in range(len(shown))], shown)

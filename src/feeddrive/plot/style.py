@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from feeddrive.language.text import marked, plain, split
+from feeddrive.language.table import READER
+from feeddrive.language.text import resolve
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -69,15 +70,20 @@ def named(things: Thing | Mapping[str, Thing] | Sequence[Thing]) -> dict[str, Th
     return {"": things}
 
 
+def read(text: str) -> str:
+    """Return a text in the units of the reader of the picture."""
+    return resolve(text, READER.get())
+
+
 def caption(name: str, said: str = "", most: int = 60) -> str | None:
     """A user's name and a remark on it, for matplotlib: without formulas, not hidden, not too long.
 
     None if there is neither.
     """
-    pieces = split(marked(name))
-    shown = "".join(piece if is_mark else "".join(filter(str.isprintable, piece)) for piece, is_mark in pieces)
-    shown = shown if len(plain(shown)) <= most else plain(shown)[: most - 1] + "…"
-    text = f"{shown}: {marked(said)}" if shown and said else shown or marked(said)
+    shown = "".join(filter(str.isprintable, name))
+    shown = shown if len(shown) <= most else shown[: most - 1] + "…"
+    said = read(said)
+    text = f"{shown}: {said}" if shown and said else shown or said
     text = text.replace("$", r"\$")
     return (f"\u200b{text}" if text.startswith("_") else text) or None
 
@@ -114,8 +120,8 @@ def dressed(ax: Axes) -> Axes:
 def labels(ax: Axes, x: str | None, y: str) -> None:
     """Names of the axes, each with its unit."""
     if x is not None:
-        ax.set_xlabel(marked(x), fontsize=TEXT)
-    ax.set_ylabel(marked(y), fontsize=TEXT)
+        ax.set_xlabel(read(x), fontsize=TEXT)
+    ax.set_ylabel(read(y), fontsize=TEXT)
 
 
 def legend(figure: Picture, ax: Axes, columns: int = 4) -> None:
@@ -136,7 +142,7 @@ def figure_legend(figure: Picture, lines: Mapping[str, Any], columns: int = 4) -
     rows = -(-len(lines) // columns)
     figure.set_figheight(figure.get_figheight() + 0.17 * (rows - 1))
     drawn = figure.legend(
-        list(lines.values()), list(map(marked, lines)), loc="outside upper left", ncols=min(columns, len(lines)),
+        list(lines.values()), list(map(read, lines)), loc="outside upper left", ncols=min(columns, len(lines)),
         fontsize=SMALL, frameon=False, handlelength=2.6, columnspacing=1.6, borderaxespad=0.2, labelcolor=INK,
     )  # fmt: skip
     for handle in drawn.legend_handles:
@@ -156,7 +162,7 @@ def row_legend(ax: Axes) -> None:
 def note(ax: Axes, text: str, *, x: float = 1.0, align: str = "right", y: float = 1.0, above: bool = True) -> None:
     """A short text at the upper edge of axes, above them or inside."""
     ax.annotate(
-        marked(text), (x, y), xycoords="axes fraction", xytext=(0, 3 if above else -3), textcoords="offset points",
+        read(text), (x, y), xycoords="axes fraction", xytext=(0, 3 if above else -3), textcoords="offset points",
         ha=align, va="bottom" if above else "top", fontsize=SMALL, color=MUTED,
     )  # fmt: skip
 

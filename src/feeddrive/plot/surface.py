@@ -23,7 +23,7 @@ def surface(found: Surface) -> Any:
     if maps:
         top = 1e3 * found.heights
         shown = axes[0].pcolormesh(along, top, off, cmap="viridis", shading="nearest", rasterized=True)
-        figure.colorbar(shown, ax=axes[0], label=f"left of material ({unit_name('um')})")
+        figure.colorbar(shown, ax=axes[0], label=style.read(f"left of material ({unit_name('um')})"))
         axes[0].grid(visible=False)
         style.labels(axes[0], None, "above the tip (mm)")
     ax = axes[-1]

@@ -8,7 +8,7 @@ import numpy as np
 
 from feeddrive.language import tree
 from feeddrive.language.quantity import Quantity, unit_name
-from feeddrive.language.text import Text, marked
+from feeddrive.language.text import Text
 from feeddrive.plot import style
 from feeddrive.plot.style import POINTS, envelope
 
@@ -43,8 +43,8 @@ def iteration(iteration: Iteration) -> Any:
     """The error of the trial, and below it the error predicted for the next trial with the same reference."""
     figure, axes = style.picture(2, height=3.8, ratios=(2, 1))
     time = iteration.trial.time
-    before = f"this trial, RMS {Quantity(iteration.trial.rms, 'm')}"
-    after = f"predicted for the next, RMS {Quantity(iteration.predicted_rms, 'm')}"
+    before = style.read(f"this trial, RMS {Quantity(iteration.trial.rms, 'm')}")
+    after = style.read(f"predicted for the next, RMS {Quantity(iteration.predicted_rms, 'm')}")
     axes[0].plot(*envelope(time, 1e6 * iteration.trial.following_error), label=before, **style.curve(0))
     axes[0].plot(*envelope(time, 1e6 * iteration.predicted), label=after, **style.curve(1) | {"linestyle": "-"})
     style.labels(axes[0], None, f"following error\n({unit_name('um')})")
@@ -156,7 +156,7 @@ def delay_map(maps: DelayMap | Mapping[str, DelayMap]) -> Any:
         before = f"{name}: " if name else ""
         ax.plot(samples, edge, mark + "-", color=style.color(i), linewidth=style.LINE, label=f"{before}unstable above")
         ax.plot(samples, robust, mark + "--", color=style.color(i), linewidth=style.LINE,
-                label=marked(f"{before}Ms = {Quantity(found.sensitivity_bound)}"))  # fmt: skip
+                label=style.read(f"{before}Ms = {Quantity(found.sensitivity_bound)}"))  # fmt: skip
         ax.fill_between(samples, 0.0, robust, color=style.color(i), alpha=0.08, linewidth=0.0)
         style.labels(ax, "dead time (samples)", f"{tunable.rpartition('.')[2].replace('_', ' ')} (1/s)")
     ax.set_ylim(bottom=0.0)
