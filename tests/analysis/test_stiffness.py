@@ -59,7 +59,7 @@ def test_a_mass_on_spring_and_damper_has_the_minimum_of_the_closed_form() -> Non
     assert found.at(400.0) == pytest.approx(m * (2 * np.pi * 400.0) ** 2, rel=0.01)
     rows = found.table((10.0, 2000.0)).rows
     assert len(rows) == 2
-    assert float(rows[1][2]) == pytest.approx(1e-6 * found.at(10.0), rel=1e-3)
+    assert rows[1][1:] == [10.0, found.at(10.0)]
 
 
 def test_a_sampled_axis_agrees_with_its_continuous_law_well_below_nyquist() -> None:

@@ -44,11 +44,15 @@ def test_nothing_of_a_quantity_is_lost_in_a_text(
 
 
 def test_a_reader_chooses_the_units() -> None:
-    text = Text(f"{Quantity(5.88e-6, 'm')} RMS at {Quantity(3e7, 'N/m')}, {Quantity(100.0, 'Hz')}, {Quantity(2e3, 'N')}")
+    text = Text(
+        f"{Quantity(5.88e-6, 'm')} RMS at {Quantity(3e7, 'N/m')}, {Quantity(100.0, 'Hz')}, {Quantity(2e3, 'N')}"
+    )
     assert text == "5.88 um RMS at 30 N/um, 100 Hz, 2000 N"
     assert text.shown(TURNS) == "5.88 urad RMS at 30 N m/urad, 100 Hz, 2000 N m"
     assert text.shown(Units(typographic=True)) == "5.88 µm RMS at 30 N/µm, 100 Hz, 2000 N"
-    assert text.shown(Units(length="mm", force="kN", frequency="rad/s")).startswith("0.00588 mm RMS at 30 kN/mm, 628.3 ")
+    assert text.shown(Units(length="mm", force="kN", frequency="rad/s")).startswith(
+        "0.00588 mm RMS at 30 kN/mm, 628.3 "
+    )
     assert text.shown(Units(length="inch")).startswith("0.0002315 in RMS at 762000 N/in")
 
 

@@ -12,6 +12,7 @@ import pytest
 
 from feeddrive.certificate.certificate import Certificate
 from feeddrive.comparison.pictures import HEIGHTS, X, tradeoff_chart
+from feeddrive.language.quantity import DRAWN, number
 from feeddrive.machining.circle_test import CirclePath, CircleTest, circle_test
 from feeddrive.machining.contour import ContourError, contour_error
 from feeddrive.machining.quadrant_peaks import NEAR, deviations, peaks_table, quadrant_peaks
@@ -74,7 +75,7 @@ def test_quadrant_peaks_are_the_spikes_behind_each_reversal() -> None:
 
 def test_the_circle_plot_is_as_far_from_its_nominal_circle_as_the_machine_deviates() -> None:
     before = circle_test([spiked(1, height=15 * UM), spiked(-1, height=15 * UM)], about="set-up")
-    chart = circle_chart(spikes(), before)
+    chart = circle_chart(spikes(), before).shown(DRAWN)
     assert (chart.label, chart.panels[0].label, chart.square) == ("x (µm)", "y (µm)", True)
     (panel,) = chart.panels
     (ring,) = [each.radius for each in panel.discs if not each.faint]
@@ -86,8 +87,8 @@ def test_the_circle_plot_is_as_far_from_its_nominal_circle_as_the_machine_deviat
             assert np.arctan2(curve.y, curve.x)[:-1] % (2.0 * np.pi) == pytest.approx(angle, abs=1e-12)
     assert [each.number for each in old] == [0, 1]  # as the circles of the same direction and feed
     for curve, figures in zip(new, spikes().figures, strict=False):
-        assert f"G {1e6 * figures.G:.4g} µm" in curve.said
-    assert f"before {1e6 * before.figures[1].G:.4g} µm" in new[1].said
+        assert f"G {number(1e6 * figures.G)} µm" in curve.said
+    assert f"before {number(1e6 * before.figures[1].G)} µm" in new[1].said
     assert "before" not in new[2].said  # there was no such feed
     assert {(mark.x, mark.y) for mark in panel.marks if mark.hollow} == {
         ((ring + 1e6 * e.deviation) * np.cos(e.angle), (ring + 1e6 * e.deviation) * np.sin(e.angle))
@@ -100,7 +101,7 @@ def test_the_circle_plot_is_as_far_from_its_nominal_circle_as_the_machine_deviat
 
 
 def test_the_unrolled_circle_has_deviations_and_peaks_over_the_angle() -> None:
-    chart = unrolled_chart(spikes())
+    chart = unrolled_chart(spikes()).shown(DRAWN)
     (panel,) = chart.panels
     assert (chart.label, panel.label) == ("angle (deg)", "radial deviation (µm)")
     for curve, (_, r) in zip(panel.curves, deviations(spikes()), strict=True):
@@ -113,7 +114,7 @@ def test_the_unrolled_circle_has_deviations_and_peaks_over_the_angle() -> None:
 def test_the_path_has_the_contour_error_as_its_values_and_keeps_the_largest() -> None:
     found = contour()
     places = found.worst(2)
-    chart = path_chart(found, enlarged=10.0, places=places)
+    chart = path_chart(found, enlarged=10.0, places=places).shown(DRAWN)
     (panel,) = chart.panels
     for k, (mark, place) in enumerate(zip(panel.marks, places, strict=True)):
         assert (mark.x, mark.y) == pytest.approx(tuple(1e3 * place.position))
@@ -167,7 +168,7 @@ def test_colors_of_values_fall_evenly_in_lightness() -> None:
 def test_a_worst_place_is_shown_1_to_1_with_its_error() -> None:
     found = contour()
     for place in found.worst(3):
-        chart = place_chart(found, place)
+        chart = place_chart(found, place).shown(DRAWN)
         (panel,) = chart.panels
         assert (chart.label, panel.label, chart.square) == ("x (µm)", "y (µm)", True)
         path, tool, off = panel.curves
@@ -183,7 +184,7 @@ def test_a_worst_place_is_shown_1_to_1_with_its_error() -> None:
 
 
 def test_the_reserve_of_a_certificate_is_the_room_over_the_radius(certificate: Certificate) -> None:
-    chart = certificate_chart(certificate)
+    chart = certificate_chart(certificate).shown(DRAWN)
     plants = {each["name"]: each for each in certificate.document["plants"]}
     assert chart.label == "frequency (Hz)"
     (panel,) = chart.panels
@@ -219,7 +220,7 @@ def test_the_trade_off_has_the_figures_of_each_law() -> None:
         ("GPI", {X: 1e-6, HEIGHTS[0]: 40e6, HEIGHTS[1]: 9e6}, ""),
         ("unfit", {X: None, HEIGHTS[0]: 15e6}, ""),
     ]
-    chart = tradeoff_chart(rows)
+    chart = tradeoff_chart(rows).shown(DRAWN)
     assert chart.label.startswith("tracking RMS (µm)")
     for panel, key in zip(chart.panels, HEIGHTS, strict=True):
         assert panel.label.endswith("(N/µm)")

@@ -14,7 +14,7 @@ from feeddrive.analysis.stiffness import stiffness
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate, Level
 from feeddrive.identification.response.fit_axis import fit_axis
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.quantity import Units
+from feeddrive.language.quantity import DRAWN, Units
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
 from feeddrive.plot.chart import DOTS, LOG
@@ -74,7 +74,7 @@ def test_an_open_loop_that_was_measured_shows_its_coherence_and_its_bands_and_a_
 def test_other_units_are_other_numbers_of_the_same_picture() -> None:
     other = Units(typographic=True, length="mm", force="kN", frequency="rad/s", gain="absolute")
     found = margins(measured())
-    usual, chart = open_loop_chart(found), open_loop_chart(found, other)
+    usual, chart = open_loop_chart(found), open_loop_chart(found, other).shown(other)
     assert chart.label == "frequency (rad/s)"
     assert chart.factor == pytest.approx(2.0 * np.pi)
     assert chart.panels[0].scale == LOG
@@ -85,7 +85,7 @@ def test_other_units_are_other_numbers_of_the_same_picture() -> None:
         assert (same.x, 20.0 * np.log10(same.y)) == pytest.approx((2.0 * np.pi * mark.x, mark.y))
     assert "rad/s" in chart.panels[0].curves[0].said
     compliance = FRF(F, 1e-8 / (1.0 + 1j * F / 50.0), "load_force", "position_load", "m/N")
-    soft = stiffness_chart(stiffness(compliance), other)
+    soft = stiffness_chart(stiffness(compliance), other).shown(other)
     assert soft.panels[0].label == "dynamic stiffness (kN/mm)"
     np.testing.assert_allclose(soft.panels[0].curves[0].y, 1e-6 * np.abs(1.0 / compliance.response))
     peak = sensitivity_chart(found, other).panels[0]
@@ -97,7 +97,7 @@ def test_other_units_are_other_numbers_of_the_same_picture() -> None:
 
 def test_a_picture_of_an_axis_that_turns_says_torque_and_angle() -> None:
     compliance = FRF(F, 1e-8 / (1.0 + 1j * F / 50.0), "load_force", "position_load", "m/N")
-    chart = stiffness_chart({"now": stiffness(compliance)}).shown(Units(rotary=True, quoted=()))
+    chart = stiffness_chart({"now": stiffness(compliance)}).shown(Units(rotary=True, typographic=True))
     assert chart.panels[0].label == "dynamic stiffness (N m/µrad)"
     assert "N m/µrad at" in chart.panels[0].curves[0].said
 
@@ -142,14 +142,17 @@ def test_the_band_of_an_identified_model_is_what_its_covariance_makes_of_its_res
 
 def test_a_measured_response_lies_over_its_model_with_a_band_each() -> None:
     model = FRF(F, 1.02 * GAIN, "force", "load", "m/N")
-    chart = overlay_chart([Overlay("", replace(measured(np.linspace(0.5, 1.0, F.size)), unit="m/N"), model, model)])
+    chart = overlay_chart(
+        [Overlay("", replace(measured(np.linspace(0.5, 1.0, F.size)), unit="m/N"), model, model)]
+    ).shown(DRAWN)
     assert [each.label for each in chart.panels] == [
         "magnitude (dB re 1 m/N)", "phase (deg)", "error (dB)", "coherence",
     ]  # fmt: skip
     assert [each.name for each in chart.panels[0].curves] == ["measured", "model"]
     np.testing.assert_allclose(chart.panels[2].curves[0].y, 20.0 * np.log10(0.02), atol=1e-9)
     assert [each.name for each in chart.panels[0].bands] == ["", "95 % of the measurement"]
-    absolute = overlay_chart([Overlay("", None, None, model)], Units(typographic=True, gain="absolute"))
+    ratios = Units(typographic=True, gain="absolute")
+    absolute = overlay_chart([Overlay("", None, None, model)], ratios).shown(ratios)
     assert absolute.panels[0].label == "magnitude (µm/N)"
     np.testing.assert_allclose(absolute.panels[0].curves[0].y, 1e6 * 1.02 * np.abs(GAIN))
 
@@ -172,7 +175,8 @@ def test_what_a_friction_model_leaves_of_the_measured_points_is_their_distance_f
     v = np.array([-0.2, -0.1, 0.1, 0.2])
     off = np.array([1.0, -2.0, 3.0, 0.0])
     seen = FrictionMap(v, 50.0 * np.sign(v) + 300.0 * v + off, np.full(4, 0.5), np.full(4, 10))
-    chart = friction_chart(loop, measured=seen, units=Units(typographic=True, force="kN"))
+    kilo = Units(typographic=True, force="kN")
+    chart = friction_chart(loop, measured=seen, units=kilo).shown(kilo)
     above, below = chart.panels
     assert above.label == "friction (kN)"
     whole = next(each for each in above.curves if each.name.startswith("model with"))

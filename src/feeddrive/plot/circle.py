@@ -232,7 +232,8 @@ def circle_causes(found: CircleCauses, most: int = 12) -> Any:
             )
         share = Text(f", {Quantity(each.share, 'share'):2} of G") if each.share > 5e-4 else ""
         note = f"; {each.note}" if each.note else ""
-        ax.annotate(style.read(f"{Quantity(each.effect, 'm'):3}{share}{note}"), (1e6 * each.effect, -row), xytext=(5, 0),
+        text = style.read(f"{Quantity(each.effect, 'm'):3}{share}{note}")
+        ax.annotate(text, (1e6 * each.effect, -row), xytext=(5, 0),
                     textcoords="offset points", va="center", fontsize=style.SMALL, color=style.MUTED)  # fmt: skip
     ax.set_yticks([-row for row in range(len(shown))], [each.name for each in shown])
     ax.set_xlim(0.0, 1.75 * widest)

@@ -117,8 +117,8 @@ def _note(ax: Axes, note: Note) -> None:
     off, across, along = (3, "left", "bottom") if note.right else (-5, "right", "top")
     if note.middle:
         off, across, along = 0, "center", "center"
-    ax.annotate(style.read(note.text), (note.x, note.y), xytext=(off, off), textcoords="offset points", ha=across, va=along,
-                fontsize=style.SMALL, color=_color(note.number, style.MUTED))  # fmt: skip
+    ax.annotate(style.read(note.text), (note.x, note.y), xytext=(off, off), textcoords="offset points", ha=across,
+                va=along, fontsize=style.SMALL, color=_color(note.number, style.MUTED))  # fmt: skip
 
 
 def _heat(ax: Axes, curve: Curve, heat: np.ndarray, scale: Heat) -> None:

@@ -86,8 +86,8 @@ def _own(ax: Axes, own: CutStability) -> None:
     said = f"this cut: |µ| = {Quantity(own.growth):.3f}{'' if own.stable else ', chatters'}"
     low, high = ax.get_xlim()
     right = own.speed > 0.6 * high + 0.4 * low
-    ax.annotate(style.read(said), (own.speed, 1e3 * own.depth), xytext=(-8 if right else 8, 5), textcoords="offset points",
-                ha="right" if right else "left", fontsize=style.SMALL, color=color,
+    ax.annotate(style.read(said), (own.speed, 1e3 * own.depth), xytext=(-8 if right else 8, 5),
+                textcoords="offset points", ha="right" if right else "left", fontsize=style.SMALL, color=color,
                 bbox={"facecolor": style.PAPER, "edgecolor": "none", "pad": 0.8, "alpha": 0.85})  # fmt: skip
 
 
