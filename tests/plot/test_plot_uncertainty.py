@@ -15,10 +15,12 @@ from feeddrive.identification.excitation.frequency_estimate import FrequencyEsti
 from feeddrive.identification.response.fit_axis import fit_axis
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import DRAWN, Units
+from feeddrive.language.table import READER
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
 from feeddrive.plot.chart import DOTS, LOG
 from feeddrive.plot.complex_plane import nyquist_chart
+from feeddrive.plot.drawing import drawn
 from feeddrive.plot.friction import friction_chart
 from feeddrive.plot.over_frequency import open_loop_chart, sensitivity_chart, stiffness_chart
 from feeddrive.plot.responses import Overlay, estimates_chart, overlay_chart
@@ -100,6 +102,21 @@ def test_a_picture_of_an_axis_that_turns_says_torque_and_angle() -> None:
     chart = stiffness_chart({"now": stiffness(compliance)}).shown(Units(rotary=True, typographic=True))
     assert chart.panels[0].label == "dynamic stiffness (N m/µrad)"
     assert "N m/µrad at" in chart.panels[0].curves[0].said
+
+
+def test_a_picture_is_drawn_in_the_units_of_its_reader() -> None:
+    compliance = FRF(F, 1e-8 / (1.0 + 1j * F / 50.0), "load_force", "position_load", "m/N")
+    found = stiffness(compliance)
+    usual, turned = found.plot(), drawn(stiffness_chart(found), Units(rotary=True, typographic=True))
+    assert [each.axes[0].get_ylabel() for each in (usual, turned)] == [
+        "dynamic stiffness (N/µm)", "dynamic stiffness (N m/µrad)",
+    ]  # fmt: skip
+    note = READER.set(Units(rotary=True, typographic=True))
+    try:
+        again = drawn(stiffness_chart(found))
+    finally:
+        READER.reset(note)
+    assert again.axes[0].get_ylabel() == "dynamic stiffness (N m/µrad)"
 
 
 def test_the_band_of_an_identified_model_is_what_its_covariance_makes_of_its_response() -> None:
