@@ -176,7 +176,7 @@ def _warning(bare: Loop, whole: Loop) -> list[str]:
     if found.stable:
         return []
     return [
-        f"UNSTABLE WITH THESE NUMBERS ALONE: {found.sentence()}.  Filters of the design are missing: see README.md."
+        f"UNSTABLE WITH THESE NUMBERS ALONE: {found.sentence()!s}.  Filters of the design are missing: see README.md."
     ]
 
 
