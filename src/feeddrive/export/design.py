@@ -154,13 +154,15 @@ class Design:
         try:
             found = margins(loop_gain(self.system, frequency, axis=axis))
         except NoSlopeError as error:
-            return Advice(Judgment.NOT_DECIDED, f"{Judgment.NOT_DECIDED.says}: {error}")
+            return Advice(Judgment.NOT_DECIDED, Text(f"{Judgment.NOT_DECIDED.says}: {error}"))
         if found.sensitivity_peak <= LARGEST_MS:
             return Advice(Judgment.EXPORTED, "")
         return Advice(
             Judgment.NEAR_UNSTABLE,
-            f"the loop is close to instability: its sensitivity peak Ms is {Quantity(found.sensitivity_peak):3}; a "
-            f"tuned loop has at most 2. {Judgment.NEAR_UNSTABLE.says}",
+            Text(
+                f"the loop is close to instability: its sensitivity peak Ms is {Quantity(found.sensitivity_peak):3}; a "
+                f"tuned loop has at most 2. {Judgment.NEAR_UNSTABLE.says}"
+            ),
         )
 
 

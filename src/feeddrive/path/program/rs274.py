@@ -116,7 +116,7 @@ def _run(command: list[str], program: Path, output: Path) -> tuple[int, str]:
                             f"after {Quantity(LONGEST_RUN, 's'):6 SI} or {Quantity(LARGEST_OUTPUT / 1e9, 'GB')} of "
                             "output"
                         )
-                        reason = f"{PROGRAM} had not ended {bound}: does a loop never end?"
+                        reason = Text(f"{PROGRAM} had not ended {bound}: does a loop never end?")
                         raise ProgramError(str(program), 1, 1, "", reason) from None
         finally:
             run.kill()
