@@ -206,7 +206,7 @@ class SuperTwisting(Law):
         most = Quantity(share * self.tracking_rate, "1/s", bare=True)
         bounds = Text(f"tracking_rate = {Quantity(self.tracking_rate, '1/s'):6} (must be below {most})")
         if self.zone_time is not None:
-            least = f"{Quantity(self.zone_time / share, 's'):SI}" if share > 0.0 else "a longer time"
+            least = f"{Quantity(self.zone_time / share, 's', bare=True):SI}" if share > 0.0 else "a longer time"
             bounds += f", zone_time = {Quantity(self.zone_time, 's'):6 SI} (must be above {least})"
         return Text(
             f"{self.kind}: {bounds}: inside its zone the loop is unstable without any dead time at the sample time "
