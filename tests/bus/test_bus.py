@@ -162,7 +162,10 @@ def test_a_broken_limit_and_ctrl_c_stop_the_axis_and_keep_the_log(tried: Scenari
 @pytest.mark.parametrize(
     ("what", "words"),
     [
-        ("counts", "scaling.counts_per_turn = 2e+06 in the drive file, but the drive says 1e+06 in object 0x6092:01"),
+        (
+            "counts",
+            "scaling.counts_per_turn = 2000000 in the drive file, but the drive says 1000000 in object 0x6092:01",
+        ),
         ("torque", "scaling.rated_torque = 10 in the drive file, but the drive says 1 in object 0x6076:00"),
         ("gear", "scaling.gear = 2 in the drive file, but the drive says 1 in object 0x6091:01"),
         ("cycle", "cycle_time = 2000 us does not suit the drive: object 0x60C2 is refused"),

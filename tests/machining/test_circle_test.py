@@ -234,7 +234,7 @@ def test_wrong_circles_are_named() -> None:
     growing = 0.02 + 4 * UM * np.cos(2 * whole) + 5 * UM * whole
     good = drawn(SLOW, 1)
     for wrong, said in (
-        (lambda: circle_path(np.cos(angle), np.sin(angle), sample_time=1e-3), "turns by 286.5°"),
+        (lambda: circle_path(np.cos(angle), np.sin(angle), sample_time=1e-3), "turns by 286.5 deg"),
         (lambda: circle_path(np.cos(angle), np.sin(angle)), "sample_time"),
         (lambda: circle_path(growing * np.cos(whole), growing * np.sin(whole), sample_time=1e-3), "not closed"),
         (lambda: circle_path(np.cos(whole), np.sin(whole), sample_time=1e-3, radius=2.0), "radius of 1000 mm"),

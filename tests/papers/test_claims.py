@@ -37,7 +37,7 @@ def test_a_claim_holds_within_its_bounds_and_never_for_nan(
 
 def test_figures_are_shown_with_four_digits_and_their_unit() -> None:
     shown = claim(1.23456e-7, 1e-10, 1.0)
-    assert shown.shown == "1.235e-07 um"
+    assert str(shown.shown) == "1.235e-07 um"
     assert shown.bounds == "1e-10 to 1 um"
     assert claim(1.0).bounds == "any number um"
 

@@ -63,7 +63,7 @@ def test_rope_snap_of_the_linear_loop_is_the_stated_one() -> None:
 
 def cells(title: str) -> dict[str, list[str]]:
     table = next(each for each in experiment().tables if each.title.startswith(title))
-    return {row[0]: list(row[1:]) for row in table.rows}
+    return {row[0]: row[1:] for row in table.grid().rows}
 
 
 def test_rope_snap_in_time_is_the_stated_one() -> None:

@@ -36,10 +36,9 @@ def test_errors_over_the_trials_are_those_of_an_independent_program(experiment: 
     """Dwells and noise are not the same there: 12 % of each RMS, a little more than what either moves it by."""
     rows = {(row[0], row[1]): row for row in experiment.tables[0].rows}
     for name, (steps, last) in EXPECTED.items():
-        got = [float(cell) for cell in rows[name, "same"][2:8]]
-        for found, wanted in zip(got, steps, strict=False):
-            assert found == pytest.approx(wanted, rel=0.12), name
-        assert float(rows[name, "changing"][7]) == pytest.approx(last, rel=0.12), name
+        for found, wanted in zip(rows[name, "same"][2:8], steps, strict=False):
+            assert found == pytest.approx(1e-6 * wanted, rel=0.12), name
+        assert rows[name, "changing"][7] == pytest.approx(1e-6 * last, rel=0.12), name
 
 
 def test_the_identity_holds_to_rounding() -> None:

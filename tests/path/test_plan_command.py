@@ -185,7 +185,7 @@ def test_rotary_axes_move_with_the_linear_ones(tmp_path: Path) -> None:
     stop = json.loads((out / "plan.json").read_text())["stops"][0]
     assert stop["position_m"] == pytest.approx({"X": 0.02})
     assert stop["position_rad"] == pytest.approx({"A": np.pi})
-    with pytest.raises(FeeddriveError, match=r"line 1, column 4: A: axis A would go to 721 degrees .* travel is .*720"):
+    with pytest.raises(FeeddriveError, match=r"line 1, column 4: A: axis A would go to 721 deg .* travel is .*720"):
         plan(part(tmp_path, "G0 A721\nM2\n"), limits=limits, sample_time=1e-3)
 
 

@@ -176,9 +176,9 @@ class DriveClient:
         late, T = self.pace.wait(), self.drive.cycle_time
         if late > self.drive.late_cycles * T and self.state is PowerState.ENABLED:
             raise BusError(
-                f"{self.transport.where}: a cycle began {Quantity(late, 's'):.0f} late, {late / T:.0f} cycles, more "
-                f"than late_cycles = {self.drive.late_cycles} of the drive file: something held this computer up; take "
-                "a real-time kernel, or a longer cycle_time"
+                f"{self.transport.where}: a cycle began {Quantity(late, 's'):.0f} late, {Quantity(late / T):.0f} "
+                f"cycles, more than late_cycles = {self.drive.late_cycles} of the drive file: something held this "
+                "computer up; take a real-time kernel, or a longer cycle_time"
             )
         return self._exchange()
 

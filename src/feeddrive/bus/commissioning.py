@@ -64,8 +64,8 @@ def check_scaling(transport: Transport, scaling: DriveScaling) -> list[str]:
         rounding = 0.5 if name == "rated_torque" else 0.0  # to whole mN m
         if abs(got - wanted) > rounding + _NEAR * abs(wanted):
             raise BusError(
-                f"{transport.where}: scaling.{key} = {wanted * factor:g} in the drive file, but the drive says "
-                f"{got * factor:g} in object {place}; correct the drive file, or the drive"
+                f"{transport.where}: scaling.{key} = {Quantity(wanted * factor):6} in the drive file, but the drive "
+                f"says {Quantity(got * factor):6} in object {place}; correct the drive file, or the drive"
             )
     return remarks
 

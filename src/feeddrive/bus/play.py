@@ -207,7 +207,9 @@ def _halt(client: DriveClient) -> str:
     try:
         client.stop()
     except BusError as error:
-        return f"; the drive could not be stopped over the bus ({error}): its own watchdog must do it, look at the axis"
+        return Text(
+            f"; the drive could not be stopped over the bus ({error}): its own watchdog must do it, look at the axis"
+        )
     state = client.state
     if state in (PowerState.FAULT, PowerState.FAULT_REACTION):
         return "; the drive stops by itself, by its settings: many switch off the force, and friction brakes it"

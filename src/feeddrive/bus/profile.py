@@ -185,6 +185,6 @@ def check_profile(profile: Profile, drive: BusDrive) -> None:
     for key, got, most, unit in planned:
         if got > most:
             raise ParameterError(
-                f"{profile.name}: plans {key} = {got:.4g} {unit}, and limits.{key} of the drive file is {most:.4g} "
-                f"{unit}: raise the limit if the machine allows it, or design a smaller excitation"
+                f"{profile.name}: plans {key} = {Quantity(got, unit):SI}, and limits.{key} of the drive file is "
+                f"{Quantity(most, unit):SI}: raise the limit if the machine allows it, or design a smaller excitation"
             )

@@ -25,6 +25,7 @@ from feeddrive.bus.pace import Pace
 from feeddrive.bus.transport import Transport, has_object
 from feeddrive.language.errors import BusError, FeeddriveError
 from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 
 _CONTEXT = multiprocessing.get_context("spawn")
 _TOGETHER = 0.02  # s of rows that are handed over at once
@@ -129,7 +130,7 @@ def _child(file: DriveFile, line: Any) -> None:
         sample(sampler, lambda time, values: line.send(("rows", time, values)), line.poll)
     except FeeddriveError as error:
         with suppress(OSError):
-            line.send(("error", f"{file.name}: {error}"))
+            line.send(("error", Text(f"{file.name}: {error}")))
     except (OSError, EOFError):
         pass  # who asked is gone
     finally:

@@ -313,8 +313,8 @@ class Watch:
             message = Text(
                 f"{self._stands(cycle, anchor)}: since cycle {push.due} the force, beyond limits.breakaway_force = "
                 f"{Quantity(self.limits.breakaway_force or 0.0, 'N')}, must have moved limits.largest_mass = "
-                f"{Quantity(self.limits.largest_mass or 0.0, 'kg')} by {SURE} increments, and a live drive shows it within "
-                f"{self._patience} cycles"
+                f"{Quantity(self.limits.largest_mass or 0.0, 'kg')} by {SURE} increments, and a live drive shows it "
+                f"within {self._patience} cycles"
             )
             return Fault("standstill", value, bound, "cycles", cycle, message)
         message = Text(
@@ -347,8 +347,8 @@ class Watch:
             return None
         message = Text(
             f"all values stand still since cycle {cycle - many}, and 0x606C says "
-            f"{Quantity(answer.velocity or 0.0, 'm/s'):SI}: that is {Quantity(way, 'm'):SI} up to cycle {cycle}, and a live "
-            f"drive would have shown {SHOWN} increments, {Quantity(least, 'm'):SI}"
+            f"{Quantity(answer.velocity or 0.0, 'm/s'):SI}: that is {Quantity(way, 'm'):SI} up to cycle {cycle}, and a "
+            f"live drive would have shown {SHOWN} increments, {Quantity(least, 'm'):SI}"
         )
         return Fault("velocity_frozen", way, least, "m", cycle, message)
 
@@ -377,5 +377,7 @@ class Watch:
 
 def _exceeded(key: str, value: float, bound: float, unit: str, cycle: int, which: str = "") -> Fault:
     """A limit of the drive file that is exceeded; `which` says whose count it is."""
-    message = f"{key} = {value:.4g} {unit}{which} in cycle {cycle} exceeded limits.{key} = {bound:.4g} {unit}"
+    message = Text(
+        f"{key} = {Quantity(value, unit):SI}{which} in cycle {cycle} exceeded limits.{key} = {Quantity(bound, unit):SI}"
+    )
     return Fault(key, value, bound, unit, cycle, message)

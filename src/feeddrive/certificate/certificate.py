@@ -15,7 +15,7 @@ from feeddrive.certificate import check
 from feeddrive.certificate.discs import LoopResponse, control_of, matrices
 from feeddrive.language.errors import NotCertifiedError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 
 
@@ -94,30 +94,25 @@ class Certificate(Result):
             least = min((each for each in plants if each["reserve"] is not None), key=lambda each: each["reserve"])
             room = Text(
                 f"; the least room is at {Quantity(least['reserve_at_Hz'], 'Hz'):3}, where the disc of "
-                f"'{least['name']}' could be {self.reserve:.2g} times as wide"
+                f"'{least['name']}' could be {Quantity(self.reserve):2} times as wide"
             )
-        return f"stable for {count}, with {self.arithmetic} coefficients{room}"
+        return Text(f"stable for {count}, with {self.arithmetic} coefficients{room}")
 
     def table(self) -> Table:
         """One row a plant, that with the least room first."""
-        rows: list[list[str]] = []
-        for each in sorted(self.document["plants"], key=lambda each: each["reserve"] or math.inf):
-            r = [x for band in each["radius"] for x in band["r"]]
-            loop = self.loops[each["name"]]
+        rows: list[list[str | float | int | None]] = []
+        for plant in sorted(self.document["plants"], key=lambda plant: plant["reserve"] or math.inf):
+            radii = [x for band in plant["radius"] for x in band["r"]]
+            least, most = min(radii), max(radii)
+            loop = self.loops[plant["name"]]
             f = loop.lines()
             peak = float(np.max(loop.size(f) / loop.room(f)[0]))
             rows.append([
-                each["name"], f"{min(r):.3g} .. {max(r):.3g}" if min(r) < max(r) else f"{r[0]:.3g}", f"{peak:.3g}",
-                "-" if each["reserve"] is None else f"{each['reserve']:.3g}", f"{each['reserve_at_Hz']:.3g}",
-                f"{loop.growth:.6f}", str(sum(len(lines) for lines in each["lines"])),
+                plant["name"], Text(f"{Quantity(least):3} .. {Quantity(most):3}") if least < most else radii[0], peak,
+                plant["reserve"], plant["reserve_at_Hz"], loop.growth, sum(len(lines) for lines in plant["lines"]),
             ])  # fmt: skip
-        heads = [
-            "plant",
-            "r",
-            "max Σ|H|" if self.two_rates else "max |L/(1+L)|",
-            "wider by",
-            "at Hz",
-            "max |z|",
-            "lines",
-        ]
-        return Table(self.sentence(), heads, rows)
+        columns = [
+            "plant", Column("r", "", "3"), Column("max Σ|H|" if self.two_rates else "max |L/(1+L)|", "", "3"),
+            Column("wider by", "", "3"), Column("at", "Hz", "3"), Column("max |z|", "", ".6f"), "lines",
+        ]  # fmt: skip
+        return Table(self.sentence(), columns, rows)

@@ -84,19 +84,19 @@ def refusal(made: Deployed, plant: NominalPlant, loop: LoopResponse, place: floa
         remedy = "lower the gains, or put a notch there" if turning > 0.0 else "lower the gains"
         if plant.lines and turning == 0.0:
             remedy += ", or multiply the response by -1 if its sign is reversed"
-        return (
+        return Text(
             f"not certified: '{plant.name}': the nominal loop{rounded} is not stable: {motion} {grows} "
-            f"(|z| = {loop.growth:.9g}): {remedy}{lost}"
+            f"(|z| = {Quantity(loop.growth):9}): {remedy}{lost}"
         )
     at = np.array([place])
     distance, taken = (float(each[0]) for each in loop.room(at))
     share = distance / taken if taken else np.inf
     r = float(np.max(loop.radii(at)))
-    said = Text(
-        f"not certified: '{plant.name}': at {Quantity(place, 'Hz'):5} |1 + L| is {distance:.4g} and the disc takes "
-        f"{taken:.4g}: with r = {r:.4g} there, it may be at most {r * share:.4g}"
+    reason = Text(
+        f"not certified: '{plant.name}': at {Quantity(place, 'Hz'):5} |1 + L| is {Quantity(distance)} and the disc "
+        f"takes {Quantity(taken)}: with r = {Quantity(r)} there, it may be at most {Quantity(r * share)}"
     )
-    return f"{said}: {_remedy(plant, place)}{lost}"
+    return Text(f"{reason}: {_remedy(plant, place)}{lost}")
 
 
 def _remedy(plant: NominalPlant, place: float) -> str:
@@ -178,9 +178,11 @@ def certify_loop(
     if T is None or not (math.isfinite(T) and 0.0 < T < 10.0):
         raise ParameterError("a control alone needs its sample_time, in s, above 0")
     if not 0.0 < confidence < 1.0 - 1e-9:
-        raise ParameterError(f"confidence = {confidence:g} must lie between 0 and 1; 0.95 is 95 %")
+        raise ParameterError(f"confidence = {Quantity(confidence):6} must lie between 0 and 1; 0.95 is 95 %")
     if not (math.isfinite(beyond) and beyond >= 0.0):
-        raise ParameterError(f"beyond = {beyond:g}, the radius above the last line, must be a finite number >= 0")
+        raise ParameterError(
+            f"beyond = {Quantity(beyond):6}, the radius above the last line, must be a finite number >= 0"
+        )
     if not math.isfinite(velocity):
         raise ParameterError(
             f"velocity = {Quantity(velocity, 'm/s'):6 SI}, at which the axes move, must be a finite number"

@@ -12,6 +12,7 @@ from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.ring import Ring
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
@@ -51,7 +52,7 @@ def rounded(value: float, arithmetic: str) -> float:
         with np.errstate(over="ignore"):
             near = float(np.float32(value))
         if np.isinf(near) and np.isfinite(value):
-            raise ParameterError(f"{value:g} is beyond float32, which ends at 3.4e38")
+            raise ParameterError(f"{Quantity(value):6} is beyond float32, which ends at 3.4e38")
         return near
     if re.fullmatch(r"fixed[1-9]\d?", arithmetic):
         places = int(arithmetic[5:])
@@ -117,7 +118,9 @@ def deployed(control: Control, sample_time: float, arithmetic: str = "float64", 
     sizes = np.abs(np.concatenate([x.ravel() for each in models for x in (each.A, each.B, each.C, each.D)]))
     wrong = sizes[(sizes != 0.0) & ((sizes < _KEPT[0]) | (sizes > _KEPT[1]))]
     if wrong.size:
-        raise ParameterError(f"the control holds the coefficient {wrong[0]:g}, too large or too small to certify")
+        raise ParameterError(
+            f"the control holds the coefficient {Quantity(wrong[0]):6}, too large or too small to certify"
+        )
     model = models[0] if len(models) == 1 else Lifted(models)
     return Deployed(model, arithmetic, {k: v for k, v in numbers.items() if _fits(v)}, coarse)
 

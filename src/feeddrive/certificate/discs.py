@@ -12,6 +12,7 @@ import numpy as np
 
 from feeddrive.certificate.plants import NominalPlant
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.loop.lifting import Lifted
 from feeddrive.loop.linearize import StateSpace
 
@@ -186,7 +187,7 @@ def given(radius: Radius, nyquist: float) -> list[tuple[float, float]]:
     """
     if isinstance(radius, (int, float)):
         if not (np.isfinite(radius) and radius >= 0.0):
-            raise ParameterError(f"radius = {radius:g} of a disc, |dP/P|, must be a finite number >= 0")
+            raise ParameterError(f"radius = {Quantity(radius):6} of a disc, |dP/P|, must be a finite number >= 0")
         return [(nyquist, float(radius))]
     f, r = (np.array([float(point[i]) for point in radius]) for i in (0, 1))
     if f.size == 0 or np.any(~np.isfinite(r)) or np.any(r < 0.0) or np.any(f <= 0.0) or np.any(np.diff(f) <= 0.0):

@@ -15,7 +15,6 @@ from feeddrive.certificate.deployed import READINGS
 from feeddrive.identification.response.modal_response import common_poles
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
@@ -199,9 +198,8 @@ def modelled_plant(
             f"'{name}' does not respond to its command at {Quantity(velocity, 'm/s'):6 SI}: does it stick?"
         )
     along = [float(share) for share in axis.plant.mechanics().rigid_motion()]
-    held = Text(
-        f"{axis.plant.kind}, held over {Quantity(sample_time, 's'):6}, moving with {Quantity(velocity, 'm/s'):6 SI}"
-    )
+    # a text of the certificate's file, which names the units of a linear axis
+    held = f"{axis.plant.kind}, held over {1e3 * sample_time:g} ms, moving with {velocity:g} m/s"
     return NominalPlant(name, _free(model, along), (), held, float(axis.actuator.dead_time))
 
 
@@ -252,7 +250,8 @@ def measured_plant(
         wrong = np.flatnonzero(~((size > _SIZES[0]) & (size < _SIZES[1])))
         if wrong.size:
             raise ParameterError(
-                f"'{name}' is {size[wrong[0]]:.3g} m/N at {Quantity(each.frequency[wrong[0]], 'Hz'):6}: no axis is"
+                f"'{name}' is {Quantity(size[wrong[0]], 'm/N'):3 SI} at {Quantity(each.frequency[wrong[0]], 'Hz'):6}: "
+                "no axis is"
             )
     chosen = [load if motor is None or each == READINGS[1] else motor for each in readings]
     taken = chosen[:1] if all(each is chosen[0] for each in chosen) else chosen

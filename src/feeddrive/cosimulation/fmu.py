@@ -88,7 +88,8 @@ def _check_entries(packed: zipfile.ZipFile, path: str | Path) -> None:
     size = sum(each.file_size for each in packed.infolist())
     if size > MOST:
         raise FmuError(
-            f"{path}: would take {size / 1e9:.3g} GB unpacked, more than the {MOST / 1e9:g} GB that are read"
+            f"{path}: would take {Quantity(size / 1e9, 'GB'):3} unpacked, more than the {Quantity(MOST / 1e9, 'GB')} "
+            "that are read"
         )
 
 
@@ -315,7 +316,8 @@ class Instance:
             if setter is None:
                 raise FmuError(f"{self.archive.name}: '{name}' is of type {known[name].type}, which is not a number")
             number = float(value) if "Real" in setter or "Float" in setter else int(value)
-            self._call(f"{name} = {value:g}", getattr(self.fmu, setter), [known[name].valueReference], [number])
+            said = Text(f"{name} = {Quantity(value):6}")
+            self._call(said, getattr(self.fmu, setter), [known[name].valueReference], [number])
         self.give(values)
         self._call("initialization", self.fmu.enterInitializationMode)
         self._call("initialization", self.fmu.exitInitializationMode)

@@ -20,7 +20,7 @@ from feeddrive.files.run_files import file_names, versions, write_run_csv, write
 from feeddrive.language.errors import DivergedError, FeeddriveError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Column, Result, Table
 from feeddrive.loop.loop import SETPOINT, Loop, Signals
 from feeddrive.loop.routine import Routine
 from feeddrive.loop.routine_run import ControllerRun
@@ -200,13 +200,12 @@ class Cosimulation(Result):
 
     def table(self) -> Table:
         """Following error, force and trip by law."""
-        lines = []
+        lines: list[list[str | float | int]] = []
         for row in self.rows:
             rms, peak, force, trip = row.figures().values()
-            lines.append([row.name, f"{1e6 * rms:.4g}", f"{1e6 * peak:.4g}", f"{force:.4g}", f"{trip:g}"])
-        return Table(
-            f"{self.job.title}, against {Path(self.fmu).name}", ["law", "RMS um", "peak um", "force N", "trip"], lines
-        )
+            lines.append([row.name, rms, peak, force, int(trip)])
+        columns = ["law", Column("RMS", "m"), Column("peak", "m"), Column("force", "N"), "trip"]
+        return Table(f"{self.job.title}, against {Path(self.fmu).name}", columns, lines)
 
 
 def cosimulate(

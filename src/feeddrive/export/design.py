@@ -20,7 +20,7 @@ from feeddrive.language.block import Number
 from feeddrive.language.errors import NoSlopeError, ParameterError, StructureError
 from feeddrive.language.graph import ELEMENTARY
 from feeddrive.language.judgment import Advice, Judgment
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.lifting import MOST, loop_gain, period_of
@@ -101,13 +101,7 @@ class Design:
     def period(self) -> str:
         """The sample time with its unit, as text."""
         T = self.routine.sample_time
-        return (
-            Text(f"{Quantity(T, 's'):6 us}")
-            if T < 1e-3
-            else Text(f"{Quantity(T, 's'):6}")
-            if T < 1.0
-            else Text(f"{Quantity(T, 's'):6 SI}")
-        )
+        return f"{1e6 * T:.6g} µs" if T < 1e-3 else f"{1e3 * T:.6g} ms" if T < 1.0 else f"{T:.6g} s"
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -116,7 +110,9 @@ class Design:
             return ()
         if not self.together:
             return tuple(self._said_of(self.loop))
-        found = [f"axis {axis}: {said}" for axis, loop in self.system.loops().items() for said in self._said_of(loop)]
+        found = [
+            Text(f"axis {axis}: {said}") for axis, loop in self.system.loops().items() for said in self._said_of(loop)
+        ]
         return (*found, *matched_dynamics(self.machine.machine()).remarks())
 
     def _said_of(self, loop: Loop) -> list[str]:
@@ -128,8 +124,8 @@ class Design:
             found.append(
                 Text(
                     f"A HANGING AXIS FALLS: gravity pulls with {Quantity(-held, 'N'):6}, but the guard's safe_force is "
-                    f"0 N, which acts whenever the loop is off; write safe_force_N = {held:g}, or hold the axis by a "
-                    "brake"
+                    f"0 N, which acts whenever the loop is off; write safe_force_N = {number(held, 6)}, or hold the "
+                    "axis by a brake"
                 )
             )
         if said.following_error_limit is None:
@@ -158,13 +154,15 @@ class Design:
         try:
             found = margins(loop_gain(self.system, frequency, axis=axis))
         except NoSlopeError as error:
-            return Advice(Judgment.NOT_DECIDED, f"{Judgment.NOT_DECIDED.says}: {error}")
+            return Advice(Judgment.NOT_DECIDED, Text(f"{Judgment.NOT_DECIDED.says}: {error}"))
         if found.sensitivity_peak <= LARGEST_MS:
             return Advice(Judgment.EXPORTED, "")
         return Advice(
             Judgment.NEAR_UNSTABLE,
-            f"the loop is close to instability: its sensitivity peak Ms is {found.sensitivity_peak:.3g}; a tuned loop "
-            f"has at most 2. {Judgment.NEAR_UNSTABLE.says}",
+            Text(
+                f"the loop is close to instability: its sensitivity peak Ms is {Quantity(found.sensitivity_peak):3}; a "
+                f"tuned loop has at most 2. {Judgment.NEAR_UNSTABLE.says}"
+            ),
         )
 
 
@@ -290,12 +288,12 @@ def _check_numbers(layout: Layout) -> None:
     for index, node in enumerate(layout.graph.nodes):
         if node[0] == "const" and read[index] and _too_large(float.fromhex(node[1])):
             owner = layout.makers.get(index, layout.routine.name)
-            raise StructureError(f"{owner}: holds the number {float.fromhex(node[1]):g}, {_BEYOND}")
+            raise StructureError(f"{owner}: holds the number {Quantity(float.fromhex(node[1])):6}, {_BEYOND}")
     with np.errstate(over="ignore"):
         stored, wide = LayoutRun(layout).design, LayoutRun(layout, wide=True).design
     for field in layout.design:
         if not field.truth and np.isinf(stored[field.node]) and np.isfinite(wide[field.node]):
-            raise ParameterError(f"{_said(layout, field)} = {float(wide[field.node]):g}, {_BEYOND}")
+            raise ParameterError(f"{_said(layout, field)} = {Quantity(wide[field.node]):6}, {_BEYOND}")
 
 
 _BEYOND = "beyond single precision, which ends at 3.4e38: take --precision double, or change the parameter"

@@ -35,7 +35,6 @@ from feeddrive.export.parameters.quantities import Cascade, LostPart, lost
 from feeddrive.language import tree
 from feeddrive.language.errors import DivergedError, ParameterError, StructureError, UnstableError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.loop.lifting import loop_gain
 from feeddrive.loop.loop import Loop
@@ -174,8 +173,8 @@ def _check_one(cascade: Cascade) -> None:
         )
     if law.Tn is not None and law.velocity_feedforward != 1.0:
         raise StructureError(
-            f"control.law.velocity_feedforward = {law.velocity_feedforward:g} under an integral needs FF0, which pulls "
-            f"the axis towards position 0: take route = two, or velocity_feedforward = 1"
+            f"control.law.velocity_feedforward = {Quantity(law.velocity_feedforward):6} under an integral needs FF0, "
+            "which pulls the axis towards position 0: take route = two, or velocity_feedforward = 1"
         )
 
 
@@ -237,10 +236,10 @@ def require_stable_pids(cascade: Cascade, stock: Loop, route: str, units: float)
         values["Kp/Tn"] = None if law.Tn is None else law.Kp / law.Tn
         trial = Cascade(slower, law, values)
         if stability(stock_loop(trial, stock_law(trial, route=route, units=units))).stable:
+            integral = "" if law.Tn is None else f" and Tn = {Quantity(law.Tn, 's'):SI}"
             hint = (
-                Text(f"; with Kv = {law.Kv:.4g} 1/s, Kp = {Quantity(law.Kp, 'N s/m')}")
-                + ("" if law.Tn is None else Text(f" and Tn = {Quantity(law.Tn, 's'):SI}"))
-                + f" ({share:.0%}) it would be at the limit of stability"
+                f"; with Kv = {Quantity(law.Kv, '1/s')}, Kp = {Quantity(law.Kp, 'N s/m')}{integral} "
+                f"({Quantity(share, 'share'):.0f}) it would be at the limit of stability"
             )
             break
     raise UnstableError(

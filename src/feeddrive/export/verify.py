@@ -18,7 +18,9 @@ from feeddrive.export.targets import write_again
 from feeddrive.export.trial import Trial, trial
 from feeddrive.files.atomic_io import files_of, read_whole
 from feeddrive.language.errors import FileError, ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import joined
 from feeddrive.loop.routine import target_name
 from feeddrive.loop.routine_run import run
 from feeddrive.version import __version__
@@ -75,8 +77,8 @@ class Verified(Result):
 
     def table(self) -> Table:
         """The certificate."""
-        worst = ", ".join(f"{name} {value:.3g}" for name, value in self.worst.items())
-        rows = [
+        worst = joined(", ", (f"{name} {Quantity(value):3}" for name, value in self.worst.items()))
+        rows: list[list[str | int]] = [
             ["export", f"{self.name}, target {self.target}, {self.precision} precision"],
             ["machine file", f"{self.machine}, SHA-256 {self.digest[:16]}..."],
             ["files as written", "yes" if not self.altered else "no: " + ", ".join(self.altered)],
@@ -88,7 +90,7 @@ class Verified(Result):
             ["against", self.against],
             ["samples", f"{self.samples}, seed {self.seed}"],
             ["with", f"{self.changes} live changes, {self.trips} trips, {self.limited} samples at the force limit"],
-            ["outputs with other bits", str(self.differing)],
+            ["outputs with other bits", self.differing],
             ["worst difference", worst],
             ["result", self._result()],
         ]

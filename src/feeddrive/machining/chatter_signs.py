@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from feeddrive.analysis.spectrum import Spectrum, spectrum
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table, shown
+from feeddrive.language.table import Column, Result, Table, shown
 from feeddrive.language.text import Text
 
 _LINES = 2  # of the spectrum to each side of a harmonic that belong to it: the width of the window
@@ -60,14 +60,14 @@ class ChatterSigns(Result):
 
     def table(self) -> Table:
         """The strongest lines, and to what they belong."""
-        unit, factor = shown(self.spectrum.unit)
-        rows: list[list[str]] = []
+        rows: list[list[str | float]] = []
         for frequency, amplitude in self.spectrum.largest():
             line = int(np.searchsorted(self.spectrum.frequency, frequency))
-            times = frequency / self.passing
-            belongs = f"{times:.3g} x teeth" if self.harmonic[line] else "chatter" if self.dots != 1 else "beside"
-            rows.append([f"{frequency:.5g}", f"{factor * amplitude:.4g}", belongs])
-        return Table(self.sentence(), ["Hz", f"amplitude {unit}".rstrip(), "belongs to"], rows)
+            times = Text(f"{Quantity(frequency / self.passing):3} x teeth")
+            belongs = times if self.harmonic[line] else "chatter" if self.dots != 1 else "beside"
+            rows.append([frequency, amplitude, belongs])
+        amplitudes = Column("amplitude", self.spectrum.unit, f"4 {shown(self.spectrum.unit)[0]}")
+        return Table(self.sentence(), [Column("line", "Hz", "5"), amplitudes, "belongs to"], rows)
 
 
 def chatter_signs(
@@ -93,14 +93,14 @@ def chatter_signs(
     """
     found = np.asarray(values, float)
     if not speed > 0.0 or teeth < 1:
-        raise ParameterError(f"speed = {speed:g} rpm must be > 0 and teeth = {teeth} must be 1 or more")
+        raise ParameterError(f"speed = {Quantity(speed, 'rpm'):6} must be > 0 and teeth = {teeth} must be 1 or more")
     passing = teeth * speed / 60.0
     period = 60.0 / speed if runout else 1.0 / passing
     count = int(((found.size - 1) * sample_time - (start or 0.0)) / period)
     if 1.0 / passing < 4.0 * sample_time:
         raise ParameterError(
-            f"a tooth passes every {1e3 / passing:.4g} ms, and {name} has a sample every {Quantity(sample_time, 's')}: "
-            "four samples a tooth are needed, sample faster"
+            f"a tooth passes every {Quantity(1.0 / passing, 's')}, and {name} has a sample every "
+            f"{Quantity(sample_time, 's')}: four samples a tooth are needed, sample faster"
         )
     if count < _TEETH:
         what = "turns" if runout else "teeth"

@@ -10,14 +10,13 @@ import numpy as np
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
-from feeddrive.language.text import Text
+from feeddrive.language.table import UNIT, Column, Result, Table
 from feeddrive.machining.circle_columns import Fit, Rows, Solved, since_reversal, window
 from feeddrive.machining.circle_test import DIRECTIONS, CirclePath, about_origin, circle_fit, circle_test
 
 _AT_ONCE = np.radians(0.2)  # after a reversal: what happens there is the reversal of a backlash, not a spike
 
-SHOWN = {"": ("ppm", 1e6), "rad": ("urad", 1e6), "m": ("um", 1e6), "s": ("ms", 1e3), "s2": ("1e-6 s2", 1e6)}
+_READ_IN = {"": "ppm", "rad": "urad", "s2": "ms2"}  # by SI unit, where it is not the usual unit
 
 
 class Cause(NamedTuple):
@@ -98,14 +97,17 @@ class CircleCauses(Result):
 
     def table(self) -> Table:
         """One row for each cause, the largest first."""
-        rows = []
-        for each in self.ranked:
-            unit, factor = SHOWN[each.unit]
-            error = "-" if not np.isfinite(each.error) else f"{factor * each.error:.2g}"
-            rows.append([each.name, f"{factor * each.value:.4g}", error, unit, f"{1e6 * each.effect:.4g}",
-                         Text(f"{Quantity(each.share, 'share'):3}"), each.note])  # fmt: skip
-        title = Text(f"causes; {Quantity(self.residual, 'm'):3} RMS are not explained")
-        return Table(title, ["cause", "value", "+-", "unit", "draws um", "of G", ""], rows, sentences=6)
+        rows: list[list[str | float | Quantity | None]] = []
+        for cause in self.ranked:
+            unit = _READ_IN.get(cause.unit, "")
+            value = Quantity(cause.value, cause.unit, form=f"4 {unit}")
+            error = Quantity(cause.error, cause.unit, form=f"2 {unit}") if np.isfinite(cause.error) else None
+            rows.append([cause.name, value, error, UNIT, cause.effect, cause.share, cause.note])
+        columns = [
+            "cause", "value", "+-", "unit", Column("draws", "m"), Column("of G", "share", "3"),
+            Column("", sentences=True),
+        ]  # fmt: skip
+        return Table(f"causes; {Quantity(self.residual, 'm'):3} RMS are not explained", columns, rows)
 
 
 def circle_causes(

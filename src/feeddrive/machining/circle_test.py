@@ -10,7 +10,7 @@ import numpy as np
 
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.simulate import Run
 from feeddrive.machining.contour import tool_columns
@@ -52,7 +52,7 @@ class CirclePath:
     @property
     def name(self) -> str:
         """Direction and feed, as people write them."""
-        return f"{DIRECTIONS[self.direction]} {60e3 * self.feed:.4g} mm/min"
+        return Text(f"{DIRECTIONS[self.direction]} {Quantity(self.feed, 'm/s'):mm/min}")
 
 
 class Zone(NamedTuple):
@@ -190,16 +190,19 @@ def circle_path(
     direction = 1 if angle[-1] > angle[0] else -1
     turned = direction * angle
     if turned[-1] - turned[0] < 2.0 * np.pi:
-        raise LogError(f"{name}: only {np.degrees(turned[-1] - turned[0]):.4g}° are at constant feed: a full circle is "
-                       "needed, 360° without run-in and run-out; command 1.5 turns or more")  # fmt: skip
+        raise LogError(
+            f"{name}: only {Quantity(turned[-1] - turned[0], 'rad'):deg} are at constant feed: a full circle is "
+            "needed, 360 deg without run-in and run-out; command 1.5 turns or more"
+        )
     r = np.hypot(x[begin:end] - middle[0], y[begin:end] - middle[1])
     first = int(np.searchsorted(turned, turned[-1] - 2.0 * np.pi, side="right")) - 1
     first = max(first, 0)
     gap = float(r[-1] - np.interp(turned[-1] - 2.0 * np.pi, turned, r))
     if abs(gap) > max(_OPEN * float(np.ptp(r[first:])), _SMALL):
-        raise LogError(f"{name}: the circle is not closed: after a turn the radius differs by "
-            f"{Quantity(gap, 'm'):3}. Let "
-                       "it settle for another turn, or look for drift")  # fmt: skip
+        raise LogError(
+            f"{name}: the circle is not closed: after a turn the radius differs by {Quantity(gap, 'm'):3}. Let it "
+            "settle for another turn, or look for drift"
+        )
     wanted = turned[-1] - 2.0 * np.pi + 2.0 * np.pi * (np.arange(points) + 0.5) / points
     places = np.maximum.accumulate(turned[first:])
     even = _averaged(places, r[first:], wanted) if len(places) > 4 * points else np.interp(wanted, places, r[first:])
@@ -207,8 +210,10 @@ def circle_path(
     nominal = _ROUND * round(fitted / _ROUND) if radius is None else radius
     feed = nominal * float(turned[-1] - turned[first]) / span
     if radius is not None and abs(fitted - radius) > 0.05 * radius:
-        raise ParameterError(f"{name}: the circle has a radius of {Quantity(fitted, 'm'):mm}, and radius = "
-                             f"{Quantity(radius, 'm'):mm} was stated")  # fmt: skip
+        raise ParameterError(
+            f"{name}: the circle has a radius of {Quantity(fitted, 'm'):mm}, and radius = "
+            f"{Quantity(radius, 'm'):mm} was stated"
+        )
     drawn = direction * wanted
     return CirclePath(
         middle[0] + even * np.cos(drawn),
@@ -227,7 +232,7 @@ def _at_feed(x: np.ndarray, y: np.ndarray, time: np.ndarray, middle: np.ndarray,
     angle = np.unwrap(np.arctan2(y - middle[1], x - middle[0]))
     whole = abs(float(angle[-1] - angle[0]))
     if whole < 2.0 * np.pi:
-        raise LogError(f"{name}: the motion turns by {np.degrees(whole):.4g}° about its center: no full circle")
+        raise LogError(f"{name}: the motion turns by {Quantity(whole, 'rad'):deg} about its center: no full circle")
     turned = np.abs(angle - angle[0])
     far = np.searchsorted(np.maximum.accumulate(turned), turned + _OVER)
     inside = far < len(x)
@@ -303,12 +308,14 @@ class CircleTest(Result):
             f"{self.about} center{label}"
         )
         rows = [
-            ["both " + each.name if each.both else each.name, f"{1e6 * each.G:.4g}{' (b)' if each.both else ''}",
-             f"{1e6 * each.F_max:+.4g}", f"{1e6 * each.F_min:+.4g}", f"{1e6 * each.D:+.4g}",
-             f"{1e3 * each.center[0]:.7g}", f"{1e3 * each.center[1]:.7g}"]
-            for each in self.figures
+            [Text(f"both {circle.name}") if circle.both else circle.name,
+             Text(f"{Quantity(circle.G, 'm', bare=True)} (b)") if circle.both else circle.G,
+             circle.F_max, circle.F_min, circle.D, *map(float, circle.center)]
+            for circle in self.figures
         ]  # fmt: skip
-        return Table(title, ["circle", "G um", "F max um", "F min um", "D um", "center x mm", "center y mm"], rows)
+        signed = [Column(head, "m", "+.4g") for head in ("F max", "F min", "D")]
+        centers = [Column(f"center {axis}", "m", "7 mm") for axis in "xy"]
+        return Table(title, ["circle", Column("G", "m"), *signed, *centers], rows)
 
 
 def circle_test(circles: Sequence[CirclePath], *, about: str = "least squares") -> CircleTest:
@@ -355,7 +362,7 @@ def _figures(circles: list[CirclePath], about: str) -> Figures:
     r = np.hypot(x - center[0], y - center[1])
     both = len(circles) == 2
     return Figures(
-        name=first.name.split(" ", 1)[1] if both else first.name,
+        name=Text(f"{Quantity(first.feed, 'm/s'):mm/min}") if both else first.name,
         G=minimum_zone(x, y).width,
         F_max=float(np.max(r)) - first.radius,
         F_min=float(np.min(r)) - first.radius,

@@ -12,7 +12,7 @@ import numpy as np
 from feeddrive.blocks.families import Reference
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.simulate import Run
 from feeddrive.machining.curve import CORNER, Curve, curve_through, feet, lengths, size, unit
@@ -177,14 +177,17 @@ class ContourError(Result):
             f"{Quantity(self.within(0.95), 'm')} on 95 % of {Quantity(float(self.curve.along[-1]), 'm'):mm}; lag at "
             f"most {Quantity(float(np.max(np.abs(self.lag))), 'm')}"
         )
-        heads = ["worst places", "um", "s", "at mm of path", *(f"{name} mm" for name in self.axes)]
-        lines = [] if self.line is None else ["line"]
-        rows = [
-            [str(i + 1), f"{1e6 * each.error:+.4g}" if self.signed else f"{1e6 * each.error:.4g}", f"{each.time:.4g}",
-             f"{1e3 * each.along:.5g}", *(f"{1e3 * x:.5g}" for x in each.position), *(str(each.line) for _ in lines)]
-            for i, each in enumerate(self.worst())
+        columns = [
+            Column("worst places"), Column("error", "m", "+.4g" if self.signed else ""), Column("time", "s", "4 s"),
+            Column("along the path", "m", "5 mm"), *(Column(name, "m", "5 mm") for name in self.axes),
+            *([] if self.line is None else [Column("line")]),
         ]  # fmt: skip
-        return Table(title, [*heads, *lines], rows)
+        rows = [
+            [i + 1, place.error, place.time, place.along, *map(float, place.position),
+             *([] if self.line is None else [place.line])]
+            for i, place in enumerate(self.worst())
+        ]  # fmt: skip
+        return Table(title, columns, rows)
 
 
 def _to_point(position: np.ndarray, point: np.ndarray) -> float:

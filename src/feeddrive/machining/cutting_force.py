@@ -13,8 +13,9 @@ from feeddrive.language import tree
 from feeddrive.language.block import Number
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import Graph
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.ring import Ring
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import UNIT, Result, Table
 from feeddrive.loop.engine.native import native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.simulate import Run
@@ -56,16 +57,15 @@ class CuttingForces(Result):
     def table(self) -> Table:
         """Mean and peak while the tool cuts."""
         cuts = self.torque != 0.0
-        rows = []
-        quantities = {"feed": "N", "normal": "N", "axial": "N", "resultant": "N", "torque": "N m", "power": "W"}
-        for name, unit in quantities.items():
+        rows: list[list[str | Quantity]] = []
+        units = {"feed": "N", "normal": "N", "axial": "N", "resultant": "N", "torque": "N m", "power": "W"}
+        for name, unit in units.items():
             values = getattr(self, name)[cuts]
             mean, peak = (float(np.mean(values)), float(np.max(np.abs(values)))) if values.size else (0.0, 0.0)
-            rows.append([name, unit, f"{mean:.4g}", f"{peak:.4g}"])
-        share = 100.0 * float(np.mean(cuts)) if cuts.size else 0.0
-        return Table(
-            f"force on the tool, which cuts in {share:.3g} % of the samples", ["", "unit", "mean", "peak"], rows
-        )
+            rows.append([name, UNIT, Quantity(mean, unit), Quantity(peak, unit)])
+        share = Quantity(float(np.mean(cuts)) if cuts.size else 0.0, "share")
+        title = f"force on the tool, which cuts in {share:3} of the samples"
+        return Table(title, ["", "unit", "mean", "peak"], rows)
 
 
 def cutting_forces(run: Run, cut: MillingCut) -> CuttingForces:

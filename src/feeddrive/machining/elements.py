@@ -10,7 +10,7 @@ import numpy as np
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.machining.circle_test import circle_fit, minimum_zone
 from feeddrive.machining.contour import ContourError, Corner
@@ -59,20 +59,26 @@ class Elements(Result):
 
     def table(self) -> Table:
         """One row for each element, then one for each corner."""
-        rows = [
-            [f"{i + 1} {each.kind}{'' if each.line is None else f', line {each.line}'}",
-             f"{1e3 * (each.end - each.begin):.4g}", f"{np.degrees(each.angle):.4g}", f"{1e6 * each.form:.4g}",
-             f"{1e6 * each.tilt:.4g} urad" if each.kind == "line" else f"{1e6 * each.size:+.4g} um",
-             f"{1e6 * each.error:.4g}"]
-            for i, each in enumerate(self.elements)
+        rows: list[list[str | float | Quantity]] = [
+            [f"{i + 1} {element.kind}{_in_line(element.line)}", element.end - element.begin, element.angle,
+             element.form, Quantity(element.tilt, "rad", form="4 urad") if element.kind == "line" else
+             Quantity(element.size, "m", form="+.4g"), element.error]
+            for i, element in enumerate(self.elements)
         ]  # fmt: skip
         rows += [
-            [f"corner{'' if each.line is None else f', line {each.line}'}", "", f"{np.degrees(each.turn):.4g}", "",
-             Text(f"passed at {Quantity(each.nearest, 'm')}"), f"{1e6 * each.error:.4g}"]
-            for each in self.corners
+            [f"corner{_in_line(corner.line)}", "", corner.turn, "",
+             Text(f"passed at {Quantity(corner.nearest, 'm')}"), corner.error]
+            for corner in self.corners
         ]  # fmt: skip
-        heads = ["element", "mm", "deg", "straight, round um", "tilt, radius", "contour error um"]
-        return Table(f"{self.name}: {len(self.elements)} elements, {len(self.corners)} corners", heads, rows)
+        columns = [
+            "element", Column("length", "m", "4 mm"), Column("angle", "rad", "4 deg"), Column("straight, round", "m"),
+            "tilt, radius", Column("contour error", "m"),
+        ]  # fmt: skip
+        return Table(f"{self.name}: {len(self.elements)} elements, {len(self.corners)} corners", columns, rows)
+
+
+def _in_line(line: int | None) -> str:
+    return "" if line is None else f", line {line}"
 
 
 def elements(contour: ContourError, *, ends: float = _ENDS) -> Elements:
@@ -87,7 +93,7 @@ def elements(contour: ContourError, *, ends: float = _ENDS) -> Elements:
     if not contour.signed:
         raise ParameterError(f"elements are those of a plane path, not of {', '.join(contour.axes)}: choose two axes")
     if not 0.0 <= ends <= 0.4:
-        raise ParameterError(f"ends = {ends:g} must be >= 0 and <= 0.4")
+        raise ParameterError(f"ends = {Quantity(ends):6} must be >= 0 and <= 0.4")
     curve = contour.curve
     whole = float(curve.along[-1])
     marks = np.linspace(0.0, whole, min(_PARTS, max(3, int(whole / _FINEST))) + 1)

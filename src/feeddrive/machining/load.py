@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.quantity import Quantity, unit_name
+from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.language.units import turning
 from feeddrive.loop.loop import Loop
@@ -113,9 +113,11 @@ class SpindleLoad(Result):
 
     def table(self) -> Table:
         """One row."""
-        shown = "-" if self.specific_energy is None else f"{1e-9 * self.specific_energy:.4g}"
-        cells = [f"{self.power:.4g}", f"{self.peak:.4g}", f"{self.energy:.4g}", shown]
-        return Table("spindle", ["", "mean W", "peak W", "J", "J/mm3"], [["spindle", *cells]])
+        columns = [
+            "", Column("mean", "W"), Column("peak", "W"), Column("energy", "J"),
+            Column("energy by volume", "J/m3", "4 J/mm3"),
+        ]  # fmt: skip
+        return Table("spindle", columns, [["spindle", self.power, self.peak, self.energy, self.specific_energy]])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -141,21 +143,23 @@ class MachineLoad(Result):
 
 
 def _table(rows: list[AxisLoad], title: str) -> Table:
-    heads = ["axis", "RMS", "of continuous", "peak", "of peak", "heat, repeated", "copper W", "work J", "drawn J", ""]
-    lines = []
-    for each in rows:
-        unit = turning("N") if each.turning else "N"
-        shares = [_percent(share) for share in (each.of_continuous, each.of_peak, each.heat_repeated)]
-        copper = "-" if each.copper_loss is None else f"{each.copper_loss:.4g}"
-        lines.append(
-            [each.axis, f"{each.rms:.4g} {unit}", shares[0], f"{each.peak:.4g} {unit}", *shares[1:], copper,
-             f"{each.work:.4g}", f"{each.drawn:.4g}", each.verdict]
-        )  # fmt: skip
-    return Table(title, heads, lines)
+    columns = [
+        "axis", "RMS", "of continuous", "peak", "of peak", "heat, repeated", Column("copper", "W"), Column("work", "J"),
+        Column("drawn", "J"), "",
+    ]  # fmt: skip
+    lines: list[list[str | float | Quantity | None]] = []
+    for load in rows:
+        unit = turning("N") if load.turning else "N"
+        of_continuous, of_peak, heat = map(_percent, (load.of_continuous, load.of_peak, load.heat_repeated))
+        lines.append([
+            load.axis, Quantity(load.rms, unit), of_continuous, Quantity(load.peak, unit), of_peak, heat,
+            load.copper_loss, load.work, load.drawn, load.verdict,
+        ])  # fmt: skip
+    return Table(title, columns, lines)
 
 
-def _percent(share: float | None) -> str:
-    return "-" if share is None else Text(f"{Quantity(share, 'share'):3}")
+def _percent(share: float | None) -> Quantity | None:
+    return None if share is None else Quantity(share, "share", form="3")
 
 
 def axis_load(
@@ -195,7 +199,9 @@ def axis_load(
     }  # fmt: skip
     for name, (value, unit) in given.items():
         if value is not None and not 0.0 < value < float("inf"):
-            raise ParameterError(f"axis {axis}: {name} = {value:g} {unit} must be finite and > 0 {unit}")
+            raise ParameterError(
+                f"axis {axis}: {name} = {Quantity(value, unit):6 SI} must be finite and > 0 {unit_name(unit, 'SI')}"
+            )
     work = force * np.diff(position)
     rms = float(np.sqrt(np.mean(force * force)))
     heat = repeated = None
@@ -241,7 +247,9 @@ def spindle_load(
     if not power.size or not np.all(np.isfinite(power)):
         raise ParameterError("the power of the spindle needs torques and speeds that are finite")
     if volume is not None and not volume > 0.0:
-        raise ParameterError(f"volume = {volume:g} m3 of chips must be > 0 m3: leave it out where nothing is cut")
+        raise ParameterError(
+            f"volume = {Quantity(volume, 'm3'):6} of chips must be > 0 m3: leave it out where nothing is cut"
+        )
     energy = float(np.sum(power)) * sample_time
     each = None if volume is None else energy / volume
     return SpindleLoad(float(np.mean(power)), float(np.max(np.abs(power))), energy, volume, each)

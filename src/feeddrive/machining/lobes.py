@@ -11,7 +11,7 @@ import numpy as np
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import StateSpace
@@ -66,21 +66,22 @@ class CutStability(Result):
 
     def sentence(self) -> str:
         """The verdict in words."""
-        at = Text(f"at {self.speed:.6g} rpm and {Quantity(self.depth, 'm'):mm}")
+        at = Text(f"at {Quantity(self.speed, 'rpm'):6} and {Quantity(self.depth, 'm'):mm}")
         said = "does not chatter" if self.stable else Text(f"chatters at {Quantity(self.frequency, 'Hz')}")
         limit = (
             Text(f"the limit there is {Quantity(self.limit, 'm'):mm} ({self.kind}, {Quantity(self.frequency, 'Hz')})")
             if np.isfinite(self.limit)
             else Text(f"no limit was found up to {Quantity(self.deepest, 'm'):mm}")
         )
-        return f"{at} the cut {said}: a vibration is multiplied by {self.growth:.4g} from tooth to tooth; {limit}"
+        growth = Quantity(self.growth)
+        return Text(f"{at} the cut {said}: a vibration is multiplied by {growth} from tooth to tooth; {limit}")
 
     def table(self) -> Table:
         """The verdict and its numbers."""
-        limit = f"{1e3 * self.limit:.5g}" if np.isfinite(self.limit) else f"over {1e3 * self.deepest:.4g}"
-        rows = [[f"{self.speed:.6g}", f"{1e3 * self.depth:.4g}", f"{self.growth:.5g}", limit, self.kind,
-                 f"{self.frequency:.5g}"]]  # fmt: skip
-        return Table(self.sentence(), ["rpm", "depth mm", "|mu|", "limit mm", "kind", "chatter Hz"], rows)
+        limit = self.limit if np.isfinite(self.limit) else _over(self.deepest)
+        columns = [_SPEED, Column("depth", "m", "4 mm"), Column("|mu|", "", "5"), _LIMIT, "kind", _CHATTER]
+        row = [self.speed, self.depth, self.growth, limit, self.kind, self.frequency]
+        return Table(self.sentence(), columns, [row])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -135,23 +136,35 @@ class Lobes(Result):
         i, best = int(np.argmin(self.depth)), self.pockets(1)[0]
         if not np.isfinite(self.depth[i]):
             return Text(f"no chatter up to {Quantity(self.deepest, 'm'):mm} at any of these speeds")
-        shown = f"{1e3 * self.depth[best]:.4g}" if np.isfinite(self.depth[best]) else f"over {1e3 * self.deepest:.4g}"
+        limited = bool(np.isfinite(self.depth[best]))
+        highest = Text(f"{'' if limited else 'over '}{Quantity(self.depth[best] if limited else self.deepest, 'm'):mm}")
         return Text(
             f"the cut is free of chatter up to {Quantity(self.depth[i], 'm'):mm} at every one of these speeds (least "
-            f"at {self.spindle_speed[i]:.6g} rpm); at {self.spindle_speed[best]:.6g} rpm up to {shown} mm"
+            f"at {Quantity(self.spindle_speed[i], 'rpm'):6}); at {Quantity(self.spindle_speed[best], 'rpm'):6} up to "
+            f"{highest}"
         )
 
     def table(self) -> Table:
         """The best pockets and the least limit."""
-        rows = []
+        rows: list[list[float | str | None]] = []
         least = int(np.argmin(self.depth))
-        for i in [*(each for each in self.pockets() if each != least), least]:
-            there = np.isfinite(self.depth[i])
-            limit = f"{1e3 * self.depth[i]:.5g}" if there else f"over {1e3 * self.deepest:.4g}"
-            kind = kind_of(self.multiplier[i]) if there else "none"
-            rows.append([f"{self.spindle_speed[i]:.6g}", limit, kind, f"{self.frequency[i]:.5g}" if there else "-"])
-        rows[-1][0] += " (least)"
-        return Table(self.sentence(), ["rpm", "limit mm", "kind", "chatter Hz"], rows)
+        for i in [*(pocket for pocket in self.pockets() if pocket != least), least]:
+            speed, limited = float(self.spindle_speed[i]), bool(np.isfinite(self.depth[i]))
+            rows.append([
+                Text(f"{Quantity(speed, 'rpm', bare=True):6} (least)") if i == least else speed,
+                float(self.depth[i]) if limited else _over(self.deepest),
+                kind_of(self.multiplier[i]) if limited else "none",
+                float(self.frequency[i]) if limited else None,
+            ])  # fmt: skip
+        return Table(self.sentence(), [_SPEED, _LIMIT, "kind", _CHATTER], rows)
+
+
+_SPEED, _LIMIT, _CHATTER = Column("speed", "rpm", "6"), Column("limit", "m", "5 mm"), Column("chatter", "Hz", "5")
+
+
+def _over(deepest: float) -> str:
+    """Return the cell of a limit that lies beyond the depths that were looked at."""
+    return Text(f"over {Quantity(deepest, 'm', bare=True):mm}")
 
 
 def kind_of(multiplier: complex) -> str:
@@ -196,7 +209,7 @@ def stability_lobes(
     ranges: list[tuple[float, float, float]] = []
     for n in speeds:
         if progress is not None:
-            progress.step(f"{n:.6g} rpm")
+            progress.step(Text(f"{Quantity(n, 'rpm'):6}"))
         borders = list(_borders(point, cut, float(n), first, most, every=islands))
         found.append(_at(ToothPassage(point, cut, float(n)), point, borders[0] if borders else np.inf))
         ends = [*borders[1:], *([most] if len(borders) % 2 == 0 and borders else [])]
@@ -248,7 +261,7 @@ def _range(point: ToolPoint, cut: Regeneration, deepest: float | None) -> tuple[
     if worst.real >= 0.0:
         raise UnstableError(
             f"the tool point is unstable without any cut: a pole at {Quantity(abs(worst) / (2.0 * np.pi), 'Hz')} grows "
-            f"with {worst.real:.4g} 1/s; damp the mode, or close the position loop"
+            f"with {Quantity(worst.real, '1/s')}; damp the mode, or close the position loop"
         )
     least = zero_order(point, cut).least
     if not np.isfinite(least):
@@ -287,8 +300,8 @@ def _borders(
             if growth(fine, ends[0]) * growth(fine, ends[1]) < 0.0:
                 return _root(lambda a: growth(fine, a), *ends, _DIGITS)
         raise ParameterError(
-            f"at {speed:g} rpm the limit near {Quantity(near, 'm'):mm} is lost between two grids of points: leave out "
-            "modes that are far above the teeth"
+            f"at {Quantity(speed, 'rpm'):6} the limit near {Quantity(near, 'm'):mm} is lost between two grids of "
+            "points: leave out modes that are far above the teeth"
         )
 
     from scipy.optimize import minimize_scalar  # not for commands that only read

@@ -14,7 +14,7 @@ from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.language import matrix
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
@@ -147,13 +147,16 @@ class PartRun(Result):
             f"{Quantity(self.contour.rms, 'm')} RMS, {Quantity(self.contour.within(), 'm')} on 95 % of the path that "
             "counts"
         )
-        heads = ["axis", "following RMS um", "peak um", "in line", "force RMS N", "peak N", "reversal um"]
-        rows = [
-            [name, f"{1e6 * each.following_rms:.4g}", f"{1e6 * each.following_peak:.4g}", str(each.line),
-             f"{motor.rms:.4g}", f"{motor.peak:.4g}", f"{1e6 * each.glitch:.4g}" if each.glitches else "-"]
-            for name, each, motor in ((name, each, self.load.axes[name]) for name, each in self.axes.items())
+        columns = [
+            "axis", Column("following RMS", "m"), Column("peak", "m"), "in line", Column("force RMS", "N"),
+            Column("peak", "N"), Column("reversal", "m"),
         ]  # fmt: skip
-        return Table(title, heads, rows)
+        rows = [
+            [name, axis.following_rms, axis.following_peak, axis.line, motor.rms, motor.peak,
+             axis.glitch if axis.glitches else None]
+            for name, axis, motor in ((name, axis, self.load.axes[name]) for name, axis in self.axes.items())
+        ]  # fmt: skip
+        return Table(title, columns, rows)
 
 
 def part_run(

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.language.table import Table
+from feeddrive.language.table import Column, Table
 from feeddrive.machining.circle_test import CirclePath, CircleTest
 
 NEAR = np.radians(10.0)
@@ -61,13 +61,10 @@ def quadrant_peaks(test: CircleTest) -> list[QuadrantPeak]:
 
 
 def peaks_table(test: CircleTest) -> Table:
-    """One row for each circle: the heights behind its four reversals, in um."""
+    """Return a table with one row for each circle: the heights behind its four reversals."""
     first = test.circles[0]
     places = [(axis, side) for side in "+-" for axis in first.axes]
-    heights = {(each.circle, each.axis, each.side): 1e6 * each.height for each in quadrant_peaks(test)}
-    rows = [
-        [circle.name, *(f"{heights[k, *place]:.4g}" if (k, *place) in heights else "-" for place in places)]
-        for k, circle in enumerate(test.circles)
-    ]
+    heights = {(peak.circle, peak.axis, peak.side): peak.height for peak in quadrant_peaks(test)}
+    rows = [[circle.name, *(heights.get((k, *place)) for place in places)] for k, circle in enumerate(test.circles)]
     title = "quadrant peaks: outward, in the 10° after a reversal, above the mean of the 10° before it"
-    return Table(title, ["circle", *(f"{side}{axis} um" for axis, side in places)], rows)
+    return Table(title, ["circle", *(Column(f"{side}{axis}", "m") for axis, side in places)], rows)

@@ -65,16 +65,18 @@ class Regeneration:
             )
         if not self.tangential > 0.0 or not np.isfinite(self.tangential + self.radial):
             raise ParameterError(
-                f"tangential = {self.tangential:g} N/m2 must be > 0: 6e8 N/m2 for aluminium, 1.8e9 for steel"
+                f"tangential = {Quantity(self.tangential, 'N/m2'):6} must be > 0: 6e8 N/m2 for aluminium, 1.8e9 for "
+                "steel"
             )
         if self.tangential < 1e6:
             raise ParameterError(
-                f"tangential = {self.tangential:g} N/m2 is less than any metal needs; catalogues state N/mm2: "
-                f"multiply by 1e6, {1e6 * self.tangential:g} N/m2"
+                f"tangential = {Quantity(self.tangential, 'N/m2'):6} is less than any metal needs; catalogues state "
+                f"N/mm2: multiply by 1e6, {Quantity(1e6 * self.tangential, 'N/m2'):6}"
             )
         if self.lag < 0.0 or self.process_damping < 0.0:
             raise ParameterError(
-                f"lag = {self.lag:g} rad/m and process_damping = {self.process_damping:g} must be >= 0"
+                f"lag = {Quantity(self.lag, 'rad/m'):6} and process_damping = "
+                f"{Quantity(self.process_damping, 'N/m'):6 SI} must be >= 0"
             )
         if self.process_damping > 0.0 and not self.diameter > 0.0:
             raise ParameterError(
@@ -89,7 +91,9 @@ class Regeneration:
     def period(self, speed: float) -> float:
         """From tooth to tooth at a spindle speed in rpm, s. Raises ParameterError for a spindle that does not turn."""
         if not (speed > 0.0 and np.isfinite(speed)):
-            raise ParameterError(f"spindle speed = {speed:g} rpm must be > 0: a spindle that stands does not mill")
+            raise ParameterError(
+                f"spindle speed = {Quantity(speed, 'rpm'):6} must be > 0: a spindle that stands does not mill"
+            )
         return 60.0 / (self.teeth * speed)
 
     def steps(self, depth: float) -> Iterator[Piece]:

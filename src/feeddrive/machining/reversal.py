@@ -9,7 +9,7 @@ import numpy as np
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Column, Result, Table
 from feeddrive.loop.simulate import Run
 from feeddrive.machining.contour import ContourError, contour_error
 
@@ -56,14 +56,16 @@ class Reversals(Result):
     def table(self) -> Table:
         """One row for each reversal."""
         rows = [
-            [f"{each.axis} {each.side}", f"{each.time:.5g}", f"{1e6 * each.height:.4g}", f"{1e3 * each.peak_time:.4g}",
-             f"{1e3 * each.width:.4g}", f"{1e3 * each.stick_begin:.4g}", f"{1e3 * each.stick_time:.4g}",
-             f"{1e6 * each.base:.4g}"]
-            for each in self.reversals
+            [f"{turn.axis} {turn.side}", turn.time, turn.height, turn.peak_time, turn.width, turn.stick_begin,
+             turn.stick_time, turn.base]
+            for turn in self.reversals
         ]  # fmt: skip
-        highest = max((abs(each.height) for each in self.reversals), default=0.0)
-        heads = ["reversal", "at s", "height um", "after ms", "width ms", "stands from ms", "for ms", "base um"]
-        return Table(f"{self.name}: quadrant glitches up to {Quantity(highest, 'm')}", heads, rows)
+        highest = max((abs(turn.height) for turn in self.reversals), default=0.0)
+        columns = [
+            "reversal", Column("at", "s", "5 s"), Column("height", "m"), Column("after", "s"), Column("width", "s"),
+            Column("stands from", "s"), Column("for", "s"), Column("base", "m"),
+        ]  # fmt: skip
+        return Table(f"{self.name}: quadrant glitches up to {Quantity(highest, 'm')}", columns, rows)
 
 
 def reversals(run: Run, contour: ContourError | None = None, *, begin: float = 0.0) -> Reversals:
@@ -147,10 +149,12 @@ def stick_time(
     acceleration of the set position at the reversal, m/s²; the share of velocity feedforward hardly matters.  0 where
     the axis does not stand, F_c + F_s <= m A.  Raises ParameterError for numbers that are not > 0.
     """
-    given = {"acceleration": acceleration, "mass": mass, "Kv": Kv, "Kp": Kp} | ({} if Tn is None else {"Tn": Tn})
-    for name, value in given.items():
+    positive = {
+        "acceleration": (acceleration, "m/s2"), "mass": (mass, "kg"), "Kv": (Kv, "1/s"), "Kp": (Kp, "N s/m"),
+    } | ({} if Tn is None else {"Tn": (Tn, "s")})  # fmt: skip
+    for name, (value, unit) in positive.items():
         if not 0.0 < value < float("inf"):
-            raise ParameterError(f"{name} = {value:g} must be finite and > 0")
+            raise ParameterError(f"{name} = {Quantity(value, unit):6 SI} must be finite and > 0")
     wanted = (coulomb + breakaway - mass * acceleration) / (Kp * acceleration)
     if wanted <= 0.0:
         return 0.0

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicHermiteSpline
 from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Column, Result, Table
 from feeddrive.loop.simulate import Run
 from feeddrive.machining.cutting_force import cutting_forces
 
@@ -44,10 +44,8 @@ class Surface(Result):
     def table(self) -> Table:
         """Roughness, mean place and the closed form of the mark."""
         ra, rz = self.roughness
-        cells = [f"{1e6 * each:.4g}" for each in (ra, rz, float(np.mean(self.map)), self.mark)]
-        return Table(
-            "wall that the edges leave", ["", "Ra um", "Rz um", "mean um", "feed mark um"], [["patch", *cells]]
-        )
+        columns = ["", *(Column(head, "m") for head in ("Ra", "Rz", "mean", "feed mark"))]
+        return Table("wall that the edges leave", columns, [["patch", ra, rz, float(np.mean(self.map)), self.mark]])
 
 
 def feed_mark(radius: float, feed: float, teeth: int, milling: str) -> float:
@@ -96,7 +94,8 @@ def wall(
     _side(milling)
     if not run.time[0] <= begin < end <= run.time[-1]:
         raise ParameterError(
-            f"a wall is made between two instants of the run, {run.time[0]:g} to {Quantity(run.time[-1], 's'):6 SI}"
+            f"a wall is made between two instants of the run, {Quantity(run.time[0]):6} to "
+            f"{Quantity(run.time[-1], 's'):6 SI}"
         )
     axes = (cut.along_x, cut.along_y)
     sign = 1.0 if cut.moves == "tool" else -1.0
@@ -124,7 +123,7 @@ def wall(
     # whole marks only: away from both ends, where teeth before and after are missing
     along = np.linspace(4.0 * feed, length - 4.0 * feed, points)
     if along[-1] <= along[0]:
-        raise ParameterError(f"between these instants {length / feed:.3g} teeth pass: a wall needs 8 or more")
+        raise ParameterError(f"between these instants {Quantity(length / feed):3} teeth pass: a wall needs 8 or more")
     heights = np.linspace(0.0, depth, levels) if levels > 1 else np.zeros(1)
     lag = 2.0 * np.tan(float(edge.helix_angle)) / float(edge.diameter)
     middle, outward = (0.0, 1.0) if milling == "up" else (np.pi, -1.0)

@@ -12,7 +12,7 @@ import numpy as np
 from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Column, Result, Table
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine, check_system
@@ -40,8 +40,8 @@ class ToolMode:
     def __post_init__(self) -> None:
         for name in ("frequency", "damping_ratio", "mass"):
             if not getattr(self, name) > 0.0:
-                unit = {"frequency": " Hz", "mass": " kg"}.get(name, "")
-                raise ParameterError(f"{name} = {getattr(self, name):g}{unit} of a tool mode must be > 0")
+                value = Quantity(getattr(self, name), {"frequency": "Hz", "mass": "kg"}.get(name, ""))
+                raise ParameterError(f"{name} = {value:6 SI} of a tool mode must be > 0")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -106,8 +106,8 @@ class ToolPoint(Result):
         """The modes: frequency and damping of the poles, and the stiffness along t and n at rest."""
         poles = np.linalg.eigvals(self.A)
         upper = sorted(poles[poles.imag >= 0.0], key=abs)
-        rows = [[f"{abs(p) / (2.0 * np.pi):.5g}", f"{-p.real / abs(p) if p else 1.0:.4g}"] for p in upper]
-        return Table("what gives way at the tool", ["Hz", "damping ratio"], rows)
+        rows = [[float(abs(p)) / (2.0 * np.pi), float(-p.real / abs(p) if p else 1.0)] for p in upper]
+        return Table("what gives way at the tool", [Column("mode", "Hz", "5"), Column("damping ratio", "")], rows)
 
 
 def tool_modes(*modes: ToolMode) -> ToolPoint:
@@ -204,7 +204,8 @@ def _continuous(model: StateSpace, lowest: float) -> ToolPoint:
     z = model.poles()
     if z.size and abs(z[0]) >= 1.0:
         raise UnstableError(
-            f"the machine is unstable without any cut (|z| = {abs(z[0]):.7g}, must be < 1): make its loops stable first"
+            f"the machine is unstable without any cut (|z| = {Quantity(abs(z[0])):7}, must be < 1): make its loops "
+            "stable first"
         )
     poles = _poles(z, T)
     frequency = np.unique(np.concatenate([

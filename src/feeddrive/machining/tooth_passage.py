@@ -97,9 +97,10 @@ class ToothPassage:
         n = int(self.share * (12.0 + 8.0 * (vibrations + turns) + min(2.0 * np.sqrt(stiff), _LAYER)))
         if n > _MOST:
             raise ParameterError(
-                f"at {self.speed:g} rpm the fastest mode swings {vibrations:.0f} times while a tooth cuts, and at most "
-                f"50 are resolved: begin at {self.speed * vibrations / 50.0:.4g} rpm, or leave out modes above "
-                f"{Quantity(50.0 / length, 'Hz')}, which the damping of the process holds there"
+                f"at {Quantity(self.speed, 'rpm'):6} the fastest mode swings {Quantity(vibrations):.0f} times while a "
+                f"tooth cuts, and at most 50 are resolved: begin at {Quantity(self.speed * vibrations / 50.0, 'rpm')}, "
+                f"or leave out modes above {Quantity(50.0 / length, 'Hz')}, which the damping of the process holds "
+                "there"
             )
         x, derivative, weights = _differences(n)
         D = derivative * (2.0 / length)

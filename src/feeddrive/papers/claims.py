@@ -22,8 +22,25 @@ from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.run_files import versions
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
+from feeddrive.language.units import factor
 from feeddrive.report.page import Shown, render
+
+# SI unit and name of a unit in which a paper states its figures, where that is no SI unit
+_STATED = {
+    "nm": ("m", "nm"), "um": ("m", "um"), "µm": ("m", "um"), "mm": ("m", "mm"), "ms": ("s", "ms"), "%": ("share", "%"),
+    "um/N": ("m/N", "um/N"), "µm/N": ("m/N", "um/N"), "N/µm": ("N/m", "N/um"), "µm/s": ("m/s", "um/s"),
+    "kN": ("N", "kN"), "kW": ("W", "kW"),
+}  # fmt: skip
+
+
+def stated(value: float, unit: str = "", digits: str = "4", *, bare: bool = False) -> Quantity:
+    """Return a figure in the unit of its paper as a quantity in SI, which is read in that unit."""
+    si, name = _STATED.get(unit, (unit, unit))
+    size = 100.0 if si == "share" else factor(si, name) if si != name else 1.0
+    return Quantity(value / size, si, form=f"{digits} {name}", bare=bare)
 
 
 @dataclass(frozen=True)
@@ -48,6 +65,10 @@ class Claim:
     expected: str = ""
     equations: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        for name in ("key", "claim", "rule", "expected"):
+            object.__setattr__(self, name, Text(getattr(self, name)))
+
     @property
     def holds(self) -> bool:
         """Whether the figure lies within its bounds; NaN is never within them."""
@@ -56,27 +77,31 @@ class Claim:
         return above and below and not math.isnan(self.got)
 
     @property
-    def bounds(self) -> str:
+    def bounds(self) -> Text:
         """The bounds as text, with the unit."""
         if self.least is not None and self.most is not None:
-            text = f"{self.least:.4g} to {self.most:.4g}"
-        elif self.least is not None:
-            text = f"at least {self.least:.4g}"
-        elif self.most is not None:
-            text = f"at most {self.most:.4g}"
-        else:
-            text = "any number"
-        return f"{text} {self.unit}".rstrip()
+            return Text(f"{stated(self.least, self.unit, bare=True)} to {stated(self.most, self.unit)}")
+        if self.least is not None:
+            return Text(f"at least {stated(self.least, self.unit)}")
+        if self.most is not None:
+            return Text(f"at most {stated(self.most, self.unit)}")
+        return Text(f"any number {self.unit}".rstrip())
 
     @property
-    def shown(self) -> str:
-        """The figure as text, with the unit."""
-        return f"{self.got:.4g} {self.unit}".rstrip()
+    def shown(self) -> Quantity:
+        """The computed figure as a quantity in SI, which is read in `unit`."""
+        return stated(self.got, self.unit)
 
     def cells(self) -> list[str]:
-        """The row of a table."""
-        expected = f"{self.expected} ({self.bounds})" if self.expected else self.bounds
-        return [self.key, self.claim, self.rule, expected, self.shown, "holds" if self.holds else "DOES NOT HOLD"]
+        """Return the row of a table as texts."""
+        expected = Text(f"{self.expected} ({self.bounds})") if self.expected else self.bounds
+        verdict = "holds" if self.holds else "DOES NOT HOLD"
+        return [self.key, self.claim, self.rule, expected, Text(f"{self.shown}"), verdict]
+
+    def row(self) -> list[str | Quantity]:
+        """Return the row of a table, the computed figure as a number."""
+        cells = self.cells()
+        return [*cells[:4], self.shown, cells[5]]
 
 
 CELLS = ("row", "claim", "rule", "expected", "got", "holds?")
@@ -106,7 +131,7 @@ class Experiment(Result):
 
     def table(self) -> Table:
         """The claims."""
-        return Table(self.title, CELLS, [claim.cells() for claim in self.claims])
+        return Table(self.title, CELLS, [claim.row() for claim in self.claims])
 
     def sentence(self) -> str:
         """A sentence on how many claims hold, and which do not."""

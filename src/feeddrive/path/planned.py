@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.table import Result, Table
 from feeddrive.language.text import Text
 from feeddrive.path.limits import MachineLimits
@@ -98,6 +98,13 @@ class Recorder:
         )
 
 
+def _limit(limit: float, unit: str, per: str) -> Quantity:
+    """Return a limit in m or rad per s^n, read in mm without unit (which stands in the head) or in degrees with it."""
+    if unit == "mm":
+        return Quantity(limit, f"m/{per}", form=f"mm/{per}", stays=True, bare=True)
+    return Quantity(limit, f"rad/{per}", form=f"{unit}/{per}", stays=True)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Planned(Result):
     """A part program as a motion.
@@ -143,13 +150,14 @@ class Planned(Result):
             [
                 letter,
                 *(
-                    Text(f"{Quantity(use, 'share')} of {factor * limit:.4g}") + (f" {unit}/{s}" if unit != "mm" else "")
+                    Text(f"{Quantity(use, 'share')} of {_limit(limit, unit, s)}")
                     for limit, use, s in zip(given, used, _PER, strict=True)
                 ),
             ]
-            for letter, (factor, unit), given, used in zip(*columns, strict=True)
+            for letter, (_, unit), given, used in zip(*columns, strict=True)
         ]
-        heads = ["axis", *(f"{name} mm/{s}" for name, s in zip(DERIVATIVES, _PER, strict=True))]
+        names = zip(DERIVATIVES, _PER, strict=True)
+        heads = ["axis", *(f"{name} {unit_name(f'm/{s}', f'mm/{s}', stays=True)}" for name, s in names)]
         held = "every limit is proven" if self.proof.count == 0 else f"{self.proof.count} violations"
         title = Text(
             f"{self.program}: {Quantity(self.cycle_time, 's'):6 SI}, {self.blocks} blocks, {self.stop_count} stops; "

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from feeddrive.language.quantity import number
 from feeddrive.path.limits import MachineLimits
 from feeddrive.path.motion import Part, Pause, way
 from feeddrive.path.override import Override
@@ -59,7 +60,9 @@ class Standstill(NamedTuple):
     angle: float = 0.0
 
     def __str__(self) -> str:
-        return self.reason.replace("corner", f"corner of {np.degrees(self.angle):.3g}°") if self.angle else self.reason
+        if not self.angle:
+            return self.reason
+        return self.reason.replace("corner", f"corner of {number(np.degrees(self.angle), 3)}°")
 
 
 class Samples(NamedTuple):

@@ -17,7 +17,9 @@ from feeddrive.blocks.catalogue import family_of
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import tree
 from feeddrive.language.block import Block
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.ring import Ring
+from feeddrive.language.text import Text
 
 _GRID = 2.0**-17  # m: positions on it, and their differences, are exact
 ERRORS = tuple(1e-4 * k for k in (-1.5, -0.5, 0.5, 1.5, 2.5))  # m: they fill the integral of a law
@@ -144,10 +146,10 @@ def bump(old: Block, new: Block, at: Place, errors: Sequence[float] = ()) -> str
     if not steady or not wrong.size:
         return ""
     sample, output = wrong[0]
-    return (
-        f"output {output} of {new.kind} was {last[output]:.9g} in a steady state; {sample + 1} samples after a live "
-        f"change it is {change.after[sample, output]:.9g}, and started there with the new numbers it would be "
-        f"{asked[sample, output]:.9g}: retune must return the state with which it goes on"
+    return Text(
+        f"output {output} of {new.kind} was {Quantity(last[output]):9} in a steady state; {sample + 1} samples after a "
+        f"live change it is {Quantity(change.after[sample, output]):9}, and started there with the new numbers it "
+        f"would be {Quantity(asked[sample, output]):9}: retune must return the state with which it goes on"
     )
 
 

@@ -112,9 +112,9 @@ class ModeCompensation(Compensation):
             lead <= most,
             f"modes.{i} can be predicted over the lead_time, or over the lag of the observer",
             lambda: Text(
-                f"{self.kind}.{whose} = {Quantity(lead, 's'):6 SI} is {lead * mode.frequency:.4g} periods of modes.{i} "
-                f"with its {Quantity(mode.frequency, 'Hz'):6}: at most {Quantity(most, 's'):SI} can be predicted; give "
-                "a shorter lead_time, or leave out a mode so far above the band of the observer"
+                f"{self.kind}.{whose} = {Quantity(lead, 's'):6 SI} is {Quantity(lead * mode.frequency)} periods of "
+                f"modes.{i} with its {Quantity(mode.frequency, 'Hz'):6}: at most {Quantity(most, 's'):SI} can be "
+                "predicted; give a shorter lead_time, or leave out a mode so far above the band of the observer"
             ),
         )
 

@@ -14,7 +14,7 @@ from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import matrix, tree
 from feeddrive.language.block import Number, Rule, parameter, part
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, joined
 
 _SURE = 1.0 - 1e-9  # smallest share worth proposing: below it rounding decides about stability
 
@@ -119,11 +119,12 @@ class ActiveDisturbanceRejection(Law):
             nearest = _nearest(lambda value, name=name: self._with(name, value)._growth(T), values[name])
             if nearest is not None:
                 unit = tree.declaration(self, name).unit
-                remedies.append(f"take {name} <= {nearest:.4g} {unit} in place of {values[name]:g}".replace("  ", " "))
+                now = Quantity(values[name], unit, bare=True)
+                remedies.append(f"take {name} <= {Quantity(nearest, unit):SI} in place of {now:6 SI}")
         return Text(
             f"{self.kind} is not stable on a rigid axis of {Quantity(self.mass, 'kg'):6} at a sample time of "
-            f"{Quantity(T, 's'):6 SI}: its motion grows by the factor {growth:.7g} a sample, which is "
-            f"{growth - 1.0:.3g} over the limit 1; {', or '.join(remedies) or 'take another observer'}"
+            f"{Quantity(T, 's'):6 SI}: its motion grows by the factor {Quantity(growth):7} a sample, which is "
+            f"{Quantity(growth - 1.0):3} over the limit 1; {joined(', or ', remedies) or 'take another observer'}"
         )
 
     def _with(self, path: str, value: Any) -> ActiveDisturbanceRejection:

@@ -11,7 +11,7 @@ from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import ops
 from feeddrive.language.block import Number, Rule, choice, parameter
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, joined
 
 
 class DADSC(Law):
@@ -128,14 +128,17 @@ class DADSC(Law):
                     "below it g1 drives the estimate faster than the approach to the sliding line damps it",
                 )
             )
-            return (
-                f"dadsc.adaptation_ratio = {ratio:g} must be at {side} {nearest:.6g} at these rates: {why}; 1 is "
-                f"g2 = g1/Q"
+            return Text(
+                f"dadsc.adaptation_ratio = {Quantity(ratio):6} must be at {side} {Quantity(nearest):6} at these rates: "
+                f"{why}; 1 is g2 = g1/Q"
             )
         share = largest_share(lambda part: _stable((part * rates[0], part * rates[1], part * rates[2]), 1.0, T))
-        bounds = ", ".join(
-            f"{name} = {rate:g} 1/s (must be below {share * rate:.4g})"
-            for name, rate in zip(self.tunables, rates, strict=True)
+        bounds = joined(
+            ", ",
+            (
+                f"{name} = {Quantity(rate, '1/s'):6} (must be below {Quantity(share * rate, '1/s', bare=True)})"
+                for name, rate in zip(self.tunables, rates, strict=True)
+            ),
         )
         excess = (
             Text(f"{Quantity((1.0 / share - 1.0), 'share'):3}") if share > 0.0 else "far"
@@ -143,7 +146,7 @@ class DADSC(Law):
         return Text(
             f"dadsc: {bounds}: {excess} too fast for the sample time {Quantity(T, 's'):6 SI}, since the loop is then "
             "unstable without any dead time. Stay below these bounds, in the same ratios, or sample faster; with d "
-            f"samples of dead time 0.19/((d + 1) T) = {0.19 / T:.4g}/(d + 1) 1/s for each keeps Ms <= 2"
+            f"samples of dead time 0.19/((d + 1) T) = {Quantity(0.19 / T)}/(d + 1) 1/s for each keeps Ms <= 2"
         )
 
 

@@ -86,8 +86,8 @@ class PolePlacement(Law):
         law = cls(model=model, bandwidth=ops.minimum(0.3 * mode, axis.rate / (2.0 * ops.pi)))
         remark = Text(
             f"model: {Quantity(shown.m11, 'kg'):5} and {Quantity(shown.m22, 'kg'):5}, spring "
-            f"{Quantity(shown.k, 'N/m')} ({Quantity(mode, 'Hz')}), friction {shown.c11 + shown.c12:.4g} and "
-            f"{Quantity(shown.dragged, 'N s/m')}"
+            f"{Quantity(shown.k, 'N/m')} ({Quantity(mode, 'Hz')}), friction "
+            f"{Quantity(shown.c11 + shown.c12, 'N s/m', bare=True)} and {Quantity(shown.dragged, 'N s/m')}"
         )
         return (Start(cls.title, law, remark, InverseDynamics(model=model)),)
 
@@ -140,14 +140,18 @@ class PolePlacement(Law):
         m12, c, k = bodies.m12, -bodies.c12, bodies.k
         if m12 > 0.0:
             pole = (c + ops.sqrt(c * c + 4.0 * m12 * k)) / (2.0 * m12)
-            why = f"is unstable, as for every value > 0 kg: its pole is at +{pole:.6g} 1/s"
+            why = Text(
+                f"is unstable, as for every value > {Quantity(0.0, 'kg')}: its pole is at +{Quantity(pole, '1/s'):6}"
+            )
         else:
             ringing = ops.sqrt(-k / m12)
             ratio = -0.5 * c / (m12 * ringing)
-            why = Text(f"rings at {Quantity(ringing / (2.0 * ops.pi), 'Hz')} with a damping ratio of {ratio:.3g}")
+            why = Text(
+                f"rings at {Quantity(ringing / (2.0 * ops.pi), 'Hz')} with a damping ratio of {Quantity(ratio):3}"
+            )
         return Text(
             f"{self.kind}.commands = 'exact': with model.coupling_mass = {Quantity(m12, 'kg'):6} the exact filter of "
-            f"the screw's set position {why}; the nearest admissible coupling_mass is 0 kg, "
+            f"the screw's set position {why}; the nearest admissible coupling_mass is {Quantity(0.0, 'kg')}, "
             f"{Quantity(abs(m12), 'kg'):6} away: leave it out, or take commands = 'series'"
         )
 
@@ -261,8 +265,9 @@ def _below_nyquist(kind: str, name: str, frequency: Number, damping: Number, spr
         fastest < nyquist,
         f"the fastest pole that {name} and its damping ratio place is below half the sample rate",
         lambda: Text(
-            f"{kind}.{name} = {Quantity(frequency, 'Hz'):6} with a damping ratio of {damping:g} places a pole at "
-            f"{Quantity(fastest, 'Hz'):6}, {fastest / nyquist:.3g} times half the sample rate: it must be below "
-            f"{nyquist:g} Hz, which {name} < {Quantity(nyquist / spread, 'Hz'):6} gives; lower it, or sample faster"
+            f"{kind}.{name} = {Quantity(frequency, 'Hz'):6} with a damping ratio of {Quantity(damping):6} places a "
+            f"pole at {Quantity(fastest, 'Hz'):6}, {Quantity(fastest / nyquist):3} times half the sample rate: it must "
+            f"be below {Quantity(nyquist, 'Hz'):6}, which {name} < {Quantity(nyquist / spread, 'Hz'):6} gives; lower "
+            "it, or sample faster"
         ),
     )

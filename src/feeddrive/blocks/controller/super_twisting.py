@@ -203,12 +203,13 @@ class SuperTwisting(Law):
     def _refusal(self, T: float) -> str:
         """The error: how much slower the law must be."""
         share = largest_share(lambda slower: bool(self._stable(slower, T)))
-        said = f"tracking_rate = {self.tracking_rate:g} 1/s (must be below {share * self.tracking_rate:.4g})"
+        most = Quantity(share * self.tracking_rate, "1/s", bare=True)
+        bounds = Text(f"tracking_rate = {Quantity(self.tracking_rate, '1/s'):6} (must be below {most})")
         if self.zone_time is not None:
-            most = f"{self.zone_time / share:.4g}" if share > 0.0 else "a longer time"
-            said += Text(f", zone_time = {Quantity(self.zone_time, 's'):6 SI} (must be above {most})")
+            least = f"{Quantity(self.zone_time / share, 's', bare=True):SI}" if share > 0.0 else "a longer time"
+            bounds += f", zone_time = {Quantity(self.zone_time, 's'):6 SI} (must be above {least})"
         return Text(
-            f"{self.kind}: {said}: inside its zone the loop is unstable without any dead time at the sample time "
+            f"{self.kind}: {bounds}: inside its zone the loop is unstable without any dead time at the sample time "
             f"{Quantity(T, 's'):6 SI}. Stay within these bounds together, or sample faster; zone_time = "
             f"{Quantity(3.75 * T, 's'):SI} times d + 1, with d samples of dead time, keeps Ms <= 2"
         )

@@ -10,7 +10,7 @@ from feeddrive.blocks.machine_families import Cutter, Edge
 from feeddrive.language import ops
 from feeddrive.language.block import Number, Rule, choice, parameter
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text
 
 _CUTTING = 1e6, 1e11  # N/m2: foam and the hardest alloys are within, 600 N/mm2 written as 600 N/m2 is not
@@ -154,14 +154,21 @@ def _material(name: str, value: Any, unit: str, key: str, other: str, bounds: tu
     least, most = bounds
     factor = 1e6 if other == "N/mm2" else 1e3
 
-    def refusal() -> str:
-        shown = f"mechanistic_cutter.{name} = {value:g} {unit} is that of no material ({least:g} .. {most:g} {unit}"
+    def quantity(size: float, *, bare: bool = False) -> str:
+        return f"{Quantity(size, unit, stays=True, bare=bare):6 SI}"
+
+    def refusal() -> Text:
+        refused = (
+            f"mechanistic_cutter.{name} = {quantity(value)} is that of no material ({quantity(least, bare=True)} .. "
+            f"{quantity(most)} or 0)"
+        )
         if value < least:
-            remedy = (
-                f"if {value:g} is in {other}, write {name}_{key} = {value:g} in the file, {name}={value * factor:g}"
+            plain = number(value, 6)
+            return Text(
+                f"{refused}; if {plain} is in {other}, write {name}_{key} = {plain} in the file, "
+                f"{name}={number(value * factor, 6)} in Python"
             )
-            return f"{shown} or 0); {remedy} in Python"
-        return f"{shown} or 0); if it was {value / factor:g} {unit}, leave the unit out of the key"
+        return Text(f"{refused}; if it was {quantity(value / factor)}, leave the unit out of the key")
 
     within = ops.both(value >= least, value <= most)
     return Rule(ops.either(ops.equal(value, 0.0), within), f"{name} is that of a material", refusal)

@@ -191,9 +191,9 @@ class GpiObserver(Observer):
         turn = self.omega_o * T
         return Text(
             f"{self.kind}.omega_o = {Quantity(self.omega_o, 'rad/s'):6} is too fast for a sample time of "
-            f"{Quantity(T, 's'):6 SI}: omega_o T = {turn:.4g} is {turn - most:.3g} over the limit {most:.4g} of this "
-            f"observer with hold = '{self.hold}'. Take omega_o <= {Quantity(most / T, 'rad/s')}, or sample every "
-            f"{Quantity(most / self.omega_o, 's'):SI} or faster"
+            f"{Quantity(T, 's'):6 SI}: omega_o T = {Quantity(turn)} is {Quantity(turn - most):3} over the limit "
+            f"{Quantity(most)} of this observer with hold = '{self.hold}'. Take omega_o <= "
+            f"{Quantity(most / T, 'rad/s')}, or sample every {Quantity(most / self.omega_o, 's'):SI} or faster"
         )
 
     def growth(self, T: Number) -> Any:

@@ -133,9 +133,9 @@ def _uncontrollable(where: str, bodies: TwoBodies, found: float) -> str:
             f"the damping of the guideway is {Quantity(dragged, 'N s/m'):6}; the nearest admissible value is "
             f"{Quantity(near, 'N s/m'):6}"
         )
-    return (
+    return Text(
         f"{where}: the poles cannot be placed: a force on the screw does not reach one motion of the table (control "
-        f"{found:.3g} of 1, the least is {LEAST_CONTROL:g}): {remedy}"
+        f"{Quantity(found):3} of 1, the least is {Quantity(LEAST_CONTROL)}): {remedy}"
     )
 
 

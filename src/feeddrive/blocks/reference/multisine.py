@@ -65,13 +65,14 @@ class Multisine(Reference):
             )
         if self.highest * self.period > _MOST_LINES:
             raise StructureError(
-                f"multisine has lines up to number {self.highest * self.period:.3g} of 1/period, "
+                f"multisine has lines up to number {Quantity(self.highest * self.period):3} of 1/period, "
                 f"more than {_MOST_LINES}: shorten the period or the band"
             )
         if self._all_lines().size == 0:
             raise StructureError(
                 f"multisine has no line: no multiple of 1/period = {Quantity(1.0 / self.period, 'Hz'):6} lies in "
-                f"{self.lowest:g} .. {Quantity(self.highest, 'Hz'):6}; make the period longer"
+                f"{Quantity(self.lowest, 'Hz', bare=True):6} .. {Quantity(self.highest, 'Hz'):6}; make the period "
+                "longer"
             )
 
     def _all_lines(self) -> np.ndarray:

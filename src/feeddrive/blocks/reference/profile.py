@@ -14,8 +14,10 @@ from feeddrive.blocks.reference.derivatives import Derivatives
 from feeddrive.blocks.reference.stretches import Piece, moved
 from feeddrive.blocks.sampled import check_duration
 from feeddrive.language.errors import StructureError
+from feeddrive.language.quantity import Quantity
 
 _NAMES = ("position", "velocity", "acceleration", "jerk", "snap")
+_UNITS = ("m/s", "m/s2", "m/s3", "m/s4")  # without that of the position
 _ROUNDING = 1e-9  # of a limit or of a distance; what pieces of unequal length round is far below it
 _TINY = 1e-300  # where numbers are too small to round relatively
 
@@ -119,10 +121,13 @@ class Profile:
         for name, end, start, scale in zip(_NAMES[:order], ends, after, scales, strict=False):
             if np.any(np.abs(end - start) > _ROUNDING * scale + _TINY):
                 raise StructureError(f"{kind}: the {name} of the move is not continuous; please report its parameters")
-        for name, limit, start, end in zip(_NAMES[1:], limits, states[1:], ends[1:], strict=False):
+        for name, unit, limit, start, end in zip(_NAMES[1:], _UNITS, limits, states[1:], ends[1:], strict=False):
             most = float(max(np.max(np.abs(start)), np.max(np.abs(end))))
             if not most <= limit * (1.0 + _ROUNDING):
-                raise StructureError(f"{kind}: its {name} reaches {most:g}, over the limit of {limit:g} (SI)")
+                raise StructureError(
+                    f"{kind}: its {name} reaches {Quantity(most, unit):6 SI}, over the limit of "
+                    f"{Quantity(limit, unit):6 SI}"
+                )
 
 
 def _advance(state: np.ndarray, span: float) -> float:

@@ -89,6 +89,6 @@ class Recorded(Reference):
     def _refuse(self, missed: np.ndarray) -> None:
         if missed.size:
             raise StructureError(
-                f"recorded has a row every {Quantity(self.sample_time, 's'):6 SI} and none at t = {missed[0]:.12g} s: "
-                f'run the loop at this sample time, or choose between = "linear"'
+                f"recorded has a row every {Quantity(self.sample_time, 's'):6 SI} and none at t = "
+                f'{Quantity(missed[0], "s"):12 SI}: run the loop at this sample time, or choose between = "linear"'
             )

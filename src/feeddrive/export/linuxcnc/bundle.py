@@ -20,7 +20,6 @@ from feeddrive.export.manifest import readme, write_bundle
 from feeddrive.files.atomic_io import check_directory
 from feeddrive.language.errors import DivergedError, ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.routine import Routine
 from feeddrive.loop.routine_trace import plant_routine
@@ -146,10 +145,8 @@ def axis_ini(routine: Routine, joint: int, letter: str, limit: Limits, title: st
         f"#   [EMCMOT] SERVO_PERIOD = {component.period(routine)}", "",
         *_unknown(limit), f"[AXIS_{letter}]", *moves, *ends, "",
         f"[JOINT_{joint}]", "TYPE = LINEAR", *moves, *ends,
-        Text(f"# In a simulated move within these limits the following error was at most "
-        f"{Quantity(limit.peak_error, 'm'):3 mm},"),
-        Text(f"# the force {Quantity(limit.peak_force, 'N'):3}. MIN_FERROR is as large: the error of a servo loop "
-        f"outlasts the motion."),
+        f"# In a simulated move within these limits the following error was at most {1e3 * limit.peak_error:.3g} mm,",
+        f"# the force {limit.peak_force:.3g} N. MIN_FERROR is as large: the error of a servo loop outlasts the motion.",
         f"FERROR = {error:.9g}", f"MIN_FERROR = {error:.9g}",
         "# Homing at the present position; enter your switch or index.",
         "HOME_SEARCH_VEL = 0", "HOME_LATCH_VEL = 0", "HOME_SEQUENCE = 0",

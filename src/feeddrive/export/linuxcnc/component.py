@@ -263,13 +263,13 @@ def period(routine: Routine) -> int:
     whole = round(exact)
     if abs(exact - whole) > 1e-3:
         raise ParameterError(
-            f"sample_time = {routine.sample_time:.12g} s is not a whole number of nanoseconds, the unit of thread "
-            f"periods in LinuxCNC; the nearest is {max(whole, FASTEST) * 1e-9:.9g} s"
+            f"sample_time = {Quantity(routine.sample_time, 's'):12 SI} is not a whole number of nanoseconds, the unit "
+            f"of thread periods in LinuxCNC; the nearest is {Quantity(max(whole, FASTEST) * 1e-9, 's'):9 SI}"
         )
     if not FASTEST <= whole <= SLOWEST:
         raise ParameterError(
             f"sample_time = {Quantity(routine.sample_time, 's'):9 SI}: a servo thread of LinuxCNC has a period from "
-            f"{FASTEST * 1e-6:g} ms to {SLOWEST * 1e-6:g} ms; take a sample time in between"
+            f"{Quantity(FASTEST * 1e-9, 's'):6} to {Quantity(SLOWEST * 1e-9, 's'):6}; take a sample time in between"
         )
     return whole
 

@@ -28,8 +28,6 @@ from feeddrive.export.parameters.twincat import TWINCAT
 from feeddrive.export.stock_pids import left_out, period, stock_law, stock_loop
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 
 MAKERS = {maker.key: maker for maker in (SINUMERIK, TWINCAT, ODRIVE)}
@@ -131,10 +129,8 @@ def _head(design: Design, cascade: Cascade, train: DriveTrain | None) -> list[st
     lines = [f"{design.title}.", design.made_by, "", *SAFETY, "", *kv_lines(cascade.law.Kv)]
     if train is not None and train.lead is not None:
         lines.append(
-            Text(
-                f"At the motor's shaft: lead {Quantity(train.lead, 'm'):6 mm}, gear {train.gear:.6g}, from "
-                f"{train.source}; 1 m of the table is {Quantity(train.radians_per_metre, 'rad'):6} there"
-            )
+            f"At the motor's shaft: lead {1e3 * train.lead:.6g} mm, gear {train.gear:.6g}, from {train.source}; "
+            f"1 m of the table is {train.radians_per_metre:.6g} rad there"
         )
     elif train is not None:
         lines.append(f"Numbers are those of a linear motor: {train.source}.  For a screw give its lead.")
@@ -180,7 +176,7 @@ def _warning(bare: Loop, whole: Loop) -> list[str]:
     if found.stable:
         return []
     return [
-        f"UNSTABLE WITH THESE NUMBERS ALONE: {found.sentence()}.  Filters of the design are missing: see README.md."
+        f"UNSTABLE WITH THESE NUMBERS ALONE: {found.sentence()!s}.  Filters of the design are missing: see README.md."
     ]
 
 
@@ -217,14 +213,10 @@ def halcmd_lines(cascade: Cascade) -> tuple[list[Line], list[LostPart]]:
         found.append(Line("forward.offset", value, "output", meaning, "control.guard.safe_force", si, _SOURCE))
     for i, (block, design) in enumerate(zip(law.filters, cascade.loop.control.filters, strict=True)):
         for name in COEFFICIENTS:
-            meaning = Text(
-                f"biquad {i}, type 0, at a period of {Quantity(period(cascade.loop), 's'):6}: {numbers(design)}"
-            )
+            meaning = f"biquad {i}, type 0, at a period of {1e3 * period(cascade.loop):.6g} ms: {numbers(design)}"
             value = getattr(block, name)
             found.append(Line(f"filter{i}.{name}", f"{value:.17g}", "", meaning, f"control.filters.{i}", "", _BIQUAD))
-    output = Text(
-        f"The output is in {_unit(cascade)}; 1 of it is {Quantity(float(law.force_per_output), 'N'):6} at the table."
-    )
+    output = f"The output is in {_unit(cascade)}; 1 of it is {float(law.force_per_output):.6g} N at the table."
     found.insert(0, Line("", "", "", output, "", "", ""))
     return found, list(left_out(cascade))
 

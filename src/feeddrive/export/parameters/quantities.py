@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, SupportsFloat
 
 from feeddrive.blocks.actuator.screw import Screw
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
@@ -17,11 +17,12 @@ from feeddrive.blocks.plant.two_bodies import two_bodies
 from feeddrive.language import tree, units
 from feeddrive.language.block import Block
 from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.language.quantity import Quantity
 from feeddrive.loop.loop import Loop
 
 
-class Quantity(NamedTuple):
-    """A kind of number: its unit at the table, at the motor's shaft, and the power of r between the two.
+class DriveQuantity(NamedTuple):
+    """A kind of number of a drive: its unit at the table, at the motor's shaft, and the power of r between the two.
 
     With r = gear · 2π / lead in rad/m, value at the shaft = value at the table · r^power.
     """
@@ -32,23 +33,23 @@ class Quantity(NamedTuple):
     path: str
 
 
-QUANTITIES: Mapping[str, Quantity] = {
-    "Kv": Quantity("1/s", "1/s", 0, "control.law.Kv"),
-    "Kp": Quantity("N s/m", "N m s/rad", -2, "control.law.Kp"),
-    "Kp/Tn": Quantity("N/m", "N m/rad", -2, "control.law.Kp / control.law.Tn"),
-    "Tn": Quantity("s", "s", 0, "control.law.Tn"),
-    "velocity_feedforward": Quantity("", "", 0, "control.law.velocity_feedforward"),
-    "mass": Quantity("kg", "kg m2", -2, "control.feedforward, mass"),
-    "viscous": Quantity("N s/m", "N m s/rad", -2, "control.feedforward, viscous"),
-    "force_limit": Quantity("N", "N m", -1, "control.force_limit"),
-    "following_error_limit": Quantity("m", "m", 0, "control.guard.following_error_limit"),
-    "velocity_limit": Quantity("m/s", "rad/s", 1, "control.guard.velocity_limit"),
-    "table_velocity_limit": Quantity("m/s", "m/s", 0, "control.guard.velocity_limit"),
-    "travel_least": Quantity("m", "m", 0, "control.guard.travel_least"),
-    "travel_most": Quantity("m", "m", 0, "control.guard.travel_most"),
-    "weight": Quantity("N", "N m", -1, "control.guard.safe_force"),
-    "lead": Quantity("m", "m", 0, "axis.actuator.motor.lead"),
-    "gear": Quantity("", "", 0, "axis.actuator.motor.gear"),
+QUANTITIES: Mapping[str, DriveQuantity] = {
+    "Kv": DriveQuantity("1/s", "1/s", 0, "control.law.Kv"),
+    "Kp": DriveQuantity("N s/m", "N m s/rad", -2, "control.law.Kp"),
+    "Kp/Tn": DriveQuantity("N/m", "N m/rad", -2, "control.law.Kp / control.law.Tn"),
+    "Tn": DriveQuantity("s", "s", 0, "control.law.Tn"),
+    "velocity_feedforward": DriveQuantity("", "", 0, "control.law.velocity_feedforward"),
+    "mass": DriveQuantity("kg", "kg m2", -2, "control.feedforward, mass"),
+    "viscous": DriveQuantity("N s/m", "N m s/rad", -2, "control.feedforward, viscous"),
+    "force_limit": DriveQuantity("N", "N m", -1, "control.force_limit"),
+    "following_error_limit": DriveQuantity("m", "m", 0, "control.guard.following_error_limit"),
+    "velocity_limit": DriveQuantity("m/s", "rad/s", 1, "control.guard.velocity_limit"),
+    "table_velocity_limit": DriveQuantity("m/s", "m/s", 0, "control.guard.velocity_limit"),
+    "travel_least": DriveQuantity("m", "m", 0, "control.guard.travel_least"),
+    "travel_most": DriveQuantity("m", "m", 0, "control.guard.travel_most"),
+    "weight": DriveQuantity("N", "N m", -1, "control.guard.safe_force"),
+    "lead": DriveQuantity("m", "m", 0, "axis.actuator.motor.lead"),
+    "gear": DriveQuantity("", "", 0, "axis.actuator.motor.gear"),
 }
 
 
@@ -146,7 +147,7 @@ def drive_train(loop: Loop, lead: float | None = None, gear: float | None = None
     """
     for name, value in (("lead", lead), ("gear", gear)):
         if value is not None and not 0.0 < value < float("inf"):
-            raise ParameterError(f"{name} = {value:g} must be positive and finite")
+            raise ParameterError(f"{name} = {Quantity(value):6} must be positive and finite")
     motor, plant = loop.axis.actuator.motor, loop.axis.plant
     if lead is not None:
         return DriveTrain(lead, gear or 1.0, "given with the export")
@@ -236,6 +237,11 @@ CONSEQUENCES: Mapping[str, str] = {
 UNKNOWN = "the target has no such element"
 
 
+def _read(value: SupportsFloat, unit: str, shown: str = "SI") -> str:
+    """Return a number as the README of an export has it: plain text with six digits, in the units of a linear axis."""
+    return str(Quantity(value, unit, form=f"6 {shown}"))
+
+
 def items(cascade: Cascade) -> Iterator[Item]:
     """Everything in the control of a P-PI design besides its gains, in the order of the signal."""
     control, law = cascade.loop.control, cascade.law
@@ -246,11 +252,11 @@ def items(cascade: Cascade) -> Iterator[Item]:
     if law.position_every > 1:
         yield Item("position_every", "control.law.position_every", str(law.position_every))
     if law.viscous:
-        yield Item("viscous", "control.law.viscous", f"{law.viscous:g} N s/m")
+        yield Item("viscous", "control.law.viscous", _read(law.viscous, "N s/m"))
     if law.Tn is not None and law.model_mass is not None:
-        yield Item("model", "control.law.model_mass", f"{law.model_mass:g} kg")
+        yield Item("model", "control.law.model_mass", _read(law.model_mass, "kg"))
     if control.feedback_delay is not None:
-        yield Item("feedback_delay", "control.feedback_delay", f"{1e3 * control.feedback_delay:g} ms")
+        yield Item("feedback_delay", "control.feedback_delay", _read(control.feedback_delay, "s", "ms"))
     if law.Tn is not None and control.force_limit is not None:
         yield Item("back_calculation", "control.law", "integral by back-calculation")
     if control.prefilter is not None:
@@ -263,7 +269,7 @@ def items(cascade: Cascade) -> Iterator[Item]:
         for kind in _fed_items(block):
             yield Item(kind, f"control.feedforward.{i}", numbers(block))
     if control.force_limit is not None:
-        yield Item("force_limit", "control.force_limit", f"{control.force_limit:g} N")
+        yield Item("force_limit", "control.force_limit", _read(control.force_limit, "N"))
     yield from _guarded(cascade)
 
 
@@ -296,17 +302,17 @@ def _guarded(cascade: Cascade) -> Iterator[Item]:
     if guard is None:
         return
     if guard.following_error_limit is not None:
-        value = f"{1e3 * guard.following_error_limit:g} mm"
+        value = _read(guard.following_error_limit, "m", "mm")
         yield Item("following_error_limit", "control.guard.following_error_limit", value)
     if guard.velocity_limit is not None:
-        yield Item("velocity_limit", "control.guard.velocity_limit", f"{guard.velocity_limit:g} m/s")
+        yield Item("velocity_limit", "control.guard.velocity_limit", _read(guard.velocity_limit, "m/s"))
     for name in ("travel_least", "travel_most"):
         end = getattr(guard, name)
         if end is not None:
-            yield Item("travel", f"control.guard.{name}", f"{1e3 * end:g} mm")
-    yield Item("broken_readings", "control.guard.reading_limit", f"{guard.reading_limit:g} m")
+            yield Item("travel", f"control.guard.{name}", _read(end, "m", "mm"))
+    yield Item("broken_readings", "control.guard.reading_limit", _read(guard.reading_limit, "m"))
     if guard.safe_force:
-        yield Item("safe_force", "control.guard.safe_force", f"{guard.safe_force:g} N")
+        yield Item("safe_force", "control.guard.safe_force", _read(guard.safe_force, "N"))
     if cascade.loop.axis.encoders() == 2:
         yield Item("alignment", "control.guard", "aligns motor and load encoder at enable")
 

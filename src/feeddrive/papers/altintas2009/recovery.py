@@ -22,12 +22,12 @@ from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
 from feeddrive.blocks.observer.kalman_recovery import KalmanRecovery
 from feeddrive.blocks.reference.polynomial7 import Polynomial7
 from feeddrive.blocks.signals import Reading, Setpoint
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Table
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.table import Column, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.papers.altintas2009.testbed import MASS, PLANT, REST, VISCOUS, T, dadsc, loop, milling
-from feeddrive.papers.claims import Claim
+from feeddrive.papers.claims import Claim, stated
 from feeddrive.plot.curves import Row, curves
 from feeddrive.report.page import Shown
 
@@ -100,17 +100,19 @@ def estimation() -> tuple[list[Claim], list[Table], list[Shown]]:
     for name, (smooth, stepped) in errors.items():
         late = seen[None][name].lag / T
         expected = EXPECTED.get(name)
-        rows.append([name, f"{smooth:.1f}", f"{stepped:.1f}", f"{expected[0]:g}" if expected else "-",
-                     f"{expected[1]:g}" if expected else "-", f"{late:.2f}"])  # fmt: skip
-    heads = ["estimate", "error N RMS", "with 10 nm steps", "expected", "expected, 10 nm", "late by samples"]
-    return claims, [Table("Quality of the estimate under milling", heads, rows)], [_picture(cut[RESOLUTION])]
+        rows.append([name, smooth, stepped, *(expected or (None, None)), late])
+    columns = [
+        "estimate", Column("RMS error", "N", ".1f"), Column("with 10 nm steps", "N", ".1f"), Column("expected", "N"),
+        Column("expected, 10 nm", "N"), Column("late by samples", "", ".2f"),
+    ]  # fmt: skip
+    return claims, [Table("Quality of the estimate under milling", columns, rows)], [_picture(cut[RESOLUTION])]
 
 
 def _table_claims(errors: dict[str, tuple[float, ...]], rule: str) -> list[Claim]:
     """Each cell of the table within 20 %: the cutting force of the expected figures is not stated in full."""
     return [
         Claim("1.e", f"error of {name}{with_scale}", rule, errors[name][i], 0.8 * expected[i], 1.2 * expected[i],
-              "N", f"{expected[i]:g}")
+              "N", number(expected[i], 6))
         for name, expected in EXPECTED.items()
         for i, with_scale in enumerate((", continuous reading", ", 10 nm scale"))
     ]  # fmt: skip
@@ -212,7 +214,10 @@ def machine_modes() -> tuple[list[Claim], list[Table], list[Shown]]:
         "tool",
         "Error at the tool at resonance",
         "A mode of 35 Hz on the tool side under 100 N at its resonance; the axis moves with the tool.",
-        f"Error at the tool: {none:.1f} um RMS without, {plain:.1f} with compensation, {lead:.2f} with lead.",
+        Text(
+            f"Error at the tool: {stated(none, 'um')} RMS without, {stated(plain, 'um')} with compensation, "
+            f"{stated(lead, 'um')} with lead."
+        ),
         lambda: _draw(named),
     )
     return [*claims, *sweep], [table], [picture]
@@ -271,11 +276,11 @@ def _sweep() -> tuple[Table, list[Claim]]:
     rows, claims = [], []
     for frequency in FREQUENCIES:
         load = SineForce(amplitude=100.0, frequency=frequency)
-        cells = [f"{frequency:g}"]
+        cells = [frequency]
         for rate in (600.0, 300.0):
             none = _rms(tool_error(rate, (), load, frequency))
             lead = _rms(tool_error(rate, compensated(frequency), load, frequency))
-            cells += [f"{none:.1f}", f"{lead:.2f}", f"{none / lead:.3g}"]
+            cells += [1e-6 * none, 1e-6 * lead, none / lead]
             if rate == 600.0:
                 expected = GAINS[frequency]
                 rule = Text(
@@ -283,9 +288,8 @@ def _sweep() -> tuple[Table, list[Claim]]:
                     "above"
                 )
                 claims.append(
-                    Claim("1.f", Text(f"gain at "
-                        f"{Quantity(frequency, 'Hz'):6}"), rule, none / lead, 0.7 * expected, None, "",
-                          f"{expected:g} times")
+                    Claim("1.f", Text(f"gain at {Quantity(frequency, 'Hz'):6}"), rule, none / lead, 0.7 * expected,
+                          None, "", f"{number(expected, 6)} times")
                 )  # fmt: skip
             elif frequency == 35.0:
                 rule = "the same at 35 Hz with p = 300 1/s: the drive's own compliance is the bound"
@@ -293,5 +297,9 @@ def _sweep() -> tuple[Table, list[Claim]]:
                     Claim("1.f", "a slow drive gains little", rule, none / lead, 6.0, 12.0, "", "about 9 times")
                 )
         rows.append(cells)
-    heads = ["mode Hz", "none um, p 600", "with lead", "gain", "none um, p 300", "with lead", "gain"]
-    return Table("Compensation of one mode at its resonance, 100 N", heads, rows), claims
+    errors = [
+        [Column(f"none, p {rate}", "m", ".1f"), Column("with lead", "m", ".2f"), Column("gain", "", "3")]
+        for rate in (600, 300)
+    ]
+    columns = [Column("mode", "Hz", "6"), *errors[0], *errors[1]]
+    return Table("Compensation of one mode at its resonance, 100 N", columns, rows), claims

@@ -17,7 +17,9 @@ from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.reference.polynomial7 import Polynomial7
 from feeddrive.blocks.signals import Reading, Setpoint
-from feeddrive.language.table import Table
+from feeddrive.language.quantity import number
+from feeddrive.language.table import Column, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.core import advance
 from feeddrive.loop.lifting import compliance
@@ -32,7 +34,7 @@ from feeddrive.papers.altintas2009.testbed import (
     ideal_model,
     loop,
 )
-from feeddrive.papers.claims import Claim
+from feeddrive.papers.claims import Claim, stated
 from feeddrive.plot.curves import Row, curves
 from feeddrive.report.page import Shown
 from feeddrive.tuning.delay_map import DelayMap, delay_map
@@ -165,7 +167,7 @@ def _fair() -> list[Claim]:
         expected = 1.04 if name == "DADSC" else 0.90
         claims.append(
             Claim("1.d", f"fair margins: rope-snap error of {name}", rule, found[name], 0.97 * expected,
-                  1.03 * expected, "nm s^½/N", f"{expected:.2f}")
+                  1.03 * expected, "nm s^½/N", number(expected, 3))
         )  # fmt: skip
     return [
         *claims,
@@ -204,14 +206,19 @@ def delays() -> tuple[list[Claim], list[Table], list[Shown]]:
         ):
             claims.append(
                 Claim("1.i", f"{d} samples of dead time: {what}", rule, float(got), 0.98 * expected, 1.02 * expected,
-                      "", f"{expected:g} within 2 %")
+                      "", f"{number(expected, 6)} within 2 %")
             )  # fmt: skip
     margin = float(np.min(robust * (np.array(samples) + 1.0)))
     claims.append(Claim("1.i", "p <= 0.19/((d + 1) T) keeps Ms <= 2: least p T (d + 1) at Ms = 2", rule, margin, 0.19))
-    rows = [[f"{d}", f"{a:.4f}", f"{EDGES[i]:g}", f"{b:.4f}", f"{ROBUST[i]:g}"]
-            for i, (d, a, b) in enumerate(zip(samples, edge, robust, strict=True))]  # fmt: skip
-    heads = ["samples of dead time", "p T at the edge", "expected", "p T at Ms = 2", "expected"]
-    table = Table("Stability over dead time", heads, rows)
+    rows = [
+        [d, float(a), float(EDGES[i]), float(b), float(ROBUST[i])]
+        for i, (d, a, b) in enumerate(zip(samples, edge, robust, strict=True))
+    ]
+    columns = [
+        "samples of dead time", Column("p T at the edge", "", ".4f"), Column("expected", ""),
+        Column("p T at Ms = 2", "", ".4f"), Column("expected", ""),
+    ]  # fmt: skip
+    table = Table("Stability over dead time", columns, rows)
     fine = delay_map(loop(dadsc(RATE)), names, [0.5 * d * T for d in range(7)])
     return claims, [table], [_map(fine, names[0])]
 
@@ -268,7 +275,10 @@ def _tracking() -> tuple[list[Claim], list[Shown]]:
         "tracking",
         "Tracking with a wrong mass",
         "True error over a move of 100 mm in 0.4 s; law and feedforward assume 0.8 of the mass.",
-        f"Largest error {wrong['DADSC']:.2f} um with DADSC, {wrong['P-PI cascade']:.2f} um with P-PI.",
+        Text(
+            f"Largest error {stated(wrong['DADSC'], 'um'):.2f} with DADSC, "
+            f"{stated(wrong['P-PI cascade'], 'um'):.2f} with P-PI."
+        ),
         lambda: curves("time (ms)", 1e3 * T * np.arange(off["DADSC"].size), [Row("error (µm)", off)]),
     )
     return claims, [picture]
@@ -318,8 +328,10 @@ def _saturation() -> tuple[list[Claim], list[Shown]]:
     picture = Shown(
         "saturation",
         "A step that saturates the drive",
-        "Set position steps by 5 mm, force limit 400 N. Without anti-windup the axis overshoots by "
-        f"{over['none']:.0f} mm.",
+        Text(
+            "Set position steps by 5 mm, force limit 400 N. Without anti-windup the axis overshoots by "
+            f"{stated(over['none'], 'mm', '3')}."
+        ),
         "Two overshoots of a step of 5 mm; the one with back-calculation is the smaller.",
         lambda: curves("time (ms)", 1e3 * T * np.arange(1500), [Row("position (mm)", shown)], levels={"set": 5.0}),
     )

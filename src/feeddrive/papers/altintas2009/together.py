@@ -13,7 +13,7 @@ from feeddrive.blocks.families import Compensation, Law
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.polynomial7 import Polynomial7
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text
 from feeddrive.loop.lifting import compliance, loop_gain
 from feeddrive.loop.simulate import Run, simulate
@@ -38,10 +38,9 @@ def by_frequency() -> list[Claim]:
     expected = np.abs(ppi / pid)
     rule = f"equal velocity gain k_d = 3 m p and real poles, p = 300 1/s; {PLANT}, running loop"
     claims = [
-        Claim("1.m", Text(f"stiffness of DADSC over that of P-PI at "
-            f"{Quantity(each, 'Hz'):6}"), rule, float(ratio), 0.96 * wanted,
-              1.04 * wanted, "", f"{wanted:.3f} of the two PIDs in continuous time")
-        for each, ratio, wanted in zip(NAMED, theirs / ours, expected.tolist(), strict=True)
+        Claim("1.m", Text(f"stiffness of DADSC over that of P-PI at {Quantity(line, 'Hz'):6}"), rule, float(ratio),
+              0.96 * wanted, 1.04 * wanted, "", f"{number(wanted)} of the two PIDs in continuous time")
+        for line, ratio, wanted in zip(NAMED, theirs / ours, expected.tolist(), strict=True)
     ]  # fmt: skip
     lines = np.geomspace(3.0, 1000.0, 6000)
     band = {}

@@ -11,12 +11,14 @@ import numpy as np
 
 from feeddrive.blocks.cutting.helical_cutter import HelicalCutter
 from feeddrive.language.progress import Progress
-from feeddrive.language.table import Table
+from feeddrive.language.quantity import unit_name
+from feeddrive.language.table import Column, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.lifting import compliance
 from feeddrive.loop.simulate import Run
 from feeddrive.papers.beltran2013 import mill, shipped
 from feeddrive.papers.beltran2013.mill import AXES, Case, disturbances, loop
-from feeddrive.papers.claims import Claim, Experiment
+from feeddrive.papers.claims import Claim, Experiment, stated
 from feeddrive.plot import curves as draw
 from feeddrive.report.page import Shown
 
@@ -89,7 +91,7 @@ def beltran2013(progress: Progress) -> Experiment:
         citation="F. Beltrán-Carbajal et al. 2013, active disturbance rejection with GPI observers on a mill",
         claims=claims,
         tables=(
-            _table("Tracking error, largest / RMS in µm, tanh friction", found, opposite),
+            _table(f"Tracking error, largest / RMS in {unit_name('m')}, tanh friction", found, opposite),
             _table("The same with set-valued Coulomb friction (ordering only)", stuck, {}),
             _frequency_table(sines),
         ),
@@ -239,26 +241,28 @@ def _limit_claims(sines: Mapping[int, np.ndarray]) -> list[Claim]:
 
 def _table(title: str, found: Errors, opposite: Mapping[str, tuple[float, float]]) -> Table:
     heads = ["case", *AXES, *(["y, second leg towards -x"] if opposite else [])]
-    rows = []
-    for name, each in found.items():
-        cells = [_pair(each[axis]) for axis in AXES]
-        rows.append([name, *cells, *([_pair(opposite[name]) if name in opposite else "-"] if opposite else [])])
+    rows: list[list[str | None]] = []
+    for name, errors in found.items():
+        cells = [_pair(errors[axis]) for axis in AXES]
+        rows.append([name, *cells, *([_pair(opposite[name]) if name in opposite else None] if opposite else [])])
     return Table(title, heads, rows)
 
 
-def _pair(errors: tuple[float, float]) -> str:
-    return " / ".join(f"{value:.0f}" if value >= 1000.0 else f"{value:.1f}" for value in errors)
+def _pair(errors: tuple[float, float]) -> Text:
+    largest, usual = (stated(error, "µm", ".0f" if error >= 1000.0 else ".1f", bare=True) for error in errors)
+    return Text(f"{largest} / {usual}")
 
 
 def _frequency_table(sines: Mapping[int, np.ndarray]) -> Table:
-    heads = ["Hz"]
-    columns: list[np.ndarray] = []
-    for n, each in sines.items():
+    columns = [Column("sine", "Hz", "6")]
+    values = [np.array(SINES)]
+    for n, measured in sines.items():
         h = mill.left_over(mill.observer_of(n), np.array(SINES))
-        heads += [f"|1-H|, {n} state{'s' if n > 1 else ''}", "measured", "|H|", "measured"]
-        columns += [np.abs(h), np.abs(each[:, 0]), np.abs(1.0 - h), np.abs(1.0 - each[:, 0])]
-    rows = [[f"{f:g}", *(f"{column[i]:.3g}" for column in columns)] for i, f in enumerate(SINES)]
-    return Table("What the observer leaves over, and what it sees, by frequency of the disturbance", heads, rows)
+        heads = (f"|1-H|, {n} state{'s' if n > 1 else ''}", "measured", "|H|", "measured")
+        columns += [Column(head, "", "3") for head in heads]
+        values += [np.abs(h), np.abs(measured[:, 0]), np.abs(1.0 - h), np.abs(1.0 - measured[:, 0])]
+    rows = np.column_stack(values).tolist()
+    return Table("What the observer leaves over, and what it sees, by frequency of the disturbance", columns, rows)
 
 
 TEETH = (60.0, "teeth pass")  # Hz

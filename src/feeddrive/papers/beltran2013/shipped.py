@@ -37,7 +37,7 @@ from feeddrive.papers.beltran2013.mill import (
     loop,
     mass,
 )
-from feeddrive.papers.claims import Claim
+from feeddrive.papers.claims import Claim, stated
 from feeddrive.papers.random_motion import RANDOM, SAMPLES, RandomMotion, RandomReadings, misfit, stepped
 
 RULE = f"{RANDOM}; M = 139 kg, T = 0.1 ms; largest difference over the largest value"
@@ -196,7 +196,7 @@ def settling() -> list[Claim]:
     names = ("GPI observer (13)-(15)", "polynomial (18)")
     return [
         Claim("3.zg", "The estimate of a step settles", rule, measured, 0.98 * computed, 1.02 * computed + 0.2, "ms",
-              f"{computed:.1f} ms by the continuous 1 - H", equations=names),
+              Text(f"{stated(computed, 'ms', '.1f')} by the continuous 1 - H"), equations=names),
     ]  # fmt: skip
 
 

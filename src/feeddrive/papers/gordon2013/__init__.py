@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from feeddrive.blocks.plant.two_bodies import Gains
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import number
 from feeddrive.papers.claims import Claim, Experiment
 from feeddrive.papers.gordon2013 import disturbance, frequency, motion, shipped
 from feeddrive.papers.gordon2013.testbed import DESIGN, TRUTH, Part
@@ -47,7 +48,7 @@ def gordon2013(progress: Progress) -> Experiment:
     for words, run in _PARTS:
         progress.step(words)
         parts.append(run())
-    gains = ", ".join(f"{name} {value:.5g}" for name, value in zip(Gains._fields, DESIGN.gains(), strict=True))
+    gains = ", ".join(f"{name} {number(value, 5)}" for name, value in zip(Gains._fields, DESIGN.gains(), strict=True))
     return Experiment(
         name="gordon2013",
         title="Pole placement and trajectory prefilter on a ball screw",

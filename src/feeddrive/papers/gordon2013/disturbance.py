@@ -18,12 +18,12 @@ from feeddrive.blocks.load.milling_force import MillingForce
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.language import tree
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Table
+from feeddrive.language.quantity import Quantity, unit_name
+from feeddrive.language.table import Column, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
-from feeddrive.papers.claims import Claim
+from feeddrive.papers.claims import Claim, stated
 from feeddrive.papers.gordon2013.testbed import (
     CASCADE,
     GAINS,
@@ -88,7 +88,7 @@ def friction() -> Part:
     rows = [
         [f"{kind}, {law}", *(figures(runs[kind, law, fed]) for fed in (False, True))] for kind in kinds for law in laws
     ]
-    heads = ["tracking error, peak / RMS in µm", "without", "with friction feedforward"]
+    heads = [f"tracking error, peak / RMS in {unit_name('m')}", "without", "with friction feedforward"]
     shown = {
         f"{PLACED}, no friction feedforward": runs[smooth, PLACED, False],
         f"{PLACED}, with it": runs[smooth, PLACED, True],
@@ -131,16 +131,17 @@ def machining() -> Part:
         Claim("2.f steady", "No difference in the steady cut", rule, steady(ppc) / steady(ppi), 0.95, 1.05, "",
               "RMS 0.75 / 0.74 µm"),
     ]  # fmt: skip
-    rows = [["6000 rpm, first 60 ms", f"{entering(ppc):.3g}", "-", f"{entering(ppi):.3g}"]]
+    rows: list[list[str | Quantity | None]] = [
+        ["6000 rpm, first 60 ms", stated(entering(ppc), "µm"), None, stated(entering(ppi), "µm")]
+    ]
     for speed in (6000.0, 3000.0, 1800.0, 900.0):
-        found = [steady(cut(loop, speed, "")) for loop in (placed(), placed(SOFTER), cascade())]
-        rows.append(
-            [Text(f"{speed:g} rpm, steady, {Quantity(speed / 30.0, 'Hz'):6}"), *(f"{each:.3g}" for each in found)]
-        )
-    heads = ["RMS of the position, µm", PLACED, "with softer gains", CASCADE]
+        errors = [steady(cut(loop, speed, "")) for loop in (placed(), placed(SOFTER), cascade())]
+        words = Text(f"{Quantity(speed, 'rpm'):6}, steady, {Quantity(speed / 30.0, 'Hz'):6}")
+        rows.append([words, *(stated(error, "µm") for error in errors)])
+    columns = ["RMS of the position", *(Column(head, "m", "3") for head in (PLACED, "with softer gains", CASCADE))]
     drawing = Shown("cut", "Entry into a cut", "Two edges at 6000 rpm, 23 N in the mean, from 0.1 s on.",
                     "Position of the table under both laws as the cut begins.", lambda: _drawn(runs))  # fmt: skip
-    return Part(claims, [Table("Milling, mean force 23 N", heads, rows)], [drawing])
+    return Part(claims, [Table("Milling, mean force 23 N", columns, rows)], [drawing])
 
 
 def _drawn(runs: Mapping[str, Run]) -> Any:
@@ -160,7 +161,7 @@ def other_axis() -> Part:
     """A table that is heavier than in the design, and encoders that are read a little early or late."""
     heavy = {"axis.x.plant.mass_load": 43.0}
     loops = {PLACED: tree.vary(placed(SOFTER), heavy), CASCADE: tree.vary(cascade(), heavy)}
-    rows: list[list[str]] = []
+    rows: list[list[str | None]] = []
     found: dict[str, tuple[float, float]] = {}
     for name, loop in loops.items():
         before, after = follow(loop, LONG, name), follow(with_prefilter(loop, fits(loop, LONG)[0]), LONG, name)
@@ -168,7 +169,7 @@ def other_axis() -> Part:
         rows.append([f"{name}, table 43 kg", figures(before), figures(after)])
     calm, shaken = ({name: _jittered(loop, by) for name, loop in _both().items()} for by in (None, 1.5e-3))
     for words, runs in (("no jitter", calm), ("jitter 0.15 % of T", shaken)):
-        rows += [[f"{name}, {words}", figures(run), "-"] for name, run in runs.items()]
+        rows += [[f"{name}, {words}", figures(run), None] for name, run in runs.items()]
     errors = {name: rms(run["tracking_error"]) for name, run in shaken.items()}
     rule = f"true table 43 kg, nothing identified anew, gains of 45 Hz and ζ 0.6; 300 mm move; {TRUTH}"
     jitter = (
@@ -178,15 +179,14 @@ def other_axis() -> Part:
     claims = [
         Claim("2.g heavy table", "Pole placement keeps its advantage with another table mass", rule,
               found[CASCADE][0] / found[PLACED][0], 2.5, None, "", "peak 19.6 / 5.7 µm"),
-        Claim("2.g prefilter", "The prefilter corrects the errors of the "
-        "model", rule, found[PLACED][0] / found[PLACED][1],
-              2.0, None, "", "peak 5.7 -> 2.5 µm"),
+        Claim("2.g prefilter", "The prefilter corrects the errors of the model", rule,
+              found[PLACED][0] / found[PLACED][1], 2.0, None, "", "peak 5.7 -> 2.5 µm"),
         Claim("2.g prefilter, P-PI", "It finds less of that of P-PI", rule, found[CASCADE][0] / found[CASCADE][1],
               1.2, 2.0, "", "peak 19.6 -> 14.4 µm"),
         Claim("2.g jitter", "Pole placement stays ahead although the clock jitters", jitter,
               errors[CASCADE] / errors[PLACED], 3.0, None, "", "no figure was given"),
     ]  # fmt: skip
-    heads = ["tracking error, peak / RMS in µm", "as designed", "with prefilter"]
+    heads = [f"tracking error, peak / RMS in {unit_name('m')}", "as designed", "with prefilter"]
     return Part(claims, [Table("Another table, and a clock that jitters", heads, rows)])
 
 

@@ -17,15 +17,15 @@ from feeddrive.analysis.margins import Margins, margins
 from feeddrive.analysis.measured_loop import measured_loop
 from feeddrive.analysis.stiffness import rope_snap, stiffness
 from feeddrive.language import tree
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Table
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.table import UNIT, Column, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.lifting import compliance, loop_gain, tracking
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
-from feeddrive.papers.claims import Claim
+from feeddrive.papers.claims import Claim, stated
 from feeddrive.papers.gordon2013.testbed import (
     CASCADE,
     FULL,
@@ -97,12 +97,11 @@ def loop_figures() -> Part:
               - ppi.margins.sensitivity_peak, -0.1, 0.1, "", "Ms 1.98 and 1.95"),
         Claim("2.a crossover", "Pole placement crosses over higher", rule, first[0] / first[1], 1.15, 1.25, "",
               "82.9 and 70.0 Hz"),
-        *(Claim(Text(f"2.a stiffness at "
-            f"{Quantity(f, 'Hz'):6}"), "Pole placement is stiffer at low frequencies", rule, ratio[f], least,
-                None, "", words) for f, least, words in ((1.0, 2.0, "286 / 118 N/µm"), (5.0, 2.0, "57 / 25 N/µm"),
-                                                         (10.0, 1.7, "28.5 / 14.5 N/µm"))),
-        *(Claim(Text(f"2.a stiffness at "
-            f"{Quantity(f, 'Hz'):6}"), "About equally stiff here", rule, ratio[f], 0.85, 1.15, "", words)
+        *(Claim(f"2.a stiffness at {number(f)} Hz", "Pole placement is stiffer at low frequencies", rule, ratio[f],
+                least, None, "", words)
+          for f, least, words in ((1.0, 2.0, "286 / 118 N/µm"), (5.0, 2.0, "57 / 25 N/µm"),
+                                  (10.0, 1.7, "28.5 / 14.5 N/µm"))),
+        *(Claim(f"2.a stiffness at {number(f)} Hz", "About equally stiff here", rule, ratio[f], 0.85, 1.15, "", words)
           for f, words in ((30.0, "9.1 / 8.5 N/µm"), (100.0, "6.4 / 6.8 N/µm"), (131.0, "6.0 / 5.9 N/µm"))),
         Claim("2.a stiffness at 60 Hz", "P-PI is the stiffer one here", rule, ratio[60.0], None, 1.0, "",
               "5.6 / 7.4 N/µm"),
@@ -128,19 +127,23 @@ def _design_on_a_measurement(loop: Loop) -> Claim:
 
 
 def _stiffness_table(ppc: Linear, ppi: Linear) -> Table:
+    def row(name: str, unit: str, *figures: float) -> list[str | Quantity]:
+        return [name, UNIT, *(stated(figure, unit, "3") for figure in figures)]
+
     rows = [
-        [Text(f"{Quantity(f, 'Hz'):6}"), f"{a:g}", f"{ppc.stiffness(f):.3g}", f"{b:g}", f"{ppi.stiffness(f):.3g}"]
+        row(Text(f"dynamic stiffness at {Quantity(f, 'Hz')}"), "N/µm", a, ppc.stiffness(f), b, ppi.stiffness(f))
         for f, a, b in zip(NAMED, EXPECTED[PLACED], EXPECTED[CASCADE], strict=True)
     ]
-    found = [
-        (each.margins.sensitivity_peak, each.margins.crossover or 0.0, each.compliance(LINES).max(), each.rope_snap)
-        for each in (ppc, ppi)
-    ]
-    stated = (("1.98", "1.95"), ("82.9", "70"), ("0.179", "0.199"), ("7.2e-09", "9.1e-09"))
-    names = ("Ms", "first crossover, Hz", "peak compliance, µm/N", "rope-snap ISE^½, m s^½/N")
-    for i, (name, (a, b)) in enumerate(zip(names, stated, strict=True)):
-        rows.append([name, a, f"{found[0][i]:.3g}", b, f"{found[1][i]:.3g}"])
-    heads = ["dynamic stiffness in N/µm, and more", f"{PLACED}, expected", "got", f"{CASCADE}, expected", "got"]
+    ours, theirs = (
+        (loop.margins.sensitivity_peak, loop.margins.crossover or 0.0, float(loop.compliance(LINES).max()),
+         loop.rope_snap)
+        for loop in (ppc, ppi)
+    )  # fmt: skip
+    names = (("Ms", ""), ("first crossover", "Hz"), ("peak compliance", "µm/N"), ("rope-snap ISE^½", "m s^½/N"))
+    paper = ((1.98, 1.95), (82.9, 70.0), (0.179, 0.199), (7.2e-9, 9.1e-9))
+    for (name, unit), (a, b), got, other in zip(names, paper, ours, theirs, strict=True):
+        rows.append(row(name, unit, a, got, b, other))
+    heads = ["", "unit", f"{PLACED}, expected", "got", f"{CASCADE}, expected", "got"]
     return Table("The loops with the default gains", heads, rows)
 
 
@@ -173,14 +176,14 @@ def robustness() -> Part:
         "screw 20 % stiffer": {"axis.x.plant.stiffness": 1.2 * 1.8e7},
         "table 43 kg, screw 20 % softer": {"axis.x.plant.mass_load": 43.0, "axis.x.plant.stiffness": 0.8 * 1.8e7},
     }
-    rows: list[list[str]] = []
-    peaks, others, ratios = [], [], []
+    rows: list[list[str | float]] = []
+    peaks, others, ratios = list[float](), list[float](), list[float]()
     for name, changes in kinds.items():
         ppc, ppi = (Linear(tree.vary(loop, changes)) for loop in (placed(), cascade()))
         peaks.append(ppc.margins.sensitivity_peak)
         others.append(ppi.margins.sensitivity_peak)
         ratios.append(ppc.rope_snap / ppi.rope_snap)
-        rows.append([name, f"{peaks[-1]:.3g}", f"{others[-1]:.3g}", f"{ratios[-1]:.3g}"])
+        rows.append([name, peaks[-1], others[-1], ratios[-1]])
     rule = f"one change at a time: true table 27 to 43 kg, true stiffness ±20 %, gains not changed; {GAINS}"
     both = f"both changes at once, gains not changed; {GAINS}"
     claims = [
@@ -193,8 +196,9 @@ def robustness() -> Part:
         Claim("2.g both at once", "With both changes for the worse the gain is nearly gone", both, ratios[4], 0.87,
               1.0, "", "no figure was given"),
     ]  # fmt: skip
-    heads = ["change of the axis", f"Ms, {PLACED}", f"Ms, {CASCADE}", "ratio of rope-snap ISE^½"]
-    return Part(claims, [Table("Robustness to what the axis really is", heads, rows)])
+    heads = (f"Ms, {PLACED}", f"Ms, {CASCADE}", "ratio of rope-snap ISE^½")
+    columns = ["change of the axis", *(Column(head, "", "3") for head in heads)]
+    return Part(claims, [Table("Robustness to what the axis really is", columns, rows)])
 
 
 def tooth_passing() -> Part:
@@ -202,7 +206,7 @@ def tooth_passing() -> Part:
     frequencies = np.array([10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 100.0, 130.0, 150.0, 200.0])
     default, softer, ppi = (Linear(loop).compliance(frequencies) for loop in (placed(), placed(SOFTER), cascade()))
     rows = [
-        [Text(f"{Quantity(f, 'Hz'):6}"), f"{a:.3g}", f"{b:.3g}", f"{c:.3g}", f"{a / c:.3g}", f"{b / c:.3g}"]
+        [Text(f"{Quantity(f, 'Hz')}"), *(stated(x, "µm/N") for x in (a, b, c)), a / c, b / c]
         for f, a, b, c in zip(frequencies, default, softer, ppi, strict=True)
     ]
     band = (frequencies >= 30.0) & (frequencies <= 100.0)
@@ -217,8 +221,11 @@ def tooth_passing() -> Part:
         Claim("2.f at 130 Hz", "On the mode pole placement is equal to 10 % better", soft, mode, 0.9, 1.0, "",
               "4.22 / 4.68 µm"),
     ]  # fmt: skip
-    heads = ["force at", f"{PLACED}, µm/N", "with softer gains", CASCADE, "ratio", "ratio, softer"]
-    return Part(claims, [Table("Compliance at tooth-passing frequencies", heads, rows)])
+    columns = [
+        "force at", *(Column(head, "m/N", "3") for head in (PLACED, "with softer gains", CASCADE)),
+        Column("ratio", "", "3"), Column("ratio, softer", "", "3"),
+    ]  # fmt: skip
+    return Part(claims, [Table("Compliance at tooth-passing frequencies", columns, rows)])
 
 
 BAND_LINES = np.geomspace(2.0, 150.0, 1500)
@@ -263,11 +270,11 @@ def frequency_view() -> Part:
               f"RMS on the 300 mm move; {rule}", errors[f"{PLACED}, a and s only"] / errors[whole], None, 1.1, "",
               "the correlation with snap is the largest"),
     ]  # fmt: skip
-    rows = [
-        [name, f"{a:.3g}", f"{b:.3g}", f"{errors[name]:.3g}" if name in errors else "-"]
-        for name, (a, b) in bands.items()
-    ]
-    heads = ["contributions", "|H - 1| < 1 % up to, Hz", "phase within 1° up to, Hz", "RMS on the move, µm"]
+    rows = [[name, a, b, stated(errors[name], "µm") if name in errors else None] for name, (a, b) in bands.items()]
+    columns = [
+        "contributions", Column("|H - 1| < 1 % up to", "Hz", "3"), Column("phase within 1° up to", "Hz", "3"),
+        Column("RMS on the move", "m", "3"),
+    ]  # fmt: skip
     pictures = [
         Shown("contributions", "Frequency view of the contributions", "Table over setpoint with the softer gains. The "
               "full inverse and compatible commands keep it at 1.", "Magnitude and phase of tracking for four "
@@ -276,7 +283,7 @@ def frequency_view() -> Part:
               "snap alone turn no phase; beyond its band the prefilter makes it worse.",
               "Magnitude and phase of tracking without and with prefilter, both laws.", lambda: _drawn(filtered)),
     ]  # fmt: skip
-    return Part(claims, [Table("Tracking over frequency", heads, rows)], pictures)
+    return Part(claims, [Table("Tracking over frequency", columns, rows)], pictures)
 
 
 def band(response: FRF) -> tuple[float, float]:

@@ -11,12 +11,12 @@ import numpy as np
 from feeddrive import plot
 from feeddrive.blocks.load.step_force import StepForce
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Table
-from feeddrive.language.text import Text
+from feeddrive.language.quantity import Quantity, number, unit_name
+from feeddrive.language.table import Column, Table
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
-from feeddrive.papers.claims import Claim
+from feeddrive.papers.claims import Claim, stated
 from feeddrive.papers.gordon2013.testbed import (
     CASCADE,
     FULL,
@@ -64,13 +64,20 @@ def rope_snap() -> Part:
               / peaks[0], 1.99, 2.01, "", "linear but for the counts of the encoders"),
     ]  # fmt: skip
     rows = [
-        [name, f"{a:.3g}", f"{b:.3g}", f"{c:.3g}"] for name, a, b, c in zip(runs, peaks, left, settled, strict=True)
+        [name, stated(a, "µm"), stated(b, "µm"), stated(c, "ms")]
+        for name, a, b, c in zip(runs, peaks, left, settled, strict=True)
     ]
-    heads = ["law", "peak, µm", "RMS of 50 ms, µm", "settled to 0.5 µm, ms"]
+    columns = [
+        "law", Column("peak", "m", "3"), Column("RMS of 50 ms", "m", "3"),
+        Column(f"settled to {Quantity(SETTLED, 'm')}", "s", "3"),
+    ]  # fmt: skip
     caption = "Position of the table after 150 N are let go."
-    alt = f"Both peaks are {peaks[0]:.3g} and {peaks[1]:.3g} µm; pole placement settles in {settled[0]:.3g} ms."
+    alt = Text(
+        f"Both peaks are {stated(peaks[0], 'µm', '3', bare=True)} and {stated(peaks[1], 'µm', '3')}; pole placement "
+        f"settles in {stated(settled[0], 'ms', '3')}."
+    )
     drawing = Shown("rope", "Rope snap", caption, alt, lambda: _rope(runs))
-    return Part(claims, [Table("Rope snap from 150 N", heads, rows)], [drawing])
+    return Part(claims, [Table("Rope snap from 150 N", columns, rows)], [drawing])
 
 
 def _after(run: Run) -> np.ndarray:
@@ -156,7 +163,7 @@ def tracking_error() -> Part:
               rated(PLACED, "short move") / rated(PLACED, "short move, prefilter of the long one"), 1.2, None, "",
               "RMS 0.095 -> 0.064 µm"),
     ]  # fmt: skip
-    heads = ["tracking error, peak / RMS in µm", PLACED, CASCADE]
+    heads = [f"tracking error, peak / RMS in {unit_name('m')}", PLACED, CASCADE]
     alt = "Tracking error of both laws over time without and with prefilter; each row has its own scale."
     picture = Shown("tracking", "High-speed tracking", "300 mm at 1 m/s and 10 m/s². Each row has its own scale.", alt,
                     lambda: plot.following_error(shown))  # fmt: skip
@@ -203,12 +210,13 @@ def ablation() -> Part:
         Claim("2.d prefilter", "The prefilter takes off the rest", rule, falls(7, 6), None, 0.75, "",
               "0.74 -> 0.48 µm"),
     ]  # fmt: skip
-    rows = [[name, kinds[name][1], f"{value:.3g}"] for name, value in found.items()]
-    title = "Ablation: largest tracking error in µm"
-    alt = ", ".join(f"{name} {value:.3g} µm" for name, value in found.items())
+    rows = [[name, stated(float(kinds[name][1]), "µm"), stated(value, "µm", "3")] for name, value in found.items()]
+    title = "Ablation: largest tracking error"
+    alt = joined(", ", (f"{name} {stated(value, 'µm', '3')}" for name, value in found.items()))
     drawing = Shown("ablation", "What each contribution is worth", "Largest tracking error, logarithmic.", alt,
                     lambda: _bars(found))  # fmt: skip
-    return Part(claims, [Table(title, ["contributions", "expected", "got"], rows)], [drawing])
+    columns = ["contributions", Column("expected", "m"), Column("got", "m")]
+    return Part(claims, [Table(title, columns, rows)], [drawing])
 
 
 def _bars(found: Mapping[str, float]) -> Any:
@@ -216,7 +224,7 @@ def _bars(found: Mapping[str, float]) -> Any:
     names = list(found)[::-1]
     ax.barh(names, [found[name] for name in names], color=style.color(0), height=0.6)
     for i, name in enumerate(names):
-        ax.annotate(f"{found[name]:.3g}", (found[name], i), xytext=(4, 0), textcoords="offset points", va="center",
+        ax.annotate(number(found[name], 3), (found[name], i), xytext=(4, 0), textcoords="offset points", va="center",
                     fontsize=style.SMALL, color=style.INK)  # fmt: skip
     ax.set_xscale("log")
     ax.set_xlim(0.5 * min(found.values()), 2.0 * max(found.values()))

@@ -16,7 +16,7 @@ from feeddrive.blocks.friction.curve import stribeck_level
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.blocks.signals import Setpoint
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text
 from feeddrive.papers.claims import Claim
 from feeddrive.papers.gordon2013.frequency import LINES, Linear
@@ -256,13 +256,13 @@ def damping() -> Part:
     ]  # fmt: skip
     for share, (sensitivity, compliance) in PEAKS.items():
         linear = Linear(placed(replace(SOFTER, axial_damping=share)))
-        said = f"45 Hz, ζ 0.6, axial damping {share:g}; {TRUTH}"
+        said = f"45 Hz, ζ 0.6, axial damping {number(share)}; {TRUTH}"
         claims += [
-            Claim("2.i map", f"Ms with an axial damping of {share:g}", said, linear.margins.sensitivity_peak,
-                  0.985 * sensitivity, 1.015 * sensitivity, "", f"{sensitivity:g}", equations=names),
-            Claim("2.i map", f"Peak compliance with an axial damping of {share:g}", said,
+            Claim("2.i map", f"Ms with an axial damping of {number(share)}", said, linear.margins.sensitivity_peak,
+                  0.985 * sensitivity, 1.015 * sensitivity, "", number(sensitivity), equations=names),
+            Claim("2.i map", f"Peak compliance with an axial damping of {number(share)}", said,
                   float(np.max(linear.compliance(LINES))), 0.96 * compliance, 1.04 * compliance, "µm/N",
-                  f"{compliance:g}", equations=names),
+                  number(compliance), equations=names),
         ]  # fmt: skip
     return Part(claims)
 

@@ -15,9 +15,10 @@ from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.files.machine import read_machine
 from feeddrive.language.table import Table
+from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
-from feeddrive.papers.claims import Claim
+from feeddrive.papers.claims import Claim, stated
 from feeddrive.report.page import Shown
 from feeddrive.tuning.trajectory_prefilter import PrefilterFit, tune_prefilter
 
@@ -94,6 +95,7 @@ def peak(values: np.ndarray) -> float:
     return 1e6 * float(np.max(np.abs(values)))
 
 
-def figures(run: Run) -> str:
-    """Peak and RMS of the tracking error in µm, for a table."""
-    return f"{peak(run['tracking_error']):.3g} / {rms(run['tracking_error']):.3g}"
+def figures(run: Run) -> Text:
+    """Return peak and RMS of the tracking error without their unit, for a table."""
+    largest, usual = (stated(size(run["tracking_error"]), "µm", "3", bare=True) for size in (peak, rms))
+    return Text(f"{largest} / {usual}")

@@ -15,13 +15,13 @@ import numpy as np
 from feeddrive.blocks.families import Load
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.circle import Circle
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Table
-from feeddrive.language.text import Text
+from feeddrive.language.quantity import Quantity, number, unit_name
+from feeddrive.language.table import Column, Table
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import simulate
-from feeddrive.papers.claims import Claim
+from feeddrive.papers.claims import Claim, stated
 from feeddrive.papers.wu2017 import pictures
 from feeddrive.papers.wu2017.testbed import (
     CHANGING,
@@ -54,7 +54,7 @@ def learning() -> tuple[list[Claim], list[Table], list[Shown], dict[str, Trials]
     hard = {name: _trials(name, smooth=False) for name in SETS}
     hard_changing = {name: _trials(name, smooth=False, changing=True) for name in SETS}
     tables = [
-        _table(f"RMS of the following error, um; {TANH}", same, changing, expected=True),
+        _table(f"RMS of the following error; {TANH}", same, changing, expected=True),
         _table(f"the same with {SET_VALUED}, ordering only", hard, hard_changing, expected=False),
         _parameter_table(same["+ Stribeck"]),
     ]
@@ -79,14 +79,15 @@ def _claims(same: dict[str, Trials], changing: dict[str, Trials]) -> list[Claim]
         drop = 100.0 * (1.0 - float(rms[1] / rms[0]))
         said = f"{name}: fall of the RMS error by the first update"
         wanted = EXPECTED[name][0]
-        claims.append(Claim("4.a", said, rule, drop, least, None, "%", f"{100 * (1 - wanted[1] / wanted[0]):.1f}"))
+        fall = number(100.0 * (1.0 - wanted[1] / wanted[0]), 3)
+        claims.append(Claim("4.a", said, rule, drop, least, None, "%", fall))
     plain, coulomb, stribeck = (_final(same[name]) for name in SETS)
     claims += [
         Claim("4.b", "final RMS with the compensator over that without", rule, coulomb / plain, None, 0.35, "", "0.29"),
         Claim("4.c", "final RMS with the Stribeck column over Coulomb only", rule, stribeck / coulomb, None, 0.5, "",
               "0.37"),
     ]  # fmt: skip
-    turned = f"{rule}; references {', '.join(_named(r.distance) for r in CHANGING)} mm, judged on the last"
+    turned = f"{rule}; references {_distances()}, judged on the last"
     for name in SETS:
         ratio = _final(changing[name]) / _final(same[name])
         said = f"{name}: final RMS with changing references over that with the same"
@@ -99,13 +100,14 @@ def _claims(same: dict[str, Trials], changing: dict[str, Trials]) -> list[Claim]
     return claims
 
 
-def _named(distance: float) -> str:
-    return f"{1e3 * distance:.0f}"
+def _distances() -> Text:
+    distances = [Quantity(move.distance, "m", form="mm", bare=True) for move in CHANGING]
+    return Text(f"{joined(', ', map(format, distances))} {unit_name('m', 'mm')}")
 
 
 def _set_valued(hard: dict[str, Trials], changing: dict[str, Trials]) -> list[Claim]:
     rule = f"{RULE}; {SET_VALUED}, ordering only"
-    changed = f"{rule}; references {', '.join(_named(r.distance) for r in CHANGING)} mm, judged on the last"
+    changed = f"{rule}; references {_distances()}, judged on the last"
     plain, coulomb, stribeck = (_final(hard[name]) for name in SETS)
     return [
         Claim("4.f", "the compensator lowers the final RMS: Coulomb over a, b", rule, coulomb / plain, None, 1.0, "",
@@ -119,31 +121,35 @@ def _set_valued(hard: dict[str, Trials], changing: dict[str, Trials]) -> list[Cl
 
 
 def _table(title: str, same: dict[str, Trials], changing: dict[str, Trials], *, expected: bool) -> Table:
-    rows = []
+    rows: list[list[str | float | Quantity | None]] = []
     for name in SETS:
         for label, trials in (("same", same[name]), ("changing", changing[name])):
             a = amperes(float(trials.parameters()["mass"][-1]))
-            rows.append([name, label, *(f"{1e6 * rms:.3g}" for rms in trials.rms), f"{a:.4f}"])
+            rows.append([name, label, *map(float, trials.rms), a])
         if expected:
             steps, last = EXPECTED[name]
-            filled = [f"{value:.3g}" for value in steps] + ["..."] * (TRIALS - len(steps))
-            rows.append([name, "same, expected", *filled, "-"])
-            rows.append([name, "changing, expected", *["..."] * (TRIALS - 1), f"{last:.3g}", "-"])
-    heads = ["columns", "reference", *(f"trial {j + 1}" for j in range(TRIALS)), "a, A s²/m"]
-    return Table(title, heads, rows)
+            filled = [stated(rms, "um", "3") for rms in steps]
+            rows.append([name, "same, expected", *filled, *["..."] * (TRIALS - len(steps)), None])
+            rows.append([name, "changing, expected", *["..."] * (TRIALS - 1), stated(last, "um", "3"), None])
+    return Table(title, ["columns", "reference", *_trial_columns(TRIALS), Column("a, A s²/m", "", ".4f")], rows)
+
+
+def _trial_columns(count: int) -> list[Column]:
+    """Return columns of RMS errors over the trials."""
+    return [Column(f"trial {j + 1}", "m", "3") for j in range(count)]
 
 
 def _parameter_table(trials: Trials) -> Table:
     """The parameters of the largest set, in units of the drive, with their standard errors."""
     true = {"mass": 120.0, "viscous": 400.0, "coulomb_positive": 95.0, "coulomb_negative": 80.0}
     values, errors = trials.parameters(), trials.errors()
-    rows = []
+    rows: list[list[str | Quantity]] = []
     for name, row in values.items():
         cells = [
-            f"{amperes(float(v)):.4f}" + ("" if s != s else f" ± {amperes(float(s)):.4f}")
-            for v, s in zip(row, errors[name], strict=True)
+            Quantity(amperes(float(value)), error=None if np.isnan(error) else amperes(float(error)))
+            for value, error in zip(row, errors[name], strict=True)
         ]
-        rows.append([name, *cells, f"{amperes(true[name]):.4f}" if name in true else "0.1167 / 0.1667"])
+        rows.append([name, *cells, Quantity(amperes(true[name])) if name in true else "0.1167 / 0.1667"])
     heads = ["parameter", *(f"trial {j + 1}" for j in range(TRIALS)), "of the axis"]
     return Table(f"parameters over the constant of 300 N/A, with their standard errors; {TANH}", heads, rows)
 
@@ -178,7 +184,7 @@ CASES: dict[str, tuple[object, object]] = {
 def signals() -> tuple[list[Claim], list[Table], list[Shown]]:
     """Claims, tables and pictures."""
     found: dict[tuple[str, str, bool], np.ndarray] = {}
-    rows = []
+    rows: list[list[str | float | None]] = []
     for smooth in (True, False):
         for case, (reference, load) in CASES.items():
             plain, whole = (table_axis("x", SETS[name], smooth=smooth) for name in ("a, b", "+ Stribeck"))
@@ -189,12 +195,13 @@ def signals() -> tuple[list[Claim], list[Table], list[Shown]]:
             for kind, rms in made.items():
                 found[case, kind, smooth] = rms
                 friction = TANH if smooth else SET_VALUED
-                rows.append([friction, case, kind, *(f"{1e6 * value:.3g}" for value in rms)])
+                rows.append([friction, case, kind, *map(float, rms)])
     longest = max(len(row) for row in rows)
-    rows = [row + ["-"] * (longest - len(row)) for row in rows]
-    heads = ["friction", "case", "learned", *(f"trial {j + 1}" for j in range(longest - 3))]
+    rows = [row + [None] * (longest - len(row)) for row in rows]
     table = Table(
-        f"RMS error in um; the signal starts from 45 kg and learns up to {Quantity(BANDWIDTH, 'Hz'):6}", heads, rows
+        f"RMS error; the signal starts from {Quantity(45.0, 'kg')} and learns up to {Quantity(BANDWIDTH, 'Hz'):6}",
+        ["friction", "case", "learned", *_trial_columns(longest - 3)],
+        rows,
     )
     kinds = ("parameters, + Stribeck", "signal")
     drawn = {f"{kind}: {case}": found[case, kind, False] for case in list(CASES)[:2] for kind in kinds}
@@ -234,10 +241,9 @@ def _signal_claims(found: dict[tuple[str, str, bool], np.ndarray]) -> list[Claim
         Claim("4.n", "the signal loses: changing references", rule, ratio(changing, False), 2.0, None),
         Claim("4.n", "changing references: the signal is worse than its first trial", rule,
               float(np.max(found[changing, theirs, False][1:]) / found[changing, theirs, False][0]), 1.0, None),
-        *(Claim("4.n", Text(f"{Quantity(STRONG, 'N'):6} of noise over {Quantity(NOISE, 'N'):6}, {kind}: last "
-            f"RMS"), rule.replace("over that of the "
-                "parameters", "over that with less noise"), last(noisy, kind, False) / last(same, kind, False), least,
-                most, "", words)
+        *(Claim("4.n", Text(f"{Quantity(STRONG, 'N'):6} of noise over {Quantity(NOISE, 'N'):6}, {kind}: last RMS"),
+                rule.replace("over that of the parameters", "over that with less noise"),
+                last(noisy, kind, False) / last(same, kind, False), least, most, "", words)
           for kind, least, most, words in ((theirs, 1.8, 2.6, "a signal learns the noise of its trials"),
                                            (ours, 0.8, 1.2, "few parameters average it"))),
         Claim("4.n", "the signal loses on tanh friction, which creeps at rest: same reference",
@@ -281,12 +287,13 @@ def circle(axis: str) -> Circle:
 def contouring() -> tuple[list[Claim], list[Table], list[Shown]]:
     """Claims, tables and pictures."""
     smooth, hard = _all(smooth=True), _all(smooth=False)
-    heads = ["learned", "RMS um", "peak um", f"RMS um, {SET_VALUED}", "peak um"]
+    heads = ("RMS", "peak", f"RMS, {SET_VALUED}", "peak")
     rows = [
-        [name, f"{each.rms:.3g}", f"{each.peak:.3g}", f"{hard[name].rms:.3g}", f"{hard[name].peak:.3g}"]
-        for name, each in smooth.items()
+        [name, *(stated(error, "µm") for driven in (found, hard[name]) for error in (driven.rms, driven.peak))]
+        for name, found in smooth.items()
     ]
-    table = Table(f"contour error of the circle, {TANH} unless said; expected 10.8, 9.5, 2.3 to 2.5 um", heads, rows)
+    columns = ["learned", *(Column(head, "m", "3") for head in heads)]
+    table = Table(f"contour error of the circle, {TANH} unless said; expected 10.8, 9.5, 2.3 to 2.5 um", columns, rows)
     time = smooth["start"].time
     # the x axis reverses at y = 0: half a turn after the first full one
     middle = RUN_UP / 2 + 1.5 * 2.0 * np.pi * pictures.RADIUS / 0.1

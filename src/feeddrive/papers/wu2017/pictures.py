@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.text import Text, joined
 from feeddrive.plot import style
 from feeddrive.plot.curves import Row, curves
 from feeddrive.plot.tuning import errors_and_parameters
@@ -34,9 +34,9 @@ def errors(same: Mapping[str, Trials]) -> Shown:
         style.legend(figure, ax)
         return figure
 
-    last = ", ".join(Text(f"{name} {Quantity(t.rms[-1], 'm'):.2f}") for name, t in same.items())
+    last = joined(", ", (f"{name} {Quantity(trials.rms[-1], 'm'):.2f}" for name, trials in same.items()))
     caption = "The same 100 mm move six times; each trial uses the parameters of the last one. tanh friction."
-    return Shown("errors", "Error over the trials", caption, f"RMS falls within two trials; last: {last}.", draw)
+    return Shown("errors", "Error over the trials", caption, Text(f"RMS falls within two trials; last: {last}."), draw)
 
 
 def parameters(trials: Trials) -> Shown:
@@ -108,7 +108,7 @@ def contour(paths: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Shown:
             ax.set_visible(False)
         return figure
 
-    caption = f"Circle of 20 mm radius at 0.1 m/s, two turns; the contour error is drawn {ZOOM:g} times larger."
+    caption = f"Circle of 20 mm radius at 0.1 m/s, two turns; the contour error is drawn {number(ZOOM)} times larger."
     alt = "Quadrant glitches stay with a and b alone and nearly vanish with the compensator."
     return Shown("contour", "Contour of the circle", caption, alt, draw)
 

@@ -13,8 +13,8 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.reference.sequence import Sequence
 from feeddrive.language import tree
 from feeddrive.language.errors import UnstableError
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Table
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.table import Column, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, samples, simulate
@@ -102,7 +102,7 @@ def _one_step() -> list[Claim]:
               "coulomb_negative": (0.273, 1e-3)}  # fmt: skip
     return [
         Claim("4.g", f"one exact-model step from [0.1, 0, 0, 0]: {name}", rule, amperes(float(after[name])),
-              value - width, value + width, "A units", f"{value:g}")
+              value - width, value + width, "A units", number(value))
         for name, (value, width) in wanted.items()
     ]  # fmt: skip
 
@@ -113,20 +113,20 @@ def _by_mass() -> tuple[list[Claim], Table, Shown]:
     prompt = tree.vary(loop, {"axis.x.actuator.dead_time": 0.0})
     free = convergence(loop, SAME).rate
     found: dict[str, list[float]] = {"dead time left out": [], "dead time known": []}
-    rows = []
+    rows: list[list[str | float | Quantity]] = []
     for ratio in MASSES:
-        cells = [f"{ratio:g}"]
+        cells: list[str | float] = [ratio]
         for believed, name in ((prompt, "dead time left out"), (loop, "dead time known")):
             rate = _rate(loop, believed, ratio)
             found[name].append(rate)
-            cells.append("model loop unstable" if rate != rate else f"{rate:.3f}")
-        rows.append([*cells, f"{EXPECTED_RATES[ratio]:g}" if ratio in EXPECTED_RATES else "unstable"])
+            cells.append("model loop unstable" if rate != rate else rate)
+        rows.append([*cells, Quantity(EXPECTED_RATES[ratio]) if ratio in EXPECTED_RATES else "unstable"])
     rule = "x axis, columns a, b, Coulomb, 100 mm move; the true loop has a dead time of one sample, the model none"
     claims = [Claim("4.h", "model-free: rho", rule, free, None, 0.05, "", "0.039")]
     prompted = dict(zip(MASSES, found["dead time left out"], strict=True))
     for ratio, wanted in EXPECTED_RATES.items():
-        said = f"model-based, assumed mass x {ratio:g}: rho"
-        claims.append(Claim("4.h", said, rule, prompted[ratio], None, 1.1 * wanted + 0.002, "", f"{wanted:g}"))
+        said = f"model-based, assumed mass x {number(ratio)}: rho"
+        claims.append(Claim("4.h", said, rule, prompted[ratio], None, 1.1 * wanted + 0.002, "", number(wanted)))
     refused = sum(prompted[ratio] != prompted[ratio] for ratio in (MASSES[0], MASSES[-1]))
     known = found["dead time known"]
     claims += [
@@ -134,8 +134,12 @@ def _by_mass() -> tuple[list[Claim], Table, Shown]:
         Claim("4.h", "assumed mass right, dead time known: rho", rule.replace("the model none", "and so has the model"),
               known[MASSES.index(1.0)], None, 1e-9, "", "0"),
     ]  # fmt: skip
-    heads = ["assumed mass / mass", "rho, dead time left out", "rho, dead time known", "expected"]
-    table = Table(f"rate of convergence of the model-based form (model-free: {free:.3f})", heads, rows)
+    columns = [
+        Column("assumed mass / mass", ""), Column("rho, dead time left out", "", ".3f"),
+        Column("rho, dead time known", "", ".3f"), "expected",
+    ]  # fmt: skip
+    title = f"rate of convergence of the model-based form (model-free: {Quantity(free):.3f})"
+    table = Table(title, columns, rows)
     return claims, table, pictures.rates(np.array(MASSES), found, free)
 
 
@@ -149,15 +153,16 @@ def _rate(loop: Loop, believed: Loop, ratio: float) -> float:
 
 def _by_gain() -> Table:
     loop = table_axis("x", SETS["+ Coulomb"])
-    rows = []
-    for factor in (0.5, 1.0, 2.0):
+    rows: list[list[float]] = []
+    for factor, expected in ((0.5, 0.52), (1.0, 0.039), (2.0, 1.04)):
         believed = tree.vary(loop, {"axis.x.control.law.Kp": factor * float(tree.get(loop, "axis.x.control.law.Kp"))})
         pair = [convergence(loop, SAME, believed=believed, gamma=gamma).rate for gamma in (1.0, 0.5)]
-        rows.append(
-            [f"{factor:g}", f"{pair[0]:.3f}", f"{pair[1]:.3f}", {0.5: "0.52", 1.0: "0.039", 2.0: "1.04"}[factor]]
-        )
-    heads = ["believed gain / gain", "rho, gamma 1", "rho, gamma 0.5", "expected, gamma 1"]
-    return Table("gains that are known roughly: half a step converges for both", heads, rows)
+        rows.append([factor, *pair, expected])
+    columns = [
+        Column("believed gain / gain", ""), Column("rho, gamma 1", "", ".3f"), Column("rho, gamma 0.5", "", ".3f"),
+        Column("expected, gamma 1", ""),
+    ]  # fmt: skip
+    return Table("gains that are known roughly: half a step converges for both", columns, rows)
 
 
 def _scatter() -> tuple[list[Claim], Table]:
@@ -170,10 +175,9 @@ def _scatter() -> tuple[list[Claim], Table]:
         reported.append([step.errors[name] for name in TRUE])
     scatter, sure = np.std(found, axis=0, ddof=1), np.mean(reported, axis=0)
     rows = [
-        [name, f"{amperes(scatter[i]):.4f}", f"{amperes(sure[i]):.4f}", f"{sure[i] / scatter[i]:.2f}",
-         f"{EXPECTED_SCATTER[i]:.4f}"]
+        [name, amperes(scatter[i]), amperes(sure[i]), float(sure[i] / scatter[i]), EXPECTED_SCATTER[i]]
         for i, name in enumerate(TRUE)
-    ]  # fmt: skip
+    ]
     rule = Text(
         f"x axis, friction along the set velocity, {Quantity(STRONG, 'N'):6} white force noise, seeds 0 to {SEEDS - 1}"
     )
@@ -186,10 +190,12 @@ def _scatter() -> tuple[list[Claim], Table]:
         Claim("4.j", "scatter of a", rule, amperes(float(scatter[0])), 0.0006, 0.0011, "A s²/m", "0.0008"),
         Claim("4.j", "scatter of b", rule, amperes(float(scatter[1])), 0.009, 0.014, "A s/m", "0.0115"),
     ]  # fmt: skip
-    heads = ["parameter", "scatter, A units", "reported, A units", "reported / scatter", "expected scatter"]
-    return claims, Table(
-        f"noise of {Quantity(STRONG, 'N'):6}: scatter over {SEEDS} runs and standard errors", heads, rows
-    )
+    columns = [
+        "parameter", Column("scatter, A units", "", ".4f"), Column("reported, A units", "", ".4f"),
+        Column("reported / scatter", "", ".2f"), Column("expected scatter", "", ".4f"),
+    ]  # fmt: skip
+    title = f"noise of {Quantity(STRONG, 'N'):6}: scatter over {SEEDS} runs and standard errors"
+    return claims, Table(title, columns, rows)
 
 
 def _condition() -> list[Claim]:

@@ -10,6 +10,7 @@ from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceComp
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
+from feeddrive.language.quantity import number
 from feeddrive.loop.lifting import tracking
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
@@ -159,7 +160,8 @@ def believed_gains() -> list[Claim]:
         sizes.append(sum(((here[name] - there[name]) / TRUE[name]) ** 2 for name in TRUE) ** 0.5)
         verb = "diverges" if least > 1.0 else "converges"
         claims.append(
-            Claim("4.i", f"gains believed x {factor:g}, gamma {gamma:g}: {verb}, two starts move together by",
+            Claim("4.i", f"gains believed x {number(factor)}, gamma {number(gamma)}: {verb}, two starts move together "
+                  "by",
                   "x axis, friction along the set velocity, 20 mm at 0.1 m/s, model-free, columns a, b, Coulomb; "
                   "ratio of their distance in the fourth trial to that in the third", sizes[4] / sizes[3], least, most,
                   "", {(0.5, 1.0): "0.52", (2.0, 1.0): "1.04"}.get((factor, gamma), ""),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from feeddrive.language.quantity import Quantity
 from feeddrive.path.program.lines import BlockError
 
 LEAST_SPREAD, RELATIVE_SPREAD, LARGEST_SPREAD = 0.03, 1e-3, 0.5
@@ -28,7 +29,9 @@ def center_of_radius(
     size = abs(radius)
     if half * unit > size * unit + CHORD_SPREAD:
         raise BlockError(
-            f"the radius {size:g} does not reach: start and end are {2 * half:g} apart, so R is at least {half:g}", "R"
+            f"the radius {Quantity(size):6} does not reach: start and end are {Quantity(2 * half):6} apart, so R is at "
+            f"least {Quantity(half):6}",
+            "R",
         )
     height = math.sqrt(max(0.0, size * size - half * half)) if half / size < 1 - 1e-12 else 0.0
     if clockwise == (radius > 0):
@@ -51,10 +54,16 @@ def check_radii(
     most = min(LARGEST_SPREAD, max(LEAST_SPREAD, RELATIVE_SPREAD * max(first, last)))
     if spread > most:
         raise BlockError(
-            f"the end is no point of the circle: its radius is {first:.6g} mm at the start, {last:.6g} mm at the end, "
-            f"which may differ by {most:.3g} mm; correct the end or {letters}",
+            f"the end is no point of the circle: its radius is {_millimeters(first):6} at the start, "
+            f"{_millimeters(last):6} at the end, which may differ by {_millimeters(most):3}; correct the end or "
+            f"{letters}",
             letters[:1],
         )
+
+
+def _millimeters(length: float) -> Quantity:
+    """Return a length in mm as a quantity that is read in mm."""
+    return Quantity(length, "mm", stays=True)
 
 
 def sweep(start: tuple[float, float], end: tuple[float, float], center: tuple[float, float], turns: int) -> float:

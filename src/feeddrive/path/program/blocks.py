@@ -6,6 +6,7 @@ import math
 import re
 
 from feeddrive.language.errors import nearest
+from feeddrive.language.quantity import Quantity
 from feeddrive.path.program.codes import G_CODES, M_CODES, REFUSED, Code, Step, name_of
 from feeddrive.path.program.expressions import Values
 from feeddrive.path.program.lines import BlockError, Line, compact
@@ -57,7 +58,8 @@ class Block:
             return default
         if abs(value - round(value)) > 1e-4 or not least <= round(value) <= most:
             raise BlockError(
-                f"{letter.upper()} of {code} is a whole number from {least} to {most}, not {value:g}", letter.upper()
+                f"{letter.upper()} of {code} is a whole number from {least} to {most}, not {Quantity(value):6}",
+                letter.upper(),
             )
         return round(value)
 
@@ -144,7 +146,7 @@ def _twice(letter: str, at: int) -> BlockError:
 
 
 def _too_large(letter: str, value: float, at: int) -> BlockError:
-    return BlockError(f"a word is at most {LARGEST:g}", f"{letter.upper()}{value:g}", at)
+    return BlockError(f"a word is at most {Quantity(LARGEST)}", f"{letter.upper()}{value:g}", at)
 
 
 def _code(letter: str, value: float, text: str, start: int | None) -> tuple[Step, str, int]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from feeddrive.language.quantity import Quantity
 from feeddrive.path.program.blocks import AXES, Block
 from feeddrive.path.program.codes import name_of
 from feeddrive.path.program.lines import BlockError
@@ -48,7 +49,10 @@ def drill(
     else:
         clearance, depth = kept["r"], kept["z"]
     if clearance < depth:
-        raise BlockError(f"R {clearance:g} of {name} lies below the depth {depth:g}: a cycle drills downwards", "R")
+        raise BlockError(
+            f"R {Quantity(clearance):6} of {name} lies below the depth {Quantity(depth):6}: a cycle drills downwards",
+            "R",
+        )
     point = list(state.position)
     level = point[across] if state.retract_to_r else max(begin, point[across])
     if min(begin, level) < clearance:
@@ -151,7 +155,7 @@ class _Hole:
     def _peck(self, out: bool, name: str, go: Callable[[float], None], traverse: Callable[[float], None]) -> None:
         step = self.kept["q"]
         if (self.clearance - self.depth) / step > MOST_PECKS:
-            raise BlockError(f"Q {step:g} of {name} makes more than {MOST_PECKS} pecks: make Q larger", "Q")
+            raise BlockError(f"Q {Quantity(step):6} of {name} makes more than {MOST_PECKS} pecks: make Q larger", "Q")
         above = CLEARANCE / INCH if self.state.inch else CLEARANCE
         level = self.clearance - step
         while level > self.depth:

@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Callable
 
+from feeddrive.language.quantity import number
 from feeddrive.path.program.lines import BlockError
 from feeddrive.path.program.parameters import Parameters, number_of
 
@@ -28,7 +29,7 @@ _RANK = {operator: rank for rank, operators in enumerate(_RANKS, 1) for operator
 
 def _power(a: float, b: float) -> float:
     if a < 0 and b != math.floor(b):
-        raise BlockError(f"{a:g} ** {b:g}: a negative number has whole powers only")
+        raise BlockError(f"{number(a, 6)} ** {number(b, 6)}: a negative number has whole powers only")
     if a == 0 and b < 0:
         raise BlockError("division by zero: 0 has no negative power")
     return math.pow(a, b)
@@ -68,7 +69,7 @@ _BINARY: dict[str, Callable[[float, float], float]] = {
 
 def _inside(name: str, value: float, least: float, most: float) -> float:
     if not least <= value <= most:
-        raise BlockError(f"{name}[{value:g}]: its argument lies in {least:g}..{most:g}")
+        raise BlockError(f"{name}[{number(value, 6)}]: its argument lies in {number(least, 6)}..{number(most, 6)}")
     return value
 
 

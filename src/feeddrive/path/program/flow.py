@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from feeddrive.language.quantity import Quantity
 from feeddrive.path.program.expressions import Values
 from feeddrive.path.program.lines import BlockError, Line, LineReader, Place, compact, located
 from feeddrive.path.program.parameters import ARGUMENTS, Parameters
@@ -156,7 +157,7 @@ class Flow:
             return plain[1].lstrip("0") or "0" if plain[1] else plain[2]
         value = values.value()
         if value < 0 or abs(value - round(value)) > 1e-4:
-            raise values.fault(f"the number of an o-word is whole and not negative, not {value:g}", 1)
+            raise values.fault(f"the number of an o-word is whole and not negative, not {Quantity(value):6}", 1)
         return str(round(value))
 
     def _bracket(self, values: Values) -> float:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import cast
 
 from feeddrive.language.errors import ParameterError
@@ -167,8 +168,8 @@ class Frame:
         if not (-FARTHEST <= min(end) <= max(end) <= FARTHEST and math.isfinite(sum(end))):
             axis = next(axis for axis, value in enumerate(end) if not abs(value) <= FARTHEST)
             raise BlockError(
-                f"the coordinate {end[axis]:g} is farther than {Quantity(FARTHEST, 'm'):6 SI} or rad: check units and "
-                "offsets",
+                f"the coordinate {Quantity(end[axis]):6} is farther than {Quantity(FARTHEST, 'm', stays=True):6 SI} or "
+                "rad: check units and offsets",
                 AXES[axis].upper(),
             )
         if self._present is None:
@@ -188,10 +189,11 @@ class Frame:
         if travel is None or travel[0] - ROUNDING <= value <= travel[1] + ROUNDING:
             return
         letter = AXES[axis].upper()
-        unit, scale = ("degrees", math.degrees(1.0)) if axis not in LINEAR else ("mm", 1000.0)
+        unit, shown = ("m", "6 mm") if axis in LINEAR else ("rad", "6 deg")
+        place, least, most = (Quantity(x, unit, form=shown, stays=True) for x in (value, *travel))
         raise BlockError(
-            f"axis {letter} would go to {value * scale:.6g} {unit} in machine coordinates, its travel is "
-            f"{travel[0] * scale:.6g}..{travel[1] * scale:.6g} {unit}: move the work offset, or shorten the move",
+            f"axis {letter} would go to {place} in machine coordinates, its travel is {replace(least, bare=True)}.."
+            f"{most}: move the work offset, or shorten the move",
             letter,
         )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Generator
 from pathlib import Path
 
+from feeddrive.language.quantity import Quantity
 from feeddrive.path.program import offsets
 from feeddrive.path.program.blocks import Block, read_block, read_debug
 from feeddrive.path.program.codes import Step, name_of
@@ -186,7 +187,7 @@ class Interpreter:
         if "f" in words and state.feed_mode != 930:
             feed = words.pop("f")
             if feed < 0:
-                raise BlockError(f"a feed is not negative: F{feed:g}", "F")
+                raise BlockError(f"a feed is not negative: F{Quantity(feed):6}", "F")
             state.feed = feed
             self._emit("SET_FEED_RATE", feed)
         if "s" in words:

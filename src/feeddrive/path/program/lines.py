@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from feeddrive.language.errors import FileError, ProgramError, plain
+from feeddrive.language.text import Text
 
 LONGEST_LINE = 65536
 """Bytes of a line, its end included; a longer one is refused after so many bytes were read."""
@@ -37,8 +38,8 @@ class BlockError(Exception):
     """
 
     def __init__(self, reason: str, word: str = "", index: int | None = None, column: int | None = None) -> None:
-        super().__init__(reason)
-        self.reason, self.word, self.index, self.column = reason, word, index, column
+        self.reason, self.word, self.index, self.column = Text(reason), word, index, column
+        super().__init__(self.reason)
 
 
 class LineReader:

@@ -7,6 +7,7 @@ from math import isfinite
 from pathlib import Path
 
 from feeddrive.language.errors import FileError, shown
+from feeddrive.language.quantity import Quantity
 from feeddrive.path.program.lines import BlockError
 
 MOST = 5602
@@ -62,7 +63,7 @@ def number_of(value: float) -> int:
     """A number as the number of a parameter."""
     whole = round(value)
     if abs(value - whole) > 1e-4 or not 1 <= whole <= MOST:
-        raise BlockError(f"a parameter has a whole number from 1 to {MOST}, not {value:g}", "#")
+        raise BlockError(f"a parameter has a whole number from 1 to {MOST}, not {Quantity(value):6}", "#")
     return whole
 
 

@@ -113,9 +113,10 @@ def _run(command: list[str], program: Path, output: Path) -> tuple[int, str]:
                     large = output.exists() and output.stat().st_size > LARGEST_OUTPUT
                     if large or time.monotonic() - begun > LONGEST_RUN:
                         bound = Text(
-                            f"after {Quantity(LONGEST_RUN, 's'):6 SI} or {LARGEST_OUTPUT / 1e9:g} GB of output"
+                            f"after {Quantity(LONGEST_RUN, 's'):6 SI} or {Quantity(LARGEST_OUTPUT / 1e9, 'GB')} of "
+                            "output"
                         )
-                        reason = f"{PROGRAM} had not ended {bound}: does a loop never end?"
+                        reason = Text(f"{PROGRAM} had not ended {bound}: does a loop never end?")
                         raise ProgramError(str(program), 1, 1, "", reason) from None
         finally:
             run.kill()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from feeddrive.language.quantity import number
 from feeddrive.path.program import offsets
 from feeddrive.path.program.blocks import Block
 from feeddrive.path.program.codes import Step, name_of
@@ -65,7 +66,7 @@ class Switches:
     def speed(self, speed: float) -> None:
         """S: the speed of the spindle in rpm."""
         if speed < 0:
-            raise BlockError(f"a spindle speed is not negative: S{speed:g}; M4 turns counterclockwise", "S")
+            raise BlockError(f"a spindle speed is not negative: S{number(speed, 6)}; M4 turns counterclockwise", "S")
         self._state.speed = speed
         self._emit("SET_SPINDLE_SPEED", 0, speed)
 
@@ -183,7 +184,7 @@ class Switches:
         seconds = block.take("p", "G4")
         assert seconds is not None
         if seconds < 0:
-            raise BlockError(f"a dwell is a time and not negative: P{seconds:g}", "P")
+            raise BlockError(f"a dwell is a time and not negative: P{number(seconds, 6)}", "P")
         self._emit("DWELL", seconds)
 
     def _plane(self, code: int, block: Block) -> None:
@@ -205,7 +206,7 @@ class Switches:
             tolerance, naive = block.take("p"), block.take("q")
             for letter, value in (("P", tolerance), ("Q", naive)):
                 if value is not None and value < 0:
-                    raise BlockError(f"a tolerance is not negative: {letter}{value:g}", letter)
+                    raise BlockError(f"a tolerance is not negative: {letter}{number(value, 6)}", letter)
             state.tolerance = tolerance or 0.0
             state.naive_tolerance = state.tolerance if naive is None else naive
         emit_path_mode(state, self._emit)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from feeddrive.language.errors import FileError, shown
+from feeddrive.language.quantity import Quantity
 
 _WORD = re.compile(r"([A-Za-z])([+-]?(?:\d+\.?\d*|\.\d+))\s*")
 _AXES = "XYZABCUVW"
@@ -63,7 +64,9 @@ def _tool(file: Path, number: int, entry: str, remark: str) -> Tool:
     for letter in "TPQ":
         value = words.get(letter, 0.0)
         if value != round(value) or not 0 <= value <= 99999:
-            raise FileError(f"{file}, line {number}: {letter}{value:g}: a whole number from 0 to 99999 is expected")
+            raise FileError(
+                f"{file}, line {number}: {letter}{Quantity(value):6}: a whole number from 0 to 99999 is expected"
+            )
     if "T" not in words:
         raise FileError(f"{file}, line {number}: the tool has no number: write T and its number")
     return Tool(

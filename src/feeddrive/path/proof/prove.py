@@ -257,9 +257,7 @@ class Proof(Result):
 
     def table(self) -> Table:
         """The largest share of each limit, by axis."""
-        rows = [
-            [str(axis), *(Text(f"{Quantity(share, 'share')}") for share in row)] for axis, row in enumerate(self.use)
-        ]
+        rows = [[axis, *(Quantity(share, "share") for share in row)] for axis, row in enumerate(self.use)]
         held = "every limit holds" if self.count == 0 else f"{self.count} faults, the first: {self.faults[0]}"
         return Table(f"{held}; {self.spans} spans of time", ["axis", *DERIVATIVES], rows)
 
@@ -360,14 +358,14 @@ def faults_of(pieces: Pieces, motion: Motion, limits: np.ndarray) -> np.ndarray:
 
 
 def _fault(row: np.ndarray, line: np.ndarray, begins: np.ndarray) -> Fault:
-    which = int(row[3])
+    which, share = int(row[3]), Quantity(row[4])
     if which >= 0:
         what = f"the {DERIVATIVES[which % 4]} of axis {which // 4} exceeds its limit, or cannot be shown to keep it"
     elif which == -1:
         what = "the speed along the path exceeds the feed"
     elif which == -3:
-        what = (
-            f"the motion jumps by {row[4]:.3g} of a limit between two pieces of time, or leaves its piece of the path"
+        what = Text(
+            f"the motion jumps by {share:3} of a limit between two pieces of time, or leaves its piece of the path"
         )
     elif which == -4:
         what = "the motion runs backwards, or has no duration"
@@ -376,7 +374,7 @@ def _fault(row: np.ndarray, line: np.ndarray, begins: np.ndarray) -> Fault:
     elif which == -8:
         what = "the part does not go on from where the one before has ended, so that a move is lost or displaced"
     elif which == -7:
-        what = f"two runs that overlap miss the corner by {row[4]:.9g} of its tolerance"
+        what = Text(f"two runs that overlap miss the corner by {share:9} of its tolerance")
     else:
-        what = f"the path jumps by {row[4]:.3g} of a limit between two pieces"
+        what = Text(f"the path jumps by {share:3} of a limit between two pieces")
     return Fault(int(line[int(row[0])]), float(begins[int(row[1])] + row[2]), what)
