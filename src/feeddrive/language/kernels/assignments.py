@@ -5,7 +5,8 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable, Sequence
 
-from feeddrive.language.kernels.expressions import Expressions, Variable
+from feeddrive.language.kernels.expressions import Expressions
+from feeddrive.language.kernels.names import Variable
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import FLOAT, INT, Source, Type, source_of
 from feeddrive.language.kernels.text import Function, Value, shown

@@ -69,7 +69,7 @@ def columns(record: tuple[Any, ...]) -> list[float]:
     return [number for part in record for number in (columns(part) if isinstance(part, tuple) else (float(part),))]
 
 
-def rows(record: type, *sizes: int) -> NDArray[np.float64]:
+def rows_for(record: type, *sizes: int) -> NDArray[np.float64]:
     """An array of zeros for records: of these sizes, with a column for each number of a record."""
     return np.zeros((*sizes, layout_of(record).width))
 
