@@ -4,7 +4,9 @@ kernel.py       the decorator, a call from Python, and the same call as plain Py
 source.py       what a kernel is given as: its text, its types, the names that it uses
 text.py         lines and blocks of LLVM text, and the checks between them
 arithmetic.py   operations on numbers as LLVM text
-expressions.py  expressions: names, choices, arrays, calls
+records.py      records: making them, their fields, rows of arrays
+names.py        variables, constants, fields
+expressions.py  expressions: choices, arrays, calls
 assignments.py  variables, cells and rows
 statements.py   control flow; a kernel as a function
 module.py       all kernels of a file as one LLVM module: its key, its text, its machine code

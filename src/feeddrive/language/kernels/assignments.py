@@ -5,9 +5,10 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable, Sequence
 
-from feeddrive.language.kernels.expressions import Expressions, Variable
+from feeddrive.language.kernels.expressions import Expressions
+from feeddrive.language.kernels.names import Variable
 from feeddrive.language.kernels.plain import zeros
-from feeddrive.language.kernels.source import FLOAT, INT, Source, Type
+from feeddrive.language.kernels.source import FLOAT, INT, Source, Type, source_of
 from feeddrive.language.kernels.text import Function, Value, shown
 
 _LARGEST_LOCAL = 256  # numbers in an array of `zeros`: it lies on the stack
@@ -27,24 +28,29 @@ class Assignments(Expressions):
         """A value to a variable, which is made at its first assignment."""
         held = self.variables.get(name)
         if held is None:
-            place = len(self.variables)
-            kinds = [value.type.llvm, *["i64"] * len(value.sizes)]
-            held = Variable(value.type, tuple(f"%x{place}.{part}" for part in range(len(kinds))))
-            self.memory += [f"  {slot} = alloca {kind}" for slot, kind in zip(held.slots, kinds, strict=True)]
-            self.variables[name] = held
+            held = self.variables[name] = self.variable(value, f"%x{len(self.variables)}.")
         if held.type != value.type:
             remedy = {FLOAT: "start it as 0.0, or write float(...)", INT: "start it as 0.0 if it is to be a float"}
             what = f"'{name}' is of type {held.type} and is given {value.type}"
             self.refuse(node, what, remedy.get(held.type, "take another name"))
-        for operand, slot, kind in zip(
-            [value.text, *value.sizes], held.slots, [value.type.llvm, *["i64"] * len(value.sizes)], strict=True
-        ):
+        slots = [slot for leaf in held.leaves for slot in leaf.slots]
+        for (kind, operand), slot in zip(value.operands, slots, strict=True):
             self.add(f"store {kind} {operand}, ptr {slot}")
             self.facts[f"load {kind}, ptr {slot}"] = operand
-        if value.root:
-            self.taken_from.setdefault(name, set()).add(value.root)
+        for (leaf, _), part in zip(value.type.leaves(name), value.leaves, strict=True):
+            if part.root:
+                self.taken_from.setdefault(leaf, set()).add(part.root)
         if self.assigned is not None:
             self.assigned |= {name}
+
+    def variable(self, value: Value, name: str) -> Variable:
+        """Memory for a value of this type, and of its fields one by one."""
+        if value.parts:
+            parts = tuple(self.variable(part, f"{name}{place}.") for place, part in enumerate(value.parts))
+            return Variable(value.type, (), parts)
+        slots = tuple(f"{name}{place}" for place in range(len(value.operands)))
+        self.memory += [f"  {slot} = alloca {kind}" for slot, (kind, _) in zip(slots, value.operands, strict=True)]
+        return Variable(value.type, slots)
 
     def assign(self, node: ast.Assign) -> None:
         """A = b, a = b = c, a, b = c, d, row = m[k], m[k] = a, b, name = zeros(3)."""
@@ -67,14 +73,17 @@ class Assignments(Expressions):
         return None
 
     def values(self, node: ast.expr, counts: set[int], target: ast.AST) -> list[Value]:
-        """The numbers of a tuple, of a kernel with several results, or of a row."""
+        """The numbers of a tuple, of a kernel with several results, of a record or of a row."""
         if isinstance(node, ast.Tuple):
             found = [self.expression(each) for each in node.elts]
         elif isinstance(node, ast.Call):
-            found = self.results(node)
+            found, called = self.results(node), source_of(self.outside(node.func))
+            if len(found) == 1 and found[0].parts and (called is None or called.signature.single):
+                found = [*found[0].parts]
+        elif (row := self.expression(node)).parts:
+            found = [*row.parts]
         else:
-            row = self.expression(node)
-            if len(row.sizes) != 1:
+            if len(row.sizes) != 1 or row.type.layout:
                 self.refuse(node, f"'{shown(node)}' is of type {row.type}", "assign a tuple or a row of an array")
             (wanted,) = counts
             good = self.value(f"icmp eq i64 {row.sizes[0]}, {wanted}")
@@ -96,25 +105,30 @@ class Assignments(Expressions):
             self.store(target.id, value, target)
             return
         if not isinstance(target, ast.Subscript):
-            self.refuse(target, f"'{shown(target)}' is assigned", "assign to names and cells")
+            self.refuse(target, f"'{shown(target)}' is assigned", _instead(target))
         place = self.place(target)
         self.written_cell(target, place, value)
 
     def written_cell(self, target: ast.Subscript, place: Value, value: Value) -> None:
-        """A number into a cell."""
+        """A number into a cell, or a record into a row."""
         if place.sizes:
             self.refuse(target, f"'{shown(target)}' is a row", "assign a tuple, or copy cell by cell in a loop")
         if place.type != value.type:
             what = f"'{shown(target)}' is of type {place.type} and is given {value.type}"
-            self.refuse(target, what, "write float(...), int(...), or 0.0 for 0")
+            remedy = f"give a {place.type}" if place.type.layout else "write float(...), int(...), or 0.0 for 0"
+            self.refuse(target, what, remedy)
         self.stored.add(place.root)
-        self.add(f"store {value.type.llvm} {value.text}, ptr {place.text}")
+        self.put_into(place, value)
 
     def fill(self, target: ast.expr, values: Sequence[Value]) -> None:
         """The numbers of a tuple into a row."""
         if not isinstance(target, ast.Subscript):
             self.refuse(target, f"'{shown(target)}' is given a tuple", "give each number a name")
         row = self.place(target)
+        if row.type.layout:
+            self.refuse(
+                target, f"'{shown(target)}' is a record and is given a tuple", f"write  {row.type.layout.name}(...)"
+            )
         if len(row.sizes) != 1:
             self.refuse(target, f"'{shown(target)}' is no row", "assign a tuple to a row of numbers")
         kind = Type(row.type.element)
@@ -156,11 +170,13 @@ class Assignments(Expressions):
             self.store(node.target.id, new, node)
             return
         if not isinstance(node.target, ast.Subscript):
-            self.refuse(node, f"'{shown(node)}'", "assign to names and cells")
+            self.refuse(node, f"'{shown(node)}'", _instead(node.target))
         place = self.place(node.target)
         if place.sizes:
             self.refuse(node, f"'{shown(node.target)}' is a row", "loop over its cells")
-        old = Value(place.type, self.emit(f"load {place.type.llvm}, ptr {place.text}"))
+        if place.type.layout:
+            self.refuse(node, f"'{shown(node.target)}' is a record", "compute with its fields")
+        old = self.loaded(place)
         self.written_cell(node.target, place, self.operation(node.op, old, self.number(node.value), node))
 
     def slot(self, value: str) -> str:
@@ -172,7 +188,7 @@ class Assignments(Expressions):
         return place
 
     def written(self, parameters: Sequence[str]) -> frozenset[int]:
-        """Places of the parameters into whose arrays something is written, also by way of rows."""
+        """Places of the parameters, or of their fields, into whose arrays something is written, also by way of rows."""
         reached, left = set[str](), [*self.stored]
         while left:
             name = left.pop()
@@ -180,3 +196,10 @@ class Assignments(Expressions):
                 reached.add(name)
                 left += self.taken_from.get(name, ())
         return frozenset(place for place, name in enumerate(parameters) if name in reached)
+
+
+def _instead(target: ast.expr) -> str:
+    """What to write instead of an assignment to something that is neither a name nor a cell."""
+    if isinstance(target, ast.Attribute):
+        return f"assign to names and cells, and a record as a whole: record = record._replace({target.attr}=...)"
+    return "assign to names and cells"

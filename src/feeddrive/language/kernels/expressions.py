@@ -5,40 +5,18 @@ from __future__ import annotations
 import ast
 import math
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
 
-from feeddrive.language.kernels.arithmetic import LEAST, Arithmetic
+from feeddrive.language.kernels.arithmetic import LEAST
 from feeddrive.language.kernels.elementary import Elementary
+from feeddrive.language.kernels.names import Names
 from feeddrive.language.kernels.plain import zeros
-from feeddrive.language.kernels.source import BOOL, FLOAT, INT, Source, Type, source_of
-from feeddrive.language.kernels.text import REMEDIES, Function, Value, shown, struct
+from feeddrive.language.kernels.source import BOOL, FLOAT, INT, Source, Type, is_record, source_of
+from feeddrive.language.kernels.text import REMEDIES, Value, assembled, shown, struct
 from feeddrive.language.machine_code import number
 
 
-class Variable(NamedTuple):
-    """A local name: its type, and the memory of its number, or of address and sizes of its array."""
-
-    type: Type
-    slots: tuple[str, ...]
-
-    @property
-    def loads(self) -> list[str]:
-        """What gives its value."""
-        kinds = [self.type.llvm, *["i64"] * (len(self.slots) - 1)]
-        return [f"load {kind}, ptr {slot}" for kind, slot in zip(kinds, self.slots, strict=True)]
-
-
-class Expressions(Arithmetic):
-    """Prints expressions. Statements (`statements.py`) keep `variables` and `assigned` up to date."""
-
-    def __init__(self, source: Source, callee: Callable[[Source], Function]) -> None:
-        super().__init__(source, callee)
-        self.names: frozenset[str] = frozenset()  # all that are local
-        self.given: dict[str, Value] = {}  # parameters that keep their value
-        self.counters: frozenset[str] = frozenset()  # local whole numbers that are never below 0
-        self.variables: dict[str, Variable] = {}
-        self.assigned: frozenset[str] | None = frozenset()  # on every path to here; None where no path leads
-        self.stored: set[str] = set()  # variables into whose arrays something is written
+class Expressions(Names):
+    """Prints expressions."""
 
     def expression(self, node: ast.expr) -> Value:
         """Any expression with one value."""
@@ -68,55 +46,6 @@ class Expressions(Arithmetic):
         if value.type != INT:
             self.refuse(node, f"'{shown(node)}' is of type {value.type}, not int", "write int(...) or floor(...)")
         return value
-
-    # names and constants
-
-    def outside(self, node: ast.expr) -> object:
-        """What a name that is not local stands for; None for anything else."""
-        first = node
-        while isinstance(first, ast.Attribute):
-            first = first.value
-        return None if isinstance(first, ast.Name) and first.id in self.names else self.source.lookup(node)
-
-    def constant(self, value: object, node: ast.expr) -> Value:
-        """A number that is known."""
-        if isinstance(value, bool):
-            return Value(BOOL, "true" if value else "false")
-        if isinstance(value, int):
-            if not LEAST <= value < -LEAST:
-                self.refuse(node, f"{shown(node)} is beyond 64 bits", "write it as a float")
-            return Value(INT, str(value), literal=value, sure=value >= 0)
-        if not isinstance(value, float):
-            self.refuse(node, f"{shown(node)} is no number", "kernels compute with numbers and arrays of the caller")
-        return Value(FLOAT, number(value))
-
-    def name(self, node: ast.Name) -> Value:
-        """A local variable or a constant of the module."""
-        if node.id not in self.names:
-            found = self.outside(node)
-            if found is None:
-                self.refuse(node, f"'{node.id}' is not known", "assign it, or define it in the file")
-            return self.constant(found, node)
-        if self.assigned is not None and node.id not in self.assigned:
-            self.refuse(node, f"'{node.id}' is read where a path has not assigned it", "assign it before")
-        if node.id in self.given:
-            return self.given[node.id]
-        held = self.variables.get(node.id)
-        if held is None:
-            self.refuse(node, f"'{node.id}' is read before it is assigned", "assign it before")
-        return self.load(node.id, held)._replace(sure=node.id in self.counters)
-
-    def load(self, name: str, held: Variable) -> Value:
-        """The value of a variable."""
-        text, *sizes = map(self.value, held.loads)
-        return Value(held.type, text, tuple(sizes), name if held.type.dimensions else "")
-
-    def attribute(self, node: ast.Attribute) -> Value:
-        """A constant of a module."""
-        found = self.outside(node)
-        if found is None:
-            self.refuse(node, f"'{shown(node)}' is not known", "kernels know arrays by len and their indices alone")
-        return self.constant(found, node)
 
     # arithmetic
 
@@ -188,20 +117,26 @@ class Expressions(Arithmetic):
         after = self.label()
         self.choose(self.truth(node.test), *labels)
         values: list[Value] = []
-        ends: list[tuple[str, str]] = []
+        blocks: list[str] = []
         before = self.facts
         for label, each in zip(labels, (node.body, node.orelse), strict=True):
             self.facts = dict(before)
             self.begin(label)
             values.append(self.expression(each))
-            ends.append((values[-1].text, self.block))
+            blocks.append(self.block)
             self.jump(after)
         self.facts = before
         self.begin(after)
-        if values[0].type != values[1].type or values[0].type.dimensions:
-            types = f"{values[0].type} and {values[1].type}"
+        kind = values[0].type
+        if kind != values[1].type or any(leaf.type.dimensions for leaf in values[0].leaves):
+            types = f"{kind} and {values[1].type}"
             self.refuse(node, f"'{shown(node)}' chooses between {types}", "give both sides one type of number")
-        return Value(values[0].type, self.phi(values[0].type.llvm, ends))
+        pairs = zip(*(each.leaves for each in values), strict=True)
+        merged = (
+            Value(one.type, self.phi(one.type.llvm, [(one.text, blocks[0]), (other.text, blocks[1])]))
+            for one, other in pairs
+        )
+        return assembled(kind, merged)
 
     # arrays
 
@@ -210,9 +145,11 @@ class Expressions(Arithmetic):
         array = self.expression(node.value)
         indices = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
         if not array.type.dimensions:
-            self.refuse(node, f"'{shown(node.value)}' is a {array.type} without indices", "index arrays alone")
+            remedy = "name a field" if array.type.layout else "index arrays alone"
+            self.refuse(node, f"'{shown(node.value)}' is a {array.type} without indices", remedy)
         if len(indices) > len(array.sizes):
-            self.refuse(node, f"'{shown(node)}' has {len(indices)} indices for {array.type}", "leave the last ones out")
+            remedy = "name the field" if array.type.layout else "leave the last ones out"
+            self.refuse(node, f"'{shown(node)}' has {len(indices)} indices for {array.type}", remedy)
         wholes = [self.whole(each) for each in indices]
         places = [self.counted(index, size) for index, size in zip(wholes, array.sizes, strict=False)]
         self.check_indices(zip(places, array.sizes, strict=False), node)
@@ -221,9 +158,11 @@ class Expressions(Arithmetic):
             offset = self.value(f"mul nsw i64 {offset}, {size}")
             if level < len(places):
                 offset = self.value(f"add nsw i64 {offset}, {places[level]}")
+        if array.type.layout:
+            offset = self.value(f"mul nsw i64 {offset}, {array.type.width}")
         address = self.value(f"getelementptr inbounds {array.type.cell}, ptr {array.text}, i64 {offset}")
         rest = array.sizes[len(wholes) :]
-        return Value(Type(array.type.element, len(rest)), address, rest, array.root)
+        return Value(array.type._replace(dimensions=len(rest)), address, rest, array.root)
 
     def counted(self, index: Value, size: str) -> str:
         """An index counted from the start."""
@@ -252,9 +191,9 @@ class Expressions(Arithmetic):
             self.learn(each)
 
     def subscript(self, node: ast.Subscript) -> Value:
-        """The number in a cell, or a row: a view of the same memory."""
+        """The number in a cell, the record in a row, or a row of numbers: a view of the same memory."""
         place = self.place(node)
-        return place if place.sizes else Value(place.type, self.emit(f"load {place.type.llvm}, ptr {place.text}"))
+        return place if place.sizes else self.loaded(place)
 
     # calls
 
@@ -267,7 +206,11 @@ class Expressions(Arithmetic):
 
     def results(self, node: ast.Call) -> list[Value]:
         """A call of a kernel or of a function of the language."""
+        if isinstance(node.func, ast.Attribute) and node.func.attr == "_replace":
+            return [self.replaced(node, node.func.value)]
         function = self.outside(node.func)
+        if is_record(function):
+            return [self.made(self.source.layout(function, node), node)]
         if node.keywords:
             self.refuse(node, f"'{shown(node)}' names its arguments", "give them in their order")
         if function is zeros:
@@ -297,19 +240,22 @@ class Expressions(Arithmetic):
             if value.type != kind:
                 remedy = f"'{called.name}' takes {kind}: convert it by float(...) or int(...), or give another"
                 self.refuse(node, f"'{shown(node)}' gives {value.type} for '{name}'", remedy)
-            operands += [f"{kind.llvm} {value.text}", *[f"i64 {size}" for size in value.sizes]]
+            operands += [f"{word} {operand}" for word, operand in value.operands]
         function = self.called(called)
+        leaves = [leaf for value in given for leaf in value.leaves]
         for place in function.written:
-            self.stored.add(given[place].root)
+            self.stored.add(leaves[place].root)
         returned = struct(wanted.results)
         made = self.emit(f"call {returned} @{function.symbol}({', '.join(operands)})")
         if function.fails:
             status = self.value(f"extractvalue {returned} {made}, 0")
             self.hand_up(status)
-        return [
+        kinds = [kind for each in wanted.results for _, kind in each.leaves("")]
+        results = (
             Value(kind, self.value(f"extractvalue {returned} {made}, {place}"))
-            for place, kind in enumerate(wanted.results, start=1)
-        ]
+            for place, kind in enumerate(kinds, start=1)
+        )
+        return [assembled(kind, results) for kind in wanted.results]
 
     def angle(self, function: Elementary, node: ast.Call) -> Value:
         """A call of sin, cos, tan, atan or atan2."""
@@ -374,6 +320,8 @@ class Expressions(Arithmetic):
 
 def _as_number(kind: Type) -> str:
     """How to make a number of something else."""
+    if kind.layout and not kind.dimensions:
+        return "name a field"
     return "write int(...)" if kind == BOOL else "compute cell by cell, in a loop"
 
 

@@ -6,7 +6,7 @@ import ctypes
 import linecache
 import struct
 import sys
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cached_property
@@ -17,15 +17,17 @@ from typing import Any, Generic, NamedTuple, NoReturn, ParamSpec, TypeVar, cast
 import numpy as np
 
 from feeddrive.language.kernels.module import Unit, unit_of
-from feeddrive.language.kernels.plain import Cells
-from feeddrive.language.kernels.source import BOOL, FLOAT, KernelError, Source, Type
+from feeddrive.language.kernels.plain import Cells, Rows
+from feeddrive.language.kernels.source import BOOL, FLOAT, INT, KernelError, Source, Type
 from feeddrive.language.kernels.text import Failure
 from feeddrive.language.machine_code import MachineCode
 
 _FORMATS = {"float": "d", "int": "q", "bool": "q"}
 _ADDRESS, _COUNT = "P", "q"
 _WORD = 8  # bytes
-_CELLS: dict[str, np.dtype[Any]] = {"float": np.dtype(np.float64), "int": np.dtype(np.int64)}
+_CELLS: dict[str, np.dtype[Any]] = {
+    "float": np.dtype(np.float64), "int": np.dtype(np.int64), "record": np.dtype(np.float64),
+}  # fmt: skip
 _DATA = object.__basicsize__  # in numpy's PyArrayObject the address of the first cell stands behind the object's head
 
 _P = ParamSpec("_P")
@@ -41,8 +43,7 @@ class _Compiled(NamedTuple):
     given: struct.Struct
     returned: struct.Struct
     size: int  # of the memory of both, bytes
-    cells: tuple[object, ...]  # of each parameter: float, what the cells of an array are, None for other numbers
-    dimensions: tuple[int, ...]  # of each parameter
+    kinds: tuple[tuple[object, int, int], ...]  # of each number and array that is given, see `_kind`
 
 
 class Kernel(Generic[_P, _R]):
@@ -73,8 +74,12 @@ class Kernel(Generic[_P, _R]):
         if mode == "inside":
             return self.python(*args, **kwargs)
         given = self._in_order(args, kwargs) if kwargs else args
-        if len(given) != len(self._types):
-            raise TypeError(f"{self.__name__}() takes {len(self._types)} arguments, not {len(given)}")
+        wanted = self.source.signature.parameters
+        if len(given) != len(wanted):
+            raise TypeError(f"{self.__name__}() takes {len(wanted)} arguments, not {len(given)}")
+        if len(self._leaves) != len(wanted):
+            names = self.source.signature.names
+            given = [leaf for each in zip(names, wanted, given, strict=True) for leaf in self._flat(*each)]
         if mode == "interpreted":
             return self._interpret([self._checked(place, value) for place, value in enumerate(given)])
         return self._run(given)
@@ -84,17 +89,18 @@ class Kernel(Generic[_P, _R]):
         unit, compiled, words = self.unit, self._compiled, list[Any]()
         if compiled is None or compiled.code is not unit.code:
             compiled = self._compiled = self._bound()
-        for place, (cell, dimensions, value) in enumerate(zip(compiled.cells, compiled.dimensions, given, strict=True)):
+        for place, ((cell, dimensions, width), value) in enumerate(zip(compiled.kinds, given, strict=True)):
             if not dimensions:
                 plain = cell is float and type(value) is float
                 words.append(value if plain else self._checked(place, value))
                 continue
             if not (
-                type(value) is np.ndarray and value.dtype is cell and value.ndim == dimensions and value.flags.carray
-            ):
+                type(value) is np.ndarray and value.dtype is cell and value.flags.carray
+                and (value.ndim == dimensions if not width else value.shape[dimensions:] == (width,))
+            ):  # fmt: skip
                 self._checked(place, value)
             words.append(_address(value))
-            words += value.shape
+            words += value.shape[:dimensions]
         memory = ctypes.create_string_buffer(compiled.size)
         compiled.given.pack_into(memory, 0, *words)
         if unit.quick:
@@ -105,11 +111,11 @@ class Kernel(Generic[_P, _R]):
             status = compiled.call(memory)
         if status:
             _throw(unit.failure(status))
-        found, signature = compiled.returned.unpack_from(memory), self.source.signature
-        if BOOL in signature.results:
-            kinds = zip(found, signature.results, strict=True)
-            found = tuple(bool(each) if kind == BOOL else each for each, kind in kinds)
-        return cast(_R, found[0] if signature.single else found or None)
+        found = compiled.returned.unpack_from(memory)
+        if not self._plain:
+            numbers = iter(found)
+            found = tuple(_made(kind, numbers) for kind in self.source.signature.results)
+        return cast(_R, found[0] if self.source.signature.single else found or None)
 
     @property
     def unit(self) -> Unit:
@@ -120,18 +126,21 @@ class Kernel(Generic[_P, _R]):
         """Its function as the file has it now."""
         code, address = self.unit.entry(self.source)
         words = [_FORMATS[kind.element] if not kind.dimensions else _ADDRESS + _COUNT * kind.dimensions
-                 for kind in self._types]  # fmt: skip
-        results = [_FORMATS[kind.element] for kind in self.source.signature.results]
+                 for _, kind in self._leaves]  # fmt: skip
+        results = [_FORMATS[kind.element] for each in self.source.signature.results for _, kind in each.leaves("")]
         call = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(address)
         given, returned = struct.Struct(f"@{''.join(words)}"), struct.Struct(f"@{''.join(results)}")
-        cells = [_CELLS[kind.element] if kind.dimensions else float if kind == FLOAT else None for kind in self._types]
-        dimensions = [kind.dimensions for kind in self._types]
         size = max(given.size, returned.size, _WORD)
-        return _Compiled(code, call, given, returned, size, tuple(cells), tuple(dimensions))
+        return _Compiled(code, call, given, returned, size, tuple(_kind(kind) for _, kind in self._leaves))
 
     @cached_property
-    def _types(self) -> tuple[Type, ...]:
-        return self.source.signature.parameters
+    def _leaves(self) -> list[tuple[str, Type]]:
+        return self.source.signature.leaves
+
+    @cached_property
+    def _plain(self) -> bool:
+        """True if all results are numbers that ctypes returns as they are."""
+        return all(each in (FLOAT, INT) for each in self.source.signature.results)
 
     @cached_property
     def _written(self) -> frozenset[int]:
@@ -144,9 +153,18 @@ class Kernel(Generic[_P, _R]):
             raise TypeError(f"{self.__name__}() takes ({', '.join(names)}), each once")
         return [*args, *[named[name] for name in names[len(args) :]]]
 
+    def _flat(self, name: str, kind: Type, value: Any) -> list[Any]:
+        """The numbers and arrays of an argument: those of a record one by one."""
+        if kind.layout is None or kind.dimensions:
+            return [value]
+        if type(value) is not kind.layout.python:
+            raise TypeError(f"{self.__name__}(): '{name}' is {type(value).__name__}: give {kind}")
+        fields = zip(kind.layout.fields.items(), value, strict=True)
+        return [leaf for (field, inner), part in fields for leaf in self._flat(f"{name}.{field}", inner, part)]
+
     def _checked(self, place: int, value: object) -> Any:
         """An argument of the type that its parameter has."""
-        kind = self._types[place]
+        kind = self._leaves[place][1]
         if not kind.dimensions:
             if kind.element == "float" and isinstance(value, (float, int, np.floating, np.integer)):
                 if not isinstance(value, bool):
@@ -162,9 +180,13 @@ class Kernel(Generic[_P, _R]):
             raise TypeError(f"{self._named(place)} is {type(value).__name__}: give a numpy array")
         array = cast("np.ndarray[Any, Any]", value)
         wanted = _CELLS[kind.element]
-        if array.dtype != wanted or array.ndim != kind.dimensions:
+        indices = kind.dimensions + bool(kind.layout)
+        if array.dtype != wanted or array.ndim != indices:
             what = f"{self._named(place)} is an array of {array.dtype} with {array.ndim} indices"
-            raise TypeError(f"{what}: give {wanted} with {kind.dimensions}")
+            raise TypeError(f"{what}: give {wanted} with {indices}")
+        if kind.layout and array.shape[-1] != kind.width:
+            what = f"{self._named(place)} is an array with {array.shape[-1]} columns"
+            raise TypeError(f"{what}: give {kind.width}, those of {kind.layout.name}")
         if not array.flags.c_contiguous or not array.flags.aligned:
             raise TypeError(f"{self._named(place)} does not lie in C order: give np.ascontiguousarray(...)")
         if not array.flags.writeable and place in self._written:
@@ -172,16 +194,33 @@ class Kernel(Generic[_P, _R]):
         return array
 
     def _named(self, place: int) -> str:
-        return f"{self.__name__}(): '{self.source.signature.names[place]}'"
+        return f"{self.__name__}(): '{self._leaves[place][0]}'"
 
     def _interpret(self, given: list[Any]) -> _R:
         """The same call by the interpreter, with all kernels below it."""
-        plain = [Cells(value) if isinstance(value, np.ndarray) else value for value in given]
+        leaves = iter(given)
+        plain = [_made(kind, leaves) for kind in self.source.signature.parameters]
         token = _mode.set("inside")
         try:
             return cast(Callable[..., _R], self.python)(*plain)
         finally:
             _mode.reset(token)
+
+
+def _kind(kind: Type) -> tuple[object, int, int]:
+    """What an argument is compared with: float, or what the cells of an array are; its indices; columns of records."""
+    cell = _CELLS[kind.element] if kind.dimensions else float if kind == FLOAT else None
+    return cell, kind.dimensions, kind.width if kind.layout else 0
+
+
+def _made(kind: Type, leaves: Iterator[Any]) -> Any:
+    """A value of a type from its numbers and arrays, as the interpreter has it."""
+    if kind.layout is None:
+        value = next(leaves)
+        return Cells(value) if kind.dimensions else bool(value) if kind == BOOL else value
+    if kind.dimensions:
+        return Rows(next(leaves), kind.layout)
+    return kind.layout.python(*[_made(each, leaves) for each in kind.layout.fields.values()])
 
 
 def _address(array: np.ndarray) -> int:

@@ -20,7 +20,7 @@ from typing import NamedTuple, cast
 from weakref import WeakSet
 
 from feeddrive.language.kernels.elementary import Elementary
-from feeddrive.language.kernels.source import INT, Source, source_of
+from feeddrive.language.kernels.source import INT, Source, described, is_record, source_of
 from feeddrive.language.kernels.statements import Statements
 from feeddrive.language.kernels.text import Failure, Function, struct
 from feeddrive.language.machine_code import MachineCode, linked_code, target
@@ -99,6 +99,8 @@ class Unit:
             return f"{type(value).__name__} {value!r}"
         if isinstance(value, Elementary):
             return value.name
+        if is_record(value) or is_record(type(value)):
+            return described(value)
         if isinstance(value, ModuleType):
             return value.__name__
         return f"{getattr(value, '__module__', '')}.{getattr(value, '__qualname__', type(value).__name__)}"
@@ -240,9 +242,10 @@ _used: WeakSet[Unit] = WeakSet()  # that have code
 
 def _entry(place: int, source: Source, symbol: str) -> str:
     """A function that takes arguments of a kernel from words of 64 bits in memory, and leaves its results there."""
-    words = [each for given in source.signature.parameters for each in (given, *[INT] * given.dimensions)]
-    results = source.signature.results
-    lines, operands, returned = list[str](), list[str](), struct(results)
+    words = [each for _, given in source.signature.leaves for each in (given, *[INT] * given.dimensions)]
+    returned = struct(source.signature.results)
+    results = [kind for each in source.signature.results for _, kind in each.leaves("")]
+    lines, operands = list[str](), list[str]()
     for at, kind in enumerate(words):
         loaded = kind.llvm.replace("i1", "i64")
         lines.append(f"%p{at} = getelementptr i64, ptr %words, i64 {at}")

@@ -7,9 +7,24 @@ import builtins
 import inspect
 import linecache
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from types import FunctionType, ModuleType
-from typing import Annotated, Any, NamedTuple, NoReturn, TypeAlias, TypeVar, cast
+from typing import (
+    Annotated,
+    Any,
+    NamedTuple,
+    NoReturn,
+    Protocol,
+    TypeAlias,
+    TypeGuard,
+    TypeVar,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+    overload,
+)  # fmt: skip
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,20 +37,51 @@ Floats2: TypeAlias = Annotated[NDArray[np.float64], 2]
 Floats3: TypeAlias = Annotated[NDArray[np.float64], 3]
 Ints: TypeAlias = Annotated[NDArray[np.int64], 1]
 
-_LLVM = {"float": "double", "int": "i64", "bool": "i1"}
+_LLVM = {"float": "double", "int": "i64", "bool": "i1", "record": "double"}
+_Record = TypeVar("_Record")
+
+
+class Records(Protocol[_Record]):
+    """An array of records: a float64 array with two indices, whose rows are records and whose columns are fields.
+
+    `Records[Stretch]` annotates a parameter or a field.  From Python a numpy array is given.
+    """
+
+    def __getitem__(self, place: int, /) -> _Record: ...
+    def __setitem__(self, place: int, record: _Record, /) -> None: ...
+    def __len__(self) -> int: ...
+
+
+class Records2(Protocol[_Record]):
+    """Records with two indices: a float64 array with three, of which the last counts the fields."""
+
+    @overload
+    def __getitem__(self, place: int, /) -> Records[_Record]: ...
+    @overload
+    def __getitem__(self, place: tuple[int, int], /) -> _Record: ...
+    def __setitem__(self, place: tuple[int, int], record: _Record, /) -> None: ...
+    def __len__(self) -> int: ...
 
 
 class KernelError(FeeddriveError):
     """A function that is not in the language of kernels; the message names file, line and what to write instead."""
 
 
+class UnfitError(Exception):
+    """Why a class cannot be a record of kernels, and what to write instead."""
+
+
 class Type(NamedTuple):
-    """A number, or an array of numbers with one to three indices."""
+    """A number, a record, or an array of either with one to three indices."""
 
     element: str
     dimensions: int = 0
+    layout: Layout | None = None
 
     def __str__(self) -> str:
+        if self.layout:
+            name = self.layout.name
+            return f"Records{self.dimensions if self.dimensions > 1 else ''}[{name}]" if self.dimensions else name
         if not self.dimensions:
             return self.element
         return f"{self.element.capitalize()}s{self.dimensions if self.dimensions > 1 else ''}"
@@ -50,14 +96,96 @@ class Type(NamedTuple):
         """The type of a number of an array."""
         return _LLVM[self.element]
 
+    @property
+    def width(self) -> int:
+        """Numbers of a record in a row of an array; 1 for a number."""
+        return self.layout.width if self.layout else 1
+
+    def leaves(self, name: str) -> list[tuple[str, Type]]:
+        """The numbers and arrays of a variable of this type, with their names: a record is nothing but these."""
+        if self.layout is None or self.dimensions:
+            return [(name, self)]
+        return [leaf for field, kind in self.layout.fields.items() for leaf in kind.leaves(f"{name}.{field}")]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Layout:
+    """The fields of a record: a NamedTuple of numbers, arrays and other records."""
+
+    python: Callable[..., Any]
+    fields: dict[str, Type]
+    defaults: dict[str, Any]
+    width: int
+    """Columns of a row that holds one; 0 if no row can, since it has fields that are neither float, bool nor record."""
+
+    @property
+    def name(self) -> str:
+        """The name of its class."""
+        return self.python.__name__
+
+    def __repr__(self) -> str:
+        return f"{self.name}({self.fields}, {self.defaults})"
+
 
 FLOAT, INT, BOOL = Type("float"), Type("int"), Type("bool")
 _TYPES: dict[object, Type] = {
     float: FLOAT, int: INT, bool: BOOL,
     Floats: Type("float", 1), Floats2: Type("float", 2), Floats3: Type("float", 3), Ints: Type("int", 1),
 }  # fmt: skip
+_INDICES: dict[object, int] = {Records: 1, Records2: 2}
 _STARS = inspect.CO_VARARGS | inspect.CO_VARKEYWORDS
-_KNOWN = "float, int, bool, Floats, Floats2, Floats3 or Ints"
+_KNOWN = "float, int, bool, Floats, Floats2, Floats3, Ints, a NamedTuple of these, or Records[of one]"
+
+
+def is_record(value: object) -> TypeGuard[type]:
+    """True if a value is a class made by NamedTuple."""
+    return isinstance(value, type) and issubclass(value, tuple) and hasattr(value, "_fields")
+
+
+@lru_cache(maxsize=1024)
+def layout_of(record: type) -> Layout:
+    """Return the fields of a NamedTuple; UnfitError if one of them has a type that kernels do not have."""
+    try:
+        hints = get_type_hints(record, include_extras=True)
+    except Exception as error:  # whatever the text of an annotation raises
+        raise UnfitError(f"the fields of '{record.__name__}' cannot be read ({error})", "define them above") from error
+    fields = dict[str, Type]()
+    for name, hint in hints.items():
+        if record in (hint, *get_args(hint)):
+            raise UnfitError(f"the record '{record.__name__}' holds itself", "keep the index of the other record")
+        kind = type_of(hint)
+        if kind is None:
+            shown = getattr(hint, "__name__", hint)
+            raise UnfitError(f"the field '{name}' of '{record.__name__}' is of type {shown}", f"write {_KNOWN}")
+        fields[name] = kind
+    fits = all(not kind.dimensions and kind != INT and kind.width for kind in fields.values())
+    width = sum(kind.width for kind in fields.values()) if fits else 0
+    return Layout(record, fields, dict(vars(record)["_field_defaults"]), width)
+
+
+def described(value: object) -> str:
+    """The text of a record or of a constant one, by which machine code on the disk is found."""
+    record, numbers = (value, "") if is_record(value) else (type(value), repr(value))
+    try:
+        return f"{layout_of(record)!r} {numbers}"
+    except UnfitError as error:  # it is refused where it is used
+        return f"{error} {numbers}"
+
+
+def type_of(hint: object) -> Type | None:
+    """Return the type that an annotation stands for, or None; UnfitError for a record with a wrong field."""
+    indices = _INDICES.get(get_origin(hint))
+    (inner,) = get_args(hint) if indices else (hint,)
+    if is_record(inner):
+        layout = layout_of(inner)
+        if indices and not layout.width:
+            remedy = "keep whole numbers and arrays apart from the fields that a row holds"
+            raise UnfitError(f"'{layout.name}' has fields that are neither float nor bool, and fits no row", remedy)
+        return Type("record", indices or 0, layout)
+    try:
+        return None if indices else _TYPES.get(hint)
+    except TypeError:  # not hashable
+        return None
 
 
 class Signature(NamedTuple):
@@ -66,7 +194,12 @@ class Signature(NamedTuple):
     names: tuple[str, ...]
     parameters: tuple[Type, ...]
     results: tuple[Type, ...]
-    single: bool  # one number is returned as it is, several as a tuple
+    single: bool  # one number or record is returned as it is, several as a tuple
+
+    @property
+    def leaves(self) -> list[tuple[str, Type]]:
+        """Names and types of the numbers and arrays that it is given, those of records one by one."""
+        return [leaf for name, kind in zip(self.names, self.parameters, strict=True) for leaf in kind.leaves(name)]
 
 
 def _alone(lines: Sequence[str], first: int) -> ast.FunctionDef | None:
@@ -158,11 +291,22 @@ class Source:
 
     def _type(self, node: ast.expr) -> Type:
         """The type that an annotation names."""
+        hint = self.lookup(node)
+        if isinstance(node, ast.Subscript):
+            array, inner = self.lookup(node.value), self.lookup(node.slice)
+            hint = cast(Any, array)[inner] if (array is Records or array is Records2) and is_record(inner) else None
         try:
-            found = _TYPES.get(self.lookup(node))
-        except TypeError:  # not hashable
-            found = None
+            found = type_of(hint)
+        except UnfitError as error:
+            self.refuse(node, *error.args)
         return found or self.refuse(node, f"'{ast.unparse(node)}' is no type of a kernel", f"write {_KNOWN}")
+
+    def layout(self, record: type, node: ast.AST) -> Layout:
+        """The fields of a record that the function names."""
+        try:
+            return layout_of(record)
+        except UnfitError as error:
+            self.refuse(node, *error.args)
 
     def _results(self, node: ast.expr | None) -> tuple[tuple[Type, ...], bool]:
         """Types of what is returned, and whether it is one number."""
@@ -176,7 +320,7 @@ class Source:
             found = tuple(self._type(each) for each in inner)
         else:
             found = (self._type(node),)
-        if any(each.dimensions for each in found):
+        if any(leaf.dimensions for each in found for _, leaf in each.leaves("")):
             self.refuse(node, "an array is returned", "let the caller give the array that is filled")
         return found, single
 

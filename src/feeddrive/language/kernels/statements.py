@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from feeddrive.language.kernels.assignments import Assignments
 from feeddrive.language.kernels.source import INT, Source
-from feeddrive.language.kernels.text import REMEDIES, Function, Value, shown, struct
+from feeddrive.language.kernels.text import REMEDIES, Function, Value, assembled, shown, struct
 
 
 class _Loop(NamedTuple):
@@ -34,10 +34,14 @@ class Statements(Assignments):
         self.names = frozenset([*stored, *signature.names])
         self.counters = frozenset(upward.difference(signature.names))
         parameters: list[str] = []
-        for place, (parameter, kind) in enumerate(zip(signature.names, signature.parameters, strict=True)):
-            sizes = tuple(f"%a{place}.{level}" for level in range(kind.dimensions))
-            value = Value(kind, f"%a{place}", sizes, parameter if sizes else "")
-            parameters += [f"{kind.llvm} {value.text}", *[f"i64 {size}" for size in sizes]]
+        arguments = iter([
+            Value(kind, f"%a{place}", tuple(f"%a{place}.{level}" for level in range(kind.dimensions)),
+                  leaf if kind.dimensions else "")
+            for place, (leaf, kind) in enumerate(signature.leaves)
+        ])  # fmt: skip
+        for parameter, kind in zip(signature.names, signature.parameters, strict=True):
+            value = assembled(kind, arguments)
+            parameters += [f"{word} {operand}" for word, operand in value.operands]
             if parameter in stored:
                 self.store(parameter, value, tree)
             else:
@@ -56,7 +60,10 @@ class Statements(Assignments):
                 made = self.emit(f"insertvalue {returned} poison, i64 {status}, 0")
                 self.add(f"ret {returned} {made}")
         size, fails = len(self.lines) + self.size, bool(self.failed or self.handed)
-        written, head = self.written(signature.names), f"{returned} @{symbol}({', '.join(parameters)})"
+        written, head = (
+            self.written([leaf for leaf, _ in signature.leaves]),
+            f"{returned} @{symbol}({', '.join(parameters)})",
+        )
         made = Function(symbol, head, "", written, self.failures, fails, size, [*self.kernels], self.elementary)
         first = f"{head} #0{' alwaysinline' if made.small else ''} {{\nentry:"
         return made._replace(text="\n".join([first, *self.memory, *self.lines, "}", ""]))
@@ -233,8 +240,9 @@ class Statements(Assignments):
     def leave(self, values: Sequence[Value]) -> None:
         """Ends the function without an error."""
         returned = struct(self.source.signature.results)
-        made = f"{{ {', '.join(['i64 0', *[f'{each.type.llvm} poison' for each in values]])} }}"
-        for place, value in enumerate(values, start=1):
+        leaves = [leaf for each in values for leaf in each.leaves]
+        made = f"{{ {', '.join(['i64 0', *[f'{each.type.llvm} poison' for each in leaves]])} }}"
+        for place, value in enumerate(leaves, start=1):
             made = self.emit(f"insertvalue {returned} {made}, {value.type.llvm} {value.text}, {place}")
         self.add(f"ret {returned} {made}")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple, NoReturn
 
 from feeddrive.language.kernels.elementary import Elementary
@@ -47,7 +47,7 @@ REMEDIES: dict[type[ast.AST], str] = {
 
 
 class Value(NamedTuple):
-    """A number, or an array: the address of its first cell and how many entries each index has."""
+    """A number; an array, by the address of its first cell and how many entries each index has; or a record."""
 
     type: Type
     text: str
@@ -55,6 +55,29 @@ class Value(NamedTuple):
     root: str = ""  # the variable in whose memory an array lies
     literal: int | None = None
     sure: bool = False  # a whole number that is never below 0
+    parts: tuple[Value, ...] = ()  # the fields of a record
+
+    @property
+    def leaves(self) -> list[Value]:
+        """The numbers and arrays of which it consists."""
+        return [leaf for part in self.parts for leaf in part.leaves] if self.parts else [self]
+
+    @property
+    def operands(self) -> list[tuple[str, str]]:
+        """LLVM types and operands by which it is handed to a function, or kept in memory."""
+        return [
+            word
+            for leaf in self.leaves
+            for word in ((leaf.type.llvm, leaf.text), *(("i64", size) for size in leaf.sizes))
+        ]
+
+
+def assembled(kind: Type, leaves: Iterator[Value]) -> Value:
+    """Return a value of this type from its numbers and arrays, in order."""
+    if kind.layout is None or kind.dimensions:
+        return next(leaves)
+    parts = tuple(assembled(each, leaves) for each in kind.layout.fields.values())
+    return Value(kind, "", parts=parts)
 
 
 class Function(NamedTuple):
@@ -63,7 +86,7 @@ class Function(NamedTuple):
     symbol: str
     head: str  # types of results and parameters, as a declaration has them
     text: str  # of its definition, from the types of its results on
-    written: frozenset[int]  # places of the parameters into whose arrays it writes
+    written: frozenset[int]  # places of the arrays into which it writes, among `Signature.leaves`
     failures: list[Failure]  # behind its own statuses
     fails: bool  # whether its status can be other than 0
     size: int  # lines, with those of the functions that are put into it
@@ -191,8 +214,9 @@ class Text:
 
 
 def struct(results: Sequence[Type]) -> str:
-    """What a kernel returns: its status and its results."""
-    return f"{{ {', '.join(['i64', *[each.llvm for each in results]])} }}"
+    """What a kernel returns: its status and its results, of records their fields."""
+    leaves = [leaf.llvm for each in results for _, leaf in each.leaves("")]
+    return f"{{ {', '.join(['i64', *leaves])} }}"
 
 
 def shown(node: ast.AST) -> str:

@@ -1,21 +1,37 @@
-"""The hump of one stretch: the ramp from its left node up to a peak, a plateau, and the ramp down to its right node.
-
-A stretch is a row of `COLUMNS` numbers: u and speed of both nodes, the peak (0: none is known), the lengths of the
-ramps up and down, and whether it is done.  A brake is a stretch without a ramp up.
-"""
+"""The hump of one stretch: the ramp from its left node up to a peak, a plateau, and the ramp down to its right node."""
 
 from __future__ import annotations
 
 from math import sqrt
+from typing import NamedTuple
 
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.source import Floats, Floats2, Floats3
-from feeddrive.path.schedule.ramp import boxcars, fit, speed_at, straight
+from feeddrive.language.kernels.source import Floats
+from feeddrive.path.schedule.ramp import NO_RAMP, Bounds, Path, Ramp, boxcars, duration, fit, speed_at, straight
 
 _PEAKS = 40  # tried for a hump
-_FAR = 6  # of them none of which holds
-_FULL = 1.0 - 3e-6  # of a stretch: more ways of ramps need not be
-COLUMNS = 12
+_FAR = 6  # tries after which a peak near the upper end is given up, if none has held
+_FULL = 1.0 - 3e-6  # of a stretch: ramps that take up this much of it need no higher peak
+
+
+class Stretch(NamedTuple):
+    """A stretch of path between two nodes: a ramp up, a plateau and a ramp down.
+
+    begin, end  u of the nodes, m
+    v0, v1      speeds at the nodes, m/s
+    peak        speed of the plateau, m/s; 0 if no hump is known
+    up, down    the ramps; a brake has none upwards
+    held        true for a plateau at the cap of a piece, which is not planned again
+    """
+
+    begin: float
+    end: float
+    v0: float
+    v1: float
+    peak: float = 0.0
+    up: Ramp = NO_RAMP
+    down: Ramp = NO_RAMP
+    held: bool = False
 
 
 @kernel
@@ -33,30 +49,45 @@ def piece_at(begin: Floats, u: float, right: bool) -> int:
 
 
 @kernel
-def least_cap(caps: Floats2, begin: Floats, first: int, last: int, left: float, right: float) -> float:
-    """Of the pieces under a plateau from `left` to `right`."""
-    found = 1e300
+def least_cap(path: Path, first: int, last: int, left: float, right: float) -> float:
+    """The lowest cap of the pieces under a plateau from `left` to `right`."""
+    lowest = 1e300
     for p in range(first, last + 1):
-        if begin[p + 1] > left and begin[p] < right:
-            found = min(found, caps[p, 0])
-    return found
+        if path.begin[p + 1] > left and path.begin[p] < right:
+            lowest = min(lowest, path.caps[p].plateau)
+    return lowest
+
+
+@kernel
+def plateau_begin(stretch: Stretch) -> float:
+    """The u at which the ramp up ends, m."""
+    return stretch.begin + 0.5 * (stretch.v0 + stretch.peak) * duration(stretch.up)
+
+
+@kernel
+def plateau_end(stretch: Stretch) -> float:
+    """The u at which the ramp down begins, m."""
+    return stretch.end - 0.5 * (stretch.v1 + stretch.peak) * duration(stretch.down)
 
 
 @kernel
 def _filling(
-    space: float, v0: float, v1: float, fastest: float, a: float, b: float, c: float, d: float, e: float, f: float,
-    up: float, down: float,
-) -> float:  # fmt: skip
-    """The peak whose ramps fill a space, `up` and `down` slower than on pieces that leave a, b, c and d, e, f."""
+    space: float, v0: float, v1: float, fastest: float, left: Bounds, right: Bounds, up: float, down: float
+) -> float:
+    """The peak whose ramps fill a space.
+
+    `left` and `right` are the bounds of the ramps up and down on straight pieces, of which they take `up` and `down`
+    times the time.
+    """
     low = max(v0, v1)
     high = fastest
     peak = fastest
     miss_low = -space
     miss_high = 0.0
     for again in range(60):
-        L1, L2, L3 = boxcars(peak - v0, a, b, c)
-        M1, M2, M3 = boxcars(peak - v1, d, e, f)
-        miss = 0.5 * ((v0 + peak) * up * (L1 + L2 + L3) + (v1 + peak) * down * (M1 + M2 + M3)) - space
+        rising = duration(boxcars(peak - v0, left.acceleration, left.jerk, left.snap))
+        falling = duration(boxcars(peak - v1, right.acceleration, right.jerk, right.snap))
+        miss = 0.5 * ((v0 + peak) * up * rising + (v1 + peak) * down * falling) - space
         if miss <= 0.0:
             if again == 0 or miss >= -1e-6 * space:
                 return peak
@@ -75,57 +106,51 @@ def _filling(
 
 
 @kernel
-def hump(
-    begin: Floats, most: Floats3, caps: Floats2, limits: Floats2, stretch: Floats, fastest: float, free: bool
-) -> bool:
-    """Fill in the highest peak up to `fastest` and its ramps, at least those it has; False if there is none."""
-    u0 = stretch[0]
-    u1 = stretch[1]
-    v0 = stretch[2]
-    v1 = stretch[3]
-    first = piece_at(begin, u0, True)
-    last = piece_at(begin, u1, False)
-    a, b, c = straight(most[first], limits)
-    d, e, f = straight(most[last], limits)
+def hump(path: Path, stretch: Stretch, fastest: float, free: bool) -> Stretch:
+    """The stretch with the highest peak up to `fastest` that is found, at least its own; peak 0 if there is none."""
+    first = piece_at(path.begin, stretch.begin, True)
+    last = piece_at(path.begin, stretch.end, False)
+    left = straight(path.most[first], path.limits)
+    right = straight(path.most[last], path.limits)
+    space = stretch.end - stretch.begin
+    v0 = stretch.v0
+    v1 = stretch.v1
     least = max(v0, v1)
-    low = stretch[4]
+    best = stretch
+    low = stretch.peak
     high = fastest
     up = 1.0
     down = 1.0
     fails = False  # whether the high one does
     if low >= high:
-        return True
-    peak = max(_filling(u1 - u0, v0, v1, high, a, b, c, d, e, f, up, down), least)
+        return stretch
+    peak = max(_filling(space, v0, v1, high, left, right, up, down), least)
     if low > 0.0 and peak <= 1.0005 * low:
-        return True
+        return stretch
     for again in range(_PEAKS):
         if peak <= 0.0:
             break
         wanted = 0.0
         full = False
-        good, L1, L2, L3, up = fit(begin, most, caps, limits, u0, first, 1, u1, v0, peak, free, up)
+        good, rising, up = fit(path, stretch.begin, first, 1, stretch.end, v0, peak, free, up)
         if good:
-            ends = u0 + 0.5 * (v0 + peak) * (L1 + L2 + L3)
-            good, M1, M2, M3, down = fit(begin, most, caps, limits, u1, last, -1, ends, v1, peak, free, down)
+            tried = stretch._replace(peak=peak, up=rising)
+            ends = plateau_begin(tried)
+            good, falling, down = fit(path, stretch.end, last, -1, ends, v1, peak, free, down)
             if good:
-                goes = u1 - 0.5 * (v1 + peak) * (M1 + M2 + M3)
-                full = ends - u0 + u1 - goes >= _FULL * (u1 - u0)
+                tried = tried._replace(down=falling)
+                goes = plateau_end(tried)
+                full = ends - stretch.begin + stretch.end - goes >= _FULL * space
                 if not free:
                     # no peak a little above the cap of a plateau holds
-                    cap = least_cap(caps, begin, first, last, ends, goes)
+                    cap = least_cap(path, first, last, ends, goes)
                     good = peak <= cap * (1.0 + 1e-12)
                     full = full or peak >= cap * (1.0 - 1e-9)
                     if not good:
                         wanted = cap
                 if good:
                     low = peak
-                    stretch[4] = peak
-                    stretch[5] = L1
-                    stretch[6] = L2
-                    stretch[7] = L3
-                    stretch[8] = M1
-                    stretch[9] = M2
-                    stretch[10] = M3
+                    best = tried
         if good and (full or peak >= fastest):
             break
         if not good:
@@ -136,7 +161,7 @@ def hump(
         if fails and high - low <= 1e-3 * high:
             break
         if wanted <= low or wanted >= high:
-            wanted = _filling(u1 - u0, v0, v1, high, a, b, c, d, e, f, up, down)
+            wanted = _filling(space, v0, v1, high, left, right, up, down)
             if wanted <= 1.0005 * low and good:
                 break
             if wanted <= 1.0005 * low or (fails and wanted >= 0.9995 * high):
@@ -145,92 +170,85 @@ def hump(
                 # a slow piece is far from where the ramps are looked at: no peak near the high one holds
                 wanted = max(min(wanted, 0.3 * high), least)
         peak = wanted
-    return stretch[4] > 0.0
+    return best
 
 
 @kernel
-def too_fast(begin: Floats, caps: Floats2, stretch: Floats, above: float) -> int:
+def too_fast(path: Path, stretch: Stretch, above: float) -> int:
     """Of the pieces that a hump crosses faster than ramps should, the one with the lowest cap > `above`; -1: none."""
-    u0 = stretch[0]
-    u1 = stretch[1]
-    first = piece_at(begin, u0, True)
-    last = piece_at(begin, u1, False)
-    found = -1
+    first = piece_at(path.begin, stretch.begin, True)
+    last = piece_at(path.begin, stretch.end, False)
+    slowest = -1
     for p in range(first, last + 1):
-        if caps[p, 0] <= above or (found >= 0 and caps[p, 0] >= caps[found, 0]):
+        cap = path.caps[p]
+        if cap.plateau <= above or (slowest >= 0 and cap.plateau >= path.caps[slowest].plateau):
             continue
         v = min(
-            speed_at(begin[p + 1] - u0, stretch[2], stretch[4] - stretch[2], stretch[5], stretch[6], stretch[7]),
-            speed_at(u1 - begin[p], stretch[3], stretch[4] - stretch[3], stretch[8], stretch[9], stretch[10]),
+            speed_at(path.begin[p + 1] - stretch.begin, stretch.v0, stretch.peak - stretch.v0, stretch.up),
+            speed_at(stretch.end - path.begin[p], stretch.v1, stretch.peak - stretch.v1, stretch.down),
         )
-        if v > caps[p, 1] * (1.0 + 1e-9):
-            found = p
-    return found
+        if v > cap.ramp * (1.0 + 1e-9):
+            slowest = p
+    return slowest
 
 
 @kernel
-def fastest_cap(begin: Floats, caps: Floats2, stretch: Floats) -> float:
+def fastest_cap(path: Path, stretch: Stretch) -> float:
     """The highest cap of a stretch."""
-    found = 0.0
-    for p in range(piece_at(begin, stretch[0], True), piece_at(begin, stretch[1], False) + 1):
-        found = max(found, caps[p, 0])
-    return found
+    highest = 0.0
+    for p in range(piece_at(path.begin, stretch.begin, True), piece_at(path.begin, stretch.end, False) + 1):
+        highest = max(highest, path.caps[p].plateau)
+    return highest
 
 
 @kernel
-def hump_time(stretch: Floats) -> float:
-    """Of a hump, s."""
-    up = stretch[5] + stretch[6] + stretch[7]
-    down = stretch[8] + stretch[9] + stretch[10]
-    way = stretch[1] - stretch[0] - 0.5 * (stretch[2] + stretch[4]) * up - 0.5 * (stretch[3] + stretch[4]) * down
-    return up + down + max(way, 0.0) / stretch[4]
+def hump_time(stretch: Stretch) -> float:
+    """The duration of a hump, s."""
+    up = duration(stretch.up)
+    down = duration(stretch.down)
+    way = stretch.end - stretch.begin
+    way = way - 0.5 * (stretch.v0 + stretch.peak) * up - 0.5 * (stretch.v1 + stretch.peak) * down
+    return up + down + max(way, 0.0) / stretch.peak
 
 
 @kernel
-def brake(
-    begin: Floats, most: Floats3, caps: Floats2, limits: Floats2,
-    left: float, right: float, v0: float, v1: float, row: Floats,
-) -> bool:  # fmt: skip
-    """Fill in a stretch that holds v0 and then brakes to v1; whether there is one."""
-    for k in range(COLUMNS):
-        row[k] = 0.0
-    row[0] = left
-    row[1] = right
-    row[2] = v0
-    row[3] = v1
-    row[4] = v0
-    last = piece_at(begin, right, False)
-    good, row[8], row[9], row[10], _ = fit(begin, most, caps, limits, right, last, -1, left, v1, v0, False, 1.0)
-    goes = right - 0.5 * (v0 + v1) * (row[8] + row[9] + row[10])
-    return good and least_cap(caps, begin, piece_at(begin, left, True), last, left, goes) >= v0 * (1.0 - 1e-12)
+def brake(path: Path, left: float, right: float, v0: float, v1: float) -> Stretch:
+    """The stretch that holds v0 > 0 from `left` on and then brakes to v1 at `right`; peak 0 if there is none."""
+    last = piece_at(path.begin, right, False)
+    good, down, _ = fit(path, right, last, -1, left, v1, v0, False, 1.0)
+    stretch = Stretch(left, right, v0, v1, peak=v0, down=down)
+    if good:
+        cap = least_cap(path, piece_at(path.begin, left, True), last, left, plateau_end(stretch))
+        if cap >= v0 * (1.0 - 1e-12):
+            return stretch
+    return stretch._replace(peak=0.0)
 
 
 @kernel
-def brake_soon(
-    begin: Floats, most: Floats3, caps: Floats2, limits: Floats2,
-    left: float, stop: float, v0: float, v1: float, row: Floats,
-) -> bool:  # fmt: skip
-    """Fill in a stretch from `left` that brakes from v0 to v1 in as little way as is found; whether there is one.
+def brake_soon(path: Path, left: float, stop: float, v0: float, v1: float) -> Stretch:
+    """A stretch from `left` that brakes from v0 > 0 to v1 in as little way as is found; peak 0 if there is none.
 
     It ends at `stop` at the latest.
     """
-    a, j, s = straight(most[piece_at(begin, left, True)], limits)
-    L1, L2, L3 = boxcars(v0 - v1, a, j, s)
-    way = 0.5 * (v0 + v1) * (L1 + L2 + L3) * (1.0 + 1e-8)
+    bounds = straight(path.most[piece_at(path.begin, left, True)], path.limits)
+    ramp = boxcars(v0 - v1, bounds.acceleration, bounds.jerk, bounds.snap)
+    way = 0.5 * (v0 + v1) * duration(ramp) * (1.0 + 1e-8)
     low = 0.0
     high = 0.0
+    stretch = Stretch(left, stop, v0, v1)
     for _ in range(60):
         high = min(way, stop - left)
-        if brake(begin, most, caps, limits, left, left + high, v0, v1, row):
+        stretch = brake(path, left, left + high, v0, v1)
+        if stretch.peak > 0.0 or way >= stop - left:
             break
-        if way >= stop - left:
-            return False
         low = high
         way = 1.3 * way
+    if stretch.peak == 0.0:
+        return stretch
     while high - low > 1e-3 * high and low > 0.0:
         middle = 0.5 * (low + high)
-        if brake(begin, most, caps, limits, left, left + middle, v0, v1, row):
+        if brake(path, left, left + middle, v0, v1).peak > 0.0:
             high = middle
         else:
             low = middle
-    return brake(begin, most, caps, limits, left, left + high, v0, v1, row)
+    return brake(path, left, left + high, v0, v1)

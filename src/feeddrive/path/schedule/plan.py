@@ -10,10 +10,9 @@ caps.  Each stretch has one, as its nodes were reached by ramps that hold, so th
 from __future__ import annotations
 
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.plain import zeros
-from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
-from feeddrive.path.schedule.hump import COLUMNS, brake, fastest_cap, hump, hump_time, least_cap, piece_at, too_fast
-from feeddrive.path.schedule.ramp import fit, jerk_before, phase
+from feeddrive.language.kernels.source import Floats, Floats2, Ints, Records
+from feeddrive.path.schedule.hump import Stretch, brake, fastest_cap, hump, hump_time, least_cap, piece_at, too_fast
+from feeddrive.path.schedule.ramp import Cap, Path, duration, fit, jerk_before, phase
 
 _TRIES = 8  # slow pieces of a stretch, of which one is held
 _HIGHEST, _LEAST = 16.0, 4.0  # times a speed that is held: up to which ramps on either side are compared
@@ -21,10 +20,7 @@ MARGIN = 4e-15  # of the way that is planned at once: so long before a joint a r
 
 
 @kernel
-def _gain(
-    begin: Floats, most: Floats3, caps: Floats2, limits: Floats2, near: float, far: float, sense: int, end: float,
-    c: float,
-) -> float:  # fmt: skip
+def _gain(path: Path, near: float, far: float, sense: int, end: float, c: float) -> float:
     """What is won by a ramp that begins at `far` with the speed c, not before, at `near`; s.  It may go up to `end`.
 
     For the highest speed of some to which both have one.
@@ -32,131 +28,108 @@ def _gain(
     factor = _HIGHEST
     while factor > _LEAST:
         high = factor * c
-        one = piece_at(begin, near, sense > 0)
-        good, a, b, d, _ = fit(begin, most, caps, limits, near, one, sense, end, c, high, False, 1.0)
+        one = piece_at(path.begin, near, sense > 0)
+        good, soon, _ = fit(path, near, one, sense, end, c, high, False, 1.0)
         if good:
-            two = piece_at(begin, far, sense > 0)
-            good, e, f, g, _ = fit(begin, most, caps, limits, far, two, sense, end, c, high, False, 1.0)
+            two = piece_at(path.begin, far, sense > 0)
+            good, later, _ = fit(path, far, two, sense, end, c, high, False, 1.0)
             if good:
                 late = abs(far - near) * (1.0 / c - 1.0 / high)
-                return (1.0 - 0.5 * (c + high) / high) * (a + b + d - e - f - g) - late
+                less = duration(soon) - later.L1 - later.L2 - later.L3
+                return (1.0 - 0.5 * (c + high) / high) * less - late
         factor = 0.5 * (1.0 + factor)
     return 0.0
 
 
 @kernel
 def _leaves(
-    begin: Floats, caps: Floats2, now: Floats, first: int, low: int, high: int, last: int,
+    path: Path, now: Stretch, first: int, low: int, high: int, last: int,
     reached: float, ends: float, goes: float, behind: float, c: float,
 ) -> bool:  # fmt: skip
     """Whether ramps to c that end at `reached` and begin at `behind` leave a plateau, held from `ends` to `goes`."""
-    if ends > goes or ends >= now[1] or goes <= now[0]:
+    if ends > goes or ends >= now.end or goes <= now.begin:
         return False
     # the ramp to the other node alone, as it is
-    if (ends <= now[0] and goes == behind) or (goes >= now[1] and ends == reached):
+    if (ends <= now.begin and goes == behind) or (goes >= now.end and ends == reached):
         return False
-    return (
-        least_cap(caps, begin, first, low, reached, ends) >= c and least_cap(caps, begin, high, last, goes, behind) >= c
-    )
+    return least_cap(path, first, low, reached, ends) >= c and least_cap(path, high, last, goes, behind) >= c
 
 
 @kernel
-def _split(
-    begin: Floats, most: Floats3, caps: Floats2, limits: Floats2, now: Floats, p: int, c: float,
-    left: Floats, right: Floats,
-) -> bool:  # fmt: skip
-    """Hold piece p at c from where the ramps from both nodes end: fill in what is left of it and right of it.
+def _split(path: Path, now: Stretch, p: int, c: float) -> tuple[bool, Stretch, Stretch]:
+    """Hold piece p at c from where the ramps from both nodes end: the stretches left of it and right of it.
 
     Either it alone is held, or neighbors, too, which ramps may not cross at that speed: what is quicker.  Each of both
     sides has a hump that holds, or no way at all.  Ramps end `MARGIN` before the plateau, and begin so far behind it.
     False if there is no such plateau.
     """
-    if c < now[2] or c < now[3]:
-        return False
-    first = piece_at(begin, now[0], True)
-    last = piece_at(begin, now[1], False)
+    if c < now.v0 or c < now.v1:
+        return False, now, now
+    begin = path.begin
+    first = piece_at(begin, now.begin, True)
+    last = piece_at(begin, now.end, False)
     margin = MARGIN * (begin[len(begin) - 1] - begin[0])
     low = p
-    while low > first and caps[low - 1, 1] <= c and caps[low - 1, 0] >= c:
+    while low > first and path.caps[low - 1].ramp <= c and path.caps[low - 1].plateau >= c:
         low = low - 1
     high = p
-    while high < last and caps[high + 1, 1] <= c and caps[high + 1, 0] >= c:
+    while high < last and path.caps[high + 1].ramp <= c and path.caps[high + 1].plateau >= c:
         high = high + 1
-    farthest = min(now[1], begin[high + 1] + margin)
-    good, a, b, d, _ = fit(begin, most, caps, limits, now[0], first, 1, farthest, now[2], c, False, 1.0)
+    farthest = min(now.end, begin[high + 1] + margin)
+    good, up, _ = fit(path, now.begin, first, 1, farthest, now.v0, c, False, 1.0)
     if not good:
-        return False
-    reached = now[0] + 0.5 * (now[2] + c) * (a + b + d)
+        return False, now, now
+    reached = now.begin + 0.5 * (now.v0 + c) * duration(up)
     farthest = max(reached, begin[low] - margin)
-    good, e, f, g, _ = fit(begin, most, caps, limits, now[1], last, -1, farthest, now[3], c, False, 1.0)
+    good, down, _ = fit(path, now.end, last, -1, farthest, now.v1, c, False, 1.0)
     if not good:
-        return False
-    behind = now[1] - 0.5 * (now[3] + c) * (e + f + g)
+        return False, now, now
+    behind = now.end - 0.5 * (now.v1 + c) * duration(down)
     ends = max(begin[p] - margin, reached)
     goes = min(begin[p + 1] + margin, behind)
     wide_ends = max(begin[low] - margin, reached)
     wide_goes = min(begin[high + 1] + margin, behind)
-    narrow = _leaves(begin, caps, now, first, p, p, last, reached, ends, goes, behind, c)
+    narrow = _leaves(path, now, first, p, p, last, reached, ends, goes, behind, c)
     wide = (low < p or high > p) and _leaves(
-        begin, caps, now, first, low, high, last, reached, wide_ends, wide_goes, behind, c
+        path, now, first, low, high, last, reached, wide_ends, wide_goes, behind, c
     )
     if narrow and wide:
         gain = 0.0
         if wide_ends < ends:
-            gain = _gain(begin, most, caps, limits, ends, wide_ends, -1, now[0], c)
+            gain = _gain(path, ends, wide_ends, -1, now.begin, c)
         if wide_goes > goes:
-            gain = gain + _gain(begin, most, caps, limits, goes, wide_goes, 1, now[1], c)
+            gain = gain + _gain(path, goes, wide_goes, 1, now.end, c)
         narrow = gain <= 0.0
     if not narrow and not wide:
-        return False
+        return False, now, now
     if not narrow:
         ends = wide_ends
         goes = wide_goes
-    for k in range(COLUMNS):
-        left[k] = 0.0
-        right[k] = 0.0
-    left[0] = now[0]
-    left[1] = ends
-    left[2] = now[2]
-    left[3] = c
-    left[4] = c
-    left[5] = a
-    left[6] = b
-    left[7] = d
-    right[0] = goes
-    right[1] = now[1]
-    right[2] = c
-    right[3] = now[3]
-    right[4] = c
-    right[8] = e
-    right[9] = f
-    right[10] = g
-    return True
+    left = Stretch(now.begin, ends, now.v0, c, peak=c, up=up)
+    return True, left, Stretch(goes, now.end, c, now.v1, peak=c, down=down)
 
 
 @kernel
 def _beginning(
-    begin: Floats, most: Floats3, caps: Floats2, limits: Floats2, quick: Floats2, u0: float, u1: float, v0: float,
-    slow: Ints, stack: Floats2,
-) -> int:  # fmt: skip
+    path: Path, quick: Records[Cap], u0: float, u1: float, v0: float, slow: Ints, stack: Records[Stretch]
+) -> int:
     """A plan to a stop at u1 that holds, its last stretch first: how many stretches; 0: there is none.
 
     From rest a hump.  A motion that comes faster than a piece ahead allows is braked before pieces that are slower than
     all before them: `slow` holds them.  Of these as few as possible.
     """
-    row = stack[0]
-    for k in range(COLUMNS):
-        row[k] = 0.0
-    row[0] = u0
-    row[1] = u1
     if v0 == 0.0:
-        return 1 if hump(begin, most, caps, limits, row, fastest_cap(begin, caps, row), False) else 0
+        whole = Stretch(u0, u1, 0.0, 0.0)
+        stack[0] = hump(path, whole, fastest_cap(path, whole), False)
+        return 1 if stack[0].peak > 0.0 else 0
+    begin = path.begin
+    quickly = path._replace(caps=quick)
     margin = MARGIN * (begin[len(begin) - 1] - begin[0])
     many = 0
     least = v0
     for p in range(piece_at(begin, u0, True) + 1, piece_at(begin, u1, False) + 1):
-        if caps[p, 0] < least:
-            least = caps[p, 0]
+        if path.caps[p].plateau < least:
+            least = path.caps[p].plateau
             slow[many] = p
             many = many + 1
     right = u1
@@ -171,9 +144,9 @@ def _beginning(
             left = u0 if k < 0 else begin[slow[k]] - margin
             good = False
             if k < 0:
-                good = brake(begin, most, quick, limits, u0, right, v0, v1, stack[count])
+                good = brake(quickly, u0, right, v0, v1).peak > 0.0
             elif left < right:
-                good = brake(begin, most, caps, limits, left, right, caps[slow[k], 0], v1, stack[count])
+                good = brake(path, left, right, path.caps[slow[k]].plateau, v1).peak > 0.0
             if good:
                 found = k
                 misses = 0
@@ -185,96 +158,83 @@ def _beginning(
             return 0
         count = count + 1
         if found < 0:
-            brake(begin, most, quick, limits, u0, right, v0, v1, stack[count - 1])
+            stack[count - 1] = brake(quickly, u0, right, v0, v1)
             return count
         left = begin[slow[found]] - margin
-        brake(begin, most, caps, limits, left, right, caps[slow[found], 0], v1, stack[count - 1])
+        stack[count - 1] = brake(path, left, right, path.caps[slow[found]].plateau, v1)
         right = left
-        v1 = caps[slow[found], 0]
+        v1 = path.caps[slow[found]].plateau
         many = found
 
 
 @kernel
-def _whole(begin: Floats, most: Floats3, caps: Floats2, limits: Floats2, left: Floats, right: Floats) -> float:
-    """The time of both humps and of the plateau between them, s."""
-    time = (right[0] - left[1]) / left[3]
-    if left[1] > left[0]:
-        hump(begin, most, caps, limits, left, fastest_cap(begin, caps, left), False)
+def _whole(path: Path, left: Stretch, right: Stretch) -> tuple[float, Stretch, Stretch]:
+    """The time of both humps and of the plateau between them, s, and both stretches with their humps."""
+    time = (right.begin - left.end) / left.v1
+    if left.end > left.begin:
+        left = hump(path, left, fastest_cap(path, left), False)
         time = time + hump_time(left)
-    if right[1] > right[0]:
-        hump(begin, most, caps, limits, right, fastest_cap(begin, caps, right), False)
+    if right.end > right.begin:
+        right = hump(path, right, fastest_cap(path, right), False)
         time = time + hump_time(right)
-    return time
+    return time, left, right
 
 
 @kernel
 def plan(
-    begin: Floats, most: Floats3, caps: Floats2, limits: Floats2, quick: Floats2, u0: float, u1: float, v0: float,
-    slow: Ints, stack: Floats2, out: Floats2,
+    path: Path, quick: Records[Cap], u0: float, u1: float, v0: float,
+    slow: Ints, stack: Records[Stretch], out: Records[Stretch],
 ) -> int:  # fmt: skip
     """Plan from u0 at speed v0 to a stop at u1: rows of `out` filled, or 0 if v0 is too fast to stop in time."""
-    free = zeros(COLUMNS)
-    left = zeros(COLUMNS)
-    right = zeros(COLUMNS)
-    height = _beginning(begin, most, caps, limits, quick, u0, u1, v0, slow, stack)
+    height = _beginning(path, quick, u0, u1, v0, slow, stack)
     count = 0
     while height > 0:
         height = height - 1
         now = stack[height]
-        if now[11] == 0.0:
-            for k in range(COLUMNS):
-                free[k] = now[k]
-            p = -1
-            if hump(begin, most, caps, limits, free, fastest_cap(begin, caps, free), True):
-                p = too_fast(begin, caps, free, 0.0)
+        if not now.held:
+            free = hump(path, now, fastest_cap(path, now), True)
+            p = too_fast(path, free, 0.0) if free.peak > 0.0 else -1
             split = False
+            left = now
+            right = now
             # a stretch is split while there is room for the rows of all that are waiting; its own hump holds anyway
             if p < 0:
-                for k in range(4, COLUMNS):
-                    now[k] = free[k]
+                now = free
             elif height + 3 <= len(stack) and count + height + 3 <= len(out):
                 # the slowest that is not slower than both nodes; else the next; else more slowly
-                p = too_fast(begin, caps, free, max(now[2], now[3]) * (1.0 - 1e-9))
+                p = too_fast(path, free, max(now.v0, now.v1) * (1.0 - 1e-9))
                 slowest = p
                 for _ in range(_TRIES):
                     if p < 0 or split:
                         break
-                    split = _split(begin, most, caps, limits, now, p, caps[p, 0], left, right)
-                    p = too_fast(begin, caps, free, caps[p, 0])
+                    split, left, right = _split(path, now, p, path.caps[p].plateau)
+                    p = too_fast(path, free, path.caps[p].plateau)
                 if not split:
-                    hump(begin, most, caps, limits, now, fastest_cap(begin, caps, now), False)
+                    now = hump(path, now, fastest_cap(path, now), False)
                     c = 1.0
                     for _ in range(2):
                         if slowest < 0 or split:
                             break
                         c = 0.5 * c
-                        split = _split(
-                            begin, most, caps, limits, now, slowest, c * caps[slowest, 0], left, right
-                        ) and _whole(begin, most, caps, limits, left, right) < hump_time(now)
+                        split, left, right = _split(path, now, slowest, c * path.caps[slowest].plateau)
+                        if split:
+                            time, left, right = _whole(path, left, right)
+                            split = time < hump_time(now)
             if split:
-                if right[1] > right[0]:
-                    for k in range(COLUMNS):
-                        stack[height, k] = right[k]
+                if right.end > right.begin:
+                    stack[height] = right
                     height = height + 1
-                if right[0] > left[1]:
-                    for k in range(COLUMNS):
-                        stack[height, k] = 0.0
-                    stack[height, 0] = left[1]
-                    stack[height, 1] = right[0]
-                    stack[height, 2] = left[3]
-                    stack[height, 3] = left[3]
-                    stack[height, 4] = left[3]
-                    stack[height, 11] = 1.0
+                if right.begin > left.end:
+                    c = left.v1
+                    stack[height] = Stretch(left.end, right.begin, c, c, peak=c, held=True)
                     height = height + 1
-                if left[1] > left[0]:
-                    for k in range(COLUMNS):
-                        stack[height, k] = left[k]
+                if left.end > left.begin:
+                    stack[height] = left
                     height = height + 1
                 continue
             if height + 3 > len(stack) or count + height + 3 > len(out):
-                hump(begin, most, caps, limits, now, fastest_cap(begin, caps, now), False)
-        for k in range(COLUMNS):
-            out[count, k] = now[k]
+                now = hump(path, now, fastest_cap(path, now), False)
+        out[count] = now
         count = count + 1
     return count
 

@@ -11,9 +11,10 @@ Source: Lambrechts, Boerlage & Steinbuch 2005, whose fourth-order profile is two
 from __future__ import annotations
 
 from math import sqrt
+from typing import NamedTuple
 
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.source import Floats, Floats2, Floats3
+from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Records
 from feeddrive.path.motion import cubic, way, when
 from feeddrive.path.schedule.room import cube_root
 
@@ -22,20 +23,67 @@ _NEAR = 0.003  # logarithm of the time that a ramp may be too slow
 _ABOVE = 1.0 + 2e-9  # of speed, acceleration and jerk: what Newton's method leaves
 
 
+class Ramp(NamedTuple):
+    """The widths of a ramp's boxcars, s; zeros for no ramp."""
+
+    L1: float
+    L2: float
+    L3: float
+
+
+NO_RAMP = Ramp(0.0, 0.0, 0.0)
+
+
+class Cap(NamedTuple):
+    """The speed limits of a piece, m/s: of a plateau on it, and of a ramp that crosses it."""
+
+    plateau: float
+    ramp: float
+
+
+class Bounds(NamedTuple):
+    """The largest acceleration .. snap of u, m/s² .. m/s⁴."""
+
+    acceleration: float
+    jerk: float
+    snap: float
+
+
+class Path(NamedTuple):
+    """The pieces of a path and what they allow.
+
+    begin   u at which each of n pieces begins, and the end of the last, m, shape (n + 1,)
+    most    largest first .. fourth derivative of each axis by u, shape (n, N, 4)
+    caps    speed limits of each piece, shape (n, 2)
+    limits  of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
+    """
+
+    begin: Floats
+    most: Floats3
+    caps: Records[Cap]
+    limits: Floats2
+
+
 @kernel
-def boxcars(step: float, acceleration: float, jerk: float, snap: float) -> tuple[float, float, float]:
-    """Widths L1, L2, L3 (s) of the shortest ramp over a step of speed; zeros for no step.
+def duration(ramp: Ramp) -> float:
+    """The duration of a ramp, s."""
+    return ramp.L1 + ramp.L2 + ramp.L3
+
+
+@kernel
+def boxcars(step: float, acceleration: float, jerk: float, snap: float) -> Ramp:
+    """The shortest ramp over a step of speed, m/s.
 
     L1 = min(J/S, √(A/S), ∛(dv/2S)),  L2 = min(A/(S L1), L with S L1 L (L1 + L) = dv),  L3 = dv/(S L1 L2)
     """
     rise = abs(step)
     if rise == 0.0:
-        return 0.0, 0.0, 0.0
+        return NO_RAMP
     first = min(jerk / snap, sqrt(acceleration / snap), cube_root(rise / (2.0 * snap)))
     reached = snap * first
     whole = 0.5 * (sqrt(first * first + 4.0 * rise / reached) - first)
     second = max(first, min(acceleration / reached, whole))
-    return first, second, rise / (reached * second)
+    return Ramp(first, second, rise / (reached * second))
 
 
 @kernel
@@ -60,14 +108,14 @@ def jerk_before(number: int, jerk: float) -> float:
 
 
 @kernel
-def speed_at(far: float, low: float, rise: float, L1: float, L2: float, L3: float) -> float:
+def speed_at(far: float, low: float, rise: float, ramp: Ramp) -> float:
     """The speed of a ramp upwards when it has gone this way, m/s."""
     if far <= 0.0:
         return low
-    total = L1 + L2 + L3
-    whole = (low + 0.5 * rise) * total
+    whole = (low + 0.5 * rise) * duration(ramp)
     if far >= whole:
         return low + rise
+    L1, L2, L3 = ramp
     jerk = rise / (L2 * L3)
     v = low
     a = 0.0
@@ -88,9 +136,7 @@ def speed_at(far: float, low: float, rise: float, L1: float, L2: float, L3: floa
 
 
 @kernel
-def _lacks(
-    most: Floats2, cap: float, crossing: float, limits: Floats2, v: float, a: float, j: float, s: float, free: bool
-) -> float:
+def _lacks(most: Floats2, cap: Cap, limits: Floats2, v: float, a: float, j: float, s: float, free: bool) -> float:
     """How much slower a ramp must be to keep the limits on a piece: of the logarithm of its time; negative: quicker.
 
     v .. s are the largest speed .. snap of u there.  Newton's step of use = limit, where u'', u''', u'''' fall with the
@@ -98,9 +144,9 @@ def _lacks(
     """
     least = -0.3
     if free:
-        v = min(v, crossing)
-    elif v > cap * (1.0 + 1e-12):
-        least = 0.02 + 2.0 * (v - cap) / v
+        v = min(v, cap.ramp)
+    elif v > cap.plateau * (1.0 + 1e-12):
+        least = 0.02 + 2.0 * (v - cap.plateau) / v
     v2 = v * v
     v3 = v2 * v
     va = 3.0 * v * a
@@ -150,14 +196,13 @@ def _until(far: float, v: float, a: float, j: float, s: float, t0: float, t1: fl
 
 @kernel
 def lacking(
-    begin: Floats, most: Floats3, caps: Floats2, limits: Floats2,
-    u: float, first: int, sense: int, low: float, rise: float, L1: float, L2: float, L3: float, free: bool,
-    enough: float,
-) -> float:  # fmt: skip
+    path: Path, u: float, first: int, sense: int, low: float, rise: float, ramp: Ramp, free: bool, enough: float
+) -> float:
     """How much slower a ramp must be to hold on every piece that it crosses, as of `_lacks`; up to 0: it holds.
 
     Above `enough` it is not known how much more.
     """
+    L1, L2, L3 = ramp
     jerk = rise / (L2 * L3)
     whole = (low + 0.5 * rise) * (L1 + L2 + L3)
     p = first
@@ -171,7 +216,7 @@ def lacking(
     step = way(v, a, j, s, lasts)
     t = 0.0  # in the phase, where the piece begins
     while True:
-        far = (begin[p + 1] - u) if sense > 0 else (u - begin[p])
+        far = (path.begin[p + 1] - u) if sense > 0 else (u - path.begin[p])
         # acceleration and jerk of u where the piece begins, then the largest until it ends
         a_most = a + t * (j + 0.5 * t * s)
         j_most = abs(j + t * s)
@@ -199,14 +244,14 @@ def lacking(
             v_most = min(v_most, cubic(v, a, j, s, t) * _ABOVE)
         a_most = max(a_most, a + t * (j + 0.5 * t * s)) * _ABOVE
         j_most = max(j_most, abs(j + t * s)) * _ABOVE
-        least = max(least, _lacks(most[p], caps[p, 0], caps[p, 1], limits, v_most, a_most, j_most, s_most, free))
+        least = max(least, _lacks(path.most[p], path.caps[p], path.limits, v_most, a_most, j_most, s_most, free))
         p = p + sense
-        if over or p < 0 or p >= len(most) or least > enough:
+        if over or p < 0 or p >= len(path.most) or least > enough:
             return least
 
 
 @kernel
-def straight(most: Floats2, limits: Floats2) -> tuple[float, float, float]:
+def straight(most: Floats2, limits: Floats2) -> Bounds:
     """What a piece would leave for acceleration, jerk and snap of u if it were straight."""
     a = 1e300
     j = 1e300
@@ -217,14 +262,13 @@ def straight(most: Floats2, limits: Floats2) -> tuple[float, float, float]:
             a = min(a, limits[i, 1] / m1)
             j = min(j, limits[i, 2] / m1)
             s = min(s, limits[i, 3] / m1)
-    return a, j, s
+    return Bounds(a, j, s)
 
 
 @kernel
 def fit(
-    begin: Floats, most: Floats3, caps: Floats2, limits: Floats2, u: float, first: int, sense: int, end: float,
-    low: float, high: float, free: bool, guess: float,
-) -> tuple[bool, float, float, float, float]:  # fmt: skip
+    path: Path, u: float, first: int, sense: int, end: float, low: float, high: float, free: bool, guess: float
+) -> tuple[bool, Ramp, float]:
     """The quickest ramp found from `low` at u to `high`, within what every piece that it crosses leaves.
 
     `sense` is 1 towards greater u and -1 towards smaller u, along which the speed rises; `first` is the piece it starts
@@ -236,22 +280,20 @@ def fit(
     """
     rise = high - low
     if rise <= 1e-14 * high:
-        return True, 0.0, 0.0, 0.0, guess
-    a, j, s = straight(most[first], limits)
+        return True, NO_RAMP, guess
+    a, j, s = straight(path.most[first], path.limits)
     L1, L2, L3 = boxcars(rise, a, j, s)
     slowest = (end - u) * sense / ((low + 0.5 * rise) * (L1 + L2 + L3))
     if slowest < 0.5:
-        return False, 0.0, 0.0, 0.0, guess
+        return False, NO_RAMP, guess
     shape = 1.0 + 4e-9  # of straight pieces, where it holds exactly
     least = 0.5 * min(1.0, slowest)
     scale = min(max(guess, least), slowest)
     slow = 0.0  # the quickest that holds
     quick = 0.0  # the slowest that does not
     for _ in range(_WALKS):
-        lack = lacking(
-            begin, most, caps, limits, u, first, sense, low, rise, scale * L1, scale * L2, scale * L3, free,
-            0.0 if scale >= slowest else 0.5,
-        )  # fmt: skip
+        ramp = Ramp(scale * L1, scale * L2, scale * L3)
+        lack = lacking(path, u, first, sense, low, rise, ramp, free, 0.0 if scale >= slowest else 0.5)
         lack = min(lack, 0.5)
         wanted = scale * (1.003 + lack * (1.0 + 0.5 * lack))
         if lack <= 0.0:
@@ -261,7 +303,7 @@ def fit(
         else:
             quick = scale
             if scale >= slowest or scale > 1e6:
-                return False, 0.0, 0.0, 0.0, wanted
+                return False, NO_RAMP, wanted
         if quick < shape and shape < slowest and (slow == 0.0 or shape < slow) and abs(wanted - shape) < 0.012:
             wanted = shape
         if slow > 0.0:
@@ -271,5 +313,5 @@ def fit(
                 wanted = sqrt(slow * max(quick, least))
         scale = min(max(wanted, least), slowest)
     if slow == 0.0:
-        return False, 0.0, 0.0, 0.0, scale
-    return True, slow * L1, slow * L2, slow * L3, slow
+        return False, NO_RAMP, scale
+    return True, Ramp(slow * L1, slow * L2, slow * L3), slow

@@ -16,11 +16,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from feeddrive.language.kernels.plain import columns, rows_for
 from feeddrive.path.motion import Motion, Part, Pause
 from feeddrive.path.override import Override
 from feeddrive.path.pieces import Pieces, Section, one_after_the_other, part_of_pieces
-from feeddrive.path.schedule.hump import COLUMNS, brake_soon
+from feeddrive.path.schedule.hump import Stretch, brake_soon
 from feeddrive.path.schedule.plan import MARGIN, plan, timed
+from feeddrive.path.schedule.ramp import Path
 from feeddrive.path.schedule.room import pieces_room
 
 # shares of what curvature allows, of a piece that is held at its cap and of one that ramps cross: for contours, and for
@@ -158,10 +160,12 @@ class Schedule:
         assert self._pieces is not None
         begin = np.concatenate([[0.0], np.cumsum(self._pieces.length[:last])])
         speed = min(self._speed, float(rooms[0].caps[0, 0])) if rooms else 0.0
-        room, row, stop = self._rooms[0], np.zeros(COLUMNS), begin[-1] * (1.0 - MARGIN)
-        given = begin, room.most[:last], room.caps[:last], self._limits, self._u, stop, self._speed
+        room, stop = self._rooms[0], begin[-1] * (1.0 - MARGIN)
+        path = Path(begin, room.most[:last], room.caps[:last], self._limits)
         for _ in range(_CAPS):
-            if not brake_soon(*given, speed, row) or not _takes_time(row, begin):
+            braking = brake_soon(path, self._u, stop, self._speed, speed)
+            row = np.array(columns(braking))
+            if braking.peak == 0.0 or not _takes_time(row, begin):
                 return None
             if rooms is None:
                 return _Plan(begin, row[None, :], False)
@@ -198,11 +202,9 @@ class Schedule:
         size = 4 * last + 16
         found: list[np.ndarray] = []
         for room in rooms:
-            rows = np.zeros((size, COLUMNS))
-            given = room.most[:last], room.caps[:last]
-            slow, stack = np.zeros(last, np.int64), np.zeros((size, COLUMNS))
-            quick = rooms[0].caps[:last]
-            count = plan(begin, *given, self._limits, quick, u, stop, speed, slow, stack, rows)
+            path = Path(begin, room.most[:last], room.caps[:last], self._limits)
+            slow, stack, rows = np.zeros(last, np.int64), rows_for(Stretch, size), rows_for(Stretch, size)
+            count = plan(path, rooms[0].caps[:last], u, stop, speed, slow, stack, rows)
             if count:
                 found.append(rows[:count][_takes_time(rows[:count], begin)])
         return _Plan(begin, min(found, key=_time), ends) if found else None
