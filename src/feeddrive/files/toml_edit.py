@@ -113,6 +113,7 @@ class TomlEdit:
         after = self.text.find("\n", end)
         after = len(self.text) if after < 0 else after
         rest = self.text[end:after]
+        words = plain(words)
         head = words.split(" ", 1)[0]
         rest = re.sub(rf"(; |(?<=# )){re.escape(head)} [^;]*$", "", rest).rstrip()
         joined = f"{rest}; {words}" if rest.strip(" #") else f"{rest.replace('#', '').rstrip()}  # {words}"

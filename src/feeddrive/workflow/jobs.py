@@ -119,7 +119,6 @@ class JobResult(Result):
             job=job.file.text,
             versions=self.versions,
             notes=self.remarks,
-            quoted=(job.rule, *job.machine.quoted),
             extras=[] if self.parts or (others := self.others()) is None else [ShownTable(others)],
             planned=None if job.program is None else job.program.planned,
             cuts=cut_table(job, self.rows[0], self.chatter),
