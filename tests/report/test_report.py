@@ -197,17 +197,17 @@ def check_page(text: str) -> None:
 
 def check_pictures(text: str) -> None:
     """Each is XML by itself, says what it shows, and takes all its colors from the page."""
-    for picture in pictures(text):
-        root = ET.fromstring(picture)
+    for drawing in pictures(text):
+        root = ET.fromstring(drawing)
         assert root.attrib["role"] == "img"
         assert len(root.attrib["aria-label"]) > 20
         assert (
             re.findall(
-                r"#[0-9a-f]{6}\b|#[0-9a-f]{3}\b|\bblack\b|\bwhite\b", re.sub(r"(href=\"|url\()#\w+", "", picture)
+                r"#[0-9a-f]{6}\b|#[0-9a-f]{3}\b|\bblack\b|\bwhite\b", re.sub(r"(href=\"|url\()#\w+", "", drawing)
             )
             == []
         )
-        assert "var(--ink)" in picture
+        assert "var(--ink)" in drawing
 
 
 def test_the_report_of_a_comparison() -> None:

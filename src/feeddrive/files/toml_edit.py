@@ -16,6 +16,7 @@ import re
 from feeddrive.files.toml_file import Key, is_rotary, lines_of_keys, parse_toml, spans_of_values
 from feeddrive.language import units
 from feeddrive.language.errors import FileError, ParameterError
+from feeddrive.language.text import plain
 
 _HEADER_COMMENT = re.compile(r"^[ \t]*\[[^\]#\"']*\]+([ \t]*#[^\n]*)")
 _HEADER = re.compile(r"^[ \t]*\[", re.MULTILINE)

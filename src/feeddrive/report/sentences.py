@@ -28,7 +28,7 @@ def _prediction(replay: Replay) -> list[str]:
     off, error = replay.rms("position_load"), _rms(replay.measured["following_error"][replay.skipped :])
     peak = float(np.max(np.abs(replay.residual("position_load"))))
     share = off / error if error else 0.0
-    sentences = [
+    sentences: list[str] = [
         Text(
             f"The model predicts the measured position to {Quantity(off, 'm'):3} RMS ({Quantity(peak, 'm'):3} at "
             f"most), while the axis itself follows its setpoint with {Quantity(error, 'm'):3} RMS: the residual is "
@@ -47,7 +47,7 @@ def _alone(entry: Entry) -> list[str]:
     force = f"the largest force is {Quantity(peak, 'N'):3}"
     if limit is not None:
         force += f", {Quantity(peak / limit[1], 'share'):3} of the {limit[0]}"
-    sentences = [Text(f"{_quoted(entry)} follows its setpoint with {_errors(entry)}; {force}.")]
+    sentences: list[str] = [Text(f"{_quoted(entry)} follows its setpoint with {_errors(entry)}; {force}.")]
     if entry.margins is not None:
         ringing = number(entry.margins.sensitivity_peak, 3)
         sentences.append(Text(f"Its sensitivity peak is Ms = {ringing}, {_judged(entry)}."))

@@ -110,7 +110,12 @@ def adjust(request: AdjustRequest, progress: Progress) -> Outcome[MachineFile]:
 
 def _changed(name: str, before: float | None, now: float, unit: str) -> Sequence[Cell]:
     """Return the row of a number, in the SI unit in which the option has it."""
-    return name, "none" if before is None else Quantity(before, unit, form="6 SI"), Quantity(now, unit, form="6 SI"), UNIT
+    return (
+        name,
+        "none" if before is None else Quantity(before, unit, form="6 SI"),
+        Quantity(now, unit, form="6 SI"),
+        UNIT,
+    )
 
 
 def _bounds(given: str) -> dict[str, float]:

@@ -24,12 +24,12 @@ from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.errors import FeeddriveError, FileError, ParameterError, sentence
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Table
+from feeddrive.language.table import UNIT, Column, Table
 from feeddrive.language.text import Text, capitalized
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
-from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
+from feeddrive.report.page import Shown, definitions, header, page, page_units, picture, tabled
 from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, called, option, stem

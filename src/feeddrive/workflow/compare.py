@@ -16,7 +16,9 @@ from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
-from feeddrive.language.table import Table
+from feeddrive.language.quantity import number
+from feeddrive.language.table import Column, Table
+from feeddrive.language.text import Text, marked
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.runner import cores
@@ -178,4 +180,4 @@ def advice(found: Comparison) -> Advice:
 
 def _times(ratio: float) -> str:
     """Two digits, or three near 1: 0.83, 1.05."""
-    return number(ratio, 3) if 0.9 < ratio < 1.1 else number(float(number(ratio, 2)), 7)
+    return number(ratio, 3) if 0.9 < ratio < 1.1 else two_digits(ratio)
