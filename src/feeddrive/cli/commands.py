@@ -279,7 +279,7 @@ def _perform(
 
 
 def _write(record: dict[str, Any]) -> None:
-    """Write a JSON object to the standard output; other characters than ASCII, and control characters, as \\u001b."""
+    """Write a JSON object to the standard output, in ASCII, so that nothing in it obeys a terminal."""
     sys.stdout.write(json.dumps(record, allow_nan=False, indent=1) + "\n")
     sys.stdout.flush()
 

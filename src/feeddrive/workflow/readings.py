@@ -296,8 +296,8 @@ def _silent_torque(file: OpenedFile, force: _Group, log: Log, found: Mapping[str
     return Text(
         f"{file}: '{force.column}' states no unit, and drives log a torque in N m or in percent of the rated one. "
         f"Likeliest: {force.column} in N m ({as_it_is}), or in percent (up to {Quantity(0.01 * most, 'share'):3} of "
-        f"the rated torque{rated}). Say which with --unit 'N m', or --torque '{force.column}*FACTOR' with the rated torque "
-        "in N m / 100 as FACTOR (feeddrive force computes it); nothing was written"
+        f"the rated torque{rated}). Say which with --unit 'N m', or --torque '{force.column}*FACTOR' with the rated "
+        "torque in N m / 100 as FACTOR (feeddrive force computes it); nothing was written"
     )
 
 
