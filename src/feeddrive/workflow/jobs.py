@@ -130,20 +130,22 @@ class JobResult(Result):
 
     def others(self) -> Table | None:
         """Errors and force of the other axes, of a job that runs several together; None for any other."""
-        rows: list[list[str]] = []
+        rows: list[list[Cell]] = []
         for row in self.rows:
             if row.together is None or row.part is not None:
                 continue
             for axis in (each for each in self.job.machines[row.name].axes() if each != row.loop.name):
                 run = row.together.axis(axis)
-                error, force = 1e6 * run["following_error"], run["force"]
+                error, force = run["following_error"], run["force"]
                 tripped = run.time[run["trip"] > 0.0]
-                cells = float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error))), float(np.max(np.abs(force)))
-                rows.append(
-                    [row.name, axis, *(f"{cell:.4g}" for cell in cells), f"{tripped[0]:.4g}" if tripped.size else "-"]
-                )
+                figures = float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error))), float(np.max(np.abs(force)))
+                rows.append([row.name, axis, *figures, float(tripped[0]) if tripped.size else None])
+        columns = [
+            Column("law"), Column("axis"), Column("RMS", "m"), Column("peak", "m"), Column("force", "N"),
+            Column("trips at", "s", "SI"),
+        ]  # fmt: skip
         title = "The other axes in the same runs: following error and force"
-        return Table(title, ["law", "axis", "RMS um", "peak um", "force N", "trips at s"], rows) if rows else None
+        return Table(title, columns, rows) if rows else None
 
 
 @picture_of.register

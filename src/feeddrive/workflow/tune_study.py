@@ -18,7 +18,7 @@ from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.run_files import summary_text
 from feeddrive.language.errors import FeeddriveError, UnstableError, sentence
 from feeddrive.language.judgment import Judgment
-from feeddrive.language.table import Column, Table
+from feeddrive.language.table import Cell, Column, Table
 from feeddrive.language.text import Text, capitalized, joined
 from feeddrive.loop.control import Control
 from feeddrive.report.page import Shown, definitions, header, page, page_units, picture, tabled
@@ -51,15 +51,16 @@ class Laws:
     def table(self) -> Table:
         """A row a law, today's control last."""
         rows = [[name, *_cells(each.after), "no" if each.unsettled else "yes"] for name, each in self.found.items()]
-        heads = ["law", "yield and its 95 % interval", "snap nm s^1/2/N, median", "95 % quantile", "settled"]
-        count = self.best.after.count
-        return Table(
-            f"{count} fresh machines under each law", heads, [*rows, ["today", *_cells(self.best.before), "-"]]
-        )
+        columns = [
+            Column("law"), Column("yield and its 95 % interval"), Column("median snap", "m √s/N"),
+            Column("95 % quantile", "m √s/N"), Column("settled"),
+        ]  # fmt: skip
+        title = f"{self.best.after.count} fresh machines under each law"
+        return Table(title, columns, [*rows, ["today", *_cells(self.best.before), None]])
 
 
-def _cells(fresh: Measured) -> list[str]:
-    return [in_percent(fresh.all), *(f"{1e9 * fresh.quantile(SNAP, share):.4g}" for share in (0.5, 0.95))]
+def _cells(fresh: Measured) -> list[Cell]:
+    return [in_percent(fresh.all), fresh.quantile(SNAP, 0.5), fresh.quantile(SNAP, 0.95)]
 
 
 def tune_laws(tuner: RobustTuner, law: str | None) -> Laws:
