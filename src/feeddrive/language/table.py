@@ -49,7 +49,7 @@ class Column:
     def named(self) -> str:
         """The head with the unit in which the numbers are read, as a marked text."""
         name = "" if self.unit is None else unit_name(self.unit, form_unit(self.form))
-        return f"{marked(self.head)} {name}".rstrip()
+        return f"{marked(self.head)} {name}".strip()
 
     def cell(self, cell: Cell, *, bare: bool = False) -> str:
         """A cell as a marked text; `bare`: its unit stands in another column."""

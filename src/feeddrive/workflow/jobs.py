@@ -84,7 +84,7 @@ class JobResult(Result):
             return laws_table(self.job.title, self.parts)
         columns = [
             Column("law"), Column("RMS", "m"), Column("peak", "m"), Column("force", "N"), Column("PM", "deg", ".1f"),
-            Column("Ms", form=".2f"), Column("least stiffness", "N/m", "3"),
+            Column("Ms", form=".2f"), Column("stiffness", "N/m", "3"),
         ]  # fmt: skip
         lines: list[list[Cell]] = []
         for row in self.rows:
