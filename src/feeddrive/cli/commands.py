@@ -22,6 +22,7 @@ from feeddrive.cli.terminal import UNBROKEN, TerminalProgress, open_console, sho
 from feeddrive.language import units
 from feeddrive.language.errors import CancelledError, FeeddriveError
 from feeddrive.language.table import visible
+from feeddrive.language.text import Text
 from feeddrive.workflow.command import COMMANDS, Command, Listed, failure, load
 from feeddrive.workflow.request import Field, fields_of
 
@@ -268,13 +269,13 @@ def _perform(
         for line in found.written():
             show(console, line, soft_wrap=True)
     if found.error is not None and as_json:
-        sys.stderr.write(visible(f"feeddrive: error: {found.error}\n"))
+        sys.stderr.write(visible(Text(f"feeddrive: error: {found.error}\n")))
         raise typer.Exit(found.error.exit_code)
     if found.error is not None:
         raise found.error
     if found.judgment.bad:
         if found.failure:
-            sys.stderr.write(visible(f"feeddrive: {found.failure}\n"))
+            sys.stderr.write(visible(Text(f"feeddrive: {found.failure}\n")))
         raise typer.Exit(found.judgment.exit_code)
 
 

@@ -84,7 +84,7 @@ class TerminalProgress(Progress):
             return
         from rich.markup import escape
 
-        text = escape(visible(f"{part}: {what}" if part else what))
+        text = escape(visible(Text(f"{part}: {what}" if part else what)))
         if self._bar is None:
             self._bar = _bar(self._console, counted=of is not None)
             self._bar.start()
@@ -99,7 +99,7 @@ class TerminalProgress(Progress):
 
     def confirm(self, question: str) -> bool:
         """Ask on the terminal; anything but yes ends the command."""
-        typer.confirm(visible(question), abort=True, err=self._console.stderr)
+        typer.confirm(visible(Text(question)), abort=True, err=self._console.stderr)
         return True
 
 

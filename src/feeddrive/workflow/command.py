@@ -63,6 +63,13 @@ class Outcome(Generic[T]):
     failure: str = ""
     error: FeeddriveError | None = None
 
+    def __post_init__(self) -> None:
+        for name in ("tables", "remarks", "notes", "details"):
+            shown = tuple(Text(each) if isinstance(each, str) else each for each in getattr(self, name))
+            object.__setattr__(self, name, shown)
+        for name in ("verdict", "failure"):
+            object.__setattr__(self, name, Text(getattr(self, name)))
+
     @property
     def turns(self) -> bool:
         """True if it is about an axis that turns."""
@@ -70,7 +77,7 @@ class Outcome(Generic[T]):
 
     def said(self, *, verbose: bool = True) -> Iterator[Table | str]:
         """The tables and texts of the result, in order; without the details unless `verbose`."""
-        yield from (each if isinstance(each, Table) else Text(each) for each in self.tables)
+        yield from self.tables
         yield from (Text(f"- {remark}") for remark in self.remarks)
         if verbose:
             yield from (each if isinstance(each, Table) else Text(f"- {each}") for each in self.details)
