@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import importlib
+import io
+import json
 import re
 import shutil
 import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -351,18 +354,29 @@ PATCH: pytest.MonkeyPatch
 
 
 @pytest.fixture
-def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    """Runs `feeddrive` in an empty folder: exit code and all that it says."""
+def streams(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """Runs `feeddrive` in an empty folder: exit code, standard output and error stream."""
     global PATCH
     PATCH = monkeypatch
     monkeypatch.chdir(tmp_path)
 
-    def asked(words: list[str]) -> tuple[int, str]:
+    def asked(words: list[str]) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["feeddrive", *words])
         with pytest.raises(SystemExit) as ended:
             cli.main()
         captured = capsys.readouterr()
-        return int(ended.value.code or 0), captured.out + captured.err
+        return int(ended.value.code or 0), captured.out, captured.err
+
+    return asked
+
+
+@pytest.fixture
+def call(streams):
+    """Runs `feeddrive` in an empty folder: exit code and all that it says."""
+
+    def asked(words: list[str]) -> tuple[int, str]:
+        code, out, errors = streams(words)
+        return code, out + errors
 
     return asked
 
@@ -394,6 +408,107 @@ def test_units_in_doubt_are_bad_in_every_command(call, command: str) -> None:
         "cogging": lambda: [each.replace("x:mm", "x:m") for each in turns(0.0, 0.3)],
     }[command]()
     check(call, Judgment.UNITS_IN_DOUBT, words)
+
+
+def refuse(constant: str) -> None:
+    raise AssertionError(f"{constant} is no JSON")
+
+
+def record(streams, words: list[str]) -> dict[str, Any]:
+    """The JSON object of a command, which must be all that stands on the standard output."""
+    code, out, _ = streams([*words, "--json"])
+    found = json.loads(out, parse_constant=refuse)
+    assert "\\ue00" not in out, "a mark is left in a text"
+    assert (found["command"], found["exit_code"]) == (words[0], code)
+    if isinstance(found.get("tables"), list):
+        for table in (*found["tables"], *found["details"]["tables"]):
+            assert all(len(row) == len(table["columns"]) for row in table["rows"])
+    return found
+
+
+def commands() -> dict[str, Callable[[], list[str]]]:
+    """A call of each command that needs neither a drive nor a browser."""
+
+    def circles() -> list[str]:
+        phase = np.linspace(0.0, 4.4 * np.pi, 6000)
+        table("circle.csv", "t_s,x,y", T * np.arange(phase.size), 20.0 * np.cos(phase), 20.0 * np.sin(phase))
+        return ["circle", "circle.csv", "--x", "x:mm", "--y", "y:mm"]
+
+    def channels() -> list[str]:
+        log()
+        return ["channels", "motion.csv"]
+
+    def of_machine(*words: str) -> list[str]:
+        machine()
+        return [words[0], "machine.toml", *words[1:]]
+
+    return {
+        "channels": channels, "circle": circles, "identify": log, "frf": lambda: shaken(1.0),
+        "friction": lambda: speeds(*ALL), "cogging": lambda: turns(0.0, 0.3), "tune": lambda: tuned("kv-rule"),
+        "run": lambda: job(5.0), "plan": part, "lobes": lambda: cut(0.3), "force": QUICK[Judgment.DONE],
+        "certify": lambda: of_machine("certify"), "check": lambda: certificate('"confidence": 0.95'),
+        "adjust": lambda: of_machine("adjust", "--set", "law.Kv=31"), "export": exported,
+        "setpath": lambda: of_machine("setpath"), "sweep": lambda: swept("500, 1000"),
+        "excite": lambda: ["excite", "ball_screw", "--band", "5..200", "--amplitude", "300"],
+        "reproduce": lambda: claimed(0.8), "compare": lambda: compared(1), "tour": lambda: ["tour"],
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("command", ["channels", "circle", "force", "adjust", "frf", "check", "reproduce"])
+def test_a_command_prints_json(streams, command: str) -> None:
+    found = record(streams, commands()[command]())
+    assert found["tables"] or found["texts"] or found["verdict"]
+    assert found["error"] is None
+
+
+@pytest.mark.slow(reason="the other commands, up to 30 s each")
+@pytest.mark.parametrize(
+    "command",
+    ["identify", "friction", "cogging", "tune", "run", "plan", "lobes", "certify", "export", "setpath", "sweep",
+     "excite", "compare", "tour"],
+)  # fmt: skip
+def test_every_command_prints_json(streams, command: str) -> None:
+    found = record(streams, commands()[command]())
+    assert found["tables"] or found["verdict"] or found["files"]
+
+
+def test_json_has_numbers_in_si_with_their_errors(streams) -> None:
+    found = record(streams, ["force", "percent", "--column", "trq", "--rated", "3.2:Nm", "--lead", "0.01"])
+    factor = 0.032 * 2.0 * np.pi / 0.01
+    assert found["tables"][0]["rows"][-1][1] == {"value": pytest.approx(factor), "unit": "N"}
+    assert found["judgment"] == "done"
+
+
+def test_a_bad_judgment_and_an_error_are_json_with_the_same_code(streams) -> None:
+    found = record(streams, QUICK[Judgment.INCOHERENT]())
+    assert (found["judgment"], found["exit_code"]) == ("incoherent", 1)
+    code, out, errors = streams(["check", "nothing.json", "--json"])
+    found = json.loads(out)
+    assert found == {
+        "command": "check", "exit_code": 2, "error": {"kind": "FileError", "message": "nothing.json: no such file"},
+    }  # fmt: skip
+    assert (code, errors) == (2, "feeddrive: error: nothing.json: no such file\n")
+    code, out, errors = streams(["check", "--nothing", "--json"])
+    assert (code, json.loads(out)["exit_code"]) == (2, 2)
+    assert "--nothing" in errors
+
+
+def test_progress_and_questions_do_not_disturb_json(streams, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A log whose columns are guessed, which is told meanwhile; and a motion that is not confirmed."""
+    log()
+    code, out, errors = streams(["identify", "motion.csv", "--unit", "mm", "--json"])
+    assert json.loads(out)["exit_code"] == code
+    assert "These roles are guessed" in errors
+    module = importlib.import_module("feeddrive.workflow.force")
+
+    def asks(request: Any, progress: Progress) -> Any:
+        progress.confirm("Is the travel clear?")
+
+    monkeypatch.setattr(module.force, "work", asks)
+    monkeypatch.setattr("sys.stdin", io.StringIO("n\n"))
+    code, out, errors = streams([*QUICK[Judgment.DONE](), "--json"])
+    assert (code, json.loads(out)["exit_code"]) == (1, 1)
+    assert "Is the travel clear?" in errors
 
 
 def test_every_judgment_is_provoked() -> None:

@@ -25,6 +25,9 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import DRAWN, Quantity, number, unit_name
+from feeddrive.language.table import Column, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.lifting import compliance, loop_gain, tracking
@@ -32,8 +35,9 @@ from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 from feeddrive.plot import style
 from feeddrive.report import Entry, LawsReport, build
-from feeddrive.report.page import THEME, render, svg, table
-from feeddrive.report.sentences import number, percent, remarks, result
+from feeddrive.report.page import THEME, Shown, page_units, picture, render, svg, table, tabled
+from feeddrive.report.page import page as page_of
+from feeddrive.report.sentences import remarks, result
 
 LOG = Path(__file__).parents[2].parent / "shared" / "data" / "emps" / "DATA_EMPS.mat"
 GTAU = 35.15065188248547  # N at the carriage per V, published
@@ -152,6 +156,11 @@ class Structure(HTMLParser):
         self.text += data
 
 
+def read(value: float, unit: str) -> str:
+    """A number as a page shows it."""
+    return DRAWN.text(Quantity(value, unit, form="3"))
+
+
 def structure(text: str) -> Structure:
     found = Structure()
     found.feed(text)
@@ -188,17 +197,17 @@ def check_page(text: str) -> None:
 
 def check_pictures(text: str) -> None:
     """Each is XML by itself, says what it shows, and takes all its colors from the page."""
-    for picture in pictures(text):
-        root = ET.fromstring(picture)
+    for drawing in pictures(text):
+        root = ET.fromstring(drawing)
         assert root.attrib["role"] == "img"
         assert len(root.attrib["aria-label"]) > 20
         assert (
             re.findall(
-                r"#[0-9a-f]{6}\b|#[0-9a-f]{3}\b|\bblack\b|\bwhite\b", re.sub(r"(href=\"|url\()#\w+", "", picture)
+                r"#[0-9a-f]{6}\b|#[0-9a-f]{3}\b|\bblack\b|\bwhite\b", re.sub(r"(href=\"|url\()#\w+", "", drawing)
             )
             == []
         )
-        assert "var(--ink)" in picture
+        assert "var(--ink)" in drawing
 
 
 def test_the_report_of_a_comparison() -> None:
@@ -226,22 +235,26 @@ def test_the_report_of_a_measured_log() -> None:
     assert again is not None
     # the published replay of this axis with this friction stands at 1.23 um (RMS after the first 49 samples)
     assert 1e6 * again.rms("position_load") == pytest.approx(1.23, abs=0.05)
-    assert f"{number(1e6 * again.rms('position_load'))} µm RMS" in found
+    assert f"{read(again.rms('position_load'), 'm')} RMS" in found
     # table and picture count the same samples
     one = replayed().entries[0]
-    assert number(1e6 * one.rms("following_error")) in found
+    assert number(1e6 * one.rms("following_error"), 3) in found
     assert f"RMS {1e6 * one.rms('following_error'):.4g} µm, peak {1e6 * one.peak('following_error'):.4g} µm" in found
 
 
 def test_the_table_holds_the_figures_of_the_run() -> None:
     text = structure(page()).text
     for one in compared().entries:
-        assert number(1e6 * one.rms("following_error")) in text
-        assert f"{number(one.rms('force'))} ({percent(one.rms('force') / 40.0)})" in text
+        assert number(1e6 * one.rms("following_error"), 3) in text
+        force = one.rms("force")
+        assert f"{number(force, 3)} ({read(force / 40.0, 'share')})" in text
         assert one.margins is not None
         assert one.stiffness is not None
-        assert f"{number(one.margins.sensitivity_peak)} ({number(one.margins.modulus_frequency)})" in text
-        assert f"{number(1e-6 * one.stiffness.minimum)} ({number(one.stiffness.minimum_frequency)})" in text
+        for value, at in (
+            (one.margins.sensitivity_peak, one.margins.modulus_frequency),
+            (1e-6 * one.stiffness.minimum, one.stiffness.minimum_frequency),
+        ):
+            assert f"{number(value, 3)} ({number(at, 3)})" in text
 
 
 def test_the_same_contents_give_the_same_text() -> None:
@@ -396,18 +409,21 @@ def test_remarks_say_what_must_not_be_overlooked() -> None:
     made = replace(loop(True), axis=soft, control=replace(loop(True).control, force_limit=60.0))
     found = "\n".join(remarks(LawsReport("x", [entry("weak", made)], rule="r", notes=["r", "n"])))
     assert "the force is at its limit for" in found
-    assert "above the motor's peak of 30.0 N" in found
+    assert "above the motor's peak of 30 N" in found
     assert "overheats the motor" in found
     assert found.endswith("\nn")
 
 
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [(None, "–"), (0.0, "0"), (1234.5, "1234"), (12.345, "12.3"), (0.012345, "0.0123"), (1e9, "1.00e+09"),
-     (float("inf"), "∞"), (-3.14159, "-3.14"), (1e-7, "1.00e-07")],
-)  # fmt: skip
-def test_numbers_have_three_digits(value, text) -> None:
-    assert number(value) == text
+def test_a_page_is_read_in_the_units_of_its_axis() -> None:
+    """Quantities of the sentences, tables and pictures are turned; texts of a person are not."""
+    figure, (ax,) = style.picture(1, height=2.0)
+    ax.set_ylabel(f"force ({unit_name('N')}) of '5 kg'")
+    shown = Shown("k", "5 kg", Text(f"at {Quantity(2e-6, 'm')}"), "a picture of a force", lambda: figure)
+    turns = page_units(rotary=True)
+    table = Table("5 mm", [Column("5 kg"), Column("RMS", "m")], [["3 N", 1e-6]])
+    text = structure(page_of("5 kg", [picture(shown, turns), tabled(table)], turns)).text
+    for expected in ("force (N m) of '5 kg'", "at 2 µrad", "RMS µrad", "5 mm", "3 N"):
+        assert expected in text
 
 
 def test_a_table_that_is_cut_off_on_a_narrow_screen_says_so() -> None:

@@ -269,7 +269,7 @@ def test_what_does_not_fit_an_axis_that_turns_is_refused(tmp_path: Path) -> None
 def test_errors_inside_a_command_are_in_the_units_of_an_axis_that_turns(tmp_path: Path) -> None:
     """A table that reaches its limit; a job at whose 5th sample it diverges; the same of an axis that does not turn."""
     with pytest.raises(FeeddriveError) as refused:
-        excite(FILE, band="10..100", amplitude=1e4)
+        excite(FILE, band="10..100", amplitude=300.0)
     assert not linear_units(str(refused.value)), refused.value
     assert "N m" in str(refused.value)
     with pytest.raises(FeeddriveError) as moving:

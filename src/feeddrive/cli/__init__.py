@@ -15,12 +15,13 @@ from typing import NoReturn
 from feeddrive.language.errors import CancelledError, FeeddriveError
 from feeddrive.language.progress import ENDINGS
 from feeddrive.language.table import visible
+from feeddrive.language.text import Text
 
 STOPPED = CancelledError.exit_code
 
 
 def _stopped(said: object = "stopped; nothing was written") -> NoReturn:
-    sys.stderr.write(visible(f"feeddrive: {said}\n"))
+    sys.stderr.write(visible(Text(f"feeddrive: {said}\n")))
     sys.exit(STOPPED)
 
 
@@ -41,7 +42,7 @@ def main() -> None:
     except CancelledError as error:
         _stopped(error)
     except FeeddriveError as error:
-        sys.stderr.write(visible(f"feeddrive: error: {error}\n"))
+        sys.stderr.write(visible(Text(f"feeddrive: error: {error}\n")))
         sys.exit(error.exit_code)
     except MemoryError:
         sys.stderr.write("feeddrive: error: more memory is needed than there is: shorten the work, or sample slower\n")

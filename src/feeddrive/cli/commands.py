@@ -6,6 +6,7 @@ A command is imported when it is called or its `--help` is shown; `feeddrive --h
 from __future__ import annotations
 
 import inspect
+import json
 import sys
 from collections.abc import Generator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -19,9 +20,10 @@ from typer.main import get_command
 
 from feeddrive.cli.terminal import UNBROKEN, TerminalProgress, open_console, show
 from feeddrive.language import units
-from feeddrive.language.errors import FeeddriveError
+from feeddrive.language.errors import CancelledError, FeeddriveError
 from feeddrive.language.table import visible
-from feeddrive.workflow.command import COMMANDS, Command, Listed, load
+from feeddrive.language.text import Text
+from feeddrive.workflow.command import COMMANDS, Command, Listed, failure, load
 from feeddrive.workflow.request import Field, fields_of
 
 # what is no piece of work with a result, but another way to look at it
@@ -34,6 +36,7 @@ SKINS = {
     ),
 }
 OFFERED = {**COMMANDS, **SKINS}
+STOPPED = CancelledError.exit_code
 
 
 def offered(name: str) -> Command[Any, Any, Any]:
@@ -54,7 +57,7 @@ class _Later(TyperCommand):
         app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=self.rich_markup_mode)
         examples = [f"feeddrive {self.name} {each}".rstrip() for each in OFFERED[str(self.name)].examples]
         said = "\n\n".join(["Example:" if len(examples) == 1 else "Examples:", *examples])
-        app.command(self.name, help=self.help, epilog=said)(_function(offered(str(self.name))))
+        app.command(self.name, help=self.help, epilog=said)(_function(str(self.name), offered(str(self.name))))
         return get_command(app)
 
     @property
@@ -104,7 +107,24 @@ class Commands(TyperGroup):
             self.rich_markup_mode = None
             for each in self.later:
                 each.rich_markup_mode = None
-        return super().main(args, prog_name, complete_var, standalone_mode, windows_expand_args, **extra)
+        given = sys.argv[1:] if args is None else args
+        if JSON not in given:
+            return super().main(args, prog_name, complete_var, standalone_mode, windows_expand_args, **extra)
+        name = next((word for word in given if word in OFFERED), "")
+        try:
+            code = super().main(args, prog_name, complete_var, False, windows_expand_args, **extra)
+        except typer.Abort:
+            _write_error(name, FeeddriveError("the question was not answered with yes"), 1)
+            sys.exit(1)
+        except Exception as error:
+            _write_error(name, error, 1 if isinstance(error, MemoryError) else getattr(error, "exit_code", None))
+            if not hasattr(error, "show"):
+                raise
+            error.show()  # pyright: ignore[reportAttributeAccessIssue]  # wrong usage, told on the error stream
+            sys.exit(error.exit_code)  # pyright: ignore[reportAttributeAccessIssue]
+        if code == STOPPED:
+            _write_error(name, CancelledError("stopped; nothing was written"), STOPPED)
+        sys.exit(code)
 
 
 app = typer.Typer(
@@ -133,18 +153,20 @@ def options(
     """Options that stand before a command."""
 
 
+JSON = "--json"
 BLOCKS = "A file or PACKAGE.MODULE with laws or other blocks of your own, whose code is then run; may be repeated."
 
 
-def _function(command: Command[Any, Any, Any]) -> Any:
+def _function(name: str, command: Command[Any, Any, Any]) -> Any:
     """What typer makes a command from: a function with a parameter for each field of the request."""
     fields = {field.name: field for field in fields_of(command.request)}  # type: ignore[arg-type]
 
-    def perform(blocks: list[str] | None, verbose: bool, **values: Any) -> None:
+    def perform(blocks: list[str] | None, verbose: bool, json: bool, **values: Any) -> None:
+        entered = {name: _entered(fields[name], value) for name, value in values.items()}
         with _opted_in(blocks or ()), _in_one_line():
-            _perform(command, {name: _entered(fields[name], value) for name, value in values.items()}, verbose)
+            _perform(name, command, entered, verbose=verbose, as_json=json)
 
-    parameters = [*(_parameter(field) for field in fields.values()), _BLOCKS, _VERBOSE]
+    parameters = [*(_parameter(field) for field in fields.values()), _BLOCKS, _VERBOSE, _JSON]
     perform.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     perform.__annotations__ = {each.name: each.annotation for each in parameters}
     return perform
@@ -159,6 +181,12 @@ _BLOCKS = inspect.Parameter(
 _VERBOSE = inspect.Parameter(
     "verbose", inspect.Parameter.KEYWORD_ONLY, default=False,
     annotation=Annotated[bool, typer.Option("--verbose", help="Show the details too.", show_default=False)],
+)  # fmt: skip
+_JSON = inspect.Parameter(
+    "json", inspect.Parameter.KEYWORD_ONLY, default=False,
+    annotation=Annotated[
+        bool, typer.Option(JSON, help="Print one JSON object: tables in SI, sentences, files.", show_default=False)
+    ],
 )  # fmt: skip
 
 
@@ -222,22 +250,43 @@ def _in_si(field: Field, value: Any) -> Any:
     return value if field.kind is not float or field.factor == 1.0 else units.scaled(value, field.factor)
 
 
-def _perform(command: Command[Any, Any, Any], values: dict[str, Any], verbose: bool) -> None:
+def _perform(
+    name: str, command: Command[Any, Any, Any], values: dict[str, Any], *, verbose: bool, as_json: bool
+) -> None:
     """Do the work and show what it came to; end with the exit code of its judgment."""
     request = command.request(**values)
     usual = request.usual_out()
     if usual is not None and request.out is None:
         request = replace(request, out=usual)
-    console = open_console()
+    console = open_console(errors=as_json)
     with TerminalProgress(console) as progress:
         found = command.run(request, progress)
-    for each in found.shown(verbose=verbose):
-        show(console, each)
-    for line in found.written():
-        show(console, line, soft_wrap=True)
+    if as_json:
+        _write(found.record(name))
+    else:
+        for each in found.shown(verbose=verbose):
+            show(console, each)
+        for line in found.written():
+            show(console, line, soft_wrap=True)
+    if found.error is not None and as_json:
+        sys.stderr.write(visible(Text(f"feeddrive: error: {found.error}\n")))
+        raise typer.Exit(found.error.exit_code)
     if found.error is not None:
         raise found.error
     if found.judgment.bad:
         if found.failure:
-            sys.stderr.write(visible(f"feeddrive: {found.failure}\n"))
+            sys.stderr.write(visible(Text(f"feeddrive: {found.failure}\n")))
         raise typer.Exit(found.judgment.exit_code)
+
+
+def _write(record: dict[str, Any]) -> None:
+    """Write a JSON object to the standard output, in ASCII, so that nothing in it obeys a terminal."""
+    sys.stdout.write(json.dumps(record, allow_nan=False, indent=1) + "\n")
+    sys.stdout.flush()
+
+
+def _write_error(command: str, error: Exception, code: int | None) -> None:
+    """Write an error with its exit code as JSON; a fault of feeddrive itself has none, and is not written."""
+    if code is not None:
+        told = getattr(error, "format_message", error.__str__)()
+        _write({"command": command, "exit_code": code, "error": {**failure(error), "message": told}})

@@ -43,11 +43,15 @@ def own_words() -> Generator[None]:
             os.environ.pop("PYTHONWARNINGS", None)
 
 
-def open_console() -> Console:
-    """The standard output; as wide as the terminal, or without a margin where it is none (whatever COLUMNS says)."""
+def open_console(*, errors: bool = False) -> Console:
+    """Return the standard output, or the error stream, which progress and questions have beside JSON.
+
+    It is as wide as the terminal, or without a margin where it is none (whatever COLUMNS says).
+    """
     from rich.console import Console  # not for `--help`
 
-    return Console(highlight=False, width=None if sys.stdout.isatty() else UNBROKEN)
+    stream = sys.stderr if errors else sys.stdout
+    return Console(highlight=False, stderr=errors, width=None if stream.isatty() else UNBROKEN)
 
 
 def show(console: Console, said: Table | Grid | str, *, soft_wrap: bool = False) -> None:
@@ -80,7 +84,7 @@ class TerminalProgress(Progress):
             return
         from rich.markup import escape
 
-        text = escape(visible(f"{part}: {what}" if part else what))
+        text = escape(visible(Text(f"{part}: {what}" if part else what)))
         if self._bar is None:
             self._bar = _bar(self._console, counted=of is not None)
             self._bar.start()
@@ -91,11 +95,11 @@ class TerminalProgress(Progress):
     def show_remark(self, said: str | Table) -> None:
         """Print it immediately."""
         show(self._console, said, soft_wrap=True)
-        sys.stdout.flush()
+        self._console.file.flush()
 
     def confirm(self, question: str) -> bool:
         """Ask on the terminal; anything but yes ends the command."""
-        typer.confirm(visible(question), abort=True)
+        typer.confirm(visible(Text(question)), abort=True, err=self._console.stderr)
         return True
 
 

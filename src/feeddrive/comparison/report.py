@@ -19,7 +19,7 @@ from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.run_files import file_names, summary_text
 from feeddrive.language import tree
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Table
 from feeddrive.language.text import Text
 from feeddrive.language.units import turning_name
@@ -27,7 +27,7 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.lifting import compliance, tracking
 from feeddrive.report import build
 from feeddrive.report.page import RESPONSE_LINES, Entry, LawsReport, Shown, ShownTable
-from feeddrive.report.sentences import block_sentence, described, number
+from feeddrive.report.sentences import block_sentence, described
 
 
 def contents(found: Comparison) -> LawsReport:
@@ -59,7 +59,6 @@ def contents(found: Comparison) -> LawsReport:
         rule=found.rule,
         versions=found.versions,
         notes=found.remarks,
-        quoted=found.quoted,
         extras=(
             _ranked(found, CRITERIA[:5]),
             _ranked(found, CRITERIA[5:9]),
@@ -116,7 +115,7 @@ def figure(value: float, criterion: Criterion) -> str:
     """A figure in the unit in which it is shown."""
     if np.isinf(value):
         return "never" if criterion.unit == "ms" else "∞"
-    return f"{value:.0f}" if criterion.key == "operations" else number(criterion.factor * value)
+    return f"{value:.0f}" if criterion.key == "operations" else number(criterion.factor * value, 3)
 
 
 def _tuning(found: Comparison) -> ShownTable:
@@ -127,7 +126,7 @@ def _tuning(found: Comparison) -> ShownTable:
             each.figures.get("sensitivity_peak"), each.figures.get("delay_margin_samples"),
             1e-9 * (each.figures.get("noise_gain_N_per_m") or math.nan), each.figures.get("crossover_Hz"),
         ]  # fmt: skip
-        cells = [each.name, *("∞" if value is not None and np.isinf(value) else number(value) for value in figures)]
+        cells = [each.name, *("∞" if value is not None and np.isinf(value) else number(value, 3) for value in figures)]
         if each.unfit:
             rows.append([each.name, *["–"] * 4, each.unfit, "–", "–"])
         elif each.tuned is None:

@@ -16,6 +16,7 @@ import re
 from feeddrive.files.toml_file import Key, is_rotary, lines_of_keys, parse_toml, spans_of_values
 from feeddrive.language import units
 from feeddrive.language.errors import FileError, ParameterError
+from feeddrive.language.text import plain
 
 _HEADER_COMMENT = re.compile(r"^[ \t]*\[[^\]#\"']*\]+([ \t]*#[^\n]*)")
 _HEADER = re.compile(r"^[ \t]*\[", re.MULTILINE)
@@ -113,6 +114,7 @@ class TomlEdit:
         after = self.text.find("\n", end)
         after = len(self.text) if after < 0 else after
         rest = self.text[end:after]
+        words = plain(words)
         head = words.split(" ", 1)[0]
         rest = re.sub(rf"(; |(?<=# )){re.escape(head)} [^;]*$", "", rest).rstrip()
         joined = f"{rest}; {words}" if rest.strip(" #") else f"{rest.replace('#', '').rstrip()}  # {words}"

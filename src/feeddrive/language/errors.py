@@ -158,8 +158,8 @@ def plain(text: str) -> str:
     )
 
 
-def sentence(text: str) -> str:
-    """A remark as a sentence: a capital at the start, unless that is a name, and a full stop."""
+def sentence(text: str) -> Text:
+    """Return a remark as a sentence: a capital at the start, unless that is a name, and a full stop."""
     first = text.split(" ", 1)[0].rstrip(":,;")
     return Text(f"{capitalized(text) if first.isalpha() else text}.")
 

@@ -50,7 +50,7 @@ class Column:
     def named(self) -> str:
         """The head with the unit in which the numbers are read, as a marked text."""
         name = "" if self.unit is None else unit_name(self.unit, form_unit(self.form))
-        return f"{marked(self.head)} {name}".rstrip()
+        return f"{marked(self.head)} {name}".strip()
 
     def cell(self, cell: Cell, *, bare: bool = False) -> str:
         """A cell as a marked text; `bare`: its unit stands in another column."""
@@ -165,12 +165,20 @@ class Table:
         name = unit_name(first.unit, form_unit(first.form or column.form), stays=first.stays)
         return [name if cell == UNIT else column.cell(cell, bare=True) for column, cell in pairs]
 
-    def record(self) -> dict[str, Any]:
-        """The table as JSON has it: columns with their units, cells in SI; a quantity has value, unit and error."""
-        columns = self.made_columns
-        rows = [[_recorded(cell, row) for cell in row] for row in self.rows]
-        heads = [{"head": str(Text(each.head)), "unit": each.unit} for each in columns]
-        return {"title": str(self.title), "columns": heads, "rows": rows}
+    def record(self, units: Units = USUAL) -> dict[str, Any]:
+        """Return the table as JSON has it: columns with their units, cells in SI; a quantity has value, unit and error.
+
+        units  of the sentences in it, and of an axis that turns
+        """
+        rows = [[_recorded(cell, row, units) for cell in row] for row in self.rows]
+        heads = [
+            {
+                "head": resolve(marked(column.head), units),
+                "unit": None if column.unit is None else units.name(column.unit, "SI"),
+            }
+            for column in self.made_columns
+        ]
+        return {"title": resolve(marked(self.title), units), "columns": heads, "rows": rows}
 
     def __str__(self) -> str:
         return str(self.grid())
@@ -183,14 +191,16 @@ class Table:
         return self.html()
 
 
-def _recorded(cell: Cell, row: Sequence[Cell]) -> Any:
+def _recorded(cell: Cell, row: Sequence[Cell], units: Units) -> Any:
     if isinstance(cell, Quantity):
-        return cell.record()
+        return cell.record() | {"unit": units.name(cell.unit, "SI", stays=cell.stays)}
     if cell == UNIT:
-        return next((each.unit for each in row if isinstance(each, Quantity)), "")
+        return next((_recorded(other, row, units)["unit"] for other in row if isinstance(other, Quantity)), "")
     if isinstance(cell, str):
-        return str(Text(cell))
-    return finite(cell) if isinstance(cell, float) else cell
+        return resolve(marked(cell), units)
+    if cell is None or isinstance(cell, (bool, int)):
+        return cell
+    return finite(float(cell))
 
 
 @singledispatch

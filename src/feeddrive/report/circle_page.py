@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from feeddrive import plot
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, joined
 from feeddrive.machining.circle_causes import CircleCauses
 from feeddrive.machining.circle_test import CircleTest
 from feeddrive.machining.quadrant_peaks import peaks_table
-from feeddrive.plot import style
-from feeddrive.report.page import Shown, definitions, header, page, picture, table
+from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
 from feeddrive.version import __version__
 
 
@@ -54,26 +53,21 @@ def build_circle(test: CircleTest, causes: CircleCauses, said: str = "") -> str:
         ("feeddrive", __version__),
     ]
     most = test.largest
-    largest = (
-        f"The circular deviation is {1e6 * most.G:.4g} \u00b5m ({'both directions, ' if most.both else ''}{most.name})."
-    )
+    ways = "both directions, " if most.both else ""
+    largest = Text(f"The circular deviation is {Quantity(most.G, 'm')} ({ways}{most.name}).")
     ranked = [each for each in causes.ranked if each.effect > 0.0][:3]
-    told = ", ".join(f"{each.name} {1e6 * each.effect:.3g} \u00b5m" for each in ranked)
+    told = joined(", ", (f"{cause.name} {Quantity(cause.effect, 'm'):3}" for cause in ranked))
     links = [
         ("figures", "Figures"),
         *((f"figure-{each.key}", each.title) for each in pictures),
         ("facts", "What was measured"),
     ]
     parts = [
-        header("feeddrive circle", "Circular test", [largest, f"What draws most: {told}."], links),
+        header("feeddrive circle", "Circular test", [largest, Text(f"What draws most: {told}.")], links),
         '<section id="figures"><h2>Figures</h2>',
-        table("Circular test after ISO 230-4.", [*map(style.written, figures.heads)], figures.grid().rows),
-        table(
-            "Quadrant peaks: outward, in the 10° after a reversal, above the mean of the 10° before it.",
-            [*map(style.written, peaks.heads)],
-            peaks.grid().rows,
-        ),
-        table("What draws the deviations.", [*map(style.written, split.heads)], split.grid().rows),
+        tabled(figures, "Circular test after ISO 230-4."),
+        tabled(peaks, "Quadrant peaks: outward, in the 10° after a reversal, above the mean of the 10° before it."),
+        tabled(split, "What draws the deviations."),
         "</section><section><h2>Pictures</h2>",
         *(picture(each) for each in pictures),
         '</section><section id="facts"><h2>What was measured</h2>',

@@ -7,11 +7,12 @@ from dataclasses import replace
 
 from feeddrive import plot
 from feeddrive.analysis.friction_map import FrictionMap, friction_map, worst_window
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.text import Text, joined
 from feeddrive.plot.friction import has_friction
 from feeddrive.plot.over_time import alike
 from feeddrive.plot.style import POINTS
 from feeddrive.report.page import Entry, LawsReport, Shown
-from feeddrive.report.sentences import number
 
 SHORT = 16  # samples: a shorter run has no picture over time
 MOST = 8  # laws that the pictures show; the tables have all
@@ -46,7 +47,7 @@ def _measured(contents: LawsReport, points: int) -> Iterator[Shown]:
         "Measured and predicted",
         "Gray: the log. Blue: the model, given only the reference of the log and the state in which it starts. "
         f"Residual: predicted - measured; the first {replay.skipped} samples do not count.",
-        f"Measured and predicted signals over time; residual {number(1e6 * replay.rms('position_load'))} µm RMS.",
+        Text(f"Measured and predicted signals over time; residual {Quantity(replay.rms('position_load'), 'm'):3} RMS."),
         lambda: plot.replay(replay, points),
     )
 
@@ -54,12 +55,12 @@ def _measured(contents: LawsReport, points: int) -> Iterator[Shown]:
 def _errors(contents: LawsReport, points: int) -> Iterator[Shown]:
     runs = {entry.name: entry.shown for entry in contents.entries}
     own = "" if alike(run["following_error"] for run in runs.values()) else " Each row has its own scale."
-    listed = "; ".join(f"{e.name} {number(1e6 * e.rms('following_error'))} µm RMS" for e in contents.entries)
+    listed = joined("; ", (f"{e.name} {Quantity(e.rms('following_error'), 'm'):3} RMS" for e in contents.entries))
     yield Shown(
         "error",
         "Following error over time",
         f"Setpoint minus the controller's reading.{own}",
-        f"Following error over time: {listed}.",
+        Text(f"Following error over time: {listed}."),
         lambda: plot.following_error(runs, points=points),
     )
     window = worst_window(list(runs.values()))
@@ -68,7 +69,7 @@ def _errors(contents: LawsReport, points: int) -> Iterator[Shown]:
     yield Shown(
         "zoom",
         f"Following error around {what}",
-        f"{number(window.begin, 4)} s to {number(window.end, 4)} s.{reason}",
+        Text(f"{Quantity(window.begin, 's'):SI} to {Quantity(window.end, 's'):SI}.{reason}"),
         f"Following error around {what}.",
         lambda: plot.following_error(runs, window, points),
     )
@@ -78,7 +79,7 @@ def _errors(contents: LawsReport, points: int) -> Iterator[Shown]:
         "Amplitude spectrum of the following error",
         "Above: amplitude (Hann window), the largest of each of 500 bands. Below: the RMS of all that lies below a "
         "frequency; its right end is the RMS of the whole error, and where it climbs the error is made.",
-        f"Amplitude spectrum and cumulative RMS of the following error: {listed}.",
+        Text(f"Amplitude spectrum and cumulative RMS of the following error: {listed}."),
         lambda: plot.spectrum(spectra),
     )
 
@@ -91,7 +92,7 @@ def _forces(contents: LawsReport, points: int) -> Iterator[Shown]:
         "force",
         "Force",
         "As commanded. The peak limit holds for every sample, the continuous one for the RMS of the whole work.",
-        f"Commanded force over time, {number(first.peak('force'))} N at most with {first.name}.",
+        Text(f"Commanded force over time, {Quantity(first.peak('force'), 'N'):3} at most with {first.name}."),
         lambda: plot.force(runs, bounds, points),
     )
     yield Shown(
@@ -128,7 +129,7 @@ def _open_loop(contents: LawsReport) -> Iterator[Shown]:
     loops = {entry.name: entry.margins for entry in contents.entries if entry.margins is not None}
     if not loops:
         return
-    listed = "; ".join(f"{name} Ms {number(m.sensitivity_peak)}" for name, m in loops.items())
+    listed = "; ".join(f"{name} Ms {number(m.sensitivity_peak, 3)}" for name, m in loops.items())
     yield Shown(
         "open",
         "Open loop and its margins",
@@ -166,12 +167,12 @@ def _closed_loop(contents: LawsReport) -> Iterator[Shown]:
         )
     stiff = {entry.name: entry.stiffness for entry in contents.entries if entry.stiffness is not None}
     if stiff:
-        listed = "; ".join(f"{name} at least {number(1e-6 * k.minimum)} N/µm" for name, k in stiff.items())
+        listed = joined("; ", (f"{name} at least {Quantity(k.minimum, 'N/m'):3}" for name, k in stiff.items()))
         yield Shown(
             "stiffness",
             "Dynamic stiffness",
             "Force on the table over the displacement that it causes, in closed loop and in motion: higher is better. "
             "The rise at the right end is the inertia of the axis.",
-            f"Dynamic stiffness over frequency: {listed}.",
+            Text(f"Dynamic stiffness over frequency: {listed}."),
             lambda: plot.stiffness(stiff),
         )

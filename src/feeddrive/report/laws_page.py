@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from feeddrive.analysis.replay import Replay
 from feeddrive.language import tree
 from feeddrive.language.declaration import Declaration
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.table import Table, shown
+from feeddrive.language.quantity import Quantity, number, unit_name
+from feeddrive.language.table import UNIT, Cell, Column, Table
+from feeddrive.language.text import Text, capitalized, joined
 from feeddrive.report import part_page, sentences
 from feeddrive.report.figures import chosen, figures
-from feeddrive.report.page import Entry, LawsReport, ShownTable, render
+from feeddrive.report.page import Entry, LawsReport, ShownTable, page_units, render
 from feeddrive.report.part_page import ran
-from feeddrive.report.sentences import decibel, number, percent
 
 
 def build(contents: LawsReport) -> str:
@@ -30,8 +32,7 @@ def build(contents: LawsReport) -> str:
     rule = [("Rule of comparison", contents.rule)] if contents.rule else []
     return render(
         "laws.html",
-        rotary=contents.entries[0].loop.axis.rotary,
-        quoted=(contents.title, *contents.quoted, *(each.name for each in contents.entries)),
+        units=page_units(rotary=contents.entries[0].loop.axis.rotary),
         title=contents.title,
         lead=part_page.lead(contents) if along else sentences.result(contents),
         links=[
@@ -66,26 +67,27 @@ def build(contents: LawsReport) -> str:
 
 def errors(contents: LawsReport) -> ShownTable:
     """RMS and peak errors and force of each law."""
-    columns: list[tuple[str, list[float]]] = [
-        ("following error RMS µm", [1e6 * entry.rms("following_error") for entry in contents.entries]),
-        ("peak µm", [1e6 * entry.peak("following_error") for entry in contents.entries]),
-        ("tracking error RMS µm", [1e6 * entry.rms("tracking_error") for entry in contents.entries]),
-        ("peak µm", [1e6 * entry.peak("tracking_error") for entry in contents.entries]),
+    figures = [
+        (entry.rms("following_error"), entry.peak("following_error"), entry.rms("tracking_error"),
+         entry.peak("tracking_error"))
+        for entry in contents.entries
+    ]  # fmt: skip
+    rows = [
+        [entry.name, *errors, _against(entry, "force", "peak"), _against(entry, "force", "rms")]
+        for entry, errors in zip(contents.entries, figures, strict=True)
     ]
-    rows: list[list[str]] = []
-    for i, entry in enumerate(contents.entries):
-        cells = [number(values[i]) for _, values in columns]
-        rows.append([entry.name, *cells, _against(entry, "force", "peak"), _against(entry, "force", "rms")])
-    best = [_least(values) for _, values in columns] + [None, None]
-    heads = ["law", *(head for head, _ in columns), "force peak N", "force RMS N"]
-    said = (
+    best = [*map(_least, zip(*figures, strict=True)), None, None]
+    heads = ("following error RMS", "peak", "tracking error RMS", "peak")
+    columns = [Column("law"), *(Column(head, "m", "3") for head in heads),
+               Column("force peak", "N"), Column("force RMS", "N")]  # fmt: skip
+    title = (
         "Errors and force. Following error: setpoint minus the controller's reading. "
         "Tracking error: setpoint minus true position."
     )
-    return ShownTable(Table(said, heads, rows), best if len(rows) > 1 else ())
+    return ShownTable(Table(title, columns, rows), best if len(rows) > 1 else ())
 
 
-def _against(entry: Entry, signal: str, what: str) -> str:
+def _against(entry: Entry, signal: str, what: str) -> Text:
     """A force, and in brackets its share of the limit."""
     value = entry.peak(signal) if what == "peak" else entry.rms(signal)
     bounds = entry.limits
@@ -94,7 +96,8 @@ def _against(entry: Entry, signal: str, what: str) -> str:
         if what == "rms"
         else bounds.get("motor peak", bounds.get("commanded limit"))
     )
-    return number(value) if limit is None else f"{number(value)} ({percent(value / limit)})"
+    share = "" if limit is None else f" ({Quantity(value / limit, 'share'):3})"
+    return Text(f"{Quantity(value, 'N', bare=True):3}{share}")
 
 
 def limits(contents: LawsReport) -> str:
@@ -102,42 +105,42 @@ def limits(contents: LawsReport) -> str:
     stated = contents.entries[0].limits
     if not stated:
         return "The machine file states no force limits."
-    listed = ", ".join(f"{name} {number(limit, 4)} N" for name, limit in stated.items())
-    return f"Percentages of force: peak against the peak limit, RMS against the continuous one. Stated: {listed}."
+    listed = joined(", ", (f"{name} {Quantity(limit, 'N')}" for name, limit in stated.items()))
+    return Text(f"Percentages of force: peak against the peak limit, RMS against the continuous one. Stated: {listed}.")
 
 
 def frequency(contents: LawsReport) -> list[ShownTable]:
     """Margins, sensitivity peak and stiffness of each law; none if no law has a loop gain."""
     if all(entry.margins is None and entry.stiffness is None for entry in contents.entries):
         return []
-    rows: list[list[str]] = []
+    rows: list[list[Cell]] = []
     for entry in contents.entries:
         m, k = entry.margins, entry.stiffness
-        row = [entry.name]
+        row: list[Cell] = [entry.name]
         if m is None:
-            row += ["–"] * 6
+            row += [None] * 6
         else:
-            delay = number(None if m.delay_margin is None else 1e3 * m.delay_margin)
-            if m.delay_margin_samples is not None:
-                delay += f" ({number(m.delay_margin_samples)})"
+            delay = None if m.delay_margin is None else Quantity(m.delay_margin, "s", form="3", bare=True)
+            samples = "" if m.delay_margin_samples is None else f" ({number(m.delay_margin_samples, 3)})"
             row += [
-                number(m.crossover),
-                decibel(m.phase_margin_deg),
-                decibel(m.gain_increase_dB),
-                decibel(m.gain_reduction_dB),
-                delay,
-                f"{number(m.sensitivity_peak)} ({number(m.modulus_frequency)})",
-            ]
-        row.append("–" if k is None else f"{number(1e-6 * k.minimum)} ({number(k.minimum_frequency)})")
-        row.append("–" if k is None or not k.frequency[0] <= 1.0 <= k.frequency[-1] else number(1e-6 * k.at(1.0)))
+                m.crossover, m.phase_margin_deg, m.gain_increase_dB, m.gain_reduction_dB,
+                None if delay is None else Text(f"{delay}{samples}"),
+                Text(f"{number(m.sensitivity_peak, 3)} ({Quantity(m.modulus_frequency, 'Hz', bare=True):3})"),
+            ]  # fmt: skip
+        at = "" if k is None else f"{Quantity(k.minimum_frequency, 'Hz', bare=True):3}"
+        row.append(None if k is None else Text(f"{Quantity(k.minimum, 'N/m', bare=True):3} ({at})"))
+        row.append(None if k is None or not k.frequency[0] <= 1.0 <= k.frequency[-1] else k.at(1.0))
         rows.append(row)
-    heads = [
-        "law", "crossover Hz", "phase margin deg", "gain may rise dB", "gain may fall dB",
-        "delay margin ms (samples)" if _sampled(contents) else "delay margin ms", "Ms (at Hz)",
-        "least stiffness N/µm (at Hz)", "stiffness at 1 Hz N/µm",
+    hertz, stiff = unit_name("Hz"), unit_name("N/m")
+    columns = [
+        Column("law"), Column("crossover", "Hz", "3"), Column("phase margin", "deg", ".1f"),
+        Column("gain may rise", "dB", ".1f"), Column("gain may fall", "dB", ".1f"),
+        Column(f"delay margin {unit_name('s')}{' (samples)' if _sampled(contents) else ''}"),
+        Column(f"Ms (at {hertz})"), Column(f"least stiffness {stiff} (at {hertz})"),
+        Column("stiffness at 1 Hz", "N/m", "3"),
     ]  # fmt: skip
     title = "Robustness and stiffness, of the loop in motion, opened at the drive."
-    return [ShownTable(Table(title, heads, rows))]
+    return [ShownTable(Table(title, columns, rows))]
 
 
 def _sampled(contents: LawsReport) -> bool:
@@ -148,12 +151,8 @@ def _sampled(contents: LawsReport) -> bool:
 
 def prediction(replay: Replay) -> ShownTable:
     """Measured and predicted."""
-    found = replay.table()
-    rows = [
-        [cell.replace("um", "µm") if i == 1 else "–" if cell == "-" else cell for i, cell in enumerate(row)]
-        for row in found.grid().rows
-    ]
-    return ShownTable(Table(f"{found.title[0].upper()}{found.title[1:]}.", found.heads, rows))
+    table = replay.table()
+    return ShownTable(replace(table, title=capitalized(f"{table.title}.")))
 
 
 def parameters(contents: LawsReport) -> ShownTable:
@@ -164,17 +163,16 @@ def parameters(contents: LawsReport) -> ShownTable:
         for name, value in tree.parameters(entry.loop).items():
             row = rows.setdefault(name, (tree.declaration(entry.loop, name), [None] * count))
             row[1][i] = value
-    body: list[list[str]] = []
+    body: list[list[Cell]] = []
     for name in sorted(rows, key=_place):
         declaration, values = rows[name]
-        unit, factor = declaration.unit, 1.0
-        if unit == "m":
-            unit, factor = shown("m")
-        cells = [number(factor * float(value), 6) if value is not None else "–" for value in values]
+        form = "6" if declaration.unit == "m" else "6 SI"
+        cells = [
+            None if value is None else Quantity(float(value), declaration.unit, form=form, stays=True)
+            for value in values
+        ]
         differs = count > 1 and any(value != values[0] for value in values)
-        body.append(
-            [f"{name} *" if differs else name, *map(_trimmed, cells), unit.replace("um", "µm"), declaration.meaning]
-        )
+        body.append([f"{name} *" if differs else name, *cells, UNIT, declaration.meaning])
     heads = ["parameter", *(entry.name for entry in contents.entries), "unit", "meaning"]
     note = "Parameters of the loop; * marks those in which the laws differ." if count > 1 else "Parameters of the loop."
     return ShownTable(Table(note, heads, body))
@@ -183,10 +181,6 @@ def parameters(contents: LawsReport) -> ShownTable:
 def _place(name: str) -> int:
     """Control before axis, otherwise as in the loop."""
     return 0 if ".control." in name else 1
-
-
-def _trimmed(text: str) -> str:
-    return text.rstrip("0").rstrip(".") if "." in text and "e" not in text else text
 
 
 def _least(values: Sequence[float]) -> int | None:

@@ -46,30 +46,27 @@ THEME = {
 _WIDTHS = range(25, 70, 5)  # rem: of screens on which a table may be cut off
 _CHARACTER, _BETWEEN, _AROUND = 0.5, 1.2, 4.0  # rem: a character of a table, between two columns, beside the table
 _DECIMALS = re.compile(r"\d+\.\d+")
-# of a page: a quoted file, a tag, or the text between tags
-_PIECES = re.compile(r"<(pre|style|title)\b.*?</\1>|<[^>]*>|(?P<said>[^<]+)", re.DOTALL)
 # control characters, which no page may hold, apart from the ends of lines and tabs
 _CONTROL = dict.fromkeys([*range(9), *range(11, 32), *range(127, 160)])
 
 
-def render(template: str, *, rotary: bool = False, quoted: Sequence[str] = (), **content: Any) -> str:
-    """A template of `templates/` with its content, as a whole page. Pure: the same content gives the same text.
+def page_units(*, rotary: bool) -> Units:
+    """Return the units of a page: typographic, and those of an axis that turns if it is about one."""
+    return replace(DRAWN, rotary=rotary)
 
-    rotary  it is about an axis that turns: in rad, N m and kg m2
-    quoted text of a person, which is not changed
+
+def render(template: str, *, units: Units = DRAWN, **content: Any) -> str:
+    """Return a template of `templates/` with its content as a whole page, in the units of a reader.
+
+    Pure: the same content gives the same text.
     """
-    text = _environment().get_template(template).render(widths=_WIDTHS, **content).translate(_CONTROL)
-    if rotary:
-        from markupsafe import escape
-
-        kept = Units(rotary=True, typographic=True, quoted=tuple(str(escape(each)) for each in quoted))
-        text = _PIECES.sub(lambda found: resolve(found[0], kept) if found["said"] else found[0], text)
-    return resolve(text, replace(DRAWN, rotary=rotary))
+    text = _environment().get_template(template).render(widths=_WIDTHS, units=units, **content)
+    return resolve(text.translate(_CONTROL), units)
 
 
 @cache
 def _environment() -> Environment:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from jinja2 import Environment, PackageLoader, StrictUndefined, pass_context
     from markupsafe import Markup, escape
 
     made = Environment(
@@ -80,8 +77,9 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
 
-    def drawn(shown: Shown) -> Markup:
-        return Markup(svg(shown.draw(), shown.key, shown.alt))
+    @pass_context
+    def drawn(context: Any, shown: Shown) -> Markup:
+        return Markup(svg(shown.draw(), shown.key, shown.alt, context["units"]))
 
     def unbroken(text: str) -> Markup:
         """A word joiner keeps a unit such as N/µm on one line, an element one that is still a mark."""
@@ -113,15 +111,15 @@ def _beyond(heads: Sequence[str], rows: Sequence[Sequence[Any]], text: bool = Fa
     return "" if needed <= _WIDTHS[0] - 5 else f"beyond-{next((w for w in _WIDTHS if w >= needed), _WIDTHS[-1])}"
 
 
-def _part(name: str, *content: Any) -> str:
-    return str(getattr(_environment().get_template("parts.html").module, name)(*content))
+def _part(name: str, *content: Any, units: Units = DRAWN) -> str:
+    return str(getattr(_environment().get_template("parts.html").make_module({"units": units}), name)(*content))
 
 
-def page(title: str, parts: Sequence[str], *, rotary: bool = False, quoted: Sequence[str] = ()) -> str:
-    """Sections, as HTML, on one page."""
+def page(title: str, parts: Sequence[str], units: Units = DRAWN) -> str:
+    """Return sections, as HTML, on one page in the units of a reader."""
     from markupsafe import Markup
 
-    return render("page.html", rotary=rotary, quoted=quoted, title=title, body=Markup("".join(parts)))
+    return render("page.html", units=units, title=title, body=Markup("".join(map(marked, parts))))
 
 
 def header(kind: str, title: str, lead: Sequence[str], links: Sequence[tuple[str, str]]) -> str:
@@ -134,9 +132,14 @@ def definitions(pairs: Iterable[tuple[str, str]]) -> str:
     return _part("definitions", pairs)
 
 
-def picture(shown: Shown) -> str:
-    """A picture with its headline and how to read it."""
-    return _part("picture", shown)
+def remarks(sentences: Sequence[str], head: str = "Remarks") -> str:
+    """Return sentences as a list in a box under a head; nothing if there are none."""
+    return _part("remarks", sentences, head)
+
+
+def picture(shown: Shown, units: Units = DRAWN) -> str:
+    """Return a picture in the units of a reader, with its headline and how to read it."""
+    return _part("picture", shown, units=units)
 
 
 def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]], best: Sequence[int | None] = ()) -> str:
@@ -150,11 +153,12 @@ def tabled(found: Table | Grid, caption: str = "") -> str:
     return table(caption or grid.title, grid.heads, grid.rows)
 
 
-def svg(figure: Any, key: str, alt: str) -> str:
-    """The figure as an SVG element in the colors of the page's theme.
+def svg(figure: Any, key: str, alt: str, units: Units = DRAWN) -> str:
+    """Return the figure as an SVG element in the colors of the page's theme.
 
-    key letters that make its identifiers unique among the pictures of one page
-    alt description of the figure
+    key    letters that make its identifiers unique among the pictures of one page
+    alt    description of the figure
+    units  in which its texts are read
     """
     import matplotlib
 
@@ -163,7 +167,7 @@ def svg(figure: Any, key: str, alt: str) -> str:
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": key}), warnings.catch_warnings():
         # the browser has the glyphs that matplotlib's own font lacks
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
-        resolve_texts(figure, DRAWN)
+        resolve_texts(figure, units)
         figure.savefig(text, format="svg", metadata=silent)
     return _inlined(text.getvalue(), key, alt, float(figure.get_figwidth()) / style.WIDTH)
 
@@ -308,7 +312,6 @@ class LawsReport:
     overview  pictures before all tables
     extras    tables of its own, first in the result
     pictures  pictures of its own, before all others
-    quoted texts of the machine file, among the facts
     planned   the part program that all laws ran, if one
     cuts      what cut while which lines ran, in cells
     """
@@ -323,6 +326,5 @@ class LawsReport:
     overview: Sequence[Shown] = ()
     extras: Sequence[ShownTable] = ()
     pictures: Sequence[Shown] = ()
-    quoted: Sequence[str] = ()
     planned: Planned | None = None
     cuts: Sequence[ShownTable] = ()

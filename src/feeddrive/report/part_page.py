@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from feeddrive import plot
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Table
-from feeddrive.language.text import Text
+from feeddrive.language.quantity import Quantity, unit_name
+from feeddrive.language.table import Cell, Column, Table
+from feeddrive.language.text import Text, joined
 from feeddrive.machining.part_run import PartRun
 from feeddrive.path.planned import Planned
 from feeddrive.report.page import Entry, LawsReport, Shown, ShownTable
-from feeddrive.report.sentences import number, percent
 
 _WORST = 8
 _CAUSES = 6
@@ -35,37 +34,44 @@ def lead(contents: LawsReport) -> list[str]:
         )
     if best is first:
         told = "" if len(found) == 1 else "None of the others keeps the contour better than "
-        said.append(f"{told}'{first.name}': {_contour(first)}.")
+        said.append(Text(f"{told}'{first.name}': {_contour(first)}."))
     else:
         said.append(
-            f"Of {len(found)} laws '{best.name}' keeps the contour best: {_contour(best)}; '{first.name}': "
-            f"{_contour(first)}."
+            Text(
+                f"Of {len(found)} laws '{best.name}' keeps the contour best: {_contour(best)}; '{first.name}': "
+                f"{_contour(first)}."
+            )
         )
     place = next(iter(best.worst(1)), None)
     if place is not None:
         said.append(
-            f"The worst place of '{best.name}' is {_place(best, place.position)}, in line {place.line} of the program."
+            Text(
+                f"The worst place of '{best.name}' is {_place(best, place.position)}, in line {place.line} of the "
+                "program."
+            )
         )
     return said
 
 
 def _contour(part: PartRun) -> str:
-    return (
-        f"{number(1e6 * part.contour.rms)} µm RMS, {number(1e6 * part.contour.within())} µm on 95 % of the path, "
-        f"{number(1e6 * part.contour.largest)} µm at most"
-    )
+    contour = part.contour
+    rms, most, largest = (Quantity(error, "m", form="3") for error in (contour.rms, contour.within(), contour.largest))
+    return Text(f"{rms} RMS, {most} on 95 % of the path, {largest} at most")
 
 
-def _place(part: PartRun, position: Iterable[float]) -> str:
-    return (
-        " ".join(f"{axis.upper()} {1e3 * x:.2f}" for axis, x in zip(part.contour.axes, position, strict=True)) + " mm"
-    )
+def _place(part: PartRun, position: Iterable[float], *, bare: bool = False) -> Text:
+    """Return a place in the workpiece, whose lengths are none of an axis; `bare`: without the unit."""
+    coordinates = [
+        f"{axis.upper()} {Quantity(x, 'm', form='.2f mm', stays=True, bare=True)}"
+        for axis, x in zip(part.contour.axes, position, strict=True)
+    ]
+    return joined(" ", coordinates if bare else [*coordinates, unit_name("m", "mm", stays=True)])
 
 
 def _limited(planned: Planned) -> str:
     most = sorted(planned.seconds.items(), key=lambda each: -each[1])[:3]
-    told = ", ".join(f"{name} {percent(seconds / planned.cycle_time)}" for name, seconds in most)
-    return f"What limits its speed: {told} of the time."
+    told = joined(", ", (f"{name} {Quantity(seconds / planned.cycle_time, 'share'):3}" for name, seconds in most))
+    return Text(f"What limits its speed: {told} of the time.")
 
 
 def tables(contents: LawsReport) -> list[ShownTable]:
@@ -77,13 +83,14 @@ def tables(contents: LawsReport) -> list[ShownTable]:
     spindles = [(entry, part.load.spindle) for entry, part in found if part.load.spindle is not None]
     if spindles:
         rows = [
-            [entry.name, number(each.power), number(each.peak), number(each.energy),
-             number(None if each.volume is None else 1e9 * each.volume),
-             number(None if each.specific_energy is None else 1e-9 * each.specific_energy)]
-            for entry, each in spindles
+            [entry.name, spindle.power, spindle.peak, spindle.energy, spindle.volume, spindle.specific_energy]
+            for entry, spindle in spindles
+        ]
+        columns = [
+            Column("law"), Column("power mean", "W", "3"), Column("peak", "W", "3"), Column("energy", "J", "3"),
+            Column("chips", "m3", "3 mm3"), Column("energy of chips", "J/m3", "3 J/mm3"),
         ]  # fmt: skip
-        heads = ["law", "power mean W", "peak W", "energy J", "chips mm³", "J/mm³"]
-        shown.append(ShownTable(Table("Spindle: what the cut takes from it over the whole program.", heads, rows)))
+        shown.append(ShownTable(Table("Spindle: what the cut takes from it over the whole program.", columns, rows)))
     if any(part.estimates for _, part in found):
         shown.append(_observers(found))
     return [*shown, *contents.cuts, *([] if contents.planned is None else [_causes(contents.planned)])]
@@ -91,70 +98,77 @@ def tables(contents: LawsReport) -> list[ShownTable]:
 
 def laws_table(title: str, parts: Mapping[str, PartRun]) -> Table:
     """The laws over a program, short, for a terminal."""
-    heads = ["law", "contour RMS um", "95 %", "largest", "in line", "of continuous", "cut N", "J"]
-    rows: list[list[str]] = []
+    columns = [
+        Column("law"), Column("contour RMS", "m"), Column("95 %", "m"), Column("largest", "m"), Column("in line"),
+        Column("of continuous", "share", "3"), Column("cut", "N"), Column("energy", "J"),
+    ]  # fmt: skip
+    rows: list[list[Cell]] = []
     for name, part in parts.items():
         worst = next(iter(part.worst(1)), None)
-        sizes = (part.contour.rms, part.contour.within(), part.contour.largest)
-        cells = [*(f"{1e6 * each:.4g}" for each in sizes), "-" if worst is None else str(worst.line)]
-        cells += ["-" if part.duty is None else Text(f"{Quantity(part.duty, 'share'):3}")]
-        cut = part.cutting_rms
-        rows.append([name, *cells, "-" if cut is None else f"{cut:.4g}", f"{part.load.energy():.4g}"])
-    return Table(title, heads, rows)
+        contour, line = part.contour, None if worst is None else worst.line
+        rows.append(
+            [name, contour.rms, contour.within(), contour.largest, line, part.duty, part.cutting_rms,
+             part.load.energy()]
+        )  # fmt: skip
+    return Table(title, columns, rows)
 
 
 def _laws(found: Sequence[tuple[Entry, PartRun]]) -> ShownTable:
-    heads = ["law", "contour error RMS µm", "95 % µm", "largest µm", "in line", "largest at a reversal µm",
-             "effort: RMS of continuous force", "energy J"]  # fmt: skip
     columns = [
-        [part.contour.rms for _, part in found],
-        [part.contour.within() for _, part in found],
-        [part.contour.largest for _, part in found],
-    ]
+        Column("law"), Column("contour error RMS", "m", "3"), Column("95 %", "m", "3"), Column("largest", "m", "3"),
+        Column("in line"), Column("largest at a reversal", "m", "3"),
+        Column("effort: RMS of continuous force", "share", "3"), Column("energy", "J", "3"),
+    ]  # fmt: skip
+    errors = [(part.contour.rms, part.contour.within(), part.contour.largest) for _, part in found]
     cuts = any(part.cutting is not None for _, part in found)
-    heads += ["cutting force RMS N"] if cuts else []
-    rows: list[list[str]] = []
-    for i, (entry, part) in enumerate(found):
+    columns += [Column("cutting force RMS", "N", "3")] if cuts else []
+    rows: list[list[Cell]] = []
+    for (entry, part), sizes in zip(found, errors, strict=True):
         worst = next(iter(part.worst(1)), None)
         glitch = max((each.glitch for each in part.axes.values() if each.glitches), default=None)
-        row = [entry.name, *(number(1e6 * column[i]) for column in columns), "–" if worst is None else str(worst.line)]
-        row += ["–" if glitch is None else number(1e6 * glitch)]
-        row += ["–" if part.duty is None else percent(part.duty), number(part.load.energy())]
-        rows.append([*row, *([number(part.cutting_rms)] if cuts else [])])
-    best = [min(range(len(rows)), key=column.__getitem__) for column in columns]
+        row = [entry.name, *sizes, None if worst is None else worst.line, glitch, part.duty, part.load.energy()]
+        rows.append([*row, *([part.cutting_rms] if cuts else [])])
+    best = [min(range(len(rows)), key=sizes.__getitem__) for sizes in zip(*errors, strict=True)]
     said = (
         "Contour error: the distance of the tool from the commanded path, whatever its delay along it. What counts is "
         "the path that cuts, or is moved at a feed. Effort: of the motor that needs the largest share. "
         "Energy: of the axes and the spindle."
     )
-    marks = [*best, *([None] * (len(heads) - 4))]
-    return ShownTable(Table(said, heads, rows), marks if len(rows) > 1 else ())
+    marks = [*best, *([None] * (len(columns) - 4))]
+    return ShownTable(Table(said, columns, rows), marks if len(rows) > 1 else ())
 
 
 def _axes(found: Sequence[tuple[Entry, PartRun]]) -> ShownTable:
     names = list(found[0][1].axes)
-    heads = ["law", *(head for axis in names for head in (f"{axis} RMS µm", "peak µm", "in line"))]
+    columns = [Column("law")]
+    for axis in names:
+        columns += [Column(f"{axis} RMS", "m", "3"), Column("peak", "m", "3"), Column("in line")]
     rows = [[entry.name, *(cell for axis in names for cell in _axis(part, axis))] for entry, part in found]
-    return ShownTable(
-        Table("Following error of each axis over the whole program, and the line of its peak.", heads, rows)
-    )
+    title = "Following error of each axis over the whole program, and the line of its peak."
+    return ShownTable(Table(title, columns, rows))
 
 
-def _axis(part: PartRun, axis: str) -> list[str]:
-    each = part.axes[axis]
-    return [number(1e6 * each.following_rms), number(1e6 * each.following_peak), str(each.line)]
+def _axis(part: PartRun, axis: str) -> list[Cell]:
+    errors = part.axes[axis]
+    return [errors.following_rms, errors.following_peak, errors.line]
 
 
 def _places(found: Sequence[tuple[Entry, PartRun]]) -> ShownTable:
     """The worst places of the first law, and what the others do there."""
     first = found[0][1]
-    heads = ["place mm", "line", "time s", *(entry.name for entry, _ in found)]
-    rows: list[list[str]] = []
-    for each in first.worst(_WORST):
-        cells = [number(1e6 * _near(part, each.time)) for _, part in found]
-        rows.append([_place(first, each.position).removesuffix(" mm"), str(each.line), f"{each.time:.4g}", *cells])
-    said = f"Worst places of '{first.name}': largest contour error within 60 ms of each, in µm, with each law."
-    return ShownTable(Table(said, heads, rows))
+    columns = [
+        Column(f"place {unit_name('m', 'mm', stays=True)}"), Column("line"), Column("time", "s", "SI"),
+        *(Column(entry.name) for entry, _ in found),
+    ]  # fmt: skip
+    rows: list[list[Cell]] = []
+    for place in first.worst(_WORST):
+        cells = [Quantity(_near(part, place.time), "m", form="3", bare=True) for _, part in found]
+        rows.append([_place(first, place.position, bare=True), place.line, place.time, *cells])
+    title = (
+        f"Worst places of '{first.name}': largest contour error within 60 ms of each, in {unit_name('m')}, with each "
+        "law."
+    )
+    return ShownTable(Table(title, columns, rows))
 
 
 def _near(part: PartRun, time: float) -> float:
@@ -163,65 +177,48 @@ def _near(part: PartRun, time: float) -> float:
 
 
 def _motors(found: Sequence[tuple[Entry, PartRun]]) -> ShownTable:
-    heads = [
-        "law",
-        "axis",
-        "force RMS N",
-        "of continuous",
-        "peak N",
-        "of peak",
-        "work J",
-        "drawn without recovery J",
-        "",
-    ]
+    columns = [
+        Column("law"), Column("axis"), Column("force RMS", "N", "3"), Column("of continuous", "share", "3"),
+        Column("peak", "N", "3"), Column("of peak", "share", "3"), Column("work", "J", "3"),
+        Column("drawn without recovery", "J", "3"), Column(""),
+    ]  # fmt: skip
     rows = [
-        [entry.name if i == 0 else "", axis, number(load.rms), _share(load.of_continuous), number(load.peak),
-         _share(load.of_peak), number(load.work), number(load.drawn), load.verdict]
+        [entry.name if i == 0 else "", axis, load.rms, load.of_continuous, load.peak, load.of_peak, load.work,
+         load.drawn, load.verdict]
         for entry, part in found for i, (axis, load) in enumerate(part.load.axes.items())
     ]  # fmt: skip
-    return ShownTable(
-        Table("Motors over the whole program: what they give, and whether they can for ever.", heads, rows)
-    )
-
-
-def _share(share: float | None) -> str:
-    return "–" if share is None else percent(share)
+    title = "Motors over the whole program: what they give, and whether they can for ever."
+    return ShownTable(Table(title, columns, rows))
 
 
 def _observers(found: Sequence[tuple[Entry, PartRun]]) -> ShownTable:
     axes = list(found[0][1].disturbances)
-    heads = [
-        "law",
-        "observer",
-        "delay ms",
-        *(h for axis in axes for h in (f"{axis}: acts N", "error N", "over a turn N")),
-    ]
-    rows: list[list[str]] = []
+    columns = [Column("law"), Column("observer"), Column("delay", "s", "3")]
+    for axis in axes:
+        columns += [Column(f"{axis}: acts", "N", "3"), Column("error", "N", "3"), Column("over a turn", "N", "3")]
+    rows: list[list[Cell]] = []
     for entry, part in found:
         for i, (observer, by) in enumerate(part.estimates.items()):
-            delay = number(1e3 * next(iter(by.values())).lag)
-            cells = [
-                cell for axis in axes for cell in (number(by[axis].true), number(by[axis].error), number(by[axis].slow))
-            ]
+            delay = next(iter(by.values())).lag
+            cells = [figure for axis in axes for figure in (by[axis].true, by[axis].error, by[axis].slow)]
             rows.append([entry.name if i == 0 else "", observer.replace("_", " "), delay, *cells])
     said = (
         "Cut, friction and weight as observers estimate them from readings and commands of the run, each with the "
         "start values of its tuning, RMS. What acts: without its mean. The delay of an estimate is taken out of its "
         "error; over a turn: the same in the mean over a turn of the spindle, without the teeth."
     )
-    return ShownTable(Table(said, heads, rows))
+    return ShownTable(Table(said, columns, rows))
 
 
 def _causes(planned: Planned) -> ShownTable:
     most = sorted(planned.seconds.items(), key=lambda each: -each[1])[:_CAUSES]
-    rows = [[name, f"{seconds:.4g}", percent(seconds / planned.cycle_time)] for name, seconds in most]
-    return ShownTable(
-        Table(
-            "Cycle time by what limits it: the limit used most, the feed, a standstill.",
-            ["limit", "s", "of the time"],
-            rows,
-        )
-    )
+    rows = [
+        [name, seconds, Quantity(seconds / planned.cycle_time, "share", form="3")]
+        for name, seconds in most
+    ]  # fmt: skip
+    columns = [Column("limit"), Column("", "s", "SI"), Column("of the time")]
+    title = "Cycle time by what limits it: the limit used most, the feed, a standstill."
+    return ShownTable(Table(title, columns, rows))
 
 
 def pictures(contents: LawsReport) -> Iterator[Shown]:

@@ -7,12 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from feeddrive import plot
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.table import Column, Table
+from feeddrive.language.text import Text, joined
 from feeddrive.path.planned import Planned
-from feeddrive.plot import style
-from feeddrive.report.page import Shown, definitions, header, page, picture, table
-from feeddrive.report.sentences import number
+from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
 from feeddrive.version import __version__
 
 _LISTED = 200  # stops
@@ -24,7 +23,7 @@ def build_plan(plan: Planned) -> str:
     facts = [
         ("Program", plan.program),
         ("Machine", plan.machine),
-        ("Setpoints", f"{plan.samples:,}, one every {number(1e3 * plan.sample_time)} ms"),
+        ("Setpoints", Text(f"{plan.samples:,}, one every {Quantity(plan.sample_time, 's'):3}")),
         ("Blocks", f"{plan.blocks:,} that move, in {plan.runs:,} runs from rest to rest"),
         ("Proof", _proof(plan)),
         ("feeddrive", __version__),
@@ -34,7 +33,7 @@ def build_plan(plan: Planned) -> str:
     parts = [
         header("feeddrive plan", plan.program, _lead(plan), [*links, ("facts", "What was planned")]),
         '<section id="limits"><h2>Limits</h2>',
-        table("The largest share of each limit that is used.", [*map(style.written, limits.heads)], limits.grid().rows),
+        tabled(limits, "The largest share of each limit that is used."),
         "</section><section><h2>Pictures</h2>",
         *(picture(each) for each in shown),
         '</section><section id="stops"><h2>Stops</h2>',
@@ -43,7 +42,7 @@ def build_plan(plan: Planned) -> str:
         definitions(facts),
         "</section>",
     ]
-    return page(f"{plan.program}: plan", parts, quoted=plan.quoted)
+    return page(f"{plan.program}: plan", parts)
 
 
 def _lead(plan: Planned) -> Sequence[str]:
@@ -56,14 +55,14 @@ def _lead(plan: Planned) -> Sequence[str]:
     )
     first = Text(f"The cycle takes {Quantity(plan.cycle_time, 's'):6 SI}, with {plan.stop_count:,} stops. {held}")
     most = sorted(plan.seconds.items(), key=lambda each: -each[1])[:3] if plan.cycle_time else []
-    told = ", ".join(Text(f"{name} {Quantity(seconds / plan.cycle_time, 'share'):3}") for name, seconds in most)
-    return [first, f"What limits it for most of the time: {told}."] if most else [first]
+    told = joined(", ", (f"{name} {Quantity(seconds / plan.cycle_time, 'share'):3}" for name, seconds in most))
+    return [first, Text(f"What limits it for most of the time: {told}.")] if most else [first]
 
 
 def _proof(plan: Planned) -> str:
     return (
         f"{plan.proof.spans:,} spans of time by interval arithmetic, within 1e-9 of each limit; the largest jump at a "
-        f"joint is {plan.proof.jump:.2g} of a limit"
+        f"joint is {number(plan.proof.jump, 2)} of a limit"
     )
 
 
@@ -109,18 +108,19 @@ def _stops(plan: Planned) -> str:
     by_reason = sorted(plan.stop_reasons.items(), key=lambda each: -each[1])
     rows = [
         [
-            f"{each.time:.4g}",
-            str(each.line),
-            str(each),
-            f"{each.duration:.4g}",
+            stop.time,
+            stop.line,
+            str(stop),
+            stop.duration,
             ", ".join(
-                f"{letter} {factor * x:.6g}"
-                for letter, (factor, _), x in zip(plan.limits.letters, plan.limits.shown, each.position, strict=True)
+                f"{letter} {number(factor * x, 6)}"
+                for letter, (factor, _), x in zip(plan.limits.letters, plan.limits.shown, stop.position, strict=True)
             ),
         ]
-        for each in plan.stops[:_LISTED]
+        for stop in plan.stops[:_LISTED]
     ]
-    said = f"The first {_LISTED} of {plan.stop_count:,}." if plan.stop_count > _LISTED else "All of them."
-    return table("Stops by reason.", ["reason", "stops"], [[name, f"{n:,}"] for name, n in by_reason]) + table(
-        said, ["time s", "line", "reason", "stands s", "place mm, deg" if plan.limits.rotary else "place mm"], rows
-    )
+    caption = f"The first {_LISTED} of {plan.stop_count:,}." if plan.stop_count > _LISTED else "All of them."
+    place = "place mm, deg" if plan.limits.rotary else "place mm"
+    columns = [Column("time", "s", "SI"), "line", "reason", Column("stands", "s", "SI"), place]
+    reasons = Table("Stops by reason.", ["reason", "stops"], [[name, f"{count:,}"] for name, count in by_reason])
+    return tabled(reasons) + tabled(Table(caption, columns, rows))

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from feeddrive.analysis.replay import Replay
 from feeddrive.language.block import Block, declarations
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
 from feeddrive.report.page import Entry, LawsReport
 
@@ -29,41 +27,47 @@ def result(contents: LawsReport) -> list[str]:
 def _prediction(replay: Replay) -> list[str]:
     off, error = replay.rms("position_load"), _rms(replay.measured["following_error"][replay.skipped :])
     peak = float(np.max(np.abs(replay.residual("position_load"))))
-    said = [
-        f"The model predicts the measured position to {number(1e6 * off)} µm RMS ({number(1e6 * peak)} µm at most), "
-        f"while the axis itself follows its setpoint with {number(1e6 * error)} µm RMS: the residual is "
-        f"{percent(off / error if error else 0.0)} of the following error."
+    share = off / error if error else 0.0
+    sentences: list[str] = [
+        Text(
+            f"The model predicts the measured position to {Quantity(off, 'm'):3} RMS ({Quantity(peak, 'm'):3} at "
+            f"most), while the axis itself follows its setpoint with {Quantity(error, 'm'):3} RMS: the residual is "
+            f"{Quantity(share, 'share'):3} of the following error."
+        )
     ]
     if "force" in replay.measured:
-        said.append(f"The residual of the force is {percent(replay.share('force'))} of its RMS.")
-    return said
+        share = replay.share("force")
+        sentences.append(Text(f"The residual of the force is {Quantity(share, 'share'):3} of its RMS."))
+    return sentences
 
 
 def _alone(entry: Entry) -> list[str]:
     limit = next(iter(entry.limits.items()), None)
-    force = f"the largest force is {number(entry.peak('force'))} N"
+    peak = entry.peak("force")
+    force = f"the largest force is {Quantity(peak, 'N'):3}"
     if limit is not None:
-        force += f", {percent(entry.peak('force') / limit[1])} of the {limit[0]}"
-    said = [f"{_quoted(entry)} follows its setpoint with {_errors(entry)}; {force}."]
+        force += f", {Quantity(peak / limit[1], 'share'):3} of the {limit[0]}"
+    sentences: list[str] = [Text(f"{_quoted(entry)} follows its setpoint with {_errors(entry)}; {force}.")]
     if entry.margins is not None:
-        said.append(f"Its sensitivity peak is Ms = {number(entry.margins.sensitivity_peak)}, {_judged(entry)}.")
-    return said
+        ringing = number(entry.margins.sensitivity_peak, 3)
+        sentences.append(Text(f"Its sensitivity peak is Ms = {ringing}, {_judged(entry)}."))
+    return sentences
 
 
 def _compared(contents: LawsReport) -> list[str]:
     first = contents.entries[0]
     best = min(contents.entries, key=lambda entry: entry.rms("following_error"))
     if best is first:
-        said = f"None of the others follows better than {_quoted(first)}: {_errors(first)}."
-        return [said]
+        return [Text(f"None of the others follows better than {_quoted(first)}: {_errors(first)}.")]
     ratio = first.rms("following_error") / (best.rms("following_error") or 1.0)
-    better = f"{number(ratio, 2)} times less" if ratio >= 3.0 else f"{percent(1.0 - 1.0 / ratio)} less"
-    better_of = (
-        f"Of {len(contents.entries)} laws {_quoted(best)} follows best: {_errors(best)}, {better} RMS than "
+    less = f"{number(ratio, 2)} times" if ratio >= 3.0 else f"{Quantity(1.0 - 1.0 / ratio, 'share'):3}"
+    ranking = Text(
+        f"Of {len(contents.entries)} laws {_quoted(best)} follows best: {_errors(best)}, {less} less RMS than "
         f"{_quoted(first)} ({_errors(first)})."
     )
     prices = [price for price in (_price_of_robustness(first, best), _price_of_stiffness(first, best)) if price]
-    return [*([f"What {_quoted(best)} costs: {'; '.join(prices)}."] if prices else []), better_of]
+    costs = [Text(f"What {_quoted(best)} costs: {joined('; ', prices)}.")] if prices else []
+    return [*costs, ranking]
 
 
 def _price_of_robustness(first: Entry, best: Entry) -> str:
@@ -72,42 +76,44 @@ def _price_of_robustness(first: Entry, best: Entry) -> str:
     before, after = first.margins.sensitivity_peak, best.margins.sensitivity_peak
     if after <= 1.02 * before:
         return ""
-    return f"its sensitivity peak is {number(after)} in place of {number(before)}, {_judged(best)}"
+    return f"its sensitivity peak is {number(after, 3)} in place of {number(before, 3)}, {_judged(best)}"
 
 
 def _price_of_stiffness(first: Entry, best: Entry) -> str:
     if first.stiffness is None or best.stiffness is None:
         return ""
-    before, after = 1e-6 * first.stiffness.minimum, 1e-6 * best.stiffness.minimum
+    before, after = first.stiffness.minimum, best.stiffness.minimum
     if after >= 0.98 * before:
         return ""
-    return f"the least dynamic stiffness falls from {number(before)} to {number(after)} N/µm"
+    fallen = Quantity(after, "N/m", form="3")
+    return Text(f"the least dynamic stiffness falls from {Quantity(before, 'N/m', bare=True):3} to {fallen}")
 
 
 def _judged(entry: Entry) -> str:
     peak = 0.0 if entry.margins is None else entry.margins.sensitivity_peak
-    return f"above the usual bound of {MS_BOUND:g}" if peak > MS_BOUND else f"within the usual bound of {MS_BOUND:g}"
+    return f"{'above' if peak > MS_BOUND else 'within'} the usual bound of {number(MS_BOUND)}"
 
 
 def remarks(contents: LawsReport) -> list[str]:
     """Important remarks, then the notes of the job."""
     found: list[str] = []
     ringing = [
-        f"{_quoted(entry)} ({number(entry.margins.sensitivity_peak)})"
+        f"{_quoted(entry)} ({number(entry.margins.sensitivity_peak, 3)})"
         for entry in contents.entries
         if entry.margins is not None and entry.margins.sensitivity_peak > MS_BOUND
     ]
     if ringing:
         found.append(
-            f"The sensitivity peak is above {MS_BOUND:g}: {', '.join(ringing)}. A small change of the axis makes such "
-            f"a loop ring."
+            f"The sensitivity peak is above {number(MS_BOUND)}: {', '.join(ringing)}. A small change of the axis makes "
+            "such a loop ring."
         )
     for entry in contents.entries:
         name = _quoted(entry)
         found += _of_force(entry, name)
         tripped = np.flatnonzero(entry.run["trip"])
         if tripped.size:
-            found.append(f"{name}: the guard tripped at {number(float(entry.run.time[tripped[0]]), 4)} s.")
+            time = Quantity(entry.run.time[tripped[0]], "s", form="SI")
+            found.append(Text(f"{name}: the guard tripped at {time}."))
     return [*found, *(note for note in contents.notes if note != contents.rule)]
 
 
@@ -117,25 +123,29 @@ def _of_force(entry: Entry, name: str) -> list[str]:
     if limit is not None:
         at_limit = float(np.mean(np.abs(entry.counted("force")) >= limit * (1.0 - 1e-9)))
         if at_limit > 0.0:
-            found.append(f"{name}: the force is at its limit for {percent(at_limit)} of the time.")
+            share = Quantity(at_limit, "share", form="3")
+            found.append(Text(f"{name}: the force is at its limit for {share} of the time."))
     for what, bound in entry.limits.items():
         if what == "motor peak" and entry.peak("force") > bound * (1.0 + 1e-9):
             found.append(
-                f"{name}: the largest force, {number(entry.peak('force'))} N, is above the motor's peak of "
-                f"{number(bound)} N: the model does not limit it there, the machine will."
+                Text(
+                    f"{name}: the largest force, {Quantity(entry.peak('force'), 'N'):3}, is above the motor's peak of "
+                    f"{Quantity(bound, 'N'):3}: the model does not limit it there, the machine will."
+                )
             )
         if what.startswith("motor continuous") and entry.rms("force") > bound:
             found.append(
-                f"{name}: the RMS force, {number(entry.rms('force'))} N, is above the motor's continuous "
-                f"{number(bound)} N: repeated without pause this work overheats the motor."
+                Text(
+                    f"{name}: the RMS force, {Quantity(entry.rms('force'), 'N'):3}, is above the motor's continuous "
+                    f"{Quantity(bound, 'N'):3}: repeated without pause this work overheats the motor."
+                )
             )
     return found
 
 
 def _errors(entry: Entry) -> str:
-    return (
-        f"{number(1e6 * entry.rms('following_error'))} µm RMS, {number(1e6 * entry.peak('following_error'))} µm at most"
-    )
+    rms, peak = (Quantity(value("following_error"), "m", form="3") for value in (entry.rms, entry.peak))
+    return Text(f"{rms} RMS, {peak} at most")
 
 
 def _quoted(entry: Entry) -> str:
@@ -146,38 +156,12 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values * values)))
 
 
-def number(value: float | None, digits: int = 3) -> str:
-    """A number with so many significant digits, without an exponent if that is readable; a dash if it is absent."""
-    if value is None:
-        return "–"
-    if math.isnan(value):
-        return "not a number"
-    if math.isinf(value):
-        return "∞" if value > 0.0 else "-∞"
-    if value == 0.0:
-        return "0"
-    size = math.floor(math.log10(abs(value))) + 1
-    if not -4 < size <= 7:
-        return f"{value:.{digits - 1}e}"
-    return f"{value:.{max(digits - size, 0)}f}"
-
-
-def percent(share: float) -> str:
-    """A share in percent."""
-    return f"{number(100.0 * share, 2 if abs(share) < 0.0995 else 3)} %"
-
-
-def decibel(value: float | None) -> str:
-    """One decimal."""
-    return "–" if value is None else f"{value:.1f}"
-
-
-def block_sentence(block: Block) -> str:
-    """A block by its kind, those parameters that are set, and its parts in brackets."""
+def block_sentence(block: Block) -> Text:
+    """Describe a block by its kind, those parameters that are set, and its parts in brackets."""
     declared = declarations(type(block))
     values = {name: getattr(block, name) for name in declared}
-    given = [
-        f"{name.replace('_', ' ')} {value:.6g} {declared[name].unit}".rstrip()
+    parameters = [
+        f"{name.replace('_', ' ')} {Quantity(value, declared[name].unit):6 SI}"
         for name, value in values.items()
         if isinstance(value, float)
     ]
@@ -187,17 +171,17 @@ def block_sentence(block: Block) -> str:
         for part in (value if isinstance(value, tuple) else (value,))
         if isinstance(part, Block)
     ]
-    return f"{block.kind.replace('_', ' ')}: {', '.join([*given, *parts])}"
+    return Text(f"{block.kind.replace('_', ' ')}: {joined(', ', [*parameters, *parts])}")
 
 
-def described(control: Control) -> str:
-    """The parts of a control, with those parameters that are set."""
+def described(control: Control) -> Text:
+    """Describe the parts of a control, with those parameters that are set."""
     parts = [block_sentence(control.law)]
-    parts += [f"compensation {block_sentence(block)}" for block in control.compensation]
-    parts += [f"filter {block_sentence(block)}" for block in control.filters]
-    parts += [f"feedforward {block_sentence(block)}" for block in control.feedforward]
+    parts += [Text(f"compensation {block_sentence(block)}") for block in control.compensation]
+    parts += [Text(f"filter {block_sentence(block)}") for block in control.filters]
+    parts += [Text(f"feedforward {block_sentence(block)}") for block in control.feedforward]
     if control.prefilter is not None:
-        parts.append(f"prefilter {block_sentence(control.prefilter)}")
+        parts.append(Text(f"prefilter {block_sentence(control.prefilter)}"))
     if control.force_limit is not None:
         parts.append(Text(f"limit {Quantity(control.force_limit, 'N')}"))
-    return "; ".join(parts)
+    return joined("; ", parts)

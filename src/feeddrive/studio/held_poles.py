@@ -9,7 +9,8 @@ import numpy as np
 
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.quantity import Units
+from feeddrive.language.quantity import Quantity, Units, number
+from feeddrive.language.text import Text
 from feeddrive.studio.desk import Desk, Values
 from feeddrive.tuning.loop_poles import LoopPole, Model, loop_poles, nearest_pole, pole_moved
 from feeddrive.tuning.placed_poles import placed_dragged, placed_poles
@@ -108,9 +109,9 @@ class HeldPoles:
 
 
 def _grip(name: str, label: str, s: complex, nyquist: float, units: Units) -> dict[str, Any]:
-    unit, factor = units.of("Hz")
+    _, factor = units.of("Hz")
     hertz, ratio = abs(s) / (2.0 * np.pi), -s.real / abs(s)
-    text = f"{factor * hertz:.4g} {unit}, damping ratio {ratio:.3g}"
+    text = Text(f"{Quantity(hertz, 'Hz')}, damping ratio {number(ratio, 3)}").shown(units)
     return {
         "name": name, "label": label, "text": text, "low": -nyquist, "high": nyquist, "x": s.real / (2.0 * np.pi),
         "y": factor * s.imag / (2.0 * np.pi),

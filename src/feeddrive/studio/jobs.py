@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from feeddrive.language.errors import CancelledError, FeeddriveError
 from feeddrive.language.processes import follow_parent, one_thread
 from feeddrive.language.progress import Progress
+from feeddrive.language.text import Text
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
@@ -243,7 +244,7 @@ class _Reporting(Progress):
         if (what, part) == self._last and now - self._told < _OFTEN and done != of:
             return
         self._last, self._told = (what, part), now
-        self._pipe.send(("step", f"{part}: {what}" if part else what, done, of))
+        self._pipe.send(("step", str(Text(f"{part}: {what}" if part else what)), done, of))
 
     def show_remark(self, said: Any) -> None:
         self._pipe.send(("remark", str(said)))
@@ -260,7 +261,7 @@ def fault(error: Exception) -> str:
     """An error that feeddrive did not foresee, in one sentence with its place."""
     last = traceback.extract_tb(error.__traceback__)[-1:]
     place = "".join(f" in {Path(each.filename).name}, line {each.lineno}" for each in last)
-    return f"a fault in feeddrive, please report it: {type(error).__name__}{place}: {error}"
+    return str(Text(f"a fault in feeddrive, please report it: {type(error).__name__}{place}: {error}"))
 
 
 def _child(work: Work, pipe: Connection) -> None:

@@ -139,9 +139,9 @@ def charts(
     units: Units = DRAWN,
 ) -> dict[str, Chart]:  # fmt: skip
     """The pictures that are named, as far as there is something to draw; nothing is computed for the others."""
+    units = replace(units, rotary=bench.rotary)
     view = View(bench, looks, parts or {}, units)
     found = {name: numbered(chart) for name in names if (chart := PICTURES[name].made(view)) is not None}
-    units = replace(units, rotary=True, quoted=()) if bench.rotary else units
     return {name: each.shown(units) for name, each in found.items()}
 
 

@@ -86,7 +86,7 @@ def make_app(
             name = safe_name(request.path_params["name"])
             path = sessions.named(request.query_params.get("session", "")).desk.folder / name
         except FeeddriveError as error:
-            return PlainTextResponse(f"{error}\n", 404)
+            return PlainTextResponse(f"{error!s}\n", 404)
         if not path.is_file() or path.is_symlink():
             return PlainTextResponse("there is no such file\n", 404)
         return FileResponse(path, media_type="application/octet-stream", filename=name)

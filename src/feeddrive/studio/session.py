@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from feeddrive.language.errors import FeeddriveError, ParameterError
+from feeddrive.language.quantity import number
 from feeddrive.studio.bench import Bench
 from feeddrive.studio.desk import Desk
 from feeddrive.studio.jobs import DONE, Found, Job, JobState, Work, fault
@@ -122,7 +123,9 @@ class Session:
         self._windows.pop((room, label), None)
         if low is not None and high is not None:
             if not low < high:
-                raise ParameterError(f"a window reaches from low to high, not from {low:g} to {high:g}")
+                raise ParameterError(
+                    f"a window reaches from low to high, not from {number(low, 6)} to {number(high, 6)}"
+                )
             if len(self._windows) >= _WINDOWS:
                 self._windows.clear()
             self._windows[room, label] = low, high

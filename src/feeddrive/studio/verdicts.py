@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.language.quantity import Units
-from feeddrive.language.text import resolve
+from feeddrive.language.quantity import Quantity, Units
+from feeddrive.language.text import joined, resolve
 from feeddrive.plot.chart import ALERT, Chart, Level, Mark, Note
 from feeddrive.tuning.by_hand import Look, Verdict
 from feeddrive.tuning.limits import Limits
@@ -20,7 +20,7 @@ def verdict_words(look: Look, limits: Limits, units: Units) -> list[dict[str, An
     several, found = len(look.figures) > 1, list[dict[str, Any]]()
     for each in look.judged:
         where = f" ({each.point})" if several else ""
-        at = "" if each.frequency is None else f" at {units.said(each.frequency, 'Hz')}"
+        at = "" if each.frequency is None else f" at {Quantity(each.frequency, 'Hz')}"
         text = f"{each.judged}{at}{where}, limit: {limits.only(each.judged.kind)}"
         found.append({"text": resolve(text, units), "keeps": each.keeps})
     return found
@@ -32,19 +32,17 @@ def figure_words(look: Look, units: Units) -> str:
     margins = leading.margins
     if margins.crossover is not None:
         least = min(margins.gain_crossovers, key=lambda each: abs(each.phase_margin_deg))
-        where = "" if least is margins.gain_crossovers[0] else f" at {units.said(least.frequency, 'Hz')}"
-        said.append(
-            f"crossover {units.said(margins.crossover, 'Hz')}, phase margin {least.phase_margin_deg:.3g}°{where}"
-        )
+        where = "" if least is margins.gain_crossovers[0] else f" at {Quantity(least.frequency, 'Hz')}"
+        phase = Quantity(least.phase_margin_deg, "deg", form="3")
+        said.append(f"crossover {Quantity(margins.crossover, 'Hz')}, phase margin {phase}{where}")
     if margins.gain_increase_dB is not None:
         said.append(f"the gain may rise by {units.gain_said(margins.gain_increase_dB)}")
     if look.stable:
         stiff = leading.stiffness
         against = " against a force at the drive" if leading.at_drive else ""
-        least, where = units.said(stiff.minimum, "N/m"), units.said(stiff.minimum_frequency, "Hz")
+        least, where = Quantity(stiff.minimum, "N/m"), Quantity(stiff.minimum_frequency, "Hz")
         said.append(f"least stiffness{against} {least} at {where}")
-    text = "; ".join(said)
-    return resolve(text, units)
+    return joined("; ", said).shown(units)
 
 
 def with_verdicts(drawn: Mapping[str, Chart], look: Look, limits: Limits, units: Units) -> dict[str, Chart]:
@@ -53,7 +51,7 @@ def with_verdicts(drawn: Mapping[str, Chart], look: Look, limits: Limits, units:
     if limits.sensitivity_peak is not None:
         lines["sensitivity"] = Level(_gain(units, limits.sensitivity_peak), limits.only("Ms"), dashed=True)
     if limits.compliance_peak is not None:
-        text = f"stiffness >= {units.said(1.0 / limits.compliance_peak, 'N/m')}"
+        text = f"stiffness >= {Quantity(1.0 / limits.compliance_peak, 'N/m')}"
         least = units.of("N/m")[1] / limits.compliance_peak
         lines["stiffness"] = Level(least, resolve(text, units), dashed=True)
     for name, line in lines.items():

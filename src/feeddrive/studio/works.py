@@ -162,7 +162,8 @@ def program_run(request: RunRequest, progress: Progress) -> Shown:
         for i, each in enumerate(places):
             charts[f"place_{i}"] = place_chart(row.part.contour, each)
             charts[f"time_{i}"] = part_zoom_chart({row.name: row.part}, each.time)
-            where = ", ".join(f"{1e3 * value:.3f}" for value in each.position)
+            coordinates = (Quantity(value, "m", form=".3f mm", stays=True, bare=True) for value in each.position)
+            where = ", ".join(f"{coordinate}" for coordinate in coordinates)
             line = "" if each.line is None else f", line {each.line}"
             text = Text(f"{Quantity(abs(each.error), 'm'):3} at {Quantity(each.time, 's'):.3f SI} ({where} mm{line})")
             worst.append({"text": text, "view": place_view(row.part.contour, each)})

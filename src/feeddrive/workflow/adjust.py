@@ -12,7 +12,8 @@ from feeddrive.language import tree
 from feeddrive.language.block import declarations
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.language.progress import Progress
-from feeddrive.language.table import Table
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.table import UNIT, Cell, Table
 from feeddrive.loop.control import Control
 from feeddrive.loop.guard import Guard
 from feeddrive.tuning.filter_pack import Difference, difference, read_filter, with_filters, written_filter
@@ -91,24 +92,30 @@ def adjust(request: AdjustRequest, progress: Progress) -> Outcome[MachineFile]:
     loops = {**machine.loops, axis: replace(loop, control=tree.vary(begun, values))}
     changed = loops[axis].control
     text = machine_text(machine, axis, changed)
-    rows = [(f"filters.{i}", loop.control.filters[i].kind, "removed", "") for i in removed]
+    rows: list[Sequence[Cell]] = [(f"filters.{i}", loop.control.filters[i].kind, "removed", "") for i in removed]
     rows += [(f"filters.{len(begun.filters) - len(added) + i}", "added", each.kind, "") for i, each in enumerate(added)]
-    rows += [(f"guard.{name}", _before(loop.control.guard, name), f"{value:.6g}", declarations(Guard)[name].unit)
-             for name, value in bounds.items()]  # fmt: skip
-    rows += [(name, f"{tree.get(begun, name):.6g}", f"{value:.6g}", tree.declaration(begun, name).unit)
-             for name, value in values.items()]  # fmt: skip
+    for name, value in bounds.items():
+        before = None if loop.control.guard is None else getattr(loop.control.guard, name)
+        rows.append(_changed(f"guard.{name}", before, value, declarations(Guard)[name].unit))
+    for name, value in values.items():
+        rows.append(_changed(name, tree.get(begun, name), value, tree.declaration(begun, name).unit))
     files: Mapping[str, Path] = {}
     if request.out is not None:
         write_whole(request.out, text)
         files = {"Machine": request.out}
     shown = Table(f"{machine.name}, axis {axis}: what was changed", ("what", "before", "now", "unit"), rows)
     found = replace(machine, loops=loops, file=replace(machine.file, text=text))
-    return Outcome(found, [shown], files=files)
+    return Outcome(found, [shown], files=files, rotary=loop.axis.rotary)
 
 
-def _before(guard: Guard | None, name: str) -> str:
-    value = None if guard is None else getattr(guard, name)
-    return "none" if value is None else f"{float(value):.6g}"
+def _changed(name: str, before: float | None, now: float, unit: str) -> Sequence[Cell]:
+    """Return the row of a number, in the SI unit in which the option has it."""
+    return (
+        name,
+        "none" if before is None else Quantity(before, unit, form="6 SI"),
+        Quantity(now, unit, form="6 SI"),
+        UNIT,
+    )
 
 
 def _bounds(given: str) -> dict[str, float]:

@@ -12,6 +12,8 @@ from feeddrive.benchmark.score import FIGURES, Benchmark, score
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text, capitalized
 from feeddrive.loop.runner import cores
 from feeddrive.tuning.candidates import PLAIN
 from feeddrive.workflow.command import Outcome, command
@@ -103,8 +105,8 @@ def advice(found: Benchmark, *, asked: bool = False) -> Advice:
         "no law that has a place on all plants beats P-PI by 2 % in rope-snap error"
         if best == PLAIN or (found.score(best, snap).value or 0.0) < _MANY
         else f"of the laws with a place on all plants '{best}' has the least rope-snap error, "
-        f"{found.score(best, snap).value:.2f} times better than P-PI"
+        f"{Quantity(found.score(best, snap).value or 0.0):.2f} times better than P-PI"
     )
     rest = len(found.plants) - len(beaten)
     how = f"on {rest} of {len(found.plants)} plants {Judgment.SCORED.says}"
-    return Advice(Judgment.SCORED, f"{said[:1].upper()}{said[1:]}; {how}.")
+    return Advice(Judgment.SCORED, Text(f"{capitalized(said)}; {how}."))

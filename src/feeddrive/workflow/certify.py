@@ -24,12 +24,12 @@ from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.errors import FeeddriveError, FileError, ParameterError, sentence
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Table
+from feeddrive.language.table import UNIT, Column, Table
 from feeddrive.language.text import Text, capitalized
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
-from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
+from feeddrive.report.page import Shown, definitions, header, page, page_units, picture, tabled
 from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, called, option, stem
@@ -190,6 +190,7 @@ def write_certified(found: Certificate, out: str | Path, facts: Mapping[str, str
 
 def build(found: Certificate, facts: Mapping[str, str], *, rotary: bool = False) -> str:
     """The page. Pure: the same certificate gives the same text."""
+    units = page_units(rotary=rotary)
     drawn = list(_pictures(found))
     said = found.sentence()
     name = found.document["machine"].get("name", "")
@@ -199,19 +200,19 @@ def build(found: Certificate, facts: Mapping[str, str], *, rotary: bool = False)
     shown = [found.table(), plants_table(found), control_table(found)]
     made = "".join(tabled(each, capitalized(f"{each.title}.")) for each in shown)
     parts = [
-        header("feeddrive certify", title, [f"{said[:1].upper()}{said[1:]}."], links),
+        header("feeddrive certify", title, [capitalized(f"{said}.")], links),
         f'<section id="result">\n<h2>Result</h2>\n{made}\n</section>\n',
-        f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each) for each in drawn)}</section>\n',
+        f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each, units) for each in drawn)}</section>\n',
         f'<section id="outside">\n<h2>What is outside</h2>\n{_list(found.outside)}'
         f"<h3>What is assumed</h3>\n{_list(found.document['assumed'])}</section>\n",
         f'<section id="facts">\n<h2>What was certified</h2>\n'
         f"{definitions([*facts.items(), *_words(found.document)])}\n</section>\n",
     ]
-    return page(title, parts, rotary=rotary)
+    return page(title, parts, units)
 
 
 def _list(texts: Sequence[str]) -> str:
-    items = (f"<li>{escape(text[:1].upper() + text[1:])}</li>" for text in texts)
+    items = (f"<li>{escape(capitalized(text).marked)}</li>" for text in texts)
     return f"<ul>{''.join(items)}</ul>"
 
 
@@ -233,19 +234,23 @@ def plants_table(found: Certificate) -> Table:
     """Where each plant comes from."""
     rows = [
         [
-            each["name"], f"{1e3 * each['dead_time_s']:.4g}",
-            str(sum(abs(pole) > 1.0 - 1e-12 for pole in found.loops[each["name"]].plant.poles())), each["source"],
+            plant["name"], float(plant["dead_time_s"]),
+            sum(abs(pole) > 1.0 - 1e-12 for pole in found.loops[plant["name"]].plant.poles()), plant["source"],
         ]
-        for each in found.document["plants"]
+        for plant in found.document["plants"]
     ]  # fmt: skip
-    return Table("plants", ["plant", "dead time ms", "poles at or outside |z| = 1", "model"], rows)
+    return Table("plants", ["plant", Column("dead time", "s"), "poles at or outside |z| = 1", "model"], rows)
 
 
 def control_table(found: Certificate) -> Table:
     """The parameters of the control, as people read them."""
     control = found.document["control"]
-    rows = [[name, f"{value:.6g}", control["units"][name]] for name, value in control["parameters"].items()]
-    title = f"control {control['law']}, {found.arithmetic} coefficients, every {found.document['sample_time_ms']:g} ms"
+    rows = [
+        [name, Quantity(value, control["units"][name], form="6 SI"), UNIT]
+        for name, value in control["parameters"].items()
+    ]  # fmt: skip
+    every = Quantity(1e-3 * found.document["sample_time_ms"], "s", form="6")
+    title = f"control {control['law']}, {found.arithmetic} coefficients, every {every}"
     return Table(title, ["parameter", "value", "unit"], rows)
 
 
@@ -253,9 +258,9 @@ def _pictures(found: Certificate) -> Iterator[Shown]:
     plants = found.document["plants"]
     least = "" if all(each["reserve"] is None for each in plants) else " The dot is where the discs have least room."
     above = (
-        "1/Σ|H|, one over what a sine of 1 N adds to the force there and at its images"
+        f"1/Σ|H|, one over what a sine of {Quantity(1.0, 'N')} adds to the force there and at its images"
         if found.two_rates
-        else ("the distance of L from -1 over |L|")
+        else "the distance of L from -1 over |L|"
     )
     seen = (
         " Green at the lower edge: where the plant was measured." if any(any(each["lines"]) for each in plants) else ""
@@ -263,8 +268,10 @@ def _pictures(found: Certificate) -> Iterator[Shown]:
     yield Shown(
         "margin",
         "Margin against the discs",
-        f"Proven: the blue curve, {above}, lies above the dashed orange one, the radius of "
-        f"the discs, at every frequency; shaded orange is what the discs take.{least}{seen}",
+        Text(
+            f"Proven: the blue curve, {above}, lies above the dashed orange one, the radius of the discs, at every "
+            f"frequency; shaded orange is what the discs take.{least}{seen}"
+        ),
         "Room around the plant and the radius of the discs over frequency, for each plant.",
         found.plot,
     )

@@ -25,8 +25,9 @@ from feeddrive.files.readers.ast_xml import is_ast
 from feeddrive.language.errors import FileError, LogError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
+from feeddrive.language.table import Column as TableColumn
 from feeddrive.language.table import Table
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, joined
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.readings import Doubt, with_units
 from feeddrive.workflow.readings import doubt as doubt_of
@@ -213,18 +214,22 @@ def _responses(file: OpenedFile) -> Outcome[Any]:
             frf.output,
             frf.input,
             frf.unit or "not stated",
-            str(frf.frequency.size),
-            f"{frf.frequency[0]:.4g} to {frf.frequency[-1]:.4g}",
-            "no" if frf.coherence is None else f"{float(np.median(frf.coherence)):.3f}",
+            int(frf.frequency.size),
+            frf.frequency[0],
+            frf.frequency[-1],
+            "no" if frf.coherence is None else float(np.median(frf.coherence)),
         )
         for name, frf in found.items()
     ]
-    heads = ("response", "output", "input", "unit", "lines", "Hz", "coherence, median")
-    tables = [Table(f"frequency responses in {file}: {len(found)}", heads, rows)]
+    columns = (
+        "response", "output", "input", "unit", "lines", TableColumn("from", "Hz"), TableColumn("to", "Hz"),
+        TableColumn("coherence, median", form=".3f"),
+    )  # fmt: skip
+    tables = [Table(f"frequency responses in {file}: {len(found)}", columns, rows)]
     if is_ast(file.unpacked):
         for title, values in read_controllers(file).items():
-            shown = [(key, value if isinstance(value, str) else f"{value:.9g}") for key, value in values.items()]
-            tables.append(Table(title or "all else that the file says", ("member", "value as in the file"), shown))
+            columns = ("member", TableColumn("value as in the file", form="9"))
+            tables.append(Table(title or "all else that the file says", columns, list(values.items())))
     how = "" if len(found) == 1 else " --motor NAME --load NAME, the names of the responses of the encoders"
     return Outcome(found, tables, verdict=f"Masses and modes: feeddrive identify {file}{how}")
 
@@ -261,7 +266,7 @@ def _likely_time(file: OpenedFile) -> tuple[Column, str] | None:
     units_ = time_units(step) if np.isfinite(step) and step > 0.0 else []
     if not units_ or units_[0][0] == "s":
         return None
-    other = "".join(Text(f", in {unit} {Quantity(size, 's')}") for unit, size in units_[1:])
+    other = joined("", (f", in {unit} {Quantity(size, 's')}" for unit, size in units_[1:]))
     unit, size = units_[0]
     why = Text(f"no unit is stated; in {unit} the step is {Quantity(size, 's')}{other}: correct it if wrong")
     return Column(name=name, unit=unit), why

@@ -25,6 +25,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text, capitalized
 from feeddrive.loop.simulate import simulate
 from feeddrive.machining.circle_causes import Cause, CircleCauses, circle_causes
 from feeddrive.machining.circle_test import CirclePath, CircleTest, circle_of_run, circle_path, circle_test
@@ -156,7 +157,7 @@ def _simulated(file: MachineFile, request: CircleRequest, progress: Progress) ->
     signal = "reading_load" if request.encoders else "tool"
     for feed in feeds:
         for direction in ("counterclockwise", "clockwise"):
-            progress.step(f"{direction} at {60e3 * feed:.4g} mm/min")
+            progress.step(Text(f"{direction} at {Quantity(feed, 'm/s'):mm/min}"))
             motion = {
                 name: Circle(radius=radius, feed=feed, turns=_TURNS, phase=phase, direction=direction, center=at,
                              run_up_time=min(0.3, np.pi * radius / feed))
@@ -179,7 +180,7 @@ def _middle(file: MachineFile, name: str, radius: float) -> float:
     if most - least < 2.0 * radius:
         raise ParameterError(
             f"radius = {Quantity(radius, 'm'):6 mm}: axis '{name}' travels {Quantity((most - least), 'm'):6 mm}, a "
-            f"circle needs {2e3 * radius:g} mm: give a smaller --radius"
+            f"circle needs {Quantity(2.0 * radius, 'm'):6 mm}: give a smaller --radius"
         )
     return 0.5 * (least + most)
 
@@ -191,7 +192,7 @@ def _remarks(found: MeasuredCircle) -> list[str]:
     if len(there) == 1:
         said.append("One direction only: G(b) and D of both directions need the other one.")
     notes = list(dict.fromkeys(each.note for each in found.causes.causes if each.note))
-    return [*said, *(f"{note[:1].upper()}{note[1:]}." for note in notes)]
+    return [*said, *(capitalized(f"{note}.") for note in notes)]
 
 
 def _summary(found: MeasuredCircle) -> dict[str, Any]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +30,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
 from feeddrive.language.text import Text
-from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
+from feeddrive.report.page import Shown, definitions, header, page, picture, remarks, tabled
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import (
     Drive,
@@ -119,9 +118,9 @@ def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
         facts = {
             "Logs": logs_said([*request.logs, *request.backward]),
             "Runs": f"{ways[0]} forward, {ways[1]} backward, {sum(run.turns.size for run in seen.runs)} rows",
-            "Period": f"{math.degrees(seen.period):.6g} deg"
-            if seen.turning
-            else Text(f"{Quantity(seen.period, 'm'):6 mm}"),
+            "Period": Text(
+                f"{Quantity(seen.period, 'rad'):6 deg}" if seen.turning else f"{Quantity(seen.period, 'm'):6 mm}"
+            ),
             "Columns": seen.columns,
             "Force at the table": "not known"
             if table is None
@@ -155,8 +154,8 @@ def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None,
         try:
             found += cogging_passes(log[moving] / period, log[role], highest=max(orders or (128,)), name=path.name)
         except NotIdentifiableError as error:
-            unit = ROLES[moving]
-            raise NotIdentifiableError(f"{path}: with a period of {period:.4g} {unit} {error}") from None
+            size = Quantity(period, ROLES[moving])
+            raise NotIdentifiableError(f"{path}: with a period of {size:SI} {error}") from None
     return _Seen(found, role, units_there, period, moving == "angle_motor", columns_said(mapping), doubts)
 
 
@@ -219,7 +218,7 @@ def _period(text: str | None, unit: str, drive: Drive) -> float:
         raise ParameterError(f"--period {text}: must be NUMBER or NUMBER:UNIT, as 24:mm or 90:deg") from None
     value *= units.factor(given, unit) if given else 1.0
     if not 0.0 < value < math.inf:
-        raise ParameterError(f"--period = {value:g} {unit} must be > 0")
+        raise ParameterError(f"--period = {Quantity(value, unit):6 SI} must be > 0")
     return value
 
 
@@ -271,12 +270,11 @@ def build(fit: CoggingFit, runs: Sequence[CoggingRun], facts: Mapping[str, str],
     title = "Cogging by position"
     drawn = list(_pictures(fit, runs))
     found = fit.table()
-    items = "".join(f"<li>{escape(sentence(remark))}</li>" for remark in fit.remarks)
-    listed = f'<div class="remarks"><h3>Remarks</h3><ul>{items}</ul></div>' if items else ""
+    noted = remarks([*map(sentence, fit.remarks)])
     links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("facts", "The logs")]
     parts = [
         header("feeddrive cogging", title, [verdict or advice(fit).sentence], links),
-        f'<section id="result">\n<h2>Result</h2>\n{tabled(found, sentence(found.title))}{listed}\n</section>\n',
+        f'<section id="result">\n<h2>Result</h2>\n{tabled(found, sentence(found.title))}{noted}\n</section>\n',
         f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each) for each in drawn)}</section>\n',
         f'<section id="facts">\n<h2>The logs</h2>\n{definitions(facts.items())}\n</section>\n',
     ]
@@ -298,7 +296,6 @@ def advice(fit: CoggingFit) -> Advice:
     """Which orders to take, or what to measure next: the judgment and one sentence with its reason."""
     if not fit.significant:
         return Judgment.NO_COGGING.because("no order of the position is significant")
-    unit = f" {fit.unit}" if fit.unit else ""
     strong = [each for each in fit.significant if each.amplitude >= _STRONG * fit.orders[0].amplitude]
     if fit.coulomb is None:
         return Judgment.COGGING_IS_OPEN.because(
@@ -315,13 +312,18 @@ def advice(fit: CoggingFit) -> Advice:
     odd = sum(each.odd.value**2 for each in fit.significant if each.odd is not None)
     turned = [each for each in strong if each not in taken]
     rest = (
-        f"; do not compensate what changes its sign with it ({np.sqrt(0.5 * odd):.3g}{unit} RMS, {_listed(turned)}) by "
-        f"position alone, for that would double it one way"
+        f"; do not compensate what changes its sign with it ({_rms(odd, fit.unit)}, {_listed(turned)}) by position "
+        "alone, for that would double it one way"
         if turned
         else ""
     )
-    size = f"{np.sqrt(0.5 * even):.3g}{unit} RMS that is the same in both directions"
-    return Advice(Judgment.TAKE_COGGING, f"Take {_listed(taken)} as cogging, {size}{rest}.")
+    size = f"{_rms(even, fit.unit)} that is the same in both directions"
+    return Advice(Judgment.TAKE_COGGING, Text(f"Take {_listed(taken)} as cogging, {size}{rest}."))
+
+
+def _rms(squares: float, unit: str) -> Text:
+    """Return the RMS of harmonics by the sum of the squares of their amplitudes."""
+    return Text(f"{Quantity(np.sqrt(0.5 * squares), unit):3 SI} RMS")
 
 
 def machine_text(fit: CoggingFit, at_table: AtTable, machine: MachineFile | None, axis: str) -> str:

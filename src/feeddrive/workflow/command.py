@@ -63,6 +63,13 @@ class Outcome(Generic[T]):
     failure: str = ""
     error: FeeddriveError | None = None
 
+    def __post_init__(self) -> None:
+        for name in ("tables", "remarks", "notes", "details"):
+            shown = tuple(Text(each) if isinstance(each, str) else each for each in getattr(self, name))
+            object.__setattr__(self, name, shown)
+        for name in ("verdict", "failure"):
+            object.__setattr__(self, name, Text(getattr(self, name)))
+
     @property
     def turns(self) -> bool:
         """True if it is about an axis that turns."""
@@ -70,7 +77,7 @@ class Outcome(Generic[T]):
 
     def said(self, *, verbose: bool = True) -> Iterator[Table | str]:
         """The tables and texts of the result, in order; without the details unless `verbose`."""
-        yield from (each if isinstance(each, Table) else Text(each) for each in self.tables)
+        yield from self.tables
         yield from (Text(f"- {remark}") for remark in self.remarks)
         if verbose:
             yield from (each if isinstance(each, Table) else Text(f"- {each}") for each in self.details)
@@ -100,8 +107,47 @@ class Outcome(Generic[T]):
             yield self.section
         yield from (f"{what}: {path}" for what, path in self.files.items())
 
+    def record(self, command: str = "") -> dict[str, Any]:
+        """Return it as JSON has it: tables in SI with units and errors, sentences as texts, files and the judgment.
+
+        command  its name; the exit code is that of the command line
+        """
+        units, error = self.units, self.error
+        code = self.judgment.exit_code if error is None else error.exit_code
+        return {
+            "command": command,
+            "judgment": self.judgment.name.lower(),
+            "exit_code": code,
+            **_recorded(self.tables, units),
+            "remarks": [_told(remark, units) for remark in self.remarks],
+            "verdict": _told(self.verdict, units),
+            "notes": [_told(note, units) for note in self.notes],
+            "failure": _told(self.failure, units),
+            "section": self.section,
+            "files": {what: str(path) for what, path in self.files.items()},
+            "details": _recorded(self.details, units),
+            "error": None if error is None else failure(error),
+        }
+
     def __repr__(self) -> str:
         return "\n".join(map(str, (*self.shown(), *self.written())))
+
+
+def failure(error: Exception) -> dict[str, str]:
+    """Return an error as JSON has it."""
+    return {"kind": type(error).__name__, "message": str(error)}
+
+
+def _recorded(shown: Sequence[Table | str], units: Units) -> dict[str, list[Any]]:
+    """Return tables and the sentences between them as JSON has them."""
+    return {
+        "tables": [each.record(units) for each in shown if isinstance(each, Table)],
+        "texts": [_told(each, units) for each in shown if not isinstance(each, Table)],
+    }
+
+
+def _told(text: str, units: Units) -> str:
+    return str(resolve(text, units))
 
 
 class Command(Generic[P, R, T]):

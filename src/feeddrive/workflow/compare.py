@@ -16,7 +16,9 @@ from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
-from feeddrive.language.table import Table
+from feeddrive.language.quantity import number
+from feeddrive.language.table import Column, Table
+from feeddrive.language.text import Text, marked
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.runner import cores
@@ -98,12 +100,14 @@ def taken(machine: MachineFile, axis: str, control: Control) -> str:
     return machine_text(machine, axis, control)
 
 
-# head, key, factor and digits of the figures on the screen
+# columns of the screen, and the keys of their figures
 _COLUMNS = (
-    ("Ms", "sensitivity_peak", 1.0), ("delay samples", "delay_margin_samples", 1.0),
-    ("snap nm √s/N", "rope_snap_ISE_root_m_per_N", 1e9), ("N/um at 10 Hz", "stiffness_10_Hz_N_per_m", 1e-6),
-    ("N/um at 100 Hz", "stiffness_100_Hz_N_per_m", 1e-6), ("track RMS um", "tracking_error_rms_m", 1e6),
-    ("settled ms", "snap_settling_s", 1e3), ("noise N", "force_noise_N", 1.0),
+    (Column("Ms", form="2"), "sensitivity_peak"), (Column("delay samples", form="2"), "delay_margin_samples"),
+    (Column("snap", "m √s/N", "2"), "rope_snap_ISE_root_m_per_N"),
+    (Column("at 10 Hz", "N/m", "2"), "stiffness_10_Hz_N_per_m"),
+    (Column("at 100 Hz", "N/m", "2"), "stiffness_100_Hz_N_per_m"),
+    (Column("track RMS", "m", "2"), "tracking_error_rms_m"), (Column("settled", "s", "2"), "snap_settling_s"),
+    (Column("noise", "N", "2"), "force_noise_N"),
 )  # fmt: skip
 _SENTENCES = re.compile(r"\. (?=[A-Z])")  # between two: not the point of a number in a line of code
 _NAMED = 4  # criteria in which a law is worse that are named, the worst first
@@ -113,14 +117,10 @@ def screen(found: Comparison) -> Table:
     """Robustness and the figures that decide, two digits each; the laws without a place have a mark."""
     rows = [
         [f"{each.name}{' *' if each.unplaced or each.unfit else ''}",
-         *(_cell(each.figures.get(key), factor) for _, key, factor in _COLUMNS)]
+         *(each.figures.get(key) for _, key in _COLUMNS)]
         for each in found.competitors
     ]  # fmt: skip
-    return Table(f"{found.title}; * not ranked", ["law", *(head for head, _, _ in _COLUMNS)], rows)
-
-
-def _cell(value: float | None, factor: float) -> str:
-    return "-" if value is None else "inf" if math.isinf(value) else two_digits(factor * value)
+    return Table(f"{found.title}; * not ranked", [Column("law"), *(column for column, _ in _COLUMNS)], rows)
 
 
 def in_short(found: Comparison) -> list[str]:
@@ -140,8 +140,12 @@ def in_short(found: Comparison) -> list[str]:
     said = [f"{head}: {', '.join(each.name for each in group)}." for head, group in groups.items() if group]
     refused = dict[str, list[str]]()
     for each in found.refusals:
-        refused.setdefault(_SENTENCES.split(each.reason, maxsplit=1)[0].rstrip("."), []).append(each.name)
-    return [*said, *(f"Cannot control this axis: {', '.join(them)}: {reason}." for reason, them in refused.items())]
+        first = _SENTENCES.split(marked(each.reason), maxsplit=1)[0].rstrip(".")
+        refused.setdefault(first, []).append(each.name)
+    return [
+        *said,
+        *(Text(f"Cannot control this axis: {', '.join(names)}: {reason}.") for reason, names in refused.items()),
+    ]
 
 
 def advice(found: Comparison) -> Advice:
@@ -176,4 +180,4 @@ def advice(found: Comparison) -> Advice:
 
 def _times(ratio: float) -> str:
     """Two digits, or three near 1: 0.83, 1.05."""
-    return f"{ratio:.3g}" if 0.9 < ratio < 1.1 else two_digits(ratio)
+    return number(ratio, 3) if 0.9 < ratio < 1.1 else two_digits(ratio)

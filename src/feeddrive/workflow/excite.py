@@ -6,7 +6,6 @@ The files hold the signal to send, the simulated response, and the limits that w
 from __future__ import annotations
 
 from collections.abc import Mapping
-from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -19,14 +18,14 @@ from feeddrive.identification.excitation.estimate_frf import estimate_frf
 from feeddrive.identification.excitation.excitation import Excitation, said
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text
 from feeddrive.language.units import turning
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import UNITS, Loop
 from feeddrive.plot.responses import frequency_estimate
-from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
+from feeddrive.report.page import Shown, definitions, header, page, page_units, picture, remarks, tabled
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, frequencies, option, stem
 
@@ -127,23 +126,25 @@ def _lost(frequency: np.ndarray, share: np.ndarray) -> str:
     ends = good.size and good[-1] < share.size - 1
     above = Text(f", all above {Quantity(frequency[good[-1]], 'Hz')} among them") if ends else ""
     remedy = f"take more amplitude or more periods{', or end the band there' if ends else ''}"
-    return f" {lost} of {share.size} lines are not known to {_USELESS:g} %{above}: {remedy}."
+    return Text(f" {lost} of {share.size} lines are not known to {Quantity(_USELESS, 'share')}{above}: {remedy}.")
 
 
 def build(found: Excitation, loop: Loop, facts: Mapping[str, str]) -> str:
     """The page."""
     estimate, model = rehearsed(found, loop)
     assert estimate.frf.variance is not None
-    share = 100.0 * np.sqrt(estimate.frf.variance) / estimate.frf.magnitude
+    share = np.sqrt(estimate.frf.variance) / estimate.frf.magnitude
+    units = page_units(rotary=loop.axis.rotary)
     shown = found.table()
     lead = [
         Text(
-            f"{found.lines.size} lines from {found.frequency[0]:.4g} to {Quantity(found.frequency[-1], 'Hz')} on the "
-            f"{found.where}, peak {said(found.amplitude, found.unit)}, crest factor {found.crest:.3f}; all limits that "
-            "were stated hold in the simulation."
+            f"{found.lines.size} lines from {Quantity(found.frequency[0], 'Hz', bare=True)} to "
+            f"{Quantity(found.frequency[-1], 'Hz')} on the {found.where}, peak {said(found.amplitude, found.unit)}, "
+            f"crest factor {number(found.crest, 4)}; all limits that were stated hold in the simulation."
         ),
         Text(
-            f"Expect a deviation of {np.median(share):.2g} % in the middle and {np.max(share):.3g} % at worst, at "
+            f"Expect a deviation of {Quantity(np.median(share), 'share'):2} in the middle and "
+            f"{Quantity(np.max(share), 'share'):3} at worst, at "
             f"{Quantity(estimate.frequency[int(np.argmax(share))], 'Hz')}, if noise and friction of the machine are "
             f"those of its file.{_lost(estimate.frequency, share)}"
         ),
@@ -161,20 +162,20 @@ def build(found: Excitation, loop: Loop, facts: Mapping[str, str]) -> str:
             "Estimated and modelled response over frequency.", lambda: frequency_estimate(estimate, model),
         ),
     ]  # fmt: skip
-    remarks = "".join(f"<li>{escape(remark)}</li>" for remark in (*found.remarks, *estimate.remarks))
-    noted = f'<div class="remarks"><h3>Remarks</h3><ul>{remarks}</ul></div>' if remarks else ""
+    noted = remarks([*found.remarks, *estimate.remarks])
     stated = {
         **facts,
         "Grid": Text(f"{found.grid}, lines at multiples of {Quantity(1.0 / (found.period * found.sample_time), 'Hz')}"),
         "Periods": f"{found.periods} of {found.period} samples, each realisation swells and fades over {found.fade}",
-        "Motion underneath": f"{said(found.offset_velocity, 'm/s')}, back in every second realisation",
-        "Least speed while excited": said(found.least_velocity, "m/s"),
+        "Motion underneath": Text(f"{said(found.offset_velocity, 'm/s')}, back in every second realisation"),
+        "Least speed while excited": Text(f"{said(found.least_velocity, 'm/s')}"),
     }
+    drawn = "".join(picture(each, units) for each in pictures)
     parts = [
         header("feeddrive excite", "Excitation for a frequency response", lead,
                [("limits", "Limits"), ("facts", "What was designed")]),
         f'<section id="limits">\n<h2>Limits</h2>\n{tabled(shown)}{noted}\n</section>\n',
-        f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(map(picture, pictures))}\n</section>\n',
+        f'<section id="pictures">\n<h2>Pictures</h2>\n{drawn}\n</section>\n',
         f'<section id="facts">\n<h2>What was designed</h2>\n{definitions(stated.items())}\n</section>\n',
     ]  # fmt: skip
-    return page("Excitation for a frequency response", parts, rotary=loop.axis.rotary)
+    return page("Excitation for a frequency response", parts, units)

@@ -17,8 +17,8 @@ from feeddrive.identification.estimate import lever
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.table import UNIT, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import Request, argument, option
@@ -71,8 +71,8 @@ class ForceScale(Result):
 
     def table(self) -> Table:
         """The chain."""
-        rows = [[what, f"{value:.6g}", unit] for what, value, unit in self.steps]
-        title = f"1 of '{self.column}' is {self.factor:.6g} {self.unit}"
+        rows = [[what, Quantity(value, unit, form="6 SI"), UNIT] for what, value, unit in self.steps]
+        title = f"1 of '{self.column}' is {Quantity(self.factor, self.unit):6}"
         return Table(title, ["step", "for 1 of the signal", "unit"], rows)
 
     def line(self) -> str:
@@ -110,15 +110,16 @@ def scale(request: ForceRequest) -> ForceScale:
         parts = 100.0 if unit == "percent" else 1000.0
         rated, unit = _size("--rated", request.rated, f"what 100 % is ('{request.signal}' of what?)")
         value = rated / parts
-        steps.append((f"rated {rated:g} {unit} / {parts:g}", value, unit))
+        steps.append((Text(f"rated {Quantity(rated, unit):6} / {number(parts)}"), value, unit))
     elif unit in ("V", "pid.output"):
-        most, unit = _size("--at-full", request.at_full, f"what the drive gives at {request.full:g} {request.signal}")
+        full = f"{number(request.full, 6)} {request.signal}"
+        most, unit = _size("--at-full", request.at_full, f"what the drive gives at {full}")
         value = most / request.full
-        steps.append((f"{most:g} {unit} at {request.full:g} {request.signal}", value, unit))
+        steps.append((Text(f"{Quantity(most, unit):6} at {full}"), value, unit))
         if unit == "percent":
             rated, unit = _size("--rated", request.rated, "what 100 % is")
             value *= rated / 100.0
-            steps.append((f"rated {rated:g} {unit} / 100", value, unit))
+            steps.append((Text(f"rated {Quantity(rated, unit):6} / 100"), value, unit))
     if unit == "A":
         constant, of = request.torque_constant or request.motor_constant, "N m" if request.torque_constant else "N"
         if constant is None:
@@ -130,10 +131,10 @@ def scale(request: ForceRequest) -> ForceScale:
             value /= math.sqrt(2.0)
             steps.append(("amplitude / √2 is RMS", value, "A"))
         value, unit = value * constant, of
-        steps.append((f"constant {constant:g} {of}/A", value, unit))
+        steps.append((Text(f"constant {Quantity(constant, f'{of}/A', stays=True):6}"), value, unit))
     if unit == "N m" and request.lead is not None:
         value, unit = value / lever(request.lead, request.gear), "N"
-        steps.append((Text(f"lead {Quantity(request.lead, 'm'):6 mm}, gear {request.gear:g}"), value, unit))
+        steps.append((Text(f"lead {Quantity(request.lead, 'm'):6 mm}, gear {number(request.gear, 6)}"), value, unit))
     elif unit == "N" and request.lead is not None:
         raise ParameterError("--lead turns a torque into a force, and this is a force already: leave it out")
     if request.inverted:

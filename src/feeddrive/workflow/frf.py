@@ -26,11 +26,12 @@ from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError, nearest
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Table
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.table import Cell, Table
+from feeddrive.language.table import Column as TableColumn
 from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import TRUSTED
-from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
+from feeddrive.report.page import Shown, definitions, header, page, picture, remarks, tabled
 from feeddrive.workflow.channels import requested, show, whole_log
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.readings import check_response, doubt, units_first, with_units
@@ -123,8 +124,8 @@ def _advice(found: Sequence[FrequencyEstimate]) -> Advice | None:
         poor = float(np.mean(each.frf.coherence <= TRUSTED))
         if poor > 0.5:
             return Judgment.INCOHERENT.because(
-                f"the coherence of '{each.frf.output}' is {TRUSTED:g} or less on {Quantity(poor, 'share'):3} of the "
-                "lines; measure again with more amplitude or longer"
+                f"the coherence of '{each.frf.output}' is {number(TRUSTED)} or less on {Quantity(poor, 'share'):3} of "
+                "the lines; measure again with more amplitude or longer"
             )
     return None
 
@@ -294,7 +295,7 @@ def build(found: Sequence[FrequencyEstimate], facts: Mapping[str, str]) -> str:
     title = f"Frequency response, {found[0].frf.input} to {' and '.join(heads)}"
     keys = [f"response{'abcdefghijkl'[k]}" for k in range(len(found))]
     lead: list[str] = [
-        sentence if len(found) == 1 else f"{name}: {sentence}"
+        sentence if len(found) == 1 else Text(f"{name}: {sentence}")
         for name, each in zip(heads, found, strict=True)
         for sentence in sentences(each)
     ]
@@ -319,9 +320,9 @@ def _section(key: str, head: str, found: FrequencyEstimate) -> str:
         found.plot,
     )
     tables = "".join(tabled(each) for each in (found.table(), levels(found)))
-    said = "".join(f"<li>{escape(remark)}</li>" for remark in found.remarks)
-    remarks = f'<div class="remarks"><h3>Remarks</h3><ul>{said}</ul></div>' if said else ""
-    return f'<section id="{key}">\n<h2>{escape(head)}</h2>\n{picture(shown)}{tables}{remarks}\n</section>\n'
+    return (
+        f'<section id="{key}">\n<h2>{escape(head)}</h2>\n{picture(shown)}{tables}{remarks(found.remarks)}\n</section>\n'
+    )
 
 
 def sentences(found: FrequencyEstimate) -> list[str]:
@@ -329,13 +330,14 @@ def sentences(found: FrequencyEstimate) -> list[str]:
     frf = found.frf
     assert frf.coherence is not None
     assert frf.variance is not None
-    share = 100.0 * np.sqrt(frf.variance) / frf.magnitude
+    share = np.sqrt(frf.variance) / frf.magnitude
     good = float(np.mean(frf.coherence > TRUSTED))
     what = "noise and nonlinear distortion" if found.total else "noise"
     lead: list[str] = [
         Text(
-            f"{frf.frequency.size} lines from {frf.frequency[0]:.4g} to {Quantity(frf.frequency[-1], 'Hz')}; the "
-            f"deviation by {what} is {np.median(share):.2g} % in the middle and {np.max(share):.2g} % at worst, at "
+            f"{frf.frequency.size} lines from {Quantity(frf.frequency[0], 'Hz', bare=True)} to "
+            f"{Quantity(frf.frequency[-1], 'Hz')}; the deviation by {what} is {Quantity(np.median(share), 'share'):2} "
+            f"in the middle and {Quantity(np.max(share), 'share'):2} at worst, at "
             f"{Quantity(frf.frequency[int(np.argmax(share))], 'Hz')}."
         )
     ]
@@ -343,9 +345,9 @@ def sentences(found: FrequencyEstimate) -> list[str]:
         low = frf.frequency[frf.coherence <= TRUSTED]
         lead.append(
             Text(
-                f"The coherence is {TRUSTED:g} or less on {Quantity((1.0 - good), 'share'):3} of the lines, between "
-                f"{low[0]:.4g} and {Quantity(low[-1], 'Hz')}: do not tune on them; measure again there with more "
-                "amplitude or longer."
+                f"The coherence is {number(TRUSTED)} or less on {Quantity(1.0 - good, 'share'):3} of the lines, "
+                f"between {Quantity(low[0], 'Hz', bare=True)} and {Quantity(low[-1], 'Hz')}: do not tune on them; "
+                "measure again there with more amplitude or longer."
             )
         )
     return lead
@@ -355,18 +357,18 @@ def levels(found: FrequencyEstimate) -> Table:
     """Noise and distortion as a share of the response, in the median over octaves of the band."""
     f, size = found.frequency, found.frf.magnitude
     edges = np.geomspace(f[0], f[-1] * (1.0 + 1e-9), 7)
-    rows: list[list[str]] = []
+    rows: list[list[Cell]] = []
     for low, high in pairwise(edges):
-        row: list[str] = [Text(f"{low:.4g} .. {Quantity(high, 'Hz')}")]
+        row: list[Cell] = [Text(f"{Quantity(low, 'Hz', bare=True)} .. {Quantity(high, 'Hz')}")]
         for name in ("noise", "nonlinear", "odd", "even"):
             level = found.levels.get(name)
             inside = None if level is None else (level.frequency >= low) & (level.frequency < high)
             if level is None or inside is None or not np.any(np.isfinite(level.response[inside])):
-                row.append("–")
+                row.append(None)
                 continue
             share = level.response[inside] / np.interp(level.frequency[inside], f, size)
-            row.append(f"{100.0 * float(np.nanmedian(share)):.3g}")
+            row.append(float(np.nanmedian(share)))
         rows.append(row)
-    heads = ["band", "noise %", "scatter %", "odd %", "even %"]
+    columns = [TableColumn("band"), *(TableColumn(head, "share", "3") for head in ("noise", "scatter", "odd", "even"))]
     title = "Noise of the mean, scatter beyond noise, odd and even distortion: shares of the response (medians)."
-    return Table(title, heads, rows)
+    return Table(title, columns, rows)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +25,13 @@ from feeddrive.language.block import declarations
 from feeddrive.language.errors import NotIdentifiableError, sentence
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, number, unit_name
 from feeddrive.language.table import Table
 from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.loop import Loop
 from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
+from feeddrive.report.page import remarks as remarks_box
 from feeddrive.workflow import drive_logs
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import (
@@ -156,8 +156,7 @@ def build(curve: FrictionCurve, said: Sequence[str], facts: Mapping[str, str], v
     title = f"A friction curve from {curve.runs.velocity.size} constant-speed runs"
     drawn = list(_pictures(curve))
     made = "".join(tabled(each, sentence(each.title)) for each in tables(curve))
-    items = "".join(f"<li>{escape(sentence(remark))}</li>" for remark in said)
-    listed = f'<div class="remarks"><h3>Remarks</h3><ul>{items}</ul></div>' if items else ""
+    listed = remarks_box([*map(sentence, said)])
     runs = curve.runs.table()
     points = f"<details><summary>All runs</summary>{tabled(runs, f'{runs.title}.')}</details>"
     links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("facts", "The logs")]
@@ -188,8 +187,9 @@ def remarks(curve: FrictionCurve, loop: Loop | None) -> list[str]:
         pull = curve["offset"]
         said.append(
             Text(
-                f"the offset of {pull.value:.3g} ± {pull.error:.2g} {pull.unit} becomes no constant force: that takes "
-                f"more than {SIGNIFICANT:g} of its errors and {Quantity(LEAST_PULL, 'share'):6} of Coulomb friction"
+                f"the offset of {Quantity(pull.value, pull.unit, pull.error)} becomes no constant force: that takes "
+                f"more than {number(SIGNIFICANT)} of its errors and {Quantity(LEAST_PULL, 'share'):6} of Coulomb "
+                "friction"
             )
         )
     if axis is None:
@@ -232,20 +232,21 @@ def kept_away(curve: FrictionCurve, loop: Loop | None) -> str:
 
 def advice(curve: FrictionCurve) -> Advice:
     """What to take, or what to measure next: the judgment and one sentence with its reason."""
-    share = 100.0 * _share(curve)
-    if share > 100.0 * _POOR:
+    share = _share(curve)
+    if share > _POOR:
         return Judgment.DO_NOT_USE_CURVE.because(
-            f"the best model, {curve.model.name}, leaves {share:.3g} % of the force, so it is no function of the "
-            "velocity; warm the axis up, let each speed settle, and measure again"
+            f"the best model, {curve.model.name}, leaves {Quantity(share, 'share'):3} of the force, so it is no "
+            "function of the velocity; warm the axis up, let each speed settle, and measure again"
         )
     missing, parameter = _missing(curve)
     if missing:
         open_ = Judgment.CURVE_IS_OPEN
         speeds = f"{_next(curve, parameter)} in both directions"
-        return Advice(open_, f"{open_.says} ({curve.model.name}): {missing}; record next runs at {speeds}.")
+        told = Text(f"{open_.says} ({curve.model.name}): {missing}; record next runs at {speeds}.")
+        return Advice(open_, told)
     kind = "this curve" if curve.frame is SHAFT else f"the block '{curve.block().kind}'"
-    take, reason = Judgment.TAKE_CURVE, f"it leaves {share:.2g} % of the force, and {_against(curve)}"
-    return Advice(take, f"{take.says} {kind} ({curve.model.name}): {reason}.")
+    take, left = Judgment.TAKE_CURVE, f"it leaves {Quantity(share, 'share'):2} of the force"
+    return Advice(take, Text(f"{take.says} {kind} ({curve.model.name}): {left}, and {_against(curve)}."))
 
 
 def machine_text(curve: FrictionCurve, machine: MachineFile | None, axis: str) -> str:
@@ -271,7 +272,7 @@ def machine_text(curve: FrictionCurve, machine: MachineFile | None, axis: str) -
         if each.name == "offset":
             continue
         key = edit.set(("axis", axis, place, each.name), float(getattr(block, each.name)), each.unit)
-        edit.comment(key, f"standard error {each.error:.2g} {each.unit}")
+        edit.comment(key, f"standard error {Quantity(each.error, each.unit):2 SI}")
     if gravity is not None:
         index = 0 if machine is None else _index(machine.loop(axis).axis)
         key = edit.set(("axis", axis, "forces", index, "force"), float(gravity.force), "N")
@@ -345,7 +346,7 @@ def _against(curve: FrictionCurve) -> str:
         return f"it is the simplest of those that the runs cannot tell apart ({best.name} is no better than by 2)"
     gap = best.criterion - own.criterion
     strength = "clearly " if gap > 6.0 else ""
-    return f"the runs speak {strength}against the next one, {best.name} (criterion worse by {gap:.1f})"
+    return Text(f"the runs speak {strength}against the next one, {best.name} (criterion worse by {Quantity(gap):.1f})")
 
 
 def _missing(curve: FrictionCurve) -> tuple[str, str]:
@@ -360,16 +361,20 @@ def _missing(curve: FrictionCurve) -> tuple[str, str]:
     vs = curve.values.get("stribeck_velocity")
     if vs is None:
         return "", ""
+    stribeck = Quantity(vs, curve.frame.velocity, form="2 SI")
     v = curve.runs.velocity
     slow = min(int(np.sum((sign * v > 0.0) & (sign * v < vs))) for sign in (1.0, -1.0))
     if vs > _AT_END * float(np.max(np.abs(v))):
-        return f"the Stribeck velocity came out at the fastest run, {vs:.2g} {curve.frame.velocity}", "coulomb"
+        return Text(f"the Stribeck velocity came out at the fastest run, {stribeck}"), "coulomb"
     if slow >= _SLOW:
         return "", ""
     return (
-        f"fewer than {_SLOW} runs in a direction are slower than the Stribeck velocity, {vs:.2g} "
-        f"{curve.frame.velocity}, so shape and breakaway level are a guess"
-    ), "stribeck_velocity"
+        Text(
+            f"fewer than {_SLOW} runs in a direction are slower than the Stribeck velocity, {stribeck}, so shape and "
+            "breakaway level are a guess"
+        ),
+        "stribeck_velocity",
+    )
 
 
 def _next(curve: FrictionCurve, name: str) -> str:
@@ -384,7 +389,7 @@ def _next(curve: FrictionCurve, name: str) -> str:
         speeds = [0.1 * min(vs, slow), 0.3 * min(vs, slow), min(vs, slow)]
     else:
         speeds = [0.1 * vs, 0.25 * vs, 0.5 * vs, vs]
-    return f"{', '.join(f'{speed:.2g}' for speed in speeds)} {unit}"
+    return Text(f"{', '.join(number(speed, 2) for speed in speeds)} {unit_name(unit, 'SI')}")
 
 
 def _pictures(curve: FrictionCurve) -> Iterator[Shown]:

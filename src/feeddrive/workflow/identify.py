@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -30,12 +29,13 @@ from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError, sentence
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
+from feeddrive.language.table import Column as TableColumn
 from feeddrive.language.table import Table
 from feeddrive.language.text import Text, capitalized
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
-from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
+from feeddrive.report.page import Shown, definitions, header, page, page_units, picture, remarks, tabled
 from feeddrive.tuning.filter_pack import read_block
 from feeddrive.workflow.channels import mapped, no_column
 from feeddrive.workflow.command import Outcome, command
@@ -291,7 +291,7 @@ def _say_errors(edit: TomlEdit, found: Identified, axis: str, loop: Loop) -> Non
             continue
         parts = [int(part) if part.isdigit() else part for part in name.split(".")]
         key = edit.set(("axis", axis, *parts[2:]), float(tree.get(loop, name)), each.unit)
-        edit.comment(key, f"standard error {each.error:.2g} {each.unit}")
+        edit.comment(key, f"standard error {Quantity(each.error, each.unit):2 SI}")
 
 
 def _place(loop: Loop, parameter: str) -> str | None:
@@ -325,16 +325,16 @@ def build(found: Identified, facts: Mapping[str, str]) -> str:
     """The page. Pure: the same identification gives the same text."""
     drawn = list(_pictures(found))
     made = "".join(tabled(each, capitalized(f"{each.title}.")) for each in tables(found))
-    said = "".join(f"<li>{escape(f'{remark[:1].upper()}{remark[1:]}.')}</li>" for remark in found.remarks)
-    remarks = f'<div class="remarks"><h3>Remarks</h3><ul>{said}</ul></div>' if said else ""
+    noted = remarks([capitalized(f"{remark}.") for remark in found.remarks])
+    units = page_units(rotary=found.rotary)
     links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("facts", "The log")]
     parts = [
         header("feeddrive identify", f"A rigid drive in {found.log.name}", [found.recommendation], links),
-        f'<section id="result">\n<h2>Result</h2>\n{made}{remarks}\n</section>\n',
-        f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each) for each in drawn)}</section>\n',
+        f'<section id="result">\n<h2>Result</h2>\n{made}{noted}\n</section>\n',
+        f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each, units) for each in drawn)}</section>\n',
         f'<section id="facts">\n<h2>The log</h2>\n{definitions(facts.items())}\n</section>\n',
     ]
-    return page(f"Identified: {found.log.name}", parts, rotary=found.rotary)
+    return page(f"Identified: {found.log.name}", parts, units)
 
 
 def tables(found: Identified) -> list[Table]:
@@ -342,10 +342,9 @@ def tables(found: Identified) -> list[Table]:
     made = [found.rigid.table()]
     if found.refinement is not None:
         made.append(found.refinement.table())
-        rows = [[str(d), f"{1e6 * rms:.4g}"] for d, rms in found.refinement.by_delay.items()]
-        made.append(
-            Table("position residual in closed loop by dead time", ["samples more", f"{found.log.micro} RMS"], rows)
-        )
+        rows = [[str(delay), rms] for delay, rms in found.refinement.by_delay.items()]
+        columns = ["samples more", TableColumn("RMS", "m")]
+        made.append(Table("position residual in closed loop by dead time", columns, rows))
     if found.control is not None:
         made.append(found.control.table())
     return [*made, found.delay.table(), found.rigid.residuals.table(), found.rigid.validation.table()]
@@ -359,7 +358,7 @@ def _pictures(found: Identified) -> Iterator[Shown]:
         "Fitted and measured force",
         "Inverse dynamics: mass times acceleration plus friction, over the force that was commanded. Reversals are "
         "left out: there friction is no single number.",
-        f"Measured and fitted force over time; the residual is {left} of the force.",
+        Text(f"Measured and fitted force over time; the residual is {left} of the force."),
         rigid.plot,
     )
     if found.refinement is not None:
@@ -395,6 +394,6 @@ def _pictures(found: Identified) -> Iterator[Shown]:
         "delay",
         "Dead time",
         "Residual of the inverse dynamics if the force acts this many samples later than its hold.",
-        f"Residual over dead time; least at {found.delay.dead_time:.2f} samples.",
+        Text(f"Residual over dead time; least at {Quantity(found.delay.dead_time):.2f} samples."),
         found.delay.plot,
     )

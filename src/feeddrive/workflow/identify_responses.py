@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +37,7 @@ from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
+from feeddrive.report.page import remarks as remarks_box
 from feeddrive.workflow.command import Outcome
 from feeddrive.workflow.drive_logs import narrow, written
 from feeddrive.workflow.readings import check_response, units_first
@@ -217,9 +217,8 @@ def build(found: AxisFits | ModalFit, remarks: Sequence[str], facts: Mapping[str
     made = "".join(tabled(each, sentence(each.title)) for each in tables(found))
     said = list(remarks)
     if isinstance(fit, PlantFit):
-        said += [f"not identifiable: {name}: {why}" for name, why in fit.not_identifiable.items()]
-    items = "".join(f"<li>{escape(sentence(remark))}</li>" for remark in said)
-    listed = f'<div class="remarks"><h3>Remarks</h3><ul>{items}</ul></div>' if items else ""
+        said += [Text(f"not identifiable: {name}: {why}") for name, why in fit.not_identifiable.items()]
+    listed = remarks_box([*map(sentence, said)])
     links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("facts", "Measurement")]
     parts = [
         header("feeddrive identify", title, [verdict or advice(found).sentence], links),
@@ -247,7 +246,10 @@ def _pictures(fit: PlantFit | ModalFit) -> Iterator[Shown]:
         "Residuals",
         "Noise would scatter without order, and its autocorrelation would stay between the dashed lines. Waves over "
         "several lines are something regular that is not in the model.",
-        f"Weighted residuals over frequency; autocorrelation {found.autocorrelation():.2f} from line to line.",
+        Text(
+            f"Weighted residuals over frequency; autocorrelation {Quantity(found.autocorrelation()):.2f} from line to "
+            "line."
+        ),
         lambda: plot.response_residuals(found),
     )
     yield Shown(
@@ -340,7 +342,8 @@ def machine_text(fit: PlantFit, machine: MachineFile | None, axis: str, drive: b
         key = ("axis", axis, "actuator", each.name) if at_drive else (*place, *parts)
         if edit.has(key[:-1]) and (drive or machine is None or not at_drive):
             value = getattr(actuator, each.name) if len(parts) == 1 and hasattr(actuator, each.name) else each.value
-            edit.comment(edit.set(key, float(value), each.unit), f"standard error {each.error:.2g} {each.unit}".strip())
+            error = Quantity(each.error, each.unit, form="2 SI")
+            edit.comment(edit.set(key, float(value), each.unit), f"standard error {error}")
     return edit.text
 
 

@@ -20,7 +20,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, capitalized
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.iterative_feedforward import Iteration, begin_compensation, next_iteration
 from feeddrive.tuning.machine_trials import MachineTrials, iterate_machine, tune_prefilters
@@ -139,7 +139,7 @@ def _simulated(request: IterateRequest, loop: Loop, progress: Progress) -> tuple
     )  # fmt: skip
     text = Text(
         f"Each trial: {Quantity(MOVE.distance, 'm'):6 mm} out and back, at most {Quantity(MOVE.velocity, 'm/s'):6 SI}, "
-        f"{Quantity(MOVE.acceleration, 'm/s'):6 SI}², {Quantity(MOVE.jerk, 'm/s'):6 SI}³; --job names another motion."
+        f"{Quantity(MOVE.acceleration, 'm/s2')}, {Quantity(MOVE.jerk, 'm/s3'):6}; --job names another motion."
     )
     return found.iterations[-1], [found.table()], [] if request.job else [text]
 
@@ -187,9 +187,9 @@ def _all_axes(request: IterateRequest, job: Job, progress: Progress) -> Outcome[
 
 def _remarks(found: Iteration, request: IterateRequest) -> list[str]:
     """What to know before the section is used."""
-    said = [f"{name} is frozen: {reason}." for name, reason in found.frozen.items()]
+    said: list[str] = [Text(f"{name} is frozen: {reason}.") for name, reason in found.frozen.items()]
     said += [f"{name} is held by its bound." for name in found.held]
-    said += [f"{remark[:1].upper()}{remark[1:]}." for remark in found.remarks]
+    said += [capitalized(f"{remark}.") for remark in found.remarks]
     if found.trial.saturated is None:
         said.append("Whether the force was limited is not known: name its column with --force.")
     if found.gamma > 0.5:

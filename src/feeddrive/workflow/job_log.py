@@ -13,7 +13,8 @@ from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.files.job import Job
 from feeddrive.files.log import Log
 from feeddrive.language.errors import LogError
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.loop import Loop
 from feeddrive.report.sentences import block_sentence
 from feeddrive.workflow.drive_logs import drive_with
@@ -97,16 +98,18 @@ def placed(loop: Loop, measured: dict[str, np.ndarray], skip: int) -> tuple[dict
             "The excitation acts at the drive; the limit of the force does not tell where, as it cuts nothing."
         ]
     left, before = other
-    far, near = (1e6 * each.rms("position_load") for each in (behind, before))
-    said = f"position residual {near:.3g} um RMS before it, {far:.3g} um behind it"
+    far, near = (found.rms("position_load") for found in (behind, before))
+    said = Text(f"position residual {Quantity(near, 'm'):3} RMS before it, {Quantity(far, 'm'):3} behind it")
     if near < _SCALED * far:
         kept = {**measured, "added_force": left}
-        return kept, [f"The excitation acts at the drive, before the limit of the force, which cuts it: {said}."]
+        return kept, [Text(f"The excitation acts at the drive, before the limit of the force, which cuts it: {said}.")]
     if far < _SCALED * near:
-        return measured, [f"The excitation acts at the drive, behind the limit of the force: {said}."]
+        return measured, [Text(f"The excitation acts at the drive, behind the limit of the force: {said}.")]
     return measured, [
-        f"The excitation acts at the drive, behind the limit of the force as is taken here: the log does not tell it "
-        f"from before it ({said}); the manual of the drive does."
+        Text(
+            "The excitation acts at the drive, behind the limit of the force as is taken here: the log does not tell "
+            f"it from before it ({said}); the manual of the drive does."
+        )
     ]
 
 
@@ -119,23 +122,25 @@ def of_injected(loop: Loop, measured: Mapping[str, np.ndarray], found: Replay) -
     if found.contained:
         said.append("The logged force holds the injected one, which is taken off before it is compared.")
     scale, better = injected_scale(loop, measured, found)
-    off, least = (1e6 * each.rms("position_load") for each in (found, better))
+    off, least = (replayed.rms("position_load") for replayed in (found, better))
     if least < _SCALED * off:
         motor = loop.axis.actuator.motor
         near = motor is not None and abs(scale / float(motor.force_per_unit()) - 1.0) < _NEAR
         why = " (the motor's force per unit of the command: it is logged in that unit)" if near else ""
         said.append(
-            f"The injected force is met best {scale:.3g} times as large{why}: position residual {least:.3g} um RMS in "
-            f"place of {off:.3g} um. Check its unit and sign."
+            Text(
+                f"The injected force is met best {number(scale, 3)} times as large{why}: position residual "
+                f"{Quantity(least, 'm'):3} RMS in place of {Quantity(off, 'm'):3}. Check its unit and sign."
+            )
         )
     return said
 
 
 def load_said(job: Job, log: Log | None) -> str:
     """What acts on the table, or was injected at the drive."""
-    parts = [] if job.load is None else [block_sentence(job.load)]
+    parts: list[str] = [] if job.load is None else [block_sentence(job.load)]
     for role in ("load_force", "excitation"):
         named = None if job.log is None else job.log.named(role)
         if log is not None and named is not None and role in log.channels:
             parts.append(f"{role} of the log, column '{named.name}'")
-    return "; ".join(parts) or "none"
+    return joined("; ", parts or ["none"])

@@ -15,7 +15,9 @@ from feeddrive.blocks.machine_families import Cutter
 from feeddrive.files.job import Job
 from feeddrive.files.job_cuts import Cut
 from feeddrive.language.errors import FeeddriveError
-from feeddrive.language.table import Table
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.table import Cell, Column, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.machine import Machine, System
 from feeddrive.loop.simulate import Run
 from feeddrive.machining.cutting_force import cutting_forces
@@ -25,7 +27,7 @@ from feeddrive.machining.regeneration import regeneration
 from feeddrive.machining.tool_point import tool_point
 from feeddrive.machining.tooth_passage import ToothPassage
 from feeddrive.report.page import Entry, ShownTable
-from feeddrive.report.sentences import block_sentence, number
+from feeddrive.report.sentences import block_sentence
 from feeddrive.tuning.candidates import PLAIN, candidates
 
 
@@ -136,21 +138,23 @@ def _chatters(law: str, idle: Machine, cut: Cut, cutter: Cutter) -> Chatter:
 
 def chatter_remarks(found: Sequence[Chatter]) -> list[str]:
     """The verdict in sentences."""
-    said = [
-        f"'{each.law}': the cut from line {each.cut.line} chatters at {number(each.frequency)} Hz: a vibration grows "
-        f"{number(each.growth, 4)} times from tooth to tooth; `feeddrive lobes` shows depths and speeds at which it "
-        "does not."
+    said: list[str] = [
+        Text(
+            f"'{each.law}': the cut from line {each.cut.line} chatters at {Quantity(each.frequency, 'Hz'):3}: a "
+            f"vibration grows {number(each.growth)} times from tooth to tooth; `feeddrive lobes` shows depths and "
+            "speeds at which it does not."
+        )
         for each in found if each.frequency is not None
     ]  # fmt: skip
     said += [
-        f"'{each.law}': whether the cut from line {each.cut.line} chatters is not known: {each.why}."
+        Text(f"'{each.law}': whether the cut from line {each.cut.line} chatters is not known: {each.why}.")
         for each in found if each.growth is None
     ]  # fmt: skip
     known = [each for each in found if each.growth is not None]
     if known and not any(each.frequency for each in known):
         most = max(known, key=lambda each: each.growth or 0.0)
         said.append(
-            f"No cut chatters: a vibration is at most multiplied by {number(most.growth, 4)} from tooth to tooth "
+            f"No cut chatters: a vibration is at most multiplied by {number(most.growth)} from tooth to tooth "
             f"('{most.law}', from line {most.cut.line}), by the modes of the axes; tool and holder are taken as rigid."
         )
     return said
@@ -166,31 +170,33 @@ def cut_table(job: Job, row: Entry, verdicts: Sequence[Chatter]) -> list[ShownTa
     force = np.linalg.norm(row.part.cutting, axis=1)
     laws = list(dict.fromkeys(each.law for each in verdicts))
     growth = {(each.law, each.cut[2:]): each.growth for each in verdicts}
-    rows: list[list[str]] = []
-    for i, each in enumerate(program.cuts):
-        if each.axial_depth > 0.0:
-            here = force[(time >= each.begin) & (time < ends.get(i, np.inf))]
-            forces = [number(float(np.sqrt(np.mean(here**2)))), number(float(np.max(here)))]
-            rows.append([*_said(each), *forces, *(number(growth.get((law, each[2:])), 3) for law in laws)])
-    heads = ["from line", "at s", "tool", "depth ap mm", "width ae mm", "milling", "rpm", "force RMS N", "peak N",
-             *(f"|µ| '{law}'" for law in laws)]  # fmt: skip
+    rows: list[list[Cell]] = []
+    for i, cut in enumerate(program.cuts):
+        if cut.axial_depth > 0.0:
+            here = force[(time >= cut.begin) & (time < ends.get(i, np.inf))]
+            forces = [float(np.sqrt(np.mean(here**2))), float(np.max(here))]
+            rows.append([*_cells(cut), *forces, *(growth.get((law, cut[2:])) for law in laws)])
+    columns = [
+        Column("from line"), Column("at", "s", "SI"), Column("tool"), Column("depth ap", "m", "6 mm"),
+        Column("width ae", "m", "6 mm"), Column("milling"), Column("", "rpm", "6"), Column("force RMS", "N", "3"),
+        Column("peak", "N", "3"), *(Column(f"|µ| '{law}'", form="3") for law in laws),
+    ]  # fmt: skip
     title = (
         f"What the program cuts, the resultant force on the tool with '{row.name}', and |µ|, the factor of a vibration "
         "from tooth to tooth with the feed along x: from 1 on the cut chatters."
     )
-    return [ShownTable(Table(title, heads, rows))]
+    return [ShownTable(Table(title, columns, rows))]
 
 
 def cut_sentence(cut: MillingCut) -> str:
     """A cut of a program, in words, for reports."""
     regenerative = f"regenerative, over {cut.surfaces} earlier surfaces"
-    return f"milling cut on {', '.join(cut.axes())}, {regenerative} ({block_sentence(cut.cutter)})"
+    return Text(f"milling cut on {', '.join(cut.axes())}, {regenerative} ({block_sentence(cut.cutter)})")
 
 
-def _said(cut: Cut) -> list[str]:
-    width = "slot" if cut.radial_depth is None else f"{1e3 * cut.radial_depth:g}"
-    side = "–" if cut.radial_depth is None else cut.milling
+def _cells(cut: Cut) -> list[Cell]:
+    slot = cut.radial_depth is None
     return [
-        str(cut.line), f"{cut.begin:.4g}", str(cut.tool), f"{1e3 * cut.axial_depth:g}", width, side,
-        f"{cut.spindle_speed:g}",
+        cut.line, cut.begin, cut.tool, cut.axial_depth, "slot" if slot else cut.radial_depth,
+        None if slot else cut.milling, cut.spindle_speed,
     ]  # fmt: skip

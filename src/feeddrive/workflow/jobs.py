@@ -22,8 +22,8 @@ from feeddrive.files.run_files import versions
 from feeddrive.language.errors import FeeddriveError, NoSlopeError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table, frame_of, picture_of
-from feeddrive.language.text import Text
+from feeddrive.language.table import Cell, Column, Result, Table, frame_of, picture_of
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.lifting import MOST, compliance, loop_gain, period_of, tracking
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine, System
@@ -45,6 +45,12 @@ from feeddrive.workflow.job_program import (
     listening,
     out_of_the_work,
 )
+
+# figures of the table of laws, in the order of its columns
+_FIGURES = (
+    "following_error_rms_m", "following_error_peak_m", "force_peak_N", "phase_margin_deg", "sensitivity_peak",
+    "stiffness_least_N_per_m",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -76,25 +82,18 @@ class JobResult(Result):
         """Following error, force, margins and least dynamic stiffness by law; of a part program the contour."""
         if self.parts:
             return laws_table(self.job.title, self.parts)
-        heads = ["law", "RMS um", "peak um", "force N", "PM deg", "Ms", "N/um"]
-        lines: list[list[str]] = []
+        columns = [
+            Column("law"), Column("RMS", "m"), Column("peak", "m"), Column("force", "N"), Column("PM", "deg", ".1f"),
+            Column("Ms", form=".2f"), Column("stiffness", "N/m", "3"),
+        ]  # fmt: skip
+        lines: list[list[Cell]] = []
         for row in self.rows:
             figures = numbers(row)
-            lines.append(
-                [
-                    row.name,
-                    _scaled(figures["following_error_rms_m"], 1e6, ".4g"),
-                    _scaled(figures["following_error_peak_m"], 1e6, ".4g"),
-                    _scaled(figures["force_peak_N"], 1.0, ".4g"),
-                    _scaled(figures.get("phase_margin_deg"), 1.0, ".1f"),
-                    _scaled(figures.get("sensitivity_peak"), 1.0, ".2f"),
-                    _scaled(figures.get("stiffness_least_N_per_m"), 1e-6, ".3g"),
-                ]
-            )
+            lines.append([row.name, *(figures.get(key) for key in _FIGURES)])
             if row.replay is not None:
                 off = (figures["position_residual_rms_m"], figures["position_residual_peak_m"])
-                lines.append(["  predicted - measured", *(_scaled(value, 1e6, ".4g") for value in off), *["-"] * 4])
-        return Table(self.job.title, heads, lines)
+                lines.append(["  predicted - measured", *off, *[None] * 4])
+        return Table(self.job.title, columns, lines)
 
     def contents(self) -> LawsReport:
         """What the report is made from."""
@@ -119,7 +118,6 @@ class JobResult(Result):
             job=job.file.text,
             versions=self.versions,
             notes=self.remarks,
-            quoted=(job.rule, *job.machine.quoted),
             extras=[] if self.parts or (others := self.others()) is None else [ShownTable(others)],
             planned=None if job.program is None else job.program.planned,
             cuts=cut_table(job, self.rows[0], self.chatter),
@@ -132,20 +130,22 @@ class JobResult(Result):
 
     def others(self) -> Table | None:
         """Errors and force of the other axes, of a job that runs several together; None for any other."""
-        rows: list[list[str]] = []
+        rows: list[list[Cell]] = []
         for row in self.rows:
             if row.together is None or row.part is not None:
                 continue
             for axis in (each for each in self.job.machines[row.name].axes() if each != row.loop.name):
                 run = row.together.axis(axis)
-                error, force = 1e6 * run["following_error"], run["force"]
+                error, force = run["following_error"], run["force"]
                 tripped = run.time[run["trip"] > 0.0]
-                cells = float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error))), float(np.max(np.abs(force)))
-                rows.append(
-                    [row.name, axis, *(f"{cell:.4g}" for cell in cells), f"{tripped[0]:.4g}" if tripped.size else "-"]
-                )
+                figures = float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error))), float(np.max(np.abs(force)))
+                rows.append([row.name, axis, *figures, float(tripped[0]) if tripped.size else None])
+        columns = [
+            Column("law"), Column("axis"), Column("RMS", "m"), Column("peak", "m"), Column("force", "N"),
+            Column("trips at", "s", "SI"),
+        ]  # fmt: skip
         title = "The other axes in the same runs: following error and force"
-        return Table(title, ["law", "axis", "RMS um", "peak um", "force N", "trips at s"], rows) if rows else None
+        return Table(title, columns, rows) if rows else None
 
 
 @picture_of.register
@@ -188,11 +188,6 @@ def numbers(row: Entry) -> dict[str, float | None]:
         if np.any(row.replay.measured.get("force", 0.0)):  # of a force that is 0 throughout nothing is a share
             found["force_residual_share"] = row.replay.share("force")
     return found
-
-
-def _scaled(value: float | None, factor: float, form: str) -> str:
-    """A figure as it is shown; a dash for what does not occur."""
-    return "-" if value is None else format(factor * value, form)
 
 
 STEPS = 2
@@ -349,7 +344,7 @@ def _remarks(rows: list[Entry]) -> list[str]:
                 Text(f"'{row.name}': the force was at its limit for {Quantity(held, 'share'):3} of the samples.")
             )
         if row.no_model:
-            remarks.append(f"'{row.name}': no margins, and that it is stable is not proven: {row.no_model}.")
+            remarks.append(Text(f"'{row.name}': no margins, and that it is stable is not proven: {row.no_model}."))
         elif row.loop_gain is None:
             remarks.append(
                 f"'{row.name}' repeats itself every {row.loop.control.law.period()} samples: margins are known up to "
@@ -359,7 +354,7 @@ def _remarks(rows: list[Entry]) -> list[str]:
     for row in rows[1:]:
         now = numbers(row)
         worse = [
-            f"{text} {_ratio(now.get(key), today.get(key))}"
+            Text(f"{text} {_ratio(now.get(key), today.get(key))}")
             for key, text in (
                 ("following_error_rms_m", "RMS error"),
                 ("following_error_peak_m", "peak error"),
@@ -369,9 +364,10 @@ def _remarks(rows: list[Entry]) -> list[str]:
             if _above(now.get(key), today.get(key))
         ]
         if _above(today.get("stiffness_least_N_per_m"), now.get("stiffness_least_N_per_m")):
-            worse.append(f"least stiffness {_ratio(now['stiffness_least_N_per_m'], today['stiffness_least_N_per_m'])}")
+            ratio = _ratio(now["stiffness_least_N_per_m"], today["stiffness_least_N_per_m"])
+            worse.append(Text(f"least stiffness {ratio}"))
         if worse:
-            remarks.append(f"'{row.name}' is worse than today in: {', '.join(worse)}.")
+            remarks.append(Text(f"'{row.name}' is worse than today in: {joined(', ', worse)}."))
     return remarks
 
 
@@ -380,7 +376,7 @@ def _above(a: float | None, b: float | None) -> bool:
 
 
 def _ratio(a: float | None, b: float | None) -> str:
-    return f"x {a / b:.2f}" if a is not None and b else ""
+    return Text(f"x {Quantity(a / b):.2f}") if a is not None and b else ""
 
 
 def _couplings(job: Job) -> dict[str, str]:
@@ -395,8 +391,8 @@ def _couplings(job: Job) -> dict[str, str]:
         *map(block_sentence, job.machine.couplings),
         *(cut_sentence(c) for c in cuts if isinstance(c, MillingCut)),
     ]
-    couplings = "; ".join(listed) or "none"
-    return {"Couplings": couplings, "Other axes": "; ".join(f"{axis}: {text}" for axis, text in moving.items())}
+    couplings = joined("; ", listed or ["none"])
+    return {"Couplings": couplings, "Other axes": joined("; ", (f"{axis}: {text}" for axis, text in moving.items()))}
 
 
 def _work(job: Job, log: Log | None) -> str:

@@ -18,14 +18,13 @@ from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Table
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, capitalized
 from feeddrive.loop.machine import Machine
 from feeddrive.machining.lobe_theory import ZeroOrder, zero_order
 from feeddrive.machining.lobes import Lobes, stability_lobes
 from feeddrive.machining.regeneration import Regeneration, regeneration
 from feeddrive.machining.tool_point import ToolMode, cut_of, tool_modes, tool_point
-from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
+from feeddrive.report.page import Shown, definitions, header, page, picture, remarks, tabled
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, called, option, stem
 
@@ -104,16 +103,19 @@ def lobes(request: LobesRequest, progress: Progress) -> Outcome[Lobes]:
         progress.step("report")
         facts = {
             "Machine": called(request.machine),
-            "Cut": f"{teeth.teeth} teeth, Kt {1e-6 * teeth.tangential:.5g}, Kn {1e-6 * teeth.radial:.5g} N/mm2, "
-            f"engaged {math.degrees(teeth.entry):.4g} to {math.degrees(teeth.leave):.4g} deg",
-            "Feed": f"{math.degrees(turn):.4g} deg from x towards y",
+            "Cut": Text(
+                f"{teeth.teeth} teeth, Kt {Quantity(teeth.tangential, 'N/m2', bare=True):5 N/mm2}, Kn "
+                f"{Quantity(teeth.radial, 'N/m2'):5 N/mm2}, engaged {Quantity(teeth.entry, 'rad', bare=True):deg} to "
+                f"{Quantity(teeth.leave, 'rad'):deg}"
+            ),
+            "Feed": Text(f"{Quantity(turn, 'rad'):deg} from x towards y"),
             "Gives way": ", ".join(([] if request.rigid else ["the drives under control"]) + list(request.mode)),
         }
         files["Report"] = write_lobes(result, simple, request.out, facts)
     assert result.own is not None
     judgment = Judgment.STABLE_CUT if result.own.stable else Judgment.CHATTERS
     return Outcome(
-        result, [result.table()], _remarks(result), result.own.sentence() + ".", files=files, judgment=judgment
+        result, [result.table()], _remarks(result), Text(f"{result.own.sentence()}."), files=files, judgment=judgment
     )
 
 
@@ -225,8 +227,7 @@ def build(result: Lobes, facts: Mapping[str, str]) -> str:
     title = "Will the cut chatter?"
     assert result.own is not None
     shown, own = result.table(), result.own.table()
-    remarks = "".join(f"<li>{each}</li>" for each in _remarks(result))
-    noted = f'<div class="remarks"><h3>Remarks</h3><ul>{remarks}</ul></div>' if remarks else ""
+    noted = remarks(_remarks(result))
     drawn = Shown(
         "lobes", "Depth without chatter over the spindle speed",
         "Shaded: stable. Dotted: speeds at which a tooth passes every k swings of a mode. Below: what is heard at the "
@@ -234,18 +235,10 @@ def build(result: Lobes, facts: Mapping[str, str]) -> str:
         "Limits of the axial depth and chatter frequency over the spindle speed.", result.plot,
     )  # fmt: skip
     parts = [
-        header("feeddrive lobes", title, [_capital(own.title), _capital(shown.title)],
+        header("feeddrive lobes", title, [capitalized(f"{own.title}."), capitalized(f"{shown.title}.")],
                [("limits", "Limits"), ("figure-lobes", drawn.title), ("facts", "The cut")]),
-        f'<section id="limits">\n<h2>Limits</h2>\n{_html(own)}{_html(shown)}{noted}\n</section>\n',
+        f'<section id="limits">\n<h2>Limits</h2>\n{tabled(own)}{tabled(shown)}{noted}\n</section>\n',
         f'<section id="pictures">\n<h2>Picture</h2>\n{picture(drawn)}</section>\n',
         f'<section id="facts">\n<h2>The cut</h2>\n{definitions(facts.items())}\n</section>\n',
     ]  # fmt: skip
     return page(title, parts)
-
-
-def _html(shown: Table) -> str:
-    return tabled(shown)
-
-
-def _capital(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:]}."

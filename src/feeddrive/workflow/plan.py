@@ -19,7 +19,7 @@ from feeddrive.language.errors import NoSlopeError, ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, joined
 from feeddrive.path.limits import MachineLimits
 from feeddrive.path.override import read_steps
 from feeddrive.path.planned import Planned, Take, planned_of
@@ -174,10 +174,13 @@ def _lines_of(program: Path) -> int:
 def _outcome(found: Planned, out: Path | None, machine: MachineFile | None) -> Outcome[Planned]:
     remarks = [f"{count} x {reason}" for reason, count in sorted(found.stop_reasons.items(), key=lambda each: -each[1])]
     causes = sorted(found.seconds.items(), key=lambda each: -each[1])
-    told = ", ".join(
-        Text(f"{name} {Quantity(seconds / max(found.cycle_time, 1e-9), 'share'):3}") for name, seconds in causes[:6]
+    told = joined(
+        ", ",
+        (f"{name} {Quantity(seconds / max(found.cycle_time, 1e-9), 'share'):3}" for name, seconds in causes[:6]),
     )
-    said = [f"Stops: {', '.join(remarks) or 'none'}.", f"Most of the time is limited by: {told}."] if causes else []
+    said: list[str] = []
+    if causes:
+        said += [f"Stops: {', '.join(remarks) or 'none'}.", Text(f"Most of the time is limited by: {told}.")]
     proven = found.proof.count == 0
     files = {}
     if out is not None:

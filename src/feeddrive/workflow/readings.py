@@ -23,7 +23,7 @@ from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.frequency_response import FRF
 
 _MOTIONS = ("position_load", "position_motor", "angle_motor", "angle_load", "velocity_load", "velocity_motor",
@@ -163,17 +163,24 @@ def doubt(
     why = said(wrong, found)
     open_ = [each for each in groups if each is not None and each.how != "told" and each in (motion, force)]
     if not open_:
-        return Doubt(f"{file}: as its units were told, {why}")
+        return Doubt(Text(f"{file}: as its units were told, {why}"))
     who = " and ".join(each.said() for each in open_)
     if not readings or unlikely(frame, readings[0].sizes)[0] > 0.0:
-        return Doubt(f"{file}: {who}, and {why}; in no usual unit is this a feed drive: check which column is what, "
-                     f"and give each with its unit, as --position 'x:mm' --force 'f:kN'", told=False)  # fmt: skip
+        return Doubt(
+            Text(
+                f"{file}: {who}, and {why}; in no usual unit is this a feed drive: check which column is what, and "
+                "give each with its unit, as --position 'x:mm' --force 'f:kN'"
+            ),
+            told=False,
+        )
     best = readings[:2]
     asked = "HAL knows no units, and a machine is in mm or inch" if is_hal else f"as read, {why}"
     return Doubt(
-        f"{file}: {who}: {asked}. Likeliest: {' or '.join(each.sentence(frame) for each in best)}. Say which with "
-        f"{' or '.join(each.options(flags) for each in best)}, or unit = \"...\" in a file for --channels; nothing was "
-        f"written",
+        Text(
+            f"{file}: {who}: {asked}. Likeliest: {joined(' or ', (each.sentence(frame) for each in best))}. Say which "
+            f"with {' or '.join(each.options(flags) for each in best)}, or unit = \"...\" in a file for --channels; "
+            "nothing was written"
+        ),
         told=False, readings=_table(str(file), frame, best), moves=RANGES[frame][4].quantity in found,
     )  # fmt: skip
 
@@ -209,12 +216,12 @@ class _Reading:
 
     def sentence(self, frame: Frame) -> str:
         """`x in mm (travel 200 mm, ...)`."""
-        said = [
-            f"{each.quantity} {spoken(self.sizes[each.quantity], each.unit)}"
+        sizes = [
+            Text(f"{each.quantity} {spoken(self.sizes[each.quantity], each.unit)}")
             for each in RANGES[frame]
             if each.quantity in self.sizes and " over " not in each.quantity
         ]
-        return f"{self.name} ({', '.join(said)})"
+        return Text(f"{self.name} ({joined(', ', sizes)})")
 
 
 def _readings(
@@ -281,26 +288,23 @@ def _hal(file: OpenedFile, column: str) -> bool:
 def _silent_torque(file: OpenedFile, force: _Group, log: Log, found: Mapping[str, float]) -> str:
     most = float(np.max(np.abs(log["torque"])))
     inertia = found.get("inertia")
-    as_it_is = Text(f"up to {Quantity(most, 'N'):3} m") + (
-        "" if inertia is None else Text(f", inertia {Quantity(inertia, 'kg'):3} m2")
-    )
-    rated = (
-        ""
-        if inertia is None
-        else Text(f", inertia {Quantity(inertia / 100.0, 'kg'):3} m2 for each N m of rated torque")
-    )
-    return (
+    as_it_is = f"up to {Quantity(most, 'N m'):3}"
+    rated = ""
+    if inertia is not None:
+        as_it_is += f", inertia {Quantity(inertia, 'kg m2'):3}"
+        rated = f", inertia {Quantity(inertia / 100.0, 'kg m2'):3} for each N m of rated torque"
+    return Text(
         f"{file}: '{force.column}' states no unit, and drives log a torque in N m or in percent of the rated one. "
-        f"Likeliest: {force.column} in N m ({as_it_is}), or in percent (up to {most:.3g} % of the rated torque"
-        f"{rated}). Say which with --unit 'N m', or --torque '{force.column}*FACTOR' with the rated torque in N m / "
-        f"100 as FACTOR (feeddrive force computes it); nothing was written"
+        f"Likeliest: {force.column} in N m ({as_it_is}), or in percent (up to {Quantity(0.01 * most, 'share'):3} of "
+        f"the rated torque{rated}). Say which with --unit 'N m', or --torque '{force.column}*FACTOR' with the rated "
+        "torque in N m / 100 as FACTOR (feeddrive force computes it); nothing was written"
     )
 
 
 def _table(name: str, frame: Frame, readings: Sequence[_Reading]) -> Table:
     rows = [
         [each.quantity, each.bounds(),
-         *(f"{spoken(r.sizes[each.quantity], each.unit)}{' !' if each.apart(r.sizes[each.quantity]) else ''}"
+         *(Text(f"{spoken(r.sizes[each.quantity], each.unit)}{' !' if each.apart(r.sizes[each.quantity]) else ''}")
            for r in readings)]
         for each in RANGES[frame]
         if each.quantity in readings[0].sizes
@@ -337,9 +341,9 @@ def check_response(
     found = float(np.median(masses[order])) / size
     if not mass.apart(found):
         return ""
-    why = f"read in {unit} its mass is {spoken(found, 'kg')}, where feed drives have {mass.bounds()}"
+    why = Text(f"read in {unit} its mass is {spoken(found, 'kg')}, where feed drives have {mass.bounds()}")
     if told:
-        return f"{where}: {why}, as its unit was told"
+        return Text(f"{where}: {why}, as its unit was told")
     read: list[
         tuple[str, float, float]
     ] = []  # unit, mass, and how it scatters over the lines: least in the right order
@@ -349,13 +353,13 @@ def check_response(
             in_it = float(np.median(masses[n])) / units.factor(each, _OUTPUTS[n][0])
             read.append((f"({each})/N" if n else f"{each}/N", in_it, scatter))
     read = sorted(read, key=lambda each: (mass.apart(each[1]), each[2], mass.unusual(each[1])))[:2]
-    rows = [["mass", mass.bounds(), *(spoken(each[1], "kg") for each in read)]]
+    rows = [["mass", mass.bounds(), *(Text(f"{spoken(mass_read, 'kg')}") for _, mass_read, _ in read)]]
     heads = ["", "feed drives", *(each[0] for each in read)]
     progress.remark(Table(f"{where}: the two likeliest readings", heads, rows, sentences=2))
     said = f"is in {unit} by what the file says" if frf.unit else "states no unit"
     cure = cure or (lambda unit: f"{'--unit' if not frf.unit else 'a file that says'} '{unit}'")
     cures = " or ".join(cure(each[0]) for each in read)
-    likely = " or ".join(f"{each[0]} ({spoken(each[1], 'kg')})" for each in read)
+    likely = joined(" or ", (f"{unit_read} ({spoken(mass_read, 'kg')})" for unit_read, mass_read, _ in read))
     raise LogError(
         f"{where}: the response to {frf.output} {said}: {why}. Likeliest: {likely}. Say which with {cures}; nothing "
         f"was written"

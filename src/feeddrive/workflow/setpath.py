@@ -13,7 +13,7 @@ from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Table
+from feeddrive.language.table import Column, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
@@ -70,7 +70,7 @@ def setpath(request: SetpathRequest, progress: Progress) -> Outcome[ChangedRefer
     remarks = [
         Text(
             f"The changed path is up to {Quantity(found.shift, 'm')} off the wanted one, and begins "
-            f"{1e3 * found.lead:.4g} ms earlier than the motion: give every axis of a machine the same lead."
+            f"{Quantity(found.lead, 's')} earlier than the motion: give every axis of a machine the same lead."
         ),
         "It holds for this load and these gains: after a change of either make it anew.",
     ]
@@ -79,7 +79,7 @@ def setpath(request: SetpathRequest, progress: Progress) -> Outcome[ChangedRefer
         progress.step("writing")
         write_whole(request.out, _text(found))
         files["Written"] = request.out
-    table = Table(title, ["path", "largest, um", "RMS, um"], rows)
+    table = Table(title, ["path", Column("largest", "m"), Column("RMS", "m")], rows)
     return Outcome(found, [table], remarks, files=files, rotary=loop.axis.rotary)
 
 
@@ -92,11 +92,11 @@ def _reference(job: JobLike | None) -> Reference:
     return reference
 
 
-def _left(loop: Loop, given: Reference, wanted: Reference) -> list[str]:
-    """Largest and RMS distance of the table, in um."""
+def _left(loop: Loop, given: Reference, wanted: Reference) -> list[float]:
+    """Return the largest and the RMS distance of the table, m."""
     run = simulate(loop, given, record=["position_load"])
-    off = 1e6 * (run["position_load"] - np.asarray(wanted.at(run.time).position))
-    return [f"{np.max(np.abs(off)):.4g}", f"{np.sqrt(np.mean(off**2)):.4g}"]
+    off = run["position_load"] - np.asarray(wanted.at(run.time).position)
+    return [float(np.max(np.abs(off))), float(np.sqrt(np.mean(off**2)))]
 
 
 def _text(found: ChangedReference) -> str:

@@ -18,7 +18,8 @@ from feeddrive.files.machine import read_machine
 from feeddrive.files.run_files import write_run_csv
 from feeddrive.language import tree
 from feeddrive.language.progress import Progress
-from feeddrive.language.table import Table
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.table import UNIT, Table
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.workflow.command import Outcome, command
@@ -65,8 +66,11 @@ def tour(request: TourRequest, progress: Progress) -> Outcome[Run]:
             write_run_csv(folder / "tour.csv", np.round(moved.time[rows], 9), columns,
                           {**dict.fromkeys(millimetres, "mm"), "force": "N"})  # fmt: skip
         files["Log"] = request.out / "tour.csv"
-    rows_of_table = [("workpiece", f"{WORKPIECE:g}", "kg"), ("dry friction", f"{DRIER:g}", "N"),
-                     ("noise of both encoders", f"{1e9 * NOISE:g}", "nm")]  # fmt: skip
+    rows_of_table = [
+        ("workpiece", Quantity(WORKPIECE, "kg", form="6"), UNIT),
+        ("dry friction", Quantity(DRIER, "N", form="6"), UNIT),
+        ("noise of both encoders", Quantity(NOISE, "m", form="6 nm"), UNIT),
+    ]  # fmt: skip
     shown = Table(f"the axis of the log: {MACHINE}, and more of", ("what", "more", "unit"), rows_of_table)
     log = files.get("Log", "the log")
     notes = [f"Next: feeddrive identify {log} --machine {MACHINE}; or all of it on a page: feeddrive studio --tour."]

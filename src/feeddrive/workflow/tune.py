@@ -159,12 +159,16 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
             files["Certificate"] = report.parent / "certificate.json"
         files["Report"] = report
     verdict = {None: "not proven", True: "holds", False: "DOES NOT HOLD"}
-    proof = [(line.holds, f"proof, {line.what}: {verdict[line.holds]} ({line.said})") for line in found.proof]
-    remarks = [said for holds, said in proof if not holds]
-    remarks += [*story.said, *(f"held back by {h.sentence()}" for h in found.held), *found.advice]
+    proof = [(line.holds, Text(f"proof, {line.what}: {verdict[line.holds]} ({line.said})")) for line in found.proof]
+    remarks: list[str] = [said for holds, said in proof if not holds]
+    remarks += [*story.said, *(Text(f"held back by {held.sentence()}") for held in found.held), *found.advice]
     shown = tables(found, story)[:-1]
     first = 1 + len(found.after)  # the values, and the figures at each point
-    details = [*shown[first:], *(said for holds, said in proof if holds), *(f"notch {each}" for each in found.notches)]
+    details = [
+        *shown[first:],
+        *(said for holds, said in proof if holds),
+        *(Text(f"notch {each}") for each in found.notches),
+    ]
     taken = Judgment.LEAVE_CONTROL if found.verdict is Verdict.LEAVE else Judgment.TAKE_TUNING
     judgment = taken if found.holds else Judgment.DO_NOT_USE_TUNING
     return Outcome(
@@ -210,8 +214,9 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
     today = None if loop is None else loop.control
     if request.recipe is not None:
         made = RECIPES[request.recipe](points[0], control)
+        rule = Text(f"{made.name}: {made.reason} ({made.source})")
         found = assess(
-            replace(control, law=made.law, compensation=()), points, rule=f"{made.name}: {made.reason} ({made.source})",
+            replace(control, law=made.law, compensation=()), points, rule=rule,
             goal=request.goal, limits=limits, band=band, confidence=request.confidence, today=today, progress=progress,
         )  # fmt: skip
     else:

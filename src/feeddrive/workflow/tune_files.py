@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -24,13 +23,13 @@ from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.language import tree, units
 from feeddrive.language.block import Block
 from feeddrive.language.errors import FeeddriveError, sentence
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Table
-from feeddrive.language.text import Text
+from feeddrive.language.quantity import Quantity, number, unit_name
+from feeddrive.language.table import UNIT, Cell, Column, Table
+from feeddrive.language.text import Text, capitalized, marked
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
-from feeddrive.report.page import Shown, definitions, header, page, picture, table
+from feeddrive.report.page import Shown, definitions, header, page, page_units, picture, remarks, tabled
 from feeddrive.report.sentences import block_sentence
 from feeddrive.tuning.closed_loop import FIGURES, Figures
 from feeddrive.tuning.filter_pack import aligned
@@ -89,61 +88,39 @@ def build(found: Tuned, story: Story) -> str:
     timed, reason = _timed(found, story)
     drawn = [*_pictures(found, story), *timed]
     facts = {**story.facts, "Old and new in time": reason} if reason else story.facts
-    made = "".join(
-        table(
-            f"{each.title[:1].upper()}{each.title[1:]}.",
-            [_printed(head) for head in each.heads],
-            [[_printed(cell) for cell in row] for row in each.rows],
-        )
-        for each in (table.grid() for table in tables(found, story))
-    )
+    made = "".join(tabled(table, capitalized(f"{table.title}.")) for table in tables(found, story))
+    units = page_units(rotary=story.rotary)
     links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("facts", "What was tuned")]
-    title = f"{story.what}: {found.rule.split(' subject to ')[0].split(';')[0]}"
+    title = Text(f"{story.what}: {marked(found.rule).split(' subject to ')[0].split(';')[0]}")
     parts = [
         header(
-            "feeddrive tune", title, [found.recommendation(), f"Rule: {found.rule}.", *map(sentence, story.said)], links
+            "feeddrive tune",
+            title,
+            [found.recommendation(), Text(f"Rule: {found.rule}."), *map(sentence, story.said)],
+            links,
         ),
         f'<section id="result">\n<h2>Result</h2>\n{made}{_said(found)}\n</section>\n',
-        f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each) for each in drawn)}</section>\n',
+        f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each, units) for each in drawn)}</section>\n',
         f'<section id="facts">\n<h2>What was tuned</h2>\n{definitions(facts.items())}\n</section>\n',
     ]
-    return page(title, [_printed(part) if i != 2 else part for i, part in enumerate(parts)], rotary=story.rotary)
-
-
-def _printed(text: str) -> str:
-    """Units as they are printed, in place of what every terminal can show."""
-    for plain, shown in (
-        ("um/N", "µm/N"),
-        ("N/um", "N/µm"),
-        ("nm s^1/2/N", "nm √s/N"),
-        (" -> ", " → "),
-        (" -&gt; ", " → "),
-        ("<= ", "≤ "),
-        ("&lt;= ", "≤ "),
-        (">= ", "≥ "),
-        ("&gt;= ", "≥ "),
-    ):
-        text = text.replace(plain, shown)
-    return text
+    return page(title, parts, units)
 
 
 def _said(found: Tuned) -> str:
-    said = [f"Held back by {each.sentence()}." for each in found.held]
+    said = [Text(f"Held back by {each.sentence()}.") for each in found.held]
     said += [sentence(text) for text in found.advice]
-    said += [f"Notch {text}." for text in found.notches]
-    listed = "".join(f"<li>{escape(text)}</li>" for text in said)
-    return f'<div class="remarks"><h3>Active limits, and what would help</h3><ul>{listed}</ul></div>' if said else ""
+    said += [Text(f"Notch {text}.") for text in found.notches]
+    return remarks(said, "Active limits, and what would help")
 
 
 def tables(found: Tuned, story: Story) -> list[Table]:
     """Old against new: values, figures at each point, rules of the trade, the cascade loop by loop, the proof."""
-    rows = [
-        [
-            readable(found.control, name), "–" if math.isnan(found.started[name]) else f"{found.started[name]:.5g}",
-            f"{value:.5g}", _change(found.started[name], value), tree.declaration(found.control, name).unit,
-        ]
-        for name, value in found.tunables.items()
-    ]  # fmt: skip
+    rows: list[Sequence[Cell]] = []
+    for name, value in found.tunables.items():
+        started, unit = found.started[name], tree.declaration(found.control, name).unit
+        before = None if math.isnan(started) else Quantity(started, unit, form="5 SI")
+        now = Quantity(value, unit, form="5 SI")
+        rows.append([readable(found.control, name), before, now, _change(started, value), UNIT])
     made = [Table("values of the control, old and new", ["parameter", story.today, "new", "change", "unit"], rows)]
     for i, after in enumerate(found.after):
         before = found.before[i] if found.before else None
@@ -152,7 +129,7 @@ def tables(found: Tuned, story: Story) -> list[Table]:
         made.append(_compared(found, story))
     for name, each in zip((story.today, "new"), found.cascade, strict=False):
         shown = each.table()
-        made.append(Table(f"{shown.title}, {name}", shown.columns, shown.rows))
+        made.append(replace(shown, title=f"{shown.title}, {name}"))
     proof = [[line.what, {None: "not proven", True: "holds", False: "does not hold"}[line.holds], line.said]
              for line in found.proof]  # fmt: skip
     made.append(Table("proof: computed anew in other ways", ["what", "", "figures"], proof))
@@ -176,28 +153,27 @@ def _compared(found: Tuned, story: Story) -> Table:
     """Today, every rule of the trade and the new control, each at its worst point."""
     shown = [(story.today, found.before), *((rule.name, rule.figures) for rule in story.rules), ("new", found.after)]
     rows = [[name, *_cells(row, found.limits)] for name, row in shown]
-    return Table(
-        "beside the rules of the trade: Ms, phase margin, least stiffness, rope-snap error at the worst point",
-        ["", *_COMPARED],
-        rows,
-    )
+    title = "beside the rules of the trade: Ms, phase margin, least stiffness, rope-snap error at the worst point"
+    return Table(title, ["", *_COMPARED], rows)
 
 
-_COMPARED = ["Ms", "phase deg", "stiffness N/um", "snap nm s^1/2/N", "limits"]
+_COMPARED = (
+    Column("Ms"), Column("phase", "deg", "3"), Column("stiffness", "N/m"), Column("snap", "m √s/N"), Column("limits"),
+)  # fmt: skip
 
 
-def _cells(row: Sequence[Figures], limits: Limits) -> list[str]:
-    nothing = ["-"] * (len(_COMPARED) - 1)
+def _cells(row: Sequence[Figures], limits: Limits) -> list[Cell]:
+    nothing = [None] * (len(_COMPARED) - 1)
     if not row:
         return [*nothing, "no gains"]
     if not all(each.stable for each in row):
         return [*nothing, "unstable"]
     phases = [p for each in row if (p := each.margins.phase_margin_deg) is not None]
     return [
-        f"{max(each.margins.sensitivity_peak for each in row):.4g}",
-        f"{min(phases):.3g}" if phases else "-",
-        f"{1e-6 * min(each.stiffness.minimum for each in row):.4g}",
-        f"{1e9 * max(each.rope_snap for each in row):.4g}",
+        max(each.margins.sensitivity_peak for each in row),
+        min(phases, default=None),
+        min(each.stiffness.minimum for each in row),
+        max(each.rope_snap for each in row),
         "broken" if broken_limits(row, limits, ROOM) else "kept",
     ]
 
@@ -209,9 +185,9 @@ def _number(value: float | None) -> str:
 def _change(before: float, after: float) -> str:
     if math.isnan(before) or before == 0.0:
         return "-"
-    return (
-        f"{two_digits(after / before)} times" if after / before >= TIMES else f"{100.0 * (after / before - 1.0):+.2g} %"
-    )
+    if after / before >= TIMES:
+        return f"{two_digits(after / before)} times"
+    return Text(f"{'+' if after >= before else ''}{Quantity(after / before - 1.0, 'share'):2}")
 
 
 _STEP = 20e-6  # m
@@ -226,7 +202,7 @@ def _timed(found: Tuned, story: Story) -> tuple[list[Shown], str]:
     try:
         return [old_and_new(story, min(crossovers))], ""
     except FeeddriveError as error:
-        return [], f"not simulated: {error}"
+        return [], Text(f"not simulated: {error}")
 
 
 def old_and_new(story: Story, crossover: float) -> Shown:
@@ -260,9 +236,9 @@ def old_and_new(story: Story, crossover: float) -> Shown:
         "Position of the table after a step and after a rope is cut, and following error of a move, before and after.",
         lambda: plot.in_time(
             [
-                ("time after the step (ms)", "position (µm)", rows[0]),
-                ("time after the cut (ms)", "position (µm)", rows[1]),
-                ("time (s)", "following error\n(µm)", rows[2]),
+                (f"time after the step ({unit_name('s')})", f"position ({unit_name('m')})", rows[0]),
+                (f"time after the cut ({unit_name('s')})", f"position ({unit_name('m')})", rows[1]),
+                ("time (s)", f"following error\n({unit_name('m')})", rows[2]),
             ]
         ),
     )
@@ -287,7 +263,7 @@ def _pictures(found: Tuned, story: Story) -> Iterator[Shown]:
     yield Shown(
         "stiffness",
         "Dynamic stiffness",
-        f"The force {where} that moves the table by 1 µm, in closed loop; higher is better.",
+        Text(f"The force {where} that moves the table by {Quantity(1e-6, 'm')}, in closed loop; higher is better."),
         "Dynamic stiffness over frequency, before and after.",
         lambda: plot.stiffness(stiff),
     )
@@ -373,7 +349,8 @@ def _numbers(edit: TomlEdit, key: tuple[str | int, ...], old: Block, new: Block)
             unit = tree.declaration(new, name).unit
             written = edit.set((*key, *_path(name)), float(value), unit, _DIGITS)
             if name in before:  # what a comment says of the old number shall not be read of the new one
-                edit.comment(written, f"was {before[name] / _scale(str(written[-1]), _path(name)[-1], unit):.7g}")
+                scale = _scale(str(written[-1]), _path(name)[-1], unit)
+                edit.comment(written, f"was {number(before[name] / scale, 7)}")
 
 
 def _scale(written: str, name: str | int, unit: str) -> float:

@@ -16,7 +16,8 @@ from feeddrive.identification.response.two_mass_fit import fit_modal_axis
 from feeddrive.language import units
 from feeddrive.language.errors import FeeddriveError, ParameterError, nearest
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
@@ -263,7 +264,7 @@ def _check_sign(path: str, frf: FRF) -> None:
     turned = np.angle(np.sum(frf.frequency[lines] ** 2 * frf.response[lines] * 1j / frf.frequency[lines]))
     if _BACKWARD[0] < turned < _BACKWARD[1]:
         raise ParameterError(
-            f"{path}: the axis moves against the force ({np.degrees(turned):.3g} deg from force to velocity at "
+            f"{path}: the axis moves against the force ({Quantity(turned, 'rad'):3 deg} from force to velocity at "
             f"{Quantity(frf.frequency[0], 'Hz')}): the sign of force or position is reversed; multiply the response by "
             "-1"
         )
@@ -279,7 +280,7 @@ def _check_size(path: str, point: OperatingPoint, loop: Loop, *, stated: bool) -
         guess = {3: "mm/N", 6: "um/N", 9: "nm/N"}.get(round(math.log10(ratio)) if ratio > 0.0 else 0)
         hint = f", as if it were in {guess}" if guess else ""
         raise ParameterError(
-            f"{path}: is {ratio:.3g} times what the baseline's plant does at "
+            f"{path}: is {number(ratio, 3)} times what the baseline's plant does at "
             f"{Quantity(point.frequency[0], 'Hz')}{hint}, and it states no unit: say it with --unit (m/N if it is "
             "right and the baseline's mass is not)"
         )
@@ -323,7 +324,7 @@ def _on_the_table(
         fitted = Loop(control=control, axis=Axis(plant=plant, actuator=actuator), sample_time=step)
         made, words = with_table_force(point, fitted, f"a fit of {len(getattr(plant, 'modes', ()))} modes", run=False)
     except FeeddriveError as error:
-        return point, [*said, f"no plant could be fitted for a force on the table: {error}"]
+        return point, [*said, Text(f"no plant could be fitted for a force on the table: {error}")]
     return made, [words] if not made.at_drive else [*said, words]
 
 

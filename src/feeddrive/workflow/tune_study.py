@@ -18,10 +18,10 @@ from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.run_files import summary_text
 from feeddrive.language.errors import FeeddriveError, UnstableError, sentence
 from feeddrive.language.judgment import Judgment
-from feeddrive.language.table import Table
-from feeddrive.language.text import capitalized
+from feeddrive.language.table import Cell, Column, Table
+from feeddrive.language.text import Text, capitalized, joined
 from feeddrive.loop.control import Control
-from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
+from feeddrive.report.page import Shown, definitions, header, page, page_units, picture, tabled
 from feeddrive.study.fresh import Measured
 from feeddrive.study.robust import SNAP, Robust, RobustTuner, in_percent, said
 from feeddrive.tuning.candidates import candidates, control_with
@@ -51,15 +51,16 @@ class Laws:
     def table(self) -> Table:
         """A row a law, today's control last."""
         rows = [[name, *_cells(each.after), "no" if each.unsettled else "yes"] for name, each in self.found.items()]
-        heads = ["law", "yield and its 95 % interval", "snap nm s^1/2/N, median", "95 % quantile", "settled"]
-        count = self.best.after.count
-        return Table(
-            f"{count} fresh machines under each law", heads, [*rows, ["today", *_cells(self.best.before), "-"]]
-        )
+        columns = [
+            Column("law"), Column("yield and its 95 % interval"), Column("median snap", "m √s/N"),
+            Column("95 % quantile", "m √s/N"), Column("settled"),
+        ]  # fmt: skip
+        title = f"{self.best.after.count} fresh machines under each law"
+        return Table(title, columns, [*rows, ["today", *_cells(self.best.before), None]])
 
 
-def _cells(fresh: Measured) -> list[str]:
-    return [in_percent(fresh.all), *(f"{1e9 * fresh.quantile(SNAP, share):.4g}" for share in (0.5, 0.95))]
+def _cells(fresh: Measured) -> list[Cell]:
+    return [in_percent(fresh.all), fresh.quantile(SNAP, 0.5), fresh.quantile(SNAP, 0.95)]
 
 
 def tune_laws(tuner: RobustTuner, law: str | None) -> Laws:
@@ -93,7 +94,7 @@ def tune_laws(tuner: RobustTuner, law: str | None) -> Laws:
 
 
 def _first(refused: Mapping[str, str]) -> str:
-    return "; ".join(f"{name}: {reason}" for name, reason in list(refused.items())[:3])
+    return joined("; ", (f"{name}: {reason}" for name, reason in list(refused.items())[:3]))
 
 
 def tuned_study(tuner: RobustTuner, law: str | None, out: Path | None, again: Mapping[str, str]) -> Outcome[Any]:
@@ -112,7 +113,7 @@ def tuned_study(tuner: RobustTuner, law: str | None, out: Path | None, again: Ma
         shown.insert(0, laws.table())
     judgment = Judgment.TAKE_TUNING if best.better else Judgment.FEWER_ARE_GOOD
     judgment = judgment if best.tuned.holds else Judgment.DO_NOT_USE_TUNING
-    proof = [f"proof, {line.what}: {line.said}" for line in best.tuned.proof]
+    proof = [Text(f"proof, {line.what}: {line.said}") for line in best.tuned.proof]
     return Outcome(
         best, shown, _remarks(tuner, laws), best.sentence(), files=files, details=proof, judgment=judgment,
         failure=judgment.says if judgment.bad else "", rotary=best.rotary,
@@ -130,18 +131,20 @@ def _machine(tuner: RobustTuner, best: Robust) -> str | None:
 def _remarks(tuner: RobustTuner, laws: Laws) -> list[str]:
     """What must be known of the result."""
     best = laws.best
-    made = [f"held back by {each.sentence()}" for each in best.tuned.held]
-    made += [f"proof, {line.what}: does not hold ({line.said})" for line in best.tuned.proof if line.holds is False]
-    made += [f"not settled: {best.unsettled}"] if best.unsettled else []
+    made: list[str] = [Text(f"held back by {each.sentence()}") for each in best.tuned.held]
+    made += [
+        Text(f"proof, {line.what}: does not hold ({line.said})") for line in best.tuned.proof if line.holds is False
+    ]
+    made += [Text(f"not settled: {best.unsettled}")] if best.unsettled else []
     kept = {bound.figure.name for bound in tuner.kept_bounds}
     beside = [said(bound) for bound in best.after.bounds if bound.figure.name not in kept]
     if beside:
-        made.append(f"counted in the yield, but not kept by the tuner: {', '.join(beside)}")
-    made += [f"variant {number} was left out: {reason}" for number, reason in best.bad[:5]]
+        made.append(Text(f"counted in the yield, but not kept by the tuner: {joined(', ', beside)}"))
+    made += [Text(f"variant {number} was left out: {reason}") for number, reason in best.bad[:5]]
     made += [f"{len(best.bad) - 5} more were left out"] if len(best.bad) > 5 else []
     if len(tuner.study.jobs) > 1:
         made.append("the machine file is that of the first choice of the study; control.toml is for all")
-    made += [f"'{name}' was not tuned: {reason}" for name, reason in laws.refused.items()]
+    made += [Text(f"'{name}' was not tuned: {reason}") for name, reason in laws.refused.items()]
     return made
 
 
@@ -213,15 +216,16 @@ def _page(tuner: RobustTuner, laws: Laws, story: Story) -> str:
         ("facts", "How"),
     ]  # fmt: skip
     title = f"{tuner.study.title}: one control for all machines"
+    units = page_units(rotary=best.rotary)
     parts = [
         header("feeddrive tune --study", title, [best.sentence(), *remarks], links),
         f'<section id="result">\n<h2>Result</h2>\n{_printed(made)}\n</section>\n',
-        f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(map(picture, drawn))}</section>\n',
+        f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each, units) for each in drawn)}</section>\n',
         f'<section id="proof">\n<h2>Proof on the machines that decide</h2>\n'
         f"{_printed([_deciding(best), tables(best.tuned, story)[-1]])}\n</section>\n",
         f'<section id="facts">\n<h2>How</h2>\n{definitions(facts.items())}\n</section>\n',
     ]
-    return page(title, parts, rotary=best.rotary, quoted=(tuner.study.title,))
+    return page(title, parts, units)
 
 
 def _printed(made: Sequence[Table]) -> str:
@@ -232,13 +236,12 @@ def _printed(made: Sequence[Table]) -> str:
 def _deciding(best: Robust) -> Table:
     """The machines that decide, under the new control."""
     rows = [
-        [each.point, f"{each.margins.sensitivity_peak:.3f}", _or_dash(each.margins.phase_margin_deg),
-         f"{1e-6 * each.stiffness.minimum:.4g}", f"{1e9 * each.rope_snap:.4g}"]
+        [each.point, each.margins.sensitivity_peak, each.margins.phase_margin_deg, each.stiffness.minimum,
+         each.rope_snap]
         for each in best.tuned.after
     ]  # fmt: skip
-    heads = ["machine", "Ms", "phase margin deg", "least stiffness N/um", "rope-snap error nm s^1/2/N"]
-    return Table("the machines that decide, under the new control", heads, rows)
-
-
-def _or_dash(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3g}"
+    columns = [
+        Column("machine"), Column("Ms", form=".3f"), Column("phase margin", "deg", ".1f"),
+        Column("least stiffness", "N/m"), Column("rope-snap error", "m √s/N"),
+    ]  # fmt: skip
+    return Table("the machines that decide, under the new control", columns, rows)

@@ -13,6 +13,7 @@ import numpy as np
 from feeddrive.files.machine import read_machine
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import number
 from feeddrive.loop.control import Control
 from feeddrive.plot.chart import Chart, Curve, Panel
 from feeddrive.studio.desk import Desk, free_name
@@ -190,7 +191,7 @@ class Goal(Room):
         value = self.given.get(field.name, field.default)
         shown = "" if value is None else str(value)
         if isinstance(value, float):
-            shown = f"{value / field.factor:.6g}"
+            shown = number(value / field.factor, 6)
         declared = field.declared.of_axis(self.desk.bench is not None and self.desk.bench.rotary)
         return {
             "name": field.name, "label": field.flag.removeprefix("--").replace("-", " "), "meaning": declared.meaning,
@@ -203,12 +204,12 @@ class Goal(Room):
         found = list[dict[str, Any]]()
         peak = self.given.get("max_ms", FIELDS["max_ms"].default)
         if "sensitivity" in drawn:
-            at, text = self._peak_limit(), f"Ms <= {peak:g}"
+            at, text = self._peak_limit(), f"Ms <= {number(peak)}"
             found.append({"field": "max_ms", "picture": "sensitivity", "at": at, "text": text})
         if "stiffness" in drawn:
             stiffness = self.given.get("max_compliance")
             at = self._least(drawn["stiffness"]) if stiffness is None else 1e-6 / stiffness
-            text = "no limit of stiffness: drag it up" if stiffness is None else f"stiffness >= {at:.4g}"
+            text = "no limit of stiffness: drag it up" if stiffness is None else f"stiffness >= {number(at)}"
             found.append({"field": "max_compliance", "picture": "stiffness", "at": at, "text": text})
         return found
 
@@ -245,7 +246,7 @@ class Goal(Room):
             drawn["sensitivity"] = self._up_to_limit(drawn["sensitivity"])
         if len(self.costs) > 1:
             steps, costs = np.arange(1.0, len(self.costs) + 1.0), np.array(self.costs) / self.costs[0]
-            curve = Curve(steps, costs, "cost of the best so far", 0, said=f"{costs[-1]:.4g} of the first")
+            curve = Curve(steps, costs, "cost of the best so far", 0, said=f"{number(costs[-1])} of the first")
             drawn["search"] = Chart("improvements", (Panel("cost (of the first)", (curve,)),))
         return {name: drawn[name] for name in ("sensitivity", "stiffness", "open_loop", "search") if name in drawn}
 

@@ -16,7 +16,7 @@ from feeddrive.files.guess import words_of
 from feeddrive.files.log import write_log
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError, nearest
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import shown as usual_unit
 from feeddrive.language.text import Text
 from feeddrive.plot.chart import Chart
@@ -354,7 +354,7 @@ class Scope(Room):
         if name in _OF_CHANNEL:
             unit, factor = self._factor(self.trigger) if self.trigger else ("", 1.0)
         value = self.given.get(name, field.default)
-        text = "" if value is None else f"{factor * value:.6g}" if isinstance(value, float) else str(value)
+        text = "" if value is None else number(factor * value, 6) if isinstance(value, float) else str(value)
         return {
             "name": name, "label": name.replace("_", " "), "meaning": field.declared.meaning,
             "unit": written(unit) if field.kind is float else "", "options": list(field.declared.options or ()),
@@ -386,10 +386,10 @@ def _choices(unit: str) -> list[str]:
 
 def _said(read: Readout, drawn: list[Channel], clock: str) -> list[list[str]]:
     """Rows of the table of the cursors: time, then each channel, at 1, at 2, and their difference."""
-    rate = "" if read.step == 0.0 else f"; 1/Δt {abs(read.rate):.6g} {'Hz' if clock == 's' else 'per sample'}"
-    rows = [[f"time ({clock})", f"{read.a:.6g}", f"{read.b:.6g}", f"{read.step:.6g}{rate}"]]
+    rate = "" if read.step == 0.0 else f"; 1/Δt {number(abs(read.rate), 6)} {'Hz' if clock == 's' else 'per sample'}"
+    rows = [[f"time ({clock})", number(read.a, 6), number(read.b, 6), f"{number(read.step, 6)}{rate}"]]
     for each in drawn:
         values = [each.factor * float(row[each.place]) for row in (read.at_a, read.at_b, read.rise)]
         head = f"{each.name} ({written(each.unit)})" if each.unit else each.name
-        rows.append([head, *(f"{value:.6g}" if math.isfinite(value) else "nothing" for value in values)])
+        rows.append([head, *(number(value, 6) if math.isfinite(value) else "nothing" for value in values)])
     return rows

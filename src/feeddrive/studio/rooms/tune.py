@@ -246,7 +246,7 @@ class Tune(Room):
         now, limits = found[NOW].look, self.desk.limits
         looks, parts = ({name: getattr(each, what) for name, each in found.items()} for what in ("look", "parts"))
         drawn = charts(bench, looks, parts, self.chosen, self.units)
-        units = replace(self.units, rotary=True, quoted=()) if bench.rotary else self.units
+        units = replace(self.units, rotary=bench.rotary)
         drawn = with_verdicts(drawn, now, limits, units)
         margins = now.leading.margins
         said = {
@@ -310,10 +310,10 @@ class Tune(Room):
     def _knobs(self) -> list[dict[str, Any]]:
         """What the page shows of each number, in the units that people read."""
         bench, found = self.desk.needed, list[dict[str, Any]]()
+        units = replace(self.units, rotary=bench.rotary)
         for each in bench.by_hand.knobs:
             declared = each.declared.of_axis(bench.rotary)
-            unit, factor = self.units.of(each.declared.unit)
-            unit = turning(unit) if bench.rotary else unit
+            unit, factor = units.of(each.declared.unit)
             dragged = each.declared.unit == "Hz" and each.name.startswith("filters.")
             found.append({
                 "name": each.name, "block": each.block, "unit": unit, "factor": factor, "low": each.low,

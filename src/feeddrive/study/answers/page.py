@@ -16,9 +16,9 @@ import numpy as np
 
 from feeddrive.files.run_files import summary_text, versions
 from feeddrive.language.errors import FeeddriveError, plain
+from feeddrive.language.quantity import number
 from feeddrive.language.table import Table
-from feeddrive.report.page import Shown, render
-from feeddrive.report.sentences import number
+from feeddrive.report.page import Shown, page_units, render
 from feeddrive.study.answers import pictures
 from feeddrive.study.answers.answers import Answers
 from feeddrive.study.answers.bands import QUANTILES
@@ -72,8 +72,7 @@ def build_study(found: Answers) -> str:
     front = _front(found)
     return render(
         "study.html",
-        rotary=found.rotary,
-        quoted=found.quoted,
+        units=page_units(rotary=found.rotary),
         title=study.title,
         lead=found.sentences,
         links=[

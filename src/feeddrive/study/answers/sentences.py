@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import shown
 from feeddrive.language.text import Text
 from feeddrive.plot.style import written
-from feeddrive.report.sentences import number
 from feeddrive.study.answers.sensitivity import RankCorrelation, SobolIndices
 from feeddrive.study.answers.shares import Share
 from feeddrive.study.answers.yields import BoundYield, Yield
@@ -32,7 +31,7 @@ def read_in(unit: str) -> tuple[str, float]:
 def value_text(figure: Figure, value: float) -> str:
     """A value of a figure with its unit."""
     unit, factor = read_in(figure.unit)
-    return f"{number(factor * value)} {unit}".rstrip()
+    return f"{number(factor * value, 3)} {unit}".rstrip()
 
 
 def name_of(figure: Figure) -> str:
