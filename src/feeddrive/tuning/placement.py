@@ -49,7 +49,7 @@ class Placement(Result):
 def _words(pole: complex) -> str:
     size = abs(pole)
     return Text(
-        f"{number(pole.real)} {'+-'[pole.imag < 0.0]} {number(abs(pole.imag))}j 1/s "
+        f"{number(pole.real)}{Quantity(pole.imag):+.4g}j 1/s "
         f"({Quantity(size / (2.0 * np.pi), 'Hz')}, damping {Quantity(-pole.real / size):.3f})"
     )
 
