@@ -150,12 +150,16 @@ class FmuError(FeeddriveError):
 
 
 def plain(text: str) -> str:
-    """The text without line ends and other control characters, which may come from a damaged file; marks stay."""
-    pieces = split(marked(text))
-    return "".join(
-        piece if is_mark and marks(piece) else "".join(letter if letter.isprintable() else "?" for letter in piece)
-        for piece, is_mark in pieces
-    )
+    """Replace line ends and other control characters, which may come from a damaged file; quantities stay."""
+    if text.isprintable():
+        return text
+    kept = Text("".join(piece if is_mark else _printable(piece) for piece, is_mark in split(marked(text))))
+    is_safe = kept.isprintable() and all(part.isprintable() for mark in marks(kept) for part in mark)
+    return kept if is_safe else _printable(text)
+
+
+def _printable(text: str) -> str:
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
 def sentence(text: str) -> Text:

@@ -174,7 +174,8 @@ def doubt(
             told=False,
         )
     best = readings[:2]
-    asked = "HAL knows no units, and a machine is in mm or inch" if is_hal else f"as read, {why}"
+    asked = "HAL knows no units, and a machine is in mm or inch" if is_hal else Text(f"as read, {why}")
+    likeliest = joined(" or ", (each.sentence(frame) for each in best))
     return Doubt(
         Text(
             f"{file}: {who}: {asked}. Likeliest: {joined(' or ', (each.sentence(frame) for each in best))}. Say which "
