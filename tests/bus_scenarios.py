@@ -247,8 +247,7 @@ def held_up(bus: str) -> dict[str, Any]:
 
 
 def pulled(bus: str) -> dict[str, Any]:
-    """The interface of the master is taken down in motion (EtherCAT): why it ended, and after how many seconds."""
-    began = 0.0
+    """The interface of the master is taken down in motion (EtherCAT): why it ended."""
     with powered(bus) as bench:
         described = drive(bus, late_cycles=1000)
 
@@ -256,17 +255,14 @@ def pulled(bus: str) -> dict[str, Any]:
             """At row 100."""
 
             def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
-                nonlocal began
                 if done == 100:
                     subprocess.run(["ip", "link", "set", bench.interface, "down"], check=True)
-                    began = time.monotonic()
 
         with DriveClient(transport_of(described, bench.interface, None), described) as master:
             master._timeout = 0.02
             played = play_profile(master, profile(), progress=Pull())
-        seconds = time.monotonic() - began
         subprocess.run(["ip", "link", "set", bench.interface, "up"], check=True)
-    return {"aborted": played.aborted, "seconds": seconds}
+    return {"aborted": played.aborted}
 
 
 def kinds(bus: str) -> dict[str, Any]:

@@ -321,7 +321,7 @@ def test_who_follows_a_pipe_late_begins_with_a_whole_line(most: int, monkeypatch
         pipe = Pipe(stream)
         end.write("".join(f"{k:06d} {k + 100_000:f} \n" for k in range(400)).encode())
         table = GrowingTable(pipe.follower(), sample_time=1.0)
-        for _ in range(500):
+        for _ in range(6000):
             if pipe.since(0)[1] == 400 * 22:
                 break
             time.sleep(0.01)
@@ -332,7 +332,7 @@ def test_who_follows_a_pipe_late_begins_with_a_whole_line(most: int, monkeypatch
 
 
 def _until(table: GrowingTable, least: int) -> Rows:
-    for _ in range(200):
+    for _ in range(6000):
         rows = table.take()
         if rows.time.size >= least:
             return rows

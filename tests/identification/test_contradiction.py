@@ -69,6 +69,28 @@ def test_a_machine_file_spoils_no_fit_of_a_log_with_an_added_force(size: float, 
     assert found.recommendation.startswith("Use these values")
 
 
+# logs in which a force acts in 50 to 60 % of the rows, and others
+SEEDS = [4, 6, 10, 16, 17, 18, 20, 21, *range(30, 42)]
+
+
+@pytest.mark.parametrize(
+    ("size", "seed"),
+    all_but([(60.0, 4)], [(n, seed) for n in (10.0, 20.0, 40.0, 60.0, 80.0) for seed in SEEDS], "other steps of force"),
+)
+def test_a_force_in_half_of_the_rows_speaks_against_no_law_and_for_no_other(size: float, seed: int) -> None:
+    """28 of 120 such logs were refused with the law that ran: its rows were sought about the median of all."""
+    from feeddrive.identification.motion.law_check import check_law
+
+    def accepted(log: MotionLog, Kv: float = 1.0, Kp: float = 1.0, Tn: float | None = None) -> bool:
+        law = fd.blocks.CascadePPI(Kv=160.18 * Kv, Kp=8557.0 * Kp, Tn=Tn, velocity_samples=2, velocity_feedforward=0.0)
+        return check_law(fd.Control(law=law), log).wrong == ""
+
+    log = pushed(size, seed)
+    assert accepted(log)
+    wrong = [{"Kv": 0.8}, {"Kv": 1.2}, {"Kp": 0.8}, {"Kp": 1.2}, {"Kv": 1.2, "Kp": 1.2}, {"Tn": 0.02}, {"Tn": 0.1}]
+    assert [each for each in wrong if accepted(log, **each)] == []
+
+
 def test_an_added_force_hides_no_wrong_gain() -> None:
     """Kv a fifth too large: the rows in which nothing was added say so, and the inverse dynamics stay what they are."""
     log = pushed(30.0)

@@ -82,6 +82,55 @@ def test_counts_through_a_velocity_gain_speak_against_no_law(mass: float, count:
 
 
 @pytest.mark.parametrize(
+    ("mass", "count"), all_but([(500.0, 1.25e-6), (1500.0, 2e-5)], SHOPS, "the same with other masses and counts")
+)
+def test_counts_through_a_velocity_gain_make_no_second_clock(mass: float, count: float) -> None:
+    """Without a law: "not on one clock" was said of two of these logs, and "not synchronised" of two.
+
+    Up to 1.7 % of the mass is what counts make of it: with 20 um the force is that of counts for the most part.
+    """
+    log, *_ = shop(mass, count)
+    found = identify_motion(log)
+    assert found.rigid["mass"].value == pytest.approx(mass, rel=0.02)
+
+
+def test_coarse_counts_and_an_integral_that_is_left_out_are_no_second_clock() -> None:
+    log, law, drive = shop(1500.0, 2e-5)
+    found = identify_motion(log, loop_of(law_of(law, "integral", 0.0), drive, 1e-3))
+    assert "it is not the law that ran" in found.recommendation
+
+
+def coarse(seed: int) -> tuple[MotionLog, Pid, Drive]:
+    """The axis of the shop page with counts of 20 um, a drawn mass and an unknown force of 21 N."""
+    c, random = 1e3 * 753.98, np.random.default_rng([24, seed])
+    law = Pid(20.0 * c, 20.0 * c, 0.5 * c, 0.004 * c, 0.002 * c)
+    start = np.array([2e-5 * random.uniform(-0.5, 0.5)])
+    drive = Drive(random.uniform(800.0, 2600.0), 420.0, 3000.0, dead_time=0.0008, count=2e-5, start=start)
+    reference = strokes(1e-3, (0.15,), 1.5, seconds=0.6)
+    load = unknown(21.0, 0.02, 1e-3, 1, reference.size, seed)
+    position, force = run(drive, law, reference, 1e-3, load=load)
+    log = MotionLog(name="coarse", position=position[0], force=force[0], set_position=reference, sample_time=1e-3)
+    return log, law, drive
+
+
+@pytest.mark.parametrize("seed", all_but([0], range(40), "the same with other masses and forces"))
+def test_coarse_counts_and_the_true_law_are_used(seed: int) -> None:
+    """All 40 said "Do not tune", and none may; all 440 laws with a gain 20 % wrong or without integral are refused.
+
+    The closed loop of a log of 1.4 t diverged with one sample more, which ended in an error.
+    """
+    from feeddrive.identification.motion.law_check import check_law
+
+    log, law, drive = coarse(seed)
+    found = identify_motion(log, loop_of(law_of(law), drive, 1e-3))
+    assert found.recommendation.startswith("Use these values"), found.recommendation
+    mass = found.rigid["mass"] if found.refinement is None else found.refinement["mass"]
+    assert mass.value == pytest.approx(drive.mass, rel=0.02)
+    for wrong, factor in wrongs(law):
+        assert check_law(loop_of(law_of(law, wrong, factor), drive, 1e-3).control, log).wrong, (wrong, factor)
+
+
+@pytest.mark.parametrize(
     ("wrong", "factor"),
     [("Pgain", 0.8), ("Igain", 0.8), ("Dgain", 1.2), ("FF1", 0.8), ("FF2", 1.2), ("integral", 0.0)],
 )

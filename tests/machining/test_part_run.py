@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from pathlib import Path
 
 import numpy as np
@@ -76,10 +75,8 @@ def test_a_directory_of_results_runs_again_with_its_program(tmp_path: Path) -> N
 
 
 @pytest.mark.slow(reason="the demo of the mill: a program of 40 s under six laws")
-def test_the_demo_of_the_mill_compares_six_laws_in_a_minute(tmp_path: Path) -> None:
-    begin = time.process_time()
+def test_the_demo_of_the_mill_compares_six_laws(tmp_path: Path) -> None:
     found = demo.run(DemoRequest("mill", out=tmp_path / "out")).result
-    assert time.process_time() - begin < 60.0  # s of processor time; the bar is of two idle cores
     parts = found.parts
     today = parts["today"].contour.rms
     assert all(part.contour.rms < 0.5 * today for name, part in parts.items() if name != "today")

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from documented import claims_documented
 from feeddrive.blocks.compensation.machine_mode import MachineMode
 from feeddrive.blocks.controller.dadsc import DADSC
 from feeddrive.blocks.feedforward.inertia import Inertia
@@ -38,6 +39,10 @@ def experiment() -> Experiment:
 
 def test_every_claim_holds(experiment: Experiment) -> None:
     assert not [(claim.key, claim.claim, claim.shown, claim.bounds) for claim in experiment.broken]
+
+
+def test_the_documentation_states_how_many_claims_there_are(experiment: Experiment) -> None:
+    assert len(experiment.claims) == claims_documented("Altintas")
 
 
 def test_every_row_is_there_and_those_that_the_cascade_wins(experiment: Experiment) -> None:

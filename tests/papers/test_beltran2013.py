@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from documented import claims_documented
 from feeddrive.language.progress import Progress
 from feeddrive.papers.beltran2013 import beltran2013, mill
 from feeddrive.papers.claims import Experiment
@@ -20,6 +21,10 @@ def found() -> Experiment:
 def test_every_claim_holds(found: Experiment) -> None:
     assert not found.broken, found.table()
     assert len({claim.key for claim in found.claims}) == len(found.claims)
+
+
+def test_the_documentation_states_how_many_claims_there_are(found: Experiment) -> None:
+    assert len(found.claims) == claims_documented("Beltrán")
 
 
 def test_every_equation_that_is_mutated_is_named_by_a_claim(found: Experiment) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from documented import DOCS, claims_documented
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Table
 from feeddrive.papers import claims as papers
@@ -80,3 +81,14 @@ def test_a_paper_that_is_not_known_is_named_with_its_neighbour() -> None:
         chosen("nobody")
     with pytest.raises(ParameterError, match="did you mean gordon2013"):
         chosen("gordon2031")
+
+
+def test_the_documentation_adds_its_claims_up_and_says_them_once() -> None:
+    """The tests of each paper compare its row with the claims themselves."""
+    many = sum(claims_documented(author) for author in ("Altintas", "Gordon", "Beltrán", "Wu"))
+    dadsc = f"`feeddrive reproduce altintas2009` prints {claims_documented('Altintas')} claims"
+    said = {
+        DOCS / "reproduced.md": f"Every one of the {many} claims holds", DOCS / "laws" / "dadsc.md": dadsc,
+        DOCS.parent / "README.md": f"[{many} claims]",
+    }  # fmt: skip
+    assert [page for page, words in said.items() if words not in page.read_text(encoding="utf-8")] == []

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from documented import claims_documented
 from feeddrive.papers.claims import Experiment
 from feeddrive.papers.gordon2013 import gordon2013
 from feeddrive.papers.gordon2013.frequency import EXPECTED, NAMED, Linear
@@ -31,6 +32,10 @@ def test_claims_hold(letter: str) -> None:
     claims = [claim for claim in experiment().claims if claim.key.startswith(f"2.{letter}")]
     assert len(claims) == LETTERS[letter]
     assert not [claim.cells() for claim in claims if not claim.holds]
+
+
+def test_the_documentation_states_how_many_claims_there_are() -> None:
+    assert len(experiment().claims) == sum(LETTERS.values()) == claims_documented("Gordon")
 
 
 def test_every_equation_that_is_mutated_is_named_by_a_claim() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from documented import claims_documented
 from feeddrive.language.progress import Progress
 from feeddrive.papers.claims import Experiment, build
 from feeddrive.papers.wu2017 import wu2017
@@ -21,6 +22,11 @@ def experiment() -> Experiment:
 @learning
 def test_every_claim_holds(experiment: Experiment) -> None:
     assert not [(claim.key, claim.claim, claim.shown, claim.bounds) for claim in experiment.broken]
+
+
+@learning
+def test_the_documentation_states_how_many_claims_there_are(experiment: Experiment) -> None:
+    assert len(experiment.claims) == claims_documented("Wu")
 
 
 @learning

@@ -138,7 +138,16 @@ def test_the_circle_plot_and_its_peaks(mill: Any) -> None:
     assert opened.said == []
 
 
-def test_a_part_program_moves_its_bar_and_is_canceled_within_2_seconds(mill: Any) -> None:
+_WATCH = """() => {
+  const job = document.querySelector('#job');
+  window.reports = [];
+  new MutationObserver(() => window.reports.push([job.dataset.state, job.querySelector('span')?.innerText ?? '']))
+    .observe(job, {attributes: true, childList: true, characterData: true, subtree: true});
+}"""
+
+
+def test_a_part_program_moves_its_bar_and_is_canceled_amid_a_step(mill: Any) -> None:
+    """After the click only the step under way, and at most the one in which the work sees it, are reported."""
     page = (opened := mill.open()).page
     page.wait_for_selector("#verdict:not(:empty)")
     opened.go("prove")
@@ -146,16 +155,18 @@ def test_a_part_program_moves_its_bar_and_is_canceled_within_2_seconds(mill: Any
     page.click("#prove-program")
     seen = set[str]()
     begun = time.monotonic()
-    while len(seen) < 4 and time.monotonic() - begun < 30.0:
+    while len(seen) < 4 and time.monotonic() - begun < 60.0:
         text = page.locator("#job span").first.inner_text()
         seen |= {re.sub(r" \(\d+ s\)$", "", text)}
         page.wait_for_timeout(20)
     assert len(seen) >= 4, seen
     assert page.get_attribute("#job", "data-state") == "running"
-    begun = time.monotonic()
+    page.evaluate(_WATCH)
     page.click("#cancel")
-    page.wait_for_function("() => document.querySelector('#job').dataset.state === 'canceled'", timeout=10_000)
-    assert time.monotonic() - begun <= 2.0
+    page.wait_for_function("() => document.querySelector('#job').dataset.state === 'canceled'", timeout=60_000)
+    reports = page.evaluate("() => window.reports")
+    assert {state for state, _ in reports} <= {"running", "canceled"}
+    assert len({re.sub(r" \(\d+ s\)$", "", text) for state, text in reports if state == "running"}) <= 2, reports
     assert page.locator("#proof-program").is_hidden()
 
 

@@ -43,9 +43,12 @@ def serve(tmp_path: Path) -> Iterator[Callable[..., Served]]:
         each.process.stdout.close()
 
 
-def gone(processes: list[int], seconds: float) -> bool:
-    """Whether all have ended within some seconds."""
-    until = time.monotonic() + seconds
+STARTS = 20  # of each law: ten minutes and more, so that what ends within a minute was ended
+
+
+def gone(processes: list[int]) -> bool:
+    """Return whether all of them end, long before their work would."""
+    until = time.monotonic() + 60.0
     while any(alive(each) for each in processes):
         if time.monotonic() > until:
             return False
@@ -57,32 +60,30 @@ def gone(processes: list[int], seconds: float) -> bool:
 def test_a_killed_server_takes_its_work_with_it(serve: Callable[..., Served]) -> None:
     served = serve("ball_screw")
     with served.page("a") as page:
-        assert "error" not in page.ask("compare.start", starts=2)
+        assert "error" not in page.ask("compare.start", starts=STARTS)
         page.runs()
         working = descendants(served.process.pid)
         assert working
         served.process.kill()
-        served.process.wait(5.0)
-    assert gone(working, 2.0)
+        served.process.wait(60.0)
+    assert gone(working)
 
 
 @needs_proc
-def test_ctrl_c_ends_all_within_two_seconds_also_work_that_waits_for_a_processor(serve: Callable[..., Served]) -> None:
+def test_ctrl_c_ends_all_also_work_that_waits_for_a_processor(serve: Callable[..., Served]) -> None:
     served = serve("ball_screw")
     pages = [served.page(f"page {i}") for i in range((os.cpu_count() or 1) + 1)]
     opened = [each.__enter__() for each in pages]
     for each in opened:
-        assert "error" not in each.ask("compare.start", starts=2)
+        assert "error" not in each.ask("compare.start", starts=STARTS)
     for each in opened[:-1]:
         each.runs()
     working = descendants(served.process.pid)
     assert opened[-1].job is not None
     assert opened[-1].job["state"] == "waiting"
-    began = time.monotonic()
     served.process.send_signal(signal.SIGINT)
-    said, _ = served.process.communicate(timeout=20.0)
-    assert time.monotonic() - began < 2.0
-    assert gone(working, 0.5)
+    said, _ = served.process.communicate(timeout=60.0)
+    assert gone(working)
     assert not list(served.folder.glob("temporary_*"))
     assert served.process.returncode == 0
     assert said == ""
@@ -150,7 +151,7 @@ def test_without_a_browser_or_with_one_that_stays_the_page_is_served(
             assert begin.stdout.readline().startswith(said)
     finally:
         begin.send_signal(signal.SIGINT)
-        begin.wait(10.0)
+        begin.wait(60.0)
         begin.stdout.close()
 
 

@@ -259,7 +259,7 @@ class Broken:
 def test_a_fault_that_nobody_foresaw_is_shown() -> None:
     source = Broken()
     following = live.Following(source, Oscilloscope(), lambda: True)
-    for _ in range(200):
+    for _ in range(6000):
         if not following.going:
             break
         time.sleep(0.01)

@@ -1,9 +1,10 @@
 """The store of a sweep: its rows, one Parquet file a chunk, and the manifest that says which study they are of.
 
-    DIR/manifest.json                 study, digest, version of feeddrive, variants, variants a chunk
+    DIR/manifest.json                 study, digest, version of feeddrive, variants, variants a chunk, sealed
     DIR/rows/chunk_00000012.parquet   the rows of chunk 12, in the order of their variants
 
-Each file is written whole or not at all, so that a chunk is either done or not there, whatever was killed meanwhile.
+Each file is written whole or not at all, so that a chunk is either done or not there, whatever was killed meanwhile,
+and carries a SHA-256 of itself (`chunk_file`), so that one that was damaged later is refused and not read.
 Two sweeps of one study that run into the same store write the same bytes, and no row is there twice.
 
     store = Store("out")
@@ -24,6 +25,7 @@ from typing import Any
 
 from feeddrive.files.atomic_io import MARKER
 from feeddrive.language.errors import FileError, ParameterError
+from feeddrive.study.chunk_file import DamagedChunkError, chunk_bytes, chunk_rows
 from feeddrive.study.places import place
 from feeddrive.version import __version__
 
@@ -31,7 +33,6 @@ MANIFEST = "manifest.json"
 ROWS = "rows"
 _KIND = "rows of a feeddrive study"
 _NAME = re.compile(r"chunk_(\d{8})\.parquet")
-_DIGEST = b"feeddrive.study"  # in the metadata of each file: the study that its rows are of
 _MOST_MANIFEST = 64_000_000  # bytes
 _MOST_CHUNK = 4_000_000_000  # bytes
 _MOST_CHUNKS = 10**8  # by the digits of a file's name
@@ -82,6 +83,7 @@ class Store:
         self._place = place(address)
         self._manifest: Manifest | None = None
         self._made = False  # whether the manifest is written
+        self._sealed = True  # whether all chunks must hold their SHA-256; not so in a store of before
         self._schema: Any = None  # of the first chunk that was read or written: all others have it, too
 
     @property
@@ -134,20 +136,15 @@ class Store:
         Raises FileError that says what to do if it cannot be written, a full disk for one; ParameterError for a table
         that is not the rows of this chunk.
         """
-        import pyarrow as arrow
-        from pyarrow import parquet
-
         manifest = self.manifest()
         if reason := self._objection(number, rows):
             raise ParameterError(f"chunk {number}: {reason}")
-        sink = arrow.BufferOutputStream()
-        signed = rows.replace_schema_metadata({_DIGEST: manifest.digest.encode()})
-        parquet.write_table(signed, sink, compression="zstd", write_page_checksum=True)
+        content = chunk_bytes(rows, manifest.digest)
         try:
             if not self._made:
                 self._place.write(MANIFEST, _manifest_text(manifest))
                 self._made = True
-            self._place.write(_file(number), sink.getvalue().to_pybytes())
+            self._place.write(_file(number), content)
         except FileError as error:
             raise FileError(f"{error}; {GO_ON}") from None
 
@@ -156,18 +153,14 @@ class Store:
 
         Raises FileError for a file that is damaged, of another study, or not the rows of this chunk.
         """
-        import pyarrow as arrow
-        from pyarrow import parquet
-
+        digest = self.manifest().digest
         content = self._place.read(_file(number), _MOST_CHUNK)
+        rows, reason = None, ""
         try:
-            rows = parquet.read_table(arrow.BufferReader(content), page_checksum_verification=True)
-            signed = (rows.schema.metadata or {}).get(_DIGEST)
-            reason = "it is of another study" if signed != self.manifest().digest.encode() else ""
-            rows = rows.replace_schema_metadata(None)
-            reason = reason or self._objection(number, rows)
-        except (arrow.ArrowException, OSError) as error:  # OSError: a page that does not match its checksum
-            reason, rows = f"it is damaged ({str(error).splitlines()[0]})", None
+            rows, study = chunk_rows(content, sealed=self._sealed)
+            reason = self._objection(number, rows) if study == digest else "it is of another study"
+        except DamagedChunkError as error:
+            reason = f"it is damaged ({error})"
         if reason:
             raise FileError(f"{self.address}/{_file(number)}: {reason}: move it away, {GO_ON}, which computes it again")
         assert rows is not None
@@ -226,6 +219,9 @@ class Store:
             if found.pop("kind") != _KIND:
                 raise ValueError("it is of another program")
             found.pop("chunks")
+            self._sealed = found.pop("sealed", False)
+            if self._sealed not in (True, False):
+                raise ValueError("'sealed' must be true")
             if set(found) != {each.name for each in fields(Manifest)}:
                 raise ValueError("its entries are not those of a sweep")
             return Manifest(**found)
@@ -241,7 +237,7 @@ def _file(number: int) -> str:
 
 
 def _manifest_text(manifest: Manifest) -> bytes:
-    said = {"kind": _KIND, "chunks": manifest.chunks, **asdict(manifest)}
+    said = {"kind": _KIND, "chunks": manifest.chunks, **asdict(manifest), "sealed": True}
     return (json.dumps(said, indent=1, ensure_ascii=False) + "\n").encode()
 
 

@@ -37,10 +37,10 @@ def agreed(
         return found
     try:
         other = refine(loop, log, tuple(each.name for each in found.estimates), delays=[own])
-    except DivergedError:
+        value, error = dead_time(other, log)
+    except DivergedError:  # a loop near its limit, which is no loop that ran
         return found
     left, without = other.by_delay[own], found.by_delay[found.delay]
-    value, error = dead_time(other, log)
     apart = abs(delay.dead_time - known - value)
     joint = SURE * math.hypot(error, delay.error)
     first = grows > left / without

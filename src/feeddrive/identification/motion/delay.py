@@ -127,7 +127,8 @@ def _check_slope(log: MotionLog, basis: np.ndarray, forces: np.ndarray, residual
 
 def _check(log: MotionLog, best: int, delays: np.ndarray, residual: np.ndarray) -> None:
     at_zero = float(residual[np.flatnonzero(delays == 0)[0]])
-    clear = float(np.min(residual)) < CLEAR * at_zero  # otherwise there is no evidence for a delay other than 0
+    # otherwise there is no evidence for a delay other than 0
+    clear = float(np.min(residual)) < CLEAR * at_zero and at_zero - float(np.min(residual)) > _rough(residual)
     late = best * log.sample_time > LATEST
     early = best < -1 and -best * log.sample_time > _EARLY
     if clear and early and _trails(log):
@@ -148,6 +149,17 @@ def _check(log: MotionLog, best: int, delays: np.ndarray, residual: np.ndarray) 
         )
 
 
+def _rough(residual: np.ndarray) -> float:
+    """Return twice the largest fall of a residual on the way from its minimum to longer or to shorter delays.
+
+    Around the true delay a residual rises to both sides. Where counts go through a velocity gain into the force it is
+    as ragged as the force, and its minimum says nothing about clocks.
+    """
+    best = int(np.argmin(residual))
+    sides = residual[best:], residual[best::-1]
+    return 2.0 * float(max(np.max(np.maximum.accumulate(side) - side) for side in sides))
+
+
 def _trails(log: MotionLog) -> bool:
     """Whether the set position comes after the position: (r - x) v < 0 on average."""
     if log.set_position is None:
@@ -161,7 +173,9 @@ def _check_drift(log: MotionLog, columns: np.ndarray, forces: np.ndarray, delays
     halves = (slice(0, half), slice(half, None))
     left = [np.array([_left(np.linalg.qr(columns[rows])[0], force[rows]) for force in forces]) for rows in halves]
     first, second = (int(np.argmin(each)) for each in left)
-    sure = left[0][first] < CLEAR * left[0][second] and left[1][second] < CLEAR * left[1][first]
+    other = left[0][second], left[1][first]
+    least = left[0][first], left[1][second]
+    sure = all(own < CLEAR * at and at - own > _rough(each) for own, at, each in zip(least, other, left, strict=True))
     if sure and abs(second - first) >= _DRIFT * max(1.0, _EARLY / log.sample_time):
         raise NotIdentifiableError(
             f"{log.name}: force and position are not on one clock: the force acts {delays[first]} samples late in the "

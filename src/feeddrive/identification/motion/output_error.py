@@ -158,6 +158,7 @@ def dead_time(found: Refinement, log: MotionLog, *, skip: int = 49) -> tuple[flo
     """Samples of dead time that the closed loop of a fit asks for beyond that of its start, and their standard error.
 
     One more parameter of its least squares, with the difference of a run a sample later as its column.
+    Raises DivergedError for a loop that a sample more makes unstable.
     """
     names = tuple(each.name for each in found.estimates)
     model = _signals(found.loop, log, skip)
