@@ -204,28 +204,6 @@ def turning_text(text: str, kept: Collection[str] = ()) -> str:
 _QUOTED = 6  # letters of a text that is looked for: shorter ones are names, or a unit itself
 
 
-_SUFFIX = re.compile(r"(?<=_)[mN](?:_per_[mNs])?$")
-
-
-def turning_name(name: str) -> str:
-    """The name of a figure in a file that ends with its unit: force_peak_N is force_peak_N_m on an axis that turns."""
-
-    def named(found: re.Match[str]) -> str:
-        unit = turning(found[0].replace("_per_", "/"))
-        return unit.replace("/", "_per_").replace(" ", "_").replace("(", "").replace(")", "")
-
-    return _SUFFIX.sub(named, name)
-
-
-def turning_record(value: Any, kept: Collection[str] = ()) -> Any:
-    """Figures by name and what is said of them, as a summary has them, of an axis that turns."""
-    if isinstance(value, dict):
-        return {turning_name(name): turning_record(each, kept) for name, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [turning_record(each, kept) for each in value]
-    return turning_text(value, kept) if isinstance(value, str) else value
-
-
 def factor(given: str, declared: str) -> float:
     """Number by which a value in the unit `given` is multiplied to stand in the unit `declared`.
 

@@ -49,7 +49,9 @@ def with_verdicts(drawn: Mapping[str, Chart], look: Look, limits: Limits, units:
     """The pictures with the limits of Ms and stiffness as lines, and what is broken written at its place."""
     found, lines = dict(drawn), dict[str, Level]()
     if limits.sensitivity_peak is not None:
-        lines["sensitivity"] = Level(_gain(units, limits.sensitivity_peak), resolve(limits.only("Ms"), units), dashed=True)
+        lines["sensitivity"] = Level(
+            _gain(units, limits.sensitivity_peak), resolve(limits.only("Ms"), units), dashed=True
+        )
     if limits.compliance_peak is not None:
         text = f"stiffness >= {Quantity(1.0 / limits.compliance_peak, 'N/m')}"
         least = units.of("N/m")[1] / limits.compliance_peak

@@ -175,7 +175,6 @@ def doubt(
         )
     best = readings[:2]
     asked = "HAL knows no units, and a machine is in mm or inch" if is_hal else Text(f"as read, {why}")
-    likeliest = joined(" or ", (each.sentence(frame) for each in best))
     return Doubt(
         Text(
             f"{file}: {who}: {asked}. Likeliest: {joined(' or ', (each.sentence(frame) for each in best))}. Say which "
