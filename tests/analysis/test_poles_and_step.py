@@ -114,7 +114,8 @@ def test_a_pole_map_shows_s_in_the_unit_that_is_asked_for_and_what_grows_as_a_wa
     assert crosses["now grows"].number == ALERT
     assert crosses["now grows"].x[0] == pytest.approx(2.5)
     assert len(of_look(chart, RING)) == 2
-    radian = poles_chart({"today": light}, Units(typographic=True, frequency="rad/s"))
+    units = Units(typographic=True, frequency="rad/s")
+    radian = poles_chart({"today": light}, units).shown(units)
     assert np.abs(of_look(radian, CROSS)[0].x[0]) == pytest.approx(2.0 * np.pi * 7.0)
     assert radian.label == "real part of s (rad/s)"
     flat = damping_chart({"today": light})

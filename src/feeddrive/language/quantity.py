@@ -168,7 +168,7 @@ class Units:
         if self.decibel:
             return gain
         if not gain > 0.0:
-            raise ParameterError(f"a gain must be > 0, not {gain:g}")
+            raise ParameterError(f"a gain must be > 0, not {number(gain, 6)}")
         return 20.0 * float(np.log10(gain))
 
     def gain_said(self, level: float, digits: int = 1) -> str:
