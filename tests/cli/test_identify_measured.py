@@ -51,7 +51,7 @@ def test_from_the_log_of_a_bench_to_its_two_inertias(tmp_path: Path) -> None:
     )
     assert "Noise of the mean, scatter beyond noise, odd and even distortion" in shown
     page = (tmp_path / "frf" / "report.html").read_text(encoding="utf-8")
-    for said in ("noise %", "odd %", "coherence"):
+    for said in ('noise <span class="unit">%</span>', 'odd <span class="unit">%</span>', "coherence"):
         assert said in page
     found = str(tmp_path / "frf" / "frf.csv")
     shown = called(

@@ -29,7 +29,7 @@ from feeddrive.report.page import Shown, definitions, header, page, page_units, 
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, frequencies, option, stem
 
-_USELESS = 30.0  # %, deviation of a line from which it carries no tuning
+_USELESS = 0.3  # deviation of a line from which it carries no tuning
 WARNING = (
     "The axis moves by itself while this is sent. Keep the travel clear, keep a hand on the stop, and begin with a "
     "tenth of the amplitude."
