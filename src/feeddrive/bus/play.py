@@ -110,7 +110,7 @@ def play_together(
         if aborted:
             for client in clients:
                 client.prepare_stop()
-        ends = [f"{aborted}{_halt(client)}" if aborted else "" for client in clients]
+        ends = [Text(f"{aborted}{_halt(client)}" if aborted else "") for client in clients]
         for client in () if aborted else clients:
             client.disable()
     played: list[Played] = []
@@ -150,7 +150,7 @@ def _trouble(kept: Sequence[_Rows], seen: Sequence[str]) -> str:
     for rows, fault in zip(kept, seen, strict=True):
         reason = rows.client.trouble() or fault
         if reason:
-            return reason if len(kept) == 1 else f"{rows.client.transport.where}: {reason}"
+            return reason if len(kept) == 1 else Text(f"{rows.client.transport.where}: {reason}")
     return ""
 
 
@@ -272,7 +272,7 @@ class _Rows:
             "began_at_m": self.start,
         }  # fmt: skip
         if aborted:
-            provenance["aborted"] = aborted
+            provenance["aborted"] = str(aborted)
         constants = {"lost_frames": float(sum(self.lost))}
         if lateness is not None:
             constants |= {f"late_{key}_s": value for key, value in lateness._asdict().items() if key != "missed"}

@@ -12,6 +12,7 @@ from feeddrive.language import matrix, ops
 from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.errors import StructureError
 from feeddrive.language.matrix import Row
+from feeddrive.language.text import Text
 
 _HORIZON = 7.5  # samples for each from a reading to the end of its force: the best at Ms = 2 on a rigid axis
 
@@ -62,7 +63,7 @@ class GeneralizedPredictive(Law):
             Start(
                 f"{cls.title}, {what} horizon",
                 begun(cls, axis, omega_o=4.0 * axis.rate, horizon=horizon, encoder=axis.velocity_encoder),
-                f"{horizon} samples ahead; {axis.sentence()}",
+                Text(f"{horizon} samples ahead; {axis.sentence()}"),
             )
             for what, horizon in (("short", shorter), ("long", 2 * shorter))
         )
