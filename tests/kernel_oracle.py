@@ -15,6 +15,7 @@ import numpy as np
 
 from feeddrive.language.kernels.kernel import Kernel, interpreted
 from feeddrive.language.kernels.module import QUICK, THOROUGH
+from feeddrive.language.kernels.source import BOOL, INT, Type
 
 SPECIAL = [
     math.nan, math.inf, -math.inf, 0.0, -0.0, 5e-324, -5e-324, 2.2e-308, -1e-310, 1e308, -1.7e308, 1.0, -1.0, 0.5, 2.0,
@@ -32,22 +33,33 @@ def a_whole(draw: random.Random) -> int:
     return draw.choice(WHOLE) if draw.random() < 0.6 else draw.randint(-(2**63), 2**63 - 1) >> draw.randint(0, 62)
 
 
+def argument(name: str, kind: Type, draw: random.Random) -> Any:
+    """A value of a type; whole numbers with the name of an index are small."""
+    if kind.layout and not kind.dimensions:
+        return kind.layout.python(*(argument(field, inner, draw) for field, inner in kind.layout.fields.items()))
+    if kind.dimensions:
+        shape = SIZES[f"{'Int' if kind.element == 'int' else 'Float'}s{kind.dimensions if kind.dimensions > 1 else ''}"]
+        sizes = shape if draw.random() < 0.9 else tuple(draw.randint(0, 4) for _ in shape)
+        sizes = (*sizes, kind.width) if kind.layout else sizes
+        whole = kind.element == "int"
+        numbers = [draw.randint(-3, 3) if whole else a_float(draw) for _ in range(math.prod(sizes))]
+        return np.array(numbers, dtype=np.int64 if whole else np.float64).reshape(sizes)
+    if kind == INT:
+        return draw.randint(-5, 5) if name in "ijkn" else a_whole(draw)
+    return draw.random() < 0.5 if kind == BOOL else a_float(draw)
+
+
 def arguments(kernel: Kernel[..., Any], draw: random.Random) -> list[Any]:
-    """Arguments of a kernel; whole numbers with the name of an index are small."""
-    given: list[Any] = []
-    for name, kind in zip(kernel.source.signature.names, map(str, kernel.source.signature.parameters), strict=True):
-        if kind == "float":
-            given.append(a_float(draw))
-        elif kind == "int":
-            given.append(draw.randint(-5, 5) if name in "ijkn" else a_whole(draw))
-        elif kind == "bool":
-            given.append(draw.random() < 0.5)
-        else:
-            sizes = SIZES[kind] if draw.random() < 0.9 else tuple(draw.randint(0, 4) for _ in SIZES[kind])
-            count = math.prod(sizes)
-            numbers = [draw.randint(-3, 3) if kind == "Ints" else a_float(draw) for _ in range(count)]
-            given.append(np.array(numbers, dtype=np.int64 if kind == "Ints" else np.float64).reshape(sizes))
-    return given
+    """Arguments of a kernel."""
+    signature = kernel.source.signature
+    return [argument(name, kind, draw) for name, kind in zip(signature.names, signature.parameters, strict=True)]
+
+
+def copied(value: Any) -> Any:
+    """An argument with arrays of its own, those in records too."""
+    if isinstance(value, tuple):
+        return type(value)(*map(copied, value))
+    return value.copy() if isinstance(value, np.ndarray) else value
 
 
 def bits(value: Any) -> Any:
@@ -55,7 +67,7 @@ def bits(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value.shape, [bits(each) for each in value.ravel().tolist()]
     if isinstance(value, tuple):
-        return [bits(each) for each in value]
+        return type(value).__name__, [bits(each) for each in value]
     if isinstance(value, float):
         return "nan" if value != value else struct.pack(">d", value)
     return type(value), value
@@ -76,18 +88,23 @@ def place_of(error: Exception) -> tuple[str, int]:
     return place
 
 
+def flat(found: Any) -> list[Any]:
+    """All numbers of what a kernel returns."""
+    return [number for each in found for number in flat(each)] if isinstance(found, tuple) else [found]
+
+
 def outcome(kernel: Callable[..., Any], given: list[Any]) -> Any:
     """Results and arrays after a call, or the error, its text if a kernel raised it, and its line."""
-    held = [each.copy() if isinstance(each, np.ndarray) else each for each in given]
+    held = [copied(each) for each in given]
     try:
         found = kernel(*held)
     except Exception as error:
         written = "raise " in linecache.getline(*place_of(error))
         return type(error), str(error) if written else "", place_of(error), bits(tuple(held))
-    results = found if isinstance(found, tuple) else (found,)
+    results = flat(found)
     if any(isinstance(each, int) and not -(2**63) <= each < 2**63 for each in results):
         return OverflowError
-    return bits(results), bits(tuple(held))
+    return bits(found), bits(tuple(held))
 
 
 def compare(kernel: Kernel[..., Any], draws: Iterable[list[Any]]) -> int:

@@ -15,6 +15,7 @@ from weakref import WeakSet
 
 import kernel_beside
 import kernel_constructs
+import kernel_records
 import numpy as np
 import pytest
 
@@ -26,7 +27,9 @@ from feeddrive.language.kernels.source import KernelError
 from fresh_draws import Seeded
 from kernel_oracle import bits, compare, drawn
 
-CONSTRUCTS = [each for each in vars(kernel_constructs).values() if isinstance(each, Kernel)]
+CONSTRUCTS = [
+    each for file in (kernel_constructs, kernel_records) for each in vars(file).values() if isinstance(each, Kernel)
+]
 ALL = [*CONSTRUCTS, kernel_beside.halves]
 DRAWS = 40
 

@@ -59,6 +59,15 @@ def least_cap(path: Path, first: int, last: int, left: float, right: float) -> f
 
 
 @kernel
+def _highest_cap(path: Path, first: int, last: int) -> float:
+    """The highest cap of some pieces."""
+    highest = 0.0
+    for p in range(first, last + 1):
+        highest = max(highest, path.caps[p].plateau)
+    return highest
+
+
+@kernel
 def plateau_begin(stretch: Stretch) -> float:
     """The u at which the ramp up ends, m."""
     return stretch.begin + 0.5 * (stretch.v0 + stretch.peak) * duration(stretch.up)
@@ -106,8 +115,11 @@ def _filling(
 
 
 @kernel
-def hump(path: Path, stretch: Stretch, fastest: float, free: bool) -> Stretch:
-    """The stretch with the highest peak up to `fastest` that is found, at least its own; peak 0 if there is none."""
+def hump(path: Path, stretch: Stretch, free: bool) -> Stretch:
+    """The stretch with the highest peak that is found, at least its own; peak 0 if there is none.
+
+    A `free` hump may exceed the caps of pieces, but not the highest of them.
+    """
     first = piece_at(path.begin, stretch.begin, True)
     last = piece_at(path.begin, stretch.end, False)
     left = straight(path.most[first], path.limits)
@@ -118,6 +130,7 @@ def hump(path: Path, stretch: Stretch, fastest: float, free: bool) -> Stretch:
     least = max(v0, v1)
     best = stretch
     low = stretch.peak
+    fastest = _highest_cap(path, first, last)
     high = fastest
     up = 1.0
     down = 1.0
@@ -190,15 +203,6 @@ def too_fast(path: Path, stretch: Stretch, above: float) -> int:
         if v > cap.ramp * (1.0 + 1e-9):
             slowest = p
     return slowest
-
-
-@kernel
-def fastest_cap(path: Path, stretch: Stretch) -> float:
-    """The highest cap of a stretch."""
-    highest = 0.0
-    for p in range(piece_at(path.begin, stretch.begin, True), piece_at(path.begin, stretch.end, False) + 1):
-        highest = max(highest, path.caps[p].plateau)
-    return highest
 
 
 @kernel

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Floats2, Ints, Records
-from feeddrive.path.schedule.hump import Stretch, brake, fastest_cap, hump, hump_time, least_cap, piece_at, too_fast
+from feeddrive.path.schedule.hump import Stretch, brake, hump, hump_time, least_cap, piece_at, too_fast
 from feeddrive.path.schedule.ramp import Cap, Path, duration, fit, jerk_before, phase
 
 _TRIES = 8  # slow pieces of a stretch, of which one is held
@@ -120,7 +120,7 @@ def _beginning(
     """
     if v0 == 0.0:
         whole = Stretch(u0, u1, 0.0, 0.0)
-        stack[0] = hump(path, whole, fastest_cap(path, whole), False)
+        stack[0] = hump(path, whole, False)
         return 1 if stack[0].peak > 0.0 else 0
     begin = path.begin
     quickly = path._replace(caps=quick)
@@ -172,10 +172,10 @@ def _whole(path: Path, left: Stretch, right: Stretch) -> tuple[float, Stretch, S
     """The time of both humps and of the plateau between them, s, and both stretches with their humps."""
     time = (right.begin - left.end) / left.v1
     if left.end > left.begin:
-        left = hump(path, left, fastest_cap(path, left), False)
+        left = hump(path, left, False)
         time = time + hump_time(left)
     if right.end > right.begin:
-        right = hump(path, right, fastest_cap(path, right), False)
+        right = hump(path, right, False)
         time = time + hump_time(right)
     return time, left, right
 
@@ -192,7 +192,7 @@ def plan(
         height = height - 1
         now = stack[height]
         if not now.held:
-            free = hump(path, now, fastest_cap(path, now), True)
+            free = hump(path, now, True)
             p = too_fast(path, free, 0.0) if free.peak > 0.0 else -1
             split = False
             left = now
@@ -210,7 +210,7 @@ def plan(
                     split, left, right = _split(path, now, p, path.caps[p].plateau)
                     p = too_fast(path, free, path.caps[p].plateau)
                 if not split:
-                    now = hump(path, now, fastest_cap(path, now), False)
+                    now = hump(path, now, False)
                     c = 1.0
                     for _ in range(2):
                         if slowest < 0 or split:
@@ -233,7 +233,7 @@ def plan(
                     height = height + 1
                 continue
             if height + 3 > len(stack) or count + height + 3 > len(out):
-                now = hump(path, now, fastest_cap(path, now), False)
+                now = hump(path, now, False)
         out[count] = now
         count = count + 1
     return count
