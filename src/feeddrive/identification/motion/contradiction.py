@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from feeddrive.identification.motion.counts import count_of, drawn
-from feeddrive.identification.motion.delay import CLEAR, DelayFit
+from feeddrive.identification.motion.delay import DelayFit
 from feeddrive.identification.motion.law_check import SURE
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.output_error import Refinement, dead_time, refine
@@ -33,7 +33,7 @@ def agreed(
     """
     own = beyond(delay, known)
     grows = delay.left(known + found.delay) / delay.left(known + own)
-    if own == found.delay or grows < 1.0 / CLEAR:
+    if own == found.delay or not delay.tells(known + own, known + found.delay):
         return found
     try:
         other = refine(loop, log, tuple(each.name for each in found.estimates), delays=[own])
@@ -116,4 +116,4 @@ def with_counts(log: MotionLog, rigid: RigidFit, found: Refinement, how: Prepara
 def beyond(delay: DelayFit, known: float) -> int:
     """Return the whole samples of dead time beyond a known one that the inverse dynamics clearly ask for, or 0."""
     own = max(0, round(delay.dead_time - known))
-    return own if delay.left(known + own) < CLEAR * delay.left(known) else 0
+    return own if delay.tells(known + own, known) else 0

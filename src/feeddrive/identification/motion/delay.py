@@ -44,8 +44,15 @@ class DelayFit(Result):
 
     @property
     def clear(self) -> bool:
-        """Whether the residual of the best delay is a tenth less than without delay."""
-        return float(np.min(self.residual)) < CLEAR * float(self.residual[np.flatnonzero(self.delays == 0)[0]])
+        """True if the log tells the best delay from none."""
+        return self.tells(self.nearest, 0.0)
+
+    def tells(self, better: float, other: float) -> bool:
+        """Return True if the inverse dynamics leave a tenth less with a delay than with another one, and no less by
+        chance: by more than their residual falls again on the way from its minimum.
+        """
+        first, second = self.left(better), self.left(other)
+        return first < CLEAR * second and second - first > _rough(self.residual)
 
     def left(self, samples: float) -> float:
         """Share of the force that the inverse dynamics leave with a delay, on straight lines between whole samples."""
