@@ -375,7 +375,7 @@ def test_what_breaks_the_rule_is_shown_and_not_placed() -> None:
 def test_stiffness_at_10_and_100_Hz_stands_beside_the_rope_snap_everywhere(found: Comparison) -> None:
     keys = ("rope_snap_ISE_root_m_per_N", "stiffness_10_Hz_N_per_m", "stiffness_100_Hz_N_per_m")
     assert tuple(criterion.key for criterion in CRITERIA[:3]) == keys
-    assert {"ISE^1/2", "10 Hz", "100 Hz"} <= set(found.table().heads)
+    assert {"snap nm √s/N", "10 Hz N/um", "100 Hz N/um"} <= set(found.table().heads)
     assert set(keys) <= set(figures_csv(found).splitlines()[0].split(","))
     for each in found.competitors:
         frequency = np.array([10.0])

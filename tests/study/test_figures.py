@@ -23,7 +23,7 @@ LOOP = read_job("ball_screw").loops["today"]
 
 
 def test_the_page_has_every_figure_as_it_is_declared() -> None:
-    rows = [f"| `{each.name}` | {each.unit or '1'} | {each.meaning} | {each.needs} |" for each in figures().values()]
+    rows = [f"| `{each.name}` | {each.unit or '1'} | {each.meaning!s} | {each.needs} |" for each in figures().values()]
     text = PAGE.read_text(encoding="utf-8")
     assert [row for row in rows if row not in text] == []
 

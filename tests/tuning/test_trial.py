@@ -186,6 +186,6 @@ class TestRealAxis:
 
 def test_a_trial_shows_itself() -> None:
     trial = trial_with_friction(linear_loop(START), MOVE)
-    assert trial.table().rows[0][2] == "100"
+    assert trial.table().rows[0][2] == pytest.approx(0.1)
     assert trial.to_pandas().shape == (trial.time.size, 6)
     assert not dataclasses.replace(trial).starts_moving

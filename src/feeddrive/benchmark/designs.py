@@ -17,7 +17,7 @@ from feeddrive.files.run_files import versions
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, FileError
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
@@ -65,7 +65,9 @@ class Design:
         for key, value in self.figures.items():
             now = there.get(key)
             if now is None or abs(now - value) > STALE * abs(value):
-                return f"{key} was {value:.6g} when it was stored and is {now if now is None else f'{now:.6g}'}"
+                return (
+                    f"{key} was {number(value, 6)} when it was stored and is {now if now is None else number(now, 6)}"
+                )
         if self.noise is not None and rule.noise is not None and abs(self.noise / rule.noise - 1.0) > STALE:
             return Text(
                 f"it was tuned to a noise bound of {Quantity(self.noise, 'N/m'):6 SI}, which is "

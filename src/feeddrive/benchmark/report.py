@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,9 @@ from feeddrive.benchmark.score import FIGURES, Benchmark
 from feeddrive.benchmark.work import ROBUST
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.run_files import summary_text
-from feeddrive.language.quantity import USUAL, Units
-from feeddrive.language.table import Grid, Table
+from feeddrive.language.quantity import DRAWN, Quantity
+from feeddrive.language.table import Cell, Column, Grid, Table
+from feeddrive.language.text import Text
 from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
 
 CITE = "feeddrive benchmark of feed-drive control laws"
@@ -58,8 +60,11 @@ def build(found: Benchmark) -> str:
         ("To be cited as", citation(found)),
         (
             "Rule",
-            f"Ms <= {rules.sensitivity_peak:g}, delay margin >= {rules.delay_margin_samples:g} samples, noise in the "
-            f"force at most {rules.noise_ratio:g} times that of P-PI, at every position of a plant",
+            Text(
+                f"Ms <= {Quantity(rules.sensitivity_peak)}, delay margin >= "
+                f"{Quantity(rules.delay_margin_samples, 'samples')}, noise in the force at most "
+                f"{Quantity(rules.noise_ratio)} times that of P-PI, at every position of a plant"
+            ),
         ),
         ("Searches", f"{rules.repeats} whole tunings of each law on each plant; settled if all end within 5 %"),
         ("Runs", f"{rules.seeds} with different noise at each position; the worst figure counts"),
@@ -68,16 +73,16 @@ def build(found: Benchmark) -> str:
     parts = [
         header("feeddrive benchmark", f"Control laws on {_plants(found)}", [citation(found)], []),
         '<section id="scores"><h2>Scores</h2>',
-        *(_shown(each) for each in (found.table(), *([found.recipe_table()] if found.recipes else []))),
+        *(tabled(each) for each in (found.table(), *([found.recipe_table()] if found.recipes else []))),
         picture(drawn),
         "</section><section><h2>Who wins where</h2>",
-        _shown(found.winners()),
+        tabled(found.winners()),
         "</section><section><h2>No place</h2>",
-        definitions([(f"{law}, {plants}", why) for law, plants, why in reasons(found).grid().rows]),
+        definitions([(f"{law}, {plants}", why) for law, plants, why in reasons(found).marked().rows]),
         '</section><section id="plants"><h2>Plants</h2>',
         definitions([(name, f"{each.title}. {each.source}. {each.remark}") for name in found.plants
                      for each in [rules.plants[name]]]),
-        *(_shown(plant_table(found, name)) for name in found.plants),
+        *(tabled(_of_plant(found, name)) for name in found.plants),
         '</section><section id="facts"><h2>Rules</h2>',
         definitions(facts),
         "</section>",
@@ -89,8 +94,10 @@ def _plants(found: Benchmark) -> str:
     return f"{len(found.plants)} plant{'s' if len(found.plants) > 1 else ''}"
 
 
-def _shown(made: Table | Grid) -> str:
-    return tabled(made)
+def _of_plant(found: Benchmark, name: str) -> Grid:
+    """Return the figures of a plant in its own units: the page has plants that move and plants that turn."""
+    rotary = found.rules.plants[name].loop.axis.rotary
+    return plant_table(found, name).grid(replace(DRAWN, rotary=rotary))
 
 
 def reasons(found: Benchmark) -> Table:
@@ -103,23 +110,21 @@ def reasons(found: Benchmark) -> Table:
     return Table("Laws without a place, and why", ["law", "plants", "reason"], rows, sentences=2)
 
 
-def plant_table(found: Benchmark, plant: str) -> Grid:
-    """All figures of one plant, in the units in which they are shown."""
-    rows: list[list[str]] = []
+def plant_table(found: Benchmark, plant: str) -> Table:
+    """Return all figures of one plant."""
+    rows: list[list[Cell]] = []
     for each in found.rows:
         if each.plant != plant or not each.figures.get(FIGURES[0].key):
             continue
-        cells = [_figure(each.figures.get(criterion.key), criterion.factor) for criterion in FIGURES]
+        cells = [_cell(each.figures.get(criterion.key)) for criterion in FIGURES]
         mark = each.unplaced.partition(":")[0]
-        rows.append([each.law, *cells, _figure(each.figures.get(ROBUST), 1.0), mark])
-    rotary = found.rules.plants[plant].loop.axis.rotary
-    heads = [f"{each.head} {each.unit}" for each in FIGURES]
-    made = Table(f"{plant}: figures", ["law", *heads, "Ms varied", ""], rows)
-    return made.grid(Units(rotary=True, quoted=()) if rotary else USUAL)
+        rows.append([each.law, *cells, _cell(each.figures.get(ROBUST)), mark])
+    columns = ["law", *(each.column() for each in FIGURES), Column("Ms varied", form="3"), ""]
+    return Table(f"{plant}: figures", columns, rows)
 
 
-def _figure(value: float | None, factor: float) -> str:
-    return "-" if value is None else "never" if math.isinf(value) else f"{factor * value:.3g}"
+def _cell(value: float | None) -> Cell:
+    return "never" if value is not None and math.isinf(value) else value
 
 
 def summary(found: Benchmark) -> dict[str, Any]:

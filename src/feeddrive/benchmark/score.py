@@ -27,7 +27,7 @@ from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.language.processes import follow_parent, one_thread
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table, frame_of, picture_of
+from feeddrive.language.table import Cell, Column, Result, Table, frame_of, picture_of
 from feeddrive.language.text import Text
 from feeddrive.tuning.candidates import PLAIN
 
@@ -35,7 +35,7 @@ _KEYS = (
     "rope_snap_ISE_root_m_per_N", "stiffness_10_Hz_N_per_m", "stiffness_100_Hz_N_per_m", "tracking_error_rms_m",
     "cutting_error_rms_m", "snap_settling_s", "force_noise_N", "operations",
 )  # fmt: skip
-_OWN = (Criterion("cutting_error_rms_m", "error while cutting, RMS", "µm", 1e6),)
+_OWN = (Criterion("cutting_error_rms_m", "error while cutting, RMS", "m"),)
 FIGURES = tuple(next(each for each in (*CRITERIA, *_OWN) if each.key == key) for key in _KEYS)
 HEADS = ("snap ISE^½", "10 Hz", "100 Hz", "tracking", "cutting", "settling", "noise", "operations")
 _DRAWN = 5  # figures of the picture, from the first on
@@ -50,9 +50,13 @@ class Score:
     plants: int
     never: int = 0
 
-    def __str__(self) -> str:
-        said = "-" if self.value is None else f"{self.value:.2f}"
-        return f"{said} ({self.never} never)" if self.never else said
+    @property
+    def cell(self) -> Quantity | str | None:
+        """The score as a cell of a table."""
+        value = None if self.value is None else Quantity(self.value, form=".2f")
+        if not self.never:
+            return value
+        return Text(f"{'-' if value is None else value} ({self.never} never)")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -122,33 +126,33 @@ class Benchmark(Result):
 
     def scores(self, laws: Sequence[str], title: str) -> Table:
         """A row a law: how many plants, the score by each figure, the robust Ms."""
-        rows: list[list[str]] = []
+        rows: list[list[Cell]] = []
         for law in laws:
             count = len([each for each in self.counted(law) if not each.unplaced])
             peak = self.robust(law)
-            cells = [str(self.score(law, each)) for each in FIGURES]
-            robust = "-" if peak is None else "unstable" if math.isinf(peak) else f"{peak:.2f}"
+            cells = [self.score(law, figure).cell for figure in FIGURES]
+            robust = "unstable" if peak is not None and math.isinf(peak) else peak
             rows.append([law, f"{count}/{len(self.plants)}", *cells, robust])
-        varied = Text(f"Ms ±{Quantity(self.rules.varied, 'share'):6}")
+        varied = Column(Text(f"Ms ±{Quantity(self.rules.varied, 'share'):6}"), form=".2f")
         return Table(title, ["law", "plants", *HEADS, varied], rows)
 
     def winners(self) -> Table:
         """By plant and figure the law that was tuned with the best figure, and how far it is before P-PI."""
-        rows: list[list[str]] = []
+        rows: list[list[Cell]] = []
         for plant in self.plants:
             there = [each for each in self.rows if each.plant == plant and not each.unplaced and not each.recipe]
             plain = self.row(plant, PLAIN)
-            cells: list[str] = []
+            cells: list[Cell] = []
             for criterion in FIGURES[:-1]:
                 known = [(value, each.law) for each in there if (value := each.figures.get(criterion.key)) is not None]
                 finite = [each for each in known if math.isfinite(each[0])]
                 if not finite:
-                    cells.append("-")
+                    cells.append(None)
                     continue
                 value, law = (max if criterion.higher else min)(finite)
                 theirs = None if plain is None else plain.figures.get(criterion.key)
                 ratio = None if not theirs or not value else value / theirs if criterion.higher else theirs / value
-                cells.append(law if ratio is None or law == PLAIN else f"{law} {ratio:.2f}")
+                cells.append(law if ratio is None or law == PLAIN else Text(f"{law} {Quantity(ratio):.2f}"))
             rows.append([plant, *cells])
         return Table("Best law by plant and figure, and how many times better than P-PI", ["plant", *HEADS[:-1]], rows)
 

@@ -17,6 +17,8 @@ from feeddrive.comparison.judge import Competitor, alike, judged
 from feeddrive.comparison.tune_all import Rule
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError
+from feeddrive.language.quantity import number
+from feeddrive.language.text import Text, joined, marked
 from feeddrive.loop.control import Control
 from feeddrive.loop.lifting import MOST
 from feeddrive.loop.loop import Loop
@@ -72,7 +74,9 @@ def rows_of(rules: Rules, plant: Plant, designs: Designs, *, laws: Sequence[str]
             rows.append(Row(plant.name, each.name, unplaced=base))
             continue
         rows.append(_row(rules, plant, each, base, rule, own))
-    rows += [Row(plant.name, each.name, unplaced=f"refused: {each.reason}") for each in refused if each.name in wanted]
+    rows += [
+        Row(plant.name, each.name, unplaced=Text(f"refused: {each.reason}")) for each in refused if each.name in wanted
+    ]
     if not laws:
         rows += list(_recipes(rules, plant, rule, own))
     return rows
@@ -115,12 +119,12 @@ def _row(rules: Rules, plant: Plant, candidate: Candidate, base: _Ready, rule: R
             control = alike(whole, base.control.law, plant.duty, rules.seed(plant, "learning", own)).control
         figures, unfit, outside, remark = _judged(rules, plant, candidate.name, control, rule, own)
     except FeeddriveError as error:
-        return Row(plant.name, candidate.name, unplaced=f"refused: {error}")
+        return Row(plant.name, candidate.name, unplaced=Text(f"refused: {error}"))
     moved = _moved(base.figures, figures) if not candidate.like and len(plant.places) == 1 else ""
     why = unfit or (f"stale: {moved}" if moved else "")
     why = why or (f"not settled: {base.unsettled}" if base.unsettled else "")
-    why = why or (f"outside of the rule: {outside}" if outside else "")
-    said = "; ".join(each for each in (candidate.remark, remark) if each)
+    why = why or (Text(f"outside of the rule: {outside}") if outside else "")
+    said = joined("; ", filter(None, (candidate.remark, remark)))
     return Row(
         plant.name, candidate.name, figures, why, said, tunables=base.tunables, spread=base.spread, held=base.held
     )
@@ -131,7 +135,10 @@ def _moved(stored: Mapping[str, float], now: Mapping[str, float | None]) -> str:
     for key, value in stored.items():
         there = now.get(key)
         if there is None or abs(there - value) > STALE * abs(value):
-            return f"{key} was {value:.6g} when its design was stored and is {there:.6g}: --retune searches it anew"
+            present = None if there is None else number(there, 6)
+            return (
+                f"{key} was {number(value, 6)} when its design was stored and is {present}: --retune searches it anew"
+            )
     return ""
 
 
@@ -143,11 +150,12 @@ def _judged(
     for (loop, model), run in product(plant.loops(control), range(rules.seeds)):
         found.append(judged(name, loop, None, "", plant.duty, rule, rules.seed(plant, f"run {run}", own), model))
         if found[-1].unfit:
-            return dict(found[-1].figures), f"unfit: {found[-1].unfit}", "", ""
+            return dict(found[-1].figures), Text(f"unfit: {found[-1].unfit}"), "", ""
     figures = worst([each.figures for each in found])
     if control.law.period() <= MOST:
         figures[ROBUST] = max(robust_peak(model, rule.velocity, rules.varied) for _, model in plant.loops(control))
-    return figures, "", rule.broken(figures), "; ".join(dict.fromkeys(e.remark.strip("; ") for e in found if e.remark))
+    remarks = dict.fromkeys(Text(marked(each.remark).strip("; ")) for each in found if each.remark)
+    return figures, "", rule.broken(figures), joined("; ", remarks)
 
 
 def worst(figures: Sequence[Mapping[str, float | None]]) -> dict[str, float | None]:
@@ -190,7 +198,7 @@ def _recipes(rules: Rules, plant: Plant, rule: Rule, own: int) -> Iterator[Row]:
             control = replace(base.loop.control, law=made.law)
             figures, unfit, outside, remark = _judged(rules, plant, title, control, rule, own)
         except FeeddriveError as error:
-            yield Row(plant.name, title, unplaced=f"refused: {error}", recipe=True)
+            yield Row(plant.name, title, unplaced=Text(f"refused: {error}"), recipe=True)
             continue
-        why = unfit or (f"outside of the rule: {outside}" if outside else "")
-        yield Row(plant.name, title, figures, why, "; ".join((made.reason, remark)).strip("; "), recipe=True)
+        why = unfit or (Text(f"outside of the rule: {outside}") if outside else "")
+        yield Row(plant.name, title, figures, why, joined("; ", filter(None, (made.reason, remark))), recipe=True)

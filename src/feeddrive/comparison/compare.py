@@ -26,22 +26,23 @@ from feeddrive.files.machine import MachineFile
 from feeddrive.files.run_files import versions
 from feeddrive.language.errors import FeeddriveError, ParameterError, UnstableError
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table, frame_of, picture_of
-from feeddrive.language.text import Text
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.table import Column, Result, Table, frame_of, picture_of
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
 from feeddrive.tuning.tunables import own_tunables
 
 TODAY = "today's gains"
 FIXED = "it has nothing to tune and is judged as it is"
-# key, factor and digits of the figures of the short table
-_SHOWN = (
-    ("sensitivity_peak", 1.0, 3), ("delay_margin_samples", 1.0, 3), ("noise_gain_N_per_m", 1e-9, 3),
-    ("rope_snap_ISE_root_m_per_N", 1e9, 3), ("stiffness_10_Hz_N_per_m", 1e-6, 3),
-    ("stiffness_100_Hz_N_per_m", 1e-6, 3), ("tracking_error_rms_m", 1e6, 3), ("snap_settling_s", 1e3, 3),
-    ("force_noise_N", 1.0, 3), ("operations", 1.0, 4),
-)  # fmt: skip
+# the figures of the short table by key
+_SHOWN = {
+    "sensitivity_peak": Column("Ms", form="3"), "delay_margin_samples": Column("delay", form="3"),
+    "noise_gain_N_per_m": Column("noise", "N/m", "3 N/nm"), "rope_snap_ISE_root_m_per_N": Column("snap", "m √s/N", "3"),
+    "stiffness_10_Hz_N_per_m": Column("10 Hz", "N/m", "3"), "stiffness_100_Hz_N_per_m": Column("100 Hz", "N/m", "3"),
+    "tracking_error_rms_m": Column("RMS", "m", "3"), "snap_settling_s": Column("snap", "s", "3"),
+    "force_noise_N": Column("noise", "N", "3"), "operations": Column("ops"),
+}  # fmt: skip
 _NOISY = 0.02  # share of the force limit beyond which noise in the force is remarked
 
 
@@ -86,20 +87,13 @@ class Comparison(Result):
 
     def table(self) -> Table:
         """Robustness, and the most important figures."""
-        heads = ["law", "Ms", "delay", "N/nm", "ISE^1/2", "10 Hz", "100 Hz", "RMS um", "snap ms", "noise N", "ops", ""]
-        rows = []
-        for each in self.competitors:
-            row = [each.name, *(shown(each.figures.get(key), factor, digits) for key, factor, digits in _SHOWN)]
-            rows.append([*row, each.unplaced.partition(":")[0]])
-        return Table(self.title, heads, rows)
+        rows = [[row.name, *map(row.figures.get, _SHOWN), row.unplaced.partition(":")[0]] for row in self.competitors]
+        return Table(self.title, ["law", *_SHOWN.values(), ""], rows)
 
     def ranking(self) -> Table:
         """The place of each law by each criterion."""
         by = [self.places(criterion) for criterion in CRITERIA]
-        rows = [
-            [each.name, *(each.unplaced or str(places[i] or "-") for places in by)]
-            for i, each in enumerate(self.competitors)
-        ]
+        rows = [[each.name, *(each.unplaced or places[i] for places in by)] for i, each in enumerate(self.competitors)]
         return Table("Places by criterion, 1 is best", ["law", *(criterion.head for criterion in CRITERIA)], rows)
 
     def places(self, criterion: Criterion) -> list[int | None]:
@@ -123,13 +117,6 @@ def _frame(found: Comparison) -> Any:
     keys = list(dict.fromkeys(key for each in found.competitors for key in each.figures))
     columns = {key: np.array([each.figures.get(key) for each in found.competitors], float) for key in keys}
     return frame([each.name for each in found.competitors], columns, "law")
-
-
-def shown(value: float | None, factor: float = 1.0, digits: int = 3) -> str:
-    """A figure for a terminal."""
-    if value is None:
-        return "-"
-    return "inf" if np.isinf(value) else f"{factor * value:.{digits}g}"
 
 
 def compare_laws(
@@ -173,7 +160,7 @@ def compare_laws(
     velocity = sliding(duty, loop)
     possible, refused = _wanted(loop, laws)
     if not noise_ratio >= 1.0:
-        raise ParameterError(f"noise_ratio = {noise_ratio:g} must be >= 1: P-PI itself has 1")
+        raise ParameterError(f"noise_ratio = {number(noise_ratio, 6)} must be >= 1: P-PI itself has 1")
     rule = Rule(sensitivity_peak, delay_margin_samples, noise_ratio, velocity, starts)
     kept = None if keep is None else Kept(Path(keep))
     searched = [each for each in possible if not each.like and own_tunables(each.loop.control)]
@@ -194,13 +181,13 @@ def compare_laws(
             try:
                 ready = alike(candidate, ready.control.law, duty, seed)
             except FeeddriveError as error:
-                refusals.append(Refusal(candidate.name, str(error)))
+                refusals.append(Refusal(candidate.name, Text(f"{error}")))
                 continue
             made = None if made is None else replace(made, control=ready.control, loops=(ready,))
-        remark = candidate.remark if made else "; ".join(each for each in (candidate.remark, FIXED) if each)
+        remark = candidate.remark if made else joined("; ", filter(None, (candidate.remark, FIXED)))
         competitors.append(judged(candidate.name, ready, made, remark, duty, rule, seed))
     if all(each.move is None for each in competitors):
-        reasons = "; ".join(f"{each.name}: {each.unfit}" for each in competitors)
+        reasons = joined("; ", [f"{row.name}: {row.unfit}" for row in competitors])
         raise UnstableError(f"{machine.file.name}: axis '{name}': no law can be run on it: {reasons}")
     rows = tuple(competitors)
     remarks = (*_outside(rows), *_against(rows), *_noisy(rows), *_unproven(rows))
@@ -232,14 +219,17 @@ def _outside(rows: tuple[Competitor, ...]) -> list[str]:
     today = rows[0]
     said: list[str] = []
     if today.unfit:
-        said.append(f"'{today.name}': {today.unfit}; the row stays without figures.")
+        said.append(Text(f"'{today.name}': {today.unfit}; the row stays without figures."))
     elif today.figures.get("sensitivity_peak") is None:
         period = today.loop.control.law.period()
         said.append(f"'{today.name}' repeats itself every {period} samples: it has no margins.")
     elif not today.outside:
         said.append(f"'{today.name}' keep the rule.")
     return said + [
-        f"'{row.name}': outside of the rule ({row.outside}): the figures are not at equal robustness, and not ranked."
+        Text(
+            f"'{row.name}': outside of the rule ({row.outside}): the figures are not at equal robustness, and not "
+            "ranked."
+        )
         for row in rows
         if row.outside and not row.unfit
     ]
@@ -273,7 +263,7 @@ def _against(rows: tuple[Competitor, ...]) -> list[str]:
 def _ratio(a: float, b: float) -> str:
     if np.isinf(a) or np.isinf(b):
         return "never" if np.isinf(a) else "P-PI never"
-    return f"× {a / b:.3g}" if b else f"{a:.3g} against 0"
+    return f"× {number(a / b, 3)}" if b else f"{number(a, 3)} against 0"
 
 
 def _noisy(rows: tuple[Competitor, ...]) -> list[str]:
@@ -300,10 +290,12 @@ def _unproven(rows: tuple[Competitor, ...]) -> list[str]:
             continue
         open_lines = [f"{line.what} ({line.said})" for line in row.tuned.proof if line.holds is not True]
         if open_lines:
-            said.append(f"'{row.name}': not proven: {'; '.join(open_lines)}.")
+            said.append(Text(f"'{row.name}': not proven: {joined('; ', open_lines)}."))
         if not row.settled:
             said.append(
-                f"'{row.name}' is not settled, and not ranked: {row.tuned.unsettled}; more starts (--starts) may find "
-                "a better setting."
+                Text(
+                    f"'{row.name}' is not settled, and not ranked: {row.tuned.unsettled}; more starts (--starts) may "
+                    "find a better setting."
+                )
             )
     return said

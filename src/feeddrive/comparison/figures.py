@@ -19,6 +19,7 @@ from feeddrive.blocks.load.step_force import StepForce
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
+from feeddrive.language.table import Column
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run
 
@@ -26,27 +27,34 @@ TIE = 0.005  # share by which figures must differ to be ranked apart
 
 
 class Criterion(NamedTuple):
-    """A figure by which laws are ranked: its name in files (SI), in words, unit and factor as shown, what is better."""
+    """A figure by which laws are ranked: its name in files, its head in tables, its SI unit, and what is better."""
 
     key: str
     head: str
     unit: str
-    factor: float = 1.0
     higher: bool = False
+
+    def column(self) -> Column:
+        """Return the column of this figure in a table."""
+        return Column(self.head, self.unit, "3")
+
+    def quantity(self, value: float) -> Quantity:
+        """Return a value of this figure, read to three digits."""
+        return Quantity(value, self.unit, form="3")
 
 
 CRITERIA = (
-    Criterion("rope_snap_ISE_root_m_per_N", "rope snap ISE^½", "nm √s/N", 1e9),
-    Criterion("stiffness_10_Hz_N_per_m", "stiffness at 10 Hz", "N/µm", 1e-6, higher=True),
-    Criterion("stiffness_100_Hz_N_per_m", "stiffness at 100 Hz", "N/µm", 1e-6, higher=True),
-    Criterion("tracking_error_rms_m", "tracking RMS", "µm", 1e6),
-    Criterion("tracking_error_peak_m", "tracking peak", "µm", 1e6),
-    Criterion("snap_peak_m", "rope snap peak", "µm", 1e6),
-    Criterion("snap_settling_s", "rope snap settling", "ms", 1e3),
-    Criterion("step_peak_m", "force step peak", "µm", 1e6),
-    Criterion("step_settling_s", "force step settling", "ms", 1e3),
-    Criterion("stiffness_100_1000_Hz_N_per_m", "stiffness 100-1000 Hz", "N/µm", 1e-6, higher=True),
-    Criterion("stiffness_least_N_per_m", "least stiffness", "N/µm", 1e-6, higher=True),
+    Criterion("rope_snap_ISE_root_m_per_N", "rope snap ISE^½", "m √s/N"),
+    Criterion("stiffness_10_Hz_N_per_m", "stiffness at 10 Hz", "N/m", higher=True),
+    Criterion("stiffness_100_Hz_N_per_m", "stiffness at 100 Hz", "N/m", higher=True),
+    Criterion("tracking_error_rms_m", "tracking RMS", "m"),
+    Criterion("tracking_error_peak_m", "tracking peak", "m"),
+    Criterion("snap_peak_m", "rope snap peak", "m"),
+    Criterion("snap_settling_s", "rope snap settling", "s"),
+    Criterion("step_peak_m", "force step peak", "m"),
+    Criterion("step_settling_s", "force step settling", "s"),
+    Criterion("stiffness_100_1000_Hz_N_per_m", "stiffness 100-1000 Hz", "N/m", higher=True),
+    Criterion("stiffness_least_N_per_m", "least stiffness", "N/m", higher=True),
     Criterion("force_noise_N", "noise in the force, RMS", "N"),
     Criterion("operations", "effort", "operations a sample"),
 )

@@ -13,6 +13,7 @@ from feeddrive.blocks.families import Law
 from feeddrive.comparison.figures import Duty, counted, effort_of, linear, recovered, rms, tracked
 from feeddrive.comparison.tune_all import Rule
 from feeddrive.language.errors import FeeddriveError
+from feeddrive.language.text import Text
 from feeddrive.loop.lifting import MOST
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
@@ -60,7 +61,9 @@ class Competitor:
     @property
     def unplaced(self) -> str:
         """Why it has no place by any criterion; empty if it has."""
-        return "not settled" if not self.settled else f"outside of the rule: {self.outside}" if self.outside else ""
+        return (
+            "not settled" if not self.settled else Text(f"outside of the rule: {self.outside}") if self.outside else ""
+        )
 
 
 def sliding(duty: Duty, loop: Loop) -> float:
@@ -116,12 +119,12 @@ def judged(
             for what, load in forces.items()
         }
     except FeeddriveError as error:
-        return Competitor(name, loop, tuned, remark, figures, model=both, unfit=str(error))
+        return Competitor(name, loop, tuned, remark, figures, model=both, unfit=Text(f"{error}"))
     snap, step = runs["snap"], runs["step"]
     figures |= tracked(move) | recovered(snap, duty, "snap") | recovered(step, duty, "step")
     if "cut" in runs:
         figures |= {"cutting_error_rms_m": rms(counted(runs["cut"], duty)["tracking_error"])}
     tripped = "; the guard tripped" if any(np.any(run["trip"] > 0.0) for run in (move, *runs.values())) else ""
     return Competitor(
-        name, loop, tuned, remark + tripped, figures, move, snap, step, both, outside=rule.broken(figures)
+        name, loop, tuned, Text(f"{remark}{tripped}"), figures, move, snap, step, both, outside=rule.broken(figures)
     )

@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.comparison.figures import CRITERIA
+from feeddrive.comparison.figures import CRITERIA, Criterion
+from feeddrive.language.quantity import USUAL, Quantity, number, unit_name
+from feeddrive.language.text import Text
 from feeddrive.loop.simulate import Run
 from feeddrive.plot import style
 from feeddrive.plot.chart import LOG, Chart, Mark, Panel
@@ -35,19 +37,25 @@ def tradeoff_chart(rows: Sequence[tuple[str, Mapping[str, float | None], str]]) 
     for key in HEIGHTS:
         marks = tuple(
             Mark(
-                of_x.factor * x, kinds[key].factor * y, bases[_base(name)], bool(why), name,
-                f"{of_x.factor * x:.3g} {of_x.unit}, {kinds[key].factor * y:.3g} {kinds[key].unit}"
-                f"{f'; not ranked: {why}' if why else ''}", name,
+                _scale(of_x) * x, _scale(kinds[key]) * y, bases[_base(name)], bool(why), name,
+                Text(
+                    f"{of_x.quantity(x)}, {kinds[key].quantity(y)}{f'; not ranked: {why}' if why else ''}"
+                ), name,
             )
             for name, figures, why in rows
             if (x := figures.get(X)) and (y := figures.get(key)) and np.isfinite([x, y]).all()
         )  # fmt: skip
         low, high = _around([mark.y for mark in marks], 0.14)
-        label = f"{kinds[key].head}\n({kinds[key].unit})"
+        label = Text(f"{kinds[key].head}\n({unit_name(kinds[key].unit)})")
         panels.append(Panel(label, marks=marks, scale=LOG, low=low, high=high))
     left, right = _around([mark.x for panel in panels for mark in panel.marks], 0.16)
-    label = f"{of_x.head} ({of_x.unit}); filled: ranked at equal robustness"
+    label = Text(f"{of_x.head} ({unit_name(of_x.unit)}); filled: ranked at equal robustness")
     return Chart(label, tuple(panels), LOG, left, right, height=8.4)
+
+
+def _scale(criterion: Criterion) -> float:
+    """Return the factor from SI to the unit in which a figure is drawn."""
+    return USUAL.of(criterion.unit)[1]
 
 
 def _around(values: Sequence[float], part: float) -> tuple[float, float]:
@@ -103,10 +111,10 @@ def _cell(value: float | None, base: float | None, higher: bool) -> tuple[str, f
         return "-", 0.0
     if np.isinf(value) or np.isinf(base) or base == 0.0 or value == 0.0:
         worse = (value > base) - (value < base)
-        return ("never" if np.isinf(value) else f"{value:.2g}"), float(-worse if higher else worse)
+        return ("never" if np.isinf(value) else number(value, 2)), float(-worse if higher else worse)
     ratio = value / base
     level = float(np.clip(np.log(ratio) / np.log(_MOST), -1.0, 1.0))
-    return f"{ratio:.2f}" if ratio < 9.95 else f"{ratio:.0f}", -level if higher else level
+    return Text(f"{Quantity(ratio):{'.2f' if ratio < 9.95 else '.0f'}}"), -level if higher else level
 
 
 def recovery(rows: Sequence[tuple[str, Run, Run]], *, begin: float, near: float, span: float) -> Any:
@@ -123,10 +131,10 @@ def recovery(rows: Sequence[tuple[str, Run, Run]], *, begin: float, near: float,
             # a second round of colors takes other dashes
             line = style.curve(i) | {"linestyle": style.DASHES[(i + i // len(style.COLORS)) % len(style.DASHES)]}
             ax.plot(1e3 * (run.time[inside] - begin), error, label=style.caption(name), **line)
-    for ax, text in zip(axes, ("rope snap\n(µm)", "force step\n(µm)"), strict=True):
-        style.labels(ax, None, text)
+    for ax, text in zip(axes, ("rope snap", "force step"), strict=True):
+        style.labels(ax, None, f"{text}\n({unit_name('m')})")
         for side in (-1.0, 1.0):
             ax.axhline(side * 1e6 * near, color=style.MUTED, linewidth=0.8, linestyle=(0, (4, 3)))
-    axes[-1].set_xlabel("time after the force changed (ms)", fontsize=style.TEXT)
+    axes[-1].set_xlabel(f"time after the force changed ({unit_name('s')})", fontsize=style.TEXT)
     style.legend(figure, axes[0], columns=3)
     return figure

@@ -6,6 +6,7 @@ import csv
 import io
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +21,14 @@ from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.run_files import file_names, summary_text
 from feeddrive.language import tree
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Table
-from feeddrive.language.text import Text
+from feeddrive.language.table import UNIT, Cell, Column, Table
+from feeddrive.language.text import Text, joined
 from feeddrive.language.units import turning_name
 from feeddrive.loop.control import Control
 from feeddrive.loop.lifting import compliance, tracking
 from feeddrive.report import build
 from feeddrive.report.page import RESPONSE_LINES, Entry, LawsReport, Shown, ShownTable
-from feeddrive.report.sentences import block_sentence, described, number
+from feeddrive.report.sentences import block_sentence, described
 
 
 def contents(found: Comparison) -> LawsReport:
@@ -91,63 +92,66 @@ def _entry(found: Comparison, each: Competitor) -> Entry:
     if each.model is not None:
         loop_gain = each.model.loop_gain(frequency)
         track = tracking(each.loop, frequency, velocity=found.velocity)
-    text = described(each.loop.control) + (f" ({each.remark})" if each.remark and each.name != TODAY else "")
+    remark = f" ({each.remark})" if each.remark and each.name != TODAY else ""
+    text = Text(f"{described(each.loop.control)}{remark}")
     soft = compliance(each.loop, frequency, velocity=found.velocity)
     return Entry(each.name, text, each.move, each.loop, loop_gain, soft, track)
 
 
 def _ranked(found: Comparison, criteria: tuple[Criterion, ...]) -> ShownTable:
     """Figures, each with its place in brackets."""
-    rows = [[each.name] for each in found.competitors]
+    rows: list[list[Cell]] = [[each.name] for each in found.competitors]
     best: list[int | None] = []
     for criterion in criteria:
         places = found.places(criterion)
         for row, each, place in zip(rows, found.competitors, places, strict=True):
             value = each.figures.get(criterion.key)
-            row.append(
-                "–" if value is None else f"{figure(value, criterion)} ({each.unplaced.partition(':')[0] or place})"
-            )
+            remark = each.unplaced.partition(":")[0] or place
+            row.append(None if value is None else Text(f"{figure(value, criterion)} ({remark})"))
         best.append(places.index(1) if places.count(1) == 1 else None)
-    heads = ["law", *(f"{criterion.head} {criterion.unit}" for criterion in criteria)]
-    return ShownTable(Table("Figures, and in brackets the place of the law by this criterion.", heads, rows), best)
+    columns = ["law", *(criterion.column() for criterion in criteria)]
+    return ShownTable(Table("Figures, and in brackets the place of the law by this criterion.", columns, rows), best)
 
 
 def figure(value: float, criterion: Criterion) -> str:
-    """A figure in the unit in which it is shown."""
+    """Return a figure without its unit, as a marked text."""
     if np.isinf(value):
-        return "never" if criterion.unit == "ms" else "∞"
-    return f"{value:.0f}" if criterion.key == "operations" else number(criterion.factor * value)
+        return "never" if criterion.unit == "s" else "∞"
+    return f"{replace(criterion.quantity(value), bare=True)}"
+
+
+_ROBUSTNESS = {
+    "sensitivity_peak": Column("Ms", form="3"), "delay_margin_samples": Column("delay margin", "samples", "3"),
+    "noise_gain_N_per_m": Column("noise", "N/m", "3 N/nm"), "crossover_Hz": Column("crossover", "Hz", "3"),
+}  # fmt: skip
 
 
 def _tuning(found: Comparison) -> ShownTable:
     """Robustness, what held the tuning back, and its proof."""
-    rows: list[list[str]] = []
+    rows: list[list[Cell]] = []
     for each in found.competitors:
-        figures = [
-            each.figures.get("sensitivity_peak"), each.figures.get("delay_margin_samples"),
-            1e-9 * (each.figures.get("noise_gain_N_per_m") or math.nan), each.figures.get("crossover_Hz"),
-        ]  # fmt: skip
-        cells = [each.name, *("∞" if value is not None and np.isinf(value) else number(value) for value in figures)]
+        values = map(each.figures.get, _ROBUSTNESS)
+        cells = [each.name, *("∞" if value is not None and np.isinf(value) else value for value in values)]
         if each.unfit:
-            rows.append([each.name, *["–"] * 4, each.unfit, "–", "–"])
+            rows.append([each.name, *[None] * 4, each.unfit, None, None])
         elif each.tuned is None:
-            rows.append([*cells, each.held_by, "–", "–"])
+            rows.append([*cells, each.held_by, None, None])
         else:
             open_lines = [line.what for line in each.tuned.proof if line.holds is not True]
-            proof = f"not proven: {', '.join(open_lines)}" if open_lines else "holds"
-            rows.append([*cells, each.held_by, str(each.tuned.evaluations), proof])
-    heads = ["law", "Ms", "delay margin samples", "noise N/nm", "crossover Hz", "held back by", "loops judged", "proof"]
-    title = (
+            proof = Text(f"not proven: {joined(', ', open_lines)}") if open_lines else "holds"
+            rows.append([*cells, each.held_by, each.tuned.evaluations, proof])
+    columns = ["law", *_ROBUSTNESS.values(), "held back by", "loops judged", "proof"]
+    title = Text(
         f"Robustness: {found.rule}. Proof: poles, limits on other frequency lines, and the rope-snap error by a "
         "run of the loop with its friction, counts and limits, all computed independently of the search."
     )
-    return ShownTable(Table(title, heads, rows))
+    return ShownTable(Table(title, columns, rows))
 
 
 def _tunables(found: Comparison) -> ShownTable:
     """The tunables of each law, before and after."""
     rows = [
-        [each.name, name, number(each.tuned.started[name], 4), number(value, 4), unit]
+        [each.name, name, *(Quantity(x, unit, form="SI") for x in (each.tuned.started[name], value)), UNIT]
         for each in found.competitors
         if each.tuned is not None
         for name, value in each.tuned.tunables.items()

@@ -17,8 +17,8 @@ from feeddrive.comparison.kept import Keeps
 from feeddrive.language.errors import CancelledError, FeeddriveError, UnstableError
 from feeddrive.language.processes import follow_parent, one_thread
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal
@@ -61,13 +61,14 @@ class Rule:
     def sentence(self) -> str:
         """The rule in words."""
         said = (
-            f"every law but today's is tuned for the least rope-snap error subject to Ms <= {self.sensitivity_peak:g}, "
-            f"a delay margin of at least {self.delay_margin_samples:g} samples, "
+            f"every law but today's is tuned for the least rope-snap error subject to Ms <= "
+            f"{number(self.sensitivity_peak, 6)}, a delay margin of at least {number(self.delay_margin_samples, 6)} "
+            "samples, "
         )
         if self.noise is not None:
             said += Text(
                 f"at most {Quantity(NANO * self.noise, 'N'):3} RMS of force per nm RMS of white noise in the readings "
-                f"({self.noise_ratio:g} times that of P-PI, which is tuned to the other bounds alone), "
+                f"({Quantity(self.noise_ratio):6} times that of P-PI, which is tuned to the other bounds alone), "
             )
         return said + (
             "and all eigenvalues inside the unit circle, the loop cut at the actuator; all laws are told the same "
@@ -90,12 +91,12 @@ class Rule:
         if peak is None or delay is None or noise is None:
             return "it has no margins"
         if peak > self.sensitivity_peak * (1.0 + _ROOM):
-            said.append(f"Ms {peak:.3g}")
+            said.append(f"Ms {Quantity(peak):3}")
         if delay < self.delay_margin_samples * (1.0 - _ROOM):
-            said.append(f"a delay margin of {delay:.3g} samples")
+            said.append(f"a delay margin of {Quantity(delay):3} samples")
         if self.noise is not None and noise > self.noise * (1.0 + _ROOM):
-            said.append(Text(f"{Quantity(NANO * noise, 'N'):3} per nm of noise"))
-        return ", ".join(said)
+            said.append(f"{Quantity(NANO * noise, 'N'):3} per nm of noise")
+        return joined(", ", said)
 
     def with_noise_of(self, plain: Tuned | Refusal) -> Rule:
         """The rule for all others, once P-PI is tuned."""
@@ -248,7 +249,7 @@ def _tuned(candidate: Candidate, rule: Rule, kept: Keeps | None, progress: Progr
     except CancelledError:
         raise
     except FeeddriveError as error:
-        made = Refusal(candidate.name, str(error))
+        made = Refusal(candidate.name, Text(f"{error}"))
     if kept is not None:
         kept.write(candidate, limits, rule, made)
     return made

@@ -256,7 +256,7 @@ ABSENT = Mark("", "", "", "", "", "-")
 
 def unit_name(si: str, shown: str = "", *, stays: bool = False) -> str:
     """Return the name of a unit as a mark in an f-string, as heads and labels need it: `f"force, {unit_name('N')}"`."""
-    return str(Mark("", si, "", shown, "s" if stays else "", USUAL.name(si, shown))) if si else shown
+    return str(Mark("", si, "", shown, "s" if stays else "", USUAL.name(si, shown))) if si else shown.removeprefix("SI")
 
 
 def quantities(text: str) -> tuple[Quantity, ...]:

@@ -210,6 +210,10 @@ def resolve_texts(figure: Any, units: Units) -> None:
         said = text.get_text()
         if (resolved := resolve(said, units)) != said:
             text.set_text(resolved)
+    for axis in figure.findobj(lambda part: hasattr(part, "get_major_formatter")):
+        formatter = axis.get_major_formatter()
+        if names := getattr(formatter, "seq", None):  # names of ticks, which are set when the figure is drawn
+            formatter.seq = [resolve(name, units) for name in names]
 
 
 _load_views: list[Callable[[type], object]] = []

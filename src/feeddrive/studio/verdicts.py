@@ -21,7 +21,7 @@ def verdict_words(look: Look, limits: Limits, units: Units) -> list[dict[str, An
     for each in look.judged:
         where = f" ({each.point})" if several else ""
         at = "" if each.frequency is None else f" at {units.said(each.frequency, 'Hz')}"
-        text = f"{each.judged}{at}{where}, limit: {limits.only(each.judged.kind)}"
+        text = f"{each.judged.text}{at}{where}, limit: {limits.only(each.judged.kind)}"
         found.append({"text": resolve(text, units), "keeps": each.keeps})
     return found
 
@@ -51,7 +51,8 @@ def with_verdicts(drawn: Mapping[str, Chart], look: Look, limits: Limits, units:
     """The pictures with the limits of Ms and stiffness as lines, and what is broken written at its place."""
     found, lines = dict(drawn), dict[str, Level]()
     if limits.sensitivity_peak is not None:
-        lines["sensitivity"] = Level(_gain(units, limits.sensitivity_peak), limits.only("Ms"), dashed=True)
+        peak = limits.sensitivity_peak
+        lines["sensitivity"] = Level(_gain(units, peak), resolve(limits.only("Ms"), units), dashed=True)
     if limits.compliance_peak is not None:
         text = f"stiffness >= {units.said(1.0 / limits.compliance_peak, 'N/m')}"
         least = units.of("N/m")[1] / limits.compliance_peak
@@ -64,8 +65,7 @@ def with_verdicts(drawn: Mapping[str, Chart], look: Look, limits: Limits, units:
         place = _place(each, units)
         if not each.keeps and place is not None and place[0] in found and each.point == look.leading.point:
             name, x, y = place
-            text = f"{each.judged}"
-            note = Note(x, y, resolve(text, units), ALERT)
+            note = Note(x, y, each.judged.text.shown(units), ALERT)
             mark = Mark(x, y, ALERT)
             first, *rest = found[name].panels
             first = replace(first, notes=(*first.notes, note), marks=(*first.marks, mark))
@@ -87,7 +87,7 @@ def _place(each: Verdict, units: Units) -> tuple[str, float, float] | None:
         case "Ms":
             return "sensitivity", x, _gain(units, value)
         case "peak compliance":
-            return "stiffness", x, units.of("N/m")[1] * 1e6 / value
+            return "stiffness", x, units.of("N/m")[1] / value
         case "gain margin":
             return "open_loop", x, float(units.from_decibel(-value))
         case _:

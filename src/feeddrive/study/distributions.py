@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import number
 
 
 class Distribution(Protocol):
@@ -103,7 +104,7 @@ class LogNormal:
     def __post_init__(self) -> None:
         _positive("lognormal", "nominal", self.median)
         if not (math.isfinite(self.ratio) and self.ratio > 1.0):
-            raise ParameterError(f"ratio = {self.ratio:g} of a lognormal distribution must be > 1")
+            raise ParameterError(f"ratio = {number(self.ratio, 6)} of a lognormal distribution must be > 1")
         _ordered("lognormal", self.least, self.most)
         low, high = self._logarithms()
         _within_reach("lognormal", low, high, 0.0, 1.0)
@@ -138,8 +139,8 @@ class Triangular:
         _ordered("triangular", self.least, self.most)
         if not self.least <= self.mode <= self.most:
             raise ParameterError(
-                f"nominal = {self.mode:g}, the mode of a triangular distribution, must be in "
-                f"{self.least:g}..{self.most:g}"
+                f"nominal = {number(self.mode, 6)}, the mode of a triangular distribution, must be in "
+                f"{number(self.least, 6)}..{number(self.most, 6)}"
             )
 
     def at(self, u: np.ndarray) -> np.ndarray:
@@ -207,20 +208,20 @@ _FARTHEST = 6.0  # deviations: a range that begins farther out holds less than 1
 
 def _ordered(kind: str, least: float, most: float) -> None:
     if math.isnan(least) or math.isnan(most) or not least < most:
-        raise ParameterError(f"least = {least:g} of a {kind} distribution must be < most = {most:g}")
+        raise ParameterError(f"least = {number(least, 6)} of a {kind} distribution must be < most = {number(most, 6)}")
     if kind in ("uniform", "loguniform", "triangular") and not (math.isfinite(least) and math.isfinite(most)):
         raise ParameterError(f"a {kind} distribution needs least and most, or a tolerance, as finite numbers")
 
 
 def _positive(kind: str, name: str, value: float) -> None:
     if not (math.isfinite(value) and value > 0.0):
-        raise ParameterError(f"{name} = {value:g} of a {kind} distribution must be a finite number > 0")
+        raise ParameterError(f"{name} = {number(value, 6)} of a {kind} distribution must be a finite number > 0")
 
 
 def _within_reach(kind: str, least: float, most: float, middle: float, deviation: float) -> None:
     """Raise ParameterError for a range in which a normal distribution has practically no probability."""
     if (least - middle) / deviation > _FARTHEST or (middle - most) / deviation > _FARTHEST:
         raise ParameterError(
-            f"the range of a {kind} distribution lies more than {_FARTHEST:g} deviations from its middle: it would "
-            "hold less than 1e-9 of it"
+            f"the range of a {kind} distribution lies more than {number(_FARTHEST)} deviations from its middle: it "
+            "would hold less than 1e-9 of it"
         )

@@ -15,7 +15,7 @@ from feeddrive.analysis.margins import Margins, margins
 from feeddrive.analysis.stiffness import Stiffness, rope_snap, stiffness
 from feeddrive.comparison.figures import AT, BANDS, noise_gain
 from feeddrive.language.errors import ParameterError, UnstableError
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.study.figure import Figure
@@ -39,7 +39,7 @@ class LinearLoop:
         made = loop_model(self.loop, velocity=self.velocity)
         largest = float(np.max(np.abs(made.closed.poles()), initial=0.0))
         if not largest < 1.0:
-            raise UnstableError(f"the loop is not stable: its slowest pole has the absolute value {largest:.6g}")
+            raise UnstableError(f"the loop is not stable: its slowest pole has the absolute value {number(largest, 6)}")
         return made
 
     @cached_property
@@ -154,8 +154,9 @@ OF_MODELS = (
     *(_at(frequency) for frequency in AT),
     *(
         _model(
-            f"stiffness_{low:g}_{high:g}_Hz_N_per_m", "N/m", Text(f"mean dynamic stiffness from {low:g} to "
-                f"{Quantity(high, 'Hz'):6}"),
+            f"stiffness_{low:g}_{high:g}_Hz_N_per_m", "N/m", Text(
+                f"mean dynamic stiffness from {Quantity(low, 'Hz', bare=True):6} to {Quantity(high, 'Hz'):6}"
+            ),
             StiffnessOver(low, high), "higher",
         )
         for low, high in BANDS

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 
 from feeddrive.files.atomic_io import read_whole, refusal, write_whole
 from feeddrive.language.errors import FileError, MissingExtraError
+from feeddrive.language.quantity import Quantity
 
 
 class Place(Protocol):
@@ -155,7 +156,10 @@ class Remote:
         except Exception as error:
             raise self._refusal(name, "read", error) from None
         if size > most:
-            raise FileError(f"{self.address}/{name}: has {size / 1e6:,.1f} MB, more than the {most / 1e6:,.1f} MB read")
+            raise FileError(
+                f"{self.address}/{name}: has {Quantity(size / 1e6, 'MB'):,.1f}, more than the "
+                f"{Quantity(most / 1e6, 'MB'):,.1f} read"
+            )
         return content
 
     def check_writable(self) -> None:

@@ -16,6 +16,7 @@ What a sample promises of all machines is not assumed but measured, on others (`
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -24,9 +25,9 @@ import numpy as np
 
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table, picture_of, shown
-from feeddrive.language.text import Text
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.table import Cell, Result, Table, picture_of
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
 from feeddrive.study.answers.shares import Share
 from feeddrive.study.figures import figure
@@ -85,26 +86,26 @@ class Robust(Result):
     def sentence(self) -> str:
         """What came out, with both yields."""
         n, m = self.seen.goal.size, self.after.count
-        aim = "all" if self.share == 1.0 else Text(f"{Quantity(self.share, 'share'):6}")
+        aim = "all" if self.share == 1.0 else f"{Quantity(self.share, 'share'):6}"
         kept = int(np.sum(self.seen_new.kept))
-        told = (
+        told = Text(
             f"Tuned for {aim} of {n} machines, of which {len(self.active)} decide: {kept} keep all limits, "
             f"{int(np.sum(self.seen.kept))} did before. Of {m} fresh machines that the tuner never saw "
             f"{in_percent(self.after.all)} are good; under today's control {in_percent(self.before.all)} are."
         )
-        return told if self.better else f"{told} Keep today's control: it is good on more machines."
+        return told if self.better else told + " Keep today's control: it is good on more machines."
 
     def table(self) -> Table:
         """Shares of fresh machines within each bound, and quantiles of the rope-snap error, before and after."""
-        rows = [["all bounds", in_percent(self.before.all), in_percent(self.after.all)]]
+        rows: list[Sequence[Cell]] = [["all bounds", in_percent(self.before.all), in_percent(self.after.all)]]
         rows += [
-            [said(bound), str(self.before.keeping(bound)), str(self.after.keeping(bound))]
+            [said(bound), in_percent(self.before.keeping(bound)), in_percent(self.after.keeping(bound))]
             for bound in self.after.bounds
         ]
         for share in (0.05, 0.5, 0.95):
-            cells = [1e9 * each.quantile(SNAP, share) for each in (self.before, self.after)]
-            head = Text(f"rope-snap error, {Quantity(share, 'share'):6} quantile, nm s^1/2/N")
-            rows.append([head, *(f"{each:.4g}" for each in cells)])
+            head = Text(f"rope-snap error, {Quantity(share, 'share'):6} quantile")
+            cells = [Quantity(each.quantile(SNAP, share), figure(SNAP).unit) for each in (self.before, self.after)]
+            rows.append([head, *cells])
         title = f"{self.after.count} fresh machines: share within bounds (95 % interval)"
         return Table(title, ["", "today", "new"], rows)
 
@@ -120,15 +121,16 @@ def _picture(result: Robust) -> Any:
 def in_percent(share: Share) -> str:
     """A share of the fresh machines with its interval of 95 %: `81.5 % (75.4 .. 86.6 %)`."""
     low, high = share.interval or (share.value, share.value)
-    return Text(f"{Quantity(share.value, 'share'):3} ({100.0 * low:.3g} .. {Quantity(high, 'share'):3})")
+    return Text(
+        f"{Quantity(share.value, 'share'):3} ({Quantity(low, 'share', bare=True):3} .. {Quantity(high, 'share'):3})"
+    )
 
 
 def said(bound: Bound) -> str:
     """A bound in words: `following_error_peak_m <= 30 um`."""
-    unit, factor = ("N/um", 1e-6) if bound.figure.unit == "N/m" else shown(bound.figure.unit)
-    ends = (("and >=", bound.least), ("and <=", bound.most))
-    text = " ".join(f"{sign} {factor * value:.4g} {unit}".rstrip() for sign, value in ends if value is not None)
-    return f"{bound.figure.name} {text.removeprefix('and ')}"
+    ends = ((">=", bound.least), ("<=", bound.most))
+    texts = [f"{sign} {Quantity(value, bound.figure.unit)}" for sign, value in ends if value is not None]
+    return Text(f"{bound.figure.name} {joined(' and ', texts)}")
 
 
 def tune_robust(
@@ -177,7 +179,9 @@ class RobustTuner:
         progress: Progress | None = None,
     ) -> None:  # fmt: skip
         if not 0.5 <= share <= 1.0:
-            raise ParameterError(f"share = {share:g} must be >= 0.5 and <= 1: the part of the machines that count")
+            raise ParameterError(
+                f"share = {number(share, 6)} must be >= 0.5 and <= 1: the part of the machines that count"
+            )
         self.study, self.progress, self.workers = read_study(study), progress or Progress(), workers
         self.loop = next(self.study.bases()).loop
         self.limits = limits_of(self.study, limits or Limits())

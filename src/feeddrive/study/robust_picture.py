@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from feeddrive.language.quantity import USUAL, unit_name
+from feeddrive.language.text import marked
 from feeddrive.plot import style
 from feeddrive.study.figure import Figure
 from feeddrive.study.fresh import Measured
-
-_SHOWN = {"m": ("µm", 1e6), "N/m": ("N/µm", 1e-6), "m √s/N": ("nm √s/N", 1e9), "m/s": ("mm/s", 1e3)}
 
 
 def shares(before: Measured, after: Measured) -> Any:
@@ -24,7 +24,7 @@ def shares(before: Measured, after: Measured) -> Any:
     bounds = {bound.figure.name: bound for bound in after.bounds}
     lines: dict[str, Any] = {}
     for ax, figure in zip(axes, figures, strict=False):
-        unit, factor = _SHOWN.get(figure.unit, (figure.unit, 1.0))
+        factor = USUAL.of(figure.unit)[1]
         spread = [factor * _sorted(each.values[figure.name]) for each in (before, after)]
         low, high = _range(spread)
         for i, (name, values) in enumerate(zip(("today", "new"), spread, strict=True)):
@@ -37,7 +37,9 @@ def shares(before: Measured, after: Measured) -> Any:
             ax.axvspan(low, max(low, factor * bound.least), color=style.ALERT, alpha=0.1, linewidth=0.0)
         if bound is not None and bound.most is not None:
             ax.axvspan(min(high, factor * bound.most), high, color=style.ALERT, alpha=0.1, linewidth=0.0)
-        style.labels(ax, f"{_said(figure)}{f' ({unit})' if unit else ''}", "machines below (%)")
+        style.labels(
+            ax, f"{_said(figure)}{f' ({unit_name(figure.unit)})' if figure.unit else ''}", "machines below (%)"
+        )
     for ax in axes[len(figures) :]:
         ax.set_visible(False)
     style.figure_legend(picture, lines)
@@ -60,4 +62,4 @@ def _range(spread: list[np.ndarray]) -> tuple[float, float]:
 
 def _said(figure: Figure) -> str:
     """Its meaning, short enough for an axis."""
-    return figure.meaning if len(figure.meaning) <= 44 else figure.name.replace("_", " ")
+    return marked(figure.meaning) if len(figure.meaning) <= 44 else figure.name.replace("_", " ")

@@ -10,6 +10,7 @@ import numpy as np
 from feeddrive.files.toml_file import Section
 from feeddrive.language import units
 from feeddrive.language.errors import FeeddriveError, ParameterError, shown
+from feeddrive.language.quantity import number
 from feeddrive.study.figure import Figure
 from feeddrive.study.figures import figure
 
@@ -62,7 +63,7 @@ def read_specification(root: Section, allow: Sequence[str]) -> tuple[Bound, ...]
         if least is None and most is None:
             raise own.error(f"{own.dotted()} needs least or most: {name} = {{ most = ... }}")
         if least is not None and most is not None and not least < most:
-            raise own.error(f"{own.dotted()}: least = {least:g} must be < most = {most:g}")
+            raise own.error(f"{own.dotted()}: least = {number(least, 6)} must be < most = {number(most, 6)}")
         made.append(Bound(of, least, most))
     return tuple(made)
 

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING
 
 from feeddrive.language.errors import CancelledError, ParameterError, WorkerError
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.quantity import Quantity, unit_name
+from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.runner import cores
 from feeddrive.study.chunk import REASON, VARIANT
@@ -52,13 +52,14 @@ class Sweep(Result):
     def table(self) -> Table:
         """How many variants there are, how many of them have no figures, and how quick it was."""
         rows = [
-            ["variants", f"{self.study.count:,}"],
-            ["without figures", f"{self.bad[0]:,}"],
-            ["computed now", f"{self.ran:,}"],
-            ["in s", f"{self.seconds:.3g}"],
-            ["a second", rounded(self.ran / self.seconds) if self.ran else "-"],
+            ["variants", self.study.count],
+            ["without figures", self.bad[0]],
+            ["computed now", self.ran],
+            [f"in {unit_name('s', 's')}", Quantity(self.seconds, "s", form="3 SI", bare=True)],
+            ["a second", rate(self.ran / self.seconds) if self.ran else None],
         ]
-        return Table(f"{self.study.title}: rows in {self.store.address}", ["variants", ""], rows)
+        columns = ["variants", Column("", "", ",.0f")]
+        return Table(f"{self.study.title}: rows in {self.store.address}", columns, rows)
 
     @cached_property
     def bad(self) -> tuple[int, list[tuple[int, str]]]:
@@ -151,7 +152,7 @@ class Rate:
         if not self.ran or spent <= 0.0:
             return count
         each = spent / self.ran
-        return f"{count}, {rounded(1.0 / each)} a second, {_time((self._all - self.done) * each)} left"
+        return Text(f"{count}, {rate(1.0 / each)} a second, {_time((self._all - self.done) * each)} left")
 
     def kept(self, store: Store) -> str:
         """What is there of a sweep that ends early."""
@@ -164,15 +165,15 @@ class Rate:
         progress.step(self.said(), self.done, self._all)
 
 
-def rounded(value: float) -> str:
-    """A rate: three digits, or whole with commas."""
-    return f"{value:,.0f}" if value >= 100.0 else f"{value:.3g}"
+def rate(value: float) -> Quantity:
+    """Return a rate that is read to three digits, or as a whole number with commas."""
+    return Quantity(value, form=",.0f" if value >= 100.0 else "3")
 
 
 def _time(seconds: float) -> str:
     for unit, size in (("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
         if seconds >= 2.0 * size:
-            return f"{seconds / size:.0f} {unit}"
+            return Text(f"{Quantity(seconds / size, unit):.0f SI}")
     return Text(f"{Quantity(seconds, 's'):.0f SI}")
 
 

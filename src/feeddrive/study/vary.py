@@ -14,6 +14,7 @@ from typing import Protocol, TypeAlias
 import numpy as np
 
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import number
 from feeddrive.study.distributions import Discrete, Distribution, truncated
 
 Nominal: TypeAlias = Callable[[str], float]  # the value of a path in the job
@@ -136,10 +137,11 @@ class Joint:
         least = float(np.linalg.eigvalsh(correlation)[0])
         if least < -1e-9:
             raise ParameterError(
-                f"a covariance must be positive semidefinite: the least eigenvalue of its correlations is {least:.3g}"
+                "a covariance must be positive semidefinite: the least eigenvalue of its correlations is "
+                f"{number(least, 3)}"
             )
         if not self.within > 0.0:
-            raise ParameterError(f"within = {self.within:g} deviations must be > 0")
+            raise ParameterError(f"within = {number(self.within, 6)} deviations must be > 0")
 
     @property
     def columns(self) -> Mapping[str, str]:

@@ -35,7 +35,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from feeddrive.files.toml_file import Section
-from feeddrive.language import units
+from feeddrive.language import quantity, units
 from feeddrive.language.declaration import Declaration, check_bounds
 from feeddrive.language.errors import FeeddriveError, ParameterError, nearest, shown
 from feeddrive.study.distributions import Discrete, Distribution, LogNormal, LogUniform, Normal, Triangular, Uniform
@@ -193,7 +193,7 @@ class _Numbers:
         if least is not None or most is not None:
             raise ParameterError("give either a tolerance, or least and most")
         if not tolerance > 0.0:
-            raise ParameterError(f"tolerance = {tolerance:g} {self.unit} must be > 0".replace("  ", " "))
+            raise ParameterError(f"tolerance = {quantity.Quantity(tolerance, self.unit):6 SI} must be > 0")
         return nominal - tolerance, nominal + tolerance
 
     def _needed(self, name: str, nominal: float) -> float:

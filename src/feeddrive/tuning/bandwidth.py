@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import number
 from feeddrive.loop.control import Control
 from feeddrive.tuning.tunables import HIGHEST, own_tunables, speeds
 
@@ -33,7 +34,7 @@ def quickened(control: Control, factor: float) -> Mapping[str, float]:
     computer.
     """
     if not (factor > 0.0 and math.isfinite(factor)):
-        raise ParameterError(f"a loop is made faster by a finite factor > 0, not {factor:g}")
+        raise ParameterError(f"a loop is made faster by a finite factor > 0, not {number(factor, 6)}")
     powers = speed_powers(control)
     if not powers:
         raise ParameterError(
@@ -43,7 +44,9 @@ def quickened(control: Control, factor: float) -> Mapping[str, float]:
     try:
         return {name: float(tree.get(control, name)) * factor**power for name, power in powers.items()}
     except (OverflowError, ZeroDivisionError):
-        raise ParameterError(f"a loop cannot be made {factor:.3g} times as fast: take a factor nearer to 1") from None
+        raise ParameterError(
+            f"a loop cannot be made {number(factor, 3)} times as fast: take a factor nearer to 1"
+        ) from None
 
 
 def speed_range(control: Control, sample_time: float) -> tuple[float, float]:

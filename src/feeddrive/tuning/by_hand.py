@@ -101,8 +101,14 @@ class Verdict:
         """Whether the limit is kept."""
         return self.judged.keeps
 
+    @property
+    def text(self) -> Text:
+        """The figure and the frequency that decides it, in words."""
+        where = "" if self.frequency is None else f" at {Quantity(self.frequency, 'Hz')}"
+        return Text(f"{self.judged.text}{where}")
+
     def __str__(self) -> str:
-        return f"{self.judged}" + ("" if self.frequency is None else Text(f" at {Quantity(self.frequency, 'Hz')}"))
+        return str(self.text)
 
 
 @dataclass(frozen=True)

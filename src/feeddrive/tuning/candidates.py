@@ -20,6 +20,8 @@ from feeddrive.blocks.feedforward.friction_stops import FrictionStops
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.language import matrix, tree
 from feeddrive.language.errors import FeeddriveError, ParameterError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.iterative_feedforward import begin_compensation
@@ -169,8 +171,9 @@ def _beside(
                 said = "stops learned from 4 s of slow swings with its own gains"
                 yield replace(base, name=name, loop=loop, like=base.name, then="stops", remark=said)
                 return
-            shown = ", ".join(f"{key.replace('_', ' ')} {value:.4g}" for key, value in tree.leaves(made))
-            said = f"feedforward of the axis's own: {shown} (SI)"
+            leaves = [(key, Quantity(value, tree.declaration(made, key).unit)) for key, value in tree.leaves(made)]
+            shown = joined(", ", [f"{key.replace('_', ' ')} {quantity:SI}" for key, quantity in leaves])
+            said = Text(f"feedforward of the axis's own: {shown}")
             yield replace(base, name=name, loop=loop, like=base.name, remark=said)
             if block.learned:
                 name, said = (
@@ -205,7 +208,7 @@ def _compensated(base: Candidate, block: type[Compensation], axis: AxisModel) ->
             continue
         loop = replace(base.loop, control=replace(base.loop.control, compensation=(form.block,)))
         told = f"{form.name} {axis.sentence()}"
-        remark = "; ".join(each for each in (base.remark, told, form.said) if each)
+        remark = joined("; ", filter(None, (base.remark, told, form.said)))
         yield replace(base, name=name, loop=loop, remark=remark, like="" if form.tuned else base.name)
 
 

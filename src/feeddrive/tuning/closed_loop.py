@@ -11,6 +11,7 @@ import numpy as np
 
 from feeddrive.analysis.margins import Margins, bandwidth, margins, peak_deviation
 from feeddrive.analysis.stiffness import Stiffness, force_noise_of_lines, rope_snap_of_lines, stiffness
+from feeddrive.language.quantity import Quantity
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import StateSpace
 from feeddrive.tuning.control_response import Response
@@ -288,26 +289,37 @@ def figures(answer: Answer, reading_noise: tuple[float, float]) -> Figures:
 
 def _at(each: Figures, frequency: float) -> float | None:
     f = each.compliance.frequency
-    return 1e-6 * each.stiffness.at(frequency) if f[0] <= frequency <= f[-1] else None
+    return each.stiffness.at(frequency) if f[0] <= frequency <= f[-1] else None
 
 
-# heading, unit, access
-FIGURES: tuple[tuple[str, str, Callable[[Figures], float | None]], ...] = (
-    ("Ms", "", lambda each: each.margins.sensitivity_peak),
-    ("its standard deviation", "", lambda each: each.deviation or None),
-    ("crossover", "Hz", lambda each: each.margins.crossover),
-    ("bandwidth (|S| at -3 dB)", "Hz", lambda each: each.bandwidth),
-    ("phase margin", "deg", lambda each: each.margins.phase_margin_deg),
-    ("gain may rise by", "dB", lambda each: each.margins.gain_increase_dB),
-    ("delay margin", "samples", lambda each: each.margins.delay_margin_samples),
-    ("least stiffness", "N/um", lambda each: 1e-6 * each.stiffness.minimum),
-    ("stiffness at 10 Hz", "N/um", lambda each: _at(each, 10.0)),
-    ("peak compliance", "um/N", lambda each: 1e6 * each.peak_compliance),
-    ("rope-snap error", "nm s^1/2/N", lambda each: 1e9 * each.rope_snap),
-    ("force noise", "N RMS", lambda each: each.force_noise),
+class LoopFigure(NamedTuple):
+    """A figure of a tuned loop: its title, SI unit and value, and whether larger is better.
+
+    larger  None for a figure that is bounded, as Ms, or neutral, as the crossover
+    """
+
+    title: str
+    unit: str
+    of: Callable[[Figures], float | None]
+    larger: bool | None = None
+
+    def quantity(self, loop: Figures) -> Quantity | None:
+        """The value of a loop with its unit; None if it does not occur."""
+        value = self.of(loop)
+        return None if value is None else Quantity(value, self.unit)
+
+
+FIGURES = (
+    LoopFigure("Ms", "", lambda each: each.margins.sensitivity_peak),
+    LoopFigure("its standard deviation", "", lambda each: each.deviation or None),
+    LoopFigure("crossover", "Hz", lambda each: each.margins.crossover),
+    LoopFigure("bandwidth (|S| at -3 dB)", "Hz", lambda each: each.bandwidth, True),
+    LoopFigure("phase margin", "deg", lambda each: each.margins.phase_margin_deg, True),
+    LoopFigure("gain may rise by", "dB", lambda each: each.margins.gain_increase_dB, True),
+    LoopFigure("delay margin", "samples", lambda each: each.margins.delay_margin_samples, True),
+    LoopFigure("least stiffness", "N/m", lambda each: each.stiffness.minimum, True),
+    LoopFigure("stiffness at 10 Hz", "N/m", lambda each: _at(each, 10.0), True),
+    LoopFigure("peak compliance", "m/N", lambda each: each.peak_compliance),
+    LoopFigure("rope-snap error", "m √s/N", lambda each: each.rope_snap, False),
+    LoopFigure("force noise", "N RMS", lambda each: each.force_noise, False),
 )
-# figures of which larger is better; of the others Ms is bounded and the crossover is neutral
-LARGER = {
-    "bandwidth (|S| at -3 dB)": True, "phase margin": True, "gain may rise by": True, "delay margin": True,
-    "least stiffness": True, "stiffness at 10 Hz": True, "rope-snap error": False, "force noise": False,
-}  # fmt: skip

@@ -10,7 +10,7 @@ import numpy as np
 from feeddrive.analysis.margins import bandwidth_crossing
 from feeddrive.analysis.stiffness import rope_snap_weights, trapezoid_weights
 from feeddrive.language.errors import FeeddriveError, NotIdentifiableError
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, number
 from feeddrive.tuning.closed_loop import Answer, Below, answer, grows, unstable
 from feeddrive.tuning.control_response import ControlResponse, Response
 from feeddrive.tuning.limits import Bound, Limits, bounds_of, notches_stay_notches
@@ -278,21 +278,23 @@ def require_covered(answers: Sequence[Answer]) -> None:
         again = f"do not tune, measure again: '{point.name}'"
         if not above.size or (below.size and f[below[0]] < _BEFORE * f[0]):
             raise NotIdentifiableError(
-                f"{again} begins at {Quantity(f[0], 'Hz')}, where the loop gain is only {size[0]:.2g}: lower "
+                f"{again} begins at {Quantity(f[0], 'Hz')}, where the loop gain is only {number(size[0], 2)}: lower "
                 f"frequencies are decisive; measure from {Quantity(0.1 * f[0], 'Hz'):2} on, a fifth of the crossover "
                 "or less"
             )
         crossover = float(f[above[-1]])
         if size[-1] > _LOW and f[-1] < _BEYOND * crossover and f[-1] < 0.45 / point.sample_time:
             raise NotIdentifiableError(
-                f"{again} ends at {Quantity(f[-1], 'Hz')}, where the loop gain is still {size[-1]:.2g}; measure up to "
+                f"{again} ends at {Quantity(f[-1], 'Hz')}, where the loop gain is still {number(size[-1], 2)}; "
+                "measure up to "
                 f"at least {Quantity(_BEYOND * crossover, 'Hz')}, three times the crossover"
             )
         first = float(f[below[0]]) if below.size else crossover
         for k in np.flatnonzero(f[1:] / f[:-1] > _GAP):
             if f[k + 1] > first / _BEFORE and f[k] < _BEFORE * crossover:
                 raise NotIdentifiableError(
-                    f"{again} has no lines from {f[k]:.4g} to {Quantity(f[k + 1], 'Hz')}, and the crossover lies near, "
+                    f"{again} has no lines from {Quantity(f[k], 'Hz', bare=True)} to {Quantity(f[k + 1], 'Hz')}, and "
+                    "the crossover lies near, "
                     f"at {Quantity(first if f[k] < first else crossover, 'Hz')}; measure this band too"
                 )
 
@@ -315,7 +317,8 @@ def require_good(answers: Sequence[Answer], sure: float) -> None:
             worst = poor[np.argmax(each.gain_variance[poor] / np.abs(1.0 + L[poor]) ** 2)]
             share = np.sqrt(point.variance[1, worst]) / np.abs(point.by_force[1, worst])
             raise NotIdentifiableError(
-                f"do not tune, measure again: '{point.name}' is too noisy from {low:.4g} to {Quantity(high, 'Hz')}, up "
+                f"do not tune, measure again: '{point.name}' is too noisy from {Quantity(low, 'Hz', bare=True)} to "
+                f"{Quantity(high, 'Hz')}, up "
                 f"to {Quantity(share, 'share'):2} of the response at {Quantity(f[worst], 'Hz')}, below three times the "
                 f"crossover of {Quantity(crossover, 'Hz')}; excite this band more strongly, or average longer"
             )

@@ -10,8 +10,8 @@ import numpy as np
 from feeddrive.analysis.robustness import Robustness, robustness
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, ParameterError
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.table import Column, Result, Table
 from feeddrive.loop.loop import Loop
 
 _CLOSE = 1e-5  # of a factor: how far the bounds are narrowed
@@ -44,13 +44,12 @@ class DelayMap(Result):
 
     def table(self) -> Table:
         """One row per dead time."""
-        rows = [
-            [f"{1e3 * tau:.4g}", f"{tau / self.sample_time:.3g}", f"{edge:.4g}", f"{robust:.4g}"]
-            for tau, edge, robust in zip(self.dead_time, self.edge, self.robust, strict=True)
-        ]
-        named = ", ".join(f"{name.rpartition('.')[2]} {value:.4g}" for name, value in self.tunables.items())
-        heads = ["dead time ms", "samples", "unstable above", f"Ms <= {self.sensitivity_bound:g} up to"]
-        return Table(f"factor of {named}", heads, rows)
+        samples = self.dead_time / self.sample_time
+        rows = np.column_stack([self.dead_time, samples, self.edge, self.robust]).tolist()
+        named = ", ".join(f"{name.rpartition('.')[2]} {number(value)}" for name, value in self.tunables.items())
+        robust = f"Ms <= {number(self.sensitivity_bound, 6)} up to"
+        columns = [Column("dead time", "s"), Column("samples", form="3"), "unstable above", robust]
+        return Table(f"factor of {named}", columns, rows)
 
 
 def delay_map(

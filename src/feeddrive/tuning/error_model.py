@@ -15,8 +15,8 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, UnstableError
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.lifting import Lifted, linear_model
 from feeddrive.loop.linearize import StateSpace
 from feeddrive.loop.loop import Loop
@@ -109,7 +109,7 @@ def _required(loop: Loop, plant: Plant | None) -> StateSpace | Lifted:
     size = _growth(model)
     if size < _EDGE:
         return model
-    said = f"is not stable: |z| = {size:.6f} must be < 1, it is {size - 1.0:.2g} too large"
+    said = f"is not stable: |z| = {Quantity(size):.6f} must be < 1, it is {number(size - 1.0, 2)} too large"
     near = None if not isinstance(plant, Rigid) else _nearest(loop, plant)
     if near is None or not isinstance(plant, Rigid):
         what = "the axis" if plant is None else f"the plant '{plant.kind}'"
@@ -184,7 +184,8 @@ def _inverse(loop: Loop) -> StateSpace | Lifted:
     size = _growth(found) if inverse else np.inf
     if not size < _EDGE:
         raise UnstableError(
-            f"the controller '{loop.control.law.kind}' has no stable inverse: |z| = {size:.6f} of its zeros must be "
+            f"the controller '{loop.control.law.kind}' has no stable inverse: |z| = {Quantity(size):.6f} of its zeros "
+            "must be "
             f"< 1: take form = 'model_based'"
         )
     return found
@@ -270,4 +271,4 @@ def condition(seen: np.ndarray) -> float:
 
 def reasons(frozen: Mapping[str, str]) -> str:
     """The names as one text."""
-    return "; ".join(f"{name}: {reason}" for name, reason in frozen.items())
+    return joined("; ", [f"{name}: {reason}" for name, reason in frozen.items()])

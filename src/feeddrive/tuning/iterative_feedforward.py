@@ -16,8 +16,8 @@ from feeddrive.identification.regression import solve, standard_errors
 from feeddrive.language import tree
 from feeddrive.language.block import declarations
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError, StructureError
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.table import UNIT, Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.error_model import condition, decay, error_model, filtered, not_excited, reasons
@@ -128,15 +128,16 @@ class Iteration(Result):
         was, now = self.before.parameters(), self.after.parameters()
         for name, value in was.items():
             unit = tree.declaration(self.before, name).unit
-            error = f"{self.errors[name]:.2g}" if name in self.errors else "-"
-            said = "frozen" if name in self.frozen else "at its bound" if name in self.held else ""
-            rows.append([name, unit, f"{value:.6g}", f"{now[name]:.6g}", error, said])
+            values = [None if v is None else Quantity(v, unit) for v in (value, now[name], self.errors.get(name))]
+            remark = "frozen" if name in self.frozen else "at its bound" if name in self.held else ""
+            rows.append([name, UNIT, *values, remark])
         title = Text(
             f"{self.trial.name}: error {Quantity(self.trial.rms, 'm')} RMS, next along the same reference "
-            f"{Quantity(self.predicted_rms, 'm')} predicted; {self.form}, gamma {self.gamma:g}, condition "
-            f"{self.condition:.3g}"
+            f"{Quantity(self.predicted_rms, 'm')} predicted; {self.form}, gamma {Quantity(self.gamma):6}, condition "
+            f"{Quantity(self.condition):3}"
         )
-        return Table(title, ["parameter", "unit", "now", "next", "standard error", ""], rows)
+        now_next = [Column(head, form="6 SI") for head in ("now", "next")]
+        return Table(title, ["parameter", "unit", *now_next, Column("standard error", form="2 SI"), ""], rows)
 
 
 def next_iteration(
@@ -259,9 +260,9 @@ def _prefiltered(loop: Loop, setpoint: Setpoint) -> Setpoint:
 
 def _check(loop: Loop, trial: Trial, gamma: float, mu: float, saturation: str) -> None:
     if not 0.0 < gamma <= 1.0:
-        raise ParameterError(f"gamma = {gamma:g} must be > 0 and <= 1")
+        raise ParameterError(f"gamma = {number(gamma, 6)} must be > 0 and <= 1")
     if not 0.0 <= mu < np.inf:
-        raise ParameterError(f"mu = {mu:g} must be a finite number >= 0")
+        raise ParameterError(f"mu = {number(mu, 6)} must be a finite number >= 0")
     if saturation not in SATURATION:
         raise ParameterError(f"saturation = {saturation!r} must be one of {', '.join(SATURATION)}")
     check_clock(trial.name, trial.sample_time, float(loop.sample_time))
@@ -302,7 +303,8 @@ def _remarks(loop: Loop) -> list[str]:
     share = dict(tree.leaves(law)).get("velocity_feedforward")
     if share is not None and share != 1.0:
         said.append(
-            f"the law feeds {share:g} of the set velocity forward and not all of it, so that `viscous` and `mass` also "
+            f"the law feeds {number(share)} of the set velocity forward and not all of it, so that `viscous` and "
+            "`mass` also "
             "compensate for the missing part: they are not properties of the axis, and are valid for these gains only"
         )
     if law.period() > 1:

@@ -16,8 +16,8 @@ from feeddrive.analysis.margins import Margins, gain_crossings, least, logarithm
 from feeddrive.analysis.stiffness import force_noise_weights
 from feeddrive.blocks.filter.notch import Notch
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
 from feeddrive.tuning.closed_loop import Answer, force_noise, noisy_readings
 
@@ -56,18 +56,18 @@ class Limits:
                 continue
             bound = least.get(field.name, 0.0)
             if not (math.isfinite(value) and value > bound):
-                raise ParameterError(f"{field.name} = {value:g} must be a finite number > {bound:g}")
+                raise ParameterError(f"{field.name} = {number(value, 6)} must be a finite number > {number(bound)}")
         if self.phase_margin_deg is not None and not self.phase_margin_deg < 180.0:
-            raise ParameterError(f"phase_margin_deg = {self.phase_margin_deg:g} must be < 180")
+            raise ParameterError(f"phase_margin_deg = {number(self.phase_margin_deg, 6)} must be < 180")
         if self.force_noise is not None and not any(value > 0.0 for value in self.reading_noise):
             raise ParameterError("force_noise needs reading_noise: the errors of the two readings in m RMS")
 
     def sentence(self) -> str:
         """All limits, as a clause."""
-        return ", ".join(each for each in self._clauses().values() if each) or "stability alone"
+        return joined(", ", filter(None, self._clauses().values())) or "stability alone"
 
     def _readings(self) -> str:
-        motor, load = (Text(f"{Quantity(each, 'm'):nm}") for each in self.reading_noise)
+        motor, load = (Quantity(noise, "m", form="nm") for noise in self.reading_noise)
         return f"{motor} of white noise in the readings" if motor == load else f"{motor} (motor) and {load} (load)"
 
     def only(self, kind: str) -> str:
@@ -79,8 +79,7 @@ class Limits:
         bound = {
             "Ms": self.sensitivity_peak, "gain margin": self.gain_margin_dB, "phase margin": self.phase_margin_deg,
             "delay margin": self.delay_margin_samples, "small-gain delay": self.small_gain_samples,
-            "peak compliance": None if self.compliance_peak is None else 1e6 * self.compliance_peak,
-            "force noise": self.force_noise,
+            "peak compliance": self.compliance_peak, "force noise": self.force_noise,
         }[judged.kind]  # fmt: skip
         if judged.value is None or bound is None:
             return 0.0
@@ -109,21 +108,26 @@ class Limits:
 
     def _clauses(self) -> dict[str, str]:
         """By the names of bounds; empty for a limit that is not active."""
-        said = {
-            "Ms": (self.sensitivity_peak, "Ms <= {:.4g}"),
-            "gain margin": (self.gain_margin_dB, "gain margin >= {:.4g} dB"),
-            "phase margin": (self.phase_margin_deg, "phase margin >= {:.4g} deg"),
-            "delay margin": (self.delay_margin_samples, "delay margin >= {:.4g} samples"),
-            "small-gain delay": (self.small_gain_samples, "small-gain delay >= {:.4g} samples"),
-            "peak compliance": (None if self.compliance_peak is None else 1e6 * self.compliance_peak,
-                                "peak compliance <= {:.4g} um/N"),
-            "force noise": (self.force_noise, "force noise <= {:.4g} N RMS at " + self._readings()),
-        }  # fmt: skip
-        return {kind: "" if value is None else text.format(value) for kind, (value, text) in said.items()}
+        clauses = {
+            "Ms": (self.sensitivity_peak, "<=", ""),
+            "gain margin": (self.gain_margin_dB, ">=", "dB"),
+            "phase margin": (self.phase_margin_deg, ">=", "deg"),
+            "delay margin": (self.delay_margin_samples, ">=", "samples"),
+            "small-gain delay": (self.small_gain_samples, ">=", "samples"),
+            "peak compliance": (self.compliance_peak, "<=", "m/N"),
+            "force noise": (self.force_noise, "<=", "N RMS"),
+        }
+        texts = {
+            kind: "" if value is None else Text(f"{kind} {sign} {Quantity(value, unit)}")
+            for kind, (value, sign, unit) in clauses.items()
+        }
+        if self.force_noise is not None:
+            texts["force noise"] += Text(f" at {self._readings()}")
+        return texts
 
 
 class Judged(NamedTuple):
-    """One figure against its limit: its kind (as in `Limits.only`), value and unit, and whether it is kept.
+    """One figure against its limit: its kind (as in `Limits.only`), value in SI and unit, and whether it is kept.
 
     value  None if it does not occur, such as a margin without a crossover; it then keeps every limit
     """
@@ -133,10 +137,15 @@ class Judged(NamedTuple):
     unit: str
     keeps: bool
 
-    def __str__(self) -> str:
+    @property
+    def text(self) -> Text:
+        """The figure in words."""
         if self.value is None:
-            return f"no {self.kind}, there is no crossover"
-        return f"{self.kind} {self.value:.4g} {self.unit}".rstrip()
+            return Text(f"no {self.kind}, there is no crossover")
+        return Text(f"{self.kind} {Quantity(self.value, self.unit)}")
+
+    def __str__(self) -> str:
+        return str(self.text)
 
 
 def judged(
@@ -163,8 +172,6 @@ def judged(
             continue
         size = None if value is None else abs(value)
         keeps = size is None or (size >= (1.0 - room) * bound if higher else size <= (1.0 + room) * bound)
-        if unit == "m/N" and value is not None:
-            value, unit = 1e6 * value, "um/N"
         out.append(Judged(kind, value, unit, keeps))
     return tuple(out)
 

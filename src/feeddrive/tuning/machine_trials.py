@@ -13,6 +13,7 @@ from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.language.block import Block
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
@@ -55,10 +56,13 @@ class MachineTrials(Result):
     def table(self) -> Table:
         """Errors, a column for each run."""
         runs = len(next(iter(self.error.values())))
-        rows = [[f"{axis}: error RMS um", *(f"{1e6 * each:.4g}" for each in row)] for axis, row in self.error.items()]
+        curves = {f"{axis}: error RMS": row for axis, row in self.error.items()}
         if self.contour:
-            rows.append(["contour error, largest um", *(f"{1e6 * largest:.4g}" for largest, _ in self.contour)])
-            rows.append(["contour error, RMS um", *(f"{1e6 * rms:.4g}" for _, rms in self.contour)])
+            curves |= zip(("contour error, largest", "contour error, RMS"), np.transpose(self.contour), strict=True)
+        rows = [
+            [f"{name} {unit_name('m')}", *(Quantity(value, "m", bare=True) for value in values)]
+            for name, values in curves.items()
+        ]
         heads = ["run", *(str(j + 1) for j in range(runs))]
         return Table(f"{runs} runs of the same motion on {', '.join(self.error)}", heads, rows)
 

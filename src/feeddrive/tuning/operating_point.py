@@ -189,7 +189,8 @@ def measured_point(
         bad = np.flatnonzero(~((np.abs(each.response) > _LEAST) & (np.abs(each.response) < _MOST)))
         if bad.size:
             raise ParameterError(
-                f"the response from {each.input} to {each.output} is {np.abs(each.response[bad[0]]):.3g} m/N at "
+                f"the response from {each.input} to {each.output} is "
+                f"{Quantity(np.abs(each.response[bad[0]]), 'm/N'):3 SI} at "
                 f"{Quantity(each.frequency[bad[0]], 'Hz')} ({bad.size} such lines), which is impossible for an axis: "
                 "check columns and unit, and leave out lines on which nothing was measured"
             )

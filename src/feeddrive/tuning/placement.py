@@ -12,9 +12,9 @@ from feeddrive.blocks.controller.pole_placement import PolePlacement
 from feeddrive.blocks.plant.two_bodies import Gains
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, UnstableError
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Result, Table
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.loop import Loop
 
 _SMALLEST = 0.02  # of a tunable: lower end of the search for a stable value
@@ -38,7 +38,8 @@ class Placement(Result):
         """The gains, the placed poles, and the same number of the slowest poles reached."""
         units = ("N/m", "N/m", "N s/m", "N s/m", "N/(m s)")
         rows = [
-            [name, f"{value:.6g} {unit}"] for name, value, unit in zip(Gains._fields, self.gains, units, strict=True)
+            [name, Quantity(value, unit, form="6 SI")]
+            for name, value, unit in zip(Gains._fields, self.gains, units, strict=True)
         ]
         rows += [["pole placed", _words(pole)] for pole in self.poles]
         rows += [["pole of the loop", _words(pole)] for pole in self.reached[: self.poles.size]]
@@ -48,8 +49,8 @@ class Placement(Result):
 def _words(pole: complex) -> str:
     size = abs(pole)
     return Text(
-        f"{pole.real:.4g}{pole.imag:+.4g}j 1/s ({Quantity(size / (2.0 * np.pi), 'Hz')}, damping "
-        f"{-pole.real / size:.3f})"
+        f"{number(pole.real)}{Quantity(pole.imag):+.4g}j 1/s "
+        f"({Quantity(size / (2.0 * np.pi), 'Hz')}, damping {Quantity(-pole.real / size):.3f})"
     )
 
 
@@ -66,9 +67,10 @@ def placement(loop: Loop, *, velocity: float = 0.05) -> Placement:
     found = stability(loop, velocity=velocity)
     if not found.stable:
         near = list(_stable_tunables(loop, velocity))
-        remedy = "; or ".join(near) or "none by lowering a single tunable"
+        remedy = joined("; or ", near) or "none by lowering a single tunable"
         raise UnstableError(
-            f"control.law: the poles cannot be reached on this axis: {found.sentence()} (|z| = {found.growth:.6f}, "
+            f"control.law: the poles cannot be reached on this axis: {found.sentence()} (|z| = "
+            f"{Quantity(found.growth):.6f}, "
             f"must be < 1); the nearest stable values: {remedy}. If the axis has a mode there that the model leaves "
             f"out, put a notch at {Quantity(found.frequency, 'Hz')}"
         )
@@ -97,4 +99,5 @@ def _stable_tunables(loop: Loop, velocity: float) -> Iterator[str]:
             middle = float(np.sqrt(low * high))
             low, high = (middle, high) if is_stable(middle) else (low, middle)
         unit = tree.declaration(loop.control.law, tunable).unit
-        yield f"{tunable} = {low * present:.4g} {unit}".rstrip() + f" instead of {present:.4g}"
+        least, now = (Quantity(value, unit, form="SI") for value in (low * present, present))
+        yield Text(f"{tunable} = {least} instead of {now}")

@@ -19,7 +19,7 @@ from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
 from feeddrive.loop.lifting import Lifted
 from feeddrive.loop.loop import Loop
@@ -69,7 +69,7 @@ def of_known(point: OperatingPoint, control: Control, limits: Limits, velocity: 
         return (Checked(f"{point.name}: {_RUN}", None, said),)
     loop, name = replace(point.known_as, control=control), f"{point.name}, on the baseline's axis"
     poles = stability(loop, velocity=velocity)
-    checks = [Checked(f"{name}: poles", poles.stable, f"largest |z| {poles.growth:.6f}")]
+    checks = [Checked(f"{name}: poles", poles.stable, f"largest |z| {Quantity(poles.growth):.6f}")]
     if poles.stable:
         checks.append(_run(name, loop, loop_model(loop, velocity=velocity), limits, velocity, poles.time_constant))
     return tuple(checks)
@@ -78,14 +78,14 @@ def of_known(point: OperatingPoint, control: Control, limits: Limits, velocity: 
 def _within(what: str, limits: Limits, m: Margins, peak: float, noise: float | None) -> Checked:
     """The line of a proof that all limits are kept; Ms is stated in any case."""
     found = judged(limits, m, peak, noise, ROOM)
-    said = [str(each) for each in found if each.kind != "Ms"]
-    return Checked(what, all(each.keeps for each in found), ", ".join([f"Ms {m.sensitivity_peak:.4g}", *said]))
+    said = [each.text for each in found if each.kind != "Ms"]
+    return Checked(what, all(each.keeps for each in found), joined(", ", [f"Ms {Quantity(m.sensitivity_peak)}", *said]))
 
 
 def of_model(name: str, loop: Loop, limits: Limits, velocity: float) -> tuple[Checked, ...]:
     """Poles of the whole loop, its limits on other lines, and a run of it with friction, counts and limit."""
     poles = stability(loop, velocity=velocity)
-    checks = [Checked(f"{name}: poles", poles.stable, f"largest |z| {poles.growth:.6f}")]
+    checks = [Checked(f"{name}: poles", poles.stable, f"largest |z| {Quantity(poles.growth):.6f}")]
     if not poles.stable:
         return tuple(checks)
     both = loop_model(loop, velocity=velocity)
@@ -158,11 +158,15 @@ def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float
             for each, load in ((free, step), (smooth, step), (smooth, StepForce(force=0.0)))
         ]
     except FeeddriveError as error:
-        return Checked(what, False, str(error))
+        return Checked(what, False, Text(f"{error}"))
     tripped = np.flatnonzero(runs[0]["trip"])
     if tripped.size:
-        late = 1e3 * (tripped[0] - settle) * T
-        said = f"{late:.4g} ms after the force" if late >= 0.0 else "already before the force, as the axis moves off"
+        late = float(tripped[0] - settle) * T
+        said = (
+            f"{Quantity(late, 's')} after the force"
+            if late >= 0.0
+            else "already before the force, as the axis moves off"
+        )
         return Checked(what, False, f"the guard trips {said}")
     largest = float(np.max(np.abs(runs[0]["requested"][settle:])))
     if limit is not None and largest > limit:
@@ -179,7 +183,7 @@ def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float
     off = got / expected - 1.0
     noise = float(np.std(runs[0]["requested"][settle // 2 : settle]))
     said = Text(
-        f"{Quantity(force, 'N'):6}: rope snap {Quantity(got, 'm'):nm} s^1/2/N, {Quantity(abs(off), 'share'):.1f} off; "
+        f"{Quantity(force, 'N'):6}: rope snap {Quantity(got, 'm √s/N')}, {Quantity(abs(off), 'share'):.1f} off; "
         f"the command swings by {Quantity(noise, 'N'):3} RMS, at most {Quantity(largest, 'N')}"
     )
     return Checked(what, abs(off) <= _APART, said)

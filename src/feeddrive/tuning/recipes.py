@@ -12,8 +12,8 @@ from feeddrive.analysis.margins import margins
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.language.errors import FeeddriveError, NotIdentifiableError, ParameterError
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.table import UNIT, Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
@@ -52,13 +52,14 @@ class Recipe(Result):
         """The gains and the data that they are computed from."""
         law = self.law
         rows = [
-            ["Kv", f"{law.Kv:.5g}", "1/s"],
-            ["Kp", f"{law.Kp:.5g}", "N s/m"],
-            ["Tn", "none" if law.Tn is None else f"{law.Tn:.5g}", "s"],
-            ["moved mass", f"{self.mass:.5g}", "kg"],
-            ["lag", f"{self.lag:.4g}", "s"],
+            ["Kv", Quantity(law.Kv, "1/s"), UNIT],
+            ["Kp", Quantity(law.Kp, "N s/m"), UNIT],
+            ["Tn", "none", "s"] if law.Tn is None else ["Tn", Quantity(law.Tn, "s"), UNIT],
+            ["moved mass", Quantity(self.mass, "kg"), UNIT],
+            ["lag", Quantity(self.lag, "s", form="4 SI"), UNIT],
         ]
-        return Table(f"{self.name}: {self.reason} ({self.source})", ["what", "value", "unit"], rows)
+        columns = ["what", Column("value", form="5 SI"), "unit"]
+        return Table(f"{self.name}: {self.reason} ({self.source})", columns, rows)
 
 
 class _Axis:
@@ -102,7 +103,8 @@ class _Axis:
         if last < 5 or phase[last - 1] > 2.0 * _STRAIGHT:
             end = self.frequency[max(last - 1, 0)]
             raise NotIdentifiableError(
-                f"'{self.point.name}' shows no mass from {self.frequency[0]:.4g} to {Quantity(end, 'Hz')}: measure "
+                f"'{self.point.name}' shows no mass from {Quantity(self.frequency[0], 'Hz', bare=True)} to "
+                f"{Quantity(end, 'Hz')}: measure "
                 "between the friction, which holds it below, and its first resonance above"
             )
         s = 1j * w[:last] / w[last - 1]
@@ -142,10 +144,10 @@ def symmetric_optimum(point: OperatingPoint | Loop, control: Control | None = No
     Source: Kessler 1958, Das symmetrische Optimum; Kv as in `kv_rule`.
     """
     if not a > 1.0:
-        raise ParameterError(f"a = {a:g} must be > 1")
+        raise ParameterError(f"a = {number(a, 6)} must be > 1")
     axis = _Axis(point, control)
     tau = axis.lag
-    reason = Text(f"mass {Quantity(axis.mass, 'kg')}, lag {Quantity(tau, 's'):3}, a = {a:g}")
+    reason = Text(f"mass {Quantity(axis.mass, 'kg')}, lag {Quantity(tau, 's'):3}, a = {number(a, 6)}")
     return axis.made(
         "symmetric optimum", axis.mass / (a * tau), a * a * tau, 1.0 / (_CRITICAL * a * tau), reason, "Kessler 1958"
     )

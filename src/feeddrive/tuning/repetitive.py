@@ -8,7 +8,7 @@ import numpy as np
 
 from feeddrive.blocks.compensation.repetitive_control import RepetitiveControl, taps
 from feeddrive.language.errors import ParameterError, UnstableError
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.linearize import linearize
@@ -33,10 +33,11 @@ class RepetitiveDesign(Result):
 
     def table(self) -> Table:
         """The chosen lead and its neighbors."""
-        rows = [[str(lead), f"{factor:.4g}", "chosen" if lead == self.block.lead_samples else ""]
-                for lead, factor in enumerate(self.factors)]  # fmt: skip
+        chosen = self.block.lead_samples
+        rows = [[lead, factor, "chosen" if lead == chosen else ""] for lead, factor in enumerate(self.factors)]
         title = Text(
-            f"left from period to period, at worst {self.factor:.3g} at {Quantity(self.frequency, 'Hz')}; below 1 it "
+            f"left from period to period, at worst {Quantity(self.factor):3} at {Quantity(self.frequency, 'Hz')}; "
+            "below 1 it "
             "converges"
         )
         return Table(title, ["lead in samples", "left", ""], rows)
@@ -67,7 +68,7 @@ def tune_repetitive(
     if count < 1 or abs(count * T / period - 1.0) > _WHOLE:
         raise ParameterError(
             f"period = {Quantity(period, 's'):6 SI} must be a whole number of samples of {Quantity(T, 's'):6 SI}, to "
-            f"{_WHOLE:g}: the nearest is {Quantity(max(count, 1) * T, 's'):6 SI}"
+            f"{number(_WHOLE)}: the nearest is {Quantity(max(count, 1) * T, 's'):6 SI}"
         )
     if most_lead < 0:
         raise ParameterError(f"most_lead = {most_lead} must be >= 0 samples")
@@ -89,7 +90,7 @@ def tune_repetitive(
     worst = float(f[int(np.argmax(left[lead]))])
     if factors[lead] >= 1.0:
         raise UnstableError(
-            f"no lead up to {leads[-1]} samples lets learning converge: at best {factors[lead]:.4g} of the worst "
+            f"no lead up to {leads[-1]} samples lets learning converge: at best {number(factors[lead])} of the worst "
             f"frequency, {Quantity(worst, 'Hz')}, is left from period to period; take more passes or a smaller "
             "learning_gain"
         )

@@ -12,8 +12,8 @@ from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.identification.regression import standard_errors
 from feeddrive.language.errors import LogError, ParameterError
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.table import UNIT, Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
@@ -99,18 +99,19 @@ class PrefilterFit(Result):
         before, after = self.correlation(self.error), self.correlation(self.error - self.explained)
         rows = []
         for i, name in enumerate(REGRESSORS):
-            cells = ["-", "-", "-"]
-            if name in self.theta:
-                value, error = self.theta[name], self.standard_error[name]
-                cells = [f"{value:.4g}", f"{error:.2g}", f"{getattr(self.prefilter, _NAMES[i]):.4g}"]
-            correlations = [f"{each[name]:.2f}" if name in each else "-" for each in (before, after)]
-            rows.append([name, _UNITS[i], *cells, *correlations])
+            fitted = name in self.theta
+            values = (self.theta[name], self.standard_error[name], getattr(self.prefilter, _NAMES[i])) if fitted else ()
+            cells = [Quantity(value, _UNITS[i]) for value in values] or [None, None, None]
+            rows.append([name, UNIT if fitted else _UNITS[i], *cells, before.get(name), after.get(name)])
         title = Text(
             f"{int(self.counted.sum())} samples in motion: error {Quantity(self.rms(self.error), 'm')} RMS, "
-            f"{Quantity(self.rms(self.predicted), 'm')} predicted; condition {self.condition:.3g}"
+            f"{Quantity(self.rms(self.predicted), 'm')} predicted; condition {Quantity(self.condition):3}"
         )
-        heads = ["regressor", "unit", "theta", "std. error", "next theta", "corr.", "left"]
-        return Table(title, heads, rows)
+        columns = [
+            "regressor", "unit", Column("theta", form="SI"), Column("std. error", form="2 SI"),
+            Column("next theta", form="SI"), Column("corr.", "", ".2f"), Column("left", "", ".2f"),
+        ]  # fmt: skip
+        return Table(title, columns, rows)
 
 
 _NAMES = ("theta1", "theta2", "theta3", "theta4")
@@ -246,7 +247,7 @@ def _laid_over(name: str, time: np.ndarray, set_position: np.ndarray, reference:
     if not off <= 1e-5 * travel:
         raise LogError(
             f"{name}: its set positions are not those of the reference: they differ by up to {Quantity(off, 'm')}, at "
-            f"most {10.0 * travel:.4g} um is admitted; give the job that was run, or none"
+            f"most {Quantity(1e-5 * travel, 'm')} is admitted; give the job that was run, or none"
         )
     return setpoint
 
@@ -292,8 +293,8 @@ def _fit(
     if not condition <= LARGEST_CONDITION:
         together = [each for each, part in zip(chosen, weakest, strict=True) if abs(part) > 0.2]
         raise LogError(
-            f"{name}: {' and '.join(together)} cannot be told apart in this motion (condition {condition:.3g}, "
-            f"at most {LARGEST_CONDITION:g} is admitted): leave one out, or take a move with dwells and plateaus"
+            f"{name}: {' and '.join(together)} cannot be told apart in this motion (condition {number(condition, 3)}, "
+            f"at most {number(LARGEST_CONDITION)} is admitted): leave one out, or take a move with dwells and plateaus"
         )
     parameters = np.linalg.lstsq(rows, target, rcond=None)[0]
     remainder = target - rows @ parameters

@@ -11,7 +11,7 @@ from feeddrive.blocks.families import Reference
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run
@@ -120,12 +120,13 @@ class Trial(Result):
     def table(self) -> Table:
         """Duration, travel, speed, acceleration and error."""
         x, v, a = (np.asarray(each) for each in self.setpoint[:3])
-        row = [
-            self.name, f"{self.following_error.size}", f"{1e3 * np.ptp(x):.4g}", f"{1e3 * np.max(np.abs(v)):.4g}",
-            f"{np.max(np.abs(a)):.4g}", f"{1e6 * self.rms:.4g}", f"{1e6 * self.peak:.4g}",
+        largest = [float(np.ptp(x)), *(float(np.max(np.abs(values))) for values in (v, a))]
+        columns = [
+            "trial", "samples", Column("travel", "m", "mm"), Column("velocity", "m/s"), Column("acceleration", "m/s2"),
+            Column("error RMS", "m"), Column("peak", "m"),
         ]  # fmt: skip
-        heads = ["trial", "samples", "travel mm", "velocity mm/s", "acceleration m/s2", "error RMS um", "peak um"]
-        return Table(f"a trial of {Quantity(self.following_error.size * self.sample_time, 's'):SI}", heads, [row])
+        row = [self.name, self.following_error.size, *largest, self.rms, self.peak]
+        return Table(f"a trial of {Quantity(self.following_error.size * self.sample_time, 's'):SI}", columns, [row])
 
 
 def simulated_trial(run: Run, reference: Reference) -> Trial:

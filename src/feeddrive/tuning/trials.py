@@ -12,7 +12,9 @@ from feeddrive.blocks.compensation.learned_force import LearnedForce
 from feeddrive.blocks.families import Load, Plant, Reference
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.table import Result, Table
+from feeddrive.language.quantity import Quantity, form_unit, number, unit_name
+from feeddrive.language.table import Column, Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.lifting import Lifted
 from feeddrive.loop.linearize import StateSpace
 from feeddrive.loop.loop import Loop
@@ -48,8 +50,9 @@ class Convergence(Result):
     def table(self) -> Table:
         """Rate, verdict and condition."""
         verdict = "converges" if self.converges else "DIVERGES: lower gamma"
-        row = [", ".join(self.names), f"{self.gamma:g}", f"{self.rate:.3f}", f"{self.condition:.3g}", verdict]
-        return Table("error of the parameters from trial to trial", ["columns", "gamma", "rho", "condition", ""], [row])
+        row = [", ".join(self.names), self.gamma, self.rate, self.condition, verdict]
+        columns = ["columns", "gamma", Column("rho", form=".3f"), Column("condition", form="3"), ""]
+        return Table("error of the parameters from trial to trial", columns, [row])
 
 
 def convergence(
@@ -130,15 +133,19 @@ class Trials(Result):
     def table(self) -> Table:
         """Error, prediction and parameters, a column for each trial."""
         declared = self.iterations[0].before
-        predicted = ["-", *(f"{1e6 * each.predicted_rms:.4g}" for each in self.iterations[: len(self.trials) - 1])]
-        rows = [
-            ["RMS um", *(f"{1e6 * trial.rms:.4g}" for trial in self.trials)],
-            ["predicted um", *predicted],
-            ["peak um", *(f"{1e6 * trial.peak:.4g}" for trial in self.trials)],
+        curves: list[tuple[str, str, str, Sequence[float | None]]] = [
+            ("RMS", "m", "", [trial.rms for trial in self.trials]),
+            ("predicted", "m", "", [None, *(each.predicted_rms for each in self.iterations[: len(self.trials) - 1])]),
+            ("peak", "m", "", [trial.peak for trial in self.trials]),
         ]
         for name, values in self.parameters().items():
-            unit = tree.declaration(declared, name).unit
-            rows.append([f"{name} {unit}", *(f"{value:.5g}" for value in values[: len(self.trials)])])
+            curves.append((name, tree.declaration(declared, name).unit, "5 SI", values[: len(self.trials)].tolist()))
+        rows = [
+            [f"{name} {unit_name(unit, form_unit(form))}", *(
+                None if value is None else Quantity(value, unit, form=form, bare=True) for value in values
+            )]
+            for name, unit, form, values in curves
+        ]  # fmt: skip
         heads = ["trial", *(str(j + 1) for j in range(len(self.trials)))]
         form = self.iterations[0].form
         return Table(f"{len(self.trials)} trials, {form}; predicted: as if the reference stayed", heads, rows)
@@ -220,12 +227,13 @@ class SignalTrials(Result):
     def table(self) -> Table:
         """Error and learned force of each trial."""
         rows = [
-            [f"{j + 1}", f"{1e6 * t.rms:.4g}", f"{1e6 * t.peak:.4g}", f"{np.sqrt(np.mean(f**2)):.4g}"]
-            for j, (t, f) in enumerate(zip(self.trials, self.forces, strict=True))
+            [j + 1, trial.rms, trial.peak, float(np.sqrt(np.mean(force**2)))]
+            for j, (trial, force) in enumerate(zip(self.trials, self.forces, strict=True))
         ]
         verdict = "converges" if self.rate < 1.0 else "DIVERGES: lower gain or bandwidth"
-        title = f"signal-based learning: rate {self.rate:.3f}, {verdict}"
-        return Table(title, ["trial", "RMS um", "peak um", "learned force RMS N"], rows)
+        title = Text(f"signal-based learning: rate {Quantity(self.rate):.3f}, {verdict}")
+        columns = ["trial", Column("RMS", "m"), Column("peak", "m"), Column("learned force RMS", "N")]
+        return Table(title, columns, rows)
 
 
 def learn_signal(
@@ -260,7 +268,7 @@ def learn_signal(
     nyquist = 0.5 / float(loop.sample_time)
     for name, value, most in (("bandwidth", bandwidth, nyquist), ("gain", gain, 1.0)):
         if not 0.0 < value <= most:
-            raise ParameterError(f"{name} = {value:g} must be > 0 and <= {most:g}")
+            raise ParameterError(f"{name} = {number(value, 6)} must be > 0 and <= {number(most, 6)}")
     if trials < 2 or not turns:
         raise ParameterError(f"trials = {trials} must be >= 2, with at least one reference")
     model = error_model(loop, form, plant=plant)

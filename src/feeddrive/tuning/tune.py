@@ -11,8 +11,8 @@ import numpy as np
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.closed_loop import Figures, figures
@@ -120,10 +120,11 @@ def _tuner(
     if goal not in GOALS:
         raise ParameterError(f"goal = {goal!r} must be one of {', '.join(GOALS)}")
     if not 0.5 <= confidence < 1.0:
-        raise ParameterError(f"confidence = {confidence:g} must be >= 0.5 and < 1")
+        raise ParameterError(f"confidence = {number(confidence, 6)} must be >= 0.5 and < 1")
     if not 0.0 <= band[0] < band[1]:
         raise ParameterError(
-            f"the band from {band[0]:g} to {Quantity(band[1], 'Hz'):6} is empty: the lower frequency comes first"
+            f"the band from {Quantity(band[0], 'Hz', bare=True):6} to {Quantity(band[1], 'Hz'):6} is empty: the lower "
+            "frequency comes first"
         )
     given = (points,) if isinstance(points, (OperatingPoint, Loop)) else tuple(points)
     made = tuple(
@@ -135,7 +136,7 @@ def _tuner(
     if not made:
         raise ParameterError("shaping needs at least one point")
     if len({each.sample_time for each in made}) > 1:
-        said = ", ".join(Text(f"'{each.name}' {Quantity(each.sample_time, 's'):6}") for each in made)
+        said = joined(", ", [f"'{each.name}' {Quantity(each.sample_time, 's'):6}" for each in made])
         raise ParameterError(f"one control has one sample time, but the points have {said}")
     _check_band(made, band)
     tuner = Tuner(made, goal, limits or Limits(), band, confidence, starts, seed, velocity, progress or Progress())
@@ -153,8 +154,10 @@ def _check_band(points: Sequence[OperatingPoint], band: tuple[float, float]) -> 
         inside = np.count_nonzero((each.frequency >= band[0]) & (each.frequency <= band[1]))
         if inside < 3:
             raise ParameterError(
-                f"the band from {band[0]:g} to {Quantity(band[1], 'Hz'):6} holds {inside} lines of '{each.name}', "
-                f"which has {each.frequency[0]:.4g} to {Quantity(each.frequency[-1], 'Hz')}: at least 3"
+                f"the band from {Quantity(band[0], 'Hz', bare=True):6} to {Quantity(band[1], 'Hz'):6} holds {inside} "
+                f"lines of '{each.name}', "
+                f"which has {Quantity(each.frequency[0], 'Hz', bare=True)} to {Quantity(each.frequency[-1], 'Hz')}: "
+                "at least 3"
             )
 
 
@@ -253,7 +256,9 @@ def _advice(tuner: Tuner, best: Best) -> tuple[str, ...]:
     if gained > 1e-4:
         # by slopes: for a whole sample where the effect is small, for a tenth where it is large
         small = gained < _MUCH
-        how = f"one sample ({10e6 * step:g} us)" if small else Text(f"a tenth of a sample ({Quantity(step, 's'):6 us})")
+        how = Text(
+            f"{'one sample' if small else 'a tenth of a sample'} ({Quantity(10.0 * step if small else step, 's'):6 us})"
+        )
         found.append(
             Text(
                 f"{how} less dead time, from computation, filters or bus, would gain about "
@@ -283,10 +288,11 @@ def _edges(tuner: Tuner, best: Best) -> list[str]:
         end = "upper" if high - value < 1e-6 else "lower"
         reason = ""
         if name.startswith("filters.") and unit == "Hz" and end == "upper":
-            reason = Text(f", {Quantity(size / nyquist, 'share'):3} of half the sample rate: as good as no filter")
+            reason = f", {Quantity(size / nyquist, 'share'):3} of half the sample rate: as good as no filter"
             if tuner.limits.force_noise is None:
                 reason += ", since no limit on the force noise prevents it"
-        found.append(f"{shown} = {size:.4g} {unit}".rstrip() + f" is the {end} end of the range of the search{reason}")
+        there = Quantity(size, unit, form="SI")
+        found.append(Text(f"{shown} = {there} is the {end} end of the range of the search{reason}"))
     found += [
         f"filters.{bound.key[1]} (notch) would amplify instead of attenuate, so it is flat"
         for bound in best.end.judged.bounds

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
@@ -12,13 +12,13 @@ from feeddrive.analysis.margins import Margins, margins
 from feeddrive.analysis.stiffness import mean_compliance
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.language import tree
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
-from feeddrive.language.text import Text
+from feeddrive.language.quantity import USUAL, Quantity, number
+from feeddrive.language.table import UNIT, Cell, Column, Result, Table
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning.closed_loop import FIGURES, LARGER, Figures
+from feeddrive.tuning.closed_loop import FIGURES, Figures, LoopFigure
 from feeddrive.tuning.limits import Limits, judged
 from feeddrive.tuning.operating_point import OperatingPoint, position_loop, response_on
 from feeddrive.tuning.proof import Checked
@@ -36,14 +36,15 @@ class CascadeLoops(Result):
 
     def table(self) -> Table:
         """Crossover and margins of both."""
-        rows: list[list[str]] = []
+        rows: list[Sequence[Cell]] = []
         fast, slow = (each.loop_gain.sample_time for each in (self.velocity, self.position))
         ran = "" if fast is None or slow is None or fast == slow else Text(f", every {Quantity(slow, 's'):6}")
         for name, m in (("velocity loop", self.velocity), (f"position loop{ran}", self.position)):
-            cells = (m.crossover, m.phase_margin_deg, m.gain_increase_dB, m.sensitivity_peak)
-            rows.append([name, *("-" if cell is None else f"{cell:.4g}" for cell in cells)])
-        heads = ["loop", "crossover Hz", "phase margin deg", "gain may rise dB", "Ms"]
-        return Table("the cascade, loop by loop", heads, rows)
+            rows.append([name, m.crossover, m.phase_margin_deg, m.gain_increase_dB, m.sensitivity_peak])
+        columns = [
+            "loop", Column("crossover", "Hz"), Column("phase margin", "deg"), Column("gain may rise", "dB"), "Ms",
+        ]  # fmt: skip
+        return Table("the cascade, loop by loop", columns, rows)
 
 
 def cascade_loops(control: Control, point: OperatingPoint) -> CascadeLoops | None:
@@ -79,8 +80,9 @@ class HeldBack:
 
     def sentence(self) -> str:
         """The bound in one sentence."""
-        where = Text(f" at {Quantity(self.frequency, 'Hz')}") if self.frequency > 0.0 else ""
-        return f"{self.what}{where} ({self.point}): a tenth more room would gain {self.gain:.2g} %"
+        where = f" at {Quantity(self.frequency, 'Hz')}" if self.frequency > 0.0 else ""
+        gain = Quantity(0.01 * self.gain, "share")
+        return Text(f"{self.what}{where} ({self.point}): a tenth more room would gain {gain:2}")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -146,9 +148,9 @@ class Tuned(Result):
     def rule(self) -> str:
         """The goal of the tuning."""
         if self.recipe:
-            return f"{self.recipe}; judged by {self.limits.sentence()}"
-        noise = "" if not self.sure else f", kept with {self.sure:.3g} standard deviations of the measurement"
-        return f"{aim(self)} subject to {self.limits.sentence()}{noise}"
+            return Text(f"{self.recipe}; judged by {self.limits.sentence()}")
+        noise = f", kept with {Quantity(self.sure):3} standard deviations of the measurement" if self.sure else ""
+        return Text(f"{aim(self)} subject to {self.limits.sentence()}{noise}")
 
     @property
     def at_drive(self) -> bool:
@@ -177,22 +179,19 @@ class Tuned(Result):
 
     def table(self) -> Table:
         """Old and new figures, active limits, and the proof."""
-        rows = [
-            [
-                readable(self.control, name),
-                _number(self.started[name]),
-                _number(value),
-                tree.declaration(self.control, name).unit,
-            ]
-            for name, value in self.tunables.items()
-        ]
+        rows: list[Sequence[Cell]] = []
+        for name, value in self.tunables.items():
+            unit = tree.declaration(self.control, name).unit
+            started = self.started[name]
+            before = "–" if np.isnan(started) else Quantity(started, unit, form="5 SI")
+            rows.append([readable(self.control, name), before, Quantity(value, unit, form="5 SI"), UNIT])
         for i, after in enumerate(self.after):
             before = self.before[i] if self.before else None
             mark = f" ({after.point})" if len(self.after) > 1 else ""
             rows += [
-                [f"{head}{mark}", "" if before is None else _figure(before, read), _figure(after, read), unit]
-                for head, unit, read in FIGURES
-                if read(after) is not None
+                [f"{each.title}{mark}", "" if before is None else _figure(before, each), _figure(after, each), UNIT]
+                for each in FIGURES
+                if each.of(after) is not None
             ]
         rows += [["held back by", "", "", held.sentence()] for held in self.held]
         rows += [["to gain more", "", "", text] for text in self.advice]
@@ -201,19 +200,12 @@ class Tuned(Result):
         return Table(f"{self.rule}. {self.recommendation()}", ["what", "today", "new", "unit"], rows)
 
 
-def _number(value: float) -> str:
-    return "–" if np.isnan(value) else f"{value:.5g}"
-
-
 def _verdict(holds: bool | None) -> str:
     return "not proven" if holds is None else "holds" if holds else "DOES NOT HOLD"
 
 
-def _figure(each: Figures, read: Callable[[Figures], float | None]) -> str:
-    if not each.stable:
-        return "unstable"
-    value = read(each)
-    return "-" if value is None else f"{value:.4g}"
+def _figure(loop: Figures, figure: LoopFigure) -> str | Quantity | None:
+    return figure.quantity(loop) if loop.stable else "unstable"
 
 
 _NOT_WORTH = 2.0  # percent: a smaller gain does not justify a change
@@ -231,7 +223,11 @@ _WHAT = {
 
 def aim(found: Tuned) -> str:
     """The goal."""
-    band = "" if found.band == (0.0, np.inf) else Text(f" from {found.band[0]:g} to {Quantity(found.band[1], 'Hz'):6}")
+    band = (
+        ""
+        if found.band == (0.0, np.inf)
+        else Text(f" from {Quantity(found.band[0], 'Hz', bare=True):6} to {Quantity(found.band[1], 'Hz'):6}")
+    )
     drive = " against a force at the drive" if found.at_drive and found.goal != "bandwidth" else ""
     return {
         "rope-snap": f"least rope-snap error{drive}",
@@ -246,11 +242,11 @@ def recommendation(found: Tuned) -> str:
     """The recommendation with its reason, the limiting bounds, and the figures that are worse than today."""
     if found.verdict is Verdict.REFUSE:
         failed = [line for line in found.proof if line.holds is False]
-        return f"Do not use this tuning: {failed[0].what} does not hold ({failed[0].said})."
+        return Text(f"Do not use this tuning: {failed[0].what} does not hold ({failed[0].said}).")
     worse = _worse(found)
-    price = f"Worse than today: {worse}." if worse else ""
+    price = Text(f"Worse than today: {worse}.") if worse else ""
     first, then = (_advised(found), price) if found.verdict is Verdict.LEAVE else (price, _advised(found))
-    return " ".join(each for each in (_of_the_velocity_loop(found), first, then) if each) + _of_the_table(found)
+    return joined(" ", filter(None, (_of_the_velocity_loop(found), first, then))) + _of_the_table(found)
 
 
 def _of_the_velocity_loop(found: Tuned) -> str:
@@ -261,13 +257,21 @@ def _of_the_velocity_loop(found: Tuned) -> str:
     phase, peak = alone.phase_margin_deg, alone.sensitivity_peak
     if (phase is None or abs(phase) >= _LEAST_PHASE) and peak <= _MOST_PEAK:
         return ""
-    margin = "" if phase is None else f"a phase margin of {two_digits(phase)} deg and "
-    return f"The velocity loop alone is next to unstable, with {margin}Ms {two_digits(peak)}: it rings in manual mode."
+    margin = "" if phase is None else f"a phase margin of {_rough(phase, 'deg')} and "
+    return Text(
+        f"The velocity loop alone is next to unstable, with {margin}Ms {_rough(peak)}: it rings in manual mode."
+    )
+
+
+def _rough(value: float, unit: str = "") -> Quantity:
+    """Return a quantity rounded to two digits, in the unit that it is usually read in."""
+    size = USUAL.of(unit)[1]
+    return Quantity(float(two_digits(size * value)) / size, unit, form="6")
 
 
 def two_digits(value: float) -> str:
-    """Two digits, without an exponent up to a million."""
-    return f"{float(f'{value:.2g}'):g}"
+    """Return a number rounded to two digits, without an exponent up to a million."""
+    return number(float(f"{value:.2g}"), 6)
 
 
 def _of_the_table(found: Tuned) -> str:
@@ -286,26 +290,27 @@ def _advised(found: Tuned) -> str:
     limits, new = found.limits.sentence(), _new_values(found)
     if gained is None:
         state = "there is no control to compare with" if not found.before else "today's loop is unstable"
-        return f"{new} keep {limits}, and {state}{limit}."
+        return Text(f"{new} keep {limits}, and {state}{limit}.")
     change, said = _change(found, gained), _gain_said(found, gained)
     broken = broken_limits(found.before, found.limits)
     if broken:
-        return f"{new} keep {limits} with {said}, and today's {broken}{limit}."
+        return Text(f"{new} keep {limits} with {said}, and today's {broken}{limit}.")
     drive = " against a force at the drive" if found.at_drive and found.goal != "bandwidth" else ""
     if found.recipe and change < 0.0:
-        return f"Leave the control as it is: this rule gives {said}{drive}{limit}."
+        return Text(f"Leave the control as it is: this rule gives {said}{drive}{limit}.")
     if found.verdict is Verdict.LEAVE:
         best = "this rule" if found.recipe else "the best that was found"
-        return f"Leave the control as it is: {best} has only {said}{drive}{limit}."
-    return f"{new} give {said} within {limits}{limit}."
+        return Text(f"Leave the control as it is: {best} has only {said}{drive}{limit}.")
+    return Text(f"{new} give {said} within {limits}{limit}.")
 
 
 def _gain_said(found: Tuned, gained: float) -> str:
     """`50 % more dynamic stiffness`, `570 times the dynamic stiffness`."""
     ratio = 1.0 / gained if found.goal == "rope-snap" else gained
     if ratio >= TIMES:
-        return f"{two_digits(ratio)} times the {_WHAT[found.goal]}"
-    return f"{two_digits(100.0 * abs(ratio - 1.0))} % {'more' if ratio >= 1.0 else 'less'} {_WHAT[found.goal]}"
+        return Text(f"{_rough(ratio)} times the {_WHAT[found.goal]}")
+    direction = "more" if ratio >= 1.0 else "less"
+    return Text(f"{_rough(abs(ratio - 1.0), 'share')} {direction} {_WHAT[found.goal]}")
 
 
 def _change(found: Tuned, gained: float) -> float:
@@ -327,20 +332,23 @@ def _worse(found: Tuned) -> str:
     said: list[str] = []
     for name, now in found.tunables.items():
         if name.rpartition(".")[2] == "Kv" and found.started[name] > (1.0 + _WORSE) * now:
-            said.append(f"Kv {two_digits(found.started[name])} -> {two_digits(now)} 1/s")
-    for head, unit, read in FIGURES:
-        if head not in LARGER:
+            said.append(_fall("Kv", found.started[name], now, "1/s"))
+    for figure in FIGURES:
+        if figure.larger is None:
             continue
-        pairs = [(read(a), read(b)) for a, b in zip(found.before, found.after, strict=True)]
+        pairs = [(figure.of(a), figure.of(b)) for a, b in zip(found.before, found.after, strict=True)]
         fell = [
-            ((a / b if LARGER[head] else b / a), a, b)
+            ((a / b if figure.larger else b / a), a, b)
             for a, b in pairs
             if a is not None and b is not None and a * b > 0
         ]
         if fell and max(fell)[0] > 1.0 + _WORSE:
-            _, a, b = max(fell)
-            said.append(f"{head} {two_digits(a)} -> {two_digits(b)} {unit}".rstrip())
-    return ", ".join(said)
+            said.append(_fall(figure.title, *max(fell)[1:], figure.unit))
+    return joined(", ", said)
+
+
+def _fall(title: str, before: float, after: float, unit: str) -> str:
+    return f"{title} {replace(_rough(before, unit), bare=True)} -> {_rough(after, unit)}"
 
 
 def goal_of(found: Tuned, row: Sequence[Figures]) -> float:
@@ -369,5 +377,5 @@ def broken_limits(before: Sequence[Figures], limits: Limits, room: float = 0.02)
     for each in before:
         for found in judged(limits, each.margins, each.peak_compliance, each.force_noise, room):
             if not found.keeps:
-                return f"have {found}, not {limits.only(found.kind)}"
+                return Text(f"have {found.text}, not {limits.only(found.kind)}")
     return ""

@@ -13,7 +13,7 @@ from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
 from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.criteria import Criteria, needed, require_covered, require_good, some
@@ -153,7 +153,7 @@ class Tuner:
                     kinds.append(kind)
             ends, opened = self._widened(search, ends, soft, names)
         missing = _missing(search, ends, kinds)
-        return ends, "; ".join(each for each in (missing, opened) if each)
+        return ends, joined("; ", filter(None, (missing, opened)))
 
     def _continued(self, search: Search, x: np.ndarray) -> End:
         """The end of searches under bounds of Ms that come down to the one that holds, each from the end before."""
@@ -284,16 +284,16 @@ class Tuner:
         noise = ""
         if search.sure * worst.deviation > 0.5 * abs(worst.slack - search.sure * worst.deviation):
             noise = ", for the noise of the measurement there, and it"
-        beyond = 100.0 * (search.sure * worst.deviation - worst.slack)
-        where = Text(f" at {Quantity(worst.frequency, 'Hz')}") if worst.frequency > 0.0 else ""
+        beyond = Quantity(search.sure * worst.deviation - worst.slack, "share")
+        where = f" at {Quantity(worst.frequency, 'Hz')}" if worst.frequency > 0.0 else ""
         others = {b.kind for b in end.judged.bounds if search.room(b) - b.slack > 0.5 * search.broken(end.judged)}
         against = f", in conflict with {', '.join(sorted(others - {worst.kind}))}" if others - {worst.kind} else ""
         found = [self._reachable(search, end, kind) for kind in (worst.kind, *sorted(others - {worst.kind}))]
         reached = [each for each in found if each]
-        best = f"; reachable, each with the other limits kept: {' or '.join(reached)}" if reached else ""
+        best = f"; reachable, each with the other limits kept: {joined(' or ', reached)}" if reached else ""
         raise UnstableError(
             f"no setting was found that keeps {self.limits.sentence()}: {worst.kind}{where} "
-            f"('{self.points[worst.point].name}'){noise} stays {beyond:.3g} % beyond its limit{against}{best}; ease a "
+            f"('{self.points[worst.point].name}'){noise} stays {beyond:3} beyond its limit{against}{best}; ease a "
             f"limit, or add a filter there"
         )
 
@@ -323,7 +323,8 @@ class Tuner:
         worst = max(forced or end.judged.bounds, key=lambda b: end.force.get(b.key, 0.0) * b.deviation)
         raise NotIdentifiableError(
             f"do not tune, measure again: the noise of '{self.points[worst.point].name}' costs "
-            f"{Quantity(cost, 'share'):3} of the goal, most of it from {0.7 * worst.frequency:.4g} to "
+            f"{Quantity(cost, 'share'):3} of the goal, most of it from "
+            f"{Quantity(0.7 * worst.frequency, 'Hz', bare=True)} to "
             f"{Quantity(1.4 * worst.frequency, 'Hz')}, where {worst.kind} is only known to "
             f"{Quantity(worst.deviation, 'share'):2}; excite this band more strongly, or average longer"
         )
@@ -355,7 +356,9 @@ class Tuner:
                 best = other
             else:
                 tried.append(
-                    Text(f"at {Quantity(frequency, 'Hz')}: would gain {max(100.0 * gained, 0.0):.2g} %, not taken")
+                    Text(
+                        f"at {Quantity(frequency, 'Hz')}: would gain {Quantity(max(gained, 0.0), 'share'):2}, not taken"
+                    )
                 )
         return best
 
@@ -391,7 +394,7 @@ def _missing(search: Search, ends: Sequence[End], kinds: Sequence[str]) -> str:
                 if np.isfinite(off)
                 else f"none {told}"
             )
-    return f"searches ended {' and '.join(said)}" if said else ""
+    return Text(f"searches ended {joined(' and ', said)}") if said else ""
 
 
 def _soft(control: Control, name: str) -> bool:

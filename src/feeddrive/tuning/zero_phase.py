@@ -8,7 +8,7 @@ import numpy as np
 
 from feeddrive.blocks.families import Reference
 from feeddrive.language.errors import ParameterError, UnstableError
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, number
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.set_path import ChangedReference, SetPath, changed, sampled, set_path
 
@@ -63,7 +63,7 @@ def inverse_path(loop: Loop | SetPath) -> InversePath:
         )
     poles = np.linalg.eigvals(path.samples[0].A)
     if np.max(np.abs(poles)) >= 1.0:
-        raise UnstableError(f"the loop is unstable: a pole has |z| = {np.max(np.abs(poles)):.6g}")
+        raise UnstableError(f"the loop is unstable: a pole has |z| = {number(np.max(np.abs(poles)), 6)}")
     A = np.real(np.poly(poles[np.abs(poles) > _ORIGIN ** (1.0 / 3.0)]))
     rows = 2 * poles.size + 4
     impulse = np.zeros((rows, 1))

@@ -25,7 +25,7 @@ from feeddrive.language import tree, units
 from feeddrive.language.block import Block
 from feeddrive.language.errors import FeeddriveError, sentence
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Table
+from feeddrive.language.table import UNIT, Cell, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
@@ -160,13 +160,13 @@ def tables(found: Tuned, story: Story) -> list[Table]:
 
 
 def _figures(before: Figures | None, after: Figures, several: bool, today: str) -> Table:
-    rows: list[list[str]] = []
-    for head, unit, read in FIGURES:
+    rows: list[Sequence[Cell]] = []
+    for figure in FIGURES:
         cells = [
-            "-" if each is None else "unstable" if not each.stable else _number(read(each)) for each in (before, after)
+            None if each is None else figure.quantity(each) if each.stable else "unstable" for each in (before, after)
         ]
-        if cells != ["-", "-"]:
-            rows.append([head, *cells, unit])
+        if cells != [None, None]:
+            rows.append([figure.title, *cells, UNIT])
     against = ", against a force at the drive" if after.at_drive else ""
     place = f" at {after.point}" if several else ""
     return Table(f"figures of the closed loop{place}{against}", ["what", today, "new", "unit"], rows)
@@ -200,10 +200,6 @@ def _cells(row: Sequence[Figures], limits: Limits) -> list[str]:
         f"{1e9 * max(each.rope_snap for each in row):.4g}",
         "broken" if broken_limits(row, limits, ROOM) else "kept",
     ]
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:#.4g}".rstrip(".")
 
 
 def _change(before: float, after: float) -> str:

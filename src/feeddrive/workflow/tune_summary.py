@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from feeddrive.language.quantity import USUAL, Quantity
 from feeddrive.tuning.closed_loop import FIGURES, Figures
 from feeddrive.tuning.recipes import JudgedRecipe
 from feeddrive.tuning.tuned import Tuned
@@ -41,6 +42,11 @@ def summary(found: Tuned, said: Sequence[str], rules: Sequence[JudgedRecipe]) ->
     }
 
 
+def _usual(quantity: Quantity | None) -> float | None:
+    """Return a value in the unit that it is usually read in, which these files have had from the first on."""
+    return None if quantity is None else USUAL.of(quantity.unit)[1] * float(quantity.value)
+
+
 def _plain(each: Figures) -> dict[str, float | bool | None]:
-    values = {head: read(each) if each.stable else None for head, _, read in FIGURES}
+    values = {figure.title: _usual(figure.quantity(each)) if each.stable else None for figure in FIGURES}
     return {"stable": each.stable, **{k: None if v is None or not math.isfinite(v) else v for k, v in values.items()}}

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
-from feeddrive.language.table import Result, Table, picture_of
+from feeddrive.language.table import Cell, Column, Result, Table, picture_of
 from feeddrive.study.answers.bands import Band, error_band, stiffness_band
 from feeddrive.study.answers.fronts import Front, FrontKept
 from feeddrive.study.answers.judged import Judged, parts
@@ -74,16 +74,16 @@ class Answers(Result):
 
     def table(self) -> Table:
         """The yield: of each bound and of all together."""
-        rows = [
-            [bound_text(each.bound), f"{each.kept.kept:,}", interval_text(each.kept), f"{each.alone:,}"]
+        rows: list[list[Cell]] = [
+            [bound_text(each.bound), each.kept.kept, interval_text(each.kept), each.alone]
             for each in self.yields.bounds
         ]
         inside = self.yields.inside
         whole = "all of them" if rows else "with figures"
-        rows.append([whole, f"{inside.kept:,}", interval_text(inside), "-"])
+        rows.append([whole, inside.kept, interval_text(inside), None])
         return Table(
             f"{self.study.title}: yield of {inside.of:,} machines",
-            ["kept", "machines", "share (95 % interval)", "break only this"],
+            ["kept", Column("machines", "", ",.0f"), "share (95 % interval)", Column("break only this", "", ",.0f")],
             rows,
         )
 

@@ -16,15 +16,15 @@ import numpy as np
 
 from feeddrive.files.run_files import summary_text, versions
 from feeddrive.language.errors import FeeddriveError, plain
-from feeddrive.language.table import Table
+from feeddrive.language.table import Cell, Column, Table
+from feeddrive.language.text import Text
 from feeddrive.report.page import Shown, render
-from feeddrive.report.sentences import number
 from feeddrive.study.answers import pictures
 from feeddrive.study.answers.answers import Answers
 from feeddrive.study.answers.bands import QUANTILES
 from feeddrive.study.answers.replay import replay_files
 from feeddrive.study.answers.sensitivity import INSIDE
-from feeddrive.study.answers.sentences import interval_text, name_of, read_in, share_text, short, value_text
+from feeddrive.study.answers.sentences import correlation, interval_text, name_of, share_text, short, value_cell
 from feeddrive.study.answers.shares import Share
 from feeddrive.study.places import place
 
@@ -114,30 +114,31 @@ def _ended(table: Table) -> Table:
 
 def _choices(found: Answers) -> Iterator[Table]:
     for column, shares in found.yields.choices.items():
-        rows = [[value, f"{each.of:,}", interval_text(each)] for value, each in shares.items()]
-        yield Table(f"Machines inside the specification by {column}", [column, "machines", "inside"], rows)
+        rows = [[value, share.of, interval_text(share)] for value, share in shares.items()]
+        columns = [column, Column("machines", "", ",.0f"), "inside"]
+        yield Table(f"Machines inside the specification by {column}", columns, rows)
 
 
 def _worst(found: Answers) -> Table:
     columns = found.study.columns
     rows = [
-        [name_of(each.figure), str(case.variant), value_text(each.figure, case.value),
-         *(_cell(case.varied[name], unit) for name, unit in columns.items())]
+        [name_of(each.figure), case.variant, value_cell(each.figure, case.value),
+         *(_cell(case.varied[name]) for name in columns)]
         for each in found.worst
         for case in each.cases[:1]
     ]  # fmt: skip
-    heads = ["figure", "variant", "value", *_heads(columns)]
+    heads = ["figure", "variant", "value", *_columns(columns)]
     return Table("The worst machine by each figure, with what varies in it", heads, rows)
 
 
-def _heads(columns: Mapping[str, str]) -> list[str]:
-    """What varies, by SI unit, each with the unit in which it is read."""
+def _columns(columns: Mapping[str, str]) -> list[Column]:
+    """Return the columns of what varies, whose SI units are the values of a mapping."""
     names = short(list(columns))
-    return [f"{names[name]} {read_in(unit)[0]}".rstrip() for name, unit in columns.items()]
+    return [Column(names[name], unit) for name, unit in columns.items()]
 
 
-def _cell(value: Any, unit: str) -> str:
-    return number(read_in(unit)[1] * float(value), 4) if isinstance(value, float) else str(value)
+def _cell(value: Any) -> Cell:
+    return value if isinstance(value, float) else str(value)
 
 
 def _method(found: Answers) -> str:
@@ -166,18 +167,21 @@ def _decides(found: Answers) -> Iterator[Table]:
         for what, said in (("first", "alone"), ("total", "together with what it does with others")):
             rows = [
                 [figures[each.output], *(
-                    share_text(value, interval).replace(" %", "")
+                    share_text(value, interval)
                     for value, interval in zip(getattr(each, what), getattr(each, f"{what}_interval").T, strict=True)
                 )]
                 for each in found.sobol
             ]  # fmt: skip
             yield Table(
-                f"Share of the variance in % that each decides {said}, with its 95 % interval", ["figure", *names], rows
+                f"Share of the variance that each decides {said}, with its 95 % interval", ["figure", *names], rows
             )
     columns = list(dict.fromkeys(each.column for each in found.correlations))
     by = {(each.output, each.column): each.value for each in found.correlations}
     rows = [
-        [figures[output], *(f"{by[output, column]:+.2f}" if (output, column) in by else "–" for column in columns)]
+        [
+            figures[output],
+            *(Text(correlation(by[output, column])) if (output, column) in by else None for column in columns),
+        ]
         for output in dict.fromkeys(each.output for each in found.correlations)
     ]
     if rows:
@@ -237,14 +241,13 @@ def _front(found: Answers) -> Table | None:
     rows, figures = found.front.rows, list(found.front.figures.values())
     columns = found.study.columns
     body = [
-        [str(rows.variant[i]), *(value_text(each, float(rows.figures[each.name][i])) for each in figures),
-         "inside" if rows.inside[i] else "outside",
-         *(_cell(rows.varied[name][i], unit) for name, unit in columns.items())]
+        [int(rows.variant[i]), *(value_cell(each, float(rows.figures[each.name][i])) for each in figures),
+         "inside" if rows.inside[i] else "outside", *(_cell(rows.varied[name][i]) for name in columns)]
         for i in range(min(_FRONT, rows.variant.size))
     ]  # fmt: skip
     beyond = f", the first {_FRONT}" if rows.variant.size > _FRONT else ""
     said = f"{rows.variant.size:,} machines of which no other one is better in all{beyond}"
-    return Table(said, ["variant", *map(name_of, figures), "specification", *_heads(columns)], body)
+    return Table(said, ["variant", *map(name_of, figures), "specification", *_columns(columns)], body)
 
 
 def _facts(found: Answers) -> list[tuple[str, str]]:

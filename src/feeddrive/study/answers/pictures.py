@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from feeddrive.language.quantity import USUAL, Quantity, unit_name
+from feeddrive.language.text import marked
 from feeddrive.plot import style
 from feeddrive.study.answers.bands import Band
 from feeddrive.study.answers.judged import Judged
 from feeddrive.study.answers.sensitivity import INSIDE, RankCorrelation, SobolIndices
-from feeddrive.study.answers.sentences import bound_text, name_of, read_in, short
+from feeddrive.study.answers.sentences import bound_text, name_of, short
 from feeddrive.study.answers.yields import Yield
 from feeddrive.study.figure import Figure
 from feeddrive.study.model_figures import StiffnessAt
@@ -32,13 +34,17 @@ _INSIDE, _OUTSIDE = style.COLORS[0], style.COLORS[1]
 
 def labelled(figure: Figure) -> str:
     """A figure with its unit, for an axis."""
-    unit, _ = read_in(figure.unit)
-    return f"{name_of(figure)} ({unit})" if unit else name_of(figure)
+    return f"{name_of(figure)} ({unit_name(figure.unit)})" if figure.unit else name_of(figure)
+
+
+def _scale(unit: str) -> float:
+    """Return the factor from an SI unit to the unit in which it is drawn."""
+    return USUAL.of(unit)[1]
 
 
 def yields(found: Yield) -> Any:
     """A row for each bound and one for all: the share that keeps it, with its interval."""
-    rows = [(bound_text(each.bound), each.kept) for each in found.bounds]
+    rows = [(marked(bound_text(each.bound)), each.kept) for each in found.bounds]
     rows.append(("all of them" if rows else "with figures", found.inside))
     figure, (ax,) = style.picture(height=0.9 + 0.36 * len(rows))
     for row, (_, share) in enumerate(rows):
@@ -82,7 +88,7 @@ def _figures(study: Study, banded: bool) -> list[Figure]:
 
 
 def _histogram(ax: Axes, figure: Figure, values: np.ndarray, bound: Bound | None) -> None:
-    _, factor = read_in(figure.unit)
+    factor = _scale(figure.unit)
     values = factor * values[np.isfinite(values)]
     if values.size:
         low, high = float(values.min()), float(values.max())
@@ -90,7 +96,7 @@ def _histogram(ax: Axes, figure: Figure, values: np.ndarray, bound: Bound | None
             low, high = style.padded(low, high)
         edges = np.linspace(low, high, min(40, 5 + values.size // 8) + 1)
         ax.hist(values, bins=list(edges), color=_INSIDE, alpha=0.75, edgecolor=style.PAPER, linewidth=0.5)
-        style.note(ax, f"median {np.median(values):.4g}")
+        style.note(ax, f"median {Quantity(np.median(values) / factor, figure.unit, bare=True)}")
     for end in () if bound is None else (bound.least, bound.most):
         if end is not None:
             ax.axvline(factor * end, color=style.ALERT, linewidth=1.4, linestyle=(0, (5, 2)))
@@ -162,25 +168,25 @@ def _named_rows(ax: Axes, some: Sequence[str], names: Sequence[str]) -> None:
 def stiffness_band(band: Band) -> Any:
     """Quantiles of the dynamic stiffness over frequency."""
     figure, (ax,) = style.picture(height=3.2)
-    _band(ax, band, 1e-6)
+    _band(ax, band)
     ax.set_yscale("log")
     style.plain_decades(ax.yaxis, between=True)
     style.frequency_axis(ax, float(band.x[0]), float(band.x[-1]))
-    style.labels(ax, "frequency (Hz)", "dynamic stiffness (N/µm)")
+    style.labels(ax, f"frequency ({unit_name('Hz')})", f"dynamic stiffness ({unit_name(band.unit)})")
     return figure
 
 
 def error_band(band: Band) -> Any:
     """Quantiles of the following error over time."""
     figure, (ax,) = style.picture(height=3.0)
-    _band(ax, band, 1e6)
+    _band(ax, band)
     ax.set_ylim(0.0, None)
-    style.labels(ax, "time (s)", "largest following error (µm)")
+    style.labels(ax, "time (s)", f"largest following error ({unit_name(band.unit)})")
     return figure
 
 
-def _band(ax: Axes, band: Band, factor: float) -> None:
-    values = factor * band.quantiles
+def _band(ax: Axes, band: Band) -> None:
+    values = _scale(band.unit) * band.quantiles
     ax.fill_between(band.x, values[0], values[4], color=_INSIDE, alpha=0.18, linewidth=0)
     ax.fill_between(band.x, values[1], values[3], color=_INSIDE, alpha=0.35, linewidth=0)
     ax.plot(band.x, values[2], color=_INSIDE, linewidth=style.LINE)
@@ -210,6 +216,6 @@ def front(found: Front, sample: Judged) -> Any:
 def _place(
     figures: Mapping[str, np.ndarray], first: Figure, other: Figure, chosen: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    x, y = (read_in(each.unit)[1] * figures[each.name][chosen] for each in (first, other))
+    x, y = (_scale(each.unit) * figures[each.name][chosen] for each in (first, other))
     seen = np.isfinite(x) & np.isfinite(y)
     return x[seen], y[seen]

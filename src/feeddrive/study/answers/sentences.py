@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import shown
 from feeddrive.language.text import Text
-from feeddrive.plot.style import written
-from feeddrive.report.sentences import number
 from feeddrive.study.answers.sensitivity import RankCorrelation, SobolIndices
 from feeddrive.study.answers.shares import Share
 from feeddrive.study.answers.yields import BoundYield, Yield
@@ -18,21 +16,13 @@ from feeddrive.study.figure import Figure
 from feeddrive.study.specification import Bound
 from feeddrive.study.study import Study
 
-_STIFF = ("N/um", 1e-6)
 _NAMED = 3  # quantities of a sentence
 _INFLUENCE = 0.05  # a share of the variance below which a quantity is not named
 
 
-def read_in(unit: str) -> tuple[str, float]:
-    """The unit in which people read a quantity of an SI unit, and the factor to it."""
-    name, factor = _STIFF if unit == "N/m" else shown(unit)
-    return written(name), factor
-
-
-def value_text(figure: Figure, value: float) -> str:
-    """A value of a figure with its unit."""
-    unit, factor = read_in(figure.unit)
-    return f"{number(factor * value)} {unit}".rstrip()
+def value_cell(figure: Figure, value: float) -> Quantity | str:
+    """Return a value of a figure as a cell of a table."""
+    return "∞" if np.isposinf(value) else Quantity(value, figure.unit, form="3")
 
 
 def name_of(figure: Figure) -> str:
@@ -52,29 +42,30 @@ def short(names: Sequence[str]) -> dict[str, str]:
 
 
 def bound_text(bound: Bound) -> str:
-    """As `following error peak ≤ 30 µm`."""
-    unit, factor = read_in(bound.figure.unit)
-    low = "" if bound.least is None else f"{factor * bound.least:.6g} ≤ "
-    high = "" if bound.most is None else f" ≤ {factor * bound.most:.6g}"
-    if low and not high:
-        low, high = "", f" ≥ {low[:-3]}"
-    return f"{low}{name_of(bound.figure)}{high} {unit}".rstrip()
+    """Return a bound as `following error peak ≤ 30 µm`."""
+    least, most = (
+        None if end is None else Quantity(end, bound.figure.unit, form="6") for end in (bound.least, bound.most)
+    )
+    if most is None:
+        return Text(f"{name_of(bound.figure)} ≥ {least}")
+    low = "" if least is None else f"{replace(least, bare=True)} ≤ "
+    return Text(f"{low}{name_of(bound.figure)} ≤ {most}")
 
 
 def interval_text(share: Share) -> str:
-    """As `93.5 % (89.1 to 96.5 %)`."""
+    """Return a share as `93.5 % (89.1 to 96.5 %)`."""
     interval = share.interval
     if interval is None:
-        return f"{_percent(share.value)} %"
-    return f"{_percent(share.value)} % ({_percent(interval[0])} to {_percent(interval[1])} %)"
+        return Text(f"{_percent(share.value)}")
+    return Text(f"{_percent(share.value)} ({_percent(interval[0], bare=True)} to {_percent(interval[1])})")
 
 
-def _percent(share: float) -> str:
-    """In percent, with as many digits as are needed to tell it from 0 and 100."""
+def _percent(share: float, *, bare: bool = False) -> Quantity:
+    """Return a share with as many digits as are needed to tell it from 0 and 100 %."""
     value = 100.0 * share
     far = min(value, 100.0 - value)
     digits = 1 if far >= 1.0 or far <= 0.0 else 2 if far >= 0.1 else 4
-    return f"{value:.{digits}f}"
+    return Quantity(share, "share", form=f".{digits}f", bare=bare)
 
 
 def sentences(
@@ -84,10 +75,10 @@ def sentences(
     inside = yields.inside
     keep = "keep the specification" if study.specification else "have figures; the study states no specification"
     interval = inside.interval
-    said = f"{inside.kept:,} of {inside.of:,} machines ({_percent(inside.value)} %"
+    said = f"{inside.kept:,} of {inside.of:,} machines ({_percent(inside.value)}"
     if interval is not None:
-        said += f", 95 % interval {_percent(interval[0])} to {_percent(interval[1])} %"
-    found = [f"{said}) {keep}."]
+        said += f", 95 % interval {_percent(interval[0], bare=True)} to {_percent(interval[1])}"
+    found: list[str] = [Text(f"{said}) {keep}.")]
     if study.sampler == "grid":
         found[0] += " They are the points of a grid and not a sample: the share has no interval."
     if yields.bad and study.specification:
@@ -107,7 +98,9 @@ def _fails(hardest: BoundYield, inside: Share) -> str:
     broken = hardest.kept.of - hardest.kept.kept
     alone = f", {hardest.alone:,} of them no other bound" if 0 < hardest.alone < broken else ""
     outside = inside.of - inside.kept
-    return f"What fails most is {bound_text(hardest.bound)}: {broken:,} of the {outside:,} outside break it{alone}."
+    return Text(
+        f"What fails most is {bound_text(hardest.bound)}: {broken:,} of the {outside:,} outside break it{alone}."
+    )
 
 
 def _decides(figure: Figure, sobol: Sequence[SobolIndices], names: Mapping[str, str]) -> list[str]:
@@ -123,7 +116,7 @@ def _decides(figure: Figure, sobol: Sequence[SobolIndices], names: Mapping[str, 
             (names[found.factors[i]], share_text(found.first[i], found.first_interval[:, i])) for i in named
         ]
         rest = "".join(f", {name} {share}" for name, share in others)
-        said.append(f"{first[0]} alone decides {first[1]} of the variance of {name_of(figure)}{rest}.")
+        said.append(Text(f"{first[0]} alone decides {first[1]} of the variance of {name_of(figure)}{rest}."))
     together = 1.0 - float(np.sum(found.first))
     if together >= _INFLUENCE:
         said.append(Text(f"{Quantity(together, 'share'):.0f} of it is decided by several together."))
@@ -131,9 +124,18 @@ def _decides(figure: Figure, sobol: Sequence[SobolIndices], names: Mapping[str, 
 
 
 def share_text(value: float, interval: np.ndarray) -> str:
-    """A share of a variance as `63 % (40 to 88 %)`."""
-    middle, low, high = (round(100.0 * float(each)) for each in (value, *interval))
-    return f"{middle} % ({low} to {high} %)"
+    """Return a share of a variance as `63 % (40 to 88 %)`."""
+    middle, low, high = (Quantity(part, "share", form=".0f") for part in (value, *interval))
+    return Text(f"{middle} ({replace(low, bare=True)} to {high})")
+
+
+def correlation(value: float) -> str:
+    """Return a correlation coefficient, with its sign, as a text with a mark."""
+    return f"{Quantity(value):+.2f}"
+
+
+def _between(found: RankCorrelation) -> str:
+    return "" if found.interval is None else " to ".join(map(correlation, found.interval))
 
 
 def _goes_with(figure: Figure, correlations: Sequence[RankCorrelation], names: Mapping[str, str]) -> list[str]:
@@ -142,13 +144,11 @@ def _goes_with(figure: Figure, correlations: Sequence[RankCorrelation], names: M
     if not own:
         return []
     said = [
-        f"{names[each.column]} ({each.value:+.2f}"
-        + ("" if each.interval is None else f", 95 % interval {each.interval[0]:+.2f} to {each.interval[1]:+.2f}")
-        + ")"
+        f"{names[each.column]} ({', 95 % interval '.join(filter(None, (correlation(each.value), _between(each))))})"
         for each in own
     ]
     name = name_of(figure)
     return [
-        f"{name[:1].upper()}{name[1:]} goes most with {', '.join(said)}, by rank correlation.",
+        Text(f"{name[:1].upper()}{name[1:]} goes most with {', '.join(said)}, by rank correlation."),
         'Shares of its variance need the sampler "saltelli".',
     ]
