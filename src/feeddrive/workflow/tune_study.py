@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from feeddrive.figures.of_loops import ROPE_SNAP
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.run_files import summary_text
@@ -23,7 +24,7 @@ from feeddrive.language.text import capitalized
 from feeddrive.loop.control import Control
 from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
 from feeddrive.study.fresh import Measured
-from feeddrive.study.robust import SNAP, Robust, RobustTuner, in_percent, said
+from feeddrive.study.robust import Robust, RobustTuner, in_percent, said
 from feeddrive.tuning.candidates import candidates, control_with
 from feeddrive.tuning.tunables import law_tunables
 from feeddrive.workflow.command import Outcome
@@ -59,7 +60,7 @@ class Laws:
 
 
 def _cells(fresh: Measured) -> list[str]:
-    return [in_percent(fresh.all), *(f"{1e9 * fresh.quantile(SNAP, share):.4g}" for share in (0.5, 0.95))]
+    return [in_percent(fresh.all), *(f"{1e9 * fresh.quantile(ROPE_SNAP.key, share):.4g}" for share in (0.5, 0.95))]
 
 
 def tune_laws(tuner: RobustTuner, law: str | None) -> Laws:
@@ -88,7 +89,9 @@ def tune_laws(tuner: RobustTuner, law: str | None) -> Laws:
             refused[name] = str(error)
     if not found:
         raise UnstableError(f"no law keeps {tuner.limits.sentence()} on the machines of the study: {_first(refused)}")
-    best = sorted(found, key=lambda each: (-found[each].after.all.kept, found[each].after.quantile(SNAP, 0.95)))
+    best = sorted(
+        found, key=lambda each: (-found[each].after.all.kept, found[each].after.quantile(ROPE_SNAP.key, 0.95))
+    )
     return Laws({name: found[name] for name in best}, refused)
 
 
@@ -133,8 +136,8 @@ def _remarks(tuner: RobustTuner, laws: Laws) -> list[str]:
     made = [f"held back by {each.sentence()}" for each in best.tuned.held]
     made += [f"proof, {line.what}: does not hold ({line.said})" for line in best.tuned.proof if line.holds is False]
     made += [f"not settled: {best.unsettled}"] if best.unsettled else []
-    kept = {bound.figure.name for bound in tuner.kept_bounds}
-    beside = [said(bound) for bound in best.after.bounds if bound.figure.name not in kept]
+    kept = {bound.figure.key for bound in tuner.kept_bounds}
+    beside = [said(bound) for bound in best.after.bounds if bound.figure.key not in kept]
     if beside:
         made.append(f"counted in the yield, but not kept by the tuner: {', '.join(beside)}")
     made += [f"variant {number} was left out: {reason}" for number, reason in best.bad[:5]]
