@@ -30,7 +30,7 @@ def main() -> None:
         for reading in ("reading_load", "reading_motor")
     )
     T = loop.sample_time
-    limits = fd.tuning.Limits(sensitivity_peak=2.0, compliance_peak=0.2e-6)
+    limits = fd.tuning.Limits(sensitivity_peak=2.0, compliance_peak_m_per_N=0.2e-6)
 
     def one() -> fd.tuning.Tuned:
         return fd.tuning.tune_control(

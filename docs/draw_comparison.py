@@ -13,6 +13,7 @@ from feeddrive.comparison.compare import Comparison, compare_laws
 from feeddrive.comparison.figures import CRITERIA
 from feeddrive.comparison.report import figure
 from feeddrive.files.machine import read_machine
+from feeddrive.language.text import Text
 from feeddrive.loop.runner import cores
 from feeddrive.tuning.candidates import PLAIN
 
@@ -28,7 +29,7 @@ def markdown(found: Comparison) -> str:
         "delay margin",
         "noise N/nm",
         "held back by",
-        *(f"{c.head} {c.unit}" for c in CRITERIA),
+        *(str(Text(criterion.column().named())) for criterion in CRITERIA),
         "rank",
     ]
     lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
@@ -37,7 +38,7 @@ def markdown(found: Comparison) -> str:
         cells += [f"{1e-9 * each.figures['noise_gain_N_per_m']:.3g}", each.held_by]
         for criterion in CRITERIA:
             value = each.figures.get(criterion.key)
-            cells.append("–" if value is None else figure(value, criterion))
+            cells.append("–" if value is None else str(Text(figure(value, criterion))))
         cells.append(each.unplaced or str(found.places(CRITERIA[0])[found.competitors.index(each)]))
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)

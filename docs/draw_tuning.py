@@ -32,7 +32,7 @@ def main() -> None:
     """Draw it."""
     loop = fd.read_machine("ball_screw").loop("x")
     point = measured(loop, np.random.default_rng(0))
-    limits = fd.tuning.Limits(sensitivity_peak=2.0, compliance_peak=0.2e-6)
+    limits = fd.tuning.Limits(sensitivity_peak=2.0, compliance_peak_m_per_N=0.2e-6)
     free = fd.tuning.tune_control(loop.control, point, limits=limits, filters="placed")
     soft = fd.tuning.tune_control(loop.control, point, goal="bandwidth", limits=limits, filters="kept")
     curves = {

@@ -28,7 +28,7 @@ point = fd.tuning.measured_point(load, motor, disturbance=hammer, sample_time=T)
 rule = fd.tuning.margin_goals(point, loop.control, goal="robust")
 print(f"by rule: Kv {rule.law.Kv:.0f} 1/s, Kp {rule.law.Kp:.0f} N s/m, Tn {1e3 * rule.law.Tn:.1f} ms")
 
-limits = fd.tuning.Limits(sensitivity_peak=2.0, compliance_peak=0.2e-6)
+limits = fd.tuning.Limits(sensitivity_peak=2.0, compliance_peak_m_per_N=0.2e-6)
 for filters in ("kept", "free", "placed"):
     found = fd.tuning.tune_control(loop.control, point, limits=limits, filters=filters)
     true = dataclasses.replace(loop, control=found.control)

@@ -8,6 +8,7 @@ from feeddrive import certificate as certificate
 from feeddrive import comparison as comparison
 from feeddrive import cosimulation as cosimulation
 from feeddrive import export as export
+from feeddrive import figures as figures
 from feeddrive import files as files
 from feeddrive import identification as identification
 from feeddrive import loop as loop

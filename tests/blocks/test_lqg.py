@@ -249,7 +249,7 @@ def test_a_search_finds_more_than_the_table() -> None:
     from feeddrive.tuning.tune import tune_control
 
     limits = {
-        noise: Limits(2.0, delay_margin_samples=2.0, force_noise=noise, reading_noise=(1.0, 1.0))
+        noise: Limits(sensitivity_peak=2.0, delay_margin_samples=2.0, force_noise_N=noise, reading_noise=(1.0, 1.0))
         for noise in (1.5e9, 1.2e9)
     }
     found = tune_control(

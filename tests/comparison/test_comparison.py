@@ -24,8 +24,9 @@ from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.cli.terminal import show
 from feeddrive.comparison.compare import FIXED, PLAIN, TODAY, Comparison, compare_laws
-from feeddrive.comparison.figures import CRITERIA, Criterion, duty_of, ranks
+from feeddrive.comparison.figures import CRITERIA, duty_of, ranks
 from feeddrive.comparison.report import figures_csv, write_comparison
+from feeddrive.figures.figure import Figure
 from feeddrive.files.machine import MachineFile, read_machine
 from feeddrive.language import tree
 from feeddrive.language.errors import CancelledError, ParameterError
@@ -164,8 +165,8 @@ def test_processes_side_by_side_give_the_same(found: Comparison) -> None:
 
 def test_places() -> None:
     rows: list[dict[str, float | None]] = [{"a": 1.0}, {"a": 1.001}, {"a": 2.0}, {"a": None}, {"a": np.inf}, {}]
-    assert ranks(Criterion("a", "", ""), rows) == [1, 1, 3, None, 4, None]
-    assert ranks(Criterion("a", "", "", higher=True), rows) == [3, 3, 2, None, 1, None]
+    assert ranks(Figure("a", "a", "", "model", len), rows) == [1, 1, 3, None, 4, None]
+    assert ranks(Figure("a", "a", "", "model", len, "higher"), rows) == [3, 3, 2, None, 1, None]
 
 
 def test_the_work_follows_the_limits_of_the_machine() -> None:
@@ -375,7 +376,7 @@ def test_what_breaks_the_rule_is_shown_and_not_placed() -> None:
 def test_stiffness_at_10_and_100_Hz_stands_beside_the_rope_snap_everywhere(found: Comparison) -> None:
     keys = ("rope_snap_ISE_root_m_per_N", "stiffness_10_Hz_N_per_m", "stiffness_100_Hz_N_per_m")
     assert tuple(criterion.key for criterion in CRITERIA[:3]) == keys
-    assert {"snap nm √s/N", "10 Hz N/um", "100 Hz N/um"} <= set(found.table().heads)
+    assert {"snap ISE^½ nm √s/N", "10 Hz N/um", "100 Hz N/um"} <= set(found.table().heads)
     assert set(keys) <= set(figures_csv(found).splitlines()[0].split(","))
     for each in found.competitors:
         frequency = np.array([10.0])

@@ -228,7 +228,7 @@ def _rows(study: Study, error: np.ndarray, reasons: dict[int, str] | None = None
     rng = np.random.default_rng(1)
     error = np.where([i in reasons for i in range(error.size)], np.nan, error)
     columns = {"variant": np.arange(error.size), **{name: rng.random(error.size) for name in study.columns}}
-    columns |= {each.name: error for each in study.measure}
+    columns |= {each.key: error for each in study.measure}
     return arrow.table(columns | {"reason": arrow.array([reasons.get(i) for i in range(error.size)], arrow.string())})
 
 
@@ -286,7 +286,7 @@ def test_worst_machines_run_again(found, tmp_path) -> None:
     for worst in found.worst:
         case = worst.cases[0]
         sign = 1.0 if worst.figure.better == "lower" else -1.0
-        assert sign * case.value == np.max(sign * found.sample.figures[worst.figure.name])
+        assert sign * case.value == np.max(sign * found.sample.figures[worst.figure.key])
         job = read_job(tmp_path / "out" / "worst" / f"variant_{case.variant:08d}.toml")
         assert job.seed == found.study.seed + case.variant  # 1 pm of noise, which the last bits see
         row = run_laws(job).rows[0]

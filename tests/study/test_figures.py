@@ -9,13 +9,13 @@ import pytest
 
 from feeddrive.analysis.loop_model import loop_model
 from feeddrive.comparison.figures import linear
+from feeddrive.figures.catalogue import figure, figures, measurable
+from feeddrive.figures.figure import Figure, Statistics
+from feeddrive.figures.linear_loop import LinearLoop
 from feeddrive.files.job import read_job
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.loop.simulate import simulate, simulate_batch
-from feeddrive.study import LinearLoop, Statistics, figures
-from feeddrive.study.figure import Figure
-from feeddrive.study.figures import figure
 from feeddrive.study.specification import Bound
 
 PAGE = Path(__file__).parents[2] / "docs" / "studies.md"
@@ -23,7 +23,10 @@ LOOP = read_job("ball_screw").loops["today"]
 
 
 def test_the_page_has_every_figure_as_it_is_declared() -> None:
-    rows = [f"| `{each.name}` | {each.unit or '1'} | {each.meaning!s} | {each.needs} |" for each in figures().values()]
+    rows = [
+        f"| `{key}` | {figure.unit or '1'} | {figure.description!s} | {figure.needs} |"
+        for key, figure in measurable().items()
+    ]
     text = PAGE.read_text(encoding="utf-8")
     assert [row for row in rows if row not in text] == []
 
@@ -33,8 +36,8 @@ def test_model_figures_are_those_of_a_comparison() -> None:
     compared = [name for name, each in figures().items() if each.needs == "model" and name in theirs]
     assert len(compared) >= 9
     for name in compared:
-        assert figures()[name].of(own) == pytest.approx(theirs[name], rel=1e-12)
-    assert figure("stiffness_35.5_Hz_N_per_m").of(own) == pytest.approx(
+        assert figures()[name].value(own) == pytest.approx(theirs[name], rel=1e-12)
+    assert figure("stiffness_35.5_Hz_N_per_m").value(own) == pytest.approx(
         1.0 / abs(own.model.closed.response(np.array([35.5]), "position_load", "load_force").response[0]), rel=1e-12
     )
 
@@ -50,36 +53,36 @@ def test_statistics_are_those_of_the_single_runs() -> None:
         run = simulate(tree.vary(LOOP, {"axis.x.plant.mass_load": float(mass)}), job.reference, duration=0.3)
         for each in names:
             values = run[each.signals[0]]
-            own = np.sqrt(np.mean(values**2)) if "_rms_" in each.name else np.max(np.abs(values))
-            assert each.of(batch)[i] == pytest.approx(own, rel=1e-12)
+            own = np.sqrt(np.mean(values**2)) if "_rms_" in each.key else np.max(np.abs(values))
+            assert each.value(batch)[i] == pytest.approx(own, rel=1e-12)
 
 
 def test_an_unstable_loop_has_no_figures() -> None:
     fast = tree.vary(LOOP, {"axis.x.control.law.Kp": 1e7})
     with pytest.raises(UnstableError, match="the loop is not stable"):
-        figure("sensitivity_peak").of(LinearLoop(fast))
+        figure("sensitivity_peak").value(LinearLoop(fast))
 
 
 def test_a_module_is_imported_only_if_it_is_allowed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "mine_of_figures.py").write_text(
-        "from feeddrive.study import Figure\n"
-        'own = Figure("end_m", "m", "last error", "run", lambda run: abs(float(run["tracking_error"][-1])))\n',
+        "from feeddrive.figures import Figure\n"
+        'own = Figure("end_m", "last error", "m", "run", lambda run: abs(float(run["tracking_error"][-1])))\n',
         encoding="utf-8",
     )
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(ParameterError, match="one of your own is found by --allow MODULE"):
         figure("end_m")
-    assert figure("end_m", ["mine_of_figures"]).meaning == "last error"
+    assert figure("end_m", ["mine_of_figures"]).title == "last error"
     assert "end_m" not in figures()
     with pytest.raises(ParameterError, match="--allow names 'mine_of_nothing': it cannot be imported"):
         figures(["mine_of_nothing"])
-    with pytest.raises(ParameterError, match=r"it holds no feeddrive\.study\.Figure"):
+    with pytest.raises(ParameterError, match=r"it holds no feeddrive\.figures\.Figure"):
         figures(["json"])
 
 
 def test_two_figures_of_one_name_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "twice_of_figures.py").write_text(
-        'from feeddrive.study import Figure\nown = Figure("force_rms_N", "N", "mine", "run", len)\n', encoding="utf-8"
+        'from feeddrive.figures import Figure\nown = Figure("force_rms_N", "mine", "N", "run", len)\n', encoding="utf-8"
     )
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(ParameterError, match="there is a figure 'force_rms_N' already"):
@@ -88,7 +91,7 @@ def test_two_figures_of_one_name_are_refused(tmp_path: Path, monkeypatch: pytest
 
 def test_a_figure_needs_what_there_is() -> None:
     with pytest.raises(ParameterError, match="needs = 'signals' must be one of statistics, model, run"):
-        Figure("a", "", "b", "signals", len)
+        Figure("a", "b", "", "signals", len)
 
 
 def test_a_bound_is_kept_up_to_its_ends_and_never_by_nan() -> None:

@@ -252,8 +252,8 @@ def with_own_figure(folder: Path, body: str, patch: pytest.MonkeyPatch) -> Study
     """A study that measures a figure of a module in the folder; two chunks."""
     name = f"figure_{folder.name}"
     (folder / f"{name}.py").write_text(
-        f"import os\nfrom feeddrive.study import Figure\ndef of(statistics): {body}\n"
-        "own = Figure('own_N', 'N', 'a figure', 'statistics', of, signals=('force',))\n"
+        f"import os\nfrom feeddrive.figures import Figure\ndef of(statistics): {body}\n"
+        "own = Figure('own_N', 'a figure', 'N', 'statistics', of, signals=('force',))\n"
     )
     patch.syspath_prepend(folder)
     return read_study(study_of(folder, 8, 4, "own_N"), allow=[name])

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as arrow
 import pytest
 
+from feeddrive.figures.linear_loop import LinearLoop
 from feeddrive.files.machine import BUNDLED
 from feeddrive.language.errors import CancelledError, FileError, ParameterError
 from feeddrive.language.progress import Progress
@@ -19,7 +20,6 @@ from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Batch, simulate, simulate_batch
 from feeddrive.study.cases import cases
 from feeddrive.study.chunk import run_chunk
-from feeddrive.study.model_figures import LinearLoop
 from feeddrive.study.study import Study, read_study
 from feeddrive.study.sweep import sweep
 from feeddrive.study.variants import variants

@@ -41,12 +41,12 @@ tolerance_percent = 20
 MODEL = '"sensitivity_peak", "stiffness_least_N_per_m"'
 DEADLY = """
 import os, signal
-from feeddrive.study import Figure
+from feeddrive.figures import Figure
 
 def of(run):
     os.kill(os.getpid(), signal.SIGKILL)
 
-deadly = Figure("deadly", "", "ends the process that computes it", "run", of)
+deadly = Figure("deadly", "ends the process that computes it", "", "run", of)
 """
 REASON = "each process takes a second to begin"
 

@@ -76,13 +76,15 @@ def test_of_several_points_the_worst_leads(loop: Loop) -> None:
 
 def test_the_limit_that_is_broken_most_leads_with_its_place(loop: Loop, by_hand: ByHand) -> None:
     """Each figure at its own frequency; their order is that of the share of the limit that they use."""
-    limits = Limits(sensitivity_peak=4.0, phase_margin_deg=30.0, compliance_peak=1e-9, delay_margin_samples=1e-3)
+    limits = Limits(
+        sensitivity_peak=4.0, phase_margin_deg=30.0, compliance_peak_m_per_N=1e-9, delay_margin_samples=1e-3
+    )
     look = by_hand.at(by_hand.values, limits)
-    kinds = [each.judged.kind for each in look.judged]
+    kinds = [each.judged.figure.title for each in look.judged]
     assert kinds[0] == "peak compliance"
     assert kinds[-1] == "delay margin"
     assert [each.keeps for each in look.judged] == [False, True, True, True]
-    stiff, found = look.leading.stiffness, {each.judged.kind: each for each in look.judged}
+    stiff, found = look.leading.stiffness, {each.judged.figure.title: each for each in look.judged}
     assert found["peak compliance"].used == pytest.approx(1e9 / stiff.minimum)
     assert stiff.at(found["peak compliance"].frequency) == pytest.approx(stiff.minimum, rel=1e-3)
     margins = look.leading.margins
@@ -92,9 +94,9 @@ def test_the_limit_that_is_broken_most_leads_with_its_place(loop: Loop, by_hand:
 
 
 def test_noise_of_the_readings_is_judged_where_it_is_given(by_hand: ByHand) -> None:
-    limits = Limits(force_noise=1.0, reading_noise=(1e-8, 1e-8))
-    noise = {each.judged.kind: each for each in by_hand.at(by_hand.values, limits).judged}["force noise"]
-    twice = Limits(force_noise=1.0, reading_noise=(2e-8, 2e-8))
-    more = {each.judged.kind: each for each in by_hand.at(by_hand.values, twice).judged}["force noise"]
+    limits = Limits(force_noise_N=1.0, reading_noise=(1e-8, 1e-8))
+    noise = {each.judged.figure.title: each for each in by_hand.at(by_hand.values, limits).judged}["force noise"]
+    twice = Limits(force_noise_N=1.0, reading_noise=(2e-8, 2e-8))
+    more = {each.judged.figure.title: each for each in by_hand.at(by_hand.values, twice).judged}["force noise"]
     assert more.judged.value == pytest.approx(2.0 * (noise.judged.value or 0.0))
     assert noise.frequency is None

@@ -54,7 +54,7 @@ def screw() -> Loop:
     return read_machine("ball_screw").loop("x")
 
 
-BARS = Limits(2.0, delay_margin_samples=2.0)
+BARS = Limits(sensitivity_peak=2.0, delay_margin_samples=2.0)
 
 
 def tuned(loop: Loop, limits: Limits = BARS, **asked: Any) -> Tuned:
@@ -123,7 +123,7 @@ def test_the_delay_margin_can_be_the_bound(motor: Loop) -> None:
 
 
 def test_a_tighter_bound_costs_rope_snap(motor: Loop) -> None:
-    softer = tuned(motor, Limits(1.6, delay_margin_samples=2.0), starts=1).after[0]
+    softer = tuned(motor, Limits(sensitivity_peak=1.6, delay_margin_samples=2.0), starts=1).after[0]
     assert softer.margins.sensitivity_peak <= 1.6
     assert softer.rope_snap > 1.2 * tuned(motor, starts=1).after[0].rope_snap
 
@@ -146,7 +146,7 @@ def test_what_is_no_knob_is_refused(motor: Loop) -> None:
     with pytest.raises(ParameterError, match="number > 0"):
         tuned(tree.vary(motor, {"axis.x.control.feedforward.0.viscous": 0.0}), tunables=["feedforward.0.viscous"])
     with pytest.raises(ParameterError, match="sensitivity_peak = 1 "):
-        Limits(1.0)
+        Limits(sensitivity_peak=1.0)
     with pytest.raises(ParameterError, match="has no axis"):
         tune_control(motor.control)
 
@@ -155,7 +155,7 @@ def test_what_is_no_knob_is_refused(motor: Loop) -> None:
 def test_no_robust_setting_is_an_error_that_says_how_near_it_came(motor: Loop) -> None:
     """With Ms <= 1.3 alone the best law has a peak compliance of 0.102 um/N, twice what is asked for."""
     with pytest.raises(UnstableError, match=r"% beyond its limit, in conflict with .*; reachable.*Ms <= "):
-        tuned(motor, Limits(1.3, compliance_peak=5e-8), starts=1)
+        tuned(motor, Limits(sensitivity_peak=1.3, compliance_peak_m_per_N=5e-8), starts=1)
 
 
 def test_pole_placement_beats_the_cascade_on_the_ball_screw(screw: Loop) -> None:

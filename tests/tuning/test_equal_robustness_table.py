@@ -46,8 +46,8 @@ from feeddrive.tuning.tune import assess, tune_control
 
 T = 1e-4
 ON = {
-    "R": Limits(2.0, delay_margin_samples=2.0, force_noise=1.5e9, reading_noise=(1.0, 1.0)),
-    "W": Limits(2.0, delay_margin_samples=2.0, force_noise=1.2e9, reading_noise=(1.0, 1.0)),
+    "R": Limits(sensitivity_peak=2.0, delay_margin_samples=2.0, force_noise_N=1.5e9, reading_noise=(1.0, 1.0)),
+    "W": Limits(sensitivity_peak=2.0, delay_margin_samples=2.0, force_noise_N=1.2e9, reading_noise=(1.0, 1.0)),
 }
 TOLD = {"R": {"mass": 40.0, "viscous": 60.0}, "W": {"mass": 163.0, "viscous": 1520.0}}
 
@@ -151,7 +151,9 @@ def test_the_published_table_row_by_row(row: Row) -> None:
 def test_without_a_bound_on_the_noise_an_observer_buys_recovery_with_it(
     law: Law, beside: tuple[Compensation, ...], ise: float, noise: float
 ) -> None:
-    found = tune_control(loop("R", law, *beside), limits=Limits(2.0, delay_margin_samples=2.0), filters="kept")
+    found = tune_control(
+        loop("R", law, *beside), limits=Limits(sensitivity_peak=2.0, delay_margin_samples=2.0), filters="kept"
+    )
     assert found.after[0].rope_snap == pytest.approx(ise, rel=0.03)
     exact = force_noise(loop_model(found.loops[0]).closed, 0.0, 1.0, shared=True)
     assert exact == pytest.approx(noise, rel=0.03)
@@ -283,7 +285,9 @@ def rule_of(machine: str) -> Rule:
     return rule.with_noise_of(tune_control(plain.loop, limits=UNBOUND, filters="kept"))
 
 
-UNBOUND = Limits(2.0, delay_margin_samples=2.0, force_noise=1e6, reading_noise=(1e-9, 1e-9))  # noise of 1e15 N/m
+UNBOUND = Limits(
+    sensitivity_peak=2.0, delay_margin_samples=2.0, force_noise_N=1e6, reading_noise=(1e-9, 1e-9)
+)  # noise of 1e15 N/m
 LAWS = (
     PLAIN, "P-PI + recovery", "P-PI + Kalman recovery", "P-PI + GPI recovery", "GPI, 5 Taylor states",
     "GPI, 3 Taylor states", "GPI, 1 Taylor state", "DADSC", "DADSC + recovery", "DADSC + Kalman recovery",

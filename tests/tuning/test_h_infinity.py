@@ -103,12 +103,12 @@ def test_the_goals_agree_on_a_rigid_axis() -> None:
         assert isinstance(law, CascadePPI)
         return law, found.after[0].rope_snap
 
-    plain = Limits(2.0, delay_margin_samples=2.0, **bound)
+    plain = Limits(sensitivity_peak=2.0, delay_margin_samples=2.0, **bound)
     (one, ise), (two, other) = search("rope-snap", plain), search("integral-gain", plain)
     rate = [float(law.Kv * law.Kp / law.Tn) for law in (one, two)]
     assert rate[1] / rate[0] == pytest.approx(1.012, abs=0.012)
     assert other / ise == pytest.approx(1.013, abs=0.013)
-    law, third = search("rope-snap", Limits(2.0, small_gain_samples=2.0, **bound))
+    law, third = search("rope-snap", Limits(sensitivity_peak=2.0, small_gain_samples=2.0, **bound))
     found = margins(FRF(LINES, loop_gain(loop(law), LINES), "cut", "force", "N/N", T))
     assert found.small_gain_delay is not None
     assert found.small_gain_delay / T >= 1.99

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from feeddrive import FRF
-from feeddrive.analysis.margins import margins
+from feeddrive.analysis.margins import logarithms, margins
 from feeddrive.tuning.closed_loop import Figures
 from feeddrive.tuning.limits import Limits, bounds_of, judged
 from feeddrive.tuning.proof import of_measurement
@@ -33,8 +33,8 @@ def slack_of_the_search(lead: float, limit: float) -> float:
     L = loop_gain(lead)
     flat = np.zeros(L.frequency.size)
     each = SimpleNamespace(
-        point=SimpleNamespace(frequency=L.frequency, sample_time=T), gain=L.response, gain_variance=flat,
-        gain_slope=np.zeros((L.frequency.size, 1)),
+        frequency=L.frequency, sample_time=T, gain=L.response, gain_variance=flat,
+        gain_slope=np.zeros((L.frequency.size, 1)), logarithms=logarithms(L.frequency, L.response),
     )  # fmt: skip
     found = bounds_of(0, each, Limits(sensitivity_peak=None, phase_margin_deg=limit))  # type: ignore[arg-type]
     return found[0].slack
@@ -58,15 +58,15 @@ def test_what_does_not_occur_is_called_so_and_keeps_its_limit() -> None:
     """A gain below 1 everywhere has no crossover; it was shown as a phase margin of 0 deg that holds."""
     f = np.geomspace(1.0, 100.0, 51)
     low = margins(FRF(f, np.full(51, 0.1 + 0j), "cut", "force", "N/N", T))
-    found = judged(Limits(phase_margin_deg=30.0), low, 1e-8, None, 0.0)
+    found = judged(Limits(phase_margin_deg=30.0), SimpleNamespace(margins=low), 0.0)  # type: ignore[arg-type]
     assert [each.keeps for each in found] == [True, True]
     assert str(found[1]) == "no phase margin, there is no crossover"
 
 
 def test_the_noise_in_the_force_is_judged_too() -> None:
     """It was a limit of the search alone."""
-    limits = Limits(force_noise=2.0, reading_noise=(1e-8, 1e-8))
+    limits = Limits(force_noise_N=2.0, reading_noise=(1e-8, 1e-8))
     assert broken_limits([figures(60.0, 1.9)], limits) == ""
-    said = "have force noise 2.2 N RMS, not force noise <= 2 N RMS at 10 nm of white noise in the readings"
+    said = "have force noise 2.2 N, not force noise <= 2 N at 10 nm of white noise in the readings"
     assert broken_limits([figures(60.0, 2.2)], limits) == said
     assert of_measurement([figures(60.0, 2.2)], limits)[-1].holds is False

@@ -12,6 +12,8 @@ import feeddrive as fd
 from feeddrive.analysis.loop_model import loop_model
 from feeddrive.analysis.margins import margins
 from feeddrive.analysis.robustness import Robustness, robustness
+from feeddrive.figures.catalogue import goals
+from feeddrive.figures.of_loops import BANDWIDTH, ROPE_SNAP
 from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, ParameterError, UnstableError
 from feeddrive.language.progress import Progress
@@ -20,7 +22,7 @@ from feeddrive.tuning import traced_control
 from feeddrive.tuning.candidates import candidates
 from feeddrive.tuning.closed_loop import answer, encircles, unstable
 from feeddrive.tuning.control_response import ControlResponse
-from feeddrive.tuning.criteria import GOALS, Criteria
+from feeddrive.tuning.criteria import Criteria
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.operating_point import OperatingPoint, measured_point, modelled_point, response_on
 from feeddrive.tuning.search import Search, least_quadratic
@@ -33,7 +35,7 @@ from random_drives import outcome
 from slow_share import all_but
 
 LINES = np.geomspace(2.0, 9000.0, 120)
-BARS = Limits(sensitivity_peak=2.0, compliance_peak=0.2e-6)
+BARS = Limits(sensitivity_peak=2.0, compliance_peak_m_per_N=0.2e-6)
 
 
 @pytest.fixture(scope="module")
@@ -87,13 +89,16 @@ def test_the_response_is_that_of_the_control_itself(screw: fd.Loop, index: int) 
     assert np.max(np.abs(found.compliance / soft.response - 1.0)[part.frequency > 1.0]) < 1e-5
 
 
-@pytest.mark.parametrize("goal", GOALS)
+@pytest.mark.parametrize("goal", goals())
 def test_slopes_are_those_of_differences(placement: fd.Loop, goal: str) -> None:
     names = (*(f"law.{n}" for n in placement.control.law.tunables), "filters.0.frequency", "filters.1.damping")
-    limits = Limits(2.0, 6.0, 30.0, 5.0, 0.2e-6, 5.0, (1e-8, 1e-8))
+    limits = Limits(
+        sensitivity_peak=2.0, gain_margin_dB=6.0, phase_margin_deg=30.0, delay_margin_samples=5.0,
+        compliance_peak_m_per_N=0.2e-6, force_noise_N=5.0, reading_noise=(1e-8, 1e-8),
+    )  # fmt: skip
     point = modelled_point(placement)
     response = ControlResponse(placement.control, float(placement.sample_time), names)
-    criteria = Criteria((point.chosen(point.sparse()),), response, goal, limits, (3.0, 30.0))
+    criteria = Criteria((point.chosen(point.sparse()),), response, goals()[goal], limits, (3.0, 30.0))
     x = np.log([float(tree.get(placement.control, name)) for name in names])
     here = criteria(x)
     for i, step in enumerate(1e-5 * np.eye(x.size)):
@@ -186,7 +191,7 @@ def test_encirclement_counts_what_integrates_on_a_measured_axis(screw: fd.Loop) 
 def test_margins_know_the_noise_of_their_crossover(screw: fd.Loop) -> None:
     """The deviation of the lowest margin of each kind against 100 measurements: 20 % are three of its deviations."""
     lines = np.geomspace(2.0, 1500.0, 120)
-    limits = Limits(None, gain_margin_dB=6.0, phase_margin_deg=25.0, delay_margin_samples=15.0)
+    limits = Limits(sensitivity_peak=None, gain_margin_dB=6.0, phase_margin_deg=25.0, delay_margin_samples=15.0)
     response = ControlResponse(screw.control, 5e-5, ())
     slacks: dict[str, list[float]] = {}
     said: dict[str, float] = {}
@@ -195,7 +200,7 @@ def test_margins_know_the_noise_of_their_crossover(screw: fd.Loop) -> None:
         bare = {key: replace(frf, variance=None) for key, frf in found.items()}
         point = measured_point(bare["cut", "reading_load"], bare["cut", "reading_motor"], sample_time=5e-5)
         point = replace(point, variance=(0.01 * np.abs(point.by_force)) ** 2)
-        bounds = Criteria((point,), response, "bandwidth", limits, (0.0, np.inf))(np.zeros(0)).bounds
+        bounds = Criteria((point,), response, BANDWIDTH, limits, (0.0, np.inf))(np.zeros(0)).bounds
         for kind in {bound.kind for bound in bounds}:
             lowest = min((bound for bound in bounds if bound.kind == kind), key=lambda bound: bound.frequency)
             slacks.setdefault(kind, []).append(lowest.slack)
@@ -302,7 +307,7 @@ def test_each_goal_is_best_at_what_it_wants(screw: fd.Loop) -> None:
     band = (2.0, 8.0)
     ends = {goal: tune_control(screw.control, screw, goal=goal, limits=limits, filters="kept",
                         band=(0.0, np.inf) if goal in ("rope-snap", "least-stiffness") else band)
-            for goal in GOALS}  # fmt: skip
+            for goal in goals()}  # fmt: skip
     assert all(end.holds for end in ends.values())
     figures = {goal: end.after[0] for goal, end in ends.items()}
     assert figures["rope-snap"].rope_snap == min(each.rope_snap for each in figures.values())
@@ -337,7 +342,7 @@ def test_noise_in_the_force_can_be_the_bound(screw: fd.Loop) -> None:
         force_noise(loop_model(replace(screw, control=free.control)).closed, *noise), rel=0.01
     )
     quiet = tune_control(
-        screw.control, screw, limits=Limits(force_noise=0.8 * before, reading_noise=noise), filters="kept", starts=1
+        screw.control, screw, limits=Limits(force_noise_N=0.8 * before, reading_noise=noise), filters="kept", starts=1
     )
     assert quiet.after[0].force_noise == pytest.approx(0.8 * before, rel=5e-3)
     assert "force noise" in {held.what for held in quiet.held}
@@ -347,8 +352,10 @@ def test_noise_in_the_force_can_be_the_bound(screw: fd.Loop) -> None:
 def test_all_positions_and_loads_hold(screw: fd.Loop) -> None:
     heavy = tree.vary(screw, {"axis.x.plant.mass_load": 60.0})
     soft = tree.vary(screw, {"axis.x.plant.stiffness": 1.3e7})
-    alone = tune_control(screw.control, screw, limits=Limits(2.0), filters="kept", starts=1)
-    together = tune_control(screw.control, [screw, heavy, soft], limits=Limits(2.0), filters="kept", starts=1)
+    alone = tune_control(screw.control, screw, limits=Limits(sensitivity_peak=2.0), filters="kept", starts=1)
+    together = tune_control(
+        screw.control, [screw, heavy, soft], limits=Limits(sensitivity_peak=2.0), filters="kept", starts=1
+    )
     assert together.holds, together.proof
     for axis in (screw, heavy, soft):
         assert robustness(replace(axis, control=together.control), per_decade=400).sensitivity_peak <= 2.003
@@ -358,7 +365,8 @@ def test_all_positions_and_loads_hold(screw: fd.Loop) -> None:
 def test_multipliers_say_what_more_room_would_bring(screw: fd.Loop) -> None:
     """The gain that is promised for 2 % more of Ms is the one that it brings, to a tenth."""
     one, two = (
-        tune_control(screw.control, screw, limits=Limits(peak), filters="kept", starts=1) for peak in (2.0, 2.04)
+        tune_control(screw.control, screw, limits=Limits(sensitivity_peak=peak), filters="kept", starts=1)
+        for peak in (2.0, 2.04)
     )
     promised = sum(h.gain for h in one.held if h.what == "Ms") * np.log(1.02) / np.log(1.1)
     brought = 100.0 * np.log(one.after[0].rope_snap / two.after[0].rope_snap)
@@ -380,21 +388,25 @@ def test_the_cascade_loop_by_loop(screw: fd.Loop) -> None:
 def test_a_poor_measurement_is_refused_with_the_band(screw: fd.Loop) -> None:
     noisy = struck_point(screw, 0.8)
     with pytest.raises((NotIdentifiableError, UnstableError), match=r"Hz"):
-        tune_control(screw.control, noisy, limits=Limits(2.0), filters="kept", starts=1)
+        tune_control(screw.control, noisy, limits=Limits(sensitivity_peak=2.0), filters="kept", starts=1)
     lines = np.arange(1.0, 101.0)
     short = responses(screw, lines, 0.001, 0)
     point = measured_point(
         short["cut", "reading_load"], short["cut", "reading_motor"], sample_time=float(screw.sample_time)
     )
     with pytest.raises(NotIdentifiableError, match=r"measure again.*ends at 100 Hz"):
-        tune_control(screw.control, point, limits=Limits(2.0), filters="kept", starts=1)
+        tune_control(screw.control, point, limits=Limits(sensitivity_peak=2.0), filters="kept", starts=1)
 
 
 @pytest.mark.slow(reason="searches that end at a limit")
 def test_what_cannot_be_reached_says_what_stands_against_it(screw: fd.Loop) -> None:
     with pytest.raises(UnstableError, match="peak compliance at"):
         tune_control(
-            screw.control, screw, limits=Limits(sensitivity_peak=1.3, compliance_peak=0.05e-6), filters="kept", starts=1
+            screw.control,
+            screw,
+            limits=Limits(sensitivity_peak=1.3, compliance_peak_m_per_N=0.05e-6),
+            filters="kept",
+            starts=1,
         )
 
 
@@ -404,7 +416,7 @@ def test_bad_input_is_named(screw: fd.Loop) -> None:
     with pytest.raises(ParameterError, match=r"sensitivity_peak = 0\.9"):
         Limits(sensitivity_peak=0.9)
     with pytest.raises(ParameterError, match="reading_noise"):
-        Limits(force_noise=1.0)
+        Limits(force_noise_N=1.0)
     with pytest.raises(ParameterError, match="holds 0 lines"):
         tune_control(screw.control, screw, band=(1e5, 2e5))
     with pytest.raises(ParameterError, match=r"law\.Kq"):
@@ -471,7 +483,7 @@ def test_a_position_loop_at_another_rate_is_tuned(screw: fd.Loop, measured: bool
             clean[ports[0]], clean[ports[1]], disturbance=(clean[ports[2]], clean[ports[3]]), sample_time=5e-5
         )
     names = ("law.Kv", "law.Kp", "law.Tn")
-    criteria = Criteria((point,), ControlResponse(slow.control, 5e-5, names), "rope-snap", BARS, (0.0, np.inf))
+    criteria = Criteria((point,), ControlResponse(slow.control, 5e-5, names), ROPE_SNAP, BARS, (0.0, np.inf))
     x = np.log([law.Kv, law.Kp, law.Tn])
     (made,) = criteria.answers(x)
     counts = point.frequency < 0.9 * 1e4  # beyond, images near 0 Hz are told apart by rounding only
@@ -481,7 +493,7 @@ def test_a_position_loop_at_another_rate_is_tuned(screw: fd.Loop, measured: bool
     assert np.max(np.abs(made.compliance / soft - 1.0)) < (2e-4 if measured else 1e-7)
     assert not encircles(made)
     exact, rough = (
-        Criteria((point,), criteria.control, "rope-snap", BARS, (0.0, np.inf), near=near)(x) for near in (False, True)
+        Criteria((point,), criteria.control, ROPE_SNAP, BARS, (0.0, np.inf), near=near)(x) for near in (False, True)
     )
     assert rough.goal == pytest.approx(exact.goal, abs=1e-2)  # of a logarithm: 1 % of the rope-snap error
     assert not np.array_equal(rough.slope, exact.slope)
@@ -513,7 +525,7 @@ def test_a_search_of_two_rates_ends_with_all_images(screw: fd.Loop) -> None:
     law = replace(screw.control.law, position_every=4)
     slow = replace(screw, control=replace(screw.control, law=law))
     names = ("law.Kv", "law.Kp")
-    tuner = Tuner((modelled_point(slow),), "rope-snap", BARS, (0.0, np.inf), 0.95, 1, 0, 0.05, Progress())
+    tuner = Tuner((modelled_point(slow),), ROPE_SNAP, BARS, (0.0, np.inf), 0.95, 1, 0, 0.05, Progress())
     best = tuner.tuned(slow.control, names, starts=1)
     assert not best.criteria.near
     assert best.criteria.points[0].frequency.size >= tuner.kept[0].size

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
+from feeddrive.figures.of_loops import ROPE_SNAP
 from feeddrive.tuning.closed_loop import figures
 from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.criteria import Criteria
@@ -13,7 +14,7 @@ from feeddrive.tuning.criteria import Criteria
 
 def snap(point: fd.tuning.OperatingPoint, control: fd.Control) -> float:
     response = ControlResponse(control, point.sample_time, ())
-    criteria = Criteria((point,), response, "rope-snap", fd.tuning.Limits(), (0.0, np.inf))
+    criteria = Criteria((point,), response, ROPE_SNAP, fd.tuning.Limits(), (0.0, np.inf))
     return figures(criteria.answers(np.zeros(0))[0], (0.0, 0.0)).rope_snap
 
 

@@ -61,7 +61,7 @@ def design_of(screw: fd.Loop, name: str) -> Candidate:
 def test_every_law_on_a_measurement(screw: fd.Loop, point: OperatingPoint, name: str) -> None:
     """Stable by the poles of the true loop, Ms and peak compliance as asked, half a per cent for 95 %."""
     design = design_of(screw, name)
-    limits = Limits(sensitivity_peak=2.0, compliance_peak=0.2e-6)
+    limits = Limits(sensitivity_peak=2.0, compliance_peak_m_per_N=0.2e-6)
     found = tune_control(design.loop.control, point, limits=limits, filters="kept", starts=1)
     assert found.holds, found.proof
     assert set(found.tunables) == {*law_tunables(design.loop.control)}
@@ -80,7 +80,13 @@ def test_what_a_law_cannot_keep_is_refused_with_what_it_can(screw: fd.Loop) -> N
     """The other tuner, on poles and sums, finds the same law soft: 66 nm √s/N with Ms <= 2 alone."""
     loop = design_of(screw, REFUSED).loop
     with pytest.raises(UnstableError, match=r"in conflict with .*reachable.*Ms <= "):
-        tune_control(loop.control, loop, limits=Limits(2.0, compliance_peak=0.2e-6), filters="kept", starts=1)
+        tune_control(
+            loop.control,
+            loop,
+            limits=Limits(sensitivity_peak=2.0, compliance_peak_m_per_N=0.2e-6),
+            filters="kept",
+            starts=1,
+        )
 
 
 def test_all_laws_are_here(screw: fd.Loop) -> None:

@@ -30,7 +30,7 @@ def point_of(loop: fd.Loop) -> OperatingPoint:
 
 def test_the_run_keeps_the_force_limit(screw: fd.Loop) -> None:
     """50 N on the table need 50 N and some overshoot: within 1000 N it holds, within 40 N it cannot."""
-    limits = Limits(sensitivity_peak=2.0, compliance_peak=0.2e-6, snap_force=50.0)
+    limits = Limits(sensitivity_peak=2.0, compliance_peak_m_per_N=0.2e-6, snap_force=50.0)
     for most, holds in ((1000.0, True), (40.0, False)):
         strong = replace(screw, control=replace(screw.control, force_limit=most))
         point, said = with_table_force(point_of(screw), strong, "the plant of the baseline")
@@ -47,7 +47,7 @@ def test_a_plant_that_is_another_one_is_not_run(screw: fd.Loop) -> None:
     point, said = with_table_force(point_of(screw), heavy, "the plant of the baseline")
     assert "% away from the response" in said
     assert point.known_as is None
-    found = tune_control(screw.control, point, limits=Limits(2.0), filters="kept", starts=1)
+    found = tune_control(screw.control, point, limits=Limits(sensitivity_peak=2.0), filters="kept", starts=1)
     line = next(each for each in found.proof if RUN in each.what)
     assert line.holds is None
     assert "--baseline" in line.said

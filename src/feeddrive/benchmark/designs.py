@@ -12,6 +12,7 @@ from typing import Any
 from feeddrive.analysis.loop_model import loop_model
 from feeddrive.comparison.figures import linear
 from feeddrive.comparison.tune_all import Rule
+from feeddrive.figures.of_loops import NOISE_GAIN, ROPE_SNAP, SENSITIVITY_PEAK
 from feeddrive.files.atomic_io import read_whole, write_whole
 from feeddrive.files.run_files import versions
 from feeddrive.language import tree
@@ -28,7 +29,7 @@ from feeddrive.tuning.tuned import Tuned
 
 STALE = 1e-4  # of a figure: a design whose figures have moved by more belongs to another law, plant or rule
 _LARGEST = 1_000_000  # bytes of a file
-_KEPT = ("rope_snap_ISE_root_m_per_N", "sensitivity_peak", "noise_gain_N_per_m")
+_KEPT = (ROPE_SNAP, SENSITIVITY_PEAK, NOISE_GAIN)
 
 
 @dataclass(frozen=True)
@@ -148,4 +149,4 @@ class Designs:
 
 def _figures(loop: Loop, rule: Rule) -> dict[str, float]:
     found = linear(loop, loop_model(loop, velocity=rule.velocity))
-    return {key: float(value) for key in _KEPT if (value := found.get(key)) is not None}
+    return {figure.key: float(value) for figure in _KEPT if (value := found.get(figure.key)) is not None}

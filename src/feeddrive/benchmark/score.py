@@ -21,7 +21,9 @@ import numpy as np
 from feeddrive.benchmark.designs import Designs
 from feeddrive.benchmark.rules import Plant, Rules, folder, read_rules
 from feeddrive.benchmark.work import ROBUST, Row, rows_of
-from feeddrive.comparison.figures import CRITERIA, Criterion
+from feeddrive.figures.figure import Figure
+from feeddrive.figures.of_loops import EFFORT, FORCE_NOISE, ROPE_SNAP, STIFFNESS_AT
+from feeddrive.figures.of_runs import CUTTING_RMS, SNAP_SETTLING, TRACKING_RMS
 from feeddrive.files.run_files import versions
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.language.processes import follow_parent, one_thread
@@ -31,13 +33,8 @@ from feeddrive.language.table import Cell, Column, Result, Table, frame_of, pict
 from feeddrive.language.text import Text
 from feeddrive.tuning.candidates import PLAIN
 
-_KEYS = (
-    "rope_snap_ISE_root_m_per_N", "stiffness_10_Hz_N_per_m", "stiffness_100_Hz_N_per_m", "tracking_error_rms_m",
-    "cutting_error_rms_m", "snap_settling_s", "force_noise_N", "operations",
-)  # fmt: skip
-_OWN = (Criterion("cutting_error_rms_m", "error while cutting, RMS", "m"),)
-FIGURES = tuple(next(each for each in (*CRITERIA, *_OWN) if each.key == key) for key in _KEYS)
-HEADS = ("snap ISE^½", "10 Hz", "100 Hz", "tracking", "cutting", "settling", "noise", "operations")
+FIGURES = (ROPE_SNAP, *STIFFNESS_AT, TRACKING_RMS, CUTTING_RMS, SNAP_SETTLING, FORCE_NOISE, EFFORT)
+HEADS = tuple(figure.short for figure in FIGURES)
 _DRAWN = 5  # figures of the picture, from the first on
 _LOOK = 0.1  # s after which a cancel is seen
 
@@ -93,7 +90,7 @@ class Benchmark(Result):
         rows = [each for each in self.rows if each.law == law]
         return [each for each in rows if not each.unplaced or (each.recipe and FIGURES[0].key in each.figures)]
 
-    def ratios(self, law: str, criterion: Criterion) -> dict[str, float]:
+    def ratios(self, law: str, criterion: Figure) -> dict[str, float]:
         """By plant how many times better than P-PI; infinite where the law never comes to rest, and P-PI does."""
         found: dict[str, float] = {}
         for row in self.counted(law):
@@ -104,7 +101,7 @@ class Benchmark(Result):
                 found[row.plant] = ours / theirs if criterion.higher or math.isinf(ours) else theirs / ours
         return found
 
-    def score(self, law: str, criterion: Criterion) -> Score:
+    def score(self, law: str, criterion: Figure) -> Score:
         """The geometric mean over plants of the ratio to P-PI, as at the top of this file."""
         all_ratios = self.ratios(law, criterion).values()
         finite = [each for each in all_ratios if math.isfinite(each)]
@@ -170,7 +167,7 @@ def _picture(found: Benchmark) -> Any:
     """Every law against P-PI, plant by plant."""
     from feeddrive.benchmark import pictures
 
-    def row(law: str, criterion: Criterion) -> tuple[list[float], float | None]:
+    def row(law: str, criterion: Figure) -> tuple[list[float], float | None]:
         finite = [each for each in found.ratios(law, criterion).values() if math.isfinite(each)]
         return finite, found.score(law, criterion).value
 

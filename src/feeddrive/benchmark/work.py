@@ -12,9 +12,11 @@ from feeddrive.analysis.margins import margins
 from feeddrive.analysis.stability import stability
 from feeddrive.benchmark.designs import STALE, Designs
 from feeddrive.benchmark.rules import Plant, Rules
-from feeddrive.comparison.figures import CRITERIA, noise_gain
 from feeddrive.comparison.judge import Competitor, alike, judged
 from feeddrive.comparison.tune_all import Rule
+from feeddrive.figures.catalogue import figures as catalogue
+from feeddrive.figures.linear_loop import LinearLoop
+from feeddrive.figures.of_loops import SENSITIVITY_PEAK
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.quantity import number
@@ -26,8 +28,7 @@ from feeddrive.tuning.candidates import PLAIN, Candidate, candidates
 from feeddrive.tuning.recipes import RECIPES
 from feeddrive.tuning.tunables import own_tunables
 
-ROBUST = "sensitivity_peak_varied"
-_LESS_IS_WORSE = {each.key for each in CRITERIA if each.higher} | {"delay_margin_samples", "phase_margin_deg"}
+ROBUST = f"{SENSITIVITY_PEAK.key}_varied"
 # units of a plant's numbers that are wrong together, and the power of the share that they take: a frequency is a root
 _WRONG = ({"kg": 1.0, "kg m2": 1.0}, {"N/m": 1.0, "Hz": 0.5})
 
@@ -63,7 +64,7 @@ def rows_of(rules: Rules, plant: Plant, designs: Designs, *, laws: Sequence[str]
     noise = None
     if isinstance(plain, _Ready):
         loop = replace(plant.model, control=plain.control)
-        noise = noise_gain(loop, loop_model(loop, velocity=rules.rule(plant).velocity))
+        noise = LinearLoop(loop, known=loop_model(loop, velocity=rules.rule(plant).velocity)).noise_gain
     rule = rules.rule(plant, noise)
     rows: list[Row] = []
     for each in possible:
@@ -160,11 +161,12 @@ def _judged(
 
 def worst(figures: Sequence[Mapping[str, float | None]]) -> dict[str, float | None]:
     """By key the worst value; None if one of them has none."""
-    made: dict[str, float | None] = {}
+    known, made = catalogue(), dict[str, float | None]()
     for key in figures[0]:
         values = [each.get(key) for each in figures]
         there = [value for value in values if value is not None]
-        made[key] = None if len(there) < len(values) else (min if key in _LESS_IS_WORSE else max)(there)
+        higher = key in known and known[key].higher
+        made[key] = None if len(there) < len(values) else (min if higher else max)(there)
     return made
 
 

@@ -12,7 +12,6 @@ import numpy as np
 from feeddrive.blocks.families import Law, Reference
 from feeddrive.comparison.figures import (
     CRITERIA,
-    Criterion,
     Duty,
     beats,
     duty_of,
@@ -21,13 +20,24 @@ from feeddrive.comparison.figures import (
 from feeddrive.comparison.judge import Competitor, alike, judged, sliding
 from feeddrive.comparison.kept import Kept
 from feeddrive.comparison.tune_all import Bar, Rule, tuned_all
+from feeddrive.figures.figure import Figure
+from feeddrive.figures.of_loops import (
+    DELAY_MARGIN,
+    EFFORT,
+    FORCE_NOISE,
+    NOISE_GAIN,
+    ROPE_SNAP,
+    SENSITIVITY_PEAK,
+    STIFFNESS_AT,
+)
+from feeddrive.figures.of_runs import SNAP_SETTLING, TRACKING_RMS
 from feeddrive.files.job import Job
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.run_files import versions
 from feeddrive.language.errors import FeeddriveError, ParameterError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, number
-from feeddrive.language.table import Column, Result, Table, frame_of, picture_of
+from feeddrive.language.table import Result, Table, frame_of, picture_of
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
@@ -35,14 +45,11 @@ from feeddrive.tuning.tunables import own_tunables
 
 TODAY = "today's gains"
 FIXED = "it has nothing to tune and is judged as it is"
-# the figures of the short table by key
-_SHOWN = {
-    "sensitivity_peak": Column("Ms", form="3"), "delay_margin_samples": Column("delay", form="3"),
-    "noise_gain_N_per_m": Column("noise", "N/m", "3 N/nm"), "rope_snap_ISE_root_m_per_N": Column("snap", "m √s/N", "3"),
-    "stiffness_10_Hz_N_per_m": Column("10 Hz", "N/m", "3"), "stiffness_100_Hz_N_per_m": Column("100 Hz", "N/m", "3"),
-    "tracking_error_rms_m": Column("RMS", "m", "3"), "snap_settling_s": Column("snap", "s", "3"),
-    "force_noise_N": Column("noise", "N", "3"), "operations": Column("ops"),
-}  # fmt: skip
+_SHOWN = (
+    SENSITIVITY_PEAK, DELAY_MARGIN, NOISE_GAIN, ROPE_SNAP, *STIFFNESS_AT, TRACKING_RMS, SNAP_SETTLING, FORCE_NOISE,
+    EFFORT,
+)  # fmt: skip
+"""The figures of the short table."""
 _NOISY = 0.02  # share of the force limit beyond which noise in the force is remarked
 
 
@@ -87,16 +94,19 @@ class Comparison(Result):
 
     def table(self) -> Table:
         """Robustness, and the most important figures."""
-        rows = [[row.name, *map(row.figures.get, _SHOWN), row.unplaced.partition(":")[0]] for row in self.competitors]
-        return Table(self.title, ["law", *_SHOWN.values(), ""], rows)
+        rows = [
+            [row.name, *(row.figures.get(figure.key) for figure in _SHOWN), row.unplaced.partition(":")[0]]
+            for row in self.competitors
+        ]
+        return Table(self.title, ["law", *(figure.column(figure.short) for figure in _SHOWN), ""], rows)
 
     def ranking(self) -> Table:
         """The place of each law by each criterion."""
         by = [self.places(criterion) for criterion in CRITERIA]
         rows = [[each.name, *(each.unplaced or places[i] for places in by)] for i, each in enumerate(self.competitors)]
-        return Table("Places by criterion, 1 is best", ["law", *(criterion.head for criterion in CRITERIA)], rows)
+        return Table("Places by criterion, 1 is best", ["law", *(criterion.title for criterion in CRITERIA)], rows)
 
-    def places(self, criterion: Criterion) -> list[int | None]:
+    def places(self, criterion: Figure) -> list[int | None]:
         """The place of each law by a criterion; none for one that has not settled or breaks the rule."""
         return ranks(criterion, [{} if each.unplaced else each.figures for each in self.competitors])
 
@@ -220,7 +230,7 @@ def _outside(rows: tuple[Competitor, ...]) -> list[str]:
     said: list[str] = []
     if today.unfit:
         said.append(Text(f"'{today.name}': {today.unfit}; the row stays without figures."))
-    elif today.figures.get("sensitivity_peak") is None:
+    elif today.figures.get(SENSITIVITY_PEAK.key) is None:
         period = today.loop.control.law.period()
         said.append(f"'{today.name}' repeats itself every {period} samples: it has no margins.")
     elif not today.outside:
@@ -249,7 +259,7 @@ def _against(rows: tuple[Competitor, ...]) -> list[str]:
             ours, theirs = row.figures.get(criterion.key), plain.figures.get(criterion.key)
             if ours is None or theirs is None:
                 continue
-            text = f"{criterion.head} ({_ratio(ours, theirs)})"
+            text = f"{criterion.title} ({_ratio(ours, theirs)})"
             if beats(criterion, theirs, ours):
                 losses.append(text)
             elif beats(criterion, ours, theirs):
@@ -270,7 +280,7 @@ def _noisy(rows: tuple[Competitor, ...]) -> list[str]:
     """Competitors whose force noise is too large for practical use, independent of their margins."""
     said: list[str] = []
     for row in rows:
-        limit, noise = row.loop.control.force_limit, row.figures.get("force_noise_N")
+        limit, noise = row.loop.control.force_limit, row.figures.get(FORCE_NOISE.key)
         if limit is not None and noise is not None and noise > _NOISY * limit:
             said.append(
                 Text(

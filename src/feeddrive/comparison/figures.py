@@ -5,18 +5,42 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
-from feeddrive.analysis.effort import effort
 from feeddrive.analysis.loop_model import LoopModel
-from feeddrive.analysis.margins import margins
 from feeddrive.analysis.step_response import settling_time
-from feeddrive.analysis.stiffness import Stiffness, force_noise, reading_deviation, rope_snap, stiffness
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.blocks.load.step_force import StepForce
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
+from feeddrive.figures.figure import Figure
+from feeddrive.figures.linear_loop import LinearLoop
+from feeddrive.figures.of_loops import (
+    CROSSOVER,
+    DELAY_MARGIN,
+    EFFORT,
+    FORCE_NOISE,
+    NOISE_GAIN,
+    PHASE_MARGIN,
+    ROPE_SNAP,
+    SENSITIVITY_PEAK,
+    STIFFNESS_AT,
+    STIFFNESS_LEAST,
+    STIFFNESS_OVER,
+    StiffnessAt,
+    StiffnessOver,
+)
+from feeddrive.figures.of_runs import (
+    FORCE_PEAK,
+    FORCE_RMS,
+    SNAP_PEAK,
+    SNAP_SETTLING,
+    STEP_PEAK,
+    STEP_SETTLING,
+    TRACKING_PEAK,
+    TRACKING_RMS,
+)
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Column
@@ -26,41 +50,19 @@ from feeddrive.loop.simulate import Run
 TIE = 0.005  # share by which figures must differ to be ranked apart
 
 
-class Criterion(NamedTuple):
-    """A figure by which laws are ranked: its name in files, its head in tables, its SI unit, and what is better."""
-
-    key: str
-    head: str
-    unit: str
-    higher: bool = False
-
-    def column(self) -> Column:
-        """Return the column of this figure in a table."""
-        return Column(self.head, self.unit, "3")
-
-    def quantity(self, value: float) -> Quantity:
-        """Return a value of this figure, read to three digits."""
-        return Quantity(value, self.unit, form="3")
-
-
 CRITERIA = (
-    Criterion("rope_snap_ISE_root_m_per_N", "rope snap ISE^½", "m √s/N"),
-    Criterion("stiffness_10_Hz_N_per_m", "stiffness at 10 Hz", "N/m", higher=True),
-    Criterion("stiffness_100_Hz_N_per_m", "stiffness at 100 Hz", "N/m", higher=True),
-    Criterion("tracking_error_rms_m", "tracking RMS", "m"),
-    Criterion("tracking_error_peak_m", "tracking peak", "m"),
-    Criterion("snap_peak_m", "rope snap peak", "m"),
-    Criterion("snap_settling_s", "rope snap settling", "s"),
-    Criterion("step_peak_m", "force step peak", "m"),
-    Criterion("step_settling_s", "force step settling", "s"),
-    Criterion("stiffness_100_1000_Hz_N_per_m", "stiffness 100-1000 Hz", "N/m", higher=True),
-    Criterion("stiffness_least_N_per_m", "least stiffness", "N/m", higher=True),
-    Criterion("force_noise_N", "noise in the force, RMS", "N"),
-    Criterion("operations", "effort", "operations a sample"),
-)
+    ROPE_SNAP, *STIFFNESS_AT, TRACKING_RMS, TRACKING_PEAK, SNAP_PEAK, SNAP_SETTLING, STEP_PEAK, STEP_SETTLING,
+    STIFFNESS_OVER[2], STIFFNESS_LEAST, FORCE_NOISE, EFFORT,
+)  # fmt: skip
+"""The figures by which laws are ranked."""
+LINEAR = (
+    SENSITIVITY_PEAK, DELAY_MARGIN, PHASE_MARGIN, CROSSOVER, ROPE_SNAP, FORCE_NOISE, NOISE_GAIN, *STIFFNESS_OVER,
+    *STIFFNESS_AT, STIFFNESS_LEAST,
+)  # fmt: skip
+"""The figures of a law that come from its linear model."""
 
 
-def ranks(criterion: Criterion, figures: Sequence[Mapping[str, float | None]]) -> list[int | None]:
+def ranks(criterion: Figure, figures: Sequence[Mapping[str, float | None]]) -> list[int | None]:
     """The place of each law, 1 for the best; those within half a percent share one, and what has no figure has none.
 
     What is infinite (a law that never settles, a force that is never held) has a figure: the last place.
@@ -75,7 +77,7 @@ def ranks(criterion: Criterion, figures: Sequence[Mapping[str, float | None]]) -
     return found
 
 
-def beats(criterion: Criterion, a: float, b: float) -> bool:
+def beats(criterion: Figure, a: float, b: float) -> bool:
     """Whether a is better than b by more than a tie; two infinite values are equal."""
     better, worse = (b, a) if criterion.higher else (a, b)
     if math.isinf(better) or math.isinf(worse):
@@ -83,63 +85,23 @@ def beats(criterion: Criterion, a: float, b: float) -> bool:
     return better < (1.0 - TIE) * worse
 
 
-AT = (10.0, 100.0)  # Hz
-BANDS = ((1.0, 10.0), (10.0, 100.0), (100.0, 1000.0))  # Hz
-_LINES = 60  # of a band
-
-
 def linear(loop: Loop, both: LoopModel) -> dict[str, float | None]:
     """Margins, rope-snap error, stiffness by band, noise in the force, effort; of a stable loop."""
-    found: dict[str, float | None] = dict(effort_of(loop))
-    lines = both.lines(200)
-    of = margins(both.loop_gain(lines))
-    delay = of.delay_margin_samples
-    found |= {
-        "sensitivity_peak": of.sensitivity_peak,
-        "delay_margin_samples": math.inf if delay is None else delay,
-        "phase_margin_deg": of.phase_margin_deg,
-        "crossover_Hz": of.crossover,
-        "rope_snap_ISE_root_m_per_N": rope_snap(both.closed),
-        "force_noise_N": _noise(loop, both),
-        "noise_gain_N_per_m": noise_gain(loop, both),
-    }
-    nyquist = 0.5 / float(loop.sample_time)
-    for low, high in BANDS:
-        if high <= nyquist:
-            band = np.geomspace(low, high, _LINES)
-            found[f"stiffness_{low:g}_{high:g}_Hz_N_per_m"] = _stiffness(both, band).mean
-    for frequency in AT:
-        if frequency < nyquist:
-            found[f"stiffness_{frequency:g}_Hz_N_per_m"] = _stiffness(both, np.array([frequency])).at(frequency)
-    inside = lines[lines >= min(BANDS[0][0], 0.01 * nyquist)]
-    found["stiffness_least_N_per_m"] = _stiffness(both, inside).minimum
-    return found
+    model = LinearLoop(loop, known=both)
+    return effort_of(loop) | {figure.key: figure.value(model) for figure in LINEAR if _below(figure, model.nyquist)}
 
 
-def _stiffness(both: LoopModel, frequency: np.ndarray) -> Stiffness:
-    return stiffness(both.closed.response(frequency, "position_load", "load_force"))
+def _below(figure: Figure, nyquist: float) -> bool:
+    """Return True for a figure whose frequencies lie below half the sample rate."""
+    of: Any = figure.of
+    if isinstance(of, StiffnessAt):
+        return of.frequency < nyquist
+    return of.high <= nyquist if isinstance(of, StiffnessOver) else True
 
 
-def effort_of(loop: Loop) -> dict[str, float]:
-    """Operations of one sample."""
-    return {"operations": float(effort(loop).total)}
-
-
-def noise_gain(loop: Loop, both: LoopModel) -> float:
-    """RMS of the force per RMS of white noise, alike in all readings and independent, N/m: by this it is bounded."""
-    one = loop.axis.one_encoder()
-    return force_noise(both.closed, 0.0 if one else 1.0, 1.0, shared=one)
-
-
-def _noise(loop: Loop, both: LoopModel) -> float | None:
-    """RMS of the force by counts and noise of the encoders; None if they have neither."""
-    axis = loop.axis
-    motor, load = reading_deviation(axis.encoder_motor), reading_deviation(axis.encoder_load)
-    if motor == 0.0 and load == 0.0:
-        return None
-    if axis.one_encoder():
-        return force_noise(both.closed, 0.0, motor + load, shared=True)
-    return force_noise(both.closed, motor, load)
+def effort_of(loop: Loop) -> dict[str, float | None]:
+    """Return the operations of one sample."""
+    return {EFFORT.key: EFFORT.read(LinearLoop(loop))}
 
 
 def counted(run: Run, duty: Duty) -> Run:
@@ -153,10 +115,10 @@ def tracked(run: Run) -> dict[str, float | None]:
     """Tracking error and force along the move."""
     error, force = run["tracking_error"], run["force"]
     return {
-        "tracking_error_rms_m": rms(error),
-        "tracking_error_peak_m": float(np.max(np.abs(error))),
-        "force_rms_N": rms(force),
-        "force_peak_N": float(np.max(np.abs(force))),
+        TRACKING_RMS.key: rms(error),
+        TRACKING_PEAK.key: float(np.max(np.abs(error))),
+        FORCE_RMS.key: rms(force),
+        FORCE_PEAK.key: float(np.max(np.abs(force))),
     }
 
 
@@ -165,12 +127,12 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def recovered(run: Run, duty: Duty, name: str) -> dict[str, float | None]:
+def recovered(run: Run, duty: Duty, peak: Figure, settling: Figure) -> dict[str, float | None]:
     """Largest error after the force changed, and how long it stays further from 0 than `near`; infinite to the end."""
     begin = int(np.searchsorted(run.time, duty.begin - 1e-9))
     error = np.abs(run["tracking_error"][begin:])
     settled = settling_time(run.sample_time * np.arange(error.size), error, duty.near)
-    return {f"{name}_peak_m": float(np.max(error)), f"{name}_settling_s": settled}
+    return {peak.key: float(np.max(error)), settling.key: settled}
 
 
 _SPEED_SHARE, _SPEED, _SPEED_ALONE = 0.5, 1.0, 0.2  # of the limit; at most, m/s; where no limit is stated

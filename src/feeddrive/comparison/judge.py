@@ -12,6 +12,7 @@ from feeddrive.analysis.stability import stability
 from feeddrive.blocks.families import Law
 from feeddrive.comparison.figures import Duty, counted, effort_of, linear, recovered, rms, tracked
 from feeddrive.comparison.tune_all import Rule
+from feeddrive.figures.of_runs import CUTTING_RMS, SNAP_PEAK, SNAP_SETTLING, STEP_PEAK, STEP_SETTLING
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.text import Text
 from feeddrive.loop.lifting import MOST
@@ -105,7 +106,7 @@ def judged(
     verdict = stability(model, velocity=velocity)
     if not verdict.stable:
         return Competitor(name, loop, tuned, remark, effort_of(loop), unfit=verdict.sentence())
-    both, figures = None, dict[str, float | None](effort_of(loop))
+    both, figures = None, effort_of(loop)
     if loop.control.law.period() <= MOST:
         both = loop_model(model, velocity=velocity)
         figures = linear(model, both)
@@ -121,9 +122,10 @@ def judged(
     except FeeddriveError as error:
         return Competitor(name, loop, tuned, remark, figures, model=both, unfit=Text(f"{error}"))
     snap, step = runs["snap"], runs["step"]
-    figures |= tracked(move) | recovered(snap, duty, "snap") | recovered(step, duty, "step")
+    figures |= tracked(move) | recovered(snap, duty, SNAP_PEAK, SNAP_SETTLING)
+    figures |= recovered(step, duty, STEP_PEAK, STEP_SETTLING)
     if "cut" in runs:
-        figures |= {"cutting_error_rms_m": rms(counted(runs["cut"], duty)["tracking_error"])}
+        figures |= {CUTTING_RMS.key: rms(counted(runs["cut"], duty)["tracking_error"])}
     tripped = "; the guard tripped" if any(np.any(run["trip"] > 0.0) for run in (move, *runs.values())) else ""
     return Competitor(
         name, loop, tuned, Text(f"{remark}{tripped}"), figures, move, snap, step, both, outside=rule.broken(figures)

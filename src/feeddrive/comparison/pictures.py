@@ -7,15 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.comparison.figures import CRITERIA, Criterion
-from feeddrive.language.quantity import USUAL, Quantity, number, unit_name
-from feeddrive.language.text import Text
+from feeddrive.comparison.figures import CRITERIA
+from feeddrive.figures.of_loops import STIFFNESS_AT
+from feeddrive.figures.of_runs import TRACKING_RMS
+from feeddrive.language.quantity import Quantity, number, unit_name
+from feeddrive.language.text import Text, marked
 from feeddrive.loop.simulate import Run
 from feeddrive.plot import style
 from feeddrive.plot.chart import LOG, Chart, Mark, Panel
 from feeddrive.plot.drawing import drawn
 
-X, HEIGHTS = "tracking_error_rms_m", ("stiffness_10_Hz_N_per_m", "stiffness_100_Hz_N_per_m")
+X, HEIGHTS = TRACKING_RMS, STIFFNESS_AT
 _MOST = 8.0  # a ratio beyond which the color is full
 _BETTER, _WORSE = "#0072b2", "#d55e00"
 
@@ -30,26 +32,24 @@ def tradeoff(rows: Sequence[tuple[str, Mapping[str, float | None], str]]) -> Any
 
 def tradeoff_chart(rows: Sequence[tuple[str, Mapping[str, float | None], str]]) -> Chart:
     """What `tradeoff` shows; the key of a dot is the name of its law. A law without these figures has no dot."""
-    kinds = {criterion.key: criterion for criterion in CRITERIA}
     bases = {base: i - 1 for i, base in enumerate(dict.fromkeys(_base(name) for name, _, _ in rows))}
-    of_x = kinds[X]
     panels = list[Panel]()
-    for key in HEIGHTS:
+    for of_y in HEIGHTS:
         marks = tuple(
             Mark(
-                _scale(of_x) * x, _scale(kinds[key]) * y, bases[_base(name)], bool(why), name,
+                X.scale * x, of_y.scale * y, bases[_base(name)], bool(why), name,
                 Text(
-                    f"{of_x.quantity(x)}, {kinds[key].quantity(y)}{f'; not ranked: {why}' if why else ''}"
+                    f"{X.shown(x)}, {of_y.shown(y)}{f'; not ranked: {why}' if why else ''}"
                 ), name,
             )
             for name, figures, why in rows
-            if (x := figures.get(X)) and (y := figures.get(key)) and np.isfinite([x, y]).all()
+            if (x := figures.get(X.key)) and (y := figures.get(of_y.key)) and np.isfinite([x, y]).all()
         )  # fmt: skip
         low, high = _around([mark.y for mark in marks], 0.14)
-        label = Text(f"{kinds[key].head}\n({unit_name(kinds[key].unit)})")
+        label = Text(f"{of_y.title}\n({unit_name(of_y.unit)})")
         panels.append(Panel(label, marks=marks, scale=LOG, low=low, high=high))
     left, right = _around([mark.x for panel in panels for mark in panel.marks], 0.16)
-    label = Text(f"{of_x.head} ({unit_name(of_x.unit)}); filled: ranked at equal robustness")
+    label = Text(f"{X.title} ({unit_name(X.unit)}); filled: ranked at equal robustness")
     return Chart(label, tuple(panels), LOG, left, right, height=8.4)
 
 
@@ -90,7 +90,13 @@ def ratios(rows: Sequence[tuple[str, Mapping[str, float | None]]], base: str) ->
     ax.set_xlim(-0.5, len(CRITERIA) - 0.5)
     ax.set_ylim(len(rows) - 0.5, -0.5)
     ax.set_yticks(range(len(rows)), [str(style.caption(name)) for name, _ in rows], fontsize=style.SMALL)
-    ax.set_xticks(range(len(CRITERIA)), [c.head for c in CRITERIA], rotation=40, ha="left", fontsize=style.SMALL)
+    ax.set_xticks(
+        range(len(CRITERIA)),
+        [marked(criterion.title) for criterion in CRITERIA],
+        rotation=40,
+        ha="left",
+        fontsize=style.SMALL,
+    )
     ax.xaxis.tick_top()
     ax.grid(False)
     ax.tick_params(length=0)

@@ -14,14 +14,18 @@ import numpy as np
 
 from feeddrive.comparison import pictures
 from feeddrive.comparison.compare import PLAIN, TODAY, Comparison
-from feeddrive.comparison.figures import CRITERIA, Criterion
+from feeddrive.comparison.figures import CRITERIA
 from feeddrive.comparison.judge import Competitor
+from feeddrive.figures.catalogue import figures
+from feeddrive.figures.figure import Figure
+from feeddrive.figures.of_loops import CROSSOVER, DELAY_MARGIN, NOISE_GAIN, SENSITIVITY_PEAK
+from feeddrive.figures.of_runs import SNAP_SETTLING
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.run_files import figure_key, file_names, summary_text
 from feeddrive.language import tree
-from feeddrive.language.quantity import Quantity, Units
-from feeddrive.language.table import UNIT, Cell, Column, Table
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.table import UNIT, Cell, Table
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
 from feeddrive.loop.lifting import compliance, tracking
@@ -96,7 +100,7 @@ def _entry(found: Comparison, each: Competitor) -> Entry:
     return Entry(each.name, text, each.move, each.loop, loop_gain, soft, track)
 
 
-def _ranked(found: Comparison, criteria: tuple[Criterion, ...]) -> ShownTable:
+def _ranked(found: Comparison, criteria: tuple[Figure, ...]) -> ShownTable:
     """Figures, each with its place in brackets."""
     rows: list[list[Cell]] = [[each.name] for each in found.competitors]
     best: list[int | None] = []
@@ -111,24 +115,21 @@ def _ranked(found: Comparison, criteria: tuple[Criterion, ...]) -> ShownTable:
     return ShownTable(Table("Figures, and in brackets the place of the law by this criterion.", columns, rows), best)
 
 
-def figure(value: float, criterion: Criterion) -> str:
+def figure(value: float, criterion: Figure) -> str:
     """Return a figure without its unit, as a marked text."""
     if np.isinf(value):
         return "never" if criterion.unit == "s" else "∞"
-    return f"{replace(criterion.quantity(value), bare=True)}"
+    return f"{replace(criterion.shown(value), bare=True)}"
 
 
-_ROBUSTNESS = {
-    "sensitivity_peak": Column("Ms", form="3"), "delay_margin_samples": Column("delay margin", "samples", "3"),
-    "noise_gain_N_per_m": Column("noise", "N/m", "3 N/nm"), "crossover_Hz": Column("crossover", "Hz", "3"),
-}  # fmt: skip
+_ROBUSTNESS = (SENSITIVITY_PEAK, DELAY_MARGIN, NOISE_GAIN, CROSSOVER)
 
 
 def _tuning(found: Comparison) -> ShownTable:
     """Robustness, what held the tuning back, and its proof."""
     rows: list[list[Cell]] = []
     for each in found.competitors:
-        values = map(each.figures.get, _ROBUSTNESS)
+        values = (each.figures.get(figure.key) for figure in _ROBUSTNESS)
         cells = [each.name, *("∞" if value is not None and np.isinf(value) else value for value in values)]
         if each.unfit:
             rows.append([each.name, *[None] * 4, each.unfit, None, None])
@@ -138,7 +139,7 @@ def _tuning(found: Comparison) -> ShownTable:
             open_lines = [line.what for line in each.tuned.proof if line.holds is not True]
             proof = Text(f"not proven: {joined(', ', open_lines)}") if open_lines else "holds"
             rows.append([*cells, each.held_by, each.tuned.evaluations, proof])
-    columns = ["law", *_ROBUSTNESS.values(), "held back by", "loops judged", "proof"]
+    columns = ["law", *(figure.column() for figure in _ROBUSTNESS), "held back by", "loops judged", "proof"]
     title = Text(
         f"Robustness: {found.rule}. Proof: poles, limits on other frequency lines, and the rope-snap error by a "
         "run of the loop with its friction, counts and limits, all computed independently of the search."
@@ -201,7 +202,7 @@ def _pictures(found: Comparison) -> list[Shown]:
 def _recovery(found: Comparison) -> Any:
     """Over twice the median of what the laws need to settle, at least 20 samples."""
     rows = [(each.name, each.snap, each.step) for each in found.competitors if each.snap and each.step]
-    times = [each.figures.get("snap_settling_s") for each in found.competitors]
+    times = [each.figures.get(SNAP_SETTLING.key) for each in found.competitors]
     finite = [t for t in times if t is not None and np.isfinite(t)]
     T, duty = float(found.competitors[0].loop.sample_time), found.duty
     span = min(max(2.0 * float(np.median(finite)) if finite else duty.rest, 20.0 * T), duty.rest)
@@ -284,9 +285,10 @@ def _plain(value: float | None) -> float | str | None:
 def figures_csv(found: Comparison) -> str:
     """The figures as CSV; what does not occur is empty."""
     keys = list(dict.fromkeys(key for each in found.competitors for key in each.figures))
+    known = figures()
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["law", *(figure_key(key, Units(rotary=found.rotary)) for key in keys)])
+    writer.writerow(["law", *(known[key].name_in_file(rotary=found.rotary) for key in keys)])
     for each in found.competitors:
         cells = (each.figures.get(key) for key in keys)
         writer.writerow([each.name, *("" if cell is None else repr(float(cell)) for cell in cells)])

@@ -14,6 +14,8 @@ import numpy as np
 
 from feeddrive.blocks.catalogue import fault_of_own
 from feeddrive.comparison.kept import Keeps
+from feeddrive.figures.figure import Limit
+from feeddrive.figures.of_loops import DELAY_MARGIN, FORCE_NOISE, NOISE_GAIN, SENSITIVITY_PEAK
 from feeddrive.language.errors import CancelledError, FeeddriveError, UnstableError
 from feeddrive.language.processes import follow_parent, one_thread
 from feeddrive.language.progress import Progress
@@ -77,16 +79,14 @@ class Rule:
 
     def limits(self) -> Limits:
         """The bounds of one tuning."""
-        limits = Limits(self.sensitivity_peak, delay_margin_samples=self.delay_margin_samples)
+        bounds = [Limit(SENSITIVITY_PEAK, self.sensitivity_peak), Limit(DELAY_MARGIN, self.delay_margin_samples)]
         if self.noise is None:
-            return limits
-        return replace(limits, force_noise=NANO * self.noise, reading_noise=(NANO, NANO))
+            return Limits(bounds)
+        return Limits([*bounds, Limit(FORCE_NOISE, NANO * self.noise)], reading_noise=(NANO, NANO))
 
     def broken(self, figures: Mapping[str, float | None]) -> str:
         """The bounds that a loop does not keep, in words; empty if it keeps all."""
-        peak, delay, noise = (
-            figures.get(key) for key in ("sensitivity_peak", "delay_margin_samples", "noise_gain_N_per_m")
-        )
+        peak, delay, noise = (figures.get(figure.key) for figure in (SENSITIVITY_PEAK, DELAY_MARGIN, NOISE_GAIN))
         said: list[str] = []
         if peak is None or delay is None or noise is None:
             return "it has no margins"
@@ -239,8 +239,8 @@ def _elsewhere(candidate: Candidate, rule: Rule, kept: Keeps | None) -> Tuned | 
 def _tuned(candidate: Candidate, rule: Rule, kept: Keeps | None, progress: Progress) -> Tuned | Refusal:
     """A law tuned, as it was kept or anew."""
     limits = rule.limits()
-    if limits.force_noise is None:  # measured, not bounded
-        limits = replace(limits, reading_noise=(NANO, NANO))
+    if limits.limit(FORCE_NOISE) is None:  # measured, not bounded
+        limits = limits.having(reading_noise=(NANO, NANO))
     try:
         known = None if kept is None else kept.read(candidate, limits, rule, progress)
         if known is not None:

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.language.quantity import Quantity, Units
-from feeddrive.language.text import joined, resolve
+from feeddrive.figures.of_loops import COMPLIANCE_PEAK, GAIN_MARGIN, SENSITIVITY_PEAK
+from feeddrive.language.quantity import Units
+from feeddrive.language.text import resolve
 from feeddrive.plot.chart import ALERT, Chart, Level, Mark, Note
 from feeddrive.tuning.by_hand import Look, Verdict
 from feeddrive.tuning.limits import Limits
@@ -20,8 +21,8 @@ def verdict_words(look: Look, limits: Limits, units: Units) -> list[dict[str, An
     several, found = len(look.figures) > 1, list[dict[str, Any]]()
     for each in look.judged:
         where = f" ({each.point})" if several else ""
-        at = "" if each.frequency is None else f" at {Quantity(each.frequency, 'Hz')}"
-        text = f"{each.judged.text}{at}{where}, limit: {limits.only(each.judged.kind)}"
+        at = "" if each.frequency is None else f" at {units.said(each.frequency, 'Hz')}"
+        text = f"{each.judged.text}{at}{where}, limit: {limits.text(each.judged.limit)}"
         found.append({"text": resolve(text, units), "keeps": each.keeps})
     return found
 
@@ -48,13 +49,11 @@ def figure_words(look: Look, units: Units) -> str:
 def with_verdicts(drawn: Mapping[str, Chart], look: Look, limits: Limits, units: Units) -> dict[str, Chart]:
     """The pictures with the limits of Ms and stiffness as lines, and what is broken written at its place."""
     found, lines = dict(drawn), dict[str, Level]()
-    if limits.sensitivity_peak is not None:
-        lines["sensitivity"] = Level(
-            _gain(units, limits.sensitivity_peak), resolve(limits.only("Ms"), units), dashed=True
-        )
-    if limits.compliance_peak is not None:
-        text = f"stiffness >= {Quantity(1.0 / limits.compliance_peak, 'N/m')}"
-        least = units.of("N/m")[1] / limits.compliance_peak
+    if (peak := limits.limit(SENSITIVITY_PEAK)) is not None:
+        lines["sensitivity"] = Level(_gain(units, peak.bound), peak.text.shown(units), dashed=True)
+    if (largest := limits.bound(COMPLIANCE_PEAK)) is not None:
+        text = f"stiffness >= {units.said(1.0 / largest, 'N/m')}"
+        least = units.of("N/m")[1] / largest
         lines["stiffness"] = Level(least, resolve(text, units), dashed=True)
     for name, line in lines.items():
         if name in found:
@@ -82,12 +81,9 @@ def _place(each: Verdict, units: Units) -> tuple[str, float, float] | None:
     if value is None or each.frequency is None:
         return None
     x = units.of("Hz")[1] * each.frequency
-    match each.judged.kind:
-        case "Ms":
-            return "sensitivity", x, _gain(units, value)
-        case "peak compliance":
-            return "stiffness", x, units.of("N/m")[1] / value
-        case "gain margin":
-            return "open_loop", x, float(units.from_decibel(-value))
-        case _:
-            return "open_loop", x, float(units.from_decibel(0.0))
+    figure = each.judged.figure
+    if figure == SENSITIVITY_PEAK:
+        return "sensitivity", x, _gain(units, value)
+    if figure == COMPLIANCE_PEAK:
+        return "stiffness", x, units.of("N/m")[1] / value
+    return "open_loop", x, float(units.from_decibel(-value if figure == GAIN_MARGIN else 0.0))

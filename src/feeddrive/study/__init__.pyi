@@ -6,10 +6,6 @@ from feeddrive.study.answers.page import write_report as write_report
 from feeddrive.study.cases import Case as Case
 from feeddrive.study.cases import cases as cases
 from feeddrive.study.chunk import run_chunk as run_chunk
-from feeddrive.study.figure import Figure as Figure
-from feeddrive.study.figure import Statistics as Statistics
-from feeddrive.study.figures import figures as figures
-from feeddrive.study.model_figures import LinearLoop as LinearLoop
 from feeddrive.study.robust import Robust as Robust
 from feeddrive.study.robust import tune_robust as tune_robust
 from feeddrive.study.specification import Bound as Bound

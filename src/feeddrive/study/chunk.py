@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from feeddrive.figures.figure import NEEDS, Figure, Statistics
+from feeddrive.figures.linear_loop import LinearLoop
 from feeddrive.language import ops, tree
 from feeddrive.language.errors import CancelledError, FeeddriveError, plain
 from feeddrive.language.progress import Progress
@@ -23,8 +25,6 @@ from feeddrive.loop.hold import samples_of
 from feeddrive.loop.machine import System
 from feeddrive.loop.simulate import Run, simulate, simulate_batch
 from feeddrive.study.cases import Case, cases
-from feeddrive.study.figure import NEEDS, Figure, Statistics
-from feeddrive.study.model_figures import LinearLoop
 from feeddrive.study.study import Study
 from feeddrive.study.variants import Variants, variants
 
@@ -52,7 +52,7 @@ class Rows:
     """Figures and reasons of the variants of a chunk, by their place in it; a figure that does not occur is NaN."""
 
     def __init__(self, measure: tuple[Figure, ...], count: int) -> None:
-        self.figures = {each.name: np.full(count, np.nan) for each in measure}
+        self.figures = {each.key: np.full(count, np.nan) for each in measure}
         self.reasons: list[str | None] = [None] * count
 
     def refuse(self, place: int, reason: object) -> None:
@@ -152,10 +152,10 @@ def _judge(study: Study, case: Case, system: System, rows: Rows, threads: int, p
             with rows.refusing(row):
                 linear = LinearLoop(case.loop(place), speed) if wanted["model"] else None
                 for each in wanted["model"]:
-                    rows.figures[each.name][row] = each.of(linear)
+                    rows.figures[each.key][row] = each.value(linear)
                 run = run_of(case, place) if wanted["run"] else None
                 for each in wanted["run"]:
-                    rows.figures[each.name][row] = each.of(run)
+                    rows.figures[each.key][row] = each.value(run)
 
 
 def _gather(case: Case, system: System, wanted: Sequence[Figure], rows: Rows, threads: int, progress: Progress) -> None:
@@ -178,7 +178,7 @@ def _gather(case: Case, system: System, wanted: Sequence[Figure], rows: Rows, th
         return
     statistics = Statistics(batch, case.port)
     for each in wanted:
-        rows.figures[each.name][case.rows] = each.of(statistics)
+        rows.figures[each.key][case.rows] = each.read(statistics)
     for place in np.flatnonzero(batch.left >= 0):
         sample = int(batch.left[place])
         rows.refuse(

@@ -11,12 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from feeddrive.figures.catalogue import limitable
+from feeddrive.figures.figure import Figure, Limit
+from feeddrive.figures.of_loops import COMPLIANCE_PEAK, STIFFNESS_LEAST
 from feeddrive.language.progress import Progress
 from feeddrive.loop.control import Control
 from feeddrive.loop.runner import cores
 from feeddrive.study.answers.shares import Share
-from feeddrive.study.figure import Figure
-from feeddrive.study.figures import figure
 from feeddrive.study.pool import finished
 from feeddrive.study.scenarios import with_control
 from feeddrive.study.specification import Bound
@@ -41,12 +42,12 @@ class Measured:
 
     def keeping(self, bound: Bound) -> Share:
         """Those that keep one bound."""
-        return Share(int(np.sum(bound.kept(self.values[bound.figure.name]))), self.count)
+        return Share(int(np.sum(bound.kept(self.values[bound.figure.key]))), self.count)
 
     @property
     def good(self) -> np.ndarray:
         """Which keep all bounds, shape (n,)."""
-        kept = [bound.kept(self.values[bound.figure.name]) for bound in self.bounds]
+        kept = [bound.kept(self.values[bound.figure.key]) for bound in self.bounds]
         return np.logical_and.reduce([np.ones(self.count, dtype=bool), *kept])
 
     @property
@@ -66,7 +67,7 @@ def measured(
     workers: int | None, progress: Progress,
 ) -> Measured:  # fmt: skip
     """The figures of `count` fresh machines of a study under a control."""
-    wanted = {each.name: each for each in (*(bound.figure for bound in bounds), *also)}
+    wanted = {each.key: each for each in (*(bound.figure for bound in bounds), *also)}
     fresh = replace(
         with_control(study, control), stream=STREAM, sampler="monte_carlo", points=count, count=count,
         chunk=max(16, min(256, -(-count // 8))), measure=tuple(wanted.values()),
@@ -79,14 +80,9 @@ def measured(
     return Measured(columns, tuple(bounds), tuple(wanted.values()))
 
 
-# figure of a study, field of the tuner's limits, whether the figure's least is bounded, from one to the other
-_SAME = (
-    ("sensitivity_peak", "sensitivity_peak", False),
-    ("gain_margin_dB", "gain_margin_dB", True),
-    ("phase_margin_deg", "phase_margin_deg", True),
-    ("delay_margin_samples", "delay_margin_samples", True),
-    ("stiffness_least_N_per_m", "compliance_peak", True),
-)
+def _limited(figure: Figure) -> tuple[Figure, bool]:
+    """Return the figure of a study that a tuner's limit is about, and whether it is the inverse of the limited one."""
+    return (STIFFNESS_LEAST, True) if figure == COMPLIANCE_PEAK else (figure, False)
 
 
 def limits_of(study: Study, otherwise: Limits) -> Limits:
@@ -95,30 +91,35 @@ def limits_of(study: Study, otherwise: Limits) -> Limits:
     The least stiffness is the inverse of the largest compliance.  Figures of runs and others are not limits of the
     tuner, but the fresh machines are judged by them.
     """
-    stated = {bound.figure.name: bound for bound in study.specification}
-    found: dict[str, float] = {}
-    for name, field, least in _SAME:
-        bound = stated.get(name)
-        value = None if bound is None else bound.least if least else bound.most
-        if value is not None:
-            found[field] = 1.0 / value if field == "compliance_peak" else value
-    return replace(otherwise, **found)
+    stated = {bound.figure: bound for bound in study.specification}
+    found: list[Limit] = []
+    for limited in limitable():
+        measurable, inverse = _limited(limited)
+        bound = stated.get(measurable)
+        value = None if bound is None else bound.least if measurable.higher else bound.most
+        if value is not None and not _needs_noise(limited):
+            found.append(Limit(limited, 1.0 / value if inverse else value))
+    return otherwise.having(*found)
+
+
+def _needs_noise(figure: Figure) -> bool:
+    """Return True for a figure that follows from the noise of the readings, which a study takes from the encoders."""
+    return figure.limit is not None and figure.limit.noise
 
 
 def bounds_of(study: Study, limits: Limits) -> tuple[Bound, ...]:
     """The study's specification, and the tuner's limits as bounds of figures where it has none for them."""
-    found = {bound.figure.name: bound for bound in study.specification}
-    for name, field, least in _SAME:
-        value = getattr(limits, field)
-        if value is None or name in found:
+    found = {bound.figure: bound for bound in study.specification}
+    for limit in limits.limits:
+        limited, inverse = _limited(limit.figure)
+        if limited in found or _needs_noise(limit.figure):
             continue
-        end = 1.0 / value if field == "compliance_peak" else value
-        found[name] = Bound(figure(name), end if least else None, None if least else end)
+        end = 1.0 / limit.bound if inverse else limit.bound
+        found[limited] = Bound(limited, end if limited.higher else None, None if limited.higher else end)
     return tuple(found.values())
 
 
 def is_limit(bound: Bound) -> bool:
     """Whether a bound is one that the tuner keeps."""
-    return any(
-        bound.figure.name == name and (bound.least if least else bound.most) is not None for name, _, least in _SAME
-    )
+    known = {limited for limited, _ in map(_limited, limitable()) if not _needs_noise(limited)}
+    return bound.figure in known and (bound.least if bound.figure.higher else bound.most) is not None

@@ -23,6 +23,8 @@ from typing import Any
 
 import numpy as np
 
+from feeddrive.figures.catalogue import goals
+from feeddrive.figures.of_loops import ROPE_SNAP
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, number
@@ -30,7 +32,6 @@ from feeddrive.language.table import Cell, Result, Table, picture_of
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
 from feeddrive.study.answers.shares import Share
-from feeddrive.study.figures import figure
 from feeddrive.study.fresh import Measured, bounds_of, is_limit, limits_of, measured
 from feeddrive.study.scenarios import Merits, scenarios
 from feeddrive.study.specification import Bound
@@ -42,7 +43,6 @@ from feeddrive.tuning.tuned import Tuned
 _ROUNDS = 16
 _JOIN = 3  # machines that join at once
 _SAME = 5e-3  # of the goal's logarithm: a machine that is worse by less need not join
-SNAP = "rope_snap_ISE_root_m_per_N"  # measured of every fresh machine
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -104,7 +104,9 @@ class Robust(Result):
         ]
         for share in (0.05, 0.5, 0.95):
             head = Text(f"rope-snap error, {Quantity(share, 'share'):6} quantile")
-            cells = [Quantity(each.quantile(SNAP, share), figure(SNAP).unit) for each in (self.before, self.after)]
+            cells = [
+                Quantity(each.quantile(ROPE_SNAP.key, share), ROPE_SNAP.unit) for each in (self.before, self.after)
+            ]
             rows.append([head, *cells])
         title = f"{self.after.count} fresh machines: share within bounds (95 % interval)"
         return Table(title, ["", "today", "new"], rows)
@@ -130,7 +132,7 @@ def said(bound: Bound) -> str:
     """A bound in words: `following_error_peak_m <= 30 um`."""
     ends = ((">=", bound.least), ("<=", bound.most))
     texts = [f"{sign} {Quantity(value, bound.figure.unit)}" for sign, value in ends if value is not None]
-    return Text(f"{bound.figure.name} {joined(' and ', texts)}")
+    return Text(f"{bound.figure.key} {joined(' and ', texts)}")
 
 
 def tune_robust(
@@ -182,6 +184,8 @@ class RobustTuner:
             raise ParameterError(
                 f"share = {number(share, 6)} must be >= 0.5 and <= 1: the part of the machines that count"
             )
+        if goal not in goals():
+            raise ParameterError(f"goal = {goal!r} must be one of {', '.join(goals())}")
         self.study, self.progress, self.workers = read_study(study), progress or Progress(), workers
         self.loop = next(self.study.bases()).loop
         self.limits = limits_of(self.study, limits or Limits())
@@ -207,7 +211,7 @@ class RobustTuner:
     def judged(self, control: Control) -> Merits:
         """A control on all sampled machines."""
         self.progress.step(f"{len(self.sample.points)} machines under the control")
-        return self.sample.merits(control, self.goal, self.limits, self.band)
+        return self.sample.merits(control, goals()[self.goal], self.limits, self.band)
 
     @cached_property
     def seen_today(self) -> Merits:
@@ -222,7 +226,7 @@ class RobustTuner:
     def _measured(self, control: Control) -> Measured:
         self.progress.step("machines that the tuner never saw")
         bounds = bounds_of(self.study, self.limits)
-        return measured(self.study, control, bounds, (figure(SNAP),), self.fresh, self.workers, self.progress)
+        return measured(self.study, control, bounds, (ROPE_SNAP,), self.fresh, self.workers, self.progress)
 
 
 class _Search:

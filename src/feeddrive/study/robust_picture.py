@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from feeddrive.figures.figure import Figure
 from feeddrive.language.quantity import USUAL, unit_name
 from feeddrive.language.text import marked
 from feeddrive.plot import style
-from feeddrive.study.figure import Figure
 from feeddrive.study.fresh import Measured
 
 
@@ -21,18 +21,18 @@ def shares(before: Measured, after: Measured) -> Any:
     picture, _ = style.picture(1, height=0.7 + 2.3 * rows)
     picture.clear()
     axes = [style.dressed(ax) for ax in np.ravel(picture.subplots(rows, columns, squeeze=False))]
-    bounds = {bound.figure.name: bound for bound in after.bounds}
+    bounds = {bound.figure.key: bound for bound in after.bounds}
     lines: dict[str, Any] = {}
     for ax, figure in zip(axes, figures, strict=False):
         factor = USUAL.of(figure.unit)[1]
-        spread = [factor * _sorted(each.values[figure.name]) for each in (before, after)]
+        spread = [factor * _sorted(each.values[figure.key]) for each in (before, after)]
         low, high = _range(spread)
         for i, (name, values) in enumerate(zip(("today", "new"), spread, strict=True)):
             share = 100.0 * np.arange(1, values.size + 1) / max(each.count for each in (before, after))
             (lines[name],) = ax.step(values, share, where="post", **style.curve(i))
         ax.set_xlim(low, high)
         ax.set_ylim(0.0, 100.0)
-        bound = bounds.get(figure.name)
+        bound = bounds.get(figure.key)
         if bound is not None and bound.least is not None:
             ax.axvspan(low, max(low, factor * bound.least), color=style.ALERT, alpha=0.1, linewidth=0.0)
         if bound is not None and bound.most is not None:
@@ -62,4 +62,4 @@ def _range(spread: list[np.ndarray]) -> tuple[float, float]:
 
 def _said(figure: Figure) -> str:
     """Its meaning, short enough for an axis."""
-    return marked(figure.meaning) if len(figure.meaning) <= 44 else figure.name.replace("_", " ")
+    return marked(figure.description) if len(figure.description) <= 44 else figure.key.replace("_", " ")

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from feeddrive.figures.figure import Figure
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.control import Control
@@ -36,7 +37,7 @@ class Scenarios:
     velocity: float
     bad: tuple[tuple[int, str], ...]
 
-    def merits(self, control: Control, goal: str, limits: Limits, band: tuple[float, float]) -> Merits:
+    def merits(self, control: Control, goal: Figure, limits: Limits, band: tuple[float, float]) -> Merits:
         """How the control does on each machine."""
         response = ControlResponse(control, self.points[0].sample_time, (), self.velocity)
         none = np.zeros(0)

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from feeddrive.figures.catalogue import figure
+from feeddrive.figures.figure import Figure
 from feeddrive.files.toml_file import Section
 from feeddrive.language import units
 from feeddrive.language.errors import FeeddriveError, ParameterError, shown
 from feeddrive.language.quantity import number
-from feeddrive.study.figure import Figure
-from feeddrive.study.figures import figure
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ def read_measure(root: Section, allow: Sequence[str], bounds: Sequence[Bound]) -
             made[name] = figure(name, allow)
         except FeeddriveError as error:
             raise root.error(f"measure: {error}", "measure") from None
-    made |= {each.figure.name: each.figure for each in bounds}
+    made |= {each.figure.key: each.figure for each in bounds}
     if not made:
         raise root.error('a study needs figures to measure: measure = ["following_error_rms_m"]')
     return tuple(made.values())

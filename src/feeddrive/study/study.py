@@ -26,6 +26,7 @@ from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
+from feeddrive.figures.figure import Figure
 from feeddrive.files.job import KEYS as JOB_KEYS
 from feeddrive.files.job import Job
 from feeddrive.files.job_log import optional_text, whole
@@ -36,7 +37,6 @@ from feeddrive.language.declaration import Declaration
 from feeddrive.language.errors import ParameterError, plain, shown
 from feeddrive.language.table import Result, Table
 from feeddrive.study.base import Base
-from feeddrive.study.figure import Figure
 from feeddrive.study.jobs import STUDY_KEYS, check_rows, read_jobs
 from feeddrive.study.points import BITS
 from feeddrive.study.specification import Bound, read_measure, read_specification

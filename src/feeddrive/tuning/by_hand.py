@@ -211,25 +211,5 @@ def _drawable(found: FRF) -> bool:
 
 def _verdicts(limits: Limits, each: Figures) -> list[Verdict]:
     """Each limit at one point."""
-    found = judged(limits, each.margins, each.peak_compliance, each.force_noise, ROOM)
-    return [Verdict(one, each.point, _where(one.kind, each), limits.used(one)) for one in found]
-
-
-def _where(kind: str, each: Figures) -> float | None:
-    """The frequency in Hz at which a figure is what it is."""
-    m = each.margins
-    match kind:
-        case "Ms":
-            return m.modulus_frequency
-        case "peak compliance":
-            return each.stiffness.minimum_frequency
-        case "phase margin":
-            place = min(m.gain_crossovers, key=lambda one: abs(one.phase_margin_deg), default=None)
-        case "delay margin":
-            place = min(m.gain_crossovers, key=lambda one: one.delay_margin, default=None)
-        case "gain margin":
-            rising = (one for one in m.phase_crossovers if one.gain_margin_dB >= 0.0)
-            place = min(rising, key=lambda one: one.gain_margin_dB, default=None)
-        case _:
-            place = None
-    return None if place is None else place.frequency
+    found = judged(limits, each, ROOM)
+    return [Verdict(one, each.point, one.limit.declared.where(each), one.used) for one in found]

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.analysis.margins import Margins, bandwidth, margins, peak_deviation
-from feeddrive.analysis.stiffness import Stiffness, force_noise_of_lines, rope_snap_of_lines, stiffness
-from feeddrive.language.quantity import Quantity
+from feeddrive.analysis.margins import Logarithms, Margins, bandwidth, logarithms, margins, peak_deviation
+from feeddrive.analysis.stiffness import Stiffness, rope_snap_of_lines, stiffness
+from feeddrive.figures.catalogue import figures as catalogue
+from feeddrive.figures.figure import NEUTRAL, Figure
+from feeddrive.figures.of_loops import SENSITIVITY_PEAK
+from feeddrive.figures.slopes import Reading, force_noise_of
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import StateSpace
 from feeddrive.tuning.control_response import Response
@@ -79,6 +82,32 @@ class Answer:
     compliance_slope: np.ndarray
     compliance_variance: np.ndarray
     below: Recovery | None = None
+
+    @property
+    def frequency(self) -> np.ndarray:
+        """The lines, Hz."""
+        return self.point.frequency
+
+    @property
+    def sample_time(self) -> float:
+        """The sample time, s."""
+        return self.point.sample_time
+
+    @property
+    def logarithms(self) -> Logarithms:
+        """The loop gain as logarithms."""
+        return self._logarithms
+
+    @cached_property
+    def _logarithms(self) -> Logarithms:
+        return logarithms(self.point.frequency, self.gain)
+
+    def readings(self, noise: tuple[float, float]) -> list[Reading]:
+        """Return what leads from the errors of the readings (m RMS) to the force."""
+        C, dC = self.response.value, self.response.slope
+        if self.point.ratio is not None and np.all(self.point.ratio[0] == 1.0):  # one encoder gives both readings
+            return [Reading(C[0] + C[1], dC[0] + dC[1], max(noise))]
+        return [Reading(C[k], dC[k], noise[k]) for k in range(2)]
 
     def recovery(self) -> Recovery:
         """From far below the first line on."""
@@ -217,21 +246,6 @@ def encircles(answer: Answer) -> bool:
     return not abs(np.degrees(np.mean(phase)) + 90.0 * n + 180.0 * fast) < 90.0
 
 
-def noisy_readings(each: Answer, reading_noise: tuple[float, float]) -> list[tuple[np.ndarray, np.ndarray, float]]:
-    """The control's responses C to the readings (N/m), their slopes, and the white error of each in m RMS."""
-    C, dC = each.response.value, each.response.slope
-    if each.point.ratio is not None and np.all(each.point.ratio[0] == 1.0):  # one encoder gives both readings
-        return [(C[0] + C[1], dC[0] + dC[1], max(reading_noise))]
-    return [(C[k], dC[k], reading_noise[k]) for k in range(2)]
-
-
-def force_noise(each: Answer, reading_noise: tuple[float, float]) -> float:
-    """RMS of the command in N from white errors of the readings in m."""
-    S = 1.0 / (1.0 + each.gain)
-    parts = [(C * S, sigma) for C, _, sigma in noisy_readings(each, reading_noise)]
-    return force_noise_of_lines(each.point.frequency, each.point.sample_time, parts)
-
-
 @dataclass(frozen=True, eq=False)
 class Figures:
     """Of one control at one point; infinite or 0 where the loop is unstable.
@@ -249,20 +263,33 @@ class Figures:
     deviation: float
     at_drive: bool
 
-    @cached_property
+    @property
+    def known_deviation(self) -> float | None:
+        """The standard deviation of Ms; None for a model."""
+        return self.deviation or None
+
+    @property
     def margins(self) -> Margins:
-        """Of the loop gain."""
+        """The margins of the loop gain."""
+        return self._margins
+
+    @property
+    def stiffness(self) -> Stiffness:
+        """The inverse of the compliance."""
+        return self._stiffness
+
+    @cached_property
+    def _margins(self) -> Margins:
         return margins(self.loop_gain)
 
     @cached_property
-    def stiffness(self) -> Stiffness:
-        """The inverse of the compliance."""
+    def _stiffness(self) -> Stiffness:
         return stiffness(self.compliance)
 
-    @property
-    def peak_compliance(self) -> float:
-        """m/N."""
-        return float(1.0 / self.stiffness.minimum)
+    def stiffness_at(self, frequency: float) -> float | None:
+        """Return the dynamic stiffness at a frequency (Hz) in N/m; None where it is not known."""
+        f = self.compliance.frequency
+        return self.stiffness.at(frequency) if f[0] <= frequency <= f[-1] else None
 
 
 def figures(answer: Answer, reading_noise: tuple[float, float]) -> Figures:
@@ -281,45 +308,19 @@ def figures(answer: Answer, reading_noise: tuple[float, float]) -> Figures:
         compliance=C,
         rope_snap=rope_snap_of_lines(recovery.frequency, recovery.compliance, T) if stable else np.inf,
         bandwidth=bandwidth(f, answer.gain) if stable else None,
-        force_noise=force_noise(answer, reading_noise) if any(reading_noise) else None,
+        force_noise=force_noise_of(answer, reading_noise) if any(reading_noise) else None,
         deviation=peak_deviation(answer.gain, answer.gain_variance),
         at_drive=point.at_drive,
     )
 
 
-def _at(each: Figures, frequency: float) -> float | None:
-    f = each.compliance.frequency
-    return each.stiffness.at(frequency) if f[0] <= frequency <= f[-1] else None
-
-
-class LoopFigure(NamedTuple):
-    """A figure of a tuned loop: its title, SI unit and value, and whether larger is better.
-
-    larger  None for a figure that is bounded, as Ms, or neutral, as the crossover
-    """
-
-    title: str
-    unit: str
-    of: Callable[[Figures], float | None]
-    larger: bool | None = None
-
-    def quantity(self, loop: Figures) -> Quantity | None:
-        """The value of a loop with its unit; None if it does not occur."""
-        value = self.of(loop)
-        return None if value is None else Quantity(value, self.unit)
-
-
-FIGURES = (
-    LoopFigure("Ms", "", lambda each: each.margins.sensitivity_peak),
-    LoopFigure("its standard deviation", "", lambda each: each.deviation or None),
-    LoopFigure("crossover", "Hz", lambda each: each.margins.crossover),
-    LoopFigure("bandwidth (|S| at -3 dB)", "Hz", lambda each: each.bandwidth, True),
-    LoopFigure("phase margin", "deg", lambda each: each.margins.phase_margin_deg, True),
-    LoopFigure("gain may rise by", "dB", lambda each: each.margins.gain_increase_dB, True),
-    LoopFigure("delay margin", "samples", lambda each: each.margins.delay_margin_samples, True),
-    LoopFigure("least stiffness", "N/m", lambda each: each.stiffness.minimum, True),
-    LoopFigure("stiffness at 10 Hz", "N/m", lambda each: _at(each, 10.0), True),
-    LoopFigure("peak compliance", "m/N", lambda each: each.peak_compliance),
-    LoopFigure("rope-snap error", "m √s/N", lambda each: each.rope_snap, False),
-    LoopFigure("force noise", "N RMS", lambda each: each.force_noise, False),
+DEVIATION = Figure(
+    "sensitivity_peak_deviation", "its standard deviation", "", "model", attrgetter("known_deviation"), NEUTRAL
 )
+
+
+@cache
+def reported() -> tuple[Figure, ...]:
+    """Return the figures that a tuning reports, with the standard deviation of Ms after it."""
+    tuned = [figure for figure in catalogue().values() if figure.tuned]
+    return tuple(row for figure in tuned for row in ((figure, DEVIATION) if figure == SENSITIVITY_PEAK else (figure,)))

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.analysis.margins import bandwidth_crossing
-from feeddrive.analysis.stiffness import rope_snap_weights, trapezoid_weights
+from feeddrive.figures.figure import Figure
+from feeddrive.figures.slopes import Slope, rope_snap_slope
 from feeddrive.language.errors import FeeddriveError, NotIdentifiableError
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.tuning.closed_loop import Answer, Below, answer, grows, unstable
@@ -16,7 +16,6 @@ from feeddrive.tuning.control_response import ControlResponse, Response
 from feeddrive.tuning.limits import Bound, Limits, bounds_of, notches_stay_notches
 from feeddrive.tuning.operating_point import OperatingPoint
 
-GOALS = ("rope-snap", "stiffness", "least-stiffness", "integral-gain", "bandwidth")
 _BESIDE = 0.02  # weight of the logarithm of the rope-snap error, added to another goal
 
 
@@ -41,6 +40,8 @@ class Evaluation(NamedTuple):
 class Criteria:
     """Evaluates goal and limits of a control at all operating points.
 
+    goal  a figure with a `Goal`
+
     near  of a control with two rates the nearest images count alone: for a search that is not the last one
     """
 
@@ -48,7 +49,7 @@ class Criteria:
         self,
         points: tuple[OperatingPoint, ...],
         control: ControlResponse,
-        goal: str,
+        goal: Figure,
         limits: Limits,
         band: tuple[float, float],
         *,
@@ -56,6 +57,8 @@ class Criteria:
     ) -> None:
         self.points, self.control, self.goal, self.limits, self.band = points, control, goal, limits, band
         self.near = near
+        assert goal.goal is not None
+        self._declared = goal.goal
         self._known: dict[bytes, Evaluation] = {}
         self._below = [Below(point) for point in points]
         every = [part.frequency for pair in zip(self._below, points, strict=True) for part in pair]
@@ -151,66 +154,24 @@ class Criteria:
             tuple(bounds),
         )
 
-    def _goal(self, each: Answer) -> tuple[float, np.ndarray, np.ndarray]:
+    def _goal(self, each: Answer) -> Slope:
         """Logarithm of the quantity to minimize, its slope, and the Gauss-Newton part of its curvature.
 
         A goal that does not measure how long the axis takes to return would sacrifice the position gain for a
         negligible benefit. So a fiftieth of the rope-snap error is added to it.
         """
-        f = each.point.frequency
-        inside = (f >= self.band[0]) & (f <= self.band[1])
-        lines, y, dy = each.recovery()
-        snap = _mean_square(y, dy, rope_snap_weights(lines, each.point.sample_time))
-        match self.goal:
-            case "rope-snap":
-                return snap
-            case "stiffness":
-                own = _mean_square(each.compliance, each.compliance_slope, _band_weights(f, inside))
-            case "least-stiffness" | "integral-gain":
-                weight = 1.0 if self.goal == "least-stiffness" else 1.0 / (2.0 * np.pi * f)
-                size = np.where(inside, weight * np.abs(each.compliance), 0.0)
-                k = int(np.argmax(size))
-                slope = (each.compliance_slope[k] / each.compliance[k]).real
-                own = float(np.log(size[k])), slope, np.outer(slope, slope)
-            case _:
-                own = _bandwidth(each)
-        return own[0] + _BESIDE * snap[0], own[1] + _BESIDE * snap[1], own[2] + _BESIDE * snap[2]
+        own = self._declared.slope(each, self.band)
+        if self._declared.returns:
+            return own
+        snap = rope_snap_slope(each, self.band)
+        return Slope(
+            own.value + _BESIDE * snap.value, own.slope + _BESIDE * snap.slope, own.curvature + _BESIDE * snap.curvature
+        )
 
 
 def _to_logarithms(response: Response, values: np.ndarray) -> Response:
     """With slopes to the logarithms of the tunables."""
     return response._replace(slope=response.slope * values)
-
-
-def _band_weights(frequency: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """Weights of the mean of |y|² over ln f inside of the band: `mean_compliance` with slopes, up to the ends."""
-    width = np.where(inside, trapezoid_weights(np.log(frequency)), 0.0)
-    return width / np.sum(width)
-
-
-def _mean_square(y: np.ndarray, dy: np.ndarray, weight: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    """½ ln Σ w |y|²."""
-    total = float(np.sum(weight * np.abs(y) ** 2))
-    slope = np.real(dy.T @ (weight * np.conj(y))) / total
-    root = np.sqrt(weight)[:, None] * dy
-    curvature = np.real(root.conj().T @ root) / total
-    return 0.5 * float(np.log(total)), slope, curvature - np.outer(slope, slope)
-
-
-def _bandwidth(each: Answer) -> tuple[float, np.ndarray, np.ndarray]:
-    """-ln of the frequency at which |S| first rises to -3 dB."""
-    x = np.log(each.point.frequency)
-    tunables = each.gain_slope.shape[1]
-    found = bandwidth_crossing(each.gain)
-    if found is None:
-        return float(-x[0]), np.zeros(tunables), np.zeros((tunables, tunables))
-    i, part = found
-    level = -np.log(np.abs(1.0 + each.gain[i : i + 2]))
-    tilt = (level[1] - level[0]) / (x[i + 1] - x[i])
-    pushed = -(each.gain_slope / (1.0 + each.gain)[:, None]).real
-    moved = (1.0 - part) * pushed[i] + part * pushed[i + 1]
-    slope = moved / tilt
-    return float(-(x[i] + part * (x[i + 1] - x[i]))), slope, np.outer(slope, slope)
 
 
 _TOGETHER = 0.15  # of ln f: bounds nearer than this at one point share their noise and count once

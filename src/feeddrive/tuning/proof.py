@@ -10,13 +10,15 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.analysis.loop_model import LoopModel, delay_edge, gain_edge, loop_model
-from feeddrive.analysis.margins import Margins, margins
 from feeddrive.analysis.stability import stability
-from feeddrive.analysis.stiffness import force_noise, rope_snap, rope_snap_of_run, stiffness
+from feeddrive.analysis.stiffness import rope_snap, rope_snap_of_run
 from feeddrive.blocks.families import Sensor
 from feeddrive.blocks.load.step_force import StepForce
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.sensor.encoder import Encoder
+from feeddrive.figures.linear_loop import LinearLoop
+from feeddrive.figures.of_loops import DELAY_MARGIN, GAIN_MARGIN, SENSITIVITY_PEAK
+from feeddrive.figures.slopes import JudgedLoop
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined
@@ -53,7 +55,7 @@ def of_measurement(found: Sequence[Figures], limits: Limits) -> tuple[Checked, .
         checks.append(Checked(f"{each.point}: Nyquist", each.stable, f"{said}, {each.loop_gain.frequency.size} lines"))
         if each.stable:
             what = f"{each.point}: limits on all lines"
-            checks.append(_within(what, limits, each.margins, each.peak_compliance, each.force_noise))
+            checks.append(_within(what, limits, each))
     return tuple(checks)
 
 
@@ -75,11 +77,12 @@ def of_known(point: OperatingPoint, control: Control, limits: Limits, velocity: 
     return tuple(checks)
 
 
-def _within(what: str, limits: Limits, m: Margins, peak: float, noise: float | None) -> Checked:
+def _within(what: str, limits: Limits, loop: JudgedLoop) -> Checked:
     """The line of a proof that all limits are kept; Ms is stated in any case."""
-    found = judged(limits, m, peak, noise, ROOM)
-    said = [each.text for each in found if each.kind != "Ms"]
-    return Checked(what, all(each.keeps for each in found), joined(", ", [f"Ms {Quantity(m.sensitivity_peak)}", *said]))
+    found = judged(limits, loop, ROOM)
+    texts = [verdict.text for verdict in found if verdict.figure != SENSITIVITY_PEAK]
+    peak = f"{SENSITIVITY_PEAK.title} {SENSITIVITY_PEAK.quantity(SENSITIVITY_PEAK.read(loop))}"
+    return Checked(what, all(verdict.keeps for verdict in found), joined(", ", [peak, *texts]))
 
 
 def of_model(name: str, loop: Loop, limits: Limits, velocity: float) -> tuple[Checked, ...]:
@@ -89,10 +92,8 @@ def of_model(name: str, loop: Loop, limits: Limits, velocity: float) -> tuple[Ch
     if not poles.stable:
         return tuple(checks)
     both = loop_model(loop, velocity=velocity)
-    lines = both.lines(_DENSE)
-    m = margins(both.loop_gain(lines))
-    peak = 1.0 / stiffness(both.closed.response(lines, "position_load", "load_force")).minimum
-    checks.append(_within(f"{name}: limits on {lines.size} other lines", limits, m, peak, _noise(loop, both, limits)))
+    dense = LinearLoop(loop, velocity, both, _DENSE, 0.0, limits.reading_noise)
+    checks.append(_within(f"{name}: limits on {dense.lines.size} other lines", limits, dense))
     if isinstance(both.open, Lifted):
         checks.append(_of_two_rates(name, both.open, limits))
     checks.append(_run(name, loop, both, limits, velocity, poles.time_constant))
@@ -102,25 +103,14 @@ def of_model(name: str, loop: Loop, limits: Limits, velocity: float) -> tuple[Ch
 def _of_two_rates(name: str, model: Lifted, limits: Limits) -> Checked:
     """Gain and dead time until the edge by the poles over a period: exact where a sine meets one frequency alone."""
     gain, delay = gain_edge(model), delay_edge(model)
-    least = 10.0 ** ((limits.gain_margin_dB or 0.0) * (1.0 - ROOM) / 20.0)
-    keeps = (gain is None or gain >= least) and (
-        delay is None or limits.delay_margin_samples is None or delay >= math.floor(limits.delay_margin_samples)
-    )
+    least = 10.0 ** ((limits.bound(GAIN_MARGIN) or 0.0) * (1.0 - ROOM) / 20.0)
+    later = limits.bound(DELAY_MARGIN)
+    keeps = (gain is None or gain >= least) and (delay is None or later is None or delay >= math.floor(later))
     rises = "at will" if gain is None else Text(f"by {Quantity(20.0 * math.log10(gain), 'dB')}")
-    later = "however long" if delay is None else f"{delay} to {delay + 1} samples"
+    longer = "however long" if delay is None else f"{delay} to {delay + 1} samples"
     N, T = len(model.samples), model.sample_time
     what = Text(f"{name}: both rates, {Quantity(T, 's'):6} and {Quantity(N * T, 's'):6}")
-    return Checked(what, keeps, f"until the edge by poles over {N} samples: gain {rises}, dead time {later} more")
-
-
-def _noise(loop: Loop, both: LoopModel, limits: Limits) -> float | None:
-    """The force noise of the whole loop in N RMS, if a limit asks for it; one encoder: both have its error."""
-    if limits.force_noise is None:
-        return None
-    motor, load = limits.reading_noise
-    if loop.axis.one_encoder():
-        return force_noise(both.closed, 0.0, max(motor, load), shared=True)
-    return force_noise(both.closed, motor, load)
+    return Checked(what, keeps, f"until the edge by poles over {N} samples: gain {rises}, dead time {longer} more")
 
 
 def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float, slowest: float | None) -> Checked:

@@ -10,6 +10,7 @@ import numpy as np
 
 from feeddrive.analysis.margins import margins
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.figures.of_loops import EVERYWHERE, STIFFNESS_MEAN
 from feeddrive.language.errors import FeeddriveError, NotIdentifiableError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, number
@@ -341,7 +342,7 @@ def judged_recipes(
             continue
         whole = replace(control, law=recipe.law, compensation=())
         response = ControlResponse(whole, made[0].sample_time, (), velocity)
-        answers = Criteria(made, response, "stiffness", limits, (0.0, np.inf)).answers(np.zeros(0))
+        answers = Criteria(made, response, STIFFNESS_MEAN, limits, EVERYWHERE).answers(np.zeros(0))
         found.append(
             JudgedRecipe(name, recipe, tuple(figures(each, limits.reading_noise) for each in answers), recipe.reason)
         )

@@ -10,6 +10,8 @@ import numpy as np
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
 from feeddrive.tuning.criteria import Criteria, Evaluation
 from feeddrive.tuning.limits import Bound
@@ -273,3 +275,21 @@ def _definite(H: np.ndarray, least: float = 0.05) -> np.ndarray:
     """The nearest matrix whose eigenvalues are neither too small nor too large."""
     values, vectors = np.linalg.eigh(0.5 * (H + H.T))
     return (vectors * np.clip(values, least, 1e4)) @ vectors.T
+
+
+AGREE = 0.05  # of the goal: ends of searches this near the best agree with it
+
+
+def unconfirmed(search: Search, ends: Sequence[End], kinds: Sequence[str]) -> str:
+    """Return which kind of search has not come to within 5 % of the best, and by how much; empty if all have."""
+    costs = [search.merit(each.judged) for each in ends]
+    said: list[str] = []
+    for kind, told in (("population", "from all over the range"), ("continuation", "by continuation in Ms")):
+        off = min((cost for cost, own in zip(costs, kinds, strict=True) if own == kind), default=np.inf) - min(costs)
+        if off >= AGREE:
+            said.append(
+                Text(f"{told} {Quantity(np.expm1(off), 'share'):2} above the best")
+                if np.isfinite(off)
+                else f"none {told}"
+            )
+    return Text(f"searches ended {joined(' and ', said)}") if said else ""

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from feeddrive.figures.catalogue import goals
+from feeddrive.figures.figure import Limit
+from feeddrive.figures.of_loops import FORCE_NOISE
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
@@ -17,8 +20,8 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.closed_loop import Figures, figures
 from feeddrive.tuning.control_response import ControlResponse
-from feeddrive.tuning.criteria import GOALS, Criteria, Evaluation, chance
-from feeddrive.tuning.limits import NOTCH, Limits
+from feeddrive.tuning.criteria import Criteria, Evaluation, chance
+from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.operating_point import OperatingPoint, modelled_point
 from feeddrive.tuning.proof import of_known, of_measurement, of_model
 from feeddrive.tuning.search import End
@@ -34,7 +37,7 @@ def tune_control(
     points: OperatingPoint | Loop | Sequence[OperatingPoint | Loop] | None = None,
     *,
     goal: str = "rope-snap",
-    limits: Limits | None = None,
+    limits: Limits | Iterable[Limit] | None = None,
     tunables: Sequence[str] | None = None,
     filters: str = "free",
     band: tuple[float, float] = (0.0, math.inf),
@@ -49,10 +52,11 @@ def tune_control(
 
         minimize  max over points of the goal   over ln(tunables)   subject to   slack_i >= k σ_i  for all limits i
 
-    goal        rope-snap: ISE^½ = [∫ |y|²/ω² dω/π]^½;  stiffness: the mean of |y|² over ln f in the band;
-                least-stiffness: max |y| in the band;  integral-gain: max |y|/ω;
-                bandwidth: 1/(frequency at which |1/(1 + L)| rises to -3 dB);
+    goal        a figure with a goal in the catalogue (`figures.goals`).  rope-snap: ISE^½ = [∫ |y|²/ω² dω/π]^½;
+                stiffness: the mean of |y|² over ln f in the band;  least-stiffness: max |y| in the band;
+                integral-gain: max |y|/ω;  bandwidth: 1/(frequency at which |1/(1 + L)| rises to -3 dB);
                 y is the compliance of the closed loop
+    limits      `Limits`, or `Limit`s of figures of the catalogue (`figures.limitable`)
     control     the start of the search; of a loop its control is taken, and its axis if no point is given
     points       axes at several positions and loads: `measured_point`, or loops, whose axis is taken
     tunables    dotted names below the control, such as law.Kp; default: those of the law
@@ -94,7 +98,7 @@ def assess(
     *,
     rule: str,
     goal: str = "rope-snap",
-    limits: Limits | None = None,
+    limits: Limits | Iterable[Limit] | None = None,
     band: tuple[float, float] = (0.0, math.inf),
     confidence: float = 0.95,
     velocity: float = 0.05,
@@ -112,13 +116,14 @@ def assess(
 
 
 def _tuner(
-    control: Control, points: OperatingPoint | Loop | Sequence[OperatingPoint | Loop], goal: str, limits: Limits | None,
-    band: tuple[float, float], confidence: float, starts: int, seed: int, velocity: float,
-    progress: Progress | None,
+    control: Control, points: OperatingPoint | Loop | Sequence[OperatingPoint | Loop], goal: str,
+    limits: Limits | Iterable[Limit] | None, band: tuple[float, float], confidence: float, starts: int, seed: int,
+    velocity: float, progress: Progress | None,
 ) -> Tuner:  # fmt: skip
     """The tuner for checked arguments."""
-    if goal not in GOALS:
-        raise ParameterError(f"goal = {goal!r} must be one of {', '.join(GOALS)}")
+    figure = goals().get(goal)
+    if figure is None or figure.goal is None:
+        raise ParameterError(f"goal = {goal!r} must be one of {', '.join(goals())}")
     if not 0.5 <= confidence < 1.0:
         raise ParameterError(f"confidence = {number(confidence, 6)} must be >= 0.5 and < 1")
     if not 0.0 <= band[0] < band[1]:
@@ -139,10 +144,12 @@ def _tuner(
         said = joined(", ", [f"'{each.name}' {Quantity(each.sample_time, 's'):6}" for each in made])
         raise ParameterError(f"one control has one sample time, but the points have {said}")
     _check_band(made, band)
-    tuner = Tuner(made, goal, limits or Limits(), band, confidence, starts, seed, velocity, progress or Progress())
-    if goal == "rope-snap" and not ControlResponse(control, made[0].sample_time, (), velocity).integrates(()):
+    kept = limits if isinstance(limits, Limits) else Limits(limits or ())
+    tuner = Tuner(made, figure, kept, band, confidence, starts, seed, velocity, progress or Progress())
+    integrates = ControlResponse(control, made[0].sample_time, (), velocity).integrates
+    if figure.goal.returns and not integrates(()):
         raise ParameterError(
-            f"goal = 'rope-snap' needs a control with integral action: without it ('{control.law.kind}' as it is) "
+            f"goal = '{goal}' needs a control with integral action: without it ('{control.law.kind}' as it is) "
             "a force causes a permanent offset of the table; give it one, such as law.Tn, let the search begin with "
             "one (law cascade_ppi), or take the goal stiffness"
         )
@@ -221,7 +228,7 @@ def _held(tuner: Tuner, best: Best) -> tuple[HeldBack, ...]:
     summed: dict[tuple[str, int], list[tuple[float, float]]] = {}
     for bound in best.end.judged.bounds:
         force = best.end.force.get(bound.key, 0.0)
-        if force > 1e-4 and bound.kind != NOTCH:
+        if force > 1e-4 and bound.figure is not None:
             summed.setdefault((bound.kind, bound.point), []).append((force, bound.frequency))
     found: list[HeldBack] = []
     for (kind, point), parts in summed.items():
@@ -289,14 +296,14 @@ def _edges(tuner: Tuner, best: Best) -> list[str]:
         reason = ""
         if name.startswith("filters.") and unit == "Hz" and end == "upper":
             reason = f", {Quantity(size / nyquist, 'share'):3} of half the sample rate: as good as no filter"
-            if tuner.limits.force_noise is None:
-                reason += ", since no limit on the force noise prevents it"
+            if tuner.limits.limit(FORCE_NOISE) is None:
+                reason += f", since no limit on the {FORCE_NOISE.title} prevents it"
         there = Quantity(size, unit, form="SI")
         found.append(Text(f"{shown} = {there} is the {end} end of the range of the search{reason}"))
     found += [
         f"filters.{bound.key[1]} (notch) would amplify instead of attenuate, so it is flat"
         for bound in best.end.judged.bounds
-        if bound.kind == NOTCH and best.end.force.get(bound.key, 0.0) > 1e-3 and bound.slack < 0.02
+        if bound.figure is None and best.end.force.get(bound.key, 0.0) > 1e-3 and bound.slack < 0.02
     ]
     return found
 

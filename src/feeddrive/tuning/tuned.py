@@ -9,8 +9,8 @@ from enum import Enum
 import numpy as np
 
 from feeddrive.analysis.margins import Margins, margins
-from feeddrive.analysis.stiffness import mean_compliance
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.figures.figure import Figure, Goal
 from feeddrive.language import tree
 from feeddrive.language.quantity import USUAL, Quantity, number
 from feeddrive.language.table import UNIT, Cell, Column, Result, Table
@@ -18,7 +18,7 @@ from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning.closed_loop import FIGURES, Figures, LoopFigure
+from feeddrive.tuning.closed_loop import Figures, reported
 from feeddrive.tuning.limits import Limits, judged
 from feeddrive.tuning.operating_point import OperatingPoint, position_loop, response_on
 from feeddrive.tuning.proof import Checked
@@ -90,6 +90,7 @@ class Tuned(Result):
     """A control shaped for a goal within limits at all points.
 
     tunables, started    values by dotted name of the control, new and today's (NaN: new filter)
+    goal              the figure that is made best
     before, after     figures at each point; before is empty if today's control has none
     held              the bounds that limit the goal, the strongest first
     advice            advice on further improvements
@@ -106,7 +107,7 @@ class Tuned(Result):
     loops: tuple[Loop, ...]
     tunables: Mapping[str, float]
     started: Mapping[str, float]
-    goal: str
+    goal: Figure
     band: tuple[float, float]
     limits: Limits
     before: tuple[Figures, ...]
@@ -189,9 +190,9 @@ class Tuned(Result):
             before = self.before[i] if self.before else None
             mark = f" ({after.point})" if len(self.after) > 1 else ""
             rows += [
-                [f"{each.title}{mark}", "" if before is None else _figure(before, each), _figure(after, each), UNIT]
-                for each in FIGURES
-                if each.of(after) is not None
+                [f"{figure.label or figure.title}{mark}", _figure(before, figure), _figure(after, figure), UNIT]
+                for figure in reported()
+                if figure.read(after) is not None
             ]
         rows += [["held back by", "", "", held.sentence()] for held in self.held]
         rows += [["to gain more", "", "", text] for text in self.advice]
@@ -204,38 +205,38 @@ def _verdict(holds: bool | None) -> str:
     return "not proven" if holds is None else "holds" if holds else "DOES NOT HOLD"
 
 
-def _figure(loop: Figures, figure: LoopFigure) -> str | Quantity | None:
-    return figure.quantity(loop) if loop.stable else "unstable"
+def _figure(loop: Figures | None, figure: Figure) -> str | Quantity | None:
+    if loop is None:
+        return ""
+    return figure.quantity(figure.read(loop)) if loop.stable else "unstable"
 
 
 _NOT_WORTH = 2.0  # percent: a smaller gain does not justify a change
 _WORSE = 0.03  # relative change of a figure that counts as worse
 TIMES = 3.0  # from which a figure is said as so many times, not as percent more
 _LEAST_PHASE, _MOST_PEAK = 15.0, 5.0  # deg and Ms of a velocity loop alone that are a headline
-_WHAT = {
-    "rope-snap": "rope-snap error",
-    "stiffness": "dynamic stiffness",
-    "least-stiffness": "least stiffness",
-    "integral-gain": "integral gain",
-    "bandwidth": "bandwidth",
-}
+
+
+def declared_goal(found: Tuned) -> Goal:
+    """Return how the figure of the goal is made best."""
+    assert found.goal.goal is not None
+    return found.goal.goal
 
 
 def aim(found: Tuned) -> str:
-    """The goal."""
+    """Return the goal in words."""
+    goal = declared_goal(found)
     band = (
         ""
         if found.band == (0.0, np.inf)
         else Text(f" from {Quantity(found.band[0], 'Hz', bare=True):6} to {Quantity(found.band[1], 'Hz'):6}")
     )
-    drive = " against a force at the drive" if found.at_drive and found.goal != "bandwidth" else ""
-    return {
-        "rope-snap": f"least rope-snap error{drive}",
-        "stiffness": f"greatest dynamic stiffness{drive}{band}",
-        "least-stiffness": f"greatest least stiffness{drive}{band}",
-        "integral-gain": f"greatest integral gain{drive}{band}",
-        "bandwidth": "greatest bandwidth",
-    }[found.goal]
+    best = "greatest" if found.goal.higher else "least"
+    return Text(f"{best} {goal.what}{_against(found)}{band if goal.banded else ''}")
+
+
+def _against(found: Tuned) -> str:
+    return " against a force at the drive" if found.at_drive and declared_goal(found).on_table else ""
 
 
 def recommendation(found: Tuned) -> str:
@@ -295,7 +296,7 @@ def _advised(found: Tuned) -> str:
     broken = broken_limits(found.before, found.limits)
     if broken:
         return Text(f"{new} keep {limits} with {said}, and today's {broken}{limit}.")
-    drive = " against a force at the drive" if found.at_drive and found.goal != "bandwidth" else ""
+    drive = _against(found)
     if found.recipe and change < 0.0:
         return Text(f"Leave the control as it is: this rule gives {said}{drive}{limit}.")
     if found.verdict is Verdict.LEAVE:
@@ -306,23 +307,23 @@ def _advised(found: Tuned) -> str:
 
 def _gain_said(found: Tuned, gained: float) -> str:
     """`50 % more dynamic stiffness`, `570 times the dynamic stiffness`."""
-    ratio = 1.0 / gained if found.goal == "rope-snap" else gained
+    ratio = gained if found.goal.higher else 1.0 / gained
     if ratio >= TIMES:
-        return Text(f"{_rough(ratio)} times the {_WHAT[found.goal]}")
+        return Text(f"{_rough(ratio)} times the {declared_goal(found).what}")
     direction = "more" if ratio >= 1.0 else "less"
-    return Text(f"{_rough(abs(ratio - 1.0), 'share')} {direction} {_WHAT[found.goal]}")
+    return Text(f"{_rough(abs(ratio - 1.0), 'share')} {direction} {declared_goal(found).what}")
 
 
 def _change(found: Tuned, gained: float) -> float:
     """By how many percent the goal is better than before."""
-    return 100.0 * (1.0 - 1.0 / gained if found.goal == "rope-snap" else gained - 1.0)
+    return 100.0 * (gained - 1.0 if found.goal.higher else 1.0 - 1.0 / gained)
 
 
 def _new_values(found: Tuned) -> str:
     """Recommended without reservation only if the response to a force on the table is known."""
     if not found.at_drive:
         return "Take the new values: they"
-    return "The new values" if found.goal == "bandwidth" else "Against a force at the drive the new values"
+    return "Against a force at the drive the new values" if declared_goal(found).on_table else "The new values"
 
 
 def _worse(found: Tuned) -> str:
@@ -333,17 +334,17 @@ def _worse(found: Tuned) -> str:
     for name, now in found.tunables.items():
         if name.rpartition(".")[2] == "Kv" and found.started[name] > (1.0 + _WORSE) * now:
             said.append(_fall("Kv", found.started[name], now, "1/s"))
-    for figure in FIGURES:
-        if figure.larger is None:
+    for figure in reported():
+        if not figure.compared:
             continue
-        pairs = [(figure.of(a), figure.of(b)) for a, b in zip(found.before, found.after, strict=True)]
+        pairs = [(figure.read(a), figure.read(b)) for a, b in zip(found.before, found.after, strict=True)]
         fell = [
-            ((a / b if figure.larger else b / a), a, b)
+            ((a / b if figure.higher else b / a), a, b)
             for a, b in pairs
             if a is not None and b is not None and a * b > 0
         ]
         if fell and max(fell)[0] > 1.0 + _WORSE:
-            said.append(_fall(figure.title, *max(fell)[1:], figure.unit))
+            said.append(_fall(figure.label or figure.title, *max(fell)[1:], figure.unit))
     return joined(", ", said)
 
 
@@ -353,29 +354,14 @@ def _fall(title: str, before: float, after: float, unit: str) -> str:
 
 def goal_of(found: Tuned, row: Sequence[Figures]) -> float:
     """The value of the goal, which is minimized, at the worst point."""
-    return max(_goal(each, found.goal, found.band) for each in row)
-
-
-def _goal(each: Figures, goal: str, band: tuple[float, float]) -> float:
-    f, size = each.compliance.frequency, each.compliance.magnitude
-    inside = (f >= band[0]) & (f <= band[1])
-    match goal:
-        case "rope-snap":
-            return each.rope_snap
-        case "stiffness":
-            return mean_compliance(f, each.compliance.response, band)
-        case "least-stiffness":
-            return float(np.max(size[inside]))
-        case "integral-gain":
-            return float(np.max((size / (2.0 * np.pi * f))[inside]))
-        case _:
-            return 1.0 / each.bandwidth if each.bandwidth else np.inf
+    of = declared_goal(found).of
+    return max(of(loop, found.band) for loop in row)
 
 
 def broken_limits(before: Sequence[Figures], limits: Limits, room: float = 0.02) -> str:
     """Which limit a control does not keep, as a clause; empty if it keeps all."""
     for each in before:
-        for found in judged(limits, each.margins, each.peak_compliance, each.force_noise, room):
+        for found in judged(limits, each, room):
             if not found.keeps:
-                return Text(f"have {found.text}, not {limits.only(found.kind)}")
+                return Text(f"have {found.text}, not {limits.text(found.limit)}")
     return ""

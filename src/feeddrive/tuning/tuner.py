@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from feeddrive.blocks.filter.notch import Notch
+from feeddrive.figures.figure import Figure
+from feeddrive.figures.of_loops import SENSITIVITY_PEAK
 from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, UnstableError
 from feeddrive.language.progress import Progress
@@ -19,7 +20,7 @@ from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.criteria import Criteria, needed, require_covered, require_good, some
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.operating_point import OperatingPoint
-from feeddrive.tuning.search import End, Search
+from feeddrive.tuning.search import AGREE, End, Search, unconfirmed
 from feeddrive.tuning.tunables import box, logarithms, scattered, speeds
 
 _LADDER = np.log(2.0) * np.arange(2.0, -11.5, -0.5)  # factors 4 ... 1/2048
@@ -29,7 +30,6 @@ _NOTCHES = 3  # that are tried
 _LOUD, _APART = 0.15, 0.12  # |L| of a resonance that is worth a notch; of ln f from a notch that is there
 _TURNS = 6  # rounds for the number of standard deviations to keep
 _CUTS = 3  # rounds in which lines that the search had left out are added
-_AGREE = 0.05  # of the goal: ends of searches this near the best agree with it
 _MORE = 3  # rounds from still other places, where those before did not confirm the best
 _EASED = (1.6, 1.2)  # of the distance of Ms from 1: bounds that are taken first, 2.6 and 2.2 before 2.0
 _WIDER, _WIDENED = np.log(10.0), 3  # by how much a range grows in which the best is at the end, and how often
@@ -56,7 +56,7 @@ class Tuner:
     """One tuning: the same points, goal and limits for every set of tunables that is tried."""
 
     def __init__(
-        self, points: tuple[OperatingPoint, ...], goal: str, limits: Limits, band: tuple[float, float],
+        self, points: tuple[OperatingPoint, ...], goal: Figure, limits: Limits, band: tuple[float, float],
         confidence: float, starts: int, seed: int, velocity: float, progress: Progress,
     ) -> None:  # fmt: skip
         self.points, self.goal, self.limits, self.band = points, goal, limits, band
@@ -143,7 +143,7 @@ class Tuner:
         soft = np.array([_soft(control, name) for name in names])
         opened = ""
         for i in range(starts - 1 + _MORE):
-            if i >= starts - 1 and not opened and not _missing(search, ends, kinds):
+            if i >= starts - 1 and not opened and not unconfirmed(search, ends, kinds):
                 break
             self.progress.step(f"{len(names)} tunables, from all over their range")
             for kind in ("population", "continuation"):
@@ -152,14 +152,14 @@ class Tuner:
                     ends.append(self._continued(search, begun) if kind == "continuation" else search.descend(begun))
                     kinds.append(kind)
             ends, opened = self._widened(search, ends, soft, names)
-        missing = _missing(search, ends, kinds)
+        missing = unconfirmed(search, ends, kinds)
         return ends, joined("; ", filter(None, (missing, opened)))
 
     def _continued(self, search: Search, x: np.ndarray) -> End:
         """The end of searches under bounds of Ms that come down to the one that holds, each from the end before."""
-        if self.limits.sensitivity_peak is not None:
+        if self.limits.limit(SENSITIVITY_PEAK) is not None:
             for factor in _EASED:
-                eased = self._under(search, self.limits.eased("Ms", factor))
+                eased = self._under(search, self.limits.eased(SENSITIVITY_PEAK, factor))
                 if eased.judge(x) is not None:
                     x = eased.descend(x).x
                 self.evaluations += eased.criteria.count
@@ -188,7 +188,7 @@ class Tuner:
             search.low, search.high = search.low - _WIDER * low, search.high + _WIDER * high
             wider = search.descend(end.x)
             gained = search.merit(end.judged) - search.merit(wider.judged)
-            if gained < _AGREE:
+            if gained < AGREE:
                 search.low, search.high = before
                 return ends, ""
             ends = [wider if each is end else search.descend(each.x) for each in ends]
@@ -286,9 +286,11 @@ class Tuner:
             noise = ", for the noise of the measurement there, and it"
         beyond = Quantity(search.sure * worst.deviation - worst.slack, "share")
         where = f" at {Quantity(worst.frequency, 'Hz')}" if worst.frequency > 0.0 else ""
-        others = {b.kind for b in end.judged.bounds if search.room(b) - b.slack > 0.5 * search.broken(end.judged)}
-        against = f", in conflict with {', '.join(sorted(others - {worst.kind}))}" if others - {worst.kind} else ""
-        found = [self._reachable(search, end, kind) for kind in (worst.kind, *sorted(others - {worst.kind}))]
+        near = [b for b in end.judged.bounds if search.room(b) - b.slack > 0.5 * search.broken(end.judged)]
+        others = {bound.kind: bound.figure for bound in sorted(near, key=lambda bound: bound.kind)}
+        others.pop(worst.kind, None)
+        against = f", in conflict with {', '.join(others)}" if others else ""
+        found = [self._reachable(search, end, figure) for figure in (worst.figure, *others.values())]
         reached = [each for each in found if each]
         best = f"; reachable, each with the other limits kept: {joined(' or ', reached)}" if reached else ""
         raise UnstableError(
@@ -297,12 +299,14 @@ class Tuner:
             f"limit, or add a filter there"
         )
 
-    def _reachable(self, search: Search, end: End, kind: str) -> str:
-        """The value of a limit that can be met with all others unchanged; empty if relaxing it does not help."""
+    def _reachable(self, search: Search, end: End, figure: Figure | None) -> str:
+        """The limit of a figure that can be met with all others unchanged; empty if relaxing it does not help."""
+        if figure is None:
+            return ""
 
         def eased(factor: float) -> bool:
-            self.progress.step(f"what {kind} can be reached")
-            other = self._under(search, self.limits.eased(kind, factor))
+            self.progress.step(f"what {figure.title} can be reached")
+            other = self._under(search, self.limits.eased(figure, factor))
             if other.judge(end.x) is None:
                 return False
             return other.broken(other.descend(end.x).judged) <= 2e-3
@@ -315,7 +319,9 @@ class Tuner:
         for _ in range(3):
             middle = float(np.sqrt(low * high))
             low, high = (low, middle) if eased(middle) else (middle, high)
-        return self.limits.eased(kind, high).only(kind)
+        limits = self.limits.eased(figure, high)
+        limit = limits.limit(figure)
+        return "" if limit is None else limits.text(limit)
 
     def _too_costly(self, search: Search, end: End, cost: float) -> None:
         """Report the frequency at which the noise costs most."""
@@ -380,21 +386,6 @@ class Tuner:
                 if peak and all(abs(np.log(f[k] / other)) > _APART for other in (*taken, *found)):
                     found[float(f[k])] = float(size[k])
         return sorted(found, key=lambda each: -found[each])
-
-
-def _missing(search: Search, ends: Sequence[End], kinds: Sequence[str]) -> str:
-    """Which kind of search has not come to within 5 % of the best, and by how much; empty if all have."""
-    costs = [search.merit(each.judged) for each in ends]
-    said: list[str] = []
-    for kind, told in (("population", "from all over the range"), ("continuation", "by continuation in Ms")):
-        off = min((cost for cost, own in zip(costs, kinds, strict=True) if own == kind), default=np.inf) - min(costs)
-        if off >= _AGREE:
-            said.append(
-                Text(f"{told} {Quantity(np.expm1(off), 'share'):2} above the best")
-                if np.isfinite(off)
-                else f"none {told}"
-            )
-    return Text(f"searches ended {joined(' and ', said)}") if said else ""
 
 
 def _soft(control: Control, name: str) -> bool:

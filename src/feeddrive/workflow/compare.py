@@ -168,7 +168,7 @@ def advice(found: Comparison) -> Advice:
         if ours is None or theirs is None or not beats(criterion, theirs, ours):
             continue
         ratio = ours / theirs if theirs else math.inf
-        said = f"{criterion.head} {_times(ratio)} times" if math.isfinite(ratio) else f"{criterion.head} never"
+        said = f"{criterion.title} {_times(ratio)} times" if math.isfinite(ratio) else f"{criterion.title} never"
         worse.append((abs(math.log(ratio)) if 0.0 < ratio < math.inf else math.inf, said))
     worst = [text for _, text in sorted(worse, key=lambda each: -each[0])]
     more = f", and {len(worst) - _NAMED} more" if len(worst) > _NAMED else ""

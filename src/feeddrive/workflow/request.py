@@ -17,7 +17,7 @@ import inspect
 import shlex
 import types
 import typing
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, dataclass
 from functools import cache
 from itertools import chain, count
@@ -148,7 +148,16 @@ def option(
 class Request:
     """Base of all requests. Subclasses become frozen dataclasses that check themselves."""
 
-    def __init_subclass__(cls) -> None:
+    def __init_subclass__(cls, more: Mapping[str, tuple[str, Any]] | None = None, after: str = "") -> None:
+        """Make a class of requests; `more` has further options, annotation and `option(...)`, in order after a field."""
+        if more:
+            hints = dict(cls.__annotations__)
+            place = list(hints).index(after) + 1
+            names = [*list(hints)[:place], *more, *list(hints)[place:]]
+            hints |= {name: annotation for name, (annotation, _) in more.items()}
+            cls.__annotations__ = {name: hints[name] for name in names}
+            for name, (_, field) in more.items():
+                setattr(cls, name, field)
         dataclass(frozen=True)(cls)
 
     def __post_init__(self) -> None:

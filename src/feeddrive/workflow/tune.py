@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from feeddrive.certificate.certificate import Certificate
+from feeddrive.figures.catalogue import goals, limitable
+from feeddrive.figures.figure import Figure
 from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.judgment import Judgment
@@ -17,7 +19,6 @@ from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.study.study import StudyLike, read_study
-from feeddrive.tuning.criteria import GOALS
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.tuning.recipes import RECIPES, JudgedRecipe, judged_recipes
@@ -37,7 +38,23 @@ _ALONE = {
 }  # fmt: skip
 
 
-class TuneRequest(Request):
+def _limit_options() -> dict[str, tuple[str, Any]]:
+    """Return the options of the limits that the catalogue of figures has, by name."""
+    found: dict[str, tuple[str, Any]] = {}
+    for figure in limitable():
+        limit = figure.limit
+        assert limit is not None
+        found[limit.option] = (
+            "float" if limit.usual is not None else "float | None",
+            option(
+                limit.meaning, unit=figure.unit, entered=limit.entered, above=limit.above, below=limit.below,
+                default=limit.usual,
+            ),
+        )  # fmt: skip
+    return found
+
+
+class TuneRequest(Request, more=_limit_options(), after="recipe"):
     """An axis or its measured response, what is made best, and the limits that are kept.
 
     Limits are in SI here: compliance in m/N, noise of the readings in m; the command line takes um/N and nm.
@@ -46,18 +63,9 @@ class TuneRequest(Request):
     source: MachineLike | Loop | FRF | OperatingPoint | None = argument(
         "A machine file (TOML), the name of a bundled machine, or a measured response in m/N", default=None
     )
-    goal: str = option("what is made best", default="rope-snap", options=GOALS)
+    goal: str = option("what is made best", default="rope-snap", options=tuple(goals()))
     law: str | None = option("another law, as pole_placement; with --study also every", default=None)
     recipe: str | None = option("a tuning rule instead of a search", options=tuple(RECIPES), default=None)
-    max_ms: float = option("largest sensitivity peak Ms", default=2.0, above=1.0)
-    gain_margin: float | None = option("least gain margin", unit="dB", above=0.0, default=None)
-    phase_margin: float | None = option("least phase margin", unit="deg", above=0.0, below=180.0, default=None)
-    delay_margin: float | None = option("least delay margin in samples", above=0.0, default=None)
-    small_gain_delay: float | None = option(
-        "least dead time in samples that the small-gain theorem admits", above=0.0, default=None
-    )
-    max_compliance: float | None = option("largest compliance", unit="m/N", entered="um/N", above=0.0, default=None)
-    max_noise: float | None = option("largest noise in the force, RMS", unit="N", above=0.0, default=None)
     reading_noise: float = option("noise of the readings, RMS, white", default=0.0, unit="m", entered="nm", least=0.0)
     step_force: float | None = option(
         "a force step of this size on the table must not drive the command to the force limit of the control",
@@ -112,17 +120,21 @@ class TuneRequest(Request):
             raise ParameterError(f"--{flag} belongs to one machine or response, and not to --study")
         if self.recipe is not None and self.law not in (None, "cascade_ppi"):
             raise ParameterError(f"--recipe gives a cascade_ppi, not --law {self.law}: leave one of them out")
-        if self.max_noise is not None and self.reading_noise == 0.0:
-            raise ParameterError("--max-noise needs --reading-noise (in nm): the errors of the two readings")
+        for figure, bound in self._bounds():
+            limit = figure.limit
+            if limit is not None and limit.noise and bound is not None and self.reading_noise == 0.0:
+                flag = limit.option.replace("_", "-")
+                raise ParameterError(f"--{flag} needs --reading-noise (in nm): the errors of the two readings")
 
     def limits(self) -> Limits:
         """What the tuned loop must keep."""
-        return Limits(
-            sensitivity_peak=self.max_ms, gain_margin_dB=self.gain_margin, phase_margin_deg=self.phase_margin,
-            delay_margin_samples=self.delay_margin, compliance_peak=self.max_compliance, force_noise=self.max_noise,
-            reading_noise=(self.reading_noise, self.reading_noise), snap_force=self.step_force,
-            small_gain_samples=self.small_gain_delay,
-        )  # fmt: skip
+        bounds = {figure.key: bound for figure, bound in self._bounds()}
+        noise = (self.reading_noise, self.reading_noise)
+        return Limits((), reading_noise=noise, snap_force=self.step_force, **bounds)
+
+    def _bounds(self) -> list[tuple[Figure, float | None]]:
+        """The limits by figure, None for those that are not set."""
+        return [(figure, getattr(self, figure.limit.option)) for figure in limitable() if figure.limit is not None]
 
     def sources(self) -> Sources:
         """The axis at every position and load that was given."""

@@ -31,7 +31,7 @@ from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 from feeddrive.report.page import Shown, definitions, header, page, page_units, picture, remarks, tabled
 from feeddrive.report.sentences import block_sentence
-from feeddrive.tuning.closed_loop import FIGURES, Figures
+from feeddrive.tuning.closed_loop import Figures, reported
 from feeddrive.tuning.filter_pack import aligned
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.proof import ROOM
@@ -138,12 +138,13 @@ def tables(found: Tuned, story: Story) -> list[Table]:
 
 def _figures(before: Figures | None, after: Figures, several: bool, today: str) -> Table:
     rows: list[Sequence[Cell]] = []
-    for figure in FIGURES:
+    for figure in reported():
         cells = [
-            None if each is None else figure.quantity(each) if each.stable else "unstable" for each in (before, after)
+            None if each is None else figure.quantity(figure.read(each)) if each.stable else "unstable"
+            for each in (before, after)
         ]
         if cells != [None, None]:
-            rows.append([figure.title, *cells, UNIT])
+            rows.append([figure.label or figure.title, *cells, UNIT])
     against = ", against a force at the drive" if after.at_drive else ""
     place = f" at {after.point}" if several else ""
     return Table(f"figures of the closed loop{place}{against}", ["what", today, "new", "unit"], rows)

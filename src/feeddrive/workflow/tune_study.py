@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from feeddrive.figures.of_loops import ROPE_SNAP
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.run_files import summary_text
@@ -23,7 +24,7 @@ from feeddrive.language.text import Text, capitalized, joined
 from feeddrive.loop.control import Control
 from feeddrive.report.page import Shown, definitions, header, page, page_units, picture, tabled
 from feeddrive.study.fresh import Measured
-from feeddrive.study.robust import SNAP, Robust, RobustTuner, in_percent, said
+from feeddrive.study.robust import Robust, RobustTuner, in_percent, said
 from feeddrive.tuning.candidates import candidates, control_with
 from feeddrive.tuning.tunables import law_tunables
 from feeddrive.workflow.command import Outcome
@@ -60,7 +61,7 @@ class Laws:
 
 
 def _cells(fresh: Measured) -> list[Cell]:
-    return [in_percent(fresh.all), fresh.quantile(SNAP, 0.5), fresh.quantile(SNAP, 0.95)]
+    return [in_percent(fresh.all), fresh.quantile(ROPE_SNAP.key, 0.5), fresh.quantile(ROPE_SNAP.key, 0.95)]
 
 
 def tune_laws(tuner: RobustTuner, law: str | None) -> Laws:
@@ -89,7 +90,9 @@ def tune_laws(tuner: RobustTuner, law: str | None) -> Laws:
             refused[name] = str(error)
     if not found:
         raise UnstableError(f"no law keeps {tuner.limits.sentence()} on the machines of the study: {_first(refused)}")
-    best = sorted(found, key=lambda each: (-found[each].after.all.kept, found[each].after.quantile(SNAP, 0.95)))
+    best = sorted(
+        found, key=lambda each: (-found[each].after.all.kept, found[each].after.quantile(ROPE_SNAP.key, 0.95))
+    )
     return Laws({name: found[name] for name in best}, refused)
 
 
@@ -136,8 +139,8 @@ def _remarks(tuner: RobustTuner, laws: Laws) -> list[str]:
         Text(f"proof, {line.what}: does not hold ({line.said})") for line in best.tuned.proof if line.holds is False
     ]
     made += [Text(f"not settled: {best.unsettled}")] if best.unsettled else []
-    kept = {bound.figure.name for bound in tuner.kept_bounds}
-    beside = [said(bound) for bound in best.after.bounds if bound.figure.name not in kept]
+    kept = {bound.figure.key for bound in tuner.kept_bounds}
+    beside = [said(bound) for bound in best.after.bounds if bound.figure.key not in kept]
     if beside:
         made.append(Text(f"counted in the yield, but not kept by the tuner: {joined(', ', beside)}"))
     made += [Text(f"variant {number} was left out: {reason}") for number, reason in best.bad[:5]]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from feeddrive.language.quantity import USUAL, Quantity
-from feeddrive.tuning.closed_loop import FIGURES, Figures
+from feeddrive.tuning.closed_loop import Figures, reported
 from feeddrive.tuning.recipes import JudgedRecipe
 from feeddrive.tuning.tuned import Tuned
 
@@ -48,5 +48,8 @@ def _usual(quantity: Quantity | None) -> float | None:
 
 
 def _plain(each: Figures) -> dict[str, float | bool | None]:
-    values = {figure.title: _usual(figure.quantity(each)) if each.stable else None for figure in FIGURES}
+    values = {
+        figure.label or figure.title: _usual(figure.quantity(figure.read(each))) if each.stable else None
+        for figure in reported()
+    }
     return {"stable": each.stable, **{k: None if v is None or not math.isfinite(v) else v for k, v in values.items()}}

@@ -10,6 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from feeddrive.figures.catalogue import goals, limitable
+from feeddrive.figures.figure import Figure
+from feeddrive.figures.of_loops import COMPLIANCE_PEAK, SENSITIVITY_PEAK
 from feeddrive.files.machine import read_machine
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
@@ -28,8 +31,17 @@ from feeddrive.workflow.request import Field, fields_of
 from feeddrive.workflow.tune import TuneRequest
 from feeddrive.workflow.tune_sources import has_integral
 
-_SHOWN = ("goal", "max_ms", "phase_margin", "gain_margin", "delay_margin", "max_compliance", "reading_noise",
-          "max_noise", "band", "filters", "law", "starts")  # fmt: skip
+_LIMITS = tuple(figure.limit.option for figure in limitable() if figure.limit is not None)
+_SHOWN = ("goal", *_LIMITS, "reading_noise", "band", "filters", "law", "starts")
+
+
+def _option(figure: Figure) -> str:
+    """Return the field of the limit of a figure."""
+    assert figure.limit is not None
+    return figure.limit.option
+
+
+_PEAK, _SOFT = _option(SENSITIVITY_PEAK), _option(COMPLIANCE_PEAK)
 _BY_RULE = "without a machine file the search begins with a P-PI by a rule, and not with the control of now"
 _NO_INTEGRAL = (
     "the control of now has no integral action, which the goal rope-snap needs: write cascade_ppi into the field law, "
@@ -87,8 +99,8 @@ class Goal(Room):
     def level(self, asked: Asked) -> None:
         """A limit at a height of a picture: of the sensitivity in dB, or of the dynamic stiffness."""
         height = asked.number("value")
-        name = asked.choice("field", ("max_ms", "max_compliance"))
-        if name == "max_ms":
+        name = asked.choice("field", (_PEAK, _SOFT))
+        if name == _PEAK:
             given: dict[str, Any] = {**self.given, name: float(f"{max(10.0 ** min(height / 20.0, 300.0), 1.02):.3g}")}
         else:
             if not height > 0.0:
@@ -166,7 +178,8 @@ class Goal(Room):
         if bench.loop is None:
             return _BY_RULE
         goal, law = (self.given.get(name, FIELDS[name].default) for name in ("goal", "law"))
-        if goal != "rope-snap" or law is not None:
+        declared = goals()[goal].goal
+        if declared is None or not declared.returns or law is not None:
             return ""
         control = bench.by_hand.control(self.desk.values)
         if self._integral is None or self._integral[0] != control:
@@ -202,15 +215,15 @@ class Goal(Room):
     def _levels(self, drawn: Mapping[str, Chart]) -> list[dict[str, Any]]:
         """Limits that can be dragged in a picture: which field, and at which height."""
         found = list[dict[str, Any]]()
-        peak = self.given.get("max_ms", FIELDS["max_ms"].default)
+        peak = self.given.get(_PEAK, FIELDS[_PEAK].default)
         if "sensitivity" in drawn:
-            at, text = self._peak_limit(), f"Ms <= {number(peak)}"
-            found.append({"field": "max_ms", "picture": "sensitivity", "at": at, "text": text})
+            at, text = self._peak_limit(), f"Ms <= {peak:g}"
+            found.append({"field": _PEAK, "picture": "sensitivity", "at": at, "text": text})
         if "stiffness" in drawn:
-            stiffness = self.given.get("max_compliance")
+            stiffness = self.given.get(_SOFT)
             at = self._least(drawn["stiffness"]) if stiffness is None else 1e-6 / stiffness
-            text = "no limit of stiffness: drag it up" if stiffness is None else f"stiffness >= {number(at)}"
-            found.append({"field": "max_compliance", "picture": "stiffness", "at": at, "text": text})
+            text = "no limit of stiffness: drag it up" if stiffness is None else f"stiffness >= {at:.4g}"
+            found.append({"field": _SOFT, "picture": "stiffness", "at": at, "text": text})
         return found
 
     def _up_to_limit(self, chart: Chart) -> Chart:
@@ -223,7 +236,7 @@ class Goal(Room):
 
     def _peak_limit(self) -> float:
         """The limit of Ms in dB."""
-        return 20.0 * float(np.log10(self.given.get("max_ms", FIELDS["max_ms"].default)))
+        return 20.0 * float(np.log10(self.given.get(_PEAK, FIELDS[_PEAK].default)))
 
     @staticmethod
     def _least(chart: Chart) -> float:

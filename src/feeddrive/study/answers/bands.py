@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from feeddrive.figures.of_loops import StiffnessAt
 from feeddrive.language.errors import CancelledError, FeeddriveError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.simulate import Run
 from feeddrive.study.answers.judged import Judged
 from feeddrive.study.cases import cases
 from feeddrive.study.chunk import run_of
-from feeddrive.study.model_figures import StiffnessAt
 from feeddrive.study.study import Study
 from feeddrive.study.variants import variants
 
@@ -42,7 +42,7 @@ class Band:
 
 def stiffness_band(sample: Judged) -> Band | None:
     """Of the figures stiffness_F_Hz_N_per_m; None for a study that measures fewer than three of them."""
-    lines = {each.of.frequency: each.name for each in sample.study.measure if isinstance(each.of, StiffnessAt)}
+    lines = {each.of.frequency: each.key for each in sample.study.measure if isinstance(each.of, StiffnessAt)}
     if len(lines) < _LEAST_LINES or sample.bad.all():
         return None
     frequency = np.array(sorted(lines))

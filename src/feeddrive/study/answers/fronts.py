@@ -6,29 +6,37 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from feeddrive.figures.figure import Figure
+from feeddrive.figures.of_loops import (
+    DELAY_MARGIN,
+    GAIN_MARGIN,
+    PHASE_MARGIN,
+    ROPE_SNAP,
+    SENSITIVITY_PEAK,
+    STIFFNESS_AT,
+    STIFFNESS_LEAST,
+    STIFFNESS_OVER,
+)
+from feeddrive.figures.of_runs import FOLLOWING_PEAK, FOLLOWING_RMS, TRACKING_END, TRACKING_PEAK, TRACKING_RMS
 from feeddrive.study.answers.judged import Judged, joined
-from feeddrive.study.figure import Figure
 from feeddrive.study.study import Study
 
 # by subject the figures that speak for it: the first one that a study measures
 SUBJECTS = {
-    "tracking": (
-        "tracking_error_rms_m", "tracking_error_peak_m", "following_error_rms_m", "following_error_peak_m",
-        "tracking_error_end_m",
-    ),
+    "tracking": (TRACKING_RMS, TRACKING_PEAK, FOLLOWING_RMS, FOLLOWING_PEAK, TRACKING_END),
     "stiffness": (
-        "stiffness_least_N_per_m", "stiffness_10_100_Hz_N_per_m", "stiffness_10_Hz_N_per_m", "stiffness_100_Hz_N_per_m",
-        "stiffness_1_10_Hz_N_per_m", "stiffness_100_1000_Hz_N_per_m", "rope_snap_ISE_root_m_per_N",
+        STIFFNESS_LEAST, STIFFNESS_OVER[1], *STIFFNESS_AT, STIFFNESS_OVER[0], STIFFNESS_OVER[2], ROPE_SNAP,
     ),
-    "robustness": ("sensitivity_peak", "delay_margin_samples", "phase_margin_deg", "gain_margin_dB"),
+    "robustness": (SENSITIVITY_PEAK, DELAY_MARGIN, PHASE_MARGIN, GAIN_MARGIN),
 }  # fmt: skip
 
 
 def subjects(study: Study) -> dict[str, Figure]:
     """By subject its figure, of those that a study measures."""
-    measured = {each.name: each for each in study.measure}
-    found = {subject: next((measured[name] for name in names if name in measured), None)
-             for subject, names in SUBJECTS.items()}  # fmt: skip
+    found = {
+        subject: next((figure for figure in figures if figure in study.measure), None)
+        for subject, figures in SUBJECTS.items()
+    }
     return {subject: figure for subject, figure in found.items() if figure is not None}
 
 
@@ -66,7 +74,7 @@ class FrontKept:
 def _costs(rows: Judged, figures: dict[str, Figure]) -> np.ndarray:
     """What is to be small, shape (n, subjects)."""
     return np.stack(
-        [(-1.0 if each.better == "higher" else 1.0) * rows.figures[each.name] for each in figures.values()], axis=1
+        [(-1.0 if each.better == "higher" else 1.0) * rows.figures[each.key] for each in figures.values()], axis=1
     )
 
 

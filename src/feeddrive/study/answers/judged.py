@@ -42,7 +42,7 @@ class Judged:
     @cached_property
     def kept(self) -> dict[str, np.ndarray]:
         """By figure of the specification, which variants keep its bound; a bad one keeps none."""
-        return {each.figure.name: each.kept(self.figures[each.figure.name]) & ~self.bad
+        return {each.figure.key: each.kept(self.figures[each.figure.key]) & ~self.bad
                 for each in self.study.specification}  # fmt: skip
 
     @cached_property
@@ -72,7 +72,7 @@ class Judged:
 
 def judged(rows: pyarrow.Table, study: Study) -> Judged:
     """The rows of a table. Raises ParameterError for a table without a column of the study."""
-    figures = [each.name for each in study.measure]
+    figures = [each.key for each in study.measure]
     absent = sorted({VARIANT, REASON, *study.columns, *figures} - set(rows.column_names))
     if absent:
         raise ParameterError(f"these are not rows of {study.file.name}: there is no column '{absent[0]}'")

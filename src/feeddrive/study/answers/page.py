@@ -159,7 +159,7 @@ def _method(found: Answers) -> str:
 
 
 def _decides(found: Answers) -> Iterator[Table]:
-    figures = {each.name: name_of(each) for each in found.study.measure} | {INSIDE: "inside the specification"}
+    figures = {each.key: name_of(each) for each in found.study.measure} | {INSIDE: "inside the specification"}
     if found.sobol:
         factors = found.sobol[0].factors
         names = [short(factors)[each] for each in factors]
@@ -240,7 +240,7 @@ def _front(found: Answers) -> Table | None:
     rows, figures = found.front.rows, list(found.front.figures.values())
     columns = found.study.columns
     body = [
-        [int(rows.variant[i]), *(value_cell(each, float(rows.figures[each.name][i])) for each in figures),
+        [int(rows.variant[i]), *(value_cell(each, float(rows.figures[each.key][i])) for each in figures),
          "inside" if rows.inside[i] else "outside", *(_cell(rows.varied[name][i]) for name in columns)]
         for i in range(min(_FRONT, rows.variant.size))
     ]  # fmt: skip
@@ -277,7 +277,7 @@ def summary(found: Answers) -> dict[str, Any]:
         | {
             "without_figures": found.yields.bad,
             "bounds": {
-                each.bound.figure.name: {"least": each.bound.least, "most": each.bound.most}
+                each.bound.figure.key: {"least": each.bound.least, "most": each.bound.most}
                 | _share(each.kept)
                 | {"break_only_this": each.alone}
                 for each in found.yields.bounds
@@ -288,7 +288,7 @@ def summary(found: Answers) -> dict[str, Any]:
             },
         },
         "worst": {
-            each.figure.name: [
+            each.figure.key: [
                 {"variant": case.variant, "value": _plain(case.value), "varied": dict(case.varied)}
                 for case in each.cases
             ]
@@ -311,7 +311,7 @@ def summary(found: Answers) -> dict[str, Any]:
             if band is not None
         },
         "front": None if found.front is None else {
-            "figures": {subject: each.name for subject, each in found.front.figures.items()},
+            "figures": {subject: each.key for subject, each in found.front.figures.items()},
             "variants": found.front.rows.variant.tolist(),
         },
     }  # fmt: skip

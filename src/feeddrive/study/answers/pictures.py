@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from feeddrive.figures.figure import Figure
+from feeddrive.figures.of_loops import StiffnessAt
 from feeddrive.language.quantity import USUAL, Quantity, unit_name
 from feeddrive.language.text import marked
 from feeddrive.plot import style
@@ -15,8 +17,6 @@ from feeddrive.study.answers.judged import Judged
 from feeddrive.study.answers.sensitivity import INSIDE, RankCorrelation, SobolIndices
 from feeddrive.study.answers.sentences import bound_text, name_of, short
 from feeddrive.study.answers.yields import Yield
-from feeddrive.study.figure import Figure
-from feeddrive.study.model_figures import StiffnessAt
 from feeddrive.study.specification import Bound
 from feeddrive.study.study import Study
 
@@ -74,7 +74,7 @@ def histograms(sample: Judged, banded: bool = False) -> Any:
     axes = [style.dressed(ax) for ax in np.ravel(picture.subplots(rows, columns, squeeze=False))]
     bounds = {each.figure: each for each in sample.study.specification}
     for ax, figure in zip(axes, figures, strict=False):
-        _histogram(ax, figure, sample.figures[figure.name], bounds.get(figure))
+        _histogram(ax, figure, sample.figures[figure.key], bounds.get(figure))
     for ax in axes[len(figures) :]:
         ax.set_visible(False)
     return picture
@@ -114,7 +114,7 @@ def decides(study: Study, indices: Sequence[SobolIndices], correlations: Sequenc
         return None
     count = min(_FACTORS, len(study.vary) if indices else max(len(ranks[name]) for name in shown))
     picture, axes = style.picture(len(shown), height=0.7 + len(shown) * (0.45 + 0.27 * count), share=True)
-    names = {each.name: each for each in study.measure}
+    names = {each.key: each for each in study.measure}
     for ax, name in zip(axes, shown, strict=True):
         if indices:
             _indices(ax, sobol[name])
@@ -131,8 +131,8 @@ def decides(study: Study, indices: Sequence[SobolIndices], correlations: Sequenc
 
 def _outputs(study: Study) -> list[str]:
     """Which outputs are shown: those with a bound, and being inside; without bounds the first ones."""
-    bounded = [each.figure.name for each in study.specification][: _OUTPUTS - 1]
-    return [*bounded, INSIDE] if bounded else [each.name for each in _figures(study, True)][:_OUTPUTS]
+    bounded = [each.figure.key for each in study.specification][: _OUTPUTS - 1]
+    return [*bounded, INSIDE] if bounded else [each.key for each in _figures(study, True)][:_OUTPUTS]
 
 
 def _indices(ax: Axes, found: SobolIndices) -> None:
@@ -216,6 +216,6 @@ def front(found: Front, sample: Judged) -> Any:
 def _place(
     figures: Mapping[str, np.ndarray], first: Figure, other: Figure, chosen: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    x, y = (_scale(each.unit) * figures[each.name][chosen] for each in (first, other))
+    x, y = (_scale(each.unit) * figures[each.key][chosen] for each in (first, other))
     seen = np.isfinite(x) & np.isfinite(y)
     return x[seen], y[seen]

@@ -65,7 +65,7 @@ class SaltelliRows:
 
     def __init__(self, study: Study) -> None:
         self._study = study
-        names = [each.name for each in study.measure] + ([INSIDE] if study.specification else [])
+        names = [each.key for each in study.measure] + ([INSIDE] if study.specification else [])
         self._values = {name: np.full(study.count, np.nan) for name in names if study.sampler == "saltelli"}
 
     def add(self, rows: Judged) -> None:

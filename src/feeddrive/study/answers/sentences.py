@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from feeddrive.figures.figure import Figure
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 from feeddrive.study.answers.sensitivity import RankCorrelation, SobolIndices
 from feeddrive.study.answers.shares import Share
 from feeddrive.study.answers.yields import BoundYield, Yield
-from feeddrive.study.figure import Figure
 from feeddrive.study.specification import Bound
 from feeddrive.study.study import Study
 
@@ -28,7 +28,7 @@ def value_cell(figure: Figure, value: float) -> Quantity | str:
 def name_of(figure: Figure) -> str:
     """The name of a figure without the unit at its end: following error RMS."""
     end = figure.unit.replace("/", "_per_")
-    return (figure.name.removesuffix(f"_{end}") if end else figure.name).replace("_", " ").replace(" rms", " RMS")
+    return (figure.key.removesuffix(f"_{end}") if end else figure.key).replace("_", " ").replace(" rms", " RMS")
 
 
 def short(names: Sequence[str]) -> dict[str, str]:
@@ -86,9 +86,9 @@ def sentences(
     hardest = yields.hardest
     if hardest is not None:
         found.append(_fails(hardest, inside))
-    measured = [each.bound.figure.name for each in yields.bounds] or [each.name for each in study.measure]
-    about = measured[0] if hardest is None else hardest.bound.figure.name
-    figure = next(each for each in study.measure if each.name == about)
+    measured = [each.bound.figure.key for each in yields.bounds] or [each.key for each in study.measure]
+    about = measured[0] if hardest is None else hardest.bound.figure.key
+    figure = next(each for each in study.measure if each.key == about)
     names = short([*study.columns, *(each.name for each in study.vary if each.name not in study.columns)])
     found += _decides(figure, sobol, names) or _goes_with(figure, correlations, names)
     return found
@@ -105,7 +105,7 @@ def _fails(hardest: BoundYield, inside: Share) -> str:
 
 def _decides(figure: Figure, sobol: Sequence[SobolIndices], names: Mapping[str, str]) -> list[str]:
     """By Sobol indices; nothing if there are none of this figure."""
-    found = next((each for each in sobol if each.output == figure.name), None)
+    found = next((each for each in sobol if each.output == figure.key), None)
     if found is None:
         return []
     order = sorted(range(len(found.factors)), key=lambda i: -float(found.first[i]))
@@ -140,7 +140,7 @@ def _between(found: RankCorrelation) -> str:
 
 def _goes_with(figure: Figure, correlations: Sequence[RankCorrelation], names: Mapping[str, str]) -> list[str]:
     """By rank correlations, where there are no Sobol indices."""
-    own = [each for each in correlations if each.output == figure.name and each.value**2 >= _INFLUENCE][:_NAMED]
+    own = [each for each in correlations if each.output == figure.key and each.value**2 >= _INFLUENCE][:_NAMED]
     if not own:
         return []
     said = [

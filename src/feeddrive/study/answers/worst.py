@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from feeddrive.figures.figure import Figure
 from feeddrive.study.answers.judged import Judged
-from feeddrive.study.figure import Figure
 from feeddrive.study.study import Study
 
 WORST = 3  # variants of a figure
@@ -43,10 +43,10 @@ class WorstKept:
         """Look at some rows."""
         for figure, cases in self._cases.items():
             sign = 1.0 if figure.better == "higher" else -1.0
-            values = sign * rows.figures[figure.name]
+            values = sign * rows.figures[figure.key]
             some = np.flatnonzero(~np.isnan(values))
             some = some[np.argsort(values[some], kind="stable")[:WORST]]
-            cases += [_case(rows, place, figure.name) for place in some.tolist()]
+            cases += [_case(rows, place, figure.key) for place in some.tolist()]
             cases.sort(key=lambda case: (sign * case.value, case.variant))
             del cases[WORST:]
         for place in np.flatnonzero(rows.bad)[: BAD - len(self.bad)].tolist():

@@ -76,7 +76,7 @@ class YieldCount:
         """What was counted."""
         sampled = self._study.sampler != "grid"
         bounds = tuple(
-            BoundYield(each, Share(self._kept[each.figure.name], self._all, sampled), self._alone[each.figure.name])
+            BoundYield(each, Share(self._kept[each.figure.key], self._all, sampled), self._alone[each.figure.key])
             for each in self._study.specification
         )
         choices: dict[str, dict[str, Share]] = {}

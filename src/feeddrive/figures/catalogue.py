@@ -1,11 +1,7 @@
-"""All figures that a study can measure, by name.
+"""All figures by key, and those that a tuning can make best or keep within a limit.
 
-    statistics  of signals over the whole run, gathered while a batch of variants runs: cheapest
-    model       the linear model of the loop of one variant
-    run         the signals of one variant over time
-
-The figures of feeddrive stand in `run_figures.py` and `model_figures.py`; an installed package adds its own by an entry
-point of the group `feeddrive.figures`, and `--allow MODULE` those of a module: each is a `Figure`, or a list of them.
+The figures of feeddrive are entries of `of_loops.py` and `of_runs.py`. An installed package adds its own by an entry
+point of the group `feeddrive.figures`, and `--allow MODULE` adds those of a module: a `Figure`, or a list of them.
 What a study file says never imports anything.
 """
 
@@ -16,25 +12,42 @@ from functools import cache
 from typing import Any
 
 from feeddrive.blocks.catalogue import module_at
+from feeddrive.figures.figure import DUTY, Figure
+from feeddrive.figures.of_loops import OF_LOOPS, at_frequency
+from feeddrive.figures.of_runs import OF_RUNS
 from feeddrive.language.errors import ParameterError, nearest
-from feeddrive.study.figure import Figure
-from feeddrive.study.model_figures import OF_MODELS, at_frequency
-from feeddrive.study.run_figures import OF_RUNS
 
 ENTRY_POINTS = "feeddrive.figures"  # group of the entry points of packages with figures
 
 
 def figures(allow: Sequence[str] = ()) -> Mapping[str, Figure]:
-    """By name the figures of feeddrive, of installed packages, and of modules that a person allows.
+    """Return by key the figures of feeddrive, of installed packages, and of modules that a person allows.
 
     Raises ParameterError for a module that cannot be imported or holds no figure, and for a name that two have.
     """
     return _with_own(tuple(allow))
 
 
+@cache
+def goals() -> Mapping[str, Figure]:
+    """Return by the name of the goal the figures that a tuning can make best."""
+    return {figure.goal.name: figure for figure in figures().values() if figure.goal is not None}
+
+
+@cache
+def limitable() -> tuple[Figure, ...]:
+    """Return the figures that a tuning can keep within a limit."""
+    return tuple(figure for figure in figures().values() if figure.limit is not None)
+
+
+def measurable(allow: Sequence[str] = ()) -> Mapping[str, Figure]:
+    """Return by key the figures that a study can measure."""
+    return {key: figure for key, figure in figures(allow).items() if figure.needs != DUTY}
+
+
 def figure(name: str, allow: Sequence[str] = ()) -> Figure:
-    """The figure of a name, with a frequency in it or not. Raises ParameterError with near names."""
-    known = figures(allow)
+    """Return the figure that a study measures under a name. Raises ParameterError with near names."""
+    known = measurable(allow)
     found = known.get(name) or at_frequency(name)
     if found is None:
         raise ParameterError(
@@ -46,17 +59,17 @@ def figure(name: str, allow: Sequence[str] = ()) -> Figure:
 
 @cache
 def _with_own(allow: tuple[str, ...]) -> Mapping[str, Figure]:
-    found = {each.name: each for each in (*OF_RUNS, *OF_MODELS)}
+    found = {each.key: each for each in (*OF_RUNS, *OF_LOOPS)}
     for origin, each in (*_installed(), *_allowed(allow)):
-        if found.setdefault(each.name, each) is not each:
-            raise ParameterError(f"{origin}: there is a figure '{each.name}' already: give it another name")
+        if found.setdefault(each.key, each) is not each:
+            raise ParameterError(f"{origin}: there is a figure '{each.key}' already: give it another name")
     return found
 
 
 def _installed() -> Iterator[tuple[str, Figure]]:
     from importlib.metadata import entry_points
 
-    for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda each: (each.name, each.value)):
+    for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda point: (point.name, point.value)):
         package = point.dist.name if point.dist is not None else point.name
         origin = f"the installed package '{package}' (mend or uninstall it)"
         for each in _held(origin, point.value):
@@ -78,5 +91,5 @@ def _held(origin: str, place: str) -> list[Figure]:
         raise ParameterError(f"{origin}: it cannot be imported: {type(error).__name__}: {error}") from None
     made: list[Any] = [found] if isinstance(found, Figure) else list(found) if isinstance(found, Iterable) else []
     if not made or not all(isinstance(each, Figure) for each in made):
-        raise ParameterError(f"{origin}: it holds no feeddrive.study.Figure, or not only such")
+        raise ParameterError(f"{origin}: it holds no feeddrive.figures.Figure, or not only such")
     return made

@@ -1,0 +1,5 @@
+"""What a loop, a run or a machine is judged by: one catalogue of figures, with the goals and the limits of a tuning."""
+
+from feeddrive.language.lazy_package import make_lazy
+
+make_lazy(__name__)

@@ -1,0 +1,249 @@
+"""A figure: a number by which a loop, a run or a machine is judged, declared once.
+
+    RIPPLE = Figure("force_ripple_rms_N", "force ripple", "N", "run", lambda run: float(np.std(run["force"])))
+
+A study measures it, a comparison ranks by it, and with a `Goal` or a `Limitable` a tuning makes it best or keeps it
+within a limit.  The entries are in `of_loops.py` and `of_runs.py`; packages add their own (`catalogue.py`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import USUAL, Quantity, number
+from feeddrive.language.table import Column
+from feeddrive.language.text import Text
+from feeddrive.language.units import turning
+
+if TYPE_CHECKING:
+    from feeddrive.figures.slopes import JudgedLoop, Place, Slope, SlopedLoop
+    from feeddrive.loop.simulate import Batch
+
+STATISTICS, MODEL, RUN, DUTY = "statistics", "model", "run", "duty"
+NEEDS = (STATISTICS, MODEL, RUN, DUTY)
+"""What a figure is computed from: see `Figure.needs`."""
+LOWER, HIGHER, NEUTRAL = "lower", "higher", ""
+BETTER = (LOWER, HIGHER, NEUTRAL)
+
+
+@dataclass(frozen=True)
+class Goal:
+    """How a tuning makes a figure best.
+
+    name      the goal on the command line
+    what      what there is more or less of: `dynamic stiffness`
+    of        the number that is minimized, of a loop over a band (Hz)
+    slope     its logarithm with derivatives, of a loop with derivatives over a band
+    banded    the band counts
+    on_table  it is about a force on the table, so a response to one should be known
+    returns   it measures how long the axis takes to return, so it needs integral action
+    """
+
+    name: str
+    what: str
+    of: Callable[[JudgedLoop, tuple[float, float]], float]
+    slope: Callable[[SlopedLoop, tuple[float, float]], Slope]
+    banded: bool = False
+    on_table: bool = True
+    returns: bool = False
+
+
+@dataclass(frozen=True)
+class Limitable:
+    """How a tuning keeps a figure within a limit.
+
+    option, meaning, entered  the option of the command line, and the unit in which it takes a number
+    places    the places at which a loop is near a limit: (loop, limit, noise of both readings in m) -> places
+    where     the frequency in Hz that decides the figure of a loop, if one does
+    usual     the limit if none is set
+    above, below  between which a limit must lie; a limit is eased by a factor of its distance from `origin`
+    order     of the bounds in a search; bounds of the same order are sorted by frequency
+    noise     it needs the noise of the readings
+    """
+
+    option: str
+    meaning: str
+    places: Callable[[SlopedLoop, float, tuple[float, float]], Iterable[Place]]
+    where: Callable[[JudgedLoop], float | None]
+    order: int
+    entered: str = ""
+    usual: float | None = None
+    above: float = 0.0
+    below: float | None = None
+    origin: float = 0.0
+    noise: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """A number by which something is judged; two with the same key are the same.
+
+    key      its name in files, with its SI unit at the end: following_error_rms_m
+    title    in words
+    unit     SI
+    needs    what `of` takes: "statistics", "model" or "run"; "duty": a comparison computes it from its runs
+    of       of `Statistics` the values of all variants, shape (n,); of a `LinearLoop` or a Run one number, or None
+    better   "lower", "higher", or empty where neither is
+    meaning  the title in more words
+    short    the title in fewer words, for a column of numbers
+    label    the title as a row of a tuned loop
+    form     digits in a comparison, and the unit if it is not the usual one
+    absent   the value of a model without this figure: the margin of a loop without a crossover is infinite
+    signals  whose statistics are gathered, by their names of a single axis
+    tuned    a tuning reports it; compared: and says where it is worse than before
+    goal     how a tuning makes it best
+    limit    how a tuning keeps it within a limit
+    """
+
+    key: str
+    title: str
+    unit: str
+    needs: str
+    of: Callable[[Any], Any] | None = None
+    better: str = LOWER
+    meaning: str = ""
+    short: str = ""
+    label: str = ""
+    form: str = "3"
+    absent: float | None = None
+    signals: tuple[str, ...] = ()
+    tuned: bool = False
+    compared: bool = False
+    goal: Goal | None = None
+    limit: Limitable | None = None
+
+    def __post_init__(self) -> None:
+        for name, value, allowed in (("needs", self.needs, NEEDS), ("better", self.better, BETTER)):
+            if value not in allowed:
+                raise ParameterError(f"figure '{self.key}': {name} = {value!r} must be one of {', '.join(allowed)}")
+        if self.unit and not self.key.endswith(f"_{_suffix(self.unit)}"):
+            raise ParameterError(f"figure '{self.key}' must end with its unit: ..._{_suffix(self.unit)}")
+        if self.of is None and self.needs != DUTY:
+            raise ParameterError(f"figure '{self.key}' needs `of`, which computes it")
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Figure) and other.key == self.key
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+    @property
+    def description(self) -> str:
+        """Its meaning, or its title if that says enough."""
+        return self.meaning or self.title
+
+    @property
+    def higher(self) -> bool:
+        """True if a larger value is better."""
+        return self.better == HIGHER
+
+    def read(self, source: Any) -> Any:
+        """Return the value that a loop or a run has, None if it has none."""
+        assert self.of is not None
+        return self.of(source)
+
+    def value(self, source: Any) -> Any:
+        """Return the value of a loop or a run; `absent` if it has none."""
+        found = self.read(source)
+        return self.absent if found is None else found
+
+    def quantity(self, value: float | None) -> Quantity | None:
+        """Return a value with its unit; None for none."""
+        return None if value is None else Quantity(value, self.unit)
+
+    def shown(self, value: float) -> Quantity:
+        """Return a value with its unit, read to the digits of a comparison."""
+        return Quantity(value, self.unit, form=self.form)
+
+    def column(self, head: str = "") -> Column:
+        """Return the column of this figure in a table."""
+        return Column(head or self.title, self.unit, self.form)
+
+    def name_in_file(self, *, rotary: bool = False) -> str:
+        """Return its key; on an axis that turns with the units of one: force_peak_N is force_peak_N_m."""
+        own = _suffix(self.unit)
+        if not rotary or not own:
+            return self.key
+        return f"{self.key.removesuffix(own)}{_suffix(turning(self.unit))}"
+
+    @property
+    def scale(self) -> float:
+        """The factor from SI to the unit in which it is usually read."""
+        return USUAL.of(self.unit)[1]
+
+
+def _suffix(unit: str) -> str:
+    plain = unit.replace(" √s", "").replace("(", "").replace(")", "")
+    return plain.replace("/", "_per_").replace(" ", "_")
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A bound of a figure in SI: at most for a figure of which less is better, at least for the others."""
+
+    figure: Figure
+    bound: float
+
+    def __post_init__(self) -> None:
+        limit = self.figure.limit
+        if limit is None:
+            raise ParameterError(f"no tuning can keep a limit of '{self.figure.key}': it has no slopes")
+        if not (np.isfinite(self.bound) and self.bound > limit.above):
+            raise ParameterError(
+                f"{self.figure.key} = {number(self.bound, 6)} must be a finite number > {number(limit.above)}"
+            )
+        if limit.below is not None and not self.bound < limit.below:
+            raise ParameterError(f"{self.figure.key} = {number(self.bound, 6)} must be < {number(limit.below)}")
+
+    @property
+    def declared(self) -> Limitable:
+        """How a tuning keeps it."""
+        assert self.figure.limit is not None
+        return self.figure.limit
+
+    @property
+    def text(self) -> Text:
+        """The limit in words."""
+        sign = ">=" if self.figure.higher else "<="
+        return Text(f"{self.figure.title} {sign} {Quantity(self.bound, self.figure.unit)}")
+
+    def keeps(self, value: float | None, room: float = 0.0) -> bool:
+        """Return True if a value keeps it, with a share of the limit as tolerance; a figure that is absent does."""
+        if value is None:
+            return True
+        size = abs(value)
+        return size >= (1.0 - room) * self.bound if self.figure.higher else size <= (1.0 + room) * self.bound
+
+    def used(self, value: float | None) -> float:
+        """Return how much of the limit a value uses up: more than 1 exceeds it, 0 if the figure is absent."""
+        if value is None:
+            return 0.0
+        size = max(abs(value), 1e-300)
+        return self.bound / size if self.figure.higher else size / self.bound
+
+    def eased(self, factor: float) -> Limit:
+        """Return a limit that is wider by a factor."""
+        origin = self.declared.origin
+        bound = self.bound / factor if self.figure.higher else origin + factor * (self.bound - origin)
+        return Limit(self.figure, bound)
+
+
+@dataclass(frozen=True, eq=False)
+class Statistics:
+    """A batch as seen by one axis: `rms("force")` is an array over the variants; `port` is `x.` in a machine."""
+
+    batch: Batch
+    port: str = ""
+
+    def rms(self, signal: str) -> np.ndarray:
+        """Root of the mean square over the run."""
+        return self.batch.rms[f"{self.port}{signal}"]
+
+    def peak(self, signal: str) -> np.ndarray:
+        """Largest absolute value over the run."""
+        return self.batch.peak[f"{self.port}{signal}"]

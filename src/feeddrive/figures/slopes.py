@@ -1,0 +1,394 @@
+"""Figures of a closed loop with their derivatives to the tunables: what goals and limits of a search are made of.
+
+Slacks are logarithms or relative differences: 0.01 is about one percent.  A limit is kept while its slack is >= 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from feeddrive.analysis.margins import (
+    GainCrossover,
+    Logarithms,
+    Margins,
+    PhaseCrossover,
+    bandwidth_crossing,
+    gain_crossings,
+    least,
+    phase_crossings,
+)
+from feeddrive.analysis.stiffness import (
+    Stiffness,
+    force_noise_of_lines,
+    force_noise_weights,
+    rope_snap_weights,
+    trapezoid_weights,
+)
+from feeddrive.loop.frequency_response import FRF
+
+Band = tuple[float, float]
+"""Lower and upper frequency, Hz."""
+
+
+class JudgedLoop(Protocol):
+    """A closed loop whose figures are computed: of a model or of a measurement."""
+
+    @property
+    def margins(self) -> Margins:
+        """The margins of the loop gain."""
+        ...
+
+    @property
+    def compliance(self) -> FRF:
+        """The compliance on all lines, m/N."""
+        ...
+
+    @property
+    def stiffness(self) -> Stiffness:
+        """The dynamic stiffness on the lines on which its least value counts."""
+        ...
+
+    @property
+    def rope_snap(self) -> float:
+        """The rope-snap error, m √s/N."""
+        ...
+
+    @property
+    def bandwidth(self) -> float | None:
+        """The frequency up to which disturbances are rejected, Hz."""
+        ...
+
+    @property
+    def force_noise(self) -> float | None:
+        """RMS of the force from the errors of the readings, N."""
+        ...
+
+    def stiffness_at(self, frequency: float) -> float | None:
+        """Return the dynamic stiffness at a frequency (Hz) in N/m; None where it is not known."""
+        ...
+
+
+class Reading(NamedTuple):
+    """The control's response to a reading (N/m), its slope, and the white error of the reading, m RMS."""
+
+    response: np.ndarray
+    slope: np.ndarray
+    noise: float
+
+
+class SlopedLoop(Protocol):
+    """A closed loop on n lines with the derivatives of its responses to p tunables."""
+
+    @property
+    def gain(self) -> np.ndarray:
+        """The loop gain, shape (n,)."""
+        ...
+
+    @property
+    def gain_slope(self) -> np.ndarray:
+        """Its derivatives, shape (n, p)."""
+        ...
+
+    @property
+    def gain_variance(self) -> np.ndarray:
+        """Its variance from that of a measurement, shape (n,)."""
+        ...
+
+    @property
+    def compliance(self) -> np.ndarray:
+        """The compliance, m/N, shape (n,)."""
+        ...
+
+    @property
+    def compliance_slope(self) -> np.ndarray:
+        """Its derivatives, shape (n, p)."""
+        ...
+
+    @property
+    def compliance_variance(self) -> np.ndarray:
+        """Its variance, shape (n,)."""
+        ...
+
+    @property
+    def frequency(self) -> np.ndarray:
+        """The lines, Hz."""
+        ...
+
+    @property
+    def sample_time(self) -> float:
+        """The sample time, s."""
+        ...
+
+    @property
+    def logarithms(self) -> Logarithms:
+        """The loop gain as logarithms."""
+        ...
+
+    def recovery(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return frequency, compliance and its slope from far below the first line on."""
+        ...
+
+    def readings(self, noise: tuple[float, float]) -> Sequence[Reading]:
+        """Return what leads from the errors of the readings (m RMS) to the force."""
+        ...
+
+
+class Slope(NamedTuple):
+    """The logarithm of a number to minimize, its slope, and the Gauss-Newton part of its curvature."""
+
+    value: float
+    slope: np.ndarray
+    curvature: np.ndarray
+
+
+class Place(NamedTuple):
+    """A place at which a loop is near a limit: frequency (0: none), slack, its slope and standard deviation.
+
+    line  of the place, which tells it from others of the same limit
+    """
+
+    frequency: float
+    slack: float
+    slope: np.ndarray
+    deviation: float
+    line: int
+
+
+_NEAR = 0.7  # of a logarithm: bounds with more slack on a line are not stored
+_POINTS, _POLE = 41, 0.2  # points between two neighbors of a line; distance to a pole within which no value is used
+_AHEAD = 1e-9  # rad: least distance to -1 that is used for a crossover
+_STRETCH = 0.08  # of ln f on both sides of a crossover, over which its slopes are taken
+
+
+def rope_snap_slope(loop: SlopedLoop, _: Band) -> Slope:
+    """Return the slope of the rope-snap error."""
+    lines, y, dy = loop.recovery()
+    return _mean_square(y, dy, rope_snap_weights(lines, loop.sample_time))
+
+
+def mean_compliance_slope(loop: SlopedLoop, band: Band) -> Slope:
+    """Return the slope of `mean_compliance`, up to the ends of the band."""
+    f = loop.frequency
+    width = np.where(_inside(f, band), trapezoid_weights(np.log(f)), 0.0)
+    return _mean_square(loop.compliance, loop.compliance_slope, width / np.sum(width))
+
+
+def compliance_peak_slope(loop: SlopedLoop, band: Band) -> Slope:
+    """Return the slope of the largest compliance in a band."""
+    return _largest(loop, band, 1.0)
+
+
+def integral_slope(loop: SlopedLoop, band: Band) -> Slope:
+    """Return the slope of the largest compliance over the frequency in a band."""
+    return _largest(loop, band, 1.0 / (2.0 * np.pi * loop.frequency))
+
+
+def bandwidth_slope(loop: SlopedLoop, _: Band) -> Slope:
+    """Return the slope of -ln of the frequency at which |S| first rises to -3 dB."""
+    x = np.log(loop.frequency)
+    tunables = loop.gain_slope.shape[1]
+    found = bandwidth_crossing(loop.gain)
+    if found is None:
+        return Slope(float(-x[0]), np.zeros(tunables), np.zeros((tunables, tunables)))
+    i, part = found
+    level = -np.log(np.abs(1.0 + loop.gain[i : i + 2]))
+    tilt = (level[1] - level[0]) / (x[i + 1] - x[i])
+    pushed = -(loop.gain_slope / (1.0 + loop.gain)[:, None]).real
+    moved = (1.0 - part) * pushed[i] + part * pushed[i + 1]
+    slope = moved / tilt
+    return Slope(float(-(x[i] + part * (x[i + 1] - x[i]))), slope, np.outer(slope, slope))
+
+
+def _inside(frequency: np.ndarray, band: Band) -> np.ndarray:
+    return (frequency >= band[0]) & (frequency <= band[1])
+
+
+def _largest(loop: SlopedLoop, band: Band, weight: np.ndarray | float) -> Slope:
+    size = np.where(_inside(loop.frequency, band), weight * np.abs(loop.compliance), 0.0)
+    k = int(np.argmax(size))
+    slope = (loop.compliance_slope[k] / loop.compliance[k]).real
+    return Slope(float(np.log(size[k])), slope, np.outer(slope, slope))
+
+
+def _mean_square(y: np.ndarray, dy: np.ndarray, weight: np.ndarray) -> Slope:
+    """Return the slope of ½ ln Σ w |y|²."""
+    total = float(np.sum(weight * np.abs(y) ** 2))
+    slope = np.real(dy.T @ (weight * np.conj(y))) / total
+    root = np.sqrt(weight)[:, None] * dy
+    curvature = np.real(root.conj().T @ root) / total
+    return Slope(0.5 * float(np.log(total)), slope, curvature - np.outer(slope, slope))
+
+
+def sensitivity_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
+    """Yield the lines on which Ms is near its limit."""
+    f, L, dL = loop.frequency, loop.gain, loop.gain_slope
+    spread = _spread(loop)
+    away = np.abs(1.0 + L)
+    slack = _between_lines(np.log(f), 1.0 + L, np.log(away * limit))
+    for k in _near(slack, dL):
+        slope = (dL[k] / (1.0 + L[k])).real
+        yield Place(float(f[k]), float(slack[k]), slope, float(spread[k] / away[k]), k)
+
+
+def small_gain_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
+    """Yield the lines on which the small-gain theorem hardly admits an extra dead time of some samples."""
+    f, L, dL = loop.frequency, loop.gain, loop.gain_slope
+    spread = _spread(loop)
+    late = np.pi * f * limit * loop.sample_time
+    with np.errstate(divide="ignore"):
+        slack = np.log(np.abs((1.0 + L) / L) / (2.0 * np.sin(np.minimum(late, 0.5 * np.pi))))
+    slack = _at_vertex(np.log(f), slack)
+    for k in _near(slack, dL):
+        slope = -(dL[k] / (L[k] * (1.0 + L[k]))).real
+        deviation = float(spread[k] / np.abs(L[k] * (1.0 + L[k])))
+        yield Place(float(f[k]), float(slack[k]), slope, deviation, k)
+
+
+def compliance_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
+    """Yield the lines on which the compliance is near its limit."""
+    f = loop.frequency
+    size = np.abs(loop.compliance)
+    slack = _at_vertex(np.log(f), np.log(limit / size))
+    deviation = np.sqrt(0.5 * loop.compliance_variance) / size
+    for k in _near(slack, loop.gain_slope):
+        slope = -(loop.compliance_slope[k] / loop.compliance[k]).real
+        yield Place(float(f[k]), float(slack[k]), slope, float(deviation[k]), k)
+
+
+class _Crossing(NamedTuple):
+    """A gain crossover: its line, frequency and margins, the slopes of phase and ln f, and how noise moves it.
+
+    turned  slope of the phase; along  slope of ln f; tilt, bend  d ln|L|/d ln f and d phase/d ln f
+    """
+
+    line: int
+    margin: GainCrossover
+    turned: np.ndarray
+    along: np.ndarray
+    tilt: float
+    bend: float
+
+
+def _gain_crossings(loop: SlopedLoop) -> Iterator[_Crossing]:
+    pushed = loop.gain_slope / loop.gain[:, None]  # of ln L
+    x, level, _, turn = loop.logarithms
+    for k, part, margin in gain_crossings(loop.logarithms):
+        width = x[k + 1] - x[k]
+        moved = (1.0 - part) * pushed[k] + part * pushed[k + 1]
+        along = -moved.real / ((level[k + 1] - level[k]) / width)  # of ln f of the crossover
+        turned = moved.imag + (turn[k] / width) * along
+        yield _Crossing(k, margin, turned, along, *_tilts(x, level, turn, k))
+
+
+def phase_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
+    """Yield the gain crossovers with their distance from a phase margin, deg, which counts by its size."""
+    spread = _spread(loop)
+    for k, margin, turned, _along, tilt, bend in _gain_crossings(loop):
+        sign = 1.0 if margin.phase_margin_deg >= 0.0 else -1.0
+        slack = float(np.radians(abs(margin.phase_margin_deg) - limit))
+        # noise of the phase, and of where it crosses
+        deviation = float(spread[k]) * float(np.hypot(1.0, bend / tilt))
+        yield Place(margin.frequency, slack, sign * turned, deviation, k)
+
+
+def delay_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
+    """Yield the gain crossovers with their distance from a delay margin in samples."""
+    spread, T = _spread(loop), loop.sample_time
+    for k, margin, turned, along, tilt, bend in _gain_crossings(loop):
+        f = margin.frequency
+        ahead = max(2.0 * np.pi * f * margin.delay_margin, _AHEAD)
+        slack = float(np.log(ahead / (2.0 * np.pi * f * T * limit)))
+        deviation = float(spread[k]) * float(np.hypot(1.0 / ahead, (bend / ahead - 1.0) / tilt))
+        yield Place(f, slack, turned / ahead - along, deviation, k)
+
+
+def gain_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
+    """Yield the phase crossovers with their distance from a gain margin in dB."""
+    spread = _spread(loop)
+    pushed = loop.gain_slope / loop.gain[:, None]
+    x, level, _lead, turn = loop.logarithms
+    crossing: PhaseCrossover
+    for k, part, crossing in phase_crossings(loop.logarithms):
+        # where the gain may fall but not rise, Ms is the limit that applies
+        if crossing.gain_margin_dB < 0.0 or np.abs(turn[k]) >= 0.9 * np.pi:
+            continue
+        width = x[k + 1] - x[k]
+        moved = (1.0 - part) * pushed[k] + part * pushed[k + 1]
+        along = -moved.imag / (turn[k] / width)
+        slope = -(moved.real + (level[k + 1] - level[k]) / width * along)
+        tilt, bend = _tilts(x, level, turn, k)
+        slack = float(np.log(10.0) / 20.0 * (crossing.gain_margin_dB - limit))
+        deviation = float(spread[k] / np.abs(loop.gain[k])) * float(np.hypot(1.0, tilt / bend))
+        yield Place(crossing.frequency, slack, slope, deviation, k)
+
+
+def force_noise_places(loop: SlopedLoop, limit: float, noise: tuple[float, float]) -> Iterator[Place]:
+    """Yield the force noise with its slope: d σ_u = Σ w σ² Re[(C S)* d(C S)] / σ_u."""
+    value = force_noise_of(loop, noise)
+    S = 1.0 / (1.0 + loop.gain)
+    dS = -(S * S)[:, None] * loop.gain_slope
+    weight = force_noise_weights(loop.frequency, loop.sample_time)
+    slope = np.zeros(loop.gain_slope.shape[1])
+    for C, dC, sigma in loop.readings(noise):
+        through, change = C * S, dC * S[:, None] + C[:, None] * dS
+        slope = slope + np.einsum("l,lp->p", weight * sigma**2 * np.conj(through), change).real / value
+    yield Place(0.0, float(np.log(limit / value)), -slope / value, 0.0, 0)
+
+
+def force_noise_of(loop: SlopedLoop, noise: tuple[float, float]) -> float:
+    """Return the RMS of the force in N from white errors of the readings in m."""
+    S = 1.0 / (1.0 + loop.gain)
+    parts = [(C * S, sigma) for C, _, sigma in loop.readings(noise)]
+    return force_noise_of_lines(loop.frequency, loop.sample_time, parts)
+
+
+def _spread(loop: SlopedLoop) -> np.ndarray:
+    return np.sqrt(0.5 * loop.gain_variance)  # of the part along one direction
+
+
+def _near(slack: np.ndarray, slopes: np.ndarray) -> list[int]:
+    """Return the lines whose bound is near; without slopes, the nearest of them."""
+    near = np.flatnonzero(slack < _NEAR)
+    return near.tolist() if slopes.shape[1] or not near.size else [int(near[np.argmin(slack[near])])]
+
+
+def _between_lines(x: np.ndarray, w: np.ndarray, slack: np.ndarray) -> np.ndarray:
+    """The slacks; at each local minimum they follow from the least |w| between the neighboring lines.
+
+    w = (w0 + b u)/(1 + c u) through the three lines, u = ln f - ln f0: a resonance is a circle, and its nearest point
+    may lie far between two lines.
+    """
+    out = slack.copy()
+    for k in np.flatnonzero((slack[1:-1] < slack[:-2]) & (slack[1:-1] < slack[2:])) + 1:
+        if slack[k] >= _NEAR:
+            continue
+        u = x[[k - 1, k + 1]] - x[k]
+        sides = w[[k - 1, k + 1]]
+        b, c = np.linalg.solve(np.stack([u, -u * sides], axis=1), sides - w[k])
+        way = np.linspace(u[0], u[1], _POINTS)
+        under = np.abs(1.0 + c * way)
+        if np.min(under) > _POLE:
+            out[k] += min(float(np.min(np.log(np.abs((w[k] + b * way) / (1.0 + c * way))))) - np.log(np.abs(w[k])), 0.0)
+    return out
+
+
+def _at_vertex(x: np.ndarray, slack: np.ndarray) -> np.ndarray:
+    """The slacks; at each local minimum that of the parabola through the line and its neighbors."""
+    out = slack.copy()
+    for k in np.flatnonzero((slack[1:-1] < slack[:-2]) & (slack[1:-1] < slack[2:])) + 1:
+        if slack[k] < _NEAR:
+            out[k] = least(x[k - 1 : k + 2], slack[k - 1 : k + 2])[1]
+    return out
+
+
+def _tilts(x: np.ndarray, level: np.ndarray, turn: np.ndarray, k: int) -> tuple[float, float]:
+    """d ln|L|/d ln f and dφ/d ln f around a line: over a stretch, since two lines would show their noise."""
+    low, high = (int(each) for each in np.searchsorted(x, (x[k] - _STRETCH, x[k + 1] + _STRETCH)))
+    low, high = min(low, k), max(high, k + 2)
+    apart = x[low:high] - np.mean(x[low:high])
+    phase = np.concatenate([[0.0], np.cumsum(turn[low : high - 1])])
+    scale = apart @ apart
+    return float(apart @ level[low:high] / scale), float(apart @ phase / scale)

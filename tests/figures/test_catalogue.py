@@ -1,0 +1,100 @@
+"""The catalogue of figures: an entry is enough for a goal and a limit of a tuning, wherever figures are named."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import feeddrive as fd
+from feeddrive.figures import catalogue
+from feeddrive.figures.figure import HIGHER, MODEL, Figure, Goal, Limit
+from feeddrive.figures.linear_loop import LinearLoop
+from feeddrive.figures.of_loops import COMPLIANCE_PEAK, OF_LOOPS, PHASE_MARGIN, SENSITIVITY_PEAK
+from feeddrive.figures.slopes import compliance_peak_slope
+from feeddrive.language.errors import ParameterError
+from feeddrive.loop.loop import Loop
+from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.tune import tune_control
+
+LOOP = fd.read_machine("linear_motor").loop(None)
+SOFT = Figure(
+    "softness_m_per_N", "softness", "m/N", MODEL, lambda loop: 1.0 / loop.stiffness.minimum, meaning="by a package",
+    tuned=True,
+    goal=Goal("softness", "softness", lambda loop, _: float(np.max(loop.compliance.magnitude)), compliance_peak_slope),
+    limit=replace(COMPLIANCE_PEAK.limit, option="most_softness") if COMPLIANCE_PEAK.limit else None,
+)  # fmt: skip
+
+
+@pytest.fixture
+def installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A package that brings one figure, which can be a goal and have a limit."""
+    caches = (catalogue._with_own, catalogue.goals, catalogue.limitable)
+    monkeypatch.setattr(catalogue, "_installed", lambda: iter([("a package", SOFT)]))
+    for cache in caches:
+        cache.cache_clear()
+    yield
+    for cache in caches:
+        cache.cache_clear()
+
+
+@pytest.mark.usefixtures("installed")
+def test_a_goal_and_a_limit_of_a_package_are_one_entry() -> None:
+    from feeddrive.workflow.tune import _limit_options
+
+    assert "softness" in catalogue.goals()
+    assert "most_softness" in _limit_options()
+    assert catalogue.figure("softness_m_per_N").value(LinearLoop(LOOP)) > 0.0
+    found = tune_control(LOOP, goal="softness", limits=[Limit(SENSITIVITY_PEAK, 1.8), Limit(SOFT, 1e-7)], starts=1)
+    assert found.rule == "least softness subject to Ms <= 1.8, softness <= 0.1 um/N"
+    assert found.after[0].margins.sensitivity_peak <= 1.8 * 1.002
+    assert any(row[0] == "softness" for row in found.table().rows)
+    known = tune_control(LOOP, goal="least-stiffness", limits=Limits(sensitivity_peak=1.8), starts=1)
+    assert found.tunables == pytest.approx(known.tunables, rel=1e-3)
+
+
+@pytest.mark.parametrize("figure", OF_LOOPS, ids=[figure.key for figure in OF_LOOPS])
+def test_every_figure_of_a_loop_has_a_value(figure: Figure) -> None:
+    value = figure.value(LinearLoop(LOOP))
+    assert isinstance(value, float)
+    assert math.isfinite(value)
+
+
+def test_a_figure_names_its_unit_in_files() -> None:
+    with pytest.raises(ParameterError, match=r"'a_mm' must end with its unit: \.\.\._m"):
+        Figure("a_mm", "a", "m", MODEL, len)
+    with pytest.raises(ParameterError, match="needs `of`"):
+        Figure("a_m", "a", "m", MODEL)
+    assert catalogue.figures()["force_peak_N"].name_in_file(rotary=True) == "force_peak_N_m"
+
+
+def test_limits_are_data() -> None:
+    limits = Limits([Limit(PHASE_MARGIN, 30.0)], sensitivity_peak=None)
+    assert limits.sentence() == "phase margin >= 30 deg"
+    assert limits.eased(PHASE_MARGIN, 1.5).bound(PHASE_MARGIN) == 20.0
+    assert Limits().eased(SENSITIVITY_PEAK, 1.5).bound(SENSITIVITY_PEAK) == 2.5
+    assert [limit.figure for limit in limits.having(Limit(SENSITIVITY_PEAK, 1.5)).limits] == [
+        SENSITIVITY_PEAK, PHASE_MARGIN,
+    ]  # fmt: skip
+    with pytest.raises(ParameterError, match="no tuning can limit 'crossover_Hz'"):
+        Limits(crossover_Hz=10.0)
+    with pytest.raises(ParameterError, match="phase_margin_deg = 180 must be < 180"):
+        Limit(PHASE_MARGIN, 180.0)
+    with pytest.raises(ParameterError, match="no tuning can keep a limit of 'operations'"):
+        Limit(catalogue.figures()["operations"], 3.0)
+
+
+def test_a_limit_knows_how_much_of_it_is_used() -> None:
+    phase, peak = Limit(PHASE_MARGIN, 30.0), Limit(SENSITIVITY_PEAK, 2.0)
+    assert (phase.used(-60.0), phase.used(15.0), phase.used(None)) == (0.5, 2.0, 0.0)
+    assert (peak.used(1.0), peak.used(4.0)) == (0.5, 2.0)
+    assert phase.keeps(-30.0)
+    assert not phase.keeps(29.0)
+    assert phase.keeps(29.0, room=0.05)
+    assert peak.keeps(2.0)
+    assert not peak.keeps(2.001)
+    assert PHASE_MARGIN.better == HIGHER
+    assert isinstance(LOOP, Loop)
