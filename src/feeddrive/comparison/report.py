@@ -17,12 +17,11 @@ from feeddrive.comparison.figures import CRITERIA, Criterion
 from feeddrive.comparison.judge import Competitor
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
-from feeddrive.files.run_files import file_names, summary_text
+from feeddrive.files.run_files import figure_key, file_names, summary_text
 from feeddrive.language import tree
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, Units
 from feeddrive.language.table import Table
 from feeddrive.language.text import Text
-from feeddrive.language.units import turning_name
 from feeddrive.loop.control import Control
 from feeddrive.loop.lifting import compliance, tracking
 from feeddrive.report import build
@@ -284,7 +283,7 @@ def figures_csv(found: Comparison) -> str:
     keys = list(dict.fromkeys(key for each in found.competitors for key in each.figures))
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["law", *(map(turning_name, keys) if found.rotary else keys)])
+    writer.writerow(["law", *(figure_key(key, Units(rotary=found.rotary)) for key in keys)])
     for each in found.competitors:
         cells = (each.figures.get(key) for key in keys)
         writer.writerow([each.name, *("" if cell is None else repr(float(cell)) for cell in cells)])

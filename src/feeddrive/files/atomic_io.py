@@ -19,6 +19,7 @@ from collections.abc import Generator
 from pathlib import Path
 
 from feeddrive.language.errors import FileError
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import plain
 from feeddrive.version import __version__
 
@@ -69,8 +70,8 @@ def read_whole(path: str | Path, most: int) -> bytes:
             raise FileError(f"{path}: is a device or pipe, not a file; copy it to a file first")
         if status.st_size > most:
             raise FileError(
-                f"{path}: has {status.st_size / 1e6:,.1f} MB, more than the {most / 1e6:,.1f} MB that are read; "
-                "is it the right file?"
+                f"{path}: has {Quantity(status.st_size / 1e6, 'MB'):,.1f}, more than the "
+                f"{Quantity(most / 1e6, 'MB'):,.1f} that are read; is it the right file?"
             )
         with open(path, "rb") as file:
             return file.read(min(most, status.st_size + 1))  # read allocates the memory for the whole requested size

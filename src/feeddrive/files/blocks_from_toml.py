@@ -31,6 +31,7 @@ from feeddrive.language import units
 from feeddrive.language.block import Block, checked, declarations
 from feeddrive.language.declaration import Declaration
 from feeddrive.language.errors import ParameterError, StructureError, nearest, shown
+from feeddrive.language.quantity import Quantity
 
 Choice: TypeAlias = Any  # the type of a choice: int, str, bool, float, tuple[...] or a union of them
 
@@ -118,7 +119,7 @@ def choice_value(section: Section, key: str, declared: Declaration, annotation: 
     if held is None:
         raise section.error(f"{where} must be {type_as_text(annotation)}", key)
     if declared.least is not None and held < declared.least:
-        raise section.error(f"{where} must be >= {declared.least:g}", key)
+        raise section.error(f"{where} must be >= {Quantity(declared.least):6}", key)
     return held
 
 
@@ -297,7 +298,7 @@ def _row(section: Section, key: str, name: str, declared: Declaration, value: An
     try:
         return checked("", section.dotted(name), declared, row)
     except ParameterError as error:
-        raise section.error(str(error), key) from None
+        raise section.error(f"{error}", key) from None
 
 
 def _part(section: Section, key: str, hint: Hint) -> Any:

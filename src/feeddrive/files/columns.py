@@ -11,6 +11,7 @@ import numpy as np
 
 from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError, nearest
+from feeddrive.language.quantity import Quantity
 
 # roles of columns, and the unit in which the log then holds them; along the axis, and at the motor's shaft
 ROLES: Mapping[str, str] = {
@@ -87,7 +88,7 @@ class Column:
         if role not in ROLES:
             raise ParameterError(f"a log has no role '{role}'{nearest(role, ROLES)}")
         if self.factor is not None and not (np.isfinite(self.factor) and self.factor != 0.0):
-            raise ParameterError(f"{role}: factor = {self.factor:g} must be a finite number that is not 0")
+            raise ParameterError(f"{role}: factor = {Quantity(self.factor):6} must be a finite number that is not 0")
         unit = unit_of(self.unit) or self.unit
         if role not in OWN_UNIT and unit:
             try:
@@ -225,8 +226,9 @@ def check_sign(path: str, column: Column, unit: str, si: str) -> None:
         return
     if not same:
         raise LogError(
-            f"{path}: column '{column.name}' is in {unit}, as the file says, and a factor of {column.factor:g} without "
-            f"a unit would take its numbers for {si}: state the unit too, as {replace(column, unit=unit).text()}"
+            f"{path}: column '{column.name}' is in {unit}, as the file says, and a factor of "
+            f"{Quantity(column.factor):6} without a unit would take its numbers for {si}: state the unit too, as "
+            f"{replace(column, unit=unit).text()}"
         )
 
 
@@ -260,7 +262,8 @@ def check_unpacked(name: str, numbers: int, packed: int) -> None:
     if 8 * numbers > most_unpacked(packed):
         raise LogError(
             f"{name}: has {packed:,} bytes and states {numbers:,} numbers, more than {MOST_TIMES} times its size and "
-            f"more than {FREE_BYTES / 1e6:g} MB; it is damaged or a zip bomb: map only the columns that are needed"
+            f"more than {Quantity(FREE_BYTES / 1e6, 'MB')}; it is damaged or a zip bomb: map only the columns that are "
+            "needed"
         )
 
 

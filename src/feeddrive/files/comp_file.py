@@ -9,6 +9,7 @@ import numpy as np
 from feeddrive.blocks.compensation.pitch_compensation import PitchCompensation
 from feeddrive.files.atomic_io import read_whole, write_whole
 from feeddrive.language.errors import FileError, ParameterError
+from feeddrive.language.quantity import Quantity
 
 MOST = 256  # rows that LinuxCNC reads
 _MOST_BYTES = 1_000_000
@@ -63,7 +64,8 @@ def read_comp_file(path: str | Path, *, units: float = 1000.0, file_type: int = 
             )
         if rows and row[0] <= rows[-1][0]:
             raise FileError(
-                f"{place}:{line}: nominal {row[0]:g} does not lie above {rows[-1][0]:g}: sort the rows by the position"
+                f"{place}:{line}: nominal {Quantity(row[0]):6} does not lie above {Quantity(rows[-1][0]):6}: sort the "
+                "rows by the position"
             )
         rows.append(row)
     if len(rows) < 2:
@@ -74,8 +76,8 @@ def read_comp_file(path: str | Path, *, units: float = 1000.0, file_type: int = 
     uneven = np.flatnonzero(np.abs(steps - spacing) > 1e-3 * spacing)
     if uneven.size:
         raise FileError(
-            f"{place}: rows {uneven[0] + 1} and {uneven[0] + 2} are {units * steps[uneven[0]]:g} apart, not "
-            f"{units * spacing:g} as in the mean: give rows at one spacing"
+            f"{place}: rows {uneven[0] + 1} and {uneven[0] + 2} are {Quantity(units * steps[uneven[0]]):6} apart, not "
+            f"{Quantity(units * spacing):6} as in the mean: give rows at one spacing"
         )
     added = table[:, 1:] if file_type == 1 else table[:, :1] - table[:, 1:]
     return PitchCompensation(

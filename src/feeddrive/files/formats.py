@@ -30,6 +30,7 @@ from feeddrive.files.readers.uff import STARTS as _UFF
 from feeddrive.files.readers.uff import read_uff
 from feeddrive.files.run_files import read_parquet
 from feeddrive.language.errors import LogError
+from feeddrive.language.quantity import Quantity
 
 _PIECE = 10_000_000  # bytes that gzip unpacks at a time: a decompression bomb is detected one piece beyond the limit
 _LEAST = 256  # bytes that a member of a gzip file is given first
@@ -202,7 +203,9 @@ def _unpacked(name: str, content: bytes) -> bytes:
                     raise LogError(f"{name}: is packed by gzip and cut off; copy it again")
                 size += len(parts[-1])
                 if size > most:
-                    raise LogError(f"{name}: holds more than the {most / 1e6:,.0f} MB that are read, once unpacked")
+                    raise LogError(
+                        f"{name}: holds more than the {Quantity(most / 1e6, 'MB'):,.0f} that are read, once unpacked"
+                    )
             place -= len(zip_.unused_data)
             while place < len(packed) and packed[place] == 0:
                 pad = bytes(packed[place : place + _PAD])

@@ -68,7 +68,7 @@ def read_frfs(path: FrfLike | OpenedFile, *, columns: Sequence[str] | None = Non
     try:
         return _read_frfs(path, columns)
     except (LogError, ParameterError) as error:
-        raise type(error)(plain(str(error))) from None
+        raise type(error)(plain(f"{error}")) from None
     except MemoryError:
         raise LogError(f"{path}: does not fit into the memory") from None
 
@@ -210,8 +210,8 @@ def _complex(where: str, response: Response, table: Columns) -> np.ndarray:
     size = np.abs(values)
     if (most := float(np.max(size))) > _LARGEST:
         raise LogError(
-            f"{where}: the response reaches {most:.3g} at {table.place(int(np.argmax(size)))}, beyond {_LARGEST:g}, "
-            "which no axis does: look at exponents and decimal mark"
+            f"{where}: the response reaches {Quantity(most):3} at {table.place(int(np.argmax(size)))}, beyond "
+            f"{Quantity(_LARGEST)}, which no axis does: look at exponents and decimal mark"
         )
     return values
 
@@ -231,7 +231,7 @@ def _from_parts(where: str, response: Response, table: Columns) -> np.ndarray:
     elif np.any(magnitude < 0.0):
         k = int(np.argmax(magnitude < 0.0))
         raise LogError(
-            f"{where}: the magnitude '{places['magnitude']}' is {magnitude[k]:.6g} at {table.place(k)}; "
+            f"{where}: the magnitude '{places['magnitude']}' is {Quantity(magnitude[k]):6} at {table.place(k)}; "
             "if it is in dB say so: name the column magnitude_dB"
         )
     if response.degrees is None:
@@ -251,8 +251,8 @@ def _coherence(where: str, response: Response, table: Columns, kept: slice) -> n
         k = int(wrong[0])
         why = "in percent? Divide it by 100" if np.max(values) > 2.0 else "it is |Sxy|²/(Sxx Syy)"
         raise LogError(
-            f"{where}: the coherence '{column}' is {values[k]:.6g} at {table.place(k)} ({wrong.size} such lines), "
-            f"outside 0 to 1; {why}"
+            f"{where}: the coherence '{column}' is {Quantity(values[k]):6} at {table.place(k)} ({wrong.size} such "
+            f"lines), outside 0 to 1; {why}"
         )
     return np.minimum(values[kept], 1.0)
 
@@ -264,7 +264,9 @@ def _variance(where: str, response: Response, table: Columns, kept: slice) -> np
     values = _finite(where, table, column)
     if np.any(values < 0.0):
         k = int(np.argmax(values < 0.0))
-        raise LogError(f"{where}: the variance '{column}' is {values[k]:.6g} at {table.place(k)}; it must be >= 0")
+        raise LogError(
+            f"{where}: the variance '{column}' is {Quantity(values[k]):6} at {table.place(k)}; it must be >= 0"
+        )
     return response.factor**2 * values[kept]
 
 

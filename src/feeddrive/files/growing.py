@@ -242,7 +242,9 @@ class GrowingTable:
             self._from_begin = grown.begins
         self._rest += grown.content
         if len(self._rest) > _LONGEST and b"\n" not in self._rest[-_LONGEST:]:
-            raise LogError(f"{self.name}: has a line of more than {_LONGEST / 1e6:g} MB; it is no table of rows")
+            raise LogError(
+                f"{self.name}: has a line of more than {Quantity(_LONGEST / 1e6, 'MB')}; it is no table of rows"
+            )
         if self._layout is None and not self._understand():
             return Rows(np.empty(0), np.empty((0, len(self.channels))))
         whole, line, self._rest = self._rest.rpartition(b"\n")

@@ -203,7 +203,7 @@ def _cuts(root: Section, program: PlannedProgram | None, machine: MachineFile) -
         loop = next(iter(machine.loops.values()))
         return program.couplings(float(loop.sample_time) / loop.axis.substeps)
     except FeeddriveError as error:
-        raise process.error(str(error)) from None
+        raise process.error(f"{error}") from None
 
 
 def _reference(root: Section, program: PlannedProgram | None, axis: str) -> Reference | None:

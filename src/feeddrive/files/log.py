@@ -16,7 +16,7 @@ import numpy as np
 from feeddrive.files.run_files import write_parquet
 from feeddrive.language.errors import LogError, ParameterError, nearest
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table, shown
+from feeddrive.language.table import UNIT, Cell, Result, Table, shown
 from feeddrive.language.text import Text
 
 
@@ -77,12 +77,11 @@ class Log(Result):
 
     def table(self) -> Table:
         """Least, largest and RMS value of every channel."""
-        rows: list[list[str]] = []
+        rows: list[list[Cell]] = []
         for channel, values in self.channels.items():
-            unit, factor = shown(self.units.get(channel, ""))
-            rms = float(np.sqrt(np.mean(np.square(values))))
-            figures = (float(np.min(values)), float(np.max(values)), rms)
-            rows.append([channel, unit, *(f"{factor * figure:.5g}" for figure in figures)])
+            unit = self.units.get(channel, "")
+            figures = np.min(values), np.max(values), np.sqrt(np.mean(np.square(values)))
+            rows.append([channel, UNIT, *(Quantity(figure, unit, form=f"5 {shown(unit)[0]}") for figure in figures)])
         rate = Text(f"{Quantity(self.sample_time, 's'):6}")
         title = Text(
             f"{self.name}: {self.time.size} rows, {Quantity(self.duration, 's'):SI} at {rate}, jitter "
@@ -137,7 +136,8 @@ def remarks(channels: Mapping[str, np.ndarray]) -> tuple[str, ...]:
         if values.size < 2:
             continue
         if np.ptp(values) == 0.0:
-            found.append(f"'{name}' is constant, {values[0]:.6g}: it contains no information, or it was not connected")
+            level = Quantity(values[0], form="6")
+            found.append(Text(f"'{name}' is constant, {level}: it contains no information, or it was not connected"))
             continue
         found += [sentence for sentence in (_clipped(name, values), _slow(name, values)) if sentence]
     return tuple(found)
@@ -156,10 +156,10 @@ def _clipped(name: str, values: np.ndarray) -> str:
         before = np.abs(values[starts[long] - 2] - limit) > np.abs(values[starts[long] - 1] - limit)
         long[long] = before  # moving there already: a state jumps
         if np.count_nonzero(long) >= _TIMES and np.median(steps[starts[long] - 2]) > _ABRUPT * usual:
-            share = 100.0 * np.mean(values == limit)
-            return (
-                f"'{name}' is clipped: it stays at its {word} value {limit:.6g} {np.count_nonzero(long)} times for "
-                f"{_LONG} samples or more, and in {share:.2g} % of the log; fits to these samples are wrong"
+            share = Quantity(np.mean(values == limit), "share", form="2")
+            return Text(
+                f"'{name}' is clipped: it stays at its {word} value {Quantity(limit):6} {np.count_nonzero(long)} times "
+                f"for {_LONG} samples or more, and in {share} of the log; fits to these samples are wrong"
             )
     return ""
 

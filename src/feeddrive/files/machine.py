@@ -33,7 +33,9 @@ from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.toml_file import Key, Section, TomlFile, read_toml
 from feeddrive.files.toml_values import quoted, with_values
 from feeddrive.language.errors import FileError, ParameterError, StructureError, nearest, plain
-from feeddrive.language.table import Result, Table
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.table import Column, Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
@@ -76,13 +78,13 @@ class MachineFile(Result):
         rows = [
             [name, loop.axis.plant.kind, getattr(loop.axis.friction_load or loop.axis.friction_motor, "kind", "-"),
              loop.control.law.kind, ", ".join(each.kind for each in loop.control.filters) or "-",
-             "-" if loop.control.force_limit is None
-             else f"{float(loop.control.force_limit):g} {'N m' if loop.axis.rotary else 'N'}",
-             f"{1e3 * float(loop.sample_time):g}"]
+             None if loop.control.force_limit is None
+             else Quantity(loop.control.force_limit, "N m" if loop.axis.rotary else "N", form="6"),
+             float(loop.sample_time)]
             for name, loop in self.loops.items()
         ]  # fmt: skip
         between = f"; coupled by {', '.join(each.kind for each in self.couplings)}" if self.couplings else ""
-        heads = ["axis", "plant", "friction", "law", "filters", "force limit", "sample ms"]
+        heads = ["axis", "plant", "friction", "law", "filters", "force limit", Column("sample", "s", "6 ms")]
         return Table(f"{plain(self.name)}, {self.file.name}{between}", heads, rows)
 
     def loop(self, axis: str | None) -> Loop:
@@ -191,7 +193,7 @@ def _couplings(root: Section, loops: Mapping[str, Loop]) -> tuple[Coupling, ...]
         try:
             Machine.of(loops, found)
         except (ParameterError, StructureError) as error:
-            text = str(error)
+            text = Text(f"{error}")
             place = "" if text.startswith(section.dotted()) else f"{section.dotted()}: "
             raise type(error)(f"{section.where()}: {place}{text}") from None
     return found

@@ -21,7 +21,7 @@ from feeddrive.files.mapping import Mapping
 from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError, nearest, plain
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, joined
 
 # names of a constant that is the sampling rate in Hz
 _RATES = ("fs", "sampling_rate", "sample_rate", "samplerate", "fsample", "f_s")
@@ -57,7 +57,7 @@ def read_log(
     try:
         return _read_log(path, mapping, optional, sample_time, name)
     except LogError as error:
-        raise LogError(plain(str(error))) from None
+        raise LogError(plain(f"{error}")) from None
     except MemoryError:
         raise LogError(f"{path}: does not fit into the memory; map only the columns that are needed") from None
 
@@ -72,7 +72,7 @@ def read_arrays(path: str | Path | OpenedFile) -> dict[str, np.ndarray]:
         file = path if isinstance(path, OpenedFile) else OpenedFile(path)
         return dict(file.columns.values)
     except LogError as error:
-        raise LogError(plain(str(error))) from None
+        raise LogError(plain(f"{error}")) from None
     except MemoryError:
         raise LogError(f"{path}: does not fit into the memory") from None
 
@@ -193,9 +193,9 @@ def _values(
     if numbers.size and max(float(numbers.max()), -float(numbers.min())) > _LARGEST:
         k = int(np.argmax(np.abs(numbers)))
         raise LogError(
-            f"{path}: column '{column.name}' reaches {numbers[k]:.3g} at {columns.place(k)}, beyond {_LARGEST:g}, as "
-            "no measured quantity does: look at exponents and decimal mark, cut the log there, or map only the columns "
-            "that are needed"
+            f"{path}: column '{column.name}' reaches {Quantity(numbers[k]):3} at {columns.place(k)}, beyond "
+            f"{Quantity(_LARGEST)}, as no measured quantity does: look at exponents and decimal mark, cut the log "
+            "there, or map only the columns that are needed"
         )
     unit = columns.units.get(column.name, "")
     as_it_is = role != "time" and role not in asked
@@ -287,7 +287,7 @@ def checked_clock(name: str, time: np.ndarray, place: Callable[[int], str], samp
         )
     if _grow(time):
         raise LogError(
-            f"{name}: the stamps grow by a constant factor, {time[1] / time[0]:.4g} from row to row, as "
+            f"{name}: the stamps grow by a constant factor, {Quantity(time[1] / time[0])} from row to row, as "
             f"frequencies do: a frequency response is read if its columns are headed f_Hz,re,im"
         )
     usual = float(np.median(steps))
@@ -341,12 +341,12 @@ def _fitted(name: str, time: np.ndarray, place: Callable[[int], str], sample_tim
 def _check_plausible(name: str, sample_time: float) -> None:
     if not _FASTEST <= sample_time <= _SLOWEST:
         read = [Text(f"{unit} ({Quantity(step, 's')})") for unit, step in time_units(sample_time)]
-        likely = f"; likeliest are {' and '.join(read)} from one row to the next" if read else ""
+        likely = f"; likeliest are {joined(' and ', read)} from one row to the next" if read else ""
         unit = read[0].partition(" ")[0] if read else "ms"
         raise LogError(
-            f"{name}: a sample time of {Quantity(sample_time, 's'):6 SI} is not one of a servo loop, {_FASTEST:g} to "
-            f"{Quantity(_SLOWEST, 's'):6 SI}; is the time in another unit{likely}? Then state it: --time t:{unit}, or  "
-            f"time = {{ column = 't', unit = '{unit}' }}"
+            f"{name}: a sample time of {Quantity(sample_time, 's'):6 SI} is not one of a servo loop, "
+            f"{Quantity(_FASTEST, 's', form='6 SI', bare=True)} to {Quantity(_SLOWEST, 's'):6 SI}; is the time in "
+            f"another unit{likely}? Then state it: --time t:{unit}, or  time = {{ column = 't', unit = '{unit}' }}"
         )
 
 

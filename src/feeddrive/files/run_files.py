@@ -20,8 +20,9 @@ import numpy as np
 
 from feeddrive.files.atomic_io import written_whole
 from feeddrive.files.columns import Columns, arrow_numbers, check_size, check_unpacked, is_wanted
-from feeddrive.language import units as of_axes
 from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.quantity import USUAL, Units
+from feeddrive.language.text import resolve
 from feeddrive.version import __version__
 
 _KEY = b"feeddrive"
@@ -29,9 +30,38 @@ _GROUP = 65536  # rows of a row group
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
+# the units with which keys of figures end, in the spelling of a key: `force_peak_N`, `stiffness_N_per_m`
+_KEY_UNITS = {unit.replace("/", "_per_"): unit for unit in ("m/s", "m/N", "N/m", "N/s", "m", "N")}
+
+
 def summary_text(figures: Mapping[str, Any], *, rotary: bool = False, quoted: Sequence[str] = ()) -> str:
-    """Figures by name as JSON; of an axis that turns names and sentences have its units, but not what is quoted."""
-    return json.dumps(of_axes.turning_record(figures, quoted) if rotary else figures, indent=2) + "\n"
+    """Return figures by key as JSON; on an axis that turns, keys and sentences have its units.
+
+    quoted  names and texts of the user, which stay as they are
+    """
+    units = Units(rotary=True, quoted=tuple(quoted)) if rotary else USUAL
+    return json.dumps(_in_units(figures, units, frozenset(quoted)), indent=2) + "\n"
+
+
+def _in_units(value: Any, units: Units, quoted: frozenset[str]) -> Any:
+    """Return a JSON value whose keys and sentences have the units of a reader."""
+    if isinstance(value, Mapping):
+        return {
+            key if key in quoted else figure_key(key, units): _in_units(entry, units, quoted)
+            for key, entry in value.items()
+        }
+    if isinstance(value, list | tuple):
+        return [_in_units(entry, units, quoted) for entry in value]
+    return resolve(value, units) if isinstance(value, str) else value
+
+
+def figure_key(key: str, units: Units) -> str:
+    """Return the key of a figure, which ends with its SI unit: force_peak_N is force_peak_N_m on a rotary axis."""
+    suffix = next((suffix for suffix in _KEY_UNITS if key.endswith(f"_{suffix}")), None)
+    if suffix is None:
+        return key
+    name = units.name(_KEY_UNITS[suffix], "SI").replace("/", "_per_").replace(" ", "_")
+    return f"{key.removesuffix(suffix)}{name.replace('(', '').replace(')', '')}"
 
 
 def read_parquet(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:

@@ -332,7 +332,7 @@ def read_toml(path: str | Path, wanted: str = "", *, quoting: bool = True) -> To
     try:
         text = _decoded(name, content)
     except FileError as error:
-        raise FileError(f"{error}; {wanted} is wanted here" if wanted else str(error)) from None
+        raise FileError(f"{error}; {wanted} is wanted here" if wanted else f"{error}") from None
     if wanted and text.strip() and not _PAIR.search(text):
         raise FileError(f"{name}: is no TOML text; {wanted} is wanted here: {_KINDS[wanted][1]}")
     file = parse_toml(text, name, quoting=quoting)

@@ -13,7 +13,8 @@ from feeddrive.identification.estimate import Estimate
 from feeddrive.identification.regression import ols_covariance, strays, strays_said
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Column, Result, Table
+from feeddrive.language.text import Text
 
 RISK = 0.05  # probability that any order is called significant if there is no cogging
 _ROWS = 3  # rows a column needs
@@ -78,12 +79,13 @@ class CoggingFit(Result):
         """The strongest significant orders."""
         rows = []
         for each in self.significant[:16]:
-            cells = (_cell(each.forward), _cell(each.backward), _cell(each.even), _cell(each.odd))
-            rows.append([str(each.order), *cells, f"{each.p_value:.1g}"])
-        friction = "" if self.coulomb is None else f"; Coulomb friction {_cell(self.coulomb)} {self.unit}"
+            amplitudes = (each.forward, each.backward, each.even, each.odd)
+            cells = (None if amplitude is None else amplitude.quantity for amplitude in amplitudes)
+            rows.append([each.order, *cells, each.p_value])
+        friction = "" if self.coulomb is None else Text(f"; Coulomb friction {self.coulomb.quantity}")
         title = f"{len(self.significant)} of {len(self.orders)} orders are significant{friction}"
-        heads = ["order", f"forward {self.unit}", "backward", "cogging", "friction-like", "p"]
-        return Table(title, heads, rows)
+        heads = (Column(head, self.unit) for head in ("forward", "backward", "cogging", "friction-like"))
+        return Table(title, ["order", *heads, Column("p", form="1")], rows)
 
     def block(self, period: float, *, force_per_unit: float = 1.0, most: int = 12) -> Cogging:
         """The strongest significant orders of the cogging as a block.
@@ -113,10 +115,6 @@ def _balanced(each: CoggingOrder) -> tuple[float, float]:
 
 def _wrapped(angle: float) -> float:
     return float((angle + np.pi) % (2.0 * np.pi) - np.pi)
-
-
-def _cell(estimate: Estimate | None) -> str:
-    return "-" if estimate is None else f"{estimate.value:.3g} ± {estimate.error:.1g}"
 
 
 def identify_cogging(runs: Sequence[CoggingRun], orders: Sequence[int] | None = None, *, unit: str = "A") -> CoggingFit:
@@ -357,8 +355,8 @@ def cogging_passes(
         found.append(CoggingRun(*averaged, direction=1 if travel > 0.0 else -1, remarks=said if not found else ()))
     if not found:
         raise NotIdentifiableError(
-            f"the longest stretch in one direction is {longest:.3g} periods, and cogging needs a whole one: record "
-            f"next a whole period at low speed in both directions, or correct the period"
+            f"the longest stretch in one direction is {Quantity(longest):3} periods, and cogging needs a whole one: "
+            "record next a whole period at low speed in both directions, or correct the period"
         )
     return tuple(found)
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from feeddrive.blocks.plant.transmission import radians_per_metre
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Table
+from feeddrive.language.table import UNIT, Cell, Column, Table
+from feeddrive.language.text import Text
 
 NORMAL = 1.959963985  # half width of a 95 % interval of a normal error, in standard errors
 SIGNIFICANT = 3.0  # standard errors beyond which an offset is not 0
@@ -48,7 +49,7 @@ def frame_of(rotary: bool) -> Frame:
 def lever(lead: float, gear: float = 1.0) -> float:
     """Travel of the table per rad of the motor, m/rad; lead in m, gear in turns of the motor per turn of the screw."""
     if not (math.isfinite(lead) and lead > 0.0 and math.isfinite(gear) and gear > 0.0):
-        raise ParameterError(f"lead = {Quantity(lead, 'm'):6 SI} and gear = {gear:g} must be > 0")
+        raise ParameterError(f"lead = {Quantity(lead, 'm', stays=True):6 SI} and gear = {Quantity(gear):6} must be > 0")
     return 1.0 / (gear * float(radians_per_metre(lead)))
 
 
@@ -88,6 +89,11 @@ class Estimate:
     ols: float
 
     @property
+    def quantity(self) -> Quantity:
+        """The value with its unit and its robust standard error."""
+        return Quantity(self.value, self.unit, self.error)
+
+    @property
     def interval(self) -> tuple[float, float]:
         """Interval that contains the true value with 95 %, if the model holds."""
         return self.value - NORMAL * self.error, self.value + NORMAL * self.error
@@ -109,10 +115,18 @@ def pulls(offset: Estimate, coulomb: float) -> bool:
 
 
 def estimates_table(title: str, estimates: tuple[Estimate, ...]) -> Table:
-    """One row a parameter."""
-    rows = [
-        [each.name, each.unit, f"{each.value:.6g}", f"{each.error:.3g}", f"{each.ols:.3g}",
-         f"{each.interval[0]:.4g} .. {each.interval[1]:.4g}"]
-        for each in estimates
-    ]  # fmt: skip
-    return Table(title, ["parameter", "unit", "value", "standard error", "ols", "95 % interval"], rows)
+    """Tabulate estimates, a row for each parameter."""
+    return Table(title, ESTIMATE_COLUMNS, [estimate_row(estimate) for estimate in estimates])
+
+
+ESTIMATE_COLUMNS = (
+    "parameter", "unit", Column("value", form="6"), Column("standard error", form="3"), Column("ols", form="3"),
+    "95 % interval",
+)  # fmt: skip
+
+
+def estimate_row(estimate: Estimate) -> list[Cell]:
+    """Return the cells of `ESTIMATE_COLUMNS`."""
+    error, ols = Quantity(estimate.error, estimate.unit), Quantity(estimate.ols, estimate.unit)
+    low, high = (Quantity(bound, estimate.unit, form="4", bare=True) for bound in estimate.interval)
+    return [estimate.name, UNIT, estimate.quantity, error, ols, Text(f"{low} .. {high}")]

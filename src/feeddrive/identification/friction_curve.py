@@ -19,7 +19,9 @@ from feeddrive.identification.regression import TracedForce, errors, information
 from feeddrive.identification.steady_runs import SteadyRuns
 from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
-from feeddrive.language.table import Result, Table
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.table import Column, Result, Table
+from feeddrive.language.text import Text
 
 _VELOCITY = "stribeck_velocity"
 _GRID = 60  # Stribeck velocities that are tried before the best is refined
@@ -167,23 +169,23 @@ class FrictionCurve(Result):
     def table(self) -> Table:
         """Parameters with both standard errors."""
         rms = float(np.sqrt(np.mean(self.residual**2)))
-        title = f"{self.model.name}: RMS {rms:.3g} {self.frame.force}, memory {self.memory:.2f} from speed to speed"
+        title = Text(
+            f"{self.model.name}: RMS {Quantity(rms, self.frame.force):3}, memory {Quantity(self.memory):.2f} from "
+            "speed to speed"
+        )
         return estimates_table(title, self.estimates)
 
     def comparison(self) -> Table:
         """All models that were tried, the best first."""
         best = self.compared[0].criterion
         rows = [
-            [
-                each.name,
-                str(each.parameters),
-                f"{each.rms:.4g}",
-                f"{each.criterion:.1f}",
-                f"{each.criterion - best:.1f}",
-            ]
-            for each in self.compared
+            [model.name, model.parameters, model.rms, model.criterion, model.criterion - best]
+            for model in self.compared
         ]
-        heads = ["model", "parameters", f"RMS {self.frame.force}", "criterion", "worse by"]
+        heads = [
+            "model", "parameters", Column("RMS", self.frame.force), Column("criterion", form=".1f"),
+            Column("worse by", form=".1f"),
+        ]  # fmt: skip
         return Table("models of friction; a criterion worse by 6 is strong evidence against a model", heads, rows)
 
     def at_table(self, lead: float, gear: float = 1.0) -> FrictionCurve:
@@ -240,14 +242,16 @@ def fit_friction(runs: SteadyRuns, candidates: Sequence[Candidate] = CANDIDATES)
 
 
 def _check(runs: SteadyRuns) -> None:
-    v, unit = runs.velocity, runs.frame.velocity
+    v = runs.velocity
     forward, backward = _speeds(v[v > 0.0]), _speeds(-v[v < 0.0])
     if forward < 3 or backward < 3:
         top = float(np.max(np.abs(v), initial=0.0))
+        slow, slower, faster, fast = (
+            Quantity(share * top, runs.frame.velocity, form="2") for share in (0.02, 0.1, 0.3, 1.0)
+        )
         raise NotIdentifiableError(
             f"a friction curve needs at least 3 speeds in each direction, not {forward} forward and {backward} "
-            f"backward; record next runs at {0.02 * top:.2g}, {0.1 * top:.2g}, {0.3 * top:.2g} and {top:.2g} {unit} in "
-            f"both directions"
+            f"backward; record next runs at {slow}, {slower}, {faster} and {fast} in both directions"
         )
 
 
@@ -339,21 +343,25 @@ def _remarks(
     if close:
         found.append(
             f"the runs hardly distinguish {best.name} from {', '.join(close)}: the criterion differs by less than "
-            f"{EQUAL:g}"
+            f"{number(EQUAL)}"
         )
     first = listed[0]
     if first.criterion < best.criterion - CLEAR:
         found.append(
-            f"a separate curve for each direction fits better (criterion lower by "
-            f"{best.criterion - first.criterion:.1f} with {first.parameters} parameters, RMS {first.rms:.3g} for "
-            f"{best.rms:.3g} {runs.frame.force}): the directions differ by more than an offset, and no friction "
-            "block represents that"
+            Text(
+                f"a separate curve for each direction fits better (criterion lower by "
+                f"{Quantity(best.criterion - first.criterion):.1f} with {first.parameters} parameters, RMS "
+                f"{Quantity(first.rms, runs.frame.force):3} for {Quantity(best.rms, runs.frame.force):3}): the "
+                "directions differ by more than an offset, and no friction block represents that"
+            )
         )
     slowest = float(np.min(np.abs(runs.velocity)))
     if not stribeck and slowest > 0.05 * float(np.max(np.abs(runs.velocity))):
         found.append(
-            f"it is not known whether there is a Stribeck effect: the slowest run has {slowest:.3g} "
-            f"{runs.frame.velocity}; record runs at a tenth of it"
+            Text(
+                "it is not known whether there is a Stribeck effect: the slowest run has "
+                f"{Quantity(slowest, runs.frame.velocity):3}; record runs at a tenth of it"
+            )
         )
     return tuple(found)
 

@@ -50,8 +50,8 @@ class LearnedStops(Result):
         """The estimates with both standard errors; below the title how many stops there are and what they leave."""
         title = Text(
             f"{self.name}: {len(self.stops.width)} stops leave {Quantity(self.left[0], 'N'):3} RMS, "
-            f"{Quantity(self.left[1], 'N'):3} of rows not used; Coulomb and viscous friction {self.plain[0]:.3g} and "
-            f"{Quantity(self.plain[1], 'N'):3}"
+            f"{Quantity(self.left[1], 'N'):3} of rows not used; Coulomb and viscous friction "
+            f"{Quantity(self.plain[0], 'N'):3} and {Quantity(self.plain[1], 'N'):3}"
         )
         return estimates_table(title, self.estimates)
 
@@ -113,7 +113,7 @@ def learned_stops(
         raise NotIdentifiableError(
             f"{log.name}: the stops found bear {Quantity(level, 'N'):3} together, where the friction of the log stays "
             f"within {Quantity(most, 'N'):3}: it does not show presliding; record slow moves to and fro of 1 um to "
-            f"{4e3 * max(widths):.2g} mm"
+            f"{Quantity(4.0 * max(widths), 'm'):2 mm}"
         )
     if len(kept) == 1:  # a table has two entries at least: its neighbor, without stiffness
         kept = sorted([*kept, kept[0] - 1 if kept[0] else 1])

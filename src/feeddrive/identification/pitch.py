@@ -10,7 +10,7 @@ import numpy as np
 from feeddrive.blocks.compensation.pitch_compensation import PitchCompensation
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Cell, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.simulate import Run
 from feeddrive.machining.circle_causes import CircleCauses
@@ -37,18 +37,14 @@ class LearnedPitch(Result):
         """The figures, in um."""
         block = self.compensation
         peak = max(float(np.max(np.abs(each))) for each in (block.forward, block.backward))
-        rows = [
-            ["entries", f"{len(block.forward)}"],
-            [
-                "from",
-                Text(
-                    f"{Quantity(float(block.table_start), 'm'):6 mm}, every {Quantity(float(block.spacing), 'm'):6 mm}"
-                ),
-            ],
-            ["largest entry", Text(f"{Quantity(peak, 'm'):3}")],
-            ["backlash, mean", Text(f"{Quantity(self.backlash, 'm'):3}")],
-            ["error before, RMS", Text(f"{Quantity(self.before, 'm'):3}")],
-            ["left, RMS", Text(f"{Quantity(self.after, 'm'):3}")],
+        start, spacing = (Quantity(value, "m", form="6 mm") for value in (block.table_start, block.spacing))
+        rows: list[list[Cell]] = [
+            ["entries", len(block.forward)],
+            ["from", Text(f"{start}, every {spacing}")],
+            ["largest entry", Quantity(peak, "m", form="3")],
+            ["backlash, mean", Quantity(self.backlash, "m", form="3")],
+            ["error before, RMS", Quantity(self.before, "m", form="3")],
+            ["left, RMS", Quantity(self.after, "m", form="3")],
         ]
         return Table(f"Pitch compensation learned from {sum(self.samples)} samples", ["", ""], rows)
 

@@ -16,6 +16,8 @@ from feeddrive.identification.estimate import SHAFT, TABLE, TURNING, Frame
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.rigid import identify_rigid
 from feeddrive.language.errors import FeeddriveError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text, joined
 
 _SPEED_OVER = 5e-3  # s: speed is a difference over this time, long enough that encoder counts have little effect
 _ACCELERATION_OVER = 1e-2  # s
@@ -47,10 +49,10 @@ class Range:
         """Decades from the usual size."""
         return abs(math.log10(value / self.usual)) if value > 0.0 else 0.0
 
-    def bounds(self) -> str:
+    def bounds(self) -> Text:
         """The range as text: `20 um to 60 m`."""
         most = spoken(self.most, self.unit)
-        return f"{spoken(self.least, self.unit)} to {most}" if self.least > 0.0 else f"up to {most}"
+        return Text(f"{spoken(self.least, self.unit)} to {most}" if self.least > 0.0 else f"up to {most}")
 
 
 RANGES = {
@@ -80,14 +82,14 @@ RANGES = {
 RANGES[TURNING] = RANGES[SHAFT]
 
 
-def spoken(value: float, unit: str) -> str:
-    """A size with three digits, small lengths in mm and um, large forces in kN: `125 mm/s`, `0.095 kg`."""
+def spoken(value: float, unit: str) -> Quantity:
+    """Return a size with three digits, small lengths in mm and um, large forces in kN: `125 mm/s`, `0.095 kg`."""
+    shown = "SI"
     if unit in ("m", "m/s") and 0.0 < abs(value) < 1.0:
-        small = abs(value) < 1e-3
-        return f"{value * (1e6 if small else 1e3):.3g} {'u' if small else 'm'}{unit}"
-    if unit == "N" and abs(value) >= 1e4:
-        return f"{value / 1e3:.3g} kN"
-    return f"{value:.3g} {unit}"
+        shown = f"{'u' if abs(value) < 1e-3 else 'm'}{unit}"
+    elif unit == "N" and abs(value) >= 1e4:
+        shown = "kN"
+    return Quantity(value, unit, form=f"3 {shown}")
 
 
 def sizes(
@@ -148,11 +150,14 @@ def outside(frame: Frame, found: Mapping[str, float]) -> list[Range]:
     return [each for decades, each in sorted(apart, key=lambda pair: -pair[0]) if decades > 0.0]
 
 
-def said(wrong: Sequence[Range], found: Mapping[str, float]) -> str:
+def said(wrong: Sequence[Range], found: Mapping[str, float]) -> Text:
     """What lies outside, worst first; empty if nothing does."""
-    return "; ".join(
-        f"the {each.quantity} is {spoken(found[each.quantity], each.unit)}, where feed drives have {each.bounds()}"
-        for each in wrong[:3]
+    return joined(
+        "; ",
+        (
+            f"the {each.quantity} is {spoken(found[each.quantity], each.unit)}, where feed drives have {each.bounds()}"
+            for each in wrong[:3]
+        ),
     )
 
 

@@ -16,7 +16,8 @@ from feeddrive.language.block import Block, Number
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import Graph, Symbol
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import UNIT, Cell, Column, Result, Table
+from feeddrive.language.text import Text
 from feeddrive.loop.trace import evaluate
 from feeddrive.loop.traced_model import push
 
@@ -71,13 +72,13 @@ def strays_said(where: str, values: np.ndarray, stray: np.ndarray, unit: str) ->
     usual = np.interp(rows, np.flatnonzero(~stray), values[~stray])
     worst = int(np.argmax(np.abs(values[rows] - usual)))
     listed = ", ".join(str(int(row) + 1) for row in rows[:6]) + (", ..." if rows.size > 6 else "")
-    return (
+    remark = Text(
         f"{where}: {rows.size} single sample{'s' * (rows.size != 1)} of {values.size} far from "
         f"{'their' if rows.size != 1 else 'its'} neighbors {'are' if rows.size != 1 else 'is'} left out "
-        f"(row {listed}), the worst"
-        f" {values[rows[worst]]:.3g} {unit}".rstrip()
-        + f" where its neighbors have {usual[worst]:.3g} {unit}".rstrip(),
+        f"(row {listed}), the worst {Quantity(values[rows[worst]], unit):3} where its neighbors have "
+        f"{Quantity(usual[worst], unit):3}"
     )
+    return (remark,)
 
 
 def ols_covariance(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
@@ -253,14 +254,16 @@ class Residuals(Result):
 
     def table(self) -> Table:
         """Sizes and autocorrelation."""
-        rows = [
-            ["norm", self.unit, f"{self.norm:.6g}"],
-            ["relative to the measured force", "%", f"{100.0 * self.relative:.4g}"],
-            ["standard deviation", self.unit, f"{self.deviation:.4g}"],
-            ["condition of the columns", "", f"{self.condition:.6g}"],
+        rows: list[Sequence[Cell]] = [
+            ["norm", UNIT, Quantity(self.norm, self.unit, form="6")],
+            ["relative to the measured force", UNIT, Quantity(self.relative, "share")],
+            ["standard deviation", UNIT, Quantity(self.deviation, self.unit)],
+            ["condition of the columns", UNIT, Quantity(self.condition, form="6")],
         ]
         lags = [lag for lag in SHOWN_LAGS if lag < self.values.size]
-        rows += [[f"autocorrelation at lag {lag}", "", f"{self.autocorrelation(lag):.2f}"] for lag in lags]
+        rows += [
+            [f"autocorrelation at lag {lag}", UNIT, Quantity(self.autocorrelation(lag), form=".2f")] for lag in lags
+        ]
         what = "white" if self.white else "not white: errors for a white residual (ols) are too small"
         return Table(f"residual of {self.values.size} rows, {what}", ["", "unit", "value"], rows)
 
@@ -280,8 +283,9 @@ class Validation(Result):
 
     def table(self) -> Table:
         """One row a stretch."""
-        rows = [[f"{i + 1}", f"{100.0 * error:.3g}"] for i, error in enumerate(self.errors)]
-        return Table(f"unused rows: {Quantity(self.relative, 'share'):3} RMS", ["stretch", "error %"], rows)
+        rows = [[i + 1, float(error)] for i, error in enumerate(self.errors)]
+        columns = ["stretch", Column("error", "share", "3")]
+        return Table(f"unused rows: {Quantity(self.relative, 'share'):3} RMS", columns, rows)
 
 
 def cross_validated(columns: np.ndarray, measured: np.ndarray, folds: int, unit: str) -> Validation:

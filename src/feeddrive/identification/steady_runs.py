@@ -10,7 +10,8 @@ import numpy as np
 from feeddrive.identification.estimate import TABLE, Frame, frame_of, lever
 from feeddrive.identification.regression import errors, robust_covariance, strays, strays_said
 from feeddrive.language.errors import LogError, NotIdentifiableError
-from feeddrive.language.table import Result, Table
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.table import Column, Result, Table
 
 LEAST_ROWS = 20  # of a stretch
 _CHANGE = 0.1  # share of the speed: a larger change ends a stretch
@@ -50,8 +51,11 @@ class SteadyRuns(Result):
     def table(self) -> Table:
         """One row a run."""
         columns = zip(self.velocity, self.force, self.error, self.rows, strict=True)
-        rows = [[f"{v:.5g}", f"{f:.5g}", f"{e:.2g}", f"{int(n)}"] for v, f, e, n in columns]
-        heads = [f"velocity {self.frame.velocity}", f"force {self.frame.force}", "standard error", "rows"]
+        rows = [[v, Quantity(f, self.frame.force, e, form="5"), e, int(n)] for v, f, e, n in columns]
+        heads = [
+            Column("velocity", self.frame.velocity, "5"), Column("force", self.frame.force, "5"),
+            Column("standard error", self.frame.force, "2"), "rows",
+        ]  # fmt: skip
         return Table(f"{self.velocity.size} constant-speed runs", heads, rows)
 
     def at_table(self, lead: float, gear: float = 1.0) -> SteadyRuns:

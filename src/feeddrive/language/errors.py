@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Any, ClassVar
 
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, capitalized, marked, marks, split
 
 
 def nearest(name: str, allowed: Iterable[str]) -> str:
@@ -150,14 +150,21 @@ class FmuError(FeeddriveError):
 
 
 def plain(text: str) -> str:
-    """The text without line ends and other control characters, which may come from a damaged file."""
+    """Replace line ends and other control characters, which may come from a damaged file; quantities stay."""
+    if text.isprintable():
+        return text
+    kept = Text("".join(piece if is_mark else _printable(piece) for piece, is_mark in split(marked(text))))
+    return kept if all(part.isprintable() for mark in marks(kept) for part in mark) else _printable(text)
+
+
+def _printable(text: str) -> str:
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
-def sentence(text: str) -> str:
-    """A remark as a sentence: a capital at the start, unless that is a name, and a full stop."""
+def sentence(text: str) -> Text:
+    """Return a remark as a sentence: a capital at the start, unless that is a name, and a full stop."""
     first = text.split(" ", 1)[0].rstrip(":,;")
-    return f"{text[:1].upper() if first.isalpha() else text[:1]}{text[1:]}."
+    return Text(f"{capitalized(text) if first.isalpha() else text}.")
 
 
 def shown(value: Any) -> str:

@@ -9,6 +9,8 @@ from __future__ import annotations
 from enum import Enum
 from typing import NamedTuple
 
+from feeddrive.language.text import Text
+
 
 class Judgment(Enum):
     """A judgment of a command on its own result.
@@ -74,7 +76,7 @@ class Judgment(Enum):
 
     def because(self, reason: str) -> Advice:
         """The judgment as a sentence with its reason."""
-        return Advice(self, f"{self.says}: {reason}.")
+        return Advice(self, Text(f"{self.says}: {reason}."))
 
 
 class Advice(NamedTuple):

@@ -167,8 +167,8 @@ def build(found: Excitation, loop: Loop, facts: Mapping[str, str]) -> str:
         **facts,
         "Grid": Text(f"{found.grid}, lines at multiples of {Quantity(1.0 / (found.period * found.sample_time), 'Hz')}"),
         "Periods": f"{found.periods} of {found.period} samples, each realisation swells and fades over {found.fade}",
-        "Motion underneath": f"{said(found.offset_velocity, 'm/s')}, back in every second realisation",
-        "Least speed while excited": said(found.least_velocity, "m/s"),
+        "Motion underneath": Text(f"{said(found.offset_velocity, 'm/s')}, back in every second realisation"),
+        "Least speed while excited": Text(f"{said(found.least_velocity, 'm/s')}"),
     }
     parts = [
         header("feeddrive excite", "Excitation for a frequency response", lead,

@@ -23,7 +23,7 @@ from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.frequency_response import FRF
 
 _MOTIONS = ("position_load", "position_motor", "angle_motor", "angle_load", "velocity_load", "velocity_motor",
@@ -163,17 +163,25 @@ def doubt(
     why = said(wrong, found)
     open_ = [each for each in groups if each is not None and each.how != "told" and each in (motion, force)]
     if not open_:
-        return Doubt(f"{file}: as its units were told, {why}")
+        return Doubt(Text(f"{file}: as its units were told, {why}"))
     who = " and ".join(each.said() for each in open_)
     if not readings or unlikely(frame, readings[0].sizes)[0] > 0.0:
-        return Doubt(f"{file}: {who}, and {why}; in no usual unit is this a feed drive: check which column is what, "
-                     f"and give each with its unit, as --position 'x:mm' --force 'f:kN'", told=False)  # fmt: skip
+        return Doubt(
+            Text(
+                f"{file}: {who}, and {why}; in no usual unit is this a feed drive: check which column is what, and give "
+                "each with its unit, as --position 'x:mm' --force 'f:kN'"
+            ),
+            told=False,
+        )
     best = readings[:2]
-    asked = "HAL knows no units, and a machine is in mm or inch" if is_hal else f"as read, {why}"
+    asked = "HAL knows no units, and a machine is in mm or inch" if is_hal else Text(f"as read, {why}")
+    likeliest = joined(" or ", (each.sentence(frame) for each in best))
     return Doubt(
-        f"{file}: {who}: {asked}. Likeliest: {' or '.join(each.sentence(frame) for each in best)}. Say which with "
-        f"{' or '.join(each.options(flags) for each in best)}, or unit = \"...\" in a file for --channels; nothing was "
-        f"written",
+        Text(
+            f"{file}: {who}: {asked}. Likeliest: {likeliest}. Say which with "
+            f"{' or '.join(each.options(flags) for each in best)}, or unit = \"...\" in a file for --channels; nothing "
+            "was written"
+        ),
         told=False, readings=_table(str(file), frame, best), moves=RANGES[frame][4].quantity in found,
     )  # fmt: skip
 
@@ -214,7 +222,7 @@ class _Reading:
             for each in RANGES[frame]
             if each.quantity in self.sizes and " over " not in each.quantity
         ]
-        return f"{self.name} ({', '.join(said)})"
+        return Text(f"{self.name} ({joined(', ', said)})")
 
 
 def _readings(
@@ -339,7 +347,7 @@ def check_response(
         return ""
     why = f"read in {unit} its mass is {spoken(found, 'kg')}, where feed drives have {mass.bounds()}"
     if told:
-        return f"{where}: {why}, as its unit was told"
+        return Text(f"{where}: {why}, as its unit was told")
     read: list[
         tuple[str, float, float]
     ] = []  # unit, mass, and how it scatters over the lines: least in the right order

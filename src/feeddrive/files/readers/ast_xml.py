@@ -29,6 +29,7 @@ import numpy as np
 
 from feeddrive.files.columns import Columns, free_name
 from feeddrive.language.errors import LogError
+from feeddrive.language.quantity import Quantity
 
 MOST_BYTES = 100_000_000
 _DEEPEST = 50
@@ -115,7 +116,9 @@ def is_ast(content: bytes) -> bool:
 def _parsed(name: str, content: bytes) -> _Element:
     """The tree of a text, without entities. Raises LogError for anything else."""
     if len(content) > MOST_BYTES:
-        raise LogError(f"{name}: has more than the {MOST_BYTES / 1e6:,.0f} MB of XML that are read; export less")
+        raise LogError(
+            f"{name}: has more than the {Quantity(MOST_BYTES / 1e6, 'MB'):,.0f} of XML that are read; export less"
+        )
     parser = expat.ParserCreate()
     parser.buffer_text = True
     root = _Element("", {})

@@ -21,6 +21,7 @@ import numpy as np
 
 from feeddrive.files.columns import COUNTS, Columns, arrow_numbers, check_size, free_name, is_wanted, unit_of
 from feeddrive.language.errors import LogError
+from feeddrive.language.quantity import Quantity
 
 _SAMPLE = 400  # lines
 _LINE = 20_000  # characters of a line that are looked at
@@ -222,8 +223,8 @@ def read_csv(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
     """The columns of a text. Raises LogError that names file and line."""
     if len(content) > MOST_BYTES:
         raise LogError(
-            f"{name}: has {len(content) / 1e6:,.0f} MB of text, more than the {MOST_BYTES / 1e6:,.0f} MB that are "
-            "read; convert it to Parquet or cut it"
+            f"{name}: has {Quantity(len(content) / 1e6, 'MB'):,.0f} of text, more than the "
+            f"{Quantity(MOST_BYTES / 1e6, 'MB'):,.0f} that are read; convert it to Parquet or cut it"
         )
     text = text_of(content)
     begin = next(text.pieces()).text

@@ -17,6 +17,7 @@ import numpy as np
 
 from feeddrive.files.columns import Columns, check_unpacked, is_wanted, most_unpacked, unit_of
 from feeddrive.language.errors import LogError
+from feeddrive.language.quantity import Quantity
 
 _HEAD = struct.Struct("<4s4xQQ")  # id, length, number of links
 _PACKED = struct.Struct("<2sBxIQQ")  # id of the original, kind, columns, length of the original, of what is packed
@@ -193,8 +194,9 @@ def read_mdf(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
     """The channels of one group. Raises LogError if the file is damaged, or stores records in an unsupported way."""
     if len(content) > MOST_BYTES:
         raise LogError(
-            f"{name}: has {len(content) / 1e6:,.0f} MB, more than the {MOST_BYTES / 1e6:,.0f} MB of an MDF4 file that "
-            "are read; export the channels that are needed"
+            f"{name}: has {Quantity(len(content) / 1e6, 'MB'):,.0f}, more than the "
+            f"{Quantity(MOST_BYTES / 1e6, 'MB'):,.0f} of an MDF4 file that are read; export the channels that are "
+            "needed"
         )
     blocks = Blocks(name, content)
     try:

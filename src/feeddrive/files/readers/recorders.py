@@ -54,6 +54,7 @@ import numpy as np
 from feeddrive.files.columns import Columns, check_size, free_name, unit_of
 from feeddrive.files.readers.csv_text import MOST_BYTES, Text, read_csv, text_of
 from feeddrive.language.errors import LogError
+from feeddrive.language.quantity import Quantity
 
 _EPOS_HEAD = 4096  # bytes at the start that hold the statements
 _EPOS_VERSION = re.compile(rb"^EPOS Studio Version:", re.MULTILINE)
@@ -223,7 +224,9 @@ class _TwincatChannel:
 def read_twincat(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
     """The channels of one clock, with that clock. Raises LogError that names file and line."""
     if len(content) > MOST_BYTES:
-        raise LogError(f"{name}: has more than the {MOST_BYTES / 1e6:,.0f} MB of text that are read; export a part")
+        raise LogError(
+            f"{name}: has more than the {Quantity(MOST_BYTES / 1e6, 'MB'):,.0f} of text that are read; export a part"
+        )
     head = _TWINCAT_HEAD.match(content)
     assert head is not None
     separator = head[1].decode()

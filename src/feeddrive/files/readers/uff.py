@@ -16,6 +16,7 @@ import numpy as np
 
 from feeddrive.files.columns import Columns, free_name, is_wanted, unit_of
 from feeddrive.language.errors import LogError, MissingExtraError
+from feeddrive.language.quantity import Quantity
 
 MOST_BYTES = 50_000_000
 MOST_SETS = 1000
@@ -32,8 +33,8 @@ def sets_of(name: str, content: bytes) -> list[Mapping[str, Any]]:
         raise MissingExtraError("pyuff", "uff", f"{name}: reading a universal file (UFF)") from None
     if len(content) > MOST_BYTES:
         raise LogError(
-            f"{name}: has {len(content) / 1e6:,.0f} MB, more than the {MOST_BYTES / 1e6:,.0f} MB of a universal file "
-            "that are read; export fewer functions"
+            f"{name}: has {Quantity(len(content) / 1e6, 'MB'):,.0f}, more than the "
+            f"{Quantity(MOST_BYTES / 1e6, 'MB'):,.0f} of a universal file that are read; export fewer functions"
         )
     try:
         with tempfile.TemporaryDirectory() as folder:  # pyuff reads files only

@@ -16,7 +16,7 @@ from feeddrive.blocks.reference.smooth_step import window
 from feeddrive.identification.excitation.excitation import Drawing, Excitation, advice, broken, limits
 from feeddrive.language import tree
 from feeddrive.language.errors import DivergedError, ParameterError
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.loop.guard import TRIPS
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
@@ -155,8 +155,8 @@ def _check(
     nyquist = 0.5 / float(loop.sample_time)
     if not 0.0 < band[0] <= band[1] < nyquist:
         raise ParameterError(
-            f"band {band[0]:g} .. {Quantity(band[1], 'Hz'):6} must be above 0 Hz, rise, and end below Nyquist, "
-            f"{Quantity(nyquist, 'Hz'):6}"
+            f"band {Quantity(band[0], 'Hz', form='6', bare=True)} .. {Quantity(band[1], 'Hz'):6} must be above 0 Hz, "
+            f"rise, and end below Nyquist, {Quantity(nyquist, 'Hz'):6}"
         )
     if where not in WHERE or flat not in FLAT:
         raise ParameterError(
@@ -167,7 +167,9 @@ def _check(
         ("resolution", resolution, "Hz"),
     ):
         if not (np.isfinite(value) and value > 0.0):
-            raise ParameterError(f"{name} = {value:g} {unit} must be finite and > 0 {unit}")
+            raise ParameterError(
+                f"{name} = {Quantity(value, unit):6 SI} must be finite and > 0 {unit_name(unit, 'SI')}"
+            )
     if resolution > band[1]:
         raise ParameterError(
             f"resolution = {Quantity(resolution, 'Hz'):6} must be <= {Quantity(band[1], 'Hz'):6}, the upper end of the "
@@ -179,7 +181,7 @@ def _check(
         fitting = periods / (_MOST_SAMPLES * float(loop.sample_time))
         raise ParameterError(
             f"resolution = {Quantity(resolution, 'Hz'):6} asks for periods of {Quantity(1.0 / resolution, 's'):SI}, "
-            f"{periods} of which are {periods / (resolution * float(loop.sample_time)):.3g} samples (at most "
+            f"{periods} of which are {Quantity(periods / (resolution * float(loop.sample_time))):3} samples (at most "
             f"{_MOST_SAMPLES:,}): take {Quantity(fitting, 'Hz'):3} or more, or fewer periods"
         )
 

@@ -10,7 +10,7 @@ import numpy as np
 from feeddrive.identification.excitation.record import Record
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table, shown
+from feeddrive.language.table import Cell, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.language.units import turning
 from feeddrive.loop.loop import Loop
@@ -20,12 +20,10 @@ _TRIALS = 5  # simulations to find an amplitude that keeps the limits
 _HOPELESS = 100.0  # times the limit: an amplitude that keeps such a limit is too small to measure with
 
 
-def said(value: float, unit: str) -> str:
-    """A figure in the unit that people read, lengths from 1 mm on in mm."""
-    if unit == "m" and abs(value) >= 1e-3:
-        return Text(f"{Quantity(value, 'm'):mm}")
-    name, factor = shown(unit)
-    return f"{factor * value:.4g} {name}"
+def said(value: float, unit: str) -> Quantity:
+    """Return a figure in the unit that people read: lengths from 1 mm on in mm, angles in urad."""
+    shown = {"m": "mm" if abs(value) >= 1e-3 else "um", "rad": "urad", "rad/s": "mrad/s"}.get(unit, "")
+    return Quantity(value, unit, form=shown)
 
 
 @dataclass(frozen=True)
@@ -42,8 +40,8 @@ class Limit:
         """Whether the limit is kept; True if none was stated."""
         return self.most is None or self.got <= self.most
 
-    def cells(self) -> list[str]:
-        """Quantity, value, limit and verdict as texts, in the displayed unit."""
+    def cells(self) -> list[Cell]:
+        """Return name, value, limit and verdict."""
         limit = "not stated" if self.most is None else said(self.most, self.unit)
         verdict = "–" if self.most is None else "holds" if self.holds else "BROKEN"
         return [self.what, said(self.got, self.unit), limit, verdict]
@@ -133,9 +131,10 @@ class Excitation(Result):
     def table(self) -> Table:
         """The limits, and the peaks in the simulation."""
         title = Text(
-            f"{self.name}: {self.lines.size} lines {self.frequency[0]:.4g} .. {Quantity(self.frequency[-1], 'Hz')} on "
-            f"{self.where}, peak {said(self.amplitude, self.unit)}, crest factor {self.crest:.3f}, {self.periods} "
-            f"periods of {Quantity(self.period * self.sample_time, 's'):SI}, {len(self.drawings)} realisation(s)"
+            f"{self.name}: {self.lines.size} lines {Quantity(self.frequency[0], 'Hz', bare=True)} .. "
+            f"{Quantity(self.frequency[-1], 'Hz')} on {self.where}, peak {said(self.amplitude, self.unit)}, crest "
+            f"factor {Quantity(self.crest):.3f}, {self.periods} periods of "
+            f"{Quantity(self.period * self.sample_time, 's'):SI}, {len(self.drawings)} realisation(s)"
         )
         return Table(title, ["in the simulation", "got", "limit", ""], [limit.cells() for limit in self.limits])
 
@@ -177,13 +176,13 @@ def broken(found: Excitation) -> str:
     worst, share = _worst(found)
     assert worst.most is not None
     got, may = said(worst.got, worst.unit), said(worst.most, worst.unit)
-    text = f"{worst.what} reaches {got} in the simulation, the limit is {may}"
+    text = Text(f"{worst.what} reaches {got} in the simulation, the limit is {may}")
     if not np.isfinite(share):
         return text
     return (
         Text(f"{text}, {Quantity((share - 1.0), 'share'):3} too much")
         if share < 3.0
-        else f"{text}, {share:.3g} times as much"
+        else Text(f"{text}, {Quantity(share):3} times as much")
     )
 
 
@@ -201,6 +200,6 @@ def advice(found: Excitation, drawn: Callable[[float], Excitation]) -> str:
             break
         tried = drawn(0.98 * tried.amplitude / share)
         if all(limit.holds for limit in tried.limits):
-            keeps = f"an amplitude of {said(tried.amplitude, found.unit)} keeps it"
-            return f"{keeps}, or {other}" if other else keeps
+            keeps = Text(f"an amplitude of {said(tried.amplitude, found.unit)} keeps it")
+            return Text(f"{keeps}, or {other}") if other else keeps
     return f"take {other}" if other else "no amplitude keeps it; check the underlying motion and the limits"

@@ -8,7 +8,7 @@ import numpy as np
 
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 
@@ -81,16 +81,16 @@ class FrequencyEstimate(Result):
         f = self.frequency
         if not np.any(kept):
             raise LogError(
-                f"between {f[0]:.4g} and {Quantity(f[-1], 'Hz')} the excitation does not exceed the noise of the "
-                "input: measure again with more amplitude or longer"
+                f"between {Quantity(f[0], 'Hz', bare=True)} and {Quantity(f[-1], 'Hz')} the excitation does not exceed "
+                "the noise of the input: measure again with more amplitude or longer"
             )
         left = f[~kept]
         return self.lines(
             kept,
             Text(
-                f"{left.size} of {f.size} lines between {left[0]:.4g} and {Quantity(left[-1], 'Hz')} are left out: the "
-                "excitation does not exceed the noise of the input there; measure again with more amplitude, longer, "
-                "or with a coarser resolution"
+                f"{left.size} of {f.size} lines between {Quantity(left[0], 'Hz', bare=True)} and "
+                f"{Quantity(left[-1], 'Hz')} are left out: the excitation does not exceed the noise of the input "
+                "there; measure again with more amplitude, longer, or with a coarser resolution"
             ),
         )
 
@@ -102,7 +102,7 @@ class FrequencyEstimate(Result):
         This is Fisher's distribution with 2 and 2ν degrees of freedom: |dG|² is exponential, the variance a mean.
         """
         if not 0.0 < confidence < 1.0:
-            raise ParameterError(f"confidence = {confidence:g} must be > 0 and < 1")
+            raise ParameterError(f"confidence = {Quantity(confidence):6} must be > 0 and < 1")
         assert self.frf.variance is not None
         return np.sqrt(fisher(confidence, self.freedom) * self.frf.variance)
 
@@ -112,14 +112,16 @@ class FrequencyEstimate(Result):
         assert frf.variance is not None
         assert frf.coherence is not None
         n = frf.frequency.size
-        rows = [
-            [f"{frf.frequency[i]:.5g}", f"{frf.magnitude[i]:.4g}", f"{frf.phase_deg[i]:.1f}",
-             f"{100 * np.sqrt(frf.variance[i]) / frf.magnitude[i]:.3g}",
-             f"{100 * np.sqrt(self.noise[i]) / frf.magnitude[i]:.3g}", f"{frf.coherence[i]:.4f}"]
-            for i in np.unique(np.linspace(0, n - 1, 12).astype(int))
+        deviation, noise = (np.sqrt(variance) / frf.magnitude for variance in (frf.variance, self.noise))
+        values = np.column_stack(
+            [frf.frequency, frf.magnitude, np.radians(frf.phase_deg), deviation, noise, frf.coherence]
+        )
+        rows = values[np.unique(np.linspace(0, n - 1, 12).astype(int))].tolist()
+        columns = [
+            Column("frequency", "Hz", "5"), Column("magnitude", frf.unit or "1"), Column("phase", "rad", ".1f deg"),
+            Column("deviation", "share", "3"), Column("by noise", "share", "3"), Column("coherence", form=".4f"),
         ]  # fmt: skip
-        title = f"{frf.output} / {frf.input} in {frf.unit or '1'}, {n} lines; {self.method}"
-        return Table(title, ["Hz", "magnitude", "deg", "deviation %", "by noise %", "coherence"], rows)
+        return Table(f"{frf.output} / {frf.input}, {n} lines; {self.method}", columns, rows)
 
 
 def fisher(confidence: float, freedom: np.ndarray | float) -> np.ndarray:

@@ -189,9 +189,12 @@ def impacts(records: Sequence[Record]) -> FrequencyEstimate:
             response, variance = value, spread
     frf = FRF(frequency, response, first.input_name, first.output_name, first.unit, first.sample_time,
               coherence_of(response, variance, freedom), variance)  # fmt: skip
-    text = f"{count} blow{'s' if count > 1 else ''} of {length} samples, force window" + (
-        f", exponential window of {sigma:.4g} 1/s, corrected" if sigma else ", no exponential window: responses decay"
+    window = (
+        Text(f"exponential window of {Quantity(sigma, '1/s')}, corrected")
+        if sigma
+        else "no exponential window: responses decay"
     )
+    text = Text(f"{count} blow{'s' if count > 1 else ''} of {length} samples, force window, {window}")
     remarks += _remarks(stretches, frequency, power, sigma)
     estimate = FrequencyEstimate(
         frf, text, np.full(frequency.size, freedom), variance, total=count > 1, counts={"blows": count},
@@ -338,12 +341,15 @@ def _remarks(
         said.append(
             Text(
                 f"the spectrum of the force falls to {Quantity(_FALLS, 'share'):6} of its largest value at "
-                f"{frequency[below[0]]:.4g} Hz: a harder tip excites higher frequencies"
+                f"{Quantity(frequency[below[0]], 'Hz')}: a harder tip excites higher frequencies"
             )
         )
     if sigma:
         said.append(
-            f"the response had not decayed when its stretch ended: an exponential window of {sigma:.4g} 1/s was "
-            "applied and its damping was corrected; with more time between blows it would not be needed"
+            Text(
+                "the response had not decayed when its stretch ended: an exponential window of "
+                f"{Quantity(sigma, '1/s')} was applied and its damping was corrected; with more time between blows it "
+                "would not be needed"
+            )
         )
     return said

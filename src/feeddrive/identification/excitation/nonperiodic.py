@@ -41,7 +41,7 @@ def spectra(records: Sequence[Record], segment: int | None = None, overlap: floa
     Raises LogError for records that are shorter than two stretches, ParameterError for an overlap outside 0..0.75.
     """
     if not 0.0 <= overlap <= 0.75:
-        raise ParameterError(f"overlap = {overlap:g} must be >= 0 and <= 0.75 of a stretch")
+        raise ParameterError(f"overlap = {Quantity(overlap):6} must be >= 0 and <= 0.75 of a stretch")
     shortest = min(len(record) for record in records)
     total = sum(len(record) for record in records)
     if segment is None:
@@ -124,8 +124,8 @@ def averaged(
               coherence, variance)  # fmt: skip
     length = 1.0 / (found.frequency[0] * first.sample_time)
     text = Text(
-        f"{method}: {u.shape[0]} stretches of {length:.0f} samples, Hann window, {Quantity(overlap, 'share'):6} "
-        f"overlap, worth {found.averages:.1f} independent ones"
+        f"{method}: {u.shape[0]} stretches of {round(length)} samples, Hann window, {Quantity(overlap, 'share'):6} "
+        f"overlap, worth {Quantity(found.averages):.1f} independent ones"
     )
     remarks = tuple(remark for record in records for remark in record.remarks)
     estimate = FrequencyEstimate(
@@ -141,7 +141,7 @@ def _closed(
     lines = r.transpose(2, 0, 1)  # (lines, stretches, references)
     nu = averages - lines.shape[2]
     if nu < 1.0:
-        raise LogError(f"{averages:.1f} independent stretches do not separate {lines.shape[2]} references")
+        raise LogError(f"{Quantity(averages):.1f} independent stretches do not separate {lines.shape[2]} references")
     base = np.linalg.qr(lines)[0]
     made = np.einsum("lsr,lr->sl", base, np.einsum("lsr,sl->lr", np.conj(base), u))
     power = np.mean(np.abs(made) ** 2, axis=0)

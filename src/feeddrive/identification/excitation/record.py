@@ -55,7 +55,9 @@ class Record:
                     f"{self.name}: '{name}' is {values[bad[0]]} at sample {bad[0]} ({bad.size} such samples)"
                 )
             if np.ptp(values) == 0.0:
-                raise LogError(f"{self.name}: '{name}' is constant at {values[0]:g}: it contains no information")
+                raise LogError(
+                    f"{self.name}: '{name}' is constant at {Quantity(values[0]):6}: it contains no information"
+                )
         if np.array_equal(self.input, self.output):
             raise LogError(
                 f"{self.name}: input '{self.input_name}' and output '{self.output_name}' are the same numbers, whose "

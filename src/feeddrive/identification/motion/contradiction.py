@@ -47,13 +47,13 @@ def agreed(
     ways = delay.left(known + own), delay.left(known + found.delay)
     remarks.append(
         Text(
-            f"dead time in samples beyond the stated one: the inverse dynamics say {delay.dead_time - known:.2f} ± "
-            f"{delay.error:.2g} and leave {Quantity(ways[0], 'share'):3} of the force with {own}, "
-            f"{Quantity(ways[1], 'share'):3} with {found.delay}; the closed loop says {value:.2f} ± {error:.2g} and "
-            f"leaves {1e6 * left:.4g} {log.micro} of the position with {own}, {1e6 * without:.4g} {log.micro} with "
-            f"{found.delay}. They {'contradict each other' if apart > joint else 'agree within three errors'}; that of "
-            f"the {'inverse dynamics' if first else 'closed loop'} is taken, whose residual grows more with the other "
-            "one"
+            "dead time in samples beyond the stated one: the inverse dynamics say "
+            f"{Quantity(delay.dead_time - known, error=delay.error)} and leave {Quantity(ways[0], 'share'):3} of the "
+            f"force with {own}, {Quantity(ways[1], 'share'):3} with {found.delay}; the closed loop says "
+            f"{Quantity(value, error=error)} and leaves {log.distance(left)} of the position with {own}, "
+            f"{log.distance(without)} with {found.delay}. They "
+            f"{'contradict each other' if apart > joint else 'agree within three errors'}; that of the "
+            f"{'inverse dynamics' if first else 'closed loop'} is taken, whose residual grows more with the other one"
         )
     )
     return other if first else found
@@ -77,9 +77,9 @@ def better(
     first = rigid.residuals.relative < left
     remarks.append(
         Text(
-            f"the inverse dynamics say a mass of {own.value:.5g} ± {own.error:.2g} {own.unit} and leave "
+            f"the inverse dynamics say a mass of {own.quantity} and leave "
             f"{Quantity(rigid.residuals.relative, 'share'):3} of the force in motion, the closed loop says "
-            f"{mass.value:.5g} ± {mass.error:.2g} {own.unit} and leaves {Quantity(left, 'share'):3} of it: they "
+            f"{Quantity(mass.value, own.unit, mass.error)} and leaves {Quantity(left, 'share'):3} of it: they "
             "contradict each other, as where a force acts that the model lacks; the "
             f"{'inverse dynamics' if first else 'closed loop'}, which leave{'' if first else 's'} less, "
             f"{'are' if first else 'is'} taken"

@@ -12,7 +12,7 @@ from feeddrive.identification.motion.rigid import LEAST_OWN, columns_of, covaria
 from feeddrive.identification.regression import errors
 from feeddrive.language.errors import NotIdentifiableError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 
 REACH = 20  # samples to both sides that are tried
@@ -54,9 +54,11 @@ class DelayFit(Result):
     def table(self) -> Table:
         """Residual of the delays around the best."""
         near = np.abs(self.delays - self.nearest) <= 2
-        rows = [[f"{d:g}", f"{100.0 * r:.4g}"] for d, r in zip(self.delays[near], self.residual[near], strict=True)]
-        title = f"{self.name}: dead time {self.dead_time:.2f} ± {self.error:.2f} samples besides the hold"
-        return Table(title, ["samples", "residual %"], rows)
+        rows = [[int(d), float(r)] for d, r in zip(self.delays[near], self.residual[near], strict=True)]
+        dead_time = Quantity(self.dead_time, "samples", self.error)
+        return Table(
+            f"{self.name}: dead time {dead_time} besides the hold", ["samples", Column("residual", "share")], rows
+        )
 
 
 def find_delay(

@@ -98,17 +98,17 @@ class Identified(Result):
         if self.doubt:
             return Judgment.UNITS_IN_DOUBT.because(self.doubt)
         if self.law is not None and self.law.wrong:
-            return Judgment.DO_NOT_TUNE.because(f"{why}; state in the machine file the law that made the log")
+            return Judgment.DO_NOT_TUNE.because(Text(f"{why}; state in the machine file the law that made the log"))
         if self.rigid.left > POOR:
-            return Judgment.DO_NOT_TUNE.because(f"{why}, {_BENDS} (feeddrive excite)")
+            return Judgment.DO_NOT_TUNE.because(Text(f"{why}, {_BENDS} (feeddrive excite)"))
         if why:
             return Judgment.DO_NOT_TRUST.because(why)
-        unused = 100.0 * self.rigid.validation.relative
-        reason = f"they predict stretches of the log that were not used to {unused:.3g} % of the force"
+        unused = Quantity(self.rigid.validation.relative, "share")
+        reason = Text(f"they predict stretches of the log that were not used to {unused:3} of the force")
         if self.refinement is not None:
-            off = 1e6 * self.refinement.replay.rms("position_load")
-            reason += f", and in closed loop the position to {off:.3g} {self.log.micro} RMS"
-        return Judgment.USE_VALUES.because(f"{reason}{self._why_friction()}")
+            off = self.log.distance(self.refinement.replay.rms("position_load"), 3)
+            reason += Text(f", and in closed loop the position to {off} RMS")
+        return Judgment.USE_VALUES.because(Text(f"{reason}{self._why_friction()}"))
 
     def _why_friction(self) -> str:
         criterion = self.rigid.criterion
@@ -116,7 +116,9 @@ class Identified(Result):
             return ""
         other = next(name for name in criterion if name != self.rigid.friction)
         worse = criterion[other] - criterion[self.rigid.friction]
-        return f"; friction is taken as {self.rigid.friction}, as the criterion of {other} is worse by {worse:.3g}"
+        return Text(
+            f"; friction is taken as {self.rigid.friction}, as the criterion of {other} is worse by {Quantity(worse):3}"
+        )
 
 
 def identify_motion(
@@ -232,8 +234,10 @@ def _counted(log: MotionLog, refinement: Refinement | None) -> list[str]:
     if refinement is None or not refinement.count:
         return []
     return [
-        f"readings stand on counts of {1e6 * refinement.count:.3g} {log.micro}: the output error was fitted to the "
-        "mean of runs with such counts, without the rows at rest, and its errors hold what the counts do"
+        Text(
+            f"readings stand on counts of {log.distance(refinement.count, 3)}: the output error was fitted to the mean "
+            "of runs with such counts, without the rows at rest, and its errors hold what the counts do"
+        )
     ]
 
 
@@ -255,8 +259,8 @@ def _doubt(log: MotionLog, rigid: RigidFit, remarks: list[str]) -> str:
     wrong = outside(log.frame, found)
     if not wrong:
         return ""
-    why = f"{log.name}: {said(wrong, found)}"
-    remarks.append(f"{why}: {remedy(wrong)}")
+    why = Text(f"{log.name}: {said(wrong, found)}")
+    remarks.append(Text(f"{why}: {remedy(wrong)}"))
     return why
 
 
@@ -288,17 +292,21 @@ def _by_friction(
     if kept is None:
         remarks.append(f"friction is {other.kind} now, and no longer {kind.kind}: with that the fit failed")
         return loop, plain
-    left, without = (1e6 * each.replay.rms("position_load") for each in (kept, plain))
+    left, without = (fit.replay.rms("position_load") for fit in (kept, plain))
     if left <= _CLEARLY * without:
         remarks.append(
-            f"friction stays {kind.kind}, with new levels: in closed loop it leaves {left:.4g} {log.micro} RMS of the "
-            f"position, {other.kind} {without:.4g} {log.micro}; what it does near standstill was not fitted"
+            Text(
+                f"friction stays {kind.kind}, with new levels: in closed loop it leaves {log.distance(left)} RMS of "
+                f"the position, {other.kind} {log.distance(without)}; what it does near standstill was not fitted"
+            )
         )
         return own, kept
     remarks.append(
-        f"friction is {other.kind} now, and no longer {kind.kind}: in closed loop it leaves {without:.4g} {log.micro} "
-        f"RMS of the position, {kind.kind} {left:.4g} {log.micro}; runs at constant speeds show a Stribeck curve "
-        f"(fit_friction)"
+        Text(
+            f"friction is {other.kind} now, and no longer {kind.kind}: in closed loop it leaves "
+            f"{log.distance(without)} RMS of the position, {kind.kind} {log.distance(left)}; runs at constant speeds "
+            "show a Stribeck curve (fit_friction)"
+        )
     )
     return loop, plain
 
@@ -320,8 +328,11 @@ def _about(rigid: RigidFit, late: int) -> list[str]:
     if not rigid.residuals.white:
         ratio = max(each.error / each.ols for each in rigid.estimates)
         found.append(
-            f"the residual is correlated from row to row ({rigid.residuals.autocorrelation(1):.2f} at lag 1): the "
-            f"errors account for it and are up to {ratio:.2g} times those for a white residual (ols)"
+            Text(
+                "the residual is correlated from row to row "
+                f"({Quantity(rigid.residuals.autocorrelation(1)):.2f} at lag 1): the errors account for it and are up "
+                f"to {Quantity(ratio):2} times those for a white residual (ols)"
+            )
         )
     return found
 
@@ -331,7 +342,7 @@ def _attempted(what: Any, remarks: list[str]) -> Any:
     try:
         return what()
     except FeeddriveError as error:
-        remarks.append(str(error))
+        remarks.append(Text(f"{error}"))
         return None
 
 

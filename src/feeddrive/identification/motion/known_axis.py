@@ -12,6 +12,8 @@ from feeddrive.blocks.friction.viscous import Viscous
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.identification.motion.rigid import RigidFit
 from feeddrive.language import tree
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.loop import Loop
 
@@ -72,26 +74,29 @@ def refined_names(loop: Loop) -> tuple[str, ...] | None:
     return tuple(name for name in names if isinstance(loop.axis.plant, Rigid) or name != f"{own}.plant.mass")
 
 
-def axis_remarks(axis: Axis, rigid: RigidFit) -> list[str]:
+def axis_remarks(axis: Axis, rigid: RigidFit) -> list[Text]:
     """Remarks on a plant with several bodies, whose masses are not changed."""
     if isinstance(axis.plant, Rigid):
         return []
     found, own = rigid["mass"], float(axis.plant.rigid_mass())
     off = found.value - own
-    said = [
-        f"the axis is a {axis.plant.kind}: a log of a motion shows the sum of its masses, {found.value:.5g} ± "
-        f"{found.error:.2g} {found.unit}, but not each of them; its masses, springs and dampers stay as they are"
-        + (
-            f". Their sum, {own:.5g} {found.unit}, is off by {100.0 * off / own:+.2g} %: measure a frequency response "
-            f"(feeddrive excite, frf) and identify that"
-            if abs(off) > max(3.0 * found.error, _FAR * own)
-            else ""
+    remarks = [
+        Text(
+            f"the axis is a {axis.plant.kind}: a log of a motion shows the sum of its masses, {found.quantity}, but "
+            "not each of them; its masses, springs and dampers stay as they are"
         )
     ]
+    if abs(off) > max(3.0 * found.error, _FAR * own):
+        remarks[0] += Text(
+            f". Their sum, {Quantity(own, found.unit):5}, is off by {Quantity(off / own, 'share'):+.2g}: measure a "
+            "frequency response (feeddrive excite, frf) and identify that"
+        )
     if axis.friction_motor is not None:
-        levels = ", ".join(f"{e.name} {e.value:.4g} {e.unit}" for e in rigid.estimates if e.name != "mass")
-        said.append(f"friction acts on both bodies, and the log shows only its sum ({levels}): both stay as they are")
-    return said
+        levels = joined(", ", (f"{e.name} {Quantity(e.value, e.unit)}" for e in rigid.estimates if e.name != "mass"))
+        remarks.append(
+            Text(f"friction acts on both bodies, and the log shows only its sum ({levels}): both stay as they are")
+        )
+    return remarks
 
 
 def _without(friction: Friction, viscous: float) -> Friction:

@@ -18,8 +18,8 @@ from feeddrive.identification.regression import errors
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Table
-from feeddrive.language.text import Text
+from feeddrive.language.table import Column, Table
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
 
 MOST_OFF = 0.1  # of a gain: where one is 20 % wrong, the mass of the closed loop is up to 10 % off; of half of it, 5 %
@@ -95,9 +95,9 @@ class LawCheck:
     def _against(self) -> str:
         off = sorted((gain for gain in self.gains if gain.off > MOST_OFF), key=lambda gain: -gain.off)
         if off:
-            values = ", ".join(f"{each.name} = {each.needed:.4g} ± {each.error:.2g}" for each in off[:_NAMED])
-            stated = ", ".join(f"{each.stated:.4g}" for each in off[:_NAMED])
-            return (
+            values = joined(", ", (f"{gain.name} = {Quantity(gain.needed, error=gain.error)}" for gain in off[:_NAMED]))
+            stated = joined(", ", (f"{Quantity(gain.stated)}" for gain in off[:_NAMED]))
+            return Text(
                 f"what the law commands at the log's own readings meets its force best with {values}, where {stated} "
                 f"{'is' if len(off) == 1 else 'are'} stated{_SO}"
             )
@@ -116,12 +116,19 @@ class LawCheck:
 
     def table(self) -> Table:
         """The numbers of the control, as stated and as the log needs them."""
-        rows = [[each.name, f"{each.stated:.5g}", f"{each.needed:.5g}", f"{each.error:.2g}"] for each in self.gains]
+        rows = [
+            [gain.name, gain.stated, Quantity(gain.needed, error=gain.error, form="5"), gain.error]
+            for gain in self.gains
+        ]
         title = Text(
             f"{self.name}: the law at the log's own readings; {Quantity(self.left, 'share'):3} of the force is left, "
             f"counts make {Quantity(self.counts, 'share'):3}"
         )
-        return Table(title, ["parameter", "stated", "the log needs", "standard error"], rows)
+        columns = [
+            "parameter", Column("stated", form="5"), Column("the log needs", form="5"),
+            Column("standard error", form="2"),
+        ]  # fmt: skip
+        return Table(title, columns, rows)
 
 
 _NAMED = 3  # gains that a sentence names

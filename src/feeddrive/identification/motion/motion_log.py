@@ -68,6 +68,10 @@ class MotionLog:
         """The unit in which residuals of the position are shown, a millionth of its own."""
         return "um" if self.frame is TABLE else "urad"
 
+    def distance(self, value: float, digits: int = 4) -> Quantity:
+        """Return a residual of the position as a quantity."""
+        return Quantity(value, self.frame.position, form=f"{digits} {self.micro}")
+
     def _checked(self, channel: str, values: np.ndarray) -> np.ndarray:
         if values.ndim != 1 or values.size != np.size(self.position):
             raise LogError(f"{self.name}: '{channel}' has {values.size} rows, position has {np.size(self.position)}")
@@ -79,13 +83,13 @@ class MotionLog:
             )
         if np.max(np.abs(values)) > LARGEST:
             raise LogError(
-                f"{self.name}: '{channel}' reaches {np.max(np.abs(values)):.3g}, beyond {LARGEST:g}: check the column "
-                f"and its unit"
+                f"{self.name}: '{channel}' reaches {Quantity(np.max(np.abs(values))):3}, beyond "
+                f"{Quantity(LARGEST)}: check the column and its unit"
             )
         if np.ptp(values) == 0.0:
             raise NotIdentifiableError(
-                f"{self.name}: '{channel}' is {values[0]:.6g} in all rows: it was not recorded, or nothing moved; "
-                f"record a move to and fro with its {channel}"
+                f"{self.name}: '{channel}' is {Quantity(values[0]):6} in all rows: it was not recorded, or nothing "
+                f"moved; record a move to and fro with its {channel}"
             )
         return values
 
@@ -97,20 +101,19 @@ class MotionLog:
         if largest > _BEYOND * most:
             unit = self.frame.force
             raise NotIdentifiableError(
-                f"{self.name}: the force reaches {largest:.5g} {unit}, beyond the limit of {most:.5g} {unit} that the "
-                f"machine has: one of the two is wrong; check the unit or factor of the force, and the force limit and "
-                f"axis of the machine file"
+                f"{self.name}: the force reaches {Quantity(largest, unit):5}, beyond the limit of "
+                f"{Quantity(most, unit):5} that the machine has: one of the two is wrong; check the unit or factor of "
+                "the force, and the force limit and axis of the machine file"
             )
         there = np.abs(force) >= most * (1.0 - 1e-9)
         held = there[1:] & there[:-1]  # a peak reaches its value once; a limit holds it over several samples
         share = float(np.mean(held))
         if share > MOST_SATURATED:
-            unit = self.frame.force
             raise NotIdentifiableError(
-                f"{self.name}: the force sits at {most:.5g} {unit} in {Quantity(share, 'share'):3} of the rows (at "
-                f"most {Quantity(MOST_SATURATED, 'share'):6} are admitted): the drive or its recorder is saturated, "
-                "and what acted on the axis is not known; repeat the motion with a lower acceleration, or with a "
-                "wider recorder range"
+                f"{self.name}: the force sits at {Quantity(most, self.frame.force):5} in {Quantity(share, 'share'):3} "
+                f"of the rows (at most {Quantity(MOST_SATURATED, 'share'):6} are admitted): the drive or its recorder "
+                "is saturated, and what acted on the axis is not known; repeat the motion with a lower acceleration, "
+                "or with a wider recorder range"
             )
 
     def _check_spikes(self) -> None:
@@ -123,9 +126,10 @@ class MotionLog:
             k = int(starts[np.argmax(size[starts])])
             raise NotIdentifiableError(
                 f"{self.name}: the force has {starts.size} spike{'s' * (starts.size != 1)}, the largest of "
-                f"{self.force[k]:.4g} {self.frame.force} at row {k + 1} ({Quantity(k * self.sample_time, 's'):SI}), "
-                f"where {Quantity(_USUAL_SHARE, 'share'):6} of the log stay within {most:.4g} {self.frame.force}: no "
-                "mass reacts to them; repair these rows, or cut the log there"
+                f"{Quantity(self.force[k], self.frame.force)} at row {k + 1} "
+                f"({Quantity(k * self.sample_time, 's'):SI}), where {Quantity(_USUAL_SHARE, 'share'):6} of the log "
+                f"stay within {Quantity(most, self.frame.force)}: no mass reacts to them; repair these rows, or cut "
+                "the log there"
             )
 
     def _check_jumps(self) -> None:
@@ -147,12 +151,14 @@ class MotionLog:
         found = short_runs(away > least, _SPIKE_ROWS)
         if np.any(found):
             k = int(np.argmax(np.where(found, away, 0.0)))
-            unit = self.frame.position
+            place, apart, step = (
+                Quantity(value, self.frame.position, form="SI") for value in (self.position[k], away[k], usual)
+            )
             raise NotIdentifiableError(
                 f"{self.name}: the position has {int(np.sum(found))} jump{'s' * (int(np.sum(found)) != 1)} there and "
-                f"back, the largest to {self.position[k]:.4g} {unit} at row {k + 1} "
-                f"({Quantity(k * self.sample_time, 's'):SI}), {away[k]:.4g} {unit} off its neighbors, where "
-                f"{Quantity(_USUAL_SHARE, 'share'):6} of the steps stay within {usual:.4g} {unit}: no axis moves so; "
+                f"back, the largest to {place} at row {k + 1} "
+                f"({Quantity(k * self.sample_time, 's'):SI}), {apart} off its neighbors, where "
+                f"{Quantity(_USUAL_SHARE, 'share'):6} of the steps stay within {step}: no axis moves so; "
                 "repair these rows, or cut the log there"
             )
 

@@ -64,10 +64,14 @@ class Refinement(Result):
     def __getitem__(self, parameter: str) -> Estimate:
         return next(each for each in self.estimates if each.name.endswith(parameter))
 
+    @property
+    def rotary(self) -> bool:
+        """True if the axis turns."""
+        return self.loop.axis.rotary
+
     def table(self) -> Table:
         """Parameters with their errors."""
-        micro = "urad" if self.loop.axis.rotary else "um"
-        off = f"position {1e6 * self.replay.rms('position_load'):.3g} {micro} RMS"
+        off = Text(f"position {Quantity(self.replay.rms('position_load'), 'm'):3} RMS")
         if "force" in self.replay.measured:
             off += Text(f", force {Quantity(self.replay.share('force'), 'share'):3}")
         last = [each.name.rsplit(".", 1)[-1] for each in self.estimates]

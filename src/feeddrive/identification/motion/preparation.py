@@ -112,7 +112,7 @@ def prepare(log: MotionLog, how: Preparation) -> Prepared:
             f"{log.name}: {samples} samples are left of {log.position.size} after the ends are cut; "
             f"{_LEAST_ROWS * factor} are needed: the log is {Quantity(log.position.size * T, 's'):3 SI} long as its "
             "time was read; state the unit if it is another, as --time 't:s', else record "
-            f"{(_LEAST_ROWS * factor - samples) * T:.3g} s more"
+            f"{Quantity((_LEAST_ROWS * factor - samples) * T, 's'):3 SI} more"
         )
     places = skip + kept(samples, factor)
     stretches: tuple[slice, ...] = (rows,)

@@ -12,7 +12,7 @@ from feeddrive.identification.estimate import Estimate
 from feeddrive.identification.response.refine import Model, Refined, Unknown, refine
 from feeddrive.identification.response.units import ResponseUnits
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Cell, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 
@@ -76,16 +76,18 @@ class Agreement(Result):
         said: list[str] = []
         if self.unused > 1.3 * self.used + 1e-6:
             said.append(
-                f"lines that were not used are predicted {self.unused / self.used:.2f} times worse than those that "
-                f"were: the model has more parameters than the lines support"
+                Text(
+                    f"lines that were not used are predicted {Quantity(self.unused / self.used):.2f} times worse than "
+                    "those that were: the model has more parameters than the lines support"
+                )
             )
         if self.autocorrelation() > _MOST_HANGING:
             where, apart = self.worst
             said.append(
                 Text(
-                    f"the residuals are correlated from line to line (autocorrelation {self.autocorrelation():.2f}): "
-                    f"the model lacks a systematic part, mostly near {Quantity(where, 'Hz')} "
-                    f"({Quantity(apart, 'dB'):2})"
+                    "the residuals are correlated from line to line (autocorrelation "
+                    f"{Quantity(self.autocorrelation()):.2f}): the model lacks a systematic part, mostly near "
+                    f"{Quantity(where, 'Hz')} ({Quantity(apart, 'dB'):2})"
                 )
             )
         if self.model_error > 0.0:
@@ -100,19 +102,13 @@ class Agreement(Result):
     def table(self) -> Table:
         """The figures."""
         where, apart = self.worst
-        rows = [
-            [
-                "lines that were fitted",
-                Text(f"{Quantity(_DECIBEL * self.used, 'dB'):.3f}"),
-                f"{np.degrees(self.used):.2f} deg",
-            ],
-            [
-                "lines that were not used",
-                Text(f"{Quantity(_DECIBEL * self.unused, 'dB'):.3f}"),
-                f"{np.degrees(self.unused):.2f} deg",
-            ],
-            [Text(f"furthest off, at {Quantity(where, 'Hz')}"), Text(f"{Quantity(apart, 'dB'):.2f}"), ""],
-            ["autocorrelation from line to line", f"{self.autocorrelation():.2f}", ""],
+        rows: list[Sequence[Cell]] = [
+            [name, Quantity(_DECIBEL * error, "dB", form=".3f"), Quantity(error, "rad", form=".2f deg")]
+            for name, error in (("lines that were fitted", self.used), ("lines that were not used", self.unused))
+        ]
+        rows += [
+            [Text(f"furthest off, at {Quantity(where, 'Hz')}"), Quantity(apart, "dB", form=".2f"), ""],
+            ["autocorrelation from line to line", Quantity(self.autocorrelation(), form=".2f"), ""],
         ]
         return Table("agreement with the measurement, RMS", ["what", "magnitude", "phase"], rows)
 
@@ -203,33 +199,35 @@ def advice(name: str, band: tuple[float, float], mass: float, error: float, unit
     """Why a parameter cannot be identified from these lines, and what to measure next; band in Hz, mass as fitted."""
     low, high = band
     last = name.rsplit(".", 1)[-1]
-    known = f"its standard error is {error:.2g}"
+    known = Text(f"its standard error is {Quantity(error):2}")
+    viscous = Text(f"its standard error is {Quantity(error, units.of('N s/m')):2}")
     match last:
         case "viscous_motor" | "viscous_load" | "viscous":
             # the phase of 1/(M s² + B s) leaves -180° by 3° where B = M ω/20
             below = error / (2.0 * np.pi * max(mass, 1e-300))
             return Text(
-                f"{known} {units.of('N s/m')}: inertia hides it above {Quantity(below, 'Hz'):2}, and the lowest line "
+                f"{viscous}: inertia hides it above {Quantity(below, 'Hz'):2}, and the lowest line "
                 f"is at {Quantity(low, 'Hz'):3}; fix it, or take it from runs at constant speeds (a friction curve), "
                 "which show the total viscous friction"
             )
         case "damping" | "damping_ratio":
-            return (
-                f"{known} {'' if last == 'damping_ratio' else units.of('N s/m')}: no line lies close enough to the "
-                f"top of the resonance; measure next at least five lines within its width at -3 dB, 2 ζ f"
+            return Text(
+                f"{known if last == 'damping_ratio' else viscous}: no line lies close enough to the top of the "
+                "resonance; measure next at least five lines within its width at -3 dB, 2 ζ f"
             )
         case "current_loop":
             return Text(
-                f"{known} Hz: below {Quantity(high, 'Hz'):3} a lag looks like a dead time; fix one of both (the "
-                "drive's manual states the bandwidth of its current loop), or measure next up to that bandwidth"
+                f"its standard error is {Quantity(error, 'Hz'):2}: below {Quantity(high, 'Hz'):3} a lag looks like a "
+                "dead time; fix one of both (the drive's manual states the bandwidth of its current loop), or measure "
+                "next up to that bandwidth"
             )
         case "mass_motor" | "mass_load" | "stiffness" | "mass" | "coupling_mass":
-            return (
+            return Text(
                 f"{known}: measure next with lines on both sides of the antiresonance and of the resonance, at the "
-                f"motor's encoder too, with more amplitude or more periods where the coherence is low"
+                "motor's encoder too, with more amplitude or more periods where the coherence is low"
             )
         case _:
-            return f"{known}: more than half of its value; measure next more lines or more periods where it acts"
+            return Text(f"{known}: more than half of its value; measure next more lines or more periods where it acts")
 
 
 def beyond(resonance: Estimate, band: tuple[float, float]) -> list[str]:
@@ -238,7 +236,7 @@ def beyond(resonance: Estimate, band: tuple[float, float]) -> list[str]:
     if low <= resonance.value <= high:
         return []
     surely = resonance.error <= 0.5 * resonance.value
-    where = Text(f"at {resonance.value:.4g} ± {Quantity(resonance.error, 'Hz'):2} ") if surely else ""
+    where = Text(f"at {resonance.quantity} ") if surely else ""
     last = (
         Text(f"up to {Quantity(1.5 * resonance.value if surely else 3.0 * high, 'Hz'):3}")
         if resonance.value > high or not surely
@@ -246,9 +244,9 @@ def beyond(resonance: Estimate, band: tuple[float, float]) -> list[str]:
     )
     return [
         Text(
-            f"the resonance {where}lies beyond the lines ({low:.4g} to {Quantity(high, 'Hz')}): its masses and its "
-            "stiffness follow only from the slope of the response towards it, which any further mode changes, too; "
-            f"measure next {last}"
+            f"the resonance {where}lies beyond the lines ({Quantity(low, 'Hz', bare=True)} to {Quantity(high, 'Hz')}): "
+            "its masses and its stiffness follow only from the slope of the response towards it, which any further "
+            f"mode changes, too; measure next {last}"
         )
     ]
 
@@ -282,8 +280,8 @@ def blind(estimates: Sequence[Estimate], found: Refined) -> dict[str, str]:
                     each.name,
                     Text(
                         f"it is distinguished from {others} by {Quantity(share, 'share'):2} of its effect on the "
-                        f"responses, less than the accuracy of a model, and its standard error is {each.error:.2g} "
-                        f"{each.unit}; fix one of them (--fix), from a data sheet"
+                        f"responses, less than the accuracy of a model, and its standard error is "
+                        f"{Quantity(each.error, each.unit):2}; fix one of them (--fix), from a data sheet"
                     ),
                 )
     return gone

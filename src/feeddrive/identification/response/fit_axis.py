@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +17,8 @@ from feeddrive.identification.response.units import taken
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, ParameterError, WrongSignError
 from feeddrive.language.progress import Progress
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Cell, Column, Result, Table
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.frequency_response import FRF
 
 _AS_GOOD = 1.1  # times the least error on unused lines that counts as equally good
@@ -46,13 +47,15 @@ class AxisFits(Result):
 
     def table(self) -> Table:
         """One row a structure: parameters, error on unused lines in dB RMS, correlation of residuals."""
-        rows = [
-            [name, f"{len(each.estimates)}", f"{_DECIBEL * each.agreement.unused:.3f}",
-             f"{each.agreement.autocorrelation():.2f}", "taken" if name == self.chosen else ""]
-            for name, each in self.fits.items()
+        rows: list[Sequence[Cell]] = [
+            [name, len(fit.estimates), _DECIBEL * fit.agreement.unused, fit.agreement.autocorrelation(),
+             "taken" if name == self.chosen else ""]
+            for name, fit in self.fits.items()
         ]  # fmt: skip
         rows += [[name, "", "", "", why] for name, why in self.refused.items()]
-        heads = ["structure", "parameters", "unused lines dB", "from line to line", ""]
+        heads = [
+            "structure", "parameters", Column("unused lines", "dB", ".3f"), Column("from line to line", form=".2f"), "",
+        ]  # fmt: skip
         return Table("structures: the fewest parameters among those that predict unused lines best", heads, rows)
 
 
@@ -105,10 +108,10 @@ def fit_axis(
         except FeeddriveError as error:
             if structure is not None:
                 raise
-            refused[name] = str(error)
+            refused[name] = Text(f"{error}")
             wrong_sign = wrong_sign or isinstance(error, WrongSignError)
     if not found:
-        raise ParameterError("; ".join(f"{name}: {why}" for name, why in refused.items()))
+        raise ParameterError(joined("; ", (f"{name}: {why}" for name, why in refused.items())))
     best = min(fit.agreement.unused for fit in found.values())
     good = [name for name, fit in found.items() if fit.agreement.unused <= _AS_GOOD * best + 1e-9]
     return AxisFits(found, min(good, key=lambda name: len(found[name].estimates)), refused, wrong_sign)

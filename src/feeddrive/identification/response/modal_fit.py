@@ -15,9 +15,9 @@ from feeddrive.identification.response.refine import Refined, Unknown, refine
 from feeddrive.identification.response.units import ResponseUnits, taken
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
-from feeddrive.language.text import Text
+from feeddrive.language.quantity import Quantity, unit_name
+from feeddrive.language.table import Column, Result, Table
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.frequency_response import FRF
 
 _MOST_ASKED = 40
@@ -70,11 +70,14 @@ class ModalFit(Result):
 
     def table(self) -> Table:
         """One row a mode."""
-        heads = ["mode", "Hz", "error", "damping ratio", "error", *(f"|residue| {name}" for name in self.outputs)]
+        heads = [
+            "mode", Column("frequency", "Hz", "5"), Column("error", "Hz", "2"), Column("damping ratio", form=".4f"),
+            Column("error", form="2"), *(Column(f"|residue| {name}") for name in self.outputs),
+        ]  # fmt: skip
         rows = [
-            [f"{i + 1}", f"{m.frequency.value:.5g}", f"{m.frequency.error:.2g}", f"{m.damping_ratio.value:.4f}",
-             f"{m.damping_ratio.error:.2g}", *(f"{abs(r):.4g}" for r in m.residues)]
-            for i, m in enumerate(self.modes)
+            [i, replace(mode.frequency.quantity, form="5"), mode.frequency.error,
+             replace(mode.damping_ratio.quantity, form=".4f"), mode.damping_ratio.error, *map(abs, mode.residues)]
+            for i, mode in enumerate(self.modes, start=1)
         ]  # fmt: skip
         fit = self.agreement
         title = Text(
@@ -211,6 +214,12 @@ def _settled(each: Unknown, model: ModalResponse, dead_time: float | None, low: 
     return replace(each, fixed=absent)
 
 
+def _frequencies(modes: Sequence[FittedMode]) -> Text:
+    """Return the frequencies of some modes as a list with one unit."""
+    frequencies = [Quantity(mode.frequency.value, "Hz", bare=True) for mode in modes]
+    return Text(f"{joined(', ', map(format, frequencies))} {unit_name('Hz')}")
+
+
 def _result(
     model: ModalResponse,
     sought: Sequence[Unknown],
@@ -242,23 +251,25 @@ def _result(
             said.append(
                 Text(
                     f"the damping ratio of the mode at {Quantity(mode.frequency.value, 'Hz')} is not identifiable "
-                    f"({mode.damping_ratio.value:.2g} ± {mode.damping_ratio.error:.2g}): measure next at least five "
-                    f"lines within {Quantity(max(width, 0.002 * mode.frequency.value), 'Hz'):2} around it"
+                    f"({mode.damping_ratio.quantity}): measure next at least five lines within "
+                    f"{Quantity(max(width, 0.002 * mode.frequency.value), 'Hz'):2} around it"
                 )
             )
     lags = [mode for mode in beyond if mode.damping_ratio.value >= 1.0]
     if lags:
-        places = ", ".join(f"{mode.frequency.value:.4g}" for mode in lags)
-        said.append(
-            f"terms at {places} Hz do not oscillate (damping ratio of 1 or more): they represent a lag, such as "
-            "that of the current loop, or friction, and are not modes"
-        )
-    if len(beyond) > len(lags):
-        places = ", ".join(f"{mode.frequency.value:.4g}" for mode in beyond if mode not in lags)
         said.append(
             Text(
-                f"resonances at {places} Hz represent the response beyond the lines ({low:.4g} to "
-                f"{Quantity(high, 'Hz')}): not identifiable; measure next up to {Quantity(2.0 * high, 'Hz')}"
+                f"terms at {_frequencies(lags)} do not oscillate (damping ratio of 1 or more): they represent a lag, "
+                "such as that of the current loop, or friction, and are not modes"
+            )
+        )
+    if len(beyond) > len(lags):
+        ringing = [mode for mode in beyond if mode not in lags]
+        said.append(
+            Text(
+                f"resonances at {_frequencies(ringing)} represent the response beyond the lines "
+                f"({Quantity(low, 'Hz', bare=True)} to {Quantity(high, 'Hz')}): not identifiable; measure next up to "
+                f"{Quantity(2.0 * high, 'Hz')}"
             )
         )
     if not refined.settled:

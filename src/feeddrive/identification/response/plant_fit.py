@@ -19,8 +19,8 @@ from feeddrive.language import matrix, ops, tree
 from feeddrive.language.block import Number
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import Graph
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.table import UNIT, Cell, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.hold import Port, Rows, Timing, rate
@@ -74,11 +74,13 @@ class PlantFit(Result):
             "RMS"
         )
         found = estimates_table(title, (*self.estimates, *self.derived))
-        rows = [[*row[:5], "not identifiable" if row[0] in self.not_identifiable else row[5]] for row in found.rows]
+        rows: list[Sequence[Cell]] = [
+            [*row[:5], "not identifiable" if row[0] in self.not_identifiable else row[5]] for row in found.rows
+        ]
         there = {row[0] for row in rows}
         held = dict(tree.leaves(self.plant))
         rows += [
-            [name, self._unit(name), f"{float(held.get(name, 0.0)):.6g}", "", "", "not identifiable"]
+            [name, UNIT, Quantity(float(held.get(name, 0.0)), self._unit(name)), "", "", "not identifiable"]
             for name in self.not_identifiable
             if name not in there
         ]
@@ -192,7 +194,7 @@ def finished(
         if "current_loop" in weak and (task.actuator.current_loop or 0.0) > _IDEAL * task.band[1]:
             # faster than the lines can show: it would represent nothing, and no drive has such a current loop
             gone["current_loop"] = (
-                f"it is faster than {_IDEAL:g} times the highest line; it is left out, and the force acts at once"
+                f"it is faster than {number(_IDEAL)} times the highest line; it is left out, and the force acts at once"
             )
             names.remove("current_loop")
             task = replace(task, actuator=replace(task.actuator, current_loop=None))
@@ -267,7 +269,9 @@ def with_derived(fit: PlantFit, derived: Sequence[tuple[str, str, Any]]) -> Plan
     gone = dict(fit.not_identifiable)
     for each in found:
         if each.error > UNKNOWN * abs(each.value):
-            gone[each.name] = f"its standard error is {each.error:.2g} {each.unit}; it follows from {', '.join(leaves)}"
+            gone[each.name] = Text(
+                f"its standard error is {Quantity(each.error, each.unit):2}; it follows from {', '.join(leaves)}"
+            )
     return replace(fit, derived=tuple(found), not_identifiable=gone)
 
 

@@ -149,9 +149,9 @@ def _check_driven(modal: ModalFit, frequency: float, residue: float) -> None:
     error = known[f"residue_{number}_motor"].error if f"residue_{number}_motor" in known else np.inf
     if residue < -3.0 * error:
         raise WrongSignError(
-            f"the mode at {Quantity(frequency, 'Hz')} has the wrong sign at the motor's encoder (residue {residue:.3g} "
-            f"± {error:.1g}): the force does not act where this encoder sits, and the masses cannot be determined; "
-            "give the response as `load` alone, or take fit_modes"
+            f"the mode at {Quantity(frequency, 'Hz')} has the wrong sign at the motor's encoder (residue "
+            f"{Quantity(residue, error=error)}): the force does not act where this encoder sits, and the masses cannot "
+            "be determined; give the response as `load` alone, or take fit_modes"
         )
 
 
@@ -279,7 +279,7 @@ def check_signs(modal: ModalFit) -> None:
         free = modal[f"free_{name}"] if name else modal["free"]
         if free.value < -5.0 * free.error:
             raise WrongSignError(
-                f"the response to '{name}' has the wrong sign: a positive force moves it to smaller positions "
-                f"(its free motion is {free.value:.3g} {free.unit}); check the direction of the encoder and invert "
+                f"the response to '{name}' has the wrong sign: a positive force moves it to smaller positions (its "
+                f"free motion is {Quantity(free.value, free.unit):3}); check the direction of the encoder and invert "
                 "the response (-frf)"
             )

@@ -117,8 +117,8 @@ def taken(
         inside = (frf.frequency >= low) & (frf.frequency <= high)
         if np.count_nonzero(inside) < FEWEST:
             raise ParameterError(
-                f"the response to '{name}' has {np.count_nonzero(inside)} lines from {low:g} to "
-                f"{Quantity(high, 'Hz'):6} and needs {FEWEST} at least"
+                f"the response to '{name}' has {np.count_nonzero(inside)} lines from "
+                f"{Quantity(low, 'Hz', form='6', bare=True)} to {Quantity(high, 'Hz'):6} and needs {FEWEST} at least"
             )
         parts = {
             key: None if (values := getattr(frf, key)) is None else values[inside] for key in ("coherence", "variance")
