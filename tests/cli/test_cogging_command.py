@@ -63,7 +63,7 @@ def row(output: str, order: int) -> list[float]:
     """Forward, backward, cogging and friction-like amplitudes of an order."""
     found = re.search(rf"^ {order} +(.*)$", output, re.MULTILINE)
     assert found is not None, output
-    return [float(each) for each in re.findall(r"([0-9.e-]+) ±", found[1])]
+    return [float(each) for each in re.findall(r"([0-9.e-]+) (?:±|\+-)", found[1])]
 
 
 @pytest.mark.pictures

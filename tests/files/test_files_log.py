@@ -354,7 +354,7 @@ def test_the_table_shows_what_people_read() -> None:
     t = np.arange(1000) * 1e-3
     log = Log(name="run", time=t, channels={"x": 5e-6 * np.sin(2 * np.pi * 5 * t)}, units={"x": "m"}, sample_time=1e-3)
     assert str(log.table()).split("\n")[0] == "run: 1000 rows, 0.999 s at 1 ms, jitter 0 %"
-    cells = log.table().rows[0]
+    cells = log.table().grid().rows[0]
     assert cells[:2] == ["x", "um"]
     # sine of 5 um amplitude over whole periods: RMS 5/sqrt(2) um, and the peaks are sampled
     assert [float(cell) for cell in cells[2:]] == pytest.approx([-5.0, 5.0, 3.5355], abs=1e-3)

@@ -128,7 +128,7 @@ def test_a_limit_that_breaks_is_named_with_what_keeps_it() -> None:
     control = replace(guarded.control, guard=fd.Guard(following_error_limit=1e-6))
     with pytest.raises(ParameterError, match="the guard trips by the following error at t = "):
         designed(replace(guarded, control=control))
-    with pytest.raises(ParameterError, match=r"limit is 10 um, 5\.\d+e\+03 times as much: take a smaller offset"):
+    with pytest.raises(ParameterError, match=r"limit is 10 um, 5\d{3} times as much: take a smaller offset"):
         designed(loop(friction=True), travel=1e-5)
     with pytest.raises(ParameterError, match="amplitude = -1 N must be finite and > 0 N"):
         designed(loop(), amplitude=-1.0)

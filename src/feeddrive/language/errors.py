@@ -154,7 +154,8 @@ def plain(text: str) -> str:
     if text.isprintable():
         return text
     kept = Text("".join(piece if is_mark else _printable(piece) for piece, is_mark in split(marked(text))))
-    return kept if all(part.isprintable() for mark in marks(kept) for part in mark) else _printable(text)
+    is_safe = kept.isprintable() and all(part.isprintable() for mark in marks(kept) for part in mark)
+    return kept if is_safe else _printable(text)
 
 
 def _printable(text: str) -> str:
