@@ -120,7 +120,7 @@ def test_a_single_sample_is_in_no_mean_and_is_said_with_its_row() -> None:
     (said,) = found.remarks
     assert "30.csv, force: 1 single sample of 500" in said
     assert "row 231" in said
-    assert "-1.2e+03 N m" in said
+    assert "-1200 N m" in said
 
 
 def test_noise_steps_rests_and_slip_hold_no_strays() -> None:
