@@ -175,7 +175,7 @@ def test_maps_of_a_motor_with_14_poles(tmp_path: Path) -> None:
     forward = [str(MAPS / f"cogging_measure_final_{name}_16.npy") for name in "abd"]
     back = str(MAPS / "cogging_measure_final_e_16r.npy")
     output = called(*forward, "--backward", back, "--map", "--out", str(tmp_path / "out"))
-    listed = [int(each) for each in re.findall(r"^ (\d+) +[0-9.]+ ±", output, re.MULTILINE)]
+    listed = [int(each) for each in re.findall(r"^ (\d+) +[0-9.]+ (?:±|\+-)", output, re.MULTILINE)]
     assert listed[:6] == [7, 28, 14, 36, 12, 84]
     assert row(output, 7)[0] == pytest.approx(0.868, abs=0.001)
     assert "Coulomb friction 0.171" in output

@@ -100,9 +100,9 @@ def test_one_log_of_many_speeds_becomes_a_block_in_a_machine_whose_comments_stay
 def test_several_logs_and_a_position_that_is_differenced_give_the_same_curve(tmp_path: Path) -> None:
     logs = [written(tmp_path, (v,), f"run_{i}.csv") for i, v in enumerate(both())]
     output = called(*logs, "--position", "position_mm:mm", "--force", "force_N:N", "--out", str(tmp_path / "out"))
-    row = re.search(r"^ stribeck_velocity +m/s +([0-9.e+-]+)", output, re.MULTILINE)
+    row = re.search(r"^ stribeck_velocity +mm/s +([0-9.e+-]+)", output, re.MULTILINE)
     assert row is not None
-    assert float(row[1]) == pytest.approx(0.01, rel=0.1)
+    assert float(row[1]) == pytest.approx(10.0, rel=0.1)
     section = (tmp_path / "out" / "machine.toml").read_text(encoding="utf-8")
     assert '[axis.x.friction_load]\nkind = "stribeck"' in section
 

@@ -149,7 +149,7 @@ def test_a_line_at_0_hz_is_left_out(tmp_path: Path) -> None:
         ("f,mag,phase_deg\n1,-20,90\n2,0,0\n", r"the magnitude 'mag' is -20 at line 2; if it is in dB say so"),
         ("f,mag,phase\n1,20,90\n2,0,0\n", r"the phase 'phase' has no unit; name the column phase_deg or phase_rad"),
         ("f,mag_dB\n1,20\n2,0\n", r"'mag_dB' is a magnitude without a phase; margins need both"),
-        ("f,mag_dB,phase_deg\n1,20000,9\n2,0,0\n", r"column 'mag_dB' reaches 2e\+04 dB"),
+        ("f,mag_dB,phase_deg\n1,20000,9\n2,0,0\n", r"column 'mag_dB' reaches 20000 dB"),
         ("f,re,im\n1,1,2\n2,1e300,3\n", r"a\.csv: the response reaches 1e\+300 at line 3, beyond 1e\+30"),
         ("f,x,y\n1,20,90\n2,0,0\n", r"no column is the real and imaginary part, or the magnitude, of a response"),
         ("t,re,im\n1,20,90\n2,0,0\n", r"has no column of frequency among 't', 're', 'im'"),

@@ -65,6 +65,7 @@ def test_digits_follow_from_the_error() -> None:
     assert str(Quantity(94.2173, "kg", 0.3142)) == "94.22 +- 0.31 kg"
     assert str(Quantity(94.2173, "kg", 31.42)) == "94 +- 31 kg"
     assert Units(typographic=True).text(Quantity(1e-6, "m", 2e-8)) == "1.000 ± 0.020 µm"
+    assert str(Quantity(160.18, "1/s", 1.234e-14)) == "160.18 +- 1.2e-14 1/s"  # data without noise
 
 
 def test_what_a_person_wrote_is_never_changed() -> None:

@@ -135,7 +135,11 @@ class Units:
             said = _numeral(value, digits)
         else:
             decimals = max(0, 2 - _places(error, 2))
-            said = f"{value:.{decimals}f} {'±' if self.typographic else '+-'} {error:.{decimals}f}"
+            if error < abs(value) * 10.0**-_READABLE:  # of data without noise
+                shares = number(value, _READABLE), number(error, 2)
+            else:
+                shares = f"{value:.{decimals}f}", f"{error:.{decimals}f}"
+            said = f" {'±' if self.typographic else '+-'} ".join(shares)
         return said if quantity.bare or not name else f"{said}{'' if name == '°' else ' '}{name}"
 
     def read(self, mark: Mark) -> str:
