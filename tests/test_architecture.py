@@ -180,12 +180,6 @@ def test_no_files_import_each_other_in_a_circle():
     assert circles(import_graph()) == []
 
 
-def test_files_are_short():
-    lengths = {shown(path): len(path.read_text(encoding="utf-8").splitlines()) for path in FILES}
-    long = {name: length for name, length in lengths.items() if length > 400}
-    assert not long, long
-
-
 def test_modules_have_the_names_of_what_they_are():
     vague = re.compile(r"(^|_)(util|utils|helper|helpers|manager|managers|data|process|misc|common)($|_)")
     assert not [shown(path) for path in FILES if vague.search(path.stem)]

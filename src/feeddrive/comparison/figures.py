@@ -43,7 +43,6 @@ from feeddrive.figures.of_runs import (
 )
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Column
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run
 

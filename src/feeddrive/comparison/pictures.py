@@ -53,11 +53,6 @@ def tradeoff_chart(rows: Sequence[tuple[str, Mapping[str, float | None], str]]) 
     return Chart(label, tuple(panels), LOG, left, right, height=8.4)
 
 
-def _scale(criterion: Criterion) -> float:
-    """Return the factor from SI to the unit in which a figure is drawn."""
-    return USUAL.of(criterion.unit)[1]
-
-
 def _around(values: Sequence[float], part: float) -> tuple[float, float]:
     """A range around positive values on a logarithmic scale, with room on both sides; a decade if there is none."""
     ends = np.log10([min(values), max(values)]) if values else np.zeros(2)

@@ -15,9 +15,10 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cache
-from typing import Any, SupportsFloat
+from typing import TYPE_CHECKING, Any, SupportsFloat
 
-import numpy as np
+if TYPE_CHECKING:
+    import numpy as np
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.text import Mark, marks
@@ -165,7 +166,7 @@ class Units:
 
     def from_decibel(self, level: np.ndarray | float) -> np.ndarray | float:
         """Return a gain in dB, or the ratio that it stands for: 10^(level/20)."""
-        return level if self.decibel else 10.0 ** (np.asarray(level) / 20.0)
+        return level if self.decibel else 10.0 ** (level / 20.0)
 
     def to_decibel(self, gain: float) -> float:
         """Return the gain in dB of a height in a picture of gains. Raises ParameterError for a ratio <= 0."""
@@ -173,7 +174,7 @@ class Units:
             return gain
         if not gain > 0.0:
             raise ParameterError(f"a gain must be > 0, not {number(gain, 6)}")
-        return 20.0 * float(np.log10(gain))
+        return 20.0 * math.log10(gain)
 
     def gain_said(self, level: float, digits: int = 1) -> str:
         """Return a gain given in dB as a person reads it."""

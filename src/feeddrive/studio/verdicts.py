@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from feeddrive.figures.of_loops import COMPLIANCE_PEAK, GAIN_MARGIN, SENSITIVITY_PEAK
-from feeddrive.language.quantity import Units
-from feeddrive.language.text import resolve
+from feeddrive.language.quantity import Quantity, Units
+from feeddrive.language.text import joined, resolve
 from feeddrive.plot.chart import ALERT, Chart, Level, Mark, Note
 from feeddrive.tuning.by_hand import Look, Verdict
 from feeddrive.tuning.limits import Limits

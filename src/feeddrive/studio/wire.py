@@ -32,7 +32,7 @@ def message(
     numbers, windows = list[np.ndarray](), windows or {}
     shown = {name: _chart(each, numbers, windows.get(each.label)) for name, each in (charts or {}).items()}
     content = json.dumps({**said, "charts": shown}, allow_nan=False, separators=(",", ":"), ensure_ascii=False)
-    header = plain(content).encode()
+    header = plain(content).encode("utf-8", "replace")  # a lone surrogate has no bytes
     header += b" " * (-len(header) % 4)
     body = np.concatenate(numbers).astype("<f4").tobytes() if numbers else b""
     return struct.pack("<I", len(header)) + header + body

@@ -149,7 +149,7 @@ class Request:
     """Base of all requests. Subclasses become frozen dataclasses that check themselves."""
 
     def __init_subclass__(cls, more: Mapping[str, tuple[str, Any]] | None = None, after: str = "") -> None:
-        """Make a class of requests; `more` has further options, annotation and `option(...)`, in order after a field."""
+        """Make a class of requests; `more` has further options (annotation and `option(...)`), placed after a field."""
         if more:
             hints = dict(cls.__annotations__)
             place = list(hints).index(after) + 1
