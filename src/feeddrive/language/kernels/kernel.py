@@ -74,12 +74,12 @@ class Kernel(Generic[_P, _R]):
         if mode == "inside":
             return self.python(*args, **kwargs)
         given = self._in_order(args, kwargs) if kwargs else args
-        wanted = self.source.signature.parameters
-        if len(given) != len(wanted):
-            raise TypeError(f"{self.__name__}() takes {len(wanted)} arguments, not {len(given)}")
-        if len(self._leaves) != len(wanted):
-            names = self.source.signature.names
-            given = [leaf for each in zip(names, wanted, given, strict=True) for leaf in self._flat(*each)]
+        count, nested = self._counted
+        if len(given) != count:
+            raise TypeError(f"{self.__name__}() takes {count} arguments, not {len(given)}")
+        if nested:
+            wanted = zip(self.source.signature.names, self.source.signature.parameters, given, strict=True)
+            given = [leaf for each in wanted for leaf in self._flat(*each)]
         if mode == "interpreted":
             return self._interpret([self._checked(place, value) for place, value in enumerate(given)])
         return self._run(given)
@@ -100,7 +100,7 @@ class Kernel(Generic[_P, _R]):
             ):  # fmt: skip
                 self._checked(place, value)
             words.append(_address(value))
-            words += value.shape[:dimensions]
+            words += value.shape[:dimensions] if width else value.shape
         memory = ctypes.create_string_buffer(compiled.size)
         compiled.given.pack_into(memory, 0, *words)
         if unit.quick:
@@ -136,6 +136,12 @@ class Kernel(Generic[_P, _R]):
     @cached_property
     def _leaves(self) -> list[tuple[str, Type]]:
         return self.source.signature.leaves
+
+    @cached_property
+    def _counted(self) -> tuple[int, bool]:
+        """How many arguments it takes, and whether there are records among them."""
+        parameters = self.source.signature.parameters
+        return len(parameters), any(each.layout and not each.dimensions for each in parameters)
 
     @cached_property
     def _plain(self) -> bool:

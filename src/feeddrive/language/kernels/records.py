@@ -51,7 +51,7 @@ class RecordArithmetic(Arithmetic):
         text = place.text
         if columns:
             text = self.value(f"getelementptr inbounds double, ptr {text}, i64 {columns}")
-        return Value(kind, text, root=place.root)
+        return Value(kind, text)
 
     def cells(self, place: Value) -> Iterator[Value]:
         """The places of the numbers of a record, or of a number, in an array."""
