@@ -530,7 +530,7 @@ def said(asked: Any) -> str:
     try:
         asked()
     except FeeddriveError as error:
-        return f"{type(error).__name__}: {error}"
+        return f"{type(error).__name__}: {error!s}"
     return ""
 
 

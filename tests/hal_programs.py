@@ -16,7 +16,7 @@ def missing() -> str:
     try:
         check_session()
     except FeeddriveError as error:
-        return f"NOT TESTED against LinuxCNC: {error}"
+        return f"NOT TESTED against LinuxCNC: {error!s}"
     return ""
 
 

@@ -350,7 +350,7 @@ def _work(job: tuple[str, Any, Any]) -> Any:
     try:
         return broken_by(first, second)
     except Exception as error:
-        return f"{type(error).__name__}: {error}"
+        return f"{type(error).__name__}: {error!s}"
 
 
 def run(papers: tuple[str, ...] = PAPERS, processes: int = 2) -> list[tuple[Mutant, Any]]:

@@ -19,7 +19,7 @@ def _missing() -> str:
     try:
         session.check_session()
     except (MissingProgramError, HalError) as error:
-        return f"NOT TESTED against LinuxCNC: {error}"
+        return f"NOT TESTED against LinuxCNC: {error!s}"
     return ""
 
 
