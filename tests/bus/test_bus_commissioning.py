@@ -77,7 +77,7 @@ def test_a_drive_says_who_it_is_as_far_as_it_does() -> None:
         ({"rated_torque": 1500}, "scaling.rated_torque = 1 .* the drive says 1.5 in object 0x6076:00"),
         ({"gear_motor_turns": 3, "gear_shaft_turns": 1}, "scaling.gear = 2 .* drive says 3 in object 0x6091:01"),
         ({"gear_motor_turns": 24, "gear_shaft_turns": 10}, "drive says 2.4 in object 0x6091:01"),
-        ({"encoder_increments": 1 << 20, "encoder_turns": 1}, "says 1.04858e.06 in object 0x608F:01"),
+        ({"encoder_increments": 1 << 20, "encoder_turns": 1}, "says 1048576 in object 0x608F:01"),
         # positions in micrometres of the table: 10 000 in a turn of the shaft, whatever the encoder counts
         ({"feed_constant": 10_000, "encoder_increments": 10**6}, "says 5000 in object 0x6092:01"),
     ],

@@ -15,6 +15,7 @@ from feeddrive.language.quantity import USUAL, Quantity, Units, number, quantiti
 from feeddrive.language.table import UNIT, Column, Table
 from feeddrive.language.text import Text, capitalized, joined
 
+KEEPS_QUANTITIES = True  # in the f-strings of this module, as in those of feeddrive
 TURNS = Units(rotary=True)
 numbers = st.floats(-1e300, 1e300)
 units = st.sampled_from(["m", "N", "N/m", "m/N", "m/s", "s", "Hz", "kg", "N s/m", "share", ""])

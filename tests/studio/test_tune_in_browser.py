@@ -189,7 +189,7 @@ def test_the_limit_that_is_broken_is_said_with_its_place(opened: Any) -> None:
     opened.go("tune")
     said = page.inner_text("#verdict")
     assert said.startswith("phase margin")
-    assert "Hz, limit: phase margin >= 85 deg: broken" in said
+    assert "Hz, limit: phase margin >= 85°: broken" in said
     assert "least stiffness" in page.inner_text("#figures")
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Any, ClassVar
 
-from feeddrive.language.text import Text, capitalized, marked, marks, split
+from feeddrive.language.text import Text, capitalized, keeps_marks, marked, marks, split
 
 
 def nearest(name: str, allowed: Iterable[str]) -> str:
@@ -33,9 +33,10 @@ class FeeddriveError(Exception):
         super().__init__(*(Text(each) if isinstance(each, str) else each for each in args))
 
     def __format__(self, form: str) -> str:
-        """The message with its quantities, for a text that quotes it."""
+        """The message, with its quantities in a text of feeddrive that quotes it."""
         message = self.args[0] if len(self.args) == 1 else str(self)
-        return format(message, form) if isinstance(message, str) else format(str(message), form)
+        text = message if isinstance(message, str) else str(message)
+        return marked(text) if not form and keeps_marks() else format(str(self), form)
 
 
 class ParameterError(FeeddriveError):

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.text import Mark, marks
+from feeddrive.language.text import Mark, keeps_marks, marks
 from feeddrive.language.units import factor, turning, turning_text
 
 # the unit in which people of the field read a quantity, by its SI unit
@@ -223,6 +223,8 @@ class Quantity:
         return USUAL.text(self)
 
     def __format__(self, form: str) -> str:
+        if not keeps_marks():
+            return USUAL.text(self, form)
         error = "" if self.error is None else repr(float(self.error))
         form = form or self.form
         flags = f"{'s' if self.stays else ''}{'b' if self.bare else ''}"

@@ -1,6 +1,7 @@
 """Texts that keep their quantities: what an f-string of `Quantity` says, with the numbers beside it.
 
-A quantity in an f-string leaves a mark there: its number, unit and error, and what they read as in the usual units.
+A quantity in an f-string of feeddrive leaves a mark there: its number, unit and error, and what they read as in the
+usual units; in an f-string of anybody else's code it is plain text, so that no mark reaches a person.
 `Text` shows the last, as any str, and keeps the marks, so that the same text can be had in other units.  What a person
 wrote, as the name of a row, is never looked at.  (Python before 3.14 has no template strings, which need no marks.)
 
@@ -11,12 +12,23 @@ wrote, as the name of a row, is never looked at.  (Python before 3.14 has no tem
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple, Protocol
 
 # characters of the private use area, which no font and no keyboard has
 _BEGIN, _BETWEEN, _END = "\ue000", "\ue001", "\ue002"
 _MARK = re.compile(f"{_BEGIN}([^{_BEGIN}{_END}]*){_END}")
+
+
+KEEPS = "KEEPS_QUANTITIES"
+"""A module outside of feeddrive that defines this name keeps quantities in its f-strings, too, and must use `Text`."""
+
+
+def keeps_marks() -> bool:
+    """Return whether the f-string that calls `__format__`, which calls this, stands in a module that keeps quantities."""
+    names = sys._getframe(2).f_globals
+    return str(names.get("__name__", "")).partition(".")[0] == "feeddrive" or KEEPS in names
 
 
 class Mark(NamedTuple):
@@ -110,7 +122,7 @@ class Text(str):
         return Text, (self.marked,)
 
     def __format__(self, form: str) -> str:
-        return format(str(self), form) if form else self.marked
+        return self.marked if not form and keeps_marks() else format(str(self), form)
 
     def __add__(self, other: str) -> Text:
         return Text(self.marked + marked(other))

@@ -117,9 +117,10 @@ def certified(request: CertifyRequest, progress: Progress) -> Shown:
 
     outcome = perform("certify", request, progress)
     charts = {"certificate": certificate_chart(outcome.result)}
+    units = replace(outcome.units, typographic=True)
     if not outcome.result.two_rates:  # with two rates one L has no disc of its own
         charts["discs"] = discs_chart(outcome.result)
-    return Shown(words_of(outcome), charts)
+    return Shown(words_of(outcome), {name: chart.shown(units) for name, chart in charts.items()})
 
 
 def circled(request: CircleRequest, progress: Progress) -> Shown:
@@ -140,9 +141,10 @@ def circle_shown(found: Shown, before: CircleTest | None) -> Shown:
     peaks = list[dict[str, Any]]()
     for each in quadrant_peaks(test)[:_PLACES]:
         at = float(np.degrees(each.angle))
-        text = Text(f"{Quantity(each.height, 'm'):3} at {each.side}{each.axis}, {test.circles[each.circle].name}")
-        peaks.append({"text": text, "view": [max(at - _TURN, 0.0), min(at + _TURN, 360.0)]})
+        text = f"{Quantity(each.height, 'm'):3} at {each.side}{each.axis}, {test.circles[each.circle].name}"
+        peaks.append({"text": resolve(text, DRAWN), "view": [max(at - _TURN, 0.0), min(at + _TURN, 360.0)]})
     charts = {"circle": circle_chart(test, before), "unrolled": unrolled_chart(test, before)}
+    charts = {name: chart.shown(DRAWN) for name, chart in charts.items()}
     return replace(found, words={**found.words, "peaks": peaks}, charts=charts)
 
 
@@ -165,10 +167,10 @@ def program_run(request: RunRequest, progress: Progress) -> Shown:
             coordinates = (Quantity(value, "m", form=".3f mm", stays=True, bare=True) for value in each.position)
             where = ", ".join(f"{coordinate}" for coordinate in coordinates)
             line = "" if each.line is None else f", line {each.line}"
-            text = Text(f"{Quantity(abs(each.error), 'm'):3} at {Quantity(each.time, 's'):.3f SI} ({where} mm{line})")
-            worst.append({"text": text, "view": place_view(row.part.contour, each)})
+            text = f"{Quantity(abs(each.error), 'm'):3} at {Quantity(each.time, 's'):.3f SI} ({where} mm{line})"
+            worst.append({"text": resolve(text, DRAWN), "view": place_view(row.part.contour, each)})
         words["tables"] = [tabled(row.part.table()), *words["tables"]]
-    return Shown({**words, "worst": worst}, charts)
+    return Shown({**words, "worst": worst}, {name: chart.shown(DRAWN) for name, chart in charts.items()})
 
 
 def compared(request: CompareRequest, progress: Progress) -> Shown:

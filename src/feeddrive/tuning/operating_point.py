@@ -341,7 +341,7 @@ def with_table_force(
     if off > _WORST:
         nothing = "a force on the table, nor for a run of the new control" if run else "a force on the table"
         apart = Text(f"{source} is {Quantity(off, 'share'):3} away from the response '{point.name}'")
-        return point, f"{apart}, so it cannot be used for {nothing}"
+        return point, Text(f"{apart}, so it cannot be used for {nothing}")
     if run:
         point = replace(point, known_as=replace(loop, sample_time=point.sample_time))
     if not point.at_drive:
