@@ -44,15 +44,16 @@ class DelayFit(Result):
 
     @property
     def clear(self) -> bool:
-        """True if the log tells the best delay from none."""
+        """Whether the residual of the best delay is a tenth less than without delay."""
         return self.tells(self.nearest, 0.0)
 
     def tells(self, better: float, other: float) -> bool:
-        """Return True if the inverse dynamics leave a tenth less with a delay than with another one, and no less by
-        chance: by more than their residual falls again on the way from its minimum.
+        """Return True if the inverse dynamics leave a tenth less with one delay than with another.
+
+        A ragged residual counts as well: of forces that are mostly made by counts, the delay that leaves least gives
+        the better mass, whatever the true one is.
         """
-        first, second = self.left(better), self.left(other)
-        return first < CLEAR * second and second - first > _rough(self.residual)
+        return self.left(better) < CLEAR * self.left(other)
 
     def left(self, samples: float) -> float:
         """Share of the force that the inverse dynamics leave with a delay, on straight lines between whole samples."""

@@ -186,14 +186,17 @@ def _added(columns: np.ndarray, y: np.ndarray, size: float, counts: float) -> fl
     """Share of the rows in which another force was added, if the others speak for the law; else 0.
 
     The others are the most rows that lie within what a law that ran leaves, wherever that is: the median would be among
-    the added forces where those act in half of the rows. They show every gain, with a tenth of its column, and agree
-    with it; and they hold no integral of the following error, the last column.
+    the added forces where those act in half of the rows. They stand in the middle of that band, but for what counts
+    make; a law with another integral fills it. They show every gain, with a tenth of its column, and agree with it; and
+    they hold no integral of the following error, the last column.
     """
     width = 2.0 * (LARGEST * size + SURE * counts)
     ordered = np.sort(y)
     lowest = ordered[np.argmax(np.searchsorted(ordered, ordered + width, "right") - np.arange(y.size))]
     away = (y < lowest) | (y > lowest + width)
     if np.mean(away) > _SELDOM or not np.any(away):
+        return 0.0
+    if float(np.var(y[~away])) > counts**2 + (0.5 * LARGEST * size) ** 2:
         return 0.0
     off = _solved(columns[:, ~away], y[~away])[:-1]
     seen = np.sum(columns[:-1, ~away] ** 2, axis=1) > _SHOWN * np.sum(columns[:-1] ** 2, axis=1)
