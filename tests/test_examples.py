@@ -193,7 +193,7 @@ def test_masses_come_out_and_what_no_line_tells_is_said(capsys: pytest.CaptureFi
     text = said("identify_masses.py", capsys)
     found = {name: (float(value), float(error)) for name, value, error in
              re.findall(r"^(mass_motor|mass_load|stiffness) +\S+ +(\S+) +(\S+)", text, re.MULTILINE)}  # fmt: skip
-    for name, truth in (("mass_motor", 130.0), ("mass_load", 33.0), ("stiffness", 1.8e7)):
+    for name, truth in (("mass_motor", 130.0), ("mass_load", 33.0), ("stiffness", 18.0)):  # kg, N/um
         value, error = found[name]
         assert abs(value - truth) < 4.0 * error
     assert re.search(r"two-mass .* taken", text)

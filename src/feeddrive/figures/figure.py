@@ -79,7 +79,7 @@ class Limitable:
     noise: bool = False
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Figure:
     """A number by which something is judged; two with the same key are the same.
 
@@ -125,6 +125,9 @@ class Figure:
             raise ParameterError(f"figure '{self.key}' must end with its unit: ..._{_suffix(self.unit)}")
         if self.of is None and self.needs != DUTY:
             raise ParameterError(f"figure '{self.key}' needs `of`, which computes it")
+
+    def __repr__(self) -> str:
+        return f"Figure({self.key!r})"  # the same in every process, since hashes are made of it
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Figure) and other.key == self.key

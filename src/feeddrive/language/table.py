@@ -7,7 +7,8 @@ Results import neither matplotlib nor pandas.  Plots and frames are registered b
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from functools import singledispatch
@@ -219,6 +220,16 @@ READER: ContextVar[Units] = ContextVar("READER", default=DRAWN)
 """The units of the reader for whom a picture is drawn: the functions that draw do not hand them on."""
 
 
+@contextmanager
+def drawn_in(units: Units) -> Generator[None]:
+    """Draw pictures within this block in the units of a reader."""
+    before = READER.set(units)
+    try:
+        yield
+    finally:
+        READER.reset(before)
+
+
 def resolve_texts(figure: Any, units: Units) -> None:
     """Write all texts of a matplotlib figure in the units of a reader."""
     for text in figure.findobj(lambda each: hasattr(each, "set_text")):
@@ -275,11 +286,8 @@ class Result(ABC):
         for load in _load_views:
             load(type(self))
         units = replace(self.reader, typographic=True)
-        before = READER.set(units)
-        try:
+        with drawn_in(units):
             figure = picture_of(self)
-        finally:
-            READER.reset(before)
         resolve_texts(figure, units)
         return figure
 

@@ -26,8 +26,8 @@ KEEPS = "KEEPS_QUANTITIES"
 
 
 def keeps_marks() -> bool:
-    """Return whether the f-string that calls `__format__`, which calls this, stands in a module that keeps quantities."""
-    names = sys._getframe(2).f_globals
+    """Return whether the f-string whose `__format__` calls this stands in a module that keeps quantities."""
+    names = sys._getframe(2).f_globals  # pyright: ignore[reportPrivateUsage]
     return str(names.get("__name__", "")).partition(".")[0] == "feeddrive" or KEEPS in names
 
 

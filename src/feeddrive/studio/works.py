@@ -12,9 +12,9 @@ import numpy as np
 
 from feeddrive.language.errors import sentence
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import DRAWN, Quantity
 from feeddrive.language.table import Grid
-from feeddrive.language.text import Text, resolve
+from feeddrive.language.text import resolve
 from feeddrive.plot.chart import Chart
 from feeddrive.studio.jobs import perform
 from feeddrive.studio.room import tabled
