@@ -147,6 +147,7 @@ def test_every_field_of_a_request_is_an_argument_or_an_option(name: str) -> None
     shown = {each.name: each for each in command.commands[name].params if each.name != "help"}
     assert "--verbose" in shown.pop("verbose").opts
     assert "--blocks" in shown.pop("blocks").opts
+    assert "--json" in shown.pop("json").opts
     fields = {each.name: each for each in fields_of(load(name).request)}
     assert set(shown) == set(fields)
     for key, field in fields.items():
@@ -330,7 +331,7 @@ def test_hints_name_options_that_exist() -> None:
     for file in sorted(source.rglob("*.py")):
         name = file.relative_to(source).as_posix()
         own = FOREIGN.get(name, "").split()
-        own_cli = {"--verbose", "--version"} if name in ("cli/commands.py", "workflow/command.py") else set()
+        own_cli = {"--verbose", "--version", "--json"} if name in ("cli/commands.py", "workflow/command.py") else set()
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if not (isinstance(node, ast.Constant) and isinstance(node.value, str)):
                 continue
