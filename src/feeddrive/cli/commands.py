@@ -57,7 +57,7 @@ class _Later(TyperCommand):
         app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=self.rich_markup_mode)
         examples = [f"feeddrive {self.name} {each}".rstrip() for each in OFFERED[str(self.name)].examples]
         said = "\n\n".join(["Example:" if len(examples) == 1 else "Examples:", *examples])
-        app.command(self.name, help=self.help, epilog=said)(_function(str(self.name), offered(str(self.name))))
+        app.command(self.name, help=self.help, epilog=said)(_function(offered(str(self.name))))
         return get_command(app)
 
     @property
@@ -157,14 +157,14 @@ JSON = "--json"
 BLOCKS = "A file or PACKAGE.MODULE with laws or other blocks of your own, whose code is then run; may be repeated."
 
 
-def _function(name: str, command: Command[Any, Any, Any]) -> Any:
+def _function(command: Command[Any, Any, Any]) -> Any:
     """What typer makes a command from: a function with a parameter for each field of the request."""
     fields = {field.name: field for field in fields_of(command.request)}  # type: ignore[arg-type]
 
     def perform(blocks: list[str] | None, verbose: bool, json: bool, **values: Any) -> None:
         entered = {name: _entered(fields[name], value) for name, value in values.items()}
         with _opted_in(blocks or ()), _in_one_line():
-            _perform(name, command, entered, verbose=verbose, as_json=json)
+            _perform(command, entered, verbose=verbose, as_json=json)
 
     parameters = [*(_parameter(field) for field in fields.values()), _BLOCKS, _VERBOSE, _JSON]
     perform.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
@@ -250,9 +250,7 @@ def _in_si(field: Field, value: Any) -> Any:
     return value if field.kind is not float or field.factor == 1.0 else units.scaled(value, field.factor)
 
 
-def _perform(
-    name: str, command: Command[Any, Any, Any], values: dict[str, Any], *, verbose: bool, as_json: bool
-) -> None:
+def _perform(command: Command[Any, Any, Any], values: dict[str, Any], *, verbose: bool, as_json: bool) -> None:
     """Do the work and show what it came to; end with the exit code of its judgment."""
     request = command.request(**values)
     usual = request.usual_out()
@@ -262,7 +260,7 @@ def _perform(
     with TerminalProgress(console) as progress:
         found = command.run(request, progress)
     if as_json:
-        _write(found.record(name))
+        _write(found.record(command.__name__.replace("_", "-")))
     else:
         for each in found.shown(verbose=verbose):
             show(console, each)

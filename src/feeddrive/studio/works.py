@@ -75,10 +75,15 @@ def fitted(command: str, request: Request, progress: Progress) -> Shown:
     """A model or responses from logs; of a motion the model over the log."""
     outcome = perform(command, request, progress)
     charts = dict(_fit_charts(outcome.result))
-    units = replace(outcome.units, typographic=True)
-    charts = {name: each.shown(units) for name, each in charts.items()}
+    charts = _drawn(charts, outcome)
     files = {what: Path(str(path)) for what, path in outcome.files.items()}
     return Shown(words_of(outcome), charts=charts, files=files, friction=getattr(outcome.result, "friction", None))
+
+
+def _drawn(charts: Mapping[str, Chart], outcome: Outcome[Any]) -> dict[str, Chart]:
+    """Return charts with their texts in the units of an outcome, as they are drawn."""
+    units = replace(outcome.units, typographic=True)
+    return {name: chart.shown(units) for name, chart in charts.items()}
 
 
 def _fit_charts(found: Any) -> Iterator[tuple[str, Chart]]:
@@ -120,7 +125,7 @@ def certified(request: CertifyRequest, progress: Progress) -> Shown:
     units = replace(outcome.units, typographic=True)
     if not outcome.result.two_rates:  # with two rates one L has no disc of its own
         charts["discs"] = discs_chart(outcome.result)
-    return Shown(words_of(outcome), {name: chart.shown(units) for name, chart in charts.items()})
+    return Shown(words_of(outcome), _drawn(charts, outcome))
 
 
 def circled(request: CircleRequest, progress: Progress) -> Shown:
@@ -141,8 +146,8 @@ def circle_shown(found: Shown, before: CircleTest | None) -> Shown:
     peaks = list[dict[str, Any]]()
     for each in quadrant_peaks(test)[:_PLACES]:
         at = float(np.degrees(each.angle))
-        text = f"{Quantity(each.height, 'm'):3} at {each.side}{each.axis}, {test.circles[each.circle].name}"
-        peaks.append({"text": resolve(text, DRAWN), "view": [max(at - _TURN, 0.0), min(at + _TURN, 360.0)]})
+        text = Text(f"{Quantity(each.height, 'm'):3} at {each.side}{each.axis}, {test.circles[each.circle].name}")
+        peaks.append({"text": text.shown(DRAWN), "view": [max(at - _TURN, 0.0), min(at + _TURN, 360.0)]})
     charts = {"circle": circle_chart(test, before), "unrolled": unrolled_chart(test, before)}
     charts = {name: chart.shown(DRAWN) for name, chart in charts.items()}
     return replace(found, words={**found.words, "peaks": peaks}, charts=charts)
@@ -167,10 +172,15 @@ def program_run(request: RunRequest, progress: Progress) -> Shown:
             coordinates = (Quantity(value, "m", form=".3f mm", stays=True, bare=True) for value in each.position)
             where = ", ".join(f"{coordinate}" for coordinate in coordinates)
             line = "" if each.line is None else f", line {each.line}"
-            text = f"{Quantity(abs(each.error), 'm'):3} at {Quantity(each.time, 's'):.3f SI} ({where} mm{line})"
-            worst.append({"text": resolve(text, DRAWN), "view": place_view(row.part.contour, each)})
+            text = Text(f"{Quantity(abs(each.error), 'm'):3} at {Quantity(each.time, 's'):.3f SI} ({where} mm{line})")
+            worst.append(
+                {
+                    "text": text.shown(replace(outcome.units, typographic=True)),
+                    "view": place_view(row.part.contour, each),
+                }
+            )
         words["tables"] = [tabled(row.part.table()), *words["tables"]]
-    return Shown({**words, "worst": worst}, {name: chart.shown(DRAWN) for name, chart in charts.items()})
+    return Shown({**words, "worst": worst}, _drawn(charts, outcome))
 
 
 def compared(request: CompareRequest, progress: Progress) -> Shown:
@@ -187,7 +197,7 @@ def compared(request: CompareRequest, progress: Progress) -> Shown:
     ]
     words = {**words_of(outcome), "laws": laws, "seed": found.seed}
     controls = {each.name: each.loop.control for each in found.competitors}
-    return Shown(words, {"tradeoff": chart.shown(replace(outcome.units, typographic=True))}, controls)
+    return Shown(words, _drawn({"tradeoff": chart}, outcome), controls)
 
 
 def exported(request: ExportRequest, progress: Progress) -> Shown:
