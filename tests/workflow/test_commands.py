@@ -91,7 +91,7 @@ def entered(text: str, request: type[Request]) -> Request:
         return Outcome(None)
 
     shell = typer.Typer()
-    shell.command()(commands._function("tune", Command(request, kept)))  # pyright: ignore[reportPrivateUsage]
+    shell.command()(commands._function(Command(request, kept)))  # pyright: ignore[reportPrivateUsage]
     get_command(shell).main(shlex.split(text)[2:], standalone_mode=False)
     return made[0]
 

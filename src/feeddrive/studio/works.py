@@ -14,7 +14,7 @@ from feeddrive.language.errors import sentence
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import DRAWN, Quantity
 from feeddrive.language.table import Grid
-from feeddrive.language.text import resolve
+from feeddrive.language.text import Text, resolve
 from feeddrive.plot.chart import Chart
 from feeddrive.studio.jobs import perform
 from feeddrive.studio.room import tabled
@@ -122,7 +122,6 @@ def certified(request: CertifyRequest, progress: Progress) -> Shown:
 
     outcome = perform("certify", request, progress)
     charts = {"certificate": certificate_chart(outcome.result)}
-    units = replace(outcome.units, typographic=True)
     if not outcome.result.two_rates:  # with two rates one L has no disc of its own
         charts["discs"] = discs_chart(outcome.result)
     return Shown(words_of(outcome), _drawn(charts, outcome))
