@@ -199,7 +199,8 @@ def modelled_plant(
         )
     along = [float(share) for share in axis.plant.mechanics().rigid_motion()]
     # a text of the certificate's file, which names the units of a linear axis
-    held = f"{axis.plant.kind}, held over {1e3 * sample_time:g} ms, moving with {velocity:g} m/s"
+    speed = f"{velocity:g} {'rad/s' if axis.rotary else 'm/s'}"
+    held = f"{axis.plant.kind}, held over {1e3 * sample_time:g} ms, moving with {speed}"
     return NominalPlant(name, _free(model, along), (), held, float(axis.actuator.dead_time))
 
 
