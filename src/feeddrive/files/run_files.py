@@ -21,7 +21,7 @@ import numpy as np
 from feeddrive.files.atomic_io import written_whole
 from feeddrive.files.columns import Columns, arrow_numbers, check_size, check_unpacked, is_wanted
 from feeddrive.language.errors import LogError, ParameterError
-from feeddrive.language.quantity import USUAL, Units
+from feeddrive.language.quantity import Units
 from feeddrive.language.text import resolve
 from feeddrive.version import __version__
 
@@ -39,7 +39,7 @@ def summary_text(figures: Mapping[str, Any], *, rotary: bool = False, quoted: Se
 
     quoted  names and texts of the user, which stay as they are
     """
-    units = Units(rotary=True, quoted=tuple(quoted)) if rotary else USUAL
+    units = Units(rotary=rotary)
     return json.dumps(_in_units(figures, units, frozenset(quoted)), indent=2) + "\n"
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.text import Mark, keeps_marks, marks
-from feeddrive.language.units import factor, turning, turning_text
+from feeddrive.language.units import factor, turning
 
 # the unit in which people of the field read a quantity, by its SI unit
 _USUAL = {
@@ -79,7 +79,6 @@ class Units:
     gain         dB or ratios
     rotary       the axis turns: lengths are angles, forces torques, masses inertias; all numbers are the same
     typographic  µ in place of u, ± in place of +-
-    quoted       what a person wrote in texts that are not yet made of quantities, whose units are found by their names
 
     Raises ParameterError for a unit that is none of `CHOICES`.
     """
@@ -90,7 +89,6 @@ class Units:
     gain: str = DECIBEL
     rotary: bool = False
     typographic: bool = False
-    quoted: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -150,10 +148,6 @@ class Units:
         if not mark.unit:
             return "–" if self.typographic and mark == ABSENT else mark.plain
         return self.name(mark.unit, mark.form, stays="s" in mark.flags)
-
-    def unmarked(self, text: str) -> str:
-        """Return what a text without marks reads as."""
-        return text if self.quoted is None else turning_text(text, self.quoted)
 
     def said(self, value: float, unit: str, digits: int = _DIGITS) -> str:
         """Return a number given in SI as a person reads it."""

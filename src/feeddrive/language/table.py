@@ -273,7 +273,7 @@ class Result(ABC):
     @property
     def reader(self) -> Units:
         """The units in which it shows itself."""
-        return Units(rotary=True, quoted=tuple(self.quoted)) if self.rotary else USUAL
+        return Units(rotary=True) if self.rotary else USUAL
 
     def __repr__(self) -> str:
         return str(self.table().grid(self.reader))

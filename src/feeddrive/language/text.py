@@ -56,10 +56,6 @@ class Reader(Protocol):
         """Return what a mark reads as."""
         ...
 
-    def unmarked(self, text: str) -> str:
-        """Return what a text without marks reads as."""
-        ...
-
 
 def marks(text: str) -> list[Mark]:
     """Return the marks in a text, in order."""
@@ -95,7 +91,7 @@ def resolve(text: str, units: Reader) -> str:
         return ascii(found[0])[1:-1] if mark is None else units.read(mark)
 
     text = marked(text)
-    return _MARK.sub(said, text) if _BEGIN in text else units.unmarked(text)
+    return _MARK.sub(said, text) if _BEGIN in text else text
 
 
 def marked(text: str) -> str:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection
 from functools import cache, lru_cache
 from typing import Annotated, Any, NamedTuple, TypeAlias, get_args, get_origin, get_type_hints
 
@@ -188,20 +187,12 @@ def _torque(unit: str) -> str:
     return f"{unit} m2" if unit == "kg" else f"{unit} m"
 
 
-def turning_text(text: str, kept: Collection[str] = ()) -> str:
-    """A sentence, a head or a label with the units of an axis that turns: `RMS um` is `RMS urad`, `5 N` is `5 N m`.
+def turning_docstring(text: str) -> str:
+    """Return the docstring of a state or of a prepared value with the units of an axis that turns, for an export.
 
-    kept  what a person wrote, which stays as it is where it is quoted
+    It is a text of the source, which holds no quantities.
     """
-    quoted = sorted((each for each in kept if len(each) >= _QUOTED), key=len, reverse=True)
-    for each in quoted:
-        before, found, after = text.partition(each)
-        if found:
-            return f"{turning_text(before, quoted)}{each}{turning_text(after, quoted)}"
     return _UNIT.sub(lambda found: turning(found[0]), text)
-
-
-_QUOTED = 6  # letters of a text that is looked for: shorter ones are names, or a unit itself
 
 
 def factor(given: str, declared: str) -> float:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from functools import reduce
 from typing import Any, cast
 
@@ -22,6 +21,7 @@ from feeddrive.language.naming import Name, Names
 from feeddrive.language.quantity import USUAL, Units
 from feeddrive.language.ring import Ring, gathered, spread
 from feeddrive.language.text import resolve
+from feeddrive.language.units import turning_docstring
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.controls import Controlled, Controller, Controllers, Drive, controller_of, motors
 from feeddrive.loop.core import Acting, acting, advance
@@ -198,8 +198,6 @@ class _Traced:
         self.owners = tuple(_owners(self.symbolic))
         self.turning = turning_ports(loop)
         self.units = Units(rotary=True) if self.turning else USUAL
-        # docstrings of states hold no marks: their units are found by their names
-        self.documented = replace(self.units, quoted=()) if self.turning else USUAL
         runs = isinstance(block, Controller | Controllers)  # its own text only hands on
         self.words = Names(self.graph, {id(each): path for path, each in self.owners if path or not runs})
 
@@ -272,7 +270,10 @@ class _Traced:
             names=self.words.found,
             makers=self.words.makers,
             memory="controller" if isinstance(self.block, Controller | Controllers) else "plant",
-            said={name: resolve(text, self.documented) for name, text in (*_said(begun), *_said(made, "prepared"))},
+            said={
+                name: turning_docstring(text) if self.turning else text
+                for name, text in (*_said(begun), *_said(made, "prepared"))
+            },
             blocks=tuple((path, each) for path, each in _owners(self.block)),
         )
 

@@ -21,7 +21,7 @@ from feeddrive.language.errors import FeeddriveError, ParameterError, nearest
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import USUAL, Units
-from feeddrive.language.table import Grid, Result, Table
+from feeddrive.language.table import Grid, Table
 from feeddrive.language.text import Text, resolve
 from feeddrive.workflow.request import OUT, Request, fields_of, signature
 
@@ -98,7 +98,7 @@ class Outcome(Generic[T]):
         """The units in which it is about its axis."""
         if not self.turns:
             return USUAL
-        return Units(rotary=True, quoted=tuple(self.result.quoted) if isinstance(self.result, Result) else ())
+        return Units(rotary=True)
 
     def written(self) -> Iterator[str]:
         """What may be pasted, and where files were written."""
@@ -193,18 +193,16 @@ class Command(Generic[P, R, T]):
             found = self.work(request, progress or Progress())
         except FeeddriveError as error:
             if _turns(request):
-                _worded(error, request)
+                _worded(error)
             raise
         if found.turns and found.error is not None:
-            _worded(found.error, request)
+            _worded(found.error)
         return replace(found, failure=resolve(found.failure, found.units)) if found.turns else found
 
 
-def _worded(error: FeeddriveError, request: Request) -> None:
-    """The message in the units of an axis that turns; the names of files stay."""
-    kept = [str(value) for each in fields_of(type(request)) if isinstance(value := getattr(request, each.name), Path)]
-    units = Units(rotary=True, quoted=tuple(kept))
-    error.args = (resolve(f"{error}", units), *error.args[1:])
+def _worded(error: FeeddriveError) -> None:
+    """Put the message into the units of an axis that turns."""
+    error.args = (resolve(f"{error}", Units(rotary=True)), *error.args[1:])
 
 
 def _turns(request: Request) -> bool:
