@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Any, ClassVar
 
-from feeddrive.language.text import Text, capitalized
+from feeddrive.language.text import Text, capitalized, marked, marks, split
 
 
 def nearest(name: str, allowed: Iterable[str]) -> str:
@@ -150,12 +150,16 @@ class FmuError(FeeddriveError):
 
 
 def plain(text: str) -> str:
-    """The text without line ends and other control characters, which may come from a damaged file."""
-    return "".join(letter if letter.isprintable() else "?" for letter in text)
+    """The text without line ends and other control characters, which may come from a damaged file; marks stay."""
+    pieces = split(marked(text))
+    return "".join(
+        piece if is_mark and marks(piece) else "".join(letter if letter.isprintable() else "?" for letter in piece)
+        for piece, is_mark in pieces
+    )
 
 
-def sentence(text: str) -> Text:
-    """Return a remark as a sentence: a capital at the start, unless that is a name, and a full stop."""
+def sentence(text: str) -> str:
+    """A remark as a sentence: a capital at the start, unless that is a name, and a full stop."""
     first = text.split(" ", 1)[0].rstrip(":,;")
     return Text(f"{capitalized(text) if first.isalpha() else text}.")
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from functools import singledispatch
 from html import escape
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.quantity import ABSENT, USUAL, Quantity, Units, finite, form_unit, unit_name
+from feeddrive.language.quantity import ABSENT, DRAWN, USUAL, Quantity, Units, finite, form_unit, unit_name
 from feeddrive.language.text import Mark, Text, marked, resolve
 from feeddrive.language.units import turning
 
@@ -214,6 +215,10 @@ def frame_of(result: Any) -> Any:
     raise ParameterError(f"{type(result).__name__} has no DataFrame: print it, or take its fields")
 
 
+READER: ContextVar[Units] = ContextVar("READER", default=DRAWN)
+"""The units of the reader for whom a picture is drawn: the functions that draw do not hand them on."""
+
+
 def resolve_texts(figure: Any, units: Units) -> None:
     """Write all texts of a matplotlib figure in the units of a reader."""
     for text in figure.findobj(lambda each: hasattr(each, "set_text")):
@@ -265,8 +270,13 @@ class Result(ABC):
         """The picture of this type of result, a matplotlib figure. Raises ParameterError if it has none."""
         for load in _load_views:
             load(type(self))
-        figure = picture_of(self)
-        resolve_texts(figure, replace(self.reader, typographic=True))
+        units = replace(self.reader, typographic=True)
+        before = READER.set(units)
+        try:
+            figure = picture_of(self)
+        finally:
+            READER.reset(before)
+        resolve_texts(figure, units)
         return figure
 
     def to_pandas(self) -> Any:

@@ -22,7 +22,7 @@ from feeddrive.analysis.replay import Replay
 from feeddrive.analysis.spectrum import Spectrum, spectrum
 from feeddrive.analysis.stiffness import Stiffness, stiffness
 from feeddrive.language.quantity import DRAWN, Units
-from feeddrive.language.table import Grid, Table, resolve_texts
+from feeddrive.language.table import READER, Grid, Table, resolve_texts
 from feeddrive.language.text import marked, plain, resolve, split
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
@@ -79,7 +79,13 @@ def _environment() -> Environment:
 
     @pass_context
     def drawn(context: Any, shown: Shown) -> Markup:
-        return Markup(svg(shown.draw(), shown.key, shown.alt, context["units"]))
+        units: Units = context["units"]
+        before = READER.set(units)
+        try:
+            figure = shown.draw()
+        finally:
+            READER.reset(before)
+        return Markup(svg(figure, shown.key, shown.alt, units))
 
     def unbroken(text: str) -> Markup:
         """A word joiner keeps a unit such as N/µm on one line, an element one that is still a mark."""
