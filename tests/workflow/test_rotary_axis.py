@@ -276,7 +276,7 @@ def test_errors_inside_a_command_are_in_the_units_of_an_axis_that_turns(tmp_path
         certify(FILE, velocity=math.nan)
     assert not linear_units(str(moving.value)), moving.value
     with pytest.raises(FeeddriveError) as other:
-        excite("ball_screw", band="10..100", amplitude=1e6)
+        excite("ball_screw", band="10..100", amplitude=6000.0)
     assert re.search(r"\d N[ ,;.:]", str(other.value)), other.value
 
 
