@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+import math
 import re
 from functools import cache
 from pathlib import Path
@@ -183,9 +184,7 @@ def test_pages_of_an_axis_that_turns(tmp_path: Path) -> None:
     sent = excite.run(excite.request("rotary_table", band="5..200", amplitude=40.0, out=tmp_path / "sent"))
     assert "peak 40 N m" in shown(sent)
     assert not linear_units(shown(sent))
-    page = spoken(tmp_path / "sent" / "report.html")
-    assert WRITTEN in page  # a table of 400 mm stays one
-    assert not linear_units(page.replace(WRITTEN, ""))
+    assert not linear_units(spoken(tmp_path / "sent" / "report.html").replace(WRITTEN, ""))
     head = (tmp_path / "sent" / "excitation_1.csv").read_text(encoding="utf-8").splitlines()[0]
     assert head == "time [s],excitation [N m],set_position [rad]"
 
@@ -272,6 +271,12 @@ def test_errors_inside_a_command_are_in_the_units_of_an_axis_that_turns(tmp_path
         excite(FILE, band="10..100", amplitude=300.0)
     assert not linear_units(str(refused.value)), refused.value
     assert "N m" in str(refused.value)
+    with pytest.raises(FeeddriveError) as moving:
+        certify(FILE, velocity=math.nan)
+    assert not linear_units(str(moving.value)), moving.value
+    with pytest.raises(FeeddriveError) as other:
+        excite("ball_screw", band="10..100", amplitude=6000.0)
+    assert re.search(r"\d N[ ,;.:]", str(other.value)), other.value
 
 
 def test_help_has_both_units() -> None:

@@ -252,7 +252,7 @@ def _in_si(field: Field, value: Any) -> Any:
 
 def _perform(command: Command[Any, Any, Any], values: dict[str, Any], *, verbose: bool, as_json: bool) -> None:
     """Do the work and show what it came to; end with the exit code of its judgment."""
-    request = command.request(**values)
+    request = command.made(**values)
     usual = request.usual_out()
     if usual is not None and request.out is None:
         request = replace(request, out=usual)

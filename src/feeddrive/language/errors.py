@@ -163,8 +163,8 @@ def _printable(text: str) -> str:
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
-def sentence(text: str) -> Text:
-    """Return a remark as a sentence: a capital at the start, unless that is a name, and a full stop."""
+def sentence(text: str) -> str:
+    """A remark as a sentence: a capital at the start, unless that is a name, and a full stop."""
     first = text.split(" ", 1)[0].rstrip(":,;")
     return Text(f"{capitalized(text) if first.isalpha() else text}.")
 

@@ -26,6 +26,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import UNIT, Column, Table
 from feeddrive.language.text import Text, capitalized
+from feeddrive.language.units import turning
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
@@ -197,7 +198,7 @@ def build(found: Certificate, facts: Mapping[str, str], *, rotary: bool = False)
     title = f"{name[:1].upper()}{name[1:]}: a certified loop" if name else "A certified loop"
     links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn),
              ("outside", "What is outside"), ("facts", "What was certified")]  # fmt: skip
-    shown = [found.table(), plants_table(found), control_table(found)]
+    shown = [found.table(), plants_table(found, rotary=rotary), control_table(found)]
     made = "".join(tabled(each, capitalized(f"{each.title}.")) for each in shown)
     parts = [
         header("feeddrive certify", title, [capitalized(f"{said}.")], links),
@@ -230,12 +231,18 @@ def _words(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
-def plants_table(found: Certificate) -> Table:
-    """Where each plant comes from."""
+def plants_table(found: Certificate, *, rotary: bool = False) -> Table:
+    """Tabulate where each plant comes from."""
+
+    def source(text: str) -> str:
+        # the certificate is signed with the texts of an axis that moves along
+        return text.replace(" m/s", f" {turning('m/s')}") if rotary else text
+
     rows = [
         [
             plant["name"], float(plant["dead_time_s"]),
-            sum(abs(pole) > 1.0 - 1e-12 for pole in found.loops[plant["name"]].plant.poles()), plant["source"],
+            sum(abs(pole) > 1.0 - 1e-12 for pole in found.loops[plant["name"]].plant.poles()),
+            source(plant["source"]),
         ]
         for plant in found.document["plants"]
     ]  # fmt: skip

@@ -164,14 +164,23 @@ class Command(Generic[P, R, T]):
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> T:
         """The result. `progress` may be given beside the fields of the request; `run` gives the whole outcome."""
         progress: Any = kwargs.pop("progress", None)
-        try:
-            inspect.signature(self.request).bind(*args, **kwargs)
-        except TypeError as error:
-            raise ParameterError(self._misuse(kwargs, str(error))) from None
-        found = self.run(self.request(*args, **kwargs), progress)
+        found = self.run(self.made(*args, **kwargs), progress)
         if found.error is not None:
             raise found.error
         return found.result
+
+    def made(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        """Return the request; what is wrong with a field of it is told in the units of its axis."""
+        try:
+            bound = inspect.signature(self.request).bind(*args, **kwargs)
+        except TypeError as error:
+            raise ParameterError(self._misuse(kwargs, str(error))) from None
+        try:
+            return self.request(*args, **kwargs)
+        except FeeddriveError as error:
+            if _turns(bound.arguments):
+                _worded(error)
+            raise
 
     def _misuse(self, given: Mapping[str, Any], said: str) -> str:
         fields = {each.name: each for each in fields_of(self.request)}  # type: ignore[arg-type]
@@ -192,7 +201,7 @@ class Command(Generic[P, R, T]):
         try:
             found = self.work(request, progress or Progress())
         except FeeddriveError as error:
-            if _turns(request):
+            if _turns(vars(request)):
                 _worded(error)
             raise
         if found.turns and found.error is not None:
@@ -205,22 +214,21 @@ def _worded(error: FeeddriveError) -> None:
     error.args = (resolve(f"{error}", Units(rotary=True)), *error.args[1:])
 
 
-def _turns(request: Request) -> bool:
-    """Whether all axes that a request may be about turn, as far as its machine files and jobs can be read."""
+def _turns(fields: Mapping[str, Any]) -> bool:
+    """Return True if all axes that a request may be about turn, as far as its machine files and jobs can be read."""
     from feeddrive.files.job import Job, read_job
     from feeddrive.files.machine import MachineFile, read_machine
     from feeddrive.loop.loop import Loop
 
     found = list[Loop]()
-    for each in fields_of(type(request)):
-        value = getattr(request, each.name)
-        for read in (read_machine, read_job) if isinstance(value, str | Path) and each.name in _MODELS else ():
+    for name, value in fields.items():
+        for read in (read_machine, read_job) if isinstance(value, str | Path) and name in _MODELS else ():
             with suppress(FeeddriveError):
                 value = read(value)
                 break
         value = value.machine if isinstance(value, Job) else value
         if isinstance(value, MachineFile):
-            axis = str(getattr(request, "axis", ""))
+            axis = str(fields.get("axis", ""))
             found += [value.loops[axis]] if axis in value.loops else list(value.loops.values())
         elif isinstance(value, Loop):
             found.append(value)
