@@ -215,10 +215,10 @@ def test_no_disc_of_a_certificate_holds_the_critical_point(certificate: Certific
 
 def test_the_trade_off_has_the_figures_of_each_law() -> None:
     rows = [
-        ("P-PI", {X: 2e-6, HEIGHTS[0]: 15e6, HEIGHTS[1]: 6e6}, ""),
-        ("P-PI + recovery", {X: 3e-6, HEIGHTS[0]: 25e6, HEIGHTS[1]: 5e6}, "not settled"),
-        ("GPI", {X: 1e-6, HEIGHTS[0]: 40e6, HEIGHTS[1]: 9e6}, ""),
-        ("unfit", {X: None, HEIGHTS[0]: 15e6}, ""),
+        ("P-PI", {X.key: 2e-6, HEIGHTS[0].key: 15e6, HEIGHTS[1].key: 6e6}, ""),
+        ("P-PI + recovery", {X.key: 3e-6, HEIGHTS[0].key: 25e6, HEIGHTS[1].key: 5e6}, "not settled"),
+        ("GPI", {X.key: 1e-6, HEIGHTS[0].key: 40e6, HEIGHTS[1].key: 9e6}, ""),
+        ("unfit", {X.key: None, HEIGHTS[0].key: 15e6}, ""),
     ]
     chart = tradeoff_chart(rows).shown(DRAWN)
     assert chart.label.startswith("tracking RMS (µm)")
@@ -228,7 +228,7 @@ def test_the_trade_off_has_the_figures_of_each_law() -> None:
         assert list(found) == ["P-PI", "P-PI + recovery", "GPI"]
         for name, figures, why in rows[:3]:
             mark = found[name]
-            assert (mark.x, mark.y) == pytest.approx((1e6 * figures[X], 1e-6 * figures[key]))  # type: ignore[operator]
+            assert (mark.x, mark.y) == pytest.approx((1e6 * figures[X.key], 1e-6 * figures[key.key]))  # type: ignore[operator]
             assert mark.hollow == bool(why)
             assert (mark.said.endswith(f"not ranked: {why}")) == bool(why)
         assert found["P-PI"].number == found["P-PI + recovery"].number != found["GPI"].number

@@ -414,6 +414,9 @@ def test_remarks_say_what_must_not_be_overlooked() -> None:
     assert found.endswith("\nn")
 
 
+KEEPS_QUANTITIES = True  # in the f-strings of this module
+
+
 def test_a_page_is_read_in_the_units_of_its_axis() -> None:
     """Quantities of the sentences, tables and pictures are turned; texts of a person are not."""
     figure, (ax,) = style.picture(1, height=2.0)
