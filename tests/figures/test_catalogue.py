@@ -17,6 +17,7 @@ from feeddrive.figures.of_loops import COMPLIANCE_PEAK, OF_LOOPS, PHASE_MARGIN, 
 from feeddrive.figures.slopes import compliance_peak_slope
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.loop import Loop
+from feeddrive.tuning.closed_loop import reported
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.tune import tune_control
 
@@ -32,7 +33,7 @@ SOFT = Figure(
 @pytest.fixture
 def installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """A package that brings one figure, which can be a goal and have a limit."""
-    caches = (catalogue._with_own, catalogue.goals, catalogue.limitable)
+    caches = (catalogue._with_own, catalogue.goals, catalogue.limitable, reported)
     monkeypatch.setattr(catalogue, "_installed", lambda: iter([("a package", SOFT)]))
     for cache in caches:
         cache.cache_clear()
