@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import importlib.util
 import linecache
 import math
 import random
 import re
 import struct
+import sys
 from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 from types import FunctionType
 from typing import Any, cast
 
@@ -128,3 +131,15 @@ def drawn(kernel: Kernel[..., Any], count: int, seed: int) -> Iterator[list[Any]
     draw = random.Random(f"{kernel.__name__} {seed}")
     for _ in range(count):
         yield arguments(kernel, draw)
+
+
+def written(folder: Path, text: str, name: str = "f") -> Any:
+    """A kernel of a file of its own, of the whole text of that file."""
+    path = folder / f"written_{abs(hash(text))}.py"
+    path.write_text(text, encoding="utf-8")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec
+    assert spec.loader
+    sys.modules[path.stem] = module = importlib.util.module_from_spec(spec)  # where the fields of records are looked up
+    spec.loader.exec_module(module)
+    return getattr(module, name)

@@ -15,7 +15,9 @@ from feeddrive.figures.figure import HIGHER, MODEL, Figure, Goal, Limit
 from feeddrive.figures.linear_loop import LinearLoop
 from feeddrive.figures.of_loops import COMPLIANCE_PEAK, OF_LOOPS, PHASE_MARGIN, SENSITIVITY_PEAK
 from feeddrive.figures.slopes import compliance_peak_slope
+from feeddrive.files.run_files import figure_key
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Units
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.closed_loop import reported
 from feeddrive.tuning.limits import Limits
@@ -69,7 +71,8 @@ def test_a_figure_names_its_unit_in_files() -> None:
         Figure("a_mm", "a", "m", MODEL, len)
     with pytest.raises(ParameterError, match="needs `of`"):
         Figure("a_m", "a", "m", MODEL)
-    assert catalogue.figures()["force_peak_N"].name_in_file(rotary=True) == "force_peak_N_m"
+    assert figure_key("force_peak_N", Units(rotary=True)) == "force_peak_N_m"
+    assert figure_key("integral_gain_N_per_m_s", Units(rotary=True)) == "integral_gain_N_m_per_rad_s"
 
 
 def test_limits_are_data() -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +15,7 @@ from feeddrive.language.kernels.kernel import interpreted
 from feeddrive.language.kernels.module import THOROUGH
 from feeddrive.language.kernels.plain import columns, rows_for
 from feeddrive.language.kernels.source import KernelError
+from kernel_oracle import written
 
 HEAD = """
 from typing import NamedTuple
@@ -55,15 +54,7 @@ def other(ramp: Ramp, x: float) -> Ramp:
 
 
 def made(folder: Path, text: str, name: str = "f") -> Any:
-    """A kernel of a file of its own."""
-    path = folder / f"records_{abs(hash(text))}.py"
-    path.write_text(HEAD + text, encoding="utf-8")
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec
-    assert spec.loader
-    sys.modules[path.stem] = module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return getattr(module, name)
+    return written(folder, HEAD + text, name)
 
 
 # what is written in a kernel, and what stands in the error: what is wrong, and what to write instead

@@ -25,7 +25,7 @@ from feeddrive.language.kernels.kernel import Kernel, _address, interpreted
 from feeddrive.language.kernels.module import QUICK, THOROUGH, Unit
 from feeddrive.language.kernels.source import KernelError
 from fresh_draws import Seeded
-from kernel_oracle import bits, compare, drawn
+from kernel_oracle import bits, compare, drawn, written
 
 CONSTRUCTS = [
     each for file in (kernel_constructs, kernel_records) for each in vars(file).values() if isinstance(each, Kernel)
@@ -78,15 +78,7 @@ def fill(row: Floats) -> None:
 
 
 def made(folder: Path, text: str, name: str = "f") -> Any:
-    """A kernel of a file of its own."""
-    path = folder / f"written_{abs(hash(text))}.py"
-    path.write_text(HEAD + text, encoding="utf-8")
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec
-    assert spec.loader
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return getattr(module, name)
+    return written(folder, HEAD + text, name)
 
 
 # what is written in a kernel, and what stands in the error: what is wrong, and what to write instead

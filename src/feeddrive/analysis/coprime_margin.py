@@ -24,8 +24,8 @@ def coprime_margin(plant: FRF, controller: FRF, crossover: float) -> float:
         raise ParameterError(f"plant ({f.size} lines) and controller ({controller.frequency.size}) need the same lines")
     if not f[0] <= crossover <= f[-1]:
         raise ParameterError(
-            f"crossover = {Quantity(crossover, 'Hz'):6} must lie on the lines, "
-            f"{Quantity(f[0], 'Hz', bare=True):6} to {Quantity(f[-1], 'Hz'):6}"
+            f"crossover = {Quantity(crossover, 'Hz'):6} must lie on the lines, {Quantity(f[0], 'Hz', bare=True):6} to "
+            f"{Quantity(f[-1], 'Hz'):6}"
         )
     scale = np.exp(np.interp(np.log(crossover), np.log(f), np.log(np.abs(plant.response))))
     P, C = plant.response / scale, controller.response * scale

@@ -16,8 +16,8 @@ from feeddrive.language import tree
 from feeddrive.language.block import Number
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.graph import Graph
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import UNIT, Column, Result, Table, shown
+from feeddrive.language.quantity import Quantity, signal_unit
+from feeddrive.language.table import UNIT, Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.engine.native import native
 from feeddrive.loop.engine.plan import plan
@@ -64,7 +64,7 @@ class Replay(Result):
             peak = float(np.max(np.abs(self.residual(signal))))
             cells = [None if is_position else size, self.rms(signal), peak]
             unit = UNITS[signal]
-            numbers = [None if cell is None else Quantity(cell, unit, form=shown(unit)[0]) for cell in cells]
+            numbers = [None if cell is None else Quantity(cell, unit, form=signal_unit(unit)) for cell in cells]
             rows.append([signal.replace("_", " "), UNIT, *numbers])
         title = f"predicted against measured, after {self.skipped} samples"
         return Table(title, ["signal", "unit", "measured RMS", "residual RMS", "residual peak"], rows)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Column, Result, Table, shown
+from feeddrive.language.quantity import Quantity, signal_unit
+from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 
 LARGEST = 6  # lines that the table names
@@ -42,7 +42,7 @@ class Spectrum(Result):
 
     def table(self) -> Table:
         """The largest peaks, and the share of the RMS that has gathered up to each."""
-        rows, unit = [], shown(self.unit)[0]
+        rows, unit = [], signal_unit(self.unit)
         for frequency, amplitude in self.largest():
             gathered = float(self.cumulative_rms[np.searchsorted(self.frequency, frequency)])
             share = Quantity(gathered / self.rms, "share", form=".1f") if self.rms else None

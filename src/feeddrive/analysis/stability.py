@@ -273,9 +273,8 @@ def encirclement(
         doubts.append(
             Text(
                 f"1 + L turns by {Quantity(np.degrees(abs(steps[i])), 'deg'):.0f} between "
-                f"{Quantity(L.frequency[i], 'Hz', bare=True):5} and "
-                f"{Quantity(L.frequency[i + 1], 'Hz'):5}, more than {Quantity(np.degrees(_COARSE), 'deg'):.0f}: "
-                "measure lines between them"
+                f"{Quantity(L.frequency[i], 'Hz', bare=True):5} and {Quantity(L.frequency[i + 1], 'Hz'):5}, more than "
+                f"{Quantity(np.degrees(_COARSE), 'deg'):.0f}: measure lines between them"
             )
         )
     closing = -float(np.angle(distance[-1]))

@@ -77,8 +77,7 @@ class Stiffness(Result):
         if not self.frequency[0] <= frequency <= self.frequency[-1]:
             raise ParameterError(
                 f"frequency {Quantity(frequency, 'Hz'):6} is outside of the stiffness's lines, "
-                f"{Quantity(self.frequency[0], 'Hz', bare=True):6} "
-                f"to {Quantity(self.frequency[-1], 'Hz'):6}"
+                f"{Quantity(self.frequency[0], 'Hz', bare=True):6} to {Quantity(self.frequency[-1], 'Hz'):6}"
             )
         return float(np.exp(np.interp(np.log(frequency), np.log(self.frequency), np.log(self.magnitude))))
 

@@ -85,8 +85,8 @@ def refusal(made: Deployed, plant: NominalPlant, loop: LoopResponse, place: floa
         if plant.lines and turning == 0.0:
             remedy += ", or multiply the response by -1 if its sign is reversed"
         return Text(
-            f"not certified: '{plant.name}': the nominal loop{rounded} is not stable: {motion} {grows} "
-            f"(|z| = {Quantity(loop.growth):9}): {remedy}{lost}"
+            f"not certified: '{plant.name}': the nominal loop{rounded} is not stable: {motion} {grows} (|z| = "
+            f"{Quantity(loop.growth):9}): {remedy}{lost}"
         )
     at = np.array([place])
     distance, taken = (float(each[0]) for each in loop.room(at))

@@ -22,7 +22,7 @@ from feeddrive.cli.terminal import UNBROKEN, TerminalProgress, open_console, sho
 from feeddrive.language import units
 from feeddrive.language.errors import CancelledError, FeeddriveError
 from feeddrive.language.table import visible
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, resolve
 from feeddrive.workflow.command import COMMANDS, Command, Listed, failure, load
 from feeddrive.workflow.request import Field, fields_of
 
@@ -273,7 +273,7 @@ def _perform(command: Command[Any, Any, Any], values: dict[str, Any], *, verbose
         raise found.error
     if found.judgment.bad:
         if found.failure:
-            sys.stderr.write(visible(Text(f"feeddrive: {found.failure}\n")))
+            sys.stderr.write(visible(resolve(f"feeddrive: {found.failure}\n", found.units)))
         raise typer.Exit(found.judgment.exit_code)
 
 

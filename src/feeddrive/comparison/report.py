@@ -16,15 +16,14 @@ from feeddrive.comparison import pictures
 from feeddrive.comparison.compare import PLAIN, TODAY, Comparison
 from feeddrive.comparison.figures import CRITERIA
 from feeddrive.comparison.judge import Competitor
-from feeddrive.figures.catalogue import figures
 from feeddrive.figures.figure import Figure
 from feeddrive.figures.of_loops import CROSSOVER, DELAY_MARGIN, NOISE_GAIN, SENSITIVITY_PEAK
 from feeddrive.figures.of_runs import SNAP_SETTLING
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
-from feeddrive.files.run_files import file_names, summary_text
+from feeddrive.files.run_files import figure_key, file_names, summary_text
 from feeddrive.language import tree
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, Units
 from feeddrive.language.table import UNIT, Cell, Table
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
@@ -285,10 +284,9 @@ def _plain(value: float | None) -> float | str | None:
 def figures_csv(found: Comparison) -> str:
     """The figures as CSV; what does not occur is empty."""
     keys = list(dict.fromkeys(key for each in found.competitors for key in each.figures))
-    known = figures()
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["law", *(known[key].name_in_file(rotary=found.rotary) for key in keys)])
+    writer.writerow(["law", *(figure_key(key, Units(rotary=found.rotary)) for key in keys)])
     for each in found.competitors:
         cells = (each.figures.get(key) for key in keys)
         writer.writerow([each.name, *("" if cell is None else repr(float(cell)) for cell in cells)])

@@ -63,7 +63,7 @@ class Rule:
     def sentence(self) -> str:
         """The rule in words."""
         said = (
-            f"every law but today's is tuned for the least rope-snap error subject to Ms <= "
+            "every law but today's is tuned for the least rope-snap error subject to Ms <= "
             f"{number(self.sensitivity_peak, 6)}, a delay margin of at least {number(self.delay_margin_samples, 6)} "
             "samples, "
         )

@@ -18,7 +18,6 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import USUAL, Quantity, number
 from feeddrive.language.table import Column
 from feeddrive.language.text import Text
-from feeddrive.language.units import turning
 
 if TYPE_CHECKING:
     from feeddrive.figures.slopes import JudgedLoop, Place, Slope, SlopedLoop
@@ -166,13 +165,6 @@ class Figure:
     def column(self, head: str = "") -> Column:
         """Return the column of this figure in a table."""
         return Column(head or self.title, self.unit, self.form)
-
-    def name_in_file(self, *, rotary: bool = False) -> str:
-        """Return its key; on an axis that turns with the units of one: force_peak_N is force_peak_N_m."""
-        own = _suffix(self.unit)
-        if not rotary or not own:
-            return self.key
-        return f"{self.key.removesuffix(own)}{_suffix(turning(self.unit))}"
 
     @property
     def scale(self) -> float:

@@ -34,7 +34,11 @@ Band = tuple[float, float]
 
 
 class JudgedLoop(Protocol):
-    """A closed loop whose figures are computed: of a model or of a measurement."""
+    """A closed loop whose figures are computed: of a model or of a measurement.
+
+    A loop that computes one of them once has it as a property over a cached one: a type checker does not take a
+    `cached_property` for the property of a protocol.
+    """
 
     @property
     def margins(self) -> Margins:

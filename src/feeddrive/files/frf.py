@@ -231,8 +231,8 @@ def _from_parts(where: str, response: Response, table: Columns) -> np.ndarray:
     elif np.any(magnitude < 0.0):
         k = int(np.argmax(magnitude < 0.0))
         raise LogError(
-            f"{where}: the magnitude '{places['magnitude']}' is {Quantity(magnitude[k]):6} at {table.place(k)}; "
-            "if it is in dB say so: name the column magnitude_dB"
+            f"{where}: the magnitude '{places['magnitude']}' is {Quantity(magnitude[k]):6} at {table.place(k)}; if it "
+            "is in dB say so: name the column magnitude_dB"
         )
     if response.degrees is None:
         raise LogError(f"{where}: the phase '{places['phase']}' has no unit; name the column phase_deg or phase_rad")

@@ -15,8 +15,8 @@ import numpy as np
 
 from feeddrive.files.run_files import write_parquet
 from feeddrive.language.errors import LogError, ParameterError, nearest
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import UNIT, Cell, Result, Table, shown
+from feeddrive.language.quantity import Quantity, signal_unit
+from feeddrive.language.table import UNIT, Cell, Result, Table
 from feeddrive.language.text import Text
 
 
@@ -81,7 +81,7 @@ class Log(Result):
         for channel, values in self.channels.items():
             unit = self.units.get(channel, "")
             figures = np.min(values), np.max(values), np.sqrt(np.mean(np.square(values)))
-            rows.append([channel, UNIT, *(Quantity(figure, unit, form=f"5 {shown(unit)[0]}") for figure in figures)])
+            rows.append([channel, UNIT, *(Quantity(figure, unit, form=f"5 {signal_unit(unit)}") for figure in figures)])
         rate = Text(f"{Quantity(self.sample_time, 's'):6}")
         title = Text(
             f"{self.name}: {self.time.size} rows, {Quantity(self.duration, 's'):SI} at {rate}, jitter "

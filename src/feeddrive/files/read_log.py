@@ -288,7 +288,7 @@ def checked_clock(name: str, time: np.ndarray, place: Callable[[int], str], samp
     if _grow(time):
         raise LogError(
             f"{name}: the stamps grow by a constant factor, {Quantity(time[1] / time[0])} from row to row, as "
-            f"frequencies do: a frequency response is read if its columns are headed f_Hz,re,im"
+            "frequencies do: a frequency response is read if its columns are headed f_Hz,re,im"
         )
     usual = float(np.median(steps))
     gaps = np.flatnonzero(steps > GAP * usual)

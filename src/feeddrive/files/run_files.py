@@ -30,8 +30,12 @@ _GROUP = 65536  # rows of a row group
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
+def _as_key(unit: str) -> str:
+    return unit.replace("(", "").replace(")", "").replace("/", "_per_").replace(" ", "_")
+
+
 # the units with which keys of figures end, in the spelling of a key: `force_peak_N`, `stiffness_N_per_m`
-_KEY_UNITS = {unit.replace("/", "_per_"): unit for unit in ("m/s", "m/N", "N/m", "N/s", "m", "N")}
+_KEY_UNITS = {_as_key(unit): unit for unit in ("m/s", "m/N", "N/m", "N/s", "N/(m s)", "m", "N")}
 
 
 def summary_text(figures: Mapping[str, Any], *, rotary: bool = False, quoted: Sequence[str] = ()) -> str:
@@ -60,8 +64,7 @@ def figure_key(key: str, units: Units) -> str:
     suffix = next((suffix for suffix in _KEY_UNITS if key.endswith(f"_{suffix}")), None)
     if suffix is None:
         return key
-    name = units.name(_KEY_UNITS[suffix], "SI").replace("/", "_per_").replace(" ", "_")
-    return f"{key.removesuffix(suffix)}{name.replace('(', '').replace(')', '')}"
+    return f"{key.removesuffix(suffix)}{_as_key(units.name(_KEY_UNITS[suffix], 'SI'))}"
 
 
 def read_parquet(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:

@@ -349,7 +349,7 @@ def _remarks(
     if first.criterion < best.criterion - CLEAR:
         found.append(
             Text(
-                f"a separate curve for each direction fits better (criterion lower by "
+                "a separate curve for each direction fits better (criterion lower by "
                 f"{Quantity(best.criterion - first.criterion):.1f} with {first.parameters} parameters, RMS "
                 f"{Quantity(first.rms, runs.frame.force):3} for {Quantity(best.rms, runs.frame.force):3}): the "
                 "directions differ by more than an offset, and no friction block represents that"

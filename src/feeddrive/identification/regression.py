@@ -74,8 +74,8 @@ def strays_said(where: str, values: np.ndarray, stray: np.ndarray, unit: str) ->
     listed = ", ".join(str(int(row) + 1) for row in rows[:6]) + (", ..." if rows.size > 6 else "")
     remark = Text(
         f"{where}: {rows.size} single sample{'s' * (rows.size != 1)} of {values.size} far from "
-        f"{'their' if rows.size != 1 else 'its'} neighbors {'are' if rows.size != 1 else 'is'} left out "
-        f"(row {listed}), the worst {Quantity(values[rows[worst]], unit):3} where its neighbors have "
+        f"{'their' if rows.size != 1 else 'its'} neighbors {'are' if rows.size != 1 else 'is'} left out (row "
+        f"{listed}), the worst {Quantity(values[rows[worst]], unit):3} where its neighbors have "
         f"{Quantity(usual[worst], unit):3}"
     )
     return (remark,)

@@ -28,6 +28,8 @@ from feeddrive.language.units import factor, turning
 _USUAL = {
     "m": "um", "m/s": "mm/s", "s": "ms", "N/m": "N/um", "m/N": "um/N", "m √s/N": "nm √s/N", "share": "%",
 }  # fmt: skip
+# a recorded angle or torque of an axis that turns is read as the length or force of one that does not
+_OF_SIGNALS = _USUAL | {turning(unit): turning(name) for unit, name in _USUAL.items()}
 _SHARES = {"%": 100.0, "ppm": 1e6, "": 1.0}
 _DIGITS = 4
 _READABLE = 7  # digits before the point up to which a number is written without an exponent
@@ -244,6 +246,11 @@ def _read(form: str) -> tuple[str, str]:
     if re.fullmatch(r"[+]?,?(\d+|(\.\d+)?[gfe])", head):
         return head, tail
     return "", form
+
+
+def signal_unit(unit: str) -> str:
+    """Return the unit in which a recorded signal of an SI unit is read; one in rad is of an axis that turns."""
+    return _OF_SIGNALS.get(unit, unit)
 
 
 def form_unit(form: str) -> str:

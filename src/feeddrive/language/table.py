@@ -18,7 +18,6 @@ from typing import Any, Final, NamedTuple, TypeAlias
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import ABSENT, DRAWN, USUAL, Quantity, Units, finite, form_unit, unit_name
 from feeddrive.language.text import Mark, Text, marked, resolve
-from feeddrive.language.units import turning
 
 
 def visible(text: str) -> str:
@@ -128,14 +127,11 @@ class Table:
     sentences: int | None = None
 
     def __post_init__(self) -> None:
-        columns = [Column(each) if isinstance(each, str) else each for each in self.columns]
-        breaks = self.sentences
-        if breaks is None:
-            breaks = next((i for i, each in enumerate(columns) if each.sentences), None)
         object.__setattr__(self, "title", Text(self.title))
-        object.__setattr__(self, "columns", columns)
         object.__setattr__(self, "rows", [list(row) for row in self.rows])
-        object.__setattr__(self, "sentences", breaks)
+        if self.sentences is None:
+            broken = next((i for i, column in enumerate(self.made_columns) if column.sentences), None)
+            object.__setattr__(self, "sentences", broken)
 
     @property
     def heads(self) -> list[str]:
@@ -266,11 +262,6 @@ class Result(ABC):
         return False
 
     @property
-    def quoted(self) -> Sequence[str]:
-        """Texts of a person that it shows as they are."""
-        return ()
-
-    @property
     def reader(self) -> Units:
         """The units in which it shows itself."""
         return Units(rotary=True) if self.rotary else USUAL
@@ -299,13 +290,3 @@ class Result(ABC):
         for load in _load_views:
             load(type(self))
         return frame_of(self)
-
-
-# what people of this field want to read, by SI unit: shown unit and factor
-_ALONG = {"m": ("um", 1e6), "m/s": ("mm/s", 1e3), "m/s2": ("m/s2", 1.0), "N": ("N", 1.0), "s": ("ms", 1e3)}
-SHOWN = _ALONG | {turning(unit): (turning(name), factor) for unit, (name, factor) in _ALONG.items()}
-
-
-def shown(unit: str) -> tuple[str, float]:
-    """The unit in which a quantity is shown to people, and the factor to it from SI."""
-    return SHOWN.get(unit, (unit, 1.0))

@@ -31,6 +31,9 @@ def keeps_marks() -> bool:
     return str(names.get("__name__", "")).partition(".")[0] == "feeddrive" or KEEPS in names
 
 
+_NUMBER = re.compile(r"-?(\d+(\.\d*)?(e[+-]?\d+)?|inf)|nan")  # as repr writes it
+
+
 class Mark(NamedTuple):
     """What a quantity leaves in an f-string: numbers by repr, empty if there is none.
 
@@ -64,7 +67,10 @@ def marks(text: str) -> list[Mark]:
 
 def _mark(content: str) -> Mark | None:
     parts: Sequence[str] = content.split(_BETWEEN)
-    return Mark(*parts) if len(parts) == len(Mark._fields) else None
+    mark = Mark(*parts) if len(parts) == len(Mark._fields) else None
+    return (
+        mark if mark and all(not number or _NUMBER.fullmatch(number) for number in (mark.value, mark.error)) else None
+    )
 
 
 def split(text: str) -> list[tuple[str, bool]]:

@@ -92,9 +92,9 @@ class Axis(Block):
         least, most = -ops.most(-whole, 0.0), ops.most(whole, 0.0)
         if least != most:
             raise StructureError(
-                f"axis.actuator.dead_time: variants of one batch need the same number of whole samples, not "
-                f"{Quantity(least):6} to {Quantity(most):6} at a sample time of {Quantity(T, 's'):6 SI}: run them "
-                "as separate batches"
+                "axis.actuator.dead_time: variants of one batch need the same number of whole samples, not "
+                f"{Quantity(least):6} to {Quantity(most):6} at a sample time of {Quantity(T, 's'):6 SI}: run them as "
+                "separate batches"
             )
         if most > 1000:
             raise StructureError(

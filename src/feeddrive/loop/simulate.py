@@ -13,8 +13,8 @@ import numpy as np
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.language.errors import DivergedError, ParameterError, nearest
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import UNIT, Result, Table, shown
+from feeddrive.language.quantity import Quantity, signal_unit
+from feeddrive.language.table import UNIT, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.changes import Changes, Course, changed_loops
 from feeddrive.loop.engine.native import Native
@@ -114,7 +114,7 @@ class Run(Result):
                 unit, values = self.units[name], self.signals[name]
                 sizes = _rms(values), float(np.max(np.abs(values), initial=0.0))
                 rows.append(
-                    [name.replace("_", " "), UNIT, *(Quantity(size, unit, form=shown(unit)[0]) for size in sizes)]
+                    [name.replace("_", " "), UNIT, *(Quantity(size, unit, form=signal_unit(unit)) for size in sizes)]
                 )
         title = Text(f"{self.name}: {self.samples} samples, {Quantity(self.samples * self.sample_time, 's'):SI}")
         return Table(title, ["signal", "unit", "RMS", "peak"], rows)

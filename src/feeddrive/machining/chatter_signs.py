@@ -9,8 +9,8 @@ from scipy.interpolate import CubicSpline
 
 from feeddrive.analysis.spectrum import Spectrum, spectrum
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Column, Result, Table, shown
+from feeddrive.language.quantity import Quantity, signal_unit
+from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 
 _LINES = 2  # of the spectrum to each side of a harmonic that belong to it: the width of the window
@@ -66,7 +66,7 @@ class ChatterSigns(Result):
             times = Text(f"{Quantity(frequency / self.passing):3} x teeth")
             belongs = times if self.harmonic[line] else "chatter" if self.dots != 1 else "beside"
             rows.append([frequency, amplitude, belongs])
-        amplitudes = Column("amplitude", self.spectrum.unit, f"4 {shown(self.spectrum.unit)[0]}")
+        amplitudes = Column("amplitude", self.spectrum.unit, f"4 {signal_unit(self.spectrum.unit)}")
         return Table(self.sentence(), [Column("line", "Hz", "5"), amplitudes, "belongs to"], rows)
 
 

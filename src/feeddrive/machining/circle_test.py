@@ -211,8 +211,8 @@ def circle_path(
     feed = nominal * float(turned[-1] - turned[first]) / span
     if radius is not None and abs(fitted - radius) > 0.05 * radius:
         raise ParameterError(
-            f"{name}: the circle has a radius of {Quantity(fitted, 'm'):mm}, and radius = "
-            f"{Quantity(radius, 'm'):mm} was stated"
+            f"{name}: the circle has a radius of {Quantity(fitted, 'm'):mm}, and radius = {Quantity(radius, 'm'):mm} "
+            "was stated"
         )
     drawn = direction * wanted
     return CirclePath(

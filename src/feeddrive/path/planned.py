@@ -138,11 +138,6 @@ class Planned(Result):
     seconds: Mapping[str, float]
     course: Course
 
-    @property
-    def quoted(self) -> tuple[str, ...]:
-        """What a person wrote."""
-        return self.program, self.machine
-
     def table(self) -> Table:
         """The limits of each axis, and the largest share of each that the motion takes."""
         columns = (self.limits.letters, self.limits.shown, self.limits.array, self.proof.use)

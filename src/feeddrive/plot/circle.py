@@ -262,8 +262,8 @@ def reversals(found: Reversals) -> Any:
         ax.plot(1e3 * (found.time[rows] - each.time), 1e6 * found.outward[rows], **style.curve(0))
         ax.axhline(1e6 * each.base, color=style.MUTED, linewidth=0.9, linestyle=(0, (4, 3)))
         text = Text(
-            f"{each.axis} at {each.side}: {Quantity(each.height, 'm'):3} at {Quantity(each.peak_time, 's'):3}, "
-            f"stands {Quantity(each.stick_time, 's'):3}"
+            f"{each.axis} at {each.side}: {Quantity(each.height, 'm'):3} at {Quantity(each.peak_time, 's'):3}, stands "
+            f"{Quantity(each.stick_time, 's'):3}"
         )
         style.note(ax, text)
         style.labels(ax, "since the reversal (ms)", f"outward ({unit_name('um')})")

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feeddrive.language.quantity import Quantity, unit_name
-from feeddrive.language.table import shown
+from feeddrive.language.quantity import USUAL, Quantity, signal_unit, unit_name
 from feeddrive.language.text import Text
 from feeddrive.plot import style
 
@@ -126,7 +125,7 @@ def chatter_signs(found: ChatterSigns) -> Any:
     figure.clear()
     left, right = (style.dressed(ax) for ax in figure.subplots(1, 2, gridspec_kw={"width_ratios": (1.7, 1.0)}))
     lines = found.spectrum
-    unit, factor = shown(lines.unit)
+    unit, factor = USUAL.of(lines.unit, signal_unit(lines.unit))
     top = min(float(lines.frequency[-1]), 8.0 * max(found.passing, found.chatter if found.dots != 1 else 0.0))
     chosen = (lines.frequency > 0.0) & (lines.frequency <= top)
     for i, (mask, name) in enumerate(((found.harmonic, "harmonics of the teeth"), (~found.harmonic, "all else"))):

@@ -9,8 +9,7 @@ import numpy as np
 from feeddrive.analysis.margins import Margins, complementary_sensitivity, tracking_bandwidth
 from feeddrive.analysis.margins import sensitivity as sensitivity_of
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.quantity import DRAWN, Quantity, Units, unit_name
-from feeddrive.language.table import shown
+from feeddrive.language.quantity import DRAWN, USUAL, Quantity, Units, signal_unit, unit_name
 from feeddrive.language.text import Text, joined
 from feeddrive.plot import style
 from feeddrive.plot.chart import BAR, DEGREES, FREQUENCY, LINEAR, LOG, Chart, Curve, Level, Mark, Panel
@@ -164,7 +163,7 @@ def spectrum(spectra: Spectrum | Mapping[str, Spectrum]) -> Any:
     chosen = style.named(spectra)
     figure, axes = style.picture(2, height=4.6, ratios=[3, 2])
     first = next(iter(chosen.values()))
-    unit, factor = shown(first.unit)
+    unit, factor = USUAL.of(first.unit, signal_unit(first.unit))
     lowest = min(float(found.frequency[1]) for found in chosen.values())
     highest = max(float(found.frequency[-1]) for found in chosen.values())
     tops, bottoms = [], []

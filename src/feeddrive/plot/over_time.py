@@ -9,8 +9,7 @@ import numpy as np
 
 from feeddrive.analysis.friction_map import Window, set_velocity
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.quantity import DRAWN, Quantity, unit_name
-from feeddrive.language.table import shown
+from feeddrive.language.quantity import DRAWN, USUAL, Quantity, signal_unit, unit_name
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.simulate import Run
 from feeddrive.plot import style
@@ -208,7 +207,8 @@ def log(log: Log) -> Any:
     chosen = dict(list(log.channels.items())[:MOST])
     figure, axes = style.picture(len(chosen), height=1.0 + 1.3 * len(chosen))
     for i, (name, values) in enumerate(chosen.items()):
-        unit, factor = shown(log.units.get(name, ""))
+        si = log.units.get(name, "")
+        unit, factor = USUAL.of(si, signal_unit(si))
         axes[i].plot(*envelope(log.time, factor * values, POINTS), **style.curve(0))
         head = name.replace("_", " ")
         last = i == len(chosen) - 1

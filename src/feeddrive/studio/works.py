@@ -67,7 +67,9 @@ def words_of(outcome: Outcome[Any]) -> dict[str, Any]:
         elif each != verdict:
             said.append(each.removeprefix("- "))
     bad = outcome.judgment.bad
-    failure = outcome.failure if outcome.failure or outcome.verdict or not bad else sentence(outcome.judgment.says)
+    failure = resolve(outcome.failure, outcome.units)
+    if bad and not failure and not verdict:
+        failure = sentence(outcome.judgment.says)
     return {"said": said, "tables": tables, "verdict": verdict, "failure": failure, "bad": bad}
 
 

@@ -246,17 +246,16 @@ def require_covered(answers: Sequence[Answer]) -> None:
         crossover = float(f[above[-1]])
         if size[-1] > _LOW and f[-1] < _BEYOND * crossover and f[-1] < 0.45 / point.sample_time:
             raise NotIdentifiableError(
-                f"{again} ends at {Quantity(f[-1], 'Hz')}, where the loop gain is still {number(size[-1], 2)}; "
-                "measure up to "
-                f"at least {Quantity(_BEYOND * crossover, 'Hz')}, three times the crossover"
+                f"{again} ends at {Quantity(f[-1], 'Hz')}, where the loop gain is still {number(size[-1], 2)}; measure "
+                f"up to at least {Quantity(_BEYOND * crossover, 'Hz')}, three times the crossover"
             )
         first = float(f[below[0]]) if below.size else crossover
         for k in np.flatnonzero(f[1:] / f[:-1] > _GAP):
             if f[k + 1] > first / _BEFORE and f[k] < _BEFORE * crossover:
                 raise NotIdentifiableError(
                     f"{again} has no lines from {Quantity(f[k], 'Hz', bare=True)} to {Quantity(f[k + 1], 'Hz')}, and "
-                    "the crossover lies near, "
-                    f"at {Quantity(first if f[k] < first else crossover, 'Hz')}; measure this band too"
+                    f"the crossover lies near, at {Quantity(first if f[k] < first else crossover, 'Hz')}; measure this "
+                    "band too"
                 )
 
 
@@ -279,7 +278,7 @@ def require_good(answers: Sequence[Answer], sure: float) -> None:
             share = np.sqrt(point.variance[1, worst]) / np.abs(point.by_force[1, worst])
             raise NotIdentifiableError(
                 f"do not tune, measure again: '{point.name}' is too noisy from {Quantity(low, 'Hz', bare=True)} to "
-                f"{Quantity(high, 'Hz')}, up "
-                f"to {Quantity(share, 'share'):2} of the response at {Quantity(f[worst], 'Hz')}, below three times the "
-                f"crossover of {Quantity(crossover, 'Hz')}; excite this band more strongly, or average longer"
+                f"{Quantity(high, 'Hz')}, up to {Quantity(share, 'share'):2} of the response at "
+                f"{Quantity(f[worst], 'Hz')}, below three times the crossover of {Quantity(crossover, 'Hz')}; excite "
+                "this band more strongly, or average longer"
             )

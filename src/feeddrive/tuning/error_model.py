@@ -185,8 +185,7 @@ def _inverse(loop: Loop) -> StateSpace | Lifted:
     if not size < _EDGE:
         raise UnstableError(
             f"the controller '{loop.control.law.kind}' has no stable inverse: |z| = {Quantity(size):.6f} of its zeros "
-            "must be "
-            f"< 1: take form = 'model_based'"
+            "must be < 1: take form = 'model_based'"
         )
     return found
 

@@ -304,8 +304,8 @@ def _remarks(loop: Loop) -> list[str]:
     if share is not None and share != 1.0:
         said.append(
             f"the law feeds {number(share)} of the set velocity forward and not all of it, so that `viscous` and "
-            "`mass` also "
-            "compensate for the missing part: they are not properties of the axis, and are valid for these gains only"
+            "`mass` also compensate for the missing part: they are not properties of the axis, and are valid for "
+            "these gains only"
         )
     if law.period() > 1:
         said.append(

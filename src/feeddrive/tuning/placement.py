@@ -49,8 +49,8 @@ class Placement(Result):
 def _words(pole: complex) -> str:
     size = abs(pole)
     return Text(
-        f"{number(pole.real)}{Quantity(pole.imag):+.4g}j 1/s "
-        f"({Quantity(size / (2.0 * np.pi), 'Hz')}, damping {Quantity(-pole.real / size):.3f})"
+        f"{number(pole.real)}{Quantity(pole.imag):+.4g}j 1/s ({Quantity(size / (2.0 * np.pi), 'Hz')}, damping "
+        f"{Quantity(-pole.real / size):.3f})"
     )
 
 
@@ -70,9 +70,8 @@ def placement(loop: Loop, *, velocity: float = 0.05) -> Placement:
         remedy = joined("; or ", near) or "none by lowering a single tunable"
         raise UnstableError(
             f"control.law: the poles cannot be reached on this axis: {found.sentence()} (|z| = "
-            f"{Quantity(found.growth):.6f}, "
-            f"must be < 1); the nearest stable values: {remedy}. If the axis has a mode there that the model leaves "
-            f"out, put a notch at {Quantity(found.frequency, 'Hz')}"
+            f"{Quantity(found.growth):.6f}, must be < 1); the nearest stable values: {remedy}. If the axis has a mode "
+            f"there that the model leaves out, put a notch at {Quantity(found.frequency, 'Hz')}"
         )
     poles = np.roots([float(a) for a in reversed(law.polynomial())])
     z = found.model.poles()

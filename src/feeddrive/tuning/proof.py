@@ -173,8 +173,8 @@ def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float
     off = got / expected - 1.0
     noise = float(np.std(runs[0]["requested"][settle // 2 : settle]))
     said = Text(
-        f"{Quantity(force, 'N'):6}: rope snap {Quantity(got, 'm √s/N')}, {Quantity(abs(off), 'share'):.1f} off; "
-        f"the command swings by {Quantity(noise, 'N'):3} RMS, at most {Quantity(largest, 'N')}"
+        f"{Quantity(force, 'N'):6}: rope snap {Quantity(got, 'm √s/N')}, {Quantity(abs(off), 'share'):.1f} off; the "
+        f"command swings by {Quantity(noise, 'N'):3} RMS, at most {Quantity(largest, 'N')}"
     )
     return Checked(what, abs(off) <= _APART, said)
 

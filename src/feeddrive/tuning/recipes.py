@@ -105,8 +105,8 @@ class _Axis:
             end = self.frequency[max(last - 1, 0)]
             raise NotIdentifiableError(
                 f"'{self.point.name}' shows no mass from {Quantity(self.frequency[0], 'Hz', bare=True)} to "
-                f"{Quantity(end, 'Hz')}: measure "
-                "between the friction, which holds it below, and its first resonance above"
+                f"{Quantity(end, 'Hz')}: measure between the friction, which holds it below, and its first resonance "
+                "above"
             )
         s = 1j * w[:last] / w[last - 1]
         rows = np.stack([s**0, s, s * s], axis=1) * np.abs(self.unit[:last, None])

@@ -37,8 +37,7 @@ class RepetitiveDesign(Result):
         rows = [[lead, factor, "chosen" if lead == chosen else ""] for lead, factor in enumerate(self.factors)]
         title = Text(
             f"left from period to period, at worst {Quantity(self.factor):3} at {Quantity(self.frequency, 'Hz')}; "
-            "below 1 it "
-            "converges"
+            "below 1 it converges"
         )
         return Table(title, ["lead in samples", "left", ""], rows)
 

@@ -149,9 +149,9 @@ def _tuner(
     integrates = ControlResponse(control, made[0].sample_time, (), velocity).integrates
     if figure.goal.returns and not integrates(()):
         raise ParameterError(
-            f"goal = '{goal}' needs a control with integral action: without it ('{control.law.kind}' as it is) "
-            "a force causes a permanent offset of the table; give it one, such as law.Tn, let the search begin with "
-            "one (law cascade_ppi), or take the goal stiffness"
+            f"goal = '{goal}' needs a control with integral action: without it ('{control.law.kind}' as it is) a force "
+            "causes a permanent offset of the table; give it one, such as law.Tn, let the search begin with one (law "
+            "cascade_ppi), or take the goal stiffness"
         )
     return tuner
 
@@ -162,9 +162,8 @@ def _check_band(points: Sequence[OperatingPoint], band: tuple[float, float]) -> 
         if inside < 3:
             raise ParameterError(
                 f"the band from {Quantity(band[0], 'Hz', bare=True):6} to {Quantity(band[1], 'Hz'):6} holds {inside} "
-                f"lines of '{each.name}', "
-                f"which has {Quantity(each.frequency[0], 'Hz', bare=True)} to {Quantity(each.frequency[-1], 'Hz')}: "
-                "at least 3"
+                f"lines of '{each.name}', which has {Quantity(each.frequency[0], 'Hz', bare=True)} to "
+                f"{Quantity(each.frequency[-1], 'Hz')}: at least 3"
             )
 
 

@@ -296,7 +296,7 @@ class Tuner:
         raise UnstableError(
             f"no setting was found that keeps {self.limits.sentence()}: {worst.kind}{where} "
             f"('{self.points[worst.point].name}'){noise} stays {beyond:3} beyond its limit{against}{best}; ease a "
-            f"limit, or add a filter there"
+            "limit, or add a filter there"
         )
 
     def _reachable(self, search: Search, end: End, figure: Figure | None) -> str:
@@ -330,9 +330,9 @@ class Tuner:
         raise NotIdentifiableError(
             f"do not tune, measure again: the noise of '{self.points[worst.point].name}' costs "
             f"{Quantity(cost, 'share'):3} of the goal, most of it from "
-            f"{Quantity(0.7 * worst.frequency, 'Hz', bare=True)} to "
-            f"{Quantity(1.4 * worst.frequency, 'Hz')}, where {worst.kind} is only known to "
-            f"{Quantity(worst.deviation, 'share'):2}; excite this band more strongly, or average longer"
+            f"{Quantity(0.7 * worst.frequency, 'Hz', bare=True)} to {Quantity(1.4 * worst.frequency, 'Hz')}, where "
+            f"{worst.kind} is only known to {Quantity(worst.deviation, 'share'):2}; excite this band more strongly, or "
+            "average longer"
         )
 
     def with_notches(self, best: Best, tried: list[str]) -> Best:

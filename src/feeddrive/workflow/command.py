@@ -12,7 +12,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, ParamSpec, TypeVar
@@ -20,7 +20,7 @@ from typing import Any, Generic, NamedTuple, ParamSpec, TypeVar
 from feeddrive.language.errors import FeeddriveError, ParameterError, nearest
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import USUAL, Units
+from feeddrive.language.quantity import Units
 from feeddrive.language.table import Grid, Table
 from feeddrive.language.text import Text, resolve
 from feeddrive.workflow.request import OUT, Request, fields_of, signature
@@ -84,7 +84,7 @@ class Outcome(Generic[T]):
         elif self.details:
             yield f"- {len(self.details)} more with --verbose"
         if self.verdict:
-            yield Text(self.verdict)
+            yield self.verdict
         yield from (Text(f"- {note}") for note in self.notes)
 
     def shown(self, units: Units | None = None, *, verbose: bool = True) -> Iterator[Grid | str]:
@@ -96,9 +96,7 @@ class Outcome(Generic[T]):
     @property
     def units(self) -> Units:
         """The units in which it is about its axis."""
-        if not self.turns:
-            return USUAL
-        return Units(rotary=True)
+        return Units(rotary=self.turns)
 
     def written(self) -> Iterator[str]:
         """What may be pasted, and where files were written."""
@@ -206,7 +204,7 @@ class Command(Generic[P, R, T]):
             raise
         if found.turns and found.error is not None:
             _worded(found.error)
-        return replace(found, failure=resolve(found.failure, found.units)) if found.turns else found
+        return found
 
 
 def _worded(error: FeeddriveError) -> None:

@@ -65,8 +65,8 @@ class Multisine(Reference):
             )
         if self.highest * self.period > _MOST_LINES:
             raise StructureError(
-                f"multisine has lines up to number {Quantity(self.highest * self.period):3} of 1/period, "
-                f"more than {_MOST_LINES}: shorten the period or the band"
+                f"multisine has lines up to number {Quantity(self.highest * self.period):3} of 1/period, more than "
+                f"{_MOST_LINES}: shorten the period or the band"
             )
         if self._all_lines().size == 0:
             raise StructureError(

@@ -329,9 +329,9 @@ def _about(rigid: RigidFit, late: int) -> list[str]:
         ratio = max(each.error / each.ols for each in rigid.estimates)
         found.append(
             Text(
-                "the residual is correlated from row to row "
-                f"({Quantity(rigid.residuals.autocorrelation(1)):.2f} at lag 1): the errors account for it and are up "
-                f"to {Quantity(ratio):2} times those for a white residual (ols)"
+                f"the residual is correlated from row to row ({Quantity(rigid.residuals.autocorrelation(1)):.2f} at "
+                f"lag 1): the errors account for it and are up to {Quantity(ratio):2} times those for a white residual "
+                "(ols)"
             )
         )
     return found

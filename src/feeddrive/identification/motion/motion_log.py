@@ -83,8 +83,8 @@ class MotionLog:
             )
         if np.max(np.abs(values)) > LARGEST:
             raise LogError(
-                f"{self.name}: '{channel}' reaches {Quantity(np.max(np.abs(values))):3}, beyond "
-                f"{Quantity(LARGEST)}: check the column and its unit"
+                f"{self.name}: '{channel}' reaches {Quantity(np.max(np.abs(values))):3}, beyond {Quantity(LARGEST)}: "
+                "check the column and its unit"
             )
         if np.ptp(values) == 0.0:
             raise NotIdentifiableError(
@@ -156,10 +156,9 @@ class MotionLog:
             )
             raise NotIdentifiableError(
                 f"{self.name}: the position has {int(np.sum(found))} jump{'s' * (int(np.sum(found)) != 1)} there and "
-                f"back, the largest to {place} at row {k + 1} "
-                f"({Quantity(k * self.sample_time, 's'):SI}), {apart} off its neighbors, where "
-                f"{Quantity(_USUAL_SHARE, 'share'):6} of the steps stay within {step}: no axis moves so; "
-                "repair these rows, or cut the log there"
+                f"back, the largest to {place} at row {k + 1} ({Quantity(k * self.sample_time, 's'):SI}), {apart} off "
+                f"its neighbors, where {Quantity(_USUAL_SHARE, 'share'):6} of the steps stay within {step}: no axis "
+                "moves so; repair these rows, or cut the log there"
             )
 
     def without_spikes(self) -> tuple[MotionLog, tuple[str, ...]]:

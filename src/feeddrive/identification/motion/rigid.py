@@ -271,7 +271,7 @@ def check_motion(name: str, velocity: np.ndarray, frame: Frame) -> None:
         raise NotIdentifiableError(
             f"{name}: not identifiable: only {Quantity(share, 'share'):2} of the motion goes towards {towards} "
             f"positions, at least {Quantity(LEAST_REVERSAL, 'share'):6} are needed: in one direction friction cannot "
-            f"be told from a constant force; record next a move to and fro over the same travel, at "
+            "be told from a constant force; record next a move to and fro over the same travel, at "
             f"{Quantity(top, frame.velocity):3} or more"
         )
 
@@ -298,7 +298,7 @@ def check_mass(name: str, value: float, error: float, unit: str) -> None:
         raise NotIdentifiableError(
             f"{name}: the sign of force or position is inverted: the axis moves against the force, as a mass of "
             f"{Quantity(value, unit, error)} would; invert one of them by a factor of -1, as --force 'f*-1' or "
-            f"--torque 'm*-1' on the command line, factor = -1.0 in a file for --channels"
+            "--torque 'm*-1' on the command line, factor = -1.0 in a file for --channels"
         )
     if value <= 0.0 or error > LARGEST_ERROR * value:
         raise NotIdentifiableError(

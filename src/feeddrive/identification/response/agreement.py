@@ -206,9 +206,9 @@ def advice(name: str, band: tuple[float, float], mass: float, error: float, unit
             # the phase of 1/(M s² + B s) leaves -180° by 3° where B = M ω/20
             below = error / (2.0 * np.pi * max(mass, 1e-300))
             return Text(
-                f"{viscous}: inertia hides it above {Quantity(below, 'Hz'):2}, and the lowest line "
-                f"is at {Quantity(low, 'Hz'):3}; fix it, or take it from runs at constant speeds (a friction curve), "
-                "which show the total viscous friction"
+                f"{viscous}: inertia hides it above {Quantity(below, 'Hz'):2}, and the lowest line is at "
+                f"{Quantity(low, 'Hz'):3}; fix it, or take it from runs at constant speeds (a friction curve), which "
+                "show the total viscous friction"
             )
         case "damping" | "damping_ratio":
             return Text(
@@ -280,7 +280,7 @@ def blind(estimates: Sequence[Estimate], found: Refined) -> dict[str, str]:
                     each.name,
                     Text(
                         f"it is distinguished from {others} by {Quantity(share, 'share'):2} of its effect on the "
-                        f"responses, less than the accuracy of a model, and its standard error is "
+                        "responses, less than the accuracy of a model, and its standard error is "
                         f"{Quantity(each.error, each.unit):2}; fix one of them (--fix), from a data sheet"
                     ),
                 )

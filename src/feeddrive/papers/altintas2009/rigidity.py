@@ -276,8 +276,8 @@ def _tracking() -> tuple[list[Claim], list[Shown]]:
         "Tracking with a wrong mass",
         "True error over a move of 100 mm in 0.4 s; law and feedforward assume 0.8 of the mass.",
         Text(
-            f"Largest error {stated(wrong['DADSC'], 'um'):.2f} with DADSC, "
-            f"{stated(wrong['P-PI cascade'], 'um'):.2f} with P-PI."
+            f"Largest error {stated(wrong['DADSC'], 'um'):.2f} with DADSC, {stated(wrong['P-PI cascade'], 'um'):.2f} "
+            "with P-PI."
         ),
         lambda: curves("time (ms)", 1e3 * T * np.arange(off["DADSC"].size), [Row("error (µm)", off)]),
     )

@@ -29,8 +29,8 @@ def center_of_radius(
     size = abs(radius)
     if half * unit > size * unit + CHORD_SPREAD:
         raise BlockError(
-            f"the radius {Quantity(size):6} does not reach: start and end are {Quantity(2 * half):6} apart, so R is at "
-            f"least {Quantity(half):6}",
+            f"the radius {Quantity(size):6} does not reach: start and end are {Quantity(2 * half):6} apart, so R is "
+            f"at least {Quantity(half):6}",
             "R",
         )
     height = math.sqrt(max(0.0, size * size - half * half)) if half / size < 1 - 1e-12 else 0.0

@@ -168,8 +168,8 @@ class Frame:
         if not (-FARTHEST <= min(end) <= max(end) <= FARTHEST and math.isfinite(sum(end))):
             axis = next(axis for axis, value in enumerate(end) if not abs(value) <= FARTHEST)
             raise BlockError(
-                f"the coordinate {Quantity(end[axis]):6} is farther than {Quantity(FARTHEST, 'm', stays=True):6 SI} or "
-                "rad: check units and offsets",
+                f"the coordinate {Quantity(end[axis]):6} is farther than {Quantity(FARTHEST, 'm', stays=True):6 SI} "
+                "or rad: check units and offsets",
                 AXES[axis].upper(),
             )
         if self._present is None:
@@ -192,8 +192,8 @@ class Frame:
         unit, shown = ("m", "6 mm") if axis in LINEAR else ("rad", "6 deg")
         place, least, most = (Quantity(x, unit, form=shown, stays=True) for x in (value, *travel))
         raise BlockError(
-            f"axis {letter} would go to {place} in machine coordinates, its travel is {replace(least, bare=True)}.."
-            f"{most}: move the work offset, or shorten the move",
+            f"axis {letter} would go to {place} in machine coordinates, its travel is "
+            f"{replace(least, bare=True)}..{most}: move the work offset, or shorten the move",
             letter,
         )
 

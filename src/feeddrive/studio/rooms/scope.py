@@ -16,8 +16,7 @@ from feeddrive.files.guess import words_of
 from feeddrive.files.log import write_log
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError, nearest
-from feeddrive.language.quantity import Quantity, number
-from feeddrive.language.table import shown as usual_unit
+from feeddrive.language.quantity import Quantity, number, signal_unit
 from feeddrive.language.text import Text
 from feeddrive.plot.chart import Chart
 from feeddrive.plot.scope import Channel, Ranges, scope_chart
@@ -260,7 +259,7 @@ class Scope(Room):
         unit = self._units(of).get(name, "")
         chosen = self.in_unit.get(name)
         if not chosen or chosen not in _choices(unit):  # it may be of a channel of the same name before
-            usual = "mm" if unit == "m" and not _FINE & {*words_of(name)} else usual_unit(unit)[0]
+            usual = "mm" if unit == "m" and not _FINE & {*words_of(name)} else signal_unit(unit)
             chosen = usual if usual in _choices(unit) else unit
         return chosen, units.factor(unit, chosen) if unit and chosen != unit else 1.0
 
