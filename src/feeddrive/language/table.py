@@ -11,13 +11,14 @@ from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
+from enum import Enum
 from functools import singledispatch
 from html import escape
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import ABSENT, DRAWN, USUAL, Quantity, Units, finite, form_unit, unit_name
-from feeddrive.language.text import Mark, Text, marked, resolve
+from feeddrive.language.text import Text, marked, resolve
 
 
 def visible(text: str) -> str:
@@ -27,9 +28,14 @@ def visible(text: str) -> str:
     return "".join(each if each.isprintable() or each == "\n" else ascii(each)[1:-1] for each in text)
 
 
-Cell: TypeAlias = str | float | int | bool | Quantity | None
-UNIT: Final = str(Mark("", "", "", "", "", "unit"))
-"""A cell that shows the unit of the quantities of its row, which then go without."""
+class UnitOfRow(Enum):
+    """A cell that shows the unit of the quantities of its row, which then go without."""
+
+    UNIT = "unit"
+
+
+UNIT: Final = UnitOfRow.UNIT
+Cell: TypeAlias = str | float | int | bool | Quantity | UnitOfRow | None
 
 
 @dataclass(frozen=True)
@@ -47,6 +53,9 @@ class Column:
     form: str = ""
     sentences: bool = False
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "head", Text(self.head))
+
     def named(self) -> str:
         """The head with the unit in which the numbers are read, as a marked text."""
         name = "" if self.unit is None else unit_name(self.unit, form_unit(self.form))
@@ -57,8 +66,8 @@ class Column:
         match cell:
             case None:
                 return str(ABSENT)
-            case str():
-                return marked(cell)
+            case str() | UnitOfRow():
+                return "" if isinstance(cell, UnitOfRow) else marked(cell)  # of a row without quantities
             case bool():
                 return "yes" if cell else "no"
             case int() if self.unit is None:
@@ -128,7 +137,9 @@ class Table:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "title", Text(self.title))
-        object.__setattr__(self, "rows", [list(row) for row in self.rows])
+        object.__setattr__(self, "columns", [Text(head) if isinstance(head, str) else head for head in self.columns])
+        rows = [[Text(cell) if isinstance(cell, str) else cell for cell in row] for row in self.rows]
+        object.__setattr__(self, "rows", rows)
         if self.sentences is None:
             broken = next((i for i, column in enumerate(self.made_columns) if column.sentences), None)
             object.__setattr__(self, "sentences", broken)
@@ -154,13 +165,13 @@ class Table:
         return [Column(each) if isinstance(each, str) else each for each in self.columns]
 
     def _row(self, columns: Sequence[Column], row: Sequence[Cell]) -> list[str]:
-        if UNIT not in row:
-            return [column.cell(cell) for column, cell in zip(columns, row, strict=True)]
         pairs = list(zip(columns, row, strict=True))
-        column, first = next((each for each in pairs if isinstance(each[1], Quantity)), (Column(""), Quantity(0.0)))
-        assert isinstance(first, Quantity)
-        name = unit_name(first.unit, form_unit(first.form or column.form), stays=first.stays)
-        return [name if cell == UNIT else column.cell(cell, bare=True) for column, cell in pairs]
+        first = next(((column, cell) for column, cell in pairs if isinstance(cell, Quantity)), None)
+        if UNIT not in row or first is None:
+            return [column.cell(cell) for column, cell in pairs]
+        column, quantity = first
+        name = unit_name(quantity.unit, form_unit(quantity.form or column.form), stays=quantity.stays)
+        return [name if cell is UNIT else column.cell(cell, bare=True) for column, cell in pairs]
 
     def record(self, units: Units = USUAL) -> dict[str, Any]:
         """Return the table as JSON has it: columns with their units, cells in SI; a quantity has value, unit and error.
@@ -191,7 +202,7 @@ class Table:
 def _recorded(cell: Cell, row: Sequence[Cell], units: Units) -> Any:
     if isinstance(cell, Quantity):
         return cell.record() | {"unit": units.name(cell.unit, "SI", stays=cell.stays)}
-    if cell == UNIT:
+    if cell is UNIT:
         return next((_recorded(other, row, units)["unit"] for other in row if isinstance(other, Quantity)), "")
     if isinstance(cell, str):
         return resolve(marked(cell), units)

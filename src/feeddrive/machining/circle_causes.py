@@ -10,7 +10,7 @@ import numpy as np
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import UNIT, Column, Result, Table
+from feeddrive.language.table import UNIT, Cell, Column, Result, Table
 from feeddrive.machining.circle_columns import Fit, Rows, Solved, since_reversal, window
 from feeddrive.machining.circle_test import DIRECTIONS, CirclePath, about_origin, circle_fit, circle_test
 
@@ -97,7 +97,7 @@ class CircleCauses(Result):
 
     def table(self) -> Table:
         """One row for each cause, the largest first."""
-        rows: list[list[str | float | Quantity | None]] = []
+        rows: list[list[Cell]] = []
         for cause in self.ranked:
             unit = _READ_IN.get(cause.unit, "")
             value = Quantity(cause.value, cause.unit, form=f"4 {unit}")

@@ -15,7 +15,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import Graph
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.ring import Ring
-from feeddrive.language.table import UNIT, Result, Table
+from feeddrive.language.table import UNIT, Cell, Result, Table
 from feeddrive.loop.engine.native import native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.simulate import Run
@@ -57,7 +57,7 @@ class CuttingForces(Result):
     def table(self) -> Table:
         """Mean and peak while the tool cuts."""
         cuts = self.torque != 0.0
-        rows: list[list[str | Quantity]] = []
+        rows: list[list[Cell]] = []
         units = {"feed": "N", "normal": "N", "axial": "N", "resultant": "N", "torque": "N m", "power": "W"}
         for name, unit in units.items():
             values = getattr(self, name)[cuts]

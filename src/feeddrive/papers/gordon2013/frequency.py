@@ -18,7 +18,7 @@ from feeddrive.analysis.measured_loop import measured_loop
 from feeddrive.analysis.stiffness import rope_snap, stiffness
 from feeddrive.language import tree
 from feeddrive.language.quantity import Quantity, number
-from feeddrive.language.table import UNIT, Column, Table
+from feeddrive.language.table import UNIT, Cell, Column, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.lifting import compliance, loop_gain, tracking
@@ -127,7 +127,7 @@ def _design_on_a_measurement(loop: Loop) -> Claim:
 
 
 def _stiffness_table(ppc: Linear, ppi: Linear) -> Table:
-    def row(name: str, unit: str, *figures: float) -> list[str | Quantity]:
+    def row(name: str, unit: str, *figures: float) -> list[Cell]:
         return [name, UNIT, *(stated(figure, unit, "3") for figure in figures)]
 
     rows = [
