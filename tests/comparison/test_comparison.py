@@ -186,6 +186,10 @@ def test_the_pictures_are_drawn(found: Comparison) -> None:
     drawn = {shown.key: shown.draw for shown in contents(found).pictures}
     assert found.plot().axes
     assert len(drawn["recovery"]().axes) == 2
+    for draw in drawn.values():  # private-use characters are the marks of quantities, which no reader may see
+        texts = [each.get_text() for each in draw().findobj(lambda each: hasattr(each, "get_text"))]
+        assert texts
+        assert not [text for text in texts if any("\ue000" <= letter <= "\uf8ff" for letter in text)]
     assert "P-PI" in str(found)
     assert found.to_pandas().shape[0] == len(found.competitors)
     assert found.ranking().rows[0][0] == TODAY

@@ -264,9 +264,8 @@ def _against(rows: tuple[Competitor, ...]) -> list[str]:
                 losses.append(text)
             elif beats(criterion, ours, theirs):
                 wins.append(text)
-        lost = f"loses to P-PI in {', '.join(losses)}" if losses else "loses to P-PI in nothing"
-        won = f"wins in {', '.join(wins)}" if wins else "wins in nothing"
-        said.append(f"'{row.name}' {lost}; {won}.")
+        lost, won = joined(", ", losses) or "nothing", joined(", ", wins) or "nothing"
+        said.append(Text(f"'{row.name}' loses to P-PI in {lost}; wins in {won}."))
     return said
 
 

@@ -11,7 +11,7 @@ from feeddrive.comparison.figures import CRITERIA
 from feeddrive.figures.of_loops import STIFFNESS_AT
 from feeddrive.figures.of_runs import TRACKING_RMS
 from feeddrive.language.quantity import Quantity, number, unit_name
-from feeddrive.language.text import Text, marked
+from feeddrive.language.text import Text
 from feeddrive.loop.simulate import Run
 from feeddrive.plot import style
 from feeddrive.plot.chart import LOG, Chart, Mark, Panel
@@ -87,7 +87,7 @@ def ratios(rows: Sequence[tuple[str, Mapping[str, float | None]]], base: str) ->
     ax.set_yticks(range(len(rows)), [str(style.caption(name)) for name, _ in rows], fontsize=style.SMALL)
     ax.set_xticks(
         range(len(CRITERIA)),
-        [marked(criterion.title) for criterion in CRITERIA],
+        [style.read(criterion.title) for criterion in CRITERIA],
         rotation=40,
         ha="left",
         fontsize=style.SMALL,
@@ -136,6 +136,6 @@ def recovery(rows: Sequence[tuple[str, Run, Run]], *, begin: float, near: float,
         style.labels(ax, None, f"{text}\n({unit_name('m')})")
         for side in (-1.0, 1.0):
             ax.axhline(side * 1e6 * near, color=style.MUTED, linewidth=0.8, linestyle=(0, (4, 3)))
-    axes[-1].set_xlabel(f"time after the force changed ({unit_name('s')})", fontsize=style.TEXT)
+    axes[-1].set_xlabel(style.read(f"time after the force changed ({unit_name('s')})"), fontsize=style.TEXT)
     style.legend(figure, axes[0], columns=3)
     return figure

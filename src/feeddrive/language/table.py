@@ -237,18 +237,6 @@ def drawn_in(units: Units) -> Generator[None]:
         READER.reset(before)
 
 
-def resolve_texts(figure: Any, units: Units) -> None:
-    """Write all texts of a matplotlib figure in the units of a reader."""
-    for text in figure.findobj(lambda each: hasattr(each, "set_text")):
-        said = text.get_text()
-        if (resolved := resolve(said, units)) != said:
-            text.set_text(resolved)
-    for axis in figure.findobj(lambda part: hasattr(part, "get_major_formatter")):
-        formatter = axis.get_major_formatter()
-        if names := getattr(formatter, "seq", None):  # names of ticks, which are set when the figure is drawn
-            formatter.seq = [resolve(name, units) for name in names]
-
-
 _load_views: list[Callable[[type], object]] = []
 
 
@@ -287,11 +275,8 @@ class Result(ABC):
         """The picture of this type of result, a matplotlib figure. Raises ParameterError if it has none."""
         for load in _load_views:
             load(type(self))
-        units = replace(self.reader, typographic=True)
-        with drawn_in(units):
-            figure = picture_of(self)
-        resolve_texts(figure, units)
-        return figure
+        with drawn_in(replace(self.reader, typographic=True)):
+            return picture_of(self)
 
     def to_pandas(self) -> Any:
         """The numbers of this result as a pandas DataFrame, in SI.

@@ -22,7 +22,7 @@ from feeddrive.analysis.replay import Replay
 from feeddrive.analysis.spectrum import Spectrum, spectrum
 from feeddrive.analysis.stiffness import Stiffness, stiffness
 from feeddrive.language.quantity import DRAWN, Units
-from feeddrive.language.table import Grid, Table, drawn_in, resolve_texts
+from feeddrive.language.table import Grid, Table, drawn_in
 from feeddrive.language.text import marked, plain, resolve, split
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
@@ -80,7 +80,7 @@ def _environment() -> Environment:
     @pass_context
     def drawn(context: Any, shown: Shown) -> Markup:
         with drawn_in(context["units"]):
-            return Markup(svg(shown.draw(), shown.key, shown.alt, context["units"]))
+            return Markup(svg(shown.draw(), shown.key, shown.alt))
 
     def unbroken(text: str) -> Markup:
         """A word joiner keeps a unit such as N/µm on one line, an element one that is still a mark."""
@@ -154,12 +154,11 @@ def tabled(found: Table | Grid, caption: str = "") -> str:
     return table(caption or grid.title, grid.heads, grid.rows)
 
 
-def svg(figure: Any, key: str, alt: str, units: Units = DRAWN) -> str:
+def svg(figure: Any, key: str, alt: str) -> str:
     """Return the figure as an SVG element in the colors of the page's theme.
 
-    key    letters that make its identifiers unique among the pictures of one page
-    alt    description of the figure
-    units  in which its texts are read
+    key  letters that make its identifiers unique among the pictures of one page
+    alt  description of the figure
     """
     import matplotlib
 
@@ -168,7 +167,6 @@ def svg(figure: Any, key: str, alt: str, units: Units = DRAWN) -> str:
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": key}), warnings.catch_warnings():
         # the browser has the glyphs that matplotlib's own font lacks
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
-        resolve_texts(figure, units)
         figure.savefig(text, format="svg", metadata=silent)
     return _inlined(text.getvalue(), key, alt, float(figure.get_figwidth()) / style.WIDTH)
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from feeddrive.figures.figure import Figure
 from feeddrive.language.quantity import USUAL, unit_name
-from feeddrive.language.text import marked
 from feeddrive.plot import style
 from feeddrive.study.fresh import Measured
 
@@ -62,4 +61,4 @@ def _range(spread: list[np.ndarray]) -> tuple[float, float]:
 
 def _said(figure: Figure) -> str:
     """Its meaning, short enough for an axis."""
-    return marked(figure.description) if len(figure.description) <= 44 else figure.key.replace("_", " ")
+    return style.read(figure.description) if len(figure.description) <= 44 else figure.key.replace("_", " ")

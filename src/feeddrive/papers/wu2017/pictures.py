@@ -99,7 +99,7 @@ def contour(paths: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Shown:
             ax.plot(1e3 * np.real(shown), 1e3 * np.imag(shown), color=style.color(i), linewidth=0.9)
             ax.set_aspect("equal")
             ax.set_title(
-                Text(f"{name}: RMS {Quantity(np.sqrt(np.mean(off**2)), 'm'):.2f}"),
+                style.read(f"{name}: RMS {Quantity(np.sqrt(np.mean(off**2)), 'm'):.2f}"),
                 fontsize=style.SMALL,
                 color=style.INK,
             )

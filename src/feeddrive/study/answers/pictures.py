@@ -10,7 +10,6 @@ import numpy as np
 from feeddrive.figures.figure import Figure
 from feeddrive.figures.of_loops import StiffnessAt
 from feeddrive.language.quantity import USUAL, Quantity, unit_name
-from feeddrive.language.text import marked
 from feeddrive.plot import style
 from feeddrive.study.answers.bands import Band
 from feeddrive.study.answers.judged import Judged
@@ -44,7 +43,7 @@ def _scale(unit: str) -> float:
 
 def yields(found: Yield) -> Any:
     """A row for each bound and one for all: the share that keeps it, with its interval."""
-    rows = [(marked(bound_text(each.bound)), each.kept) for each in found.bounds]
+    rows = [(style.read(bound_text(each.bound)), each.kept) for each in found.bounds]
     rows.append(("all of them" if rows else "with figures", found.inside))
     figure, (ax,) = style.picture(height=0.9 + 0.36 * len(rows))
     for row, (_, share) in enumerate(rows):
@@ -208,7 +207,7 @@ def front(found: Front, sample: Judged) -> Any:
                 markeredgecolor=style.INK, markeredgewidth=1.0, label="front")  # fmt: skip
         ax.margins(0.04, 0.06)
         style.labels(ax, None, labelled(other))
-    axes[-1].set_xlabel(labelled(first), fontsize=style.TEXT)
+    axes[-1].set_xlabel(style.read(labelled(first)), fontsize=style.TEXT)
     style.legend(picture, axes[0])
     return picture
 
