@@ -153,8 +153,8 @@ def certify_loop(
         with two encoders measured apart: |1 + L| > r₁|C₁P₁| + r₂|C₂P₂|
         with two rates: r Σ|Hl| < 1, Hl the force at f + l/(NT) that a sine of 1 N at f adds to in the closed loop
 
-    The proof is that of `check.py`, in exact integer arithmetic; with two rates that of `check_periods.py`, which
-    bounds every rounding. A returned certificate has passed it.
+    The proof is that of `check.py`, in exact integer arithmetic; with two rates in
+    floats with a bound of every rounding error. A returned certificate has passed it.
 
     loop         the loop whose control is certified, or a control with `sample_time` in s
     plants       by name: a loop or an axis (a model), a response in m/N (a model is fitted to its lines), or a row of
