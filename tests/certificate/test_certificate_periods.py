@@ -153,9 +153,7 @@ LATE = check.Lifted([[0.0]], [[0.0]] * 4, [[0.0]] * 4, [[], [1.0], [1.0, 1.0], [
     [(LATE, 1.0, 0.5), (one_state(0.0), 1.0, 0.3), (one_state(0.99), 0.0, 1e-3), (one_state(0.99), 0.0, 7.4e-3)],
     ids=["what goes through at once", "without a pole", "near a pole", "as near as is tried"],
 )
-def test_the_rest_is_at_least_what_a_straight_line_leaves(
-    lifted: check.Lifted, center: float, h: float
-) -> None:
+def test_the_rest_is_at_least_what_a_straight_line_leaves(lifted: check.Lifted, center: float, h: float) -> None:
     """Loops of one term each, in which the bound cannot be far above: up to five times, near a pole too."""
     stretch = check.Stretch(lifted, center, h)
     assert stretch.fits

@@ -12,9 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from feeddrive.language.quantity import Quantity
-from feeddrive.path.program.expressions import Values
+from feeddrive.path.program.expressions import ARGUMENTS, Parameters, Values
 from feeddrive.path.program.lines import BlockError, Line, LineReader, Place, compact, located
-from feeddrive.path.program.parameters import ARGUMENTS, Parameters
 
 DEEPEST_CALL = 50
 """Subroutines inside subroutines."""

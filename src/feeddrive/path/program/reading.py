@@ -1,21 +1,240 @@
-"""Reading a part program: the front end that can read it, its commands, its moves."""
+"""Reading a part program: choose the front end that can read it, and return its commands or its moves.
+
+The front ends are our own interpreter and that of LinuxCNC: the program `rs274` runs, and its canonical text is read.
+It supports cutter compensation and the rest of the language, but prints only four decimals of the program unit (0.1 um
+in mm, 2.5 um in inches), and no U, V and W.
+"""
 
 from __future__ import annotations
 
+import re
 import shutil
-from collections.abc import Generator
+import subprocess
+import tempfile
+import time
+from array import array
+from collections.abc import Generator, Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Literal
 
-from feeddrive.path.program.commands import Command
+from feeddrive.language.errors import MissingProgramError, ProgramError, plain
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
+from feeddrive.path.program.blocks import AXES
+from feeddrive.path.program.commands import Command, read_command
+from feeddrive.path.program.expressions import read_offsets
 from feeddrive.path.program.flow import MOST_AGAIN
 from feeddrive.path.program.frame import Frame, Travel
 from feeddrive.path.program.interpreter import Interpreter
+from feeddrive.path.program.lines import LONGEST_LINE, BlockError, Line, LineReader, Place, compact, located
 from feeddrive.path.program.moves import Move
-from feeddrive.path.program.parameters import read_offsets
-from feeddrive.path.program.rs274 import PROGRAM, needs_rs274, rs274_commands
-from feeddrive.path.program.tools import read_tools
+from feeddrive.path.program.state import G92, G92_ON, HOME_1, HOME_2, INCH, LINEAR, SYSTEM, SYSTEMS, Tool, read_tools
+
+PROGRAM, PACKAGE = "rs274", "linuxcnc-uspace"
+LONGEST_RUN, LARGEST_OUTPUT = 300.0, 2e9
+"""How long it may run, s; how much it may print, bytes."""
+
+_NEEDED = re.compile(r"g0*(?:4[12](?:\.1)?|[78]|76|8[78])(?![\d.])|m0*(?:19|7[0-3])(?![\d.])")
+_CANDIDATE = re.compile(
+    rb"[gG][ \t0]*(?:4[ \t]*[12]|7[ \t]*6|8[ \t]*[78]|[78][ \t]*(?![0-9 \t]))|[mM][ \t0]*(?:1[ \t]*9|7[ \t]*[0-3])"
+)
+_NAME = re.compile(r"<[^>]*>")
+_NUMBER = re.compile(r"\s*(/?)\s*(?:[nN][\s\d.]*)?")
+_PRINTED = re.compile(r"\s*\d+ N(\d+|\.+)\s+(.*)")
+_AXES = re.compile(r"[uvw](?=[-+\d.#\[])")
+
+
+def needs_rs274(program: Path) -> bool:
+    """Whether a program has codes that only the interpreter of LinuxCNC knows, such as G41."""
+    reader = LineReader(program)
+    try:
+        if not _may_need(program):
+            return False
+        while line := reader.read():
+            try:
+                text = compact(line.text)[0]
+            except BlockError:
+                return False  # the own reader says what is wrong
+            if ("g" in text or "m" in text) and _NEEDED.search(_NAME.sub("", text)):
+                return True
+    finally:
+        reader.close()
+    return False
+
+
+def _may_need(program: Path) -> bool:
+    """The same, quickly, at the cost of a yes too many; a line that is too long is refused by the own reader."""
+    end, since = b"", 0
+    with program.open("rb") as file:
+        while since <= LONGEST_LINE and (chunk := file.read(2**15)):
+            if _CANDIDATE.search(end + chunk):
+                return True
+            end = chunk[-200:]
+            ended = chunk.rfind(b"\n")
+            since = since + len(chunk) if ended < 0 else len(chunk) - ended
+    return False
+
+
+def rs274_commands(
+    program: Path,
+    tools: dict[int, Tool] | None = None,
+    numbered: dict[int, float] | None = None,
+    tables_inch: bool = False,
+    skip_deleted: bool = False,
+) -> Generator[Command]:
+    """The canonical commands of a program as the interpreter of LinuxCNC prints them; see `Interpreter`."""
+    if shutil.which(PROGRAM) is None:
+        raise MissingProgramError(PROGRAM, PACKAGE, f"{program}: cutter compensation")
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "program.ngc"
+        source = _Source(program, copy)
+        command = [PROGRAM, "-g", *(["-b"] if skip_deleted else [])]
+        unit = 1.0 if tables_inch else INCH
+        for option, text in (("-t", _tool_table(tools, unit)), ("-v", _parameter_file(numbered, unit))):
+            if text or option == "-t":  # without a table the interpreter has tools of its own
+                table = Path(folder) / f"table{option}"
+                table.write_text(text, encoding="utf-8")
+                command += [option, str(table)]
+        output = Path(folder) / "canonical.txt"
+        code, complaint = _run([*command, str(copy), str(output)], program, output)
+        try:
+            yield from _read(source, output, complaint, code, tools is None)
+        finally:
+            source.close()
+
+
+def _run(command: list[str], program: Path, output: Path) -> tuple[int, str]:
+    """Run the interpreter; gives its exit status and what it complains about."""
+    with tempfile.TemporaryFile() as errors:
+        run = subprocess.Popen(
+            command, cwd=program.parent, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors
+        )
+        begun = time.monotonic()
+        try:
+            while True:
+                try:
+                    run.wait(0.5)
+                    break
+                except subprocess.TimeoutExpired:
+                    large = output.exists() and output.stat().st_size > LARGEST_OUTPUT
+                    if large or time.monotonic() - begun > LONGEST_RUN:
+                        bound = Text(
+                            f"after {Quantity(LONGEST_RUN, 's'):6 SI} or {Quantity(LARGEST_OUTPUT / 1e9, 'GB')} of "
+                            "output"
+                        )
+                        reason = Text(f"{PROGRAM} had not ended {bound}: does a loop never end?")
+                        raise ProgramError(str(program), 1, 1, "", reason) from None
+        finally:
+            run.kill()
+            run.wait()
+        errors.seek(0)
+        return run.returncode, errors.read().decode("utf-8", "replace")
+
+
+def _tool_table(tools: dict[int, Tool] | None, unit: float) -> str:
+    """A tool table in inches, which the stand-alone interpreter expects."""
+    lines: list[str] = []
+    for tool in (tools or {}).values():
+        offset = [value / unit if axis in LINEAR else value for axis, value in enumerate(tool.offset)]
+        words = "".join(f" {letter.upper()}{value:.10f}" for letter, value in zip(AXES, offset, strict=True) if value)
+        angles = f" I{tool.front_angle:.10f} J{tool.back_angle:.10f} Q{tool.orientation}"
+        lines.append(f"T{tool.number} P{tool.pocket}{words} D{tool.diameter / unit:.10f}{angles}\n")
+    return "".join(lines)
+
+
+def _parameter_file(numbered: dict[int, float] | None, unit: float) -> str:
+    """A parameter file in inches, with all numbers that the interpreter asks for, in their order."""
+    if numbered is None:
+        return ""
+    firsts = (HOME_1, HOME_2, G92, *(SYSTEM + 1 + 20 * system for system in range(SYSTEMS)))
+    lengths = {first + axis for first in firsts for axis in LINEAR}
+    asked = {*range(HOME_1, HOME_1 + 9), *range(HOME_2, HOME_2 + 9), *range(G92_ON, SYSTEM + 1 + 20 * SYSTEMS)}
+    values = dict.fromkeys(asked, 0.0) | {SYSTEM: 1.0} | numbered
+    return "".join(f"{n}\t{values[n] / unit if n in lengths else values[n]:.10f}\n" for n in sorted(values))
+
+
+class _Source:
+    """The lines of a program by their number, of which only the places are kept."""
+
+    def __init__(self, program: Path, copy: Path) -> None:
+        """Writes a copy of the program in which each line has its number as N."""
+        self._reader = LineReader(program)
+        self._offsets = array("q")
+        self._line = Line(self._reader.name, 0, "")
+        try:
+            with copy.open("w", encoding="utf-8") as file:
+                while line := self._reader.read():
+                    self._offsets.append(self._reader.last.offset)
+                    file.write(_with_number(line) + "\n")
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """End reading."""
+        self._reader.close()
+
+    def line(self, number: int) -> Line:
+        """A line by its number; the first one's place if there is none of this number."""
+        if number != self._line.number and 1 <= number <= len(self._offsets):
+            self._reader.go(Place(self._offsets[number - 1], number - 1))
+            self._line = self._reader.read() or self._line
+        return self._line
+
+    def last(self) -> Line:
+        """The last line."""
+        return self.line(len(self._offsets))
+
+
+def _with_number(line: Line) -> str:
+    try:
+        text = compact(line.text)[0]
+    except BlockError as fault:
+        raise located(line, fault) from None
+    if _AXES.search(_NAME.sub("", text)):
+        reason = f"{PROGRAM} prints no U, V and W: this program cannot be read by it"
+        raise located(line, BlockError(reason, text[:20], 0))
+    if text in ("", "%"):
+        return line.text
+    start = _NUMBER.match(line.text)
+    assert start is not None
+    return f"{start[1]}N{line.number} {line.text[start.end() :]}"
+
+
+def _read(source: _Source, output: Path, complaint: str, code: int, no_tools: bool) -> Iterator[Command]:
+    line = source.line(0)
+    if output.exists():
+        with output.open(encoding="utf-8", errors="replace") as file:
+            for printed in file:
+                found = _PRINTED.match(printed)
+                if not found:
+                    continue
+                if found[1].isdigit():
+                    line = source.line(int(found[1]))
+                command = read_command(found[2].rstrip(), line)
+                if command is not None:
+                    yield command
+    if "File ended with no percent sign or program end" in complaint:
+        yield Command("FINISH", (), source.last())
+    elif code:
+        raise _refused(source, line, complaint, code, no_tools)
+
+
+def _refused(source: _Source, line: Line, complaint: str, code: int, no_tools: bool) -> ProgramError:
+    """The error of the interpreter, at the line that it prints with it."""
+    said = [text for text in complaint.splitlines() if text.strip() and text.strip() != "executing"]
+    for text in said[1:]:
+        found = re.match(r"/?N(\d+)\s", text)
+        if found:
+            line = source.line(int(found[1]))
+    word = plain(line.text.strip())[:40]
+    column = 1 + len(line.text) - len(line.text.lstrip())
+    reason = plain(said[0]) if said else f"it ended with status {code} and no message"
+    if no_tools and "tool table" in reason:
+        reason += "; give the tool table"
+    return ProgramError(line.file, line.number, column, word, f"{PROGRAM} refuses it: {reason}")
+
 
 FrontEnd = Literal["auto", "own", "rs274"]
 
