@@ -16,10 +16,9 @@ from sample_check import Curve, check_limits, check_path, curves
 from feeddrive.language.errors import ParameterError
 from feeddrive.path.motion import Motion, Pause, way
 from feeddrive.path.override import Override, override, read_steps
-from feeddrive.path.plan import planned
 from feeddrive.path.program.reading import read_program
 from feeddrive.path.proof.prove import Prover
-from feeddrive.path.sample import Sampler
+from feeddrive.path.setpoints import Sampler, planned
 
 # lines with a blend, a corner of 90 degrees, arcs, a cluster of chords, a traverse and a dwell
 PROGRAM = """G21 G90 G64 P0.02

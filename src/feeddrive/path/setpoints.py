@@ -1,26 +1,197 @@
-"""A part program as setpoints, piece by piece in constant memory: planned, proven, sampled, and what is known of each.
+"""A part program as setpoints, section by section in constant memory: planned, proven, sampled.
 
-What is planned leaves only behind its proof.  Where it is not proven, the samples go on with `proven` False, so that
-all faults are counted, and nothing of them may be used.
+A section leaves the planner only after its proof.  If the proof fails, sampling goes on with `proven` False so that all
+faults are counted; the samples must then not be used.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from feeddrive.language.kernels.kernel import kernel
+from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
 from feeddrive.language.quantity import number
+from feeddrive.path.geometry.joints import SMOOTH, Joiner, Joint
+from feeddrive.path.geometry.segments import Chain, chains
 from feeddrive.path.limits import MachineLimits
-from feeddrive.path.motion import Part, Pause, way
+from feeddrive.path.motion import Motion, Part, Pause, Pieces, Section, chain, cubic, derivatives, way
 from feeddrive.path.override import Override
-from feeddrive.path.pieces import derivatives
-from feeddrive.path.plan import planned
 from feeddrive.path.program.moves import Arc, Move, Spline, Straight
 from feeddrive.path.proof.prove import Prover
-from feeddrive.path.sample import Sampler
+from feeddrive.path.schedule.crossing import Crossings
+from feeddrive.path.schedule.lift import Lifter
+from feeddrive.path.schedule.run import Schedule
+
+SHORT = 100  # segments of a chain that is planned in two ways
+
+
+def planned(
+    moves: Iterable[Move], axes: str, limits: np.ndarray, override: Override | None = None
+) -> Iterator[Part | Pause]:
+    """The runs of a program, each from rest to rest in one or more parts, and the pauses between them.
+
+    Segments come in windows, and a part leaves as soon as it is fixed: memory does not grow with the program.
+
+    axes      letters of the machine's axes, in the order of `limits`
+    limits    of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
+    override  of the feed; with it nothing is lifted, so that what is fixed is never far ahead
+
+    Raises ProgramError as `chains` does.  What is yielded is planned, not proven: give it to a `Prover`.
+    """
+    joiner, schedule, crossings = Joiner(), Schedule(limits, override=override), Crossings(limits)
+    lifter = Lifter(limits) if override is None else None
+    joints: deque[str] = deque()  # modes of the path at those that are not decided
+    modes: deque[str] = deque()  # for which runs end that have not left
+
+    def leaving(parts: Iterable[Part | Pause]) -> Iterator[Part | Pause]:
+        for part in parts:
+            if isinstance(part, Pause):
+                yield part
+                continue
+            if part.entering is not None:  # both runs have counted it
+                schedule.time -= float(np.sum(part.motion.duration))
+            yield part._replace(mode=modes.popleft()) if part.ends else part
+
+    for each in chains(moves, axes):
+        if isinstance(each, Pause):
+            schedule.time += each.duration
+            yield each
+            continue
+        whole = _quicker(each, limits) if lifter and joiner.rests and each.ends else None
+        sections, joint = whole[:2] if whole else joiner.join(each)
+        joints.extend(each.modes)
+        for stop in joint.stop:
+            mode = joints.popleft()
+            if stop:
+                modes.append(mode)
+        yield from leaving(whole[2] if whole else _planned_along(sections, each.ends, schedule, lifter, crossings))
+
+
+def _planned_along(
+    sections: list[Section], ends: bool, schedule: Schedule, lifter: Lifter | None, crossings: Crossings
+) -> Iterator[Part | Pause]:
+    """What is fixed when these sections of a chain are known, all where it `ends`."""
+    for section in sections:
+        line = crossings.add_line(section) if lifter and schedule.rests else None
+        if line is not None:
+            yield from line
+            continue
+        for part in schedule.add(section):
+            if isinstance(part, Pause):
+                yield from crossings.end()
+                yield part
+                continue
+            for lifted in lifter.add(part) if lifter else (part,):
+                yield from crossings.add(lifted, section.tolerance)
+    if ends:
+        yield from crossings.end()
+
+
+def _quicker(chain: Chain, limits: np.ndarray) -> tuple[list[Section], Joint, list[Part | Pause]] | None:
+    """A short chain with splines and blends, or with all its corners in time: which is quicker.
+
+    None if it is not short, or if both are the same.
+    """
+    if len(chain.tolerance) > SHORT:
+        return None
+    usual, in_time = Joiner().join(chain), Joiner(SMOOTH, 0.0).join(chain)
+    if np.array_equal(usual[1].stop, in_time[1].stop):
+        return None
+    whole = [
+        (*each, list(_planned_along(each[0], True, Schedule(limits), Lifter(limits), Crossings(limits))))
+        for each in (usual, in_time)
+    ]
+    return min(whole, key=lambda each: _lasts(each[2]))
+
+
+def _lasts(parts: list[Part | Pause]) -> float:
+    return sum(float(np.sum(part.motion.duration)) for part in parts if isinstance(part, Part))
+
+
+@kernel
+def _sample(
+    kind: Ints, length: Floats, origin: Floats2, shape: Floats3,
+    duration: Floats, piece: Ints, x: Floats, speed: Floats, acceleration: Floats, jerk: Floats, snap: Floats,
+    begin: float, sample_time: float, first: int, out: Floats3, r: Floats2,
+) -> int:  # fmt: skip
+    """Samples `first`, `first` + 1 ... of a motion that begins at the time `begin`; how many lie within it."""
+    count = 0
+    since = begin
+    last = len(length) - 1
+    for m in range(len(duration)):
+        T = duration[m]
+        p = int(piece[m])
+        x0 = x[m]
+        while count < len(out):
+            t = (first + count) * sample_time - since
+            if t >= T:
+                break
+            t = max(t, 0.0)
+            here = x0 + way(speed[m], acceleration[m], jerk[m], snap[m], t)
+            while here > length[p] and p < last:
+                x0 = x0 - length[p]
+                here = here - length[p]
+                p = p + 1
+            here = min(max(here, 0.0), length[p])
+            derivatives(kind[p], length[p], shape[p], here, r)
+            v = cubic(speed[m], acceleration[m], jerk[m], snap[m], t)
+            chain(v, acceleration[m] + t * (jerk[m] + 0.5 * t * snap[m]), jerk[m] + t * snap[m], snap[m], r, out[count])
+            for i in range(len(r)):
+                out[count, i, 0] = origin[p, i] + r[i, 0]
+            count = count + 1
+        since = since + T
+    return count
+
+
+class Sampler:
+    """Samples the parts of runs one after the other at k T, k = 0, 1, 2 ...; `sample_time` in s."""
+
+    def __init__(self, sample_time: float) -> None:
+        self._sample_time = sample_time
+        self._begin, self._first = 0.0, 0
+
+    def sample(self, part: Part) -> np.ndarray:
+        """Position, velocity .. snap of each axis at the instants within a part, m .. m/s⁴, shape (n, N, 5)."""
+        return np.concatenate(list(self.slices(part)))
+
+    def slices(self, part: Part, most: int = 16384) -> Iterator[np.ndarray]:
+        """The same, at most so many instants at once: a part may last for hours."""
+        ends = self._begin + float(np.sum(part.motion.duration))
+        full = True
+        while full:
+            found = self._along(part.pieces, part.motion, ends, most)
+            full = len(found) == most
+            if part.entering is not None:
+                corner = part.entering.pieces.origin[0]
+                other = self._along(part.entering.pieces, part.entering.motion, ends, most)
+                found[:, :, 0] -= corner
+                found += other
+            self._first += len(found)
+            yield found
+        self._begin = ends
+
+    def _along(self, pieces: Pieces, motion: Motion, ends: float, most: int) -> np.ndarray:
+        axes = pieces.origin.shape[1]
+        left = max(0, int(np.ceil(ends / self._sample_time)) + 1 - self._first)
+        out = np.empty((min(most, left), axes, 5))
+        path = (pieces.kind, pieces.length, pieces.origin, pieces.shape)
+        count = _sample(*path, *motion, self._begin, self._sample_time, self._first, out, np.zeros((axes, 5)))
+        return out[:count]
+
+    def rest(self, position: np.ndarray, duration: float) -> np.ndarray:
+        """The same of a standstill of `duration` s at a position (m, shape (N,)), as at a dwell or at the end."""
+        ends = self._begin + duration
+        count = max(0, int(np.ceil(ends / self._sample_time)) - self._first)
+        out = np.zeros((count, len(position), 5))
+        out[:, :, 0] = position
+        self._begin, self._first = ends, self._first + count
+        return out
+
 
 _TANGENT = 1e-6  # rad: a smaller corner is none
 _AT_FEED = 0.999  # of the feed: the feed is what limits the speed

@@ -13,7 +13,7 @@ from math import sqrt
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
-from feeddrive.path.pieces import derivatives, turned
+from feeddrive.path.motion import derivatives, turned
 
 _PARTS = 4  # of each half of a blend, whose hulls are taken one by one
 _SEARCH = 30

@@ -19,6 +19,8 @@ from feeddrive.path.geometry.blend import blend, goes_on, part_of, state_near, t
 from feeddrive.path.geometry.cluster import (
     BLEND,
     CROSSED,
+    ENDS,
+    FITTED,
     LARGEST_STEP,
     NEAR,
     carried,
@@ -28,8 +30,7 @@ from feeddrive.path.geometry.cluster import (
     straight_pieces,
 )
 from feeddrive.path.geometry.segments import Chain
-from feeddrive.path.geometry.spline import ENDS, FITTED
-from feeddrive.path.pieces import POLYNOMIAL, Pieces, Section, derivatives, one_after_the_other, part_of_pieces
+from feeddrive.path.motion import POLYNOMIAL, Pieces, Section, derivatives, one_after_the_other, part_of_pieces
 
 _CUTS = 8  # pieces of a blend
 LONELY = 4.5  # lengths of a blend; between longer lines a corner is passed quicker by runs that overlap

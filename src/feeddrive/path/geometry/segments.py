@@ -14,8 +14,7 @@ import numpy as np
 
 from feeddrive.language.errors import ProgramError
 from feeddrive.path.geometry.blend import part_of
-from feeddrive.path.motion import Pause
-from feeddrive.path.pieces import ARC, LINE, POLYNOMIAL, Pieces
+from feeddrive.path.motion import ARC, LINE, POLYNOMIAL, Pause, Pieces
 from feeddrive.path.program.blocks import AXES
 from feeddrive.path.program.lines import BlockError, Line, located
 from feeddrive.path.program.moves import (

@@ -1,4 +1,4 @@
-"""A block of a part program: the words of a line with their values, and its G and M codes in the order in which they act."""
+"""A block of a part program: the words of a line with their values, its codes in the order in which they act."""
 
 from __future__ import annotations
 

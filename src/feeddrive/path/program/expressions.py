@@ -1,7 +1,7 @@
 """Values in a part program: its parameters, and numbers, expressions in brackets and functions. Angles are in degrees.
 
 
-Parameters are numbered (`#31`), named (`#<depth>`), or follow the interpreter itself; a `.var` file keeps the numbered ones.
+Parameters are numbered (`#31`), named (`#<depth>`), or follow the interpreter itself; a `.var` file keeps them.
 Precedence, as in LinuxCNC: `**`; `* / mod`; `+ -`; `eq ne gt ge lt le`; `and or xor`; each from left to right.
 """
 
@@ -86,7 +86,7 @@ def read_offsets(path: Path | str) -> dict[int, float]:
     except OSError as error:
         raise FileError(f"{file}: cannot be read: {error.strerror or error}") from None
     values: dict[int, float] = {}
-    for number, line in enumerate(text.splitlines(), 1):
+    for row, line in enumerate(text.splitlines(), 1):
         columns = line.split("#")[0].split()
         if not columns:
             continue
@@ -94,15 +94,15 @@ def read_offsets(path: Path | str) -> dict[int, float]:
             key, value = int(columns[0]), float(columns[1])
         except (IndexError, ValueError):
             raise FileError(
-                f"{file}, line {number}: {shown(line.strip())}: a line holds the number of a parameter and its value"
+                f"{file}, line {row}: {shown(line.strip())}: a line holds the number of a parameter and its value"
             ) from None
         if not 1 <= key <= MOST or not isfinite(value):
             raise FileError(
-                f"{file}, line {number}: parameter {columns[0]} = {columns[1]}: the number lies in 1..{MOST}, "
+                f"{file}, line {row}: parameter {columns[0]} = {columns[1]}: the number lies in 1..{MOST}, "
                 "the value is finite"
             )
         if key in values:
-            raise FileError(f"{file}, line {number}: parameter {key} stands there twice: delete one of the lines")
+            raise FileError(f"{file}, line {row}: parameter {key} stands there twice: delete one of the lines")
         values[key] = value
     return values
 

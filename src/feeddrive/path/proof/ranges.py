@@ -16,8 +16,7 @@ from math import sqrt
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3
-from feeddrive.path.motion import cubic
-from feeddrive.path.pieces import turned
+from feeddrive.path.motion import cubic, turned
 
 
 @kernel

@@ -6,9 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.path.motion import Motion, Part, from_rows, rows, way
-from feeddrive.path.pieces import LINE, Pieces, Section, derivatives
-from feeddrive.path.schedule.bump import (
+from feeddrive.path.motion import LINE, Motion, Part, Pieces, Section, derivatives, from_rows, rows, way
+from feeddrive.path.schedule.corner import (
     FASTEST,
     HEAD,
     JERK_SHARE,
@@ -21,10 +20,12 @@ from feeddrive.path.schedule.bump import (
     TAIL,
     WIDE,
     bump,
+    overlap,
+    overlapped,
     straight,
+    together,
 )
-from feeddrive.path.schedule.overlap import overlap, overlapped, together
-from feeddrive.path.schedule.room import bounds
+from feeddrive.path.schedule.ramp import bounds
 
 _SLOWED = (0.93, 0.85)  # shares of the jerk
 _SHORTEST = 1e-4  # s of overlap; less is not worth parts of their own

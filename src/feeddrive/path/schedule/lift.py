@@ -12,11 +12,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.path.motion import Motion, Part, cubic, way
-from feeddrive.path.pieces import LINE, Pieces, one_after_the_other, part_of_pieces
+from feeddrive.path.motion import LINE, Motion, Part, Pieces, cubic, one_after_the_other, part_of_pieces, way
 from feeddrive.path.proof.prove import DERIVATIVES, faults_of
-from feeddrive.path.schedule.spans import GRADE, POINTS, graded, in_time, instants, points, ramp_gain, states, tops
-from feeddrive.path.schedule.spline import quickest
+from feeddrive.path.schedule.spline import (
+    GRADE,
+    POINTS,
+    graded,
+    in_time,
+    instants,
+    points,
+    quickest,
+    ramp_gain,
+    states,
+    tops,
+)
 
 SHARES = (1.0 - 1e-4, 0.98, 0.975, 0.94)  # of the limits, at points: the rest is for what lies between them
 _FINE = 7.0  # spans in the time of half a ramp

@@ -17,13 +17,10 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.language.kernels.plain import columns, rows_for
-from feeddrive.path.motion import Motion, Part, Pause
+from feeddrive.path.motion import Motion, Part, Pause, Pieces, Section, one_after_the_other, part_of_pieces
 from feeddrive.path.override import Override
-from feeddrive.path.pieces import Pieces, Section, one_after_the_other, part_of_pieces
-from feeddrive.path.schedule.hump import Stretch, brake_soon
-from feeddrive.path.schedule.plan import MARGIN, plan, timed
-from feeddrive.path.schedule.ramp import Path
-from feeddrive.path.schedule.room import pieces_room
+from feeddrive.path.schedule.plan import MARGIN, Stretch, brake_soon, plan, timed
+from feeddrive.path.schedule.ramp import Path, pieces_room
 
 # shares of what curvature allows, of a piece that is held at its cap and of one that ramps cross: for contours, and for
 # chains of corners, where ramps need more of the room
