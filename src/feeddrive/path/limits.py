@@ -91,13 +91,13 @@ class MachineLimits:
     @property
     def array(self) -> np.ndarray:
         """Limits of velocity .. snap of each axis, m/s .. m/s⁴ (rad/s .. rad/s⁴), shape (N, 4)."""
-        rows = [(each.velocity, each.acceleration, each.jerk, each.snap) for each in self.axes.values()]
+        rows = [(axis.velocity, axis.acceleration, axis.jerk, axis.snap) for axis in self.axes.values()]
         return np.array(rows, float)
 
     @property
     def travel(self) -> dict[str, tuple[float, float] | None]:
         """The soft limits, as `read_program` takes them; where an end is missing, 1e6 m."""
-        return {letter: _travel(each) for letter, each in self.axes.items()}
+        return {letter: _travel(axis) for letter, axis in self.axes.items()}
 
     @property
     def causes(self) -> list[str]:
@@ -106,7 +106,7 @@ class MachineLimits:
 
     def named(self, text: str) -> str:
         """A text about `axis 0`, as the planner counts them, with the letter of the axis."""
-        return re.sub(r"\baxis (\d+)", lambda found: f"axis {self.letters[int(found[1])]}", text)
+        return re.sub(r"\baxis (\d+)", lambda match: f"axis {self.letters[int(match[1])]}", text)
 
     def resolved(self, moves: Iterable[Move]) -> Iterator[Move]:
         """The moves, of which no tolerance is smaller than what an axis resolves, nor than rounding, nor absurd.
@@ -126,13 +126,13 @@ class MachineLimits:
                 f"the tolerance of {Quantity(tolerance, 'm'):mm} is more than {Quantity(LARGEST, 'm'):6 mm}: give a "
                 "smaller one"
             )
-        known = {letter: float(each.resolution or 0.0) for letter, each in self.axes.items() if letter not in ROTARY}
+        known = {letter: float(axis.resolution or 0.0) for letter, axis in self.axes.items() if letter not in ROTARY}
         coarse = max(known, key=lambda letter: known[letter], default="")
-        found = known.get(coarse, 0.0)
-        resolution = max(found, ROUNDING)
+        resolved = known.get(coarse, 0.0)
+        resolution = max(resolved, ROUNDING)
         if not 0.0 < tolerance < resolution:
             return ""
-        what = f"the resolution of axis {coarse}" if found >= ROUNDING else "the rounding of positions"
+        what = f"the resolution of axis {coarse}" if resolved >= ROUNDING else "the rounding of positions"
         return Text(
             f"the tolerance of {Quantity(tolerance, 'm'):mm} is smaller than {what}, {Quantity(resolution, 'm'):mm}: "
             "give a larger one"

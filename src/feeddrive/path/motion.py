@@ -58,12 +58,12 @@ class Section(NamedTuple):
 
 def part_of_pieces(pieces: Pieces, first: int, last: int) -> Pieces:
     """Pieces `first` to before `last`."""
-    return Pieces(*(each[first:last] for each in pieces))
+    return Pieces(*(column[first:last] for column in pieces))
 
 
 def one_after_the_other(pieces: Sequence[Pieces]) -> Pieces:
     """Pieces of a path, and those that follow."""
-    return Pieces(*(np.concatenate(each) for each in zip(*pieces, strict=True)))
+    return Pieces(*(np.concatenate(columns) for columns in zip(*pieces, strict=True)))
 
 
 @kernel
@@ -192,11 +192,11 @@ class Pause(NamedTuple):
 
 def rows(motion: Motion) -> np.ndarray:
     """Duration, x, speed, acceleration, jerk and snap as the columns of one array, without the index of the piece."""
-    found = np.empty((len(motion.duration), 6))
-    found[:, 0] = motion.duration
-    for k, each in enumerate(motion[2:]):
-        found[:, k + 1] = each
-    return found
+    table = np.empty((len(motion.duration), 6))
+    table[:, 0] = motion.duration
+    for k, column in enumerate(motion[2:]):
+        table[:, k + 1] = column
+    return table
 
 
 def from_rows(new: np.ndarray, piece: int, x: float = 0.0) -> Motion:

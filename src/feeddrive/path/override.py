@@ -68,14 +68,14 @@ def read_steps(text: str) -> Override:
     Raises ParameterError as `override` does, and for what is no such text.
     """
     steps: list[tuple[float, float]] = []
-    for each in text.split(","):
-        time, colon, percent = each.partition(":")
+    for step in text.split(","):
+        time, colon, percent = step.partition(":")
         try:
             steps.append((float(time), float(percent.strip().removesuffix("%")) / 100.0))
         except ValueError:
             missing = "" if colon else " (there is no colon)"
             raise ParameterError(
-                f"override: {each.strip()!r} is no step{missing}: give the time in s, a colon and the feed in %, such "
+                f"override: {step.strip()!r} is no step{missing}: give the time in s, a colon and the feed in %, such "
                 "as 1:50, 2:0, 3.5:120"
             ) from None
     return override(steps)

@@ -79,12 +79,12 @@ class Recorder:
     def _reduced(self, rows: np.ndarray, every: int) -> np.ndarray:
         """Each so many rows as one; the last one may have fewer."""
         begins = np.arange(-(-len(rows) // every)) * every
-        found = rows[begins]
+        reduced = rows[begins]
         for place, of in ((self._speed, np.maximum), (self._low, np.minimum), (self._high, np.maximum)):
-            found[:, place] = of.reduceat(rows[:, place], begins)
-        found[:, -3] = np.maximum.reduceat(rows[:, -3], begins)
-        found[:, -1] = np.add.reduceat(rows[:, -1], begins)
-        return found
+            reduced[:, place] = of.reduceat(rows[:, place], begins)
+        reduced[:, -3] = np.maximum.reduceat(rows[:, -3], begins)
+        reduced[:, -1] = np.add.reduceat(rows[:, -1], begins)
+        return reduced
 
     def course(self, sample_time: float) -> Course:
         """Of all samples so far."""
@@ -92,7 +92,7 @@ class Recorder:
             self._gather()
         rows = self._rows
         time = (np.cumsum(rows[:, -1]) - rows[:, -1]) * sample_time
-        low, high = (rows[:, each].reshape(-1, self._axes, 4) for each in (self._low, self._high))
+        low, high = (rows[:, columns].reshape(-1, self._axes, 4) for columns in (self._low, self._high))
         return Course(
             time, rows[:, self._place], rows[:, self._speed][:, 0], low, high, rows[:, -3], rows[:, -2].astype(np.int64)
         )
@@ -146,10 +146,10 @@ class Planned(Result):
                 letter,
                 *(
                     Text(f"{Quantity(use, 'share')} of {_limit(limit, unit, s)}")
-                    for limit, use, s in zip(given, used, _PER, strict=True)
+                    for limit, use, s in zip(limits_of_axis, used, _PER, strict=True)
                 ),
             ]
-            for letter, (_, unit), given, used in zip(*columns, strict=True)
+            for letter, (_, unit), limits_of_axis, used in zip(*columns, strict=True)
         ]
         names = zip(DERIVATIVES, _PER, strict=True)
         heads = ["axis", *(f"{name} {unit_name(f'm/{s}', f'mm/{s}', stays=True)}" for name, s in names)]
@@ -173,7 +173,7 @@ def planned_of(setpoints: Setpoints, program: str, machine: str, take: Take | No
     for samples in setpoints:
         recorder.add(samples)
         stops, setpoints.stops = setpoints.stops, []
-        reasons.update(each.reason for each in stops)
+        reasons.update(stop.reason for stop in stops)
         few += stops[: FEW - len(few)]
         if take is not None:
             take(samples, stops)

@@ -57,19 +57,19 @@ def planned(
                 schedule.time -= float(np.sum(part.motion.duration))
             yield part._replace(mode=modes.popleft()) if part.ends else part
 
-    for each in chains(moves, axes):
-        if isinstance(each, Pause):
-            schedule.time += each.duration
-            yield each
+    for segments in chains(moves, axes):
+        if isinstance(segments, Pause):
+            schedule.time += segments.duration
+            yield segments
             continue
-        whole = _quicker(each, limits) if lifter and joiner.rests and each.ends else None
-        sections, joint = whole[:2] if whole else joiner.join(each)
-        joints.extend(each.modes)
+        whole = _quicker(segments, limits) if lifter and joiner.rests and segments.ends else None
+        sections, joint = whole[:2] if whole else joiner.join(segments)
+        joints.extend(segments.modes)
         for stop in joint.stop:
             mode = joints.popleft()
             if stop:
                 modes.append(mode)
-        yield from leaving(whole[2] if whole else _planned_along(sections, each.ends, schedule, lifter, crossings))
+        yield from leaving(whole[2] if whole else _planned_along(sections, segments.ends, schedule, lifter, crossings))
 
 
 def _planned_along(
@@ -103,10 +103,10 @@ def _quicker(chain: Chain, limits: np.ndarray) -> tuple[list[Section], Joint, li
     if np.array_equal(usual[1].stop, in_time[1].stop):
         return None
     whole = [
-        (*each, list(_planned_along(each[0], True, Schedule(limits), Lifter(limits), Crossings(limits))))
-        for each in (usual, in_time)
+        (*joined, list(_planned_along(joined[0], True, Schedule(limits), Lifter(limits), Crossings(limits))))
+        for joined in (usual, in_time)
     ]
-    return min(whole, key=lambda each: _lasts(each[2]))
+    return min(whole, key=lambda candidate: _lasts(candidate[2]))
 
 
 def _lasts(parts: list[Part | Pause]) -> float:
@@ -164,15 +164,15 @@ class Sampler:
         ends = self._begin + float(np.sum(part.motion.duration))
         full = True
         while full:
-            found = self._along(part.pieces, part.motion, ends, most)
-            full = len(found) == most
+            sampled = self._along(part.pieces, part.motion, ends, most)
+            full = len(sampled) == most
             if part.entering is not None:
                 corner = part.entering.pieces.origin[0]
                 other = self._along(part.entering.pieces, part.entering.motion, ends, most)
-                found[:, :, 0] -= corner
-                found += other
-            self._first += len(found)
-            yield found
+                sampled[:, :, 0] -= corner
+                sampled += other
+            self._first += len(sampled)
+            yield sampled
         self._begin = ends
 
     def _along(self, pieces: Pieces, motion: Motion, ends: float, most: int) -> np.ndarray:
@@ -285,11 +285,11 @@ class Setpoints:
         self.proven = True
 
     def __iter__(self) -> Iterator[Samples]:
-        for each in planned(self._counted(), self.limits.letters, self._array, self._override):
-            if isinstance(each, Part):
-                yield from self._part(each)
+        for part in planned(self._counted(), self.limits.letters, self._array, self._override):
+            if isinstance(part, Part):
+                yield from self._part(part)
             else:
-                yield from self._pause(each)
+                yield from self._pause(part)
         ends = self.time
         yield from self._rest(self.sample_time, self._last_line)  # the end itself
         self.time = ends
@@ -320,10 +320,10 @@ class Setpoints:
         self.proven = self.prover.prove(part) and self.proven
         for values in self._sampler.slices(part):
             times = (self.samples + np.arange(len(values))) * self.sample_time - self.time
-            found = Samples(self.samples, values, *_where(part, times), self.proven)
-            self._attribute(found)
+            samples = Samples(self.samples, values, *_where(part, times), self.proven)
+            self._attribute(samples)
             self.samples += len(values)
-            yield found
+            yield samples
         self.time += float(np.sum(motion.duration))
         self._last_line = int(pieces.line[-1])
         self._position, along = _end(part)
@@ -348,10 +348,10 @@ class Setpoints:
         while duration > 0.0:
             now = min(duration, longest)
             values = self._sampler.rest(self._position, now)
-            found = Samples(self.samples, values, np.full(len(values), line), np.zeros(len(values)), self.proven)
+            samples = Samples(self.samples, values, np.full(len(values), line), np.zeros(len(values)), self.proven)
             self.samples += len(values)
             self._counts[-1] += len(values)
-            yield found
+            yield samples
             duration -= now
         self.time = ends
 
@@ -366,8 +366,8 @@ class Setpoints:
     def _attribute(self, samples: Samples) -> None:
         """Count each sample for what limits it most."""
         speed = np.linalg.norm(samples.values[:, :, 1], axis=1)
-        found = causes(np.abs(samples.values[:, :, 1:]) / self._array, speed, samples.feed)
-        self._counts += np.bincount(found, minlength=len(self._counts))
+        reasons = causes(np.abs(samples.values[:, :, 1:]) / self._array, speed, samples.feed)
+        self._counts += np.bincount(reasons, minlength=len(self._counts))
 
 
 def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray:
@@ -377,12 +377,12 @@ def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray
            at a standstill
     """
     rows = share.reshape(len(share), math.prod(share.shape[1:]))
-    found = np.argmax(rows, axis=1)
+    reasons = np.argmax(rows, axis=1)
     limits = rows.shape[1]
-    found[np.max(rows, axis=1, initial=0.0) < _HALF] = limits + 1
-    found[speed >= _AT_FEED * feed] = limits
-    found[feed == 0.0] = limits + 2
-    return found
+    reasons[np.max(rows, axis=1, initial=0.0) < _HALF] = limits + 1
+    reasons[speed >= _AT_FEED * feed] = limits
+    reasons[feed == 0.0] = limits + 2
+    return reasons
 
 
 def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -403,7 +403,7 @@ def _end(part: Part) -> tuple[np.ndarray, np.ndarray]:
     """Position and direction at the end of a part that rests there."""
     pieces, motion = part.pieces, part.motion
     p, last = int(motion.piece[-1]), len(pieces.length) - 1
-    x = float(motion.x[-1] + way(*(float(each[-1]) for each in (*motion[3:], motion.duration))))
+    x = float(motion.x[-1] + way(*(float(column[-1]) for column in (*motion[3:], motion.duration))))
     while p < last and (part.ends or x > pieces.length[p]):
         x, p = x - float(pieces.length[p]), p + 1
     length = float(pieces.length[p])

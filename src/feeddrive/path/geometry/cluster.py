@@ -32,16 +32,16 @@ _QUARTERS = 4  # of a stretch whose hull is too wide
 
 
 @kernel
-def envelope(given: Floats, steps: Floats, count: int, at: Floats, goal: Floats) -> int:
+def envelope(places: Floats, steps: Floats, count: int, at: Floats, goal: Floats) -> int:
     """Of places where steps may be so long at most, those that count: how many, into `at` and `goal`.
 
     Steps grow by GRADE of the way from each place; the first place stays.
     """
-    at[0] = given[0]
+    at[0] = places[0]
     goal[0] = steps[0]
     many = 1
     for k in range(1, count):
-        u = given[k]
+        u = places[k]
         step = steps[k]
         if step >= goal[many - 1] + GRADE * (u - at[many - 1]):
             continue
@@ -322,8 +322,8 @@ def chord(length0: float, shape0: Floats2, length1: float, shape1: Floats2) -> f
     """2 sin θ/2 of the angle θ between two lines."""
     turn = 0.0
     for i in range(len(shape0)):
-        each = shape1[i, 1] / length1 - shape0[i, 1] / length0
-        turn = turn + each * each
+        bend = shape1[i, 1] / length1 - shape0[i, 1] / length0
+        turn = turn + bend * bend
     return sqrt(turn)
 
 

@@ -305,10 +305,10 @@ class Joiner:
         if self._held:
             segments = one_after_the_other([self._held[0], segments])
             tolerance = np.concatenate([self._held[1], tolerance])
-        found = self._joined(segments, tolerance, chain.ends)
-        if found is None:
+        result = self._joined(segments, tolerance, chain.ends)
+        if result is None:
             return self._stopped(chain)
-        sections, joint = found
+        sections, joint = result
         n, known = len(tolerance), len(joint.stop)
         if known:
             self._flows = not chain.ends and joint.stop[-1] == 0
@@ -327,7 +327,7 @@ class Joiner:
         self._taken, self._flows, self._begun = 0.0, False, None
         self._held = (part_of_pieces(held, count, n), tolerance[count:]) if n > count else None
         sections, joint = self.join(chain)
-        return [stop, *sections], Joint(*(np.concatenate(each) for each in zip(before, joint, strict=True)))
+        return [stop, *sections], Joint(*(np.concatenate(arrays) for arrays in zip(before, joint, strict=True)))
 
     def _joined(self, segments: Pieces, tolerance: np.ndarray, ends: bool) -> tuple[list[Section], Joint] | None:
         """The sections, and the joints behind the segments that are done; None if a spline cannot go on."""
@@ -360,25 +360,25 @@ class Joiner:
                 many *= 2  # knots than thought
         if known < 0:
             return None
-        *columns, runs = (each[:count].copy() for each in out)
-        joint = Joint(*(each[:known] for each in joint))
+        *columns, runs = (array[:count].copy() for array in out)
+        joint = Joint(*(array[:known] for array in joint))
         cuts = [0, *(np.flatnonzero(np.diff(runs)) + 1).tolist(), count] if count else []
         corners = np.maximum(tolerance[:known][joint.stop == 1], 0.0)
-        found = list[Section]()
+        sections = list[Section]()
         for i, j in pairwise(cuts):
             corner = float(corners[runs[i]]) if runs[i] < ended else 0.0
             if columns[0][j - 1] == POLYNOMIAL or j == count or columns[0][j] == POLYNOMIAL:
                 corner = CROSSED * corner
-            found.append(Section(Pieces(*(each[i:j] for each in columns)), bool(runs[i] < ended), corner))
+            sections.append(Section(Pieces(*(column[i:j] for column in columns)), bool(runs[i] < ended), corner))
         if known == 0 and begun:
-            return found, joint  # more is waited for
+            return sections, joint  # more is waited for
         self._taken, self._begun = taken, None
         if places:
-            hand = Pieces(*(each[count:every].copy() for each in out[:-1]))
+            hand = Pieces(*(array[count:every].copy() for array in out[:-1]))
             self._begun = _Begun(
                 places, kept, state, far[known:].copy(), at[:places].copy(), goal[:places].copy(), hand
             )
-        return found, joint
+        return sections, joint
 
 
 def joined(
@@ -386,7 +386,7 @@ def joined(
 ) -> tuple[list[Pieces], Joint]:
     """The runs of segments that follow each other, and how each joint is passed; parameters as in `join`."""
     sections, joint = Joiner(sharpest, lonely).join(Chain(segments, tolerance, True))
-    return [each.pieces for each in sections], joint
+    return [section.pieces for section in sections], joint
 
 
 def _room(lines: int, knots: int, axes: int, far: np.ndarray) -> list[np.ndarray]:

@@ -88,7 +88,7 @@ class _Collected:
         for k, row in enumerate(self.rows[:count]):
             if row.shape is not None:
                 shape[k] = row.shape
-        kinds, lengths, feeds, lines = (np.array(each[:count]) for each in (kind, length, feed, line))
+        kinds, lengths, feeds, lines = (np.array(column[:count]) for column in (kind, length, feed, line))
         pieces = Pieces(kinds, lengths, origin, shape, feeds, lines)
         # a joint keeps the stricter of the modes before and behind it
         tolerance = np.array(tolerances)
@@ -211,7 +211,7 @@ def _spline(move: Spline, columns: Sequence[int], speed: float, mode: str, toler
         elif whole > 0.0:
             for of, into in zip(shape, piece, strict=True):
                 part_of.python(of, k / count, 1.0 / count, into)
-            origin = [each + float(row[0]) for each, row in zip(start, piece, strict=True)]
+            origin = [coordinate + float(row[0]) for coordinate, row in zip(start, piece, strict=True)]
             piece[:, 0] = 0.0
             yield _Segment(POLYNOMIAL, whole / count, origin, way, speed, number, mode, tolerance, piece.copy())
         here = there

@@ -296,7 +296,7 @@ def _code(letter: str, value: float, text: str, start: int | None) -> tuple[Step
         written = f"{letter.upper()}{value:g}"
         if written in REFUSED:
             raise BlockError(REFUSED[written], written, at)
-        known = nearest(written, [name_of(letter, each) for each in table])
+        known = nearest(written, [name_of(letter, listed) for listed in table])
         raise BlockError(f"there is no such code here{known}", written, at)
     name = name_of(letter, number)
     raise BlockError(REFUSED.get(name) or RS274.format(f"{name} ({code.meaning})"), name, at)
@@ -314,7 +314,7 @@ _WRITTEN = {
 
 def _place(text: str, letter: str, value: float) -> int:
     """Where a word stands in a line of plain words; of equal ones the last."""
-    return max(found.start() for found in _WORDS.finditer(text) if found[1] == letter and float(found[2]) == value)
+    return max(word.start() for word in _WORDS.finditer(text) if word[1] == letter and float(word[2]) == value)
 
 
 def code_of(letter: str, number: int) -> Code:
@@ -337,12 +337,12 @@ def read_debug(text: str, parameters: Parameters) -> str:
     """The text of a (DEBUG, ...) or (PRINT, ...) comment with its parameters' values; %d, %f, %.2f format them."""
     form = "%f"
 
-    def shown(found: re.Match[str]) -> str:
+    def shown(match: re.Match[str]) -> str:
         nonlocal form
-        if found[0].startswith("%"):
-            form = found[0]
+        if match[0].startswith("%"):
+            form = match[0]
             return ""
-        key: int | str = int(found[1]) if found[1] else "".join(found[2].split()).lower()
+        key: int | str = int(match[1]) if match[1] else "".join(match[2].split()).lower()
         if not parameters.known(key):
             return "######"
         value = parameters.value(key)

@@ -45,7 +45,7 @@ def _offsets(values: tuple[Value, ...]) -> str:
 
 def _entry(values: tuple[Value, ...]) -> str:
     pocket, tool, *offset = values[:11]
-    return f"{pocket}, {tool}, {' '.join(f'{each:.4f}' for each in offset)}, {_listed(values[11:])}"
+    return f"{pocket}, {tool}, {' '.join(f'{value:.4f}' for value in offset)}, {_listed(values[11:])}"
 
 
 _TEXT: dict[str, Callable[[tuple[Value, ...]], str]] = {
@@ -79,12 +79,12 @@ _COMMAND = re.compile(r"([A-Z_][A-Z_0-9]*)\((.*)\)$")
 
 def read_command(text: str, line: Line) -> Command | None:
     """A command from its text; None if it is no command."""
-    found = _COMMAND.fullmatch(text)
-    if not found:
+    match = _COMMAND.fullmatch(text)
+    if not match:
         return None
-    if found[2].startswith('"'):
-        return Command(found[1], (found[2][1:-1],), line)
-    return Command(found[1], tuple(_value(each) for each in re.split(r"[,\s]+", found[2]) if each), line)
+    if match[2].startswith('"'):
+        return Command(match[1], (match[2][1:-1],), line)
+    return Command(match[1], tuple(_value(value) for value in re.split(r"[,\s]+", match[2]) if value), line)
 
 
 def _value(text: str) -> Value:

@@ -199,12 +199,12 @@ class Values:
     def value(self) -> float:
         """A number, a parameter, an expression in brackets or a function, each with a sign or none."""
         start = self.at
-        found = NUMBER.match(self.text, start)
-        if found:
-            self.at = found.end()
+        match = NUMBER.match(self.text, start)
+        if match:
+            self.at = match.end()
             if self.text.startswith(".", self.at):
                 raise self.fault("a number has one decimal point", start)
-            return self._finite(float(found[0]), start)
+            return self._finite(float(match[0]), start)
         self._deeper()
         try:
             return self._finite(self._signed(), start)
@@ -272,17 +272,17 @@ class Values:
         values = [self.value()]
         operators: list[str] = []
         while True:
-            found = _OPERATOR.match(self.text, self.at)
-            if not found:
+            match = _OPERATOR.match(self.text, self.at)
+            if not match:
                 raise self.fault("an operator or a closing bracket ] is expected here")
-            self.at = found.end()
-            rank = _RANK.get(found[0], 0)
+            self.at = match.end()
+            rank = _RANK.get(match[0], 0)
             while operators and _RANK[operators[-1]] >= rank:
                 right = values.pop()
                 values[-1] = _BINARY[operators.pop()](values[-1], right)
             if rank == 0:
                 return values[0]
-            operators.append(found[0])
+            operators.append(match[0])
             values.append(self.value())
 
     def _deeper(self) -> None:

@@ -85,7 +85,7 @@ class Frame:
 
     def __init__(self, axes: Travel | None = None) -> None:
         self._travel = None if axes is None else _travel_by_axis(axes)
-        self._present = None if axes is None else [letter in {each.lower() for each in axes} for letter in AXES]
+        self._present = None if axes is None else [letter in {name.lower() for name in axes} for letter in AXES]
         self._here: Point = _ZERO
         self._divisors = [1000.0] * 9
         self._rotation = 0.0
@@ -135,11 +135,11 @@ class Frame:
         for command in commands:
             maker = self._makers.get(command.name)
             try:
-                made = maker(command) if maker else self._other(command)
+                move = maker(command) if maker else self._other(command)
             except BlockError as fault:
                 raise located(command.line, fault) from None
-            if made is not None:
-                yield made
+            if move is not None:
+                yield move
 
     # coordinates
 
@@ -161,7 +161,7 @@ class Frame:
             if self._rotation
             else (self._axis_offset, self._origin, self._tool_offset)
         )
-        return [sum(each) for each in zip(*parts, strict=True)]
+        return [sum(components) for components in zip(*parts, strict=True)]
 
     def _check(self, start: Point, end: Point, travel: bool = True) -> None:
         """Refuse a point that the machine cannot reach; without `travel` one beyond its travel is allowed."""
@@ -179,7 +179,7 @@ class Frame:
                 continue
             if not self._present[axis]:
                 letter = AXES[axis].upper()
-                there = " ".join(each.upper() for each, here in zip(AXES, self._present, strict=True) if here)
+                there = " ".join(name.upper() for name, here in zip(AXES, self._present, strict=True) if here)
                 raise BlockError(f"the machine has no axis {letter}; it has {there}: take the word out", letter)
             if travel:
                 self._check_travel(axis, value)
@@ -315,8 +315,8 @@ class Frame:
     # offsets
 
     def _lengths(self, values: tuple[float | str, ...]) -> Point:
-        found = tuple(float(value) / divisor for value, divisor in zip(values, self._divisors, strict=False))
-        return found + _ZERO[len(found) :]
+        coordinates = tuple(float(value) / divisor for value, divisor in zip(values, self._divisors, strict=False))
+        return coordinates + _ZERO[len(coordinates) :]
 
     def _work_offset(self, command: Command) -> Move:
         self._system = int(float(command.values[0]))

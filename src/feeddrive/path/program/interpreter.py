@@ -436,7 +436,7 @@ class Interpreter:
         motion = self._state.motion
         if not MOVING.isdisjoint(words):
             if motion == 800:
-                letter = next(each for each in words if each in MOVING).upper()
+                letter = next(word for word in words if word in MOVING).upper()
                 raise BlockError(
                     f"{letter} stands without a motion: write G0, G1 or another motion in this block or before", letter
                 )

@@ -225,8 +225,8 @@ class Motion:
         """Where the axis words lead, in program coordinates, and which axes they are of."""
         words, state = block.words, self._state
         if "@" in words or "^" in words:
-            given = {letter: words.pop(letter) for letter in list(words) if letter in MOVING}
-            return _led(given, state.position, state.incremental)
+            moving = {letter: words.pop(letter) for letter in list(words) if letter in MOVING}
+            return _led(moving, state.position, state.incremental)
         target = list(state.position)
         moved: list[int] = []
         incremental = state.incremental
@@ -286,8 +286,10 @@ class Motion:
         else:
             same = state.motion == code
             across = AXES[PLANES[state.plane][2]]
-            given = {each: block.words.pop(each) for each in list(block.words) if each in MOVING and each != across}
-            others = [each.upper() for each in given if each not in "xyz@^"]
+            moving = {
+                letter: block.words.pop(letter) for letter in list(block.words) if letter in MOVING and letter != across
+            }
+            others = [letter.upper() for letter in moving if letter not in "xyz@^"]
             if others:
                 name = name_of("g", code)
                 raise BlockError(f"{name} moves X, Y and Z only: move {others[0]} in a block of its own", others[0])
@@ -295,7 +297,7 @@ class Motion:
                 state.level = None
             state.motion = code
             self._moved()
-            drill(state, block, self._emit, code, same, lambda place: _led(given, place, state.incremental)[0])
+            drill(state, block, self._emit, code, same, lambda place: _led(moving, place, state.incremental)[0])
 
     def _straight(self, block: Block, code: int, target: list[float]) -> None:
         state = self._state
@@ -329,18 +331,18 @@ class Motion:
         target, moved = self.target(block)
         radius = block.take("r")
         letters = _CENTER[first].upper() + " " + _CENTER[second].upper()
-        given = block.take(_CENTER[first]), block.take(_CENTER[second])
+        offsets = block.take(_CENTER[first]), block.take(_CENTER[second])
         turns = block.whole("p", name, 1, MOST_TURNS, 1)
         unit = INCH if state.inch else 1.0
         start, end = (position[first], position[second]), (target[first], target[second])
         if radius is not None:
-            if given != (None, None):
+            if offsets != (None, None):
                 raise BlockError(f"{name} has a radius R or a center {letters}, not both", "R")
             if first not in moved and second not in moved:
                 raise BlockError(f"{name} with R needs its end: {AXES[first].upper()} or {AXES[second].upper()}", "R")
             center = center_of_radius(start, end, radius, code == 20, unit)
         else:
-            center = self._center(name, given, start, letters)
+            center = self._center(name, offsets, start, letters)
             check_radii(start, end, center, letters, unit)
         if state.feed_mode == 930:
             angle = sweep(start, end, center, turns if code == 30 else -turns)
@@ -355,15 +357,15 @@ class Motion:
         self._emit("ARC_FEED", *end, *center, turns if code == 30 else -turns, target[across], *others)
 
     def _center(
-        self, name: str, given: tuple[float | None, float | None], start: tuple[float, float], letters: str
+        self, name: str, offsets: tuple[float | None, float | None], start: tuple[float, float], letters: str
     ) -> tuple[float, float]:
-        if given == (None, None):
+        if offsets == (None, None):
             raise BlockError(f"{name} has no center: write {letters}, or the radius R, in each block of an arc", name)
         if self._state.arc_absolute:
-            if given[0] is None or given[1] is None:
+            if offsets[0] is None or offsets[1] is None:
                 raise BlockError(f"{name} in G90.1 needs both words of its center, {letters}", name)
-            return given[0], given[1]
-        return start[0] + (given[0] or 0.0), start[1] + (given[1] or 0.0)
+            return offsets[0], offsets[1]
+        return start[0] + (offsets[0] or 0.0), start[1] + (offsets[1] or 0.0)
 
     def _spline(self, block: Block, code: int) -> None:
         """G5: cubic, G5.1: quadratic, in XY; I J from the start to the first control point, P Q from the end."""
@@ -415,23 +417,23 @@ class Motion:
         self._emit("STOP_SPEED_FEED_SYNCH")
 
 
-def _led(given: dict[str, float], start: list[float], incremental: bool) -> tuple[list[float], list[int]]:
+def _led(moving: dict[str, float], start: list[float], incremental: bool) -> tuple[list[float], list[int]]:
     """Where axis words lead from a start, and which axes they are of.
 
     @ and ^ are radius and angle about the program's zero.
     """
     target = list(start)
     moved: list[int] = []
-    for letter, value in given.items():
+    for letter, value in moving.items():
         if letter in AXES:
             axis = AXES.index(letter)
             target[axis] = target[axis] + value if incremental else value
             moved.append(axis)
-    if "@" not in given and "^" not in given:
+    if "@" not in moving and "^" not in moving:
         return target, moved
     if 0 in moved or 1 in moved:
-        raise BlockError("@ and ^ stand for X and Y: use one of the two ways in a block", "@" if "@" in given else "^")
-    radius, angle = given.get("@"), given.get("^")
+        raise BlockError("@ and ^ stand for X and Y: use one of the two ways in a block", "@" if "@" in moving else "^")
+    radius, angle = moving.get("@"), moving.get("^")
     size, turned = math.hypot(target[0], target[1]), math.atan2(target[1], target[0])
     if angle is None and size == 0:
         raise BlockError("@ at the zero of the program has no direction: write the angle ^ too", "@")

@@ -207,12 +207,12 @@ def _read(source: _Source, output: Path, complaint: str, code: int, no_tools: bo
     if output.exists():
         with output.open(encoding="utf-8", errors="replace") as file:
             for printed in file:
-                found = _PRINTED.match(printed)
-                if not found:
+                match = _PRINTED.match(printed)
+                if not match:
                     continue
-                if found[1].isdigit():
-                    line = source.line(int(found[1]))
-                command = read_command(found[2].rstrip(), line)
+                if match[1].isdigit():
+                    line = source.line(int(match[1]))
+                command = read_command(match[2].rstrip(), line)
                 if command is not None:
                     yield command
     if "File ended with no percent sign or program end" in complaint:
@@ -223,14 +223,14 @@ def _read(source: _Source, output: Path, complaint: str, code: int, no_tools: bo
 
 def _refused(source: _Source, line: Line, complaint: str, code: int, no_tools: bool) -> ProgramError:
     """The error of the interpreter, at the line that it prints with it."""
-    said = [text for text in complaint.splitlines() if text.strip() and text.strip() != "executing"]
-    for text in said[1:]:
-        found = re.match(r"/?N(\d+)\s", text)
-        if found:
-            line = source.line(int(found[1]))
+    messages = [text for text in complaint.splitlines() if text.strip() and text.strip() != "executing"]
+    for text in messages[1:]:
+        match = re.match(r"/?N(\d+)\s", text)
+        if match:
+            line = source.line(int(match[1]))
     word = plain(line.text.strip())[:40]
     column = 1 + len(line.text) - len(line.text.lstrip())
-    reason = plain(said[0]) if said else f"it ended with status {code} and no message"
+    reason = plain(messages[0]) if messages else f"it ended with status {code} and no message"
     if no_tools and "tool table" in reason:
         reason += "; give the tool table"
     return ProgramError(line.file, line.number, column, word, f"{PROGRAM} refuses it: {reason}")

@@ -61,15 +61,15 @@ def _tool(file: Path, number: int, entry: str, remark: str) -> Tool:
     words: dict[str, float] = {}
     at = 0
     while at < len(entry):
-        found = _WORD.match(entry, at)
-        letter = found[1].upper() if found else ""
-        if not found or letter not in f"TPDIJQ{_AXES}" or letter in words or not math.isfinite(float(found[2])):
+        match = _WORD.match(entry, at)
+        letter = match[1].upper() if match else ""
+        if not match or letter not in f"TPDIJQ{_AXES}" or letter in words or not math.isfinite(float(match[2])):
             raise FileError(
                 f"{file}, line {number}, column {at + 1}: {shown(entry[at : at + 20])}: a tool has the words "
                 "T P X Y Z A B C U V W D I J Q, each once with a number"
             )
-        words[letter] = float(found[2])
-        at = found.end()
+        words[letter] = float(match[2])
+        at = match.end()
     for letter in "TPQ":
         value = words.get(letter, 0.0)
         if value != round(value) or not 0 <= value <= 99999:
@@ -284,19 +284,19 @@ def choose_system(state: State, emit: Emit, system: int) -> None:
 def write_offsets(state: State, block: Block, emit: Emit, tools: dict[int, Tool]) -> None:
     """G10: L2 and L20 write a work offset, L1 and L10 one of the tool table."""
     kind = block.whole("l", "G10", 1, 20)
-    given = {axis: value for axis, letter in enumerate(AXES) if (value := block.take(letter)) is not None}
+    coordinates = {axis: value for axis, letter in enumerate(AXES) if (value := block.take(letter)) is not None}
     if kind in (2, 20):
         system = block.whole("p", f"G10 L{kind}", 0, SYSTEMS) or state.system
-        _write_system(state, emit, system, given, block.take("r"), here=kind == 20)
+        _write_system(state, emit, system, coordinates, block.take("r"), here=kind == 20)
     elif kind in (1, 10):
         number = block.whole("p", f"G10 L{kind}", 1, 99999)
-        _write_tool(state, block, emit, tools, number, given, here=kind == 10)
+        _write_tool(state, block, emit, tools, number, coordinates, here=kind == 10)
     else:
         raise BlockError(f"G10 has L1, L2, L10 and L20, not L{kind}", "L")
 
 
 def _write_system(
-    state: State, emit: Emit, system: int, given: dict[int, float], rotation: float | None, here: bool
+    state: State, emit: Emit, system: int, coordinates: dict[int, float], rotation: float | None, here: bool
 ) -> None:
     numbered, first = state.parameters.numbered, first_of(system)
     origin = state.stored(first)
@@ -305,13 +305,13 @@ def _write_system(
         if rotation is not None:
             raise BlockError("G10 L20 has no R: write the rotation with G10 L2", "R")
         probe = _with_system(state, origin, angle)
-        for axis, value in given.items():  # the present position is to have the coordinate `value`
+        for axis, value in coordinates.items():  # the present position is to have the coordinate `value`
             shift = [0.0] * 9
             shift[axis] = probe[axis] - value
             moved = _turned(shift, angle)
             origin = [o + m for o, m in zip(origin, moved, strict=True)]
     else:
-        for axis, value in given.items():
+        for axis, value in coordinates.items():
             origin[axis] = value
     state.store(first, origin)
     numbered[first + 9] = angle
@@ -339,7 +339,13 @@ def _turned(shift: list[float], rotation: float) -> list[float]:
 
 
 def _write_tool(
-    state: State, block: Block, emit: Emit, tools: dict[int, Tool], number: int, given: dict[int, float], here: bool
+    state: State,
+    block: Block,
+    emit: Emit,
+    tools: dict[int, Tool],
+    number: int,
+    coordinates: dict[int, float],
+    here: bool,
 ) -> None:
     tool = tools.get(number)
     if tool is None:
@@ -350,8 +356,8 @@ def _write_tool(
         standing = state.machine(state.position)
         position = [m - t - o for m, t, o in zip(standing, state.tool_offset, state.origin, strict=True)]
         position = [p - a for p, a in zip(position, state.axis_offset, strict=True)]
-        given = {axis: position[axis] - value for axis, value in given.items()}
-    for axis, value in given.items():
+        coordinates = {axis: position[axis] - value for axis, value in coordinates.items()}
+    for axis, value in coordinates.items():
         offset[axis] = value / scale if axis in LINEAR else value
     radius, front, back = block.take("r"), block.take("i"), block.take("j")
     tool = replace(
@@ -372,10 +378,10 @@ def tool_length(state: State, block: Block, emit: Emit, tools: dict[int, Tool], 
     offset = [0.0] * 9
     if code == 431:
         offset = list(state.tool_offset)
-        given = {axis: value for axis, letter in enumerate(AXES) if (value := block.take(letter)) is not None}
-        if not given:
+        coordinates = {axis: value for axis, letter in enumerate(AXES) if (value := block.take(letter)) is not None}
+        if not coordinates:
             raise BlockError("G43.1 needs the offset of an axis at least, such as Z12", "G43.1")
-        for axis, value in given.items():
+        for axis, value in coordinates.items():
             offset[axis] = value
     elif code in (430, 432):
         name = name_of("g", code)
@@ -397,11 +403,11 @@ def shift_axes(state: State, block: Block, emit: Emit, code: int) -> None:
     numbered = state.parameters.numbered
     offset = list(state.axis_offset)
     if code in (520, 920):
-        given = {axis: value for axis, letter in enumerate(AXES) if (value := block.take(letter)) is not None}
-        if not given:
+        coordinates = {axis: value for axis, letter in enumerate(AXES) if (value := block.take(letter)) is not None}
+        if not coordinates:
             name = name_of("g", code)
             raise BlockError(f"{name} needs an axis at least, such as X0", name)
-        for axis, value in given.items():
+        for axis, value in coordinates.items():
             offset[axis] = value if code == 520 else offset[axis] + state.position[axis] - value
         numbered[G92_ON] = 1.0
     elif code == 923:

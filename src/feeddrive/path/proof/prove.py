@@ -136,7 +136,7 @@ def prove_sum(
     Each fault is a row of `faults`: time piece, time in it, limit, share.
     """
     spans = 0
-    found = 0
+    faulty = 0
     halves = zeros(64, 2)
     u0 = zeros(12, 2)
     u1 = zeros(12, 2)
@@ -175,15 +175,15 @@ def prove_sum(
                 limits, feed, middle, middle, -1e-13, r0, r1,
             )  # fmt: skip
             if share > 1.0 + widened or e - b <= shortest or count + 2 > len(halves):
-                if found < len(faults):
-                    faults[found] = 0.0, float(m), middle, float(which), share
-                found = found + 1
+                if faulty < len(faults):
+                    faults[faulty] = 0.0, float(m), middle, float(which), share
+                faulty = faulty + 1
                 break
             halves[count] = middle, e
             halves[count + 1] = b, middle
             count = count + 2
     away = distance(kind0, length0, shape0, motion0, kind1, length1, shape1, motion1, r)
-    return spans, found, away
+    return spans, faulty, away
 
 
 @kernel
@@ -299,11 +299,11 @@ def _span(
 
 
 @kernel
-def _noted(faults: Floats2, found: int, p: int, m: int, time: float, which: float, share: float) -> int:
+def _noted(faults: Floats2, count: int, p: int, m: int, time: float, which: float, share: float) -> int:
     """A fault more; those that have no row are counted only."""
-    if found < len(faults):
-        faults[found] = float(p), float(m), time, which, share
-    return found + 1
+    if count < len(faults):
+        faults[count] = float(p), float(m), time, which, share
+    return count + 1
 
 
 @kernel
@@ -321,7 +321,7 @@ def _prove(
     unless it begins `anywhere`; then where this one ends.
     """
     tests = 0
-    found = 0
+    count = 0
     n = len(limits)
     last = len(length) - 1
     backwards = 1e300
@@ -339,7 +339,7 @@ def _prove(
         apart = max(apart, abs(origin[0, i] + before[i, 0] - place[i]))
         size = max(size, 1.0 + abs(place[i]))
     if not anywhere and apart > 1e-12 * size:
-        found = _noted(faults, found, 0, 0, 0.0, -8.0, apart)
+        count = _noted(faults, count, 0, 0, 0.0, -8.0, apart)
     v = state[1]
     a = state[2]
     j = state[3]
@@ -365,9 +365,9 @@ def _prove(
             jumps[1] = max(jumps[1], worst)
         outside = came < -1e-12 or came > length[p] + 1e-12 * (1.0 + length[p])
         if not right or outside or worst > widened or abs(gap) > 1e-12 * (1.0 + length[p]):
-            found = _noted(faults, found, p, m, 0.0, -3.0, worst)
+            count = _noted(faults, count, p, m, 0.0, -3.0, worst)
             if not right:
-                return tests, found
+                return tests, count
         if rest:
             break
         v = speed[m]
@@ -378,7 +378,7 @@ def _prove(
         low, high = cubic_range(v, a, j, s, 0.0, T)
         if not (T > 0.0) or low < -backwards or not (high < 1e300):
             # it must not run backwards, but for rounding
-            return tests, _noted(faults, found, p, m, 0.0, -4.0, low)
+            return tests, _noted(faults, count, p, m, 0.0, -4.0, low)
         whole = way(v, a, j, s, T)
         begin = x[m]  # of the time piece, from the start of the present piece of the path
         t0 = 0.0
@@ -388,12 +388,12 @@ def _prove(
             on = whole > left + sliver and p < last
             t1 = when(left, v, a, j, s, t0, T) if on else T
             if t1 > t0 and alone:
-                made, which, broke = _span(
+                passed, which, broke = _span(
                     kind[p], length[p], shape[p], feed[p], limits, widened, begin, v, a, j, s, t0, t1, halves, r
                 )
-                tests = tests + made
+                tests = tests + passed
                 if which != -2:
-                    found = _noted(faults, found, p, m, broke, float(which), 1.0)
+                    count = _noted(faults, count, p, m, broke, float(which), 1.0)
                 for part in range(2):
                     t = t0 if part == 0 else 0.5 * (t0 + t1)
                     here = min(max(begin + way(v, a, j, s, t), 0.0), length[p])
@@ -427,7 +427,7 @@ def _prove(
                     worst = max(worst, 1.0)
             jumps[1] = max(jumps[1], worst)
             if worst > widened:
-                found = _noted(faults, found, p, m, t0, -5.0, worst)
+                count = _noted(faults, count, p, m, t0, -5.0, worst)
             begin = begin - length[p]
             p = p + 1
             if not on:
@@ -444,7 +444,7 @@ def _prove(
     state[1] = v
     state[2] = a
     state[3] = j
-    return tests, found
+    return tests, count
 
 
 DERIVATIVES = ("velocity", "acceleration", "jerk", "snap")
@@ -521,11 +521,11 @@ class Prover:
 
     def _along(self, pieces: Pieces, motion: Motion, ends: bool, alone: bool, anywhere: bool) -> None:
         """One run: without jumps, within its limits if `alone`, from where the last one ended or `anywhere`."""
-        spans, found = _prove(
+        spans, count = _prove(
             pieces.kind, pieces.length, pieces.origin, pieces.shape, pieces.feed, *motion, self._limits, self._widened,
             anywhere, ends, alone, self._state, self._place, self._faults, self._use, self._jumps, *self._room,
         )  # fmt: skip
-        self._note(found, spans, pieces.line, motion.duration, self._time)
+        self._note(count, spans, pieces.line, motion.duration, self._time)
         self._time += float(motion.duration.sum())
 
     def _together(self, part: Part, entering: Entering, corner: np.ndarray, time: float) -> None:
@@ -540,12 +540,12 @@ class Prover:
         if apart > 1e-12 * (1.0 + np.abs(corner).max()):
             self._refuse(one, time, -6, 0.0)
             return
-        spans, found, away = prove_sum(
+        spans, count, away = prove_sum(
             int(one.kind[0]), float(one.length[0]), one.shape[0], rows(part.motion),
             int(two.kind[0]), float(two.length[0]), two.shape[0], rows(entering.motion),
             self._limits, self._widened, float(max(one.feed[0], two.feed[0])), self._faults, self._use, *self._both,
         )  # fmt: skip
-        self._note(found, spans, one.line, part.motion.duration, time)
+        self._note(count, spans, one.line, part.motion.duration, time)
         self._missed = max(self._missed, away / entering.tolerance)
         if not away <= entering.tolerance * (1.0 + self._widened):
             self._refuse(one, time, -7, away / entering.tolerance)
@@ -554,13 +554,13 @@ class Prover:
         self._faults[0] = 0.0, 0.0, 0.0, which, share
         self._note(1, 0, pieces.line, np.zeros(0), time)
 
-    def _note(self, found: int, spans: int, line: np.ndarray, duration: np.ndarray, time: float) -> None:
+    def _note(self, count: int, spans: int, line: np.ndarray, duration: np.ndarray, time: float) -> None:
         """The faults of a motion that begins at `time` in the run."""
-        rows = self._faults[: min(found, _KEPT - len(self._said))]
+        rows = self._faults[: min(count, _KEPT - len(self._said))]
         if len(rows):
             begins = time + np.concatenate([[0.0], np.cumsum(duration)])
             self._said += [_fault(row, line, begins) for row in rows]
-        self._count += found
+        self._count += count
         self._spans += spans
 
     def proof(self) -> Proof:
@@ -576,12 +576,12 @@ def faults_of(pieces: Pieces, motion: Motion, limits: np.ndarray) -> np.ndarray:
     faults = np.zeros((_KEPT, 5))
     room = [np.zeros((64, 2)), np.zeros((axes, 4, 2)), *(np.zeros((axes, 5)) for _ in range(3))]
     on = part_of_pieces(pieces, first, len(pieces.length))
-    _, found = _prove(
+    _, count = _prove(
         on.kind, on.length, on.origin, on.shape, on.feed, *motion._replace(piece=motion.piece - first),
         limits, WIDENED, True, False, True, state,
         np.zeros(axes), faults, np.zeros((axes, 4)), np.zeros(2), *room,
     )  # fmt: skip
-    return faults[:found]
+    return faults[:count]
 
 
 def _fault(row: np.ndarray, line: np.ndarray, begins: np.ndarray) -> Fault:

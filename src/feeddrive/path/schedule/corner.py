@@ -283,14 +283,14 @@ def overlapped(one: Part, two: Part, lasts: float, tolerance: float) -> tuple[li
     ends, begins = rows(one.motion), rows(two.motion)
     last, first, rest = (np.zeros((len(ends) + len(begins), 6)) for _ in range(3))
     count, m, alone, n = shared(ends, begins, lasts, last, first, rest[0])
-    entering = Entering(Pieces(*(each[:1] for each in two.pieces)), from_rows(first[:count], 0), tolerance)
+    entering = Entering(Pieces(*(array[:1] for array in two.pieces)), from_rows(first[:count], 0), tolerance)
     k = len(one.pieces.length) - 1
-    leaves = [Part(Pieces(*(each[k:] for each in one.pieces)), from_rows(last[:count], 0), True, entering)]
-    before = Motion(*(each[: m + int(alone > 0.0)].copy() for each in one.motion))
+    leaves = [Part(Pieces(*(array[k:] for array in one.pieces)), from_rows(last[:count], 0), True, entering)]
+    before = Motion(*(array[: m + int(alone > 0.0)].copy() for array in one.motion))
     if len(before.duration):
         before.duration[-1] = alone if alone > 0.0 else before.duration[-1]
         leaves.insert(0, one._replace(motion=before, ends=False))
-    behind = Motion(*(each[n:].copy() for each in two.motion))
+    behind = Motion(*(array[n:].copy() for array in two.motion))
     if len(behind.duration):
         for column, value in zip([behind.duration, *behind[2:]], rest[0].tolist(), strict=True):
             column[0] = value
@@ -495,7 +495,7 @@ def _rows(stretch: Floats, peak: float, out: Floats2) -> int:
     th = 0.0
     tt = 0.0
     since = 0.0
-    made = 0
+    written = 0
     m = 0
     while m < count:
         runs = m >= first
@@ -522,8 +522,8 @@ def _rows(stretch: Floats, peak: float, out: Floats2) -> int:
                 u = u - (tail[q, 3] + tt * (tail[q, 4] + 0.5 * tt * tail[q, 5]))
                 j = j - (tail[q, 4] + tt * tail[q, 5])
                 s = s - tail[q, 5]
-            out[made] = h, x, v, u, j, s
-            made = made + 1
+            out[written] = h, x, v, u, j, s
+            written = written + 1
         since = since + h
         tb = tb + h
         if base[m, 0] - tb <= near:
@@ -539,7 +539,7 @@ def _rows(stretch: Floats, peak: float, out: Floats2) -> int:
             if tail[q, 0] - tt <= near:
                 q = q + 1
                 tt = 0.0
-    return made
+    return written
 
 
 @kernel
@@ -569,7 +569,7 @@ def bump(
     before: Floats2, before_length: float, before_direction: Floats, before_most: Floats2,
     lasts: float, before_tolerance: float, before_feed: float, half: bool,
     tolerance: float, limits: Floats2, feed: float, quickest: float,
-    rows0: Floats2, rows1: Floats2, found: Floats,
+    rows0: Floats2, rows1: Floats2, result: Floats,
 ) -> tuple[int, int]:  # fmt: skip
     """The quickest bump between two stretches: put into both, its speed, w, s and shares in `found`; rows of both.
 
@@ -645,7 +645,7 @@ def bump(
                     best = time
                     ours = time
                     for k in range(5):
-                        found[k] = one[TAIL + k]
+                        result[k] = one[TAIL + k]
             else:
                 farther = high * high * high
                 more = above
@@ -669,8 +669,8 @@ def bump(
     m = 0
     if ours > 0.0:
         for k in range(5):
-            one[TAIL + k] = found[k]
-            two[HEAD + k] = found[k]
+            one[TAIL + k] = result[k]
+            two[HEAD + k] = result[k]
         n = straight(one, rows0)
         m = straight(two, rows1)
     return n, m

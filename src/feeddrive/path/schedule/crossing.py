@@ -107,16 +107,16 @@ class Crossings:
         pieces = section.pieces
         if not section.ends or len(pieces.length) != 1 or pieces.kind[0] != LINE:
             return None
-        numbers, made = self._numbers(pieces, 0, float(pieces.length[0]), 0.0, 0.0), np.zeros((ROWS, 6))
-        count = straight(numbers, made)
+        numbers, motion_rows = self._numbers(pieces, 0, float(pieces.length[0]), 0.0, 0.0), np.zeros((ROWS, 6))
+        count = straight(numbers, motion_rows)
         if not count:
             return None
-        made = made[:count]
+        motion_rows = motion_rows[:count]
         length, feed = float(pieces.length[0]), float(pieces.feed[0])
         direction, most = pieces.shape[0, :, 1] / length, np.zeros((len(self._limits), 4))
         most[:, 0] = np.abs(direction)
-        seen = _End(made, float(np.sum(made[:, 0])), length, feed, direction, most)
-        return _Run(Part(pieces, from_rows(made, 0), True), section.tolerance, _Stretch(0, count, numbers), seen)
+        seen = _End(motion_rows, float(np.sum(motion_rows[:, 0])), length, feed, direction, most)
+        return _Run(Part(pieces, from_rows(motion_rows, 0), True), section.tolerance, _Stretch(0, count, numbers), seen)
 
     def _fix(self, run: _Run) -> list[Part]:
         """The motion of a run is fixed: what leaves."""
@@ -155,25 +155,25 @@ class Crossings:
         for share in _SLOWED if (tail is None) != (head is None) else ():
             slowed = self._slowed(one, tail, TAIL, share), self._slowed(two, head, HEAD, share)
             if slowed[0] and slowed[1]:
-                found = self._stopped(slowed[0], slowed[1])
-                if _together(found) < _together(best) and self._holds(found[0]):
-                    best = found
+                stopped = self._stopped(slowed[0], slowed[1])
+                if _together(stopped) < _together(best) and self._holds(stopped[0]):
+                    best = stopped
         return best
 
     def _slowed(self, run: _Run, stretch: _Stretch | None, at: int, share: float) -> _Run | None:
         """A run with a share of the jerk and its square of the snap in a ramp to the corner that lies on a line."""
         if stretch is None:
             return run
-        numbers, made = stretch.numbers.copy(), np.zeros((ROWS, 6))
+        numbers, motion_rows = stretch.numbers.copy(), np.zeros((ROWS, 6))
         numbers[[at + JERK_SHARE, at + SNAP_SHARE]] = share, share * share
-        count = straight(numbers, made)
+        count = straight(numbers, motion_rows)
         if not count:
             return None
         k = len(run.part.pieces.length) - 1 if at == TAIL else 0
-        part = run.part._replace(motion=_spliced(stretch, run.part.motion, k, made[:count]))
+        part = run.part._replace(motion=_spliced(stretch, run.part.motion, k, motion_rows[:count]))
         if not run.whole:
             return run._replace(part=part)
-        return run._replace(part=part, whole=_Stretch(0, count, numbers), seen=_made(run.seen, made[:count]))
+        return run._replace(part=part, whole=_Stretch(0, count, numbers), seen=_made(run.seen, motion_rows[:count]))
 
     def _holds(self, run: _Run) -> bool:
         """Whether a run that was made anew may still overlap with the one before as it does."""
@@ -197,12 +197,12 @@ class Crossings:
         # the head of a whole run that overlaps already is made anew with its tail, and looked at again
         again = one.whole is not None and one.lasts > 0.0 and self._fixed is not None
         before = _end(self._fixed, True) if again and self._fixed else end
-        found, rows0, rows1 = np.zeros(5), np.zeros((ROWS, 6)), np.zeros((ROWS, 6))
+        result, rows0, rows1 = np.zeros(5), np.zeros((ROWS, 6)), np.zeros((ROWS, 6))
         count0, count1 = bump(
             numbers0, end.direction, end.most, numbers1, begin.direction, begin.most,
             before.rows, before.length, before.direction, before.most,
             one.lasts if again else 0.0, one.corner, max(before.feed, end.feed),
-            two.whole is not None, one.tolerance, self._limits, feed, quickest, rows0, rows1, found,
+            two.whole is not None, one.tolerance, self._limits, feed, quickest, rows0, rows1, result,
         )  # fmt: skip
         if not count0:
             return None
@@ -210,7 +210,7 @@ class Crossings:
         rows0, rows1 = rows0[:count0], rows1[:count1]
         made0, made1 = _spliced(tail, motion0, n, rows0), _spliced(head, motion1, 0, rows1)
         whole = _Stretch(0, count1, numbers1) if two.whole else None
-        lasts = 2.0 * float(found[WIDE]) + float(found[SHORT])
+        lasts = 2.0 * float(result[WIDE]) + float(result[SHORT])
         run = two._replace(
             part=two.part._replace(motion=made1), whole=whole, seen=_made(two.seen, rows1), lasts=lasts,
             corner=one.tolerance,
@@ -261,7 +261,7 @@ def _spliced(stretch: _Stretch, motion: Motion, k: int, new: np.ndarray) -> Moti
     if stretch.first == 0 and stretch.last == len(motion.duration):
         return from_rows(new, k, float(motion.x[0]))
     parts = zip(motion, from_rows(new, k, float(motion.x[stretch.first])), strict=True)
-    return Motion(*(np.concatenate([old[: stretch.first], made, old[stretch.last :]]) for old, made in parts))
+    return Motion(*(np.concatenate([old[: stretch.first], middle, old[stretch.last :]]) for old, middle in parts))
 
 
 def _made(seen: _End | None, new: np.ndarray) -> _End | None:
@@ -277,9 +277,9 @@ def _end(part: Part, last: bool) -> _End:
         inside = on.piece == k
         if not last:
             m = int(np.flatnonzero(inside)[-1])  # it may go on to the next piece
-            there = on.x[m] + way(*(float(each[m]) for each in (*on[3:], on.duration)))
+            there = on.x[m] + way(*(float(column[m]) for column in (*on[3:], on.duration)))
             inside[m] = inside.all() and there <= pieces.length[k]
-        on = Motion(*(each[inside] for each in on))
+        on = Motion(*(column[inside] for column in on))
     kind, length, shape = int(pieces.kind[k]), float(pieces.length[k]), pieces.shape[k]
     most, direction = np.zeros((len(shape), 4)), shape[:, 1] / length
     if kind == LINE:

@@ -82,7 +82,7 @@ class Lifter:
         self.hand, self._spans = None, 0
         path = _Path(part.pieces, self._limits)
         rests = _rests(motion)
-        found: list[Motion] = []
+        motions: list[Motion] = []
         come, n = 0, len(motion.duration)
         waiting = _sections(motion, rests, path.top, part.pieces.length)[::-1]
         while waiting:
@@ -92,14 +92,14 @@ class Lifter:
                 continue
             lifted = path.lifted(_some(motion, first, last), begins, ends, spans if first == 0 else 0)
             if lifted is not None:
-                found += [_some(motion, come, first), lifted]
+                motions += [_some(motion, come, first), lifted]
                 come = last
                 if last == n and not ends:
                     self._spans = len(lifted.duration) - begins  # it goes on
             else:
                 waiting += _halves(motion, first, last)
-        found.append(_some(motion, come, n))
-        part = part._replace(motion=_one(found))
+        motions.append(_some(motion, come, n))
+        part = part._replace(motion=_one(motions))
         if self._spans:
             part, self.hand = _cut(part, self._spans)
             self._spans = len(self.hand.motion.duration)
@@ -153,7 +153,7 @@ class _Path:
         if _quicker(looked, coefficient, begins, goes_on, 0, n):
             return None
         ends_of = np.array([[motion.speed[0], motion.acceleration[0], motion.jerk[0]], end])
-        found = Motion(np.zeros(n), np.zeros(n, np.int64), *(np.zeros(n) for _ in range(5)))
+        timed = Motion(np.zeros(n), np.zeros(n, np.int64), *(np.zeros(n) for _ in range(5)))
         more = np.zeros((n + 1, 3)), np.zeros((2 * _TOGETHER, 4)), np.zeros((4, 5))
         tried, new = coefficient.copy(), [(0, n)]
         for number in range(1, _ROUNDS + 1):
@@ -166,11 +166,11 @@ class _Path:
                     if _quicker(looked, tried, goes_on, ends, 0, n):
                         return None
                     break
-            if not in_time(knots, tried, self._begin, ends_of, _TOGETHER, *found, *more):
+            if not in_time(knots, tried, self._begin, ends_of, _TOGETHER, *timed, *more):
                 return None  # between the points that were looked at it runs backwards
-            faults = np.concatenate([self._faults(found, first, last) for first, last in new])
+            faults = np.concatenate([self._faults(timed, first, last) for first, last in new])
             if not len(faults):
-                return found if np.sum(found.duration) < np.sum(motion.duration) else None
+                return timed if np.sum(timed.duration) < np.sum(motion.duration) else None
             for _, where, _, which, _ in faults:
                 if which < -1:
                     return None
@@ -208,10 +208,10 @@ class _Path:
         size = 2 + int(np.sum(2.0 + (1.0 + GRADE) * motion.duration / least))
         time = np.zeros(size)
         time = time[: instants(motion.duration, step, edge, time)]
-        found = np.zeros((len(time), 4))
-        states(*motion, self._begin, time, found)
-        found[-1, 1:] = end
-        u, v, a, j = found.T
+        sampled = np.zeros((len(time), 4))
+        states(*motion, self._begin, time, sampled)
+        sampled[-1, 1:] = end
+        u, v, a, j = sampled.T
         # a coefficient is the blossom of u'² at three knots, from its Taylor form at one of them
         knots = np.concatenate([u[:1], u[:1], u[:1], u, u[-1:], u[-1:], u[-1:]])
         at = np.clip(np.arange(len(u) + 2) - 1, 0, len(u) - 1)
@@ -223,21 +223,21 @@ class _Path:
     def _points(self, time: np.ndarray, knots: np.ndarray) -> _Points:
         pieces, axes = self._pieces, len(self._limits)
         size = POINTS * (len(time) + len(pieces.length))
-        made = _Points(
+        filled = _Points(
             np.zeros(size, np.int64), np.zeros((size, 4, 4)), np.zeros((size, axes, 9)), np.zeros(size),
             np.zeros(size, np.int64), np.zeros(size), np.zeros(size),
         )  # fmt: skip
         count = points(
             pieces.kind, pieces.length, pieces.shape, self._begin, self.top, self._limits, np.array(SHARES), knots,
-            time, *made, np.zeros((axes, 5)),
+            time, *filled, np.zeros((axes, 5)),
         )  # fmt: skip
-        return _Points(*(each[:count] for each in made))
+        return _Points(*(array[:count] for array in filled))
 
 
 def _quicker(looked: _Points, coefficient: np.ndarray, begins: float, ends: float, first: int, last: int) -> int:
     """`quickest` on spans from `first` to before `last`; three coefficients at each end of them stay."""
     some = slice(*np.searchsorted(looked.span, [first, last]))
-    part = _Points(looked.span[some] - first, *(each[some] for each in looked[1:]))
+    part = _Points(looked.span[some] - first, *(array[some] for array in looked[1:]))
     m, n = len(part.span), last - first + 3
     room = np.zeros(m), np.zeros(m), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, 4))
     return quickest(*part, coefficient[first : last + 3], begins, ends, _STEPS, *room)
@@ -245,13 +245,13 @@ def _quicker(looked: _Points, coefficient: np.ndarray, begins: float, ends: floa
 
 def _around(spans: np.ndarray, n: int) -> list[tuple[int, int]]:
     """Spans to be looked at again when limits at some are lowered: `_ASIDE` on either side of each, of n."""
-    found = list[tuple[int, int]]()
+    ranges = list[tuple[int, int]]()
     for k in np.unique(spans).tolist():
         first, last = max(k - _ASIDE, 0), min(k + 1 + _ASIDE, n)
-        if found and first <= found[-1][1]:
-            first = found.pop()[0]
-        found.append((first, last))
-    return found
+        if ranges and first <= ranges[-1][1]:
+            first = ranges.pop()[0]
+        ranges.append((first, last))
+    return ranges
 
 
 def _around_time(motion: Motion, first: int, last: int) -> float:
@@ -269,13 +269,13 @@ def _sections(motion: Motion, rests: np.ndarray, top: np.ndarray, length: np.nda
     end = np.maximum(end, motion.piece)
     for m in np.flatnonzero(flat):
         flat[m] = motion.speed[m] >= _TOP * np.max(top[motion.piece[m] : end[m] + 1])
-    found: list[tuple[int, int]] = []
+    sections: list[tuple[int, int]] = []
     first = 0
     for last in np.flatnonzero(np.append(flat, True) | rests):
         if last > first:
-            found.append((first, int(last)))
+            sections.append((first, int(last)))
         first = int(last) + (1 if last < len(flat) and flat[last] else 0)
-    return found
+    return sections
 
 
 def _halves(motion: Motion, first: int, last: int) -> list[tuple[int, int]]:
@@ -296,12 +296,12 @@ def _rests(motion: Motion) -> np.ndarray:
 
 
 def _some(motion: Motion, first: int, last: int) -> Motion:
-    return Motion(*(each[first:last] for each in motion))
+    return Motion(*(column[first:last] for column in motion))
 
 
 def _one(motions: list[Motion]) -> Motion:
     """One after the other."""
-    return Motion(*(np.concatenate(each) for each in zip(*motions, strict=True)))
+    return Motion(*(np.concatenate(columns) for columns in zip(*motions, strict=True)))
 
 
 def _end(motion: Motion) -> np.ndarray:
@@ -312,7 +312,7 @@ def _end(motion: Motion) -> np.ndarray:
 
 def _divided(motion: Motion, m: int, t: float, length: np.ndarray) -> Motion:
     """Time piece m as two, the first of which lasts t, on a path of pieces of such lengths."""
-    T, p, x, v, a, j, s = (each[m] for each in motion)
+    T, p, x, v, a, j, s = (column[m] for column in motion)
     there = x + way(v, a, j, s, t)
     while there > length[p] and p + 1 < len(length):
         there -= length[p]
@@ -320,7 +320,7 @@ def _divided(motion: Motion, m: int, t: float, length: np.ndarray) -> Motion:
     first = t, motion.piece[m], x, v, a, j, s
     second = T - t, p, there, cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s, s
     halves = zip(motion, zip(first, second, strict=True), strict=True)
-    return Motion(*(np.concatenate([each[:m], two, each[m + 1 :]]).astype(each.dtype) for each, two in halves))
+    return Motion(*(np.concatenate([column[:m], two, column[m + 1 :]]).astype(column.dtype) for column, two in halves))
 
 
 def _after(hand: Part, part: Part) -> Part:

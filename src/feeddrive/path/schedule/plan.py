@@ -401,7 +401,7 @@ def _beginning(
     count = 0
     while True:
         # the farthest of them from which one ramp brakes: -1 is the motion itself
-        found = -2
+        farthest = -2
         misses = 0
         for back in range(many + 1):
             k = many - 1 - back
@@ -412,23 +412,23 @@ def _beginning(
             elif left < right:
                 good = brake(path, left, right, path.caps[slow[k]].plateau, v1).peak > 0.0
             if good:
-                found = k
+                farthest = k
                 misses = 0
-            elif found > -2:
+            elif farthest > -2:
                 misses = misses + 1
                 if misses == 2:
                     break
-        if found == -2:
+        if farthest == -2:
             return 0
         count = count + 1
-        if found < 0:
+        if farthest < 0:
             stack[count - 1] = brake(quickly, u0, right, v0, v1)
             return count
-        left = begin[slow[found]] - margin
-        stack[count - 1] = brake(path, left, right, path.caps[slow[found]].plateau, v1)
+        left = begin[slow[farthest]] - margin
+        stack[count - 1] = brake(path, left, right, path.caps[slow[farthest]].plateau, v1)
         right = left
-        v1 = path.caps[slow[found]].plateau
-        many = found
+        v1 = path.caps[slow[farthest]].plateau
+        many = farthest
 
 
 @kernel

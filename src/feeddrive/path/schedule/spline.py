@@ -88,16 +88,16 @@ def shares(z: Floats, r: Floats2, most: float, full: bool) -> float:
         return _NOT_FORWARD
     z0, z1, z2, z3 = z
     root = sqrt(z0)
-    found = z0 / most if full else 0.0
+    largest = z0 / most if full else 0.0
     for i in range(len(r)):
         a1, a2, j1, j2, j3, s1, s2, s3, s4 = r[i]
         if full:
-            found = max(found, abs(a2 * z0 + 0.5 * a1 * z1))
-            found = max(found, abs(root * (j3 * z0 + 1.5 * j2 * z1 + 0.5 * j1 * z2)))
+            largest = max(largest, abs(a2 * z0 + 0.5 * a1 * z1))
+            largest = max(largest, abs(root * (j3 * z0 + 1.5 * j2 * z1 + 0.5 * j1 * z2)))
         snap = s4 * z0 * z0 + 3.0 * s3 * z0 * z1
         snap = snap + s2 * (0.75 * z1 * z1 + 2.0 * z0 * z2)
-        found = max(found, abs(snap + s1 * (0.25 * z1 * z2 + 0.5 * z0 * z3)))
-    return found
+        largest = max(largest, abs(snap + s1 * (0.25 * z1 * z2 + 0.5 * z0 * z3)))
+    return largest
 
 
 @kernel
@@ -617,7 +617,7 @@ def _bent(first: int, last: int, miss: Floats, duration: Floats, snap: Floats, r
 def in_time(
     knots: Floats, coefficient: Floats, begin: Floats, ends: Floats2, together: int,
     duration: Floats, piece: Ints, x: Floats, speed: Floats, acceleration: Floats, jerk: Floats, snap: Floats,
-    found: Floats2, room: Floats2, system: Floats2,
+    at_knots: Floats2, room: Floats2, system: Floats2,
 ) -> bool:  # fmt: skip
     """A piece of constant snap for each span; False if the spline is not above 0 everywhere.
 
@@ -636,10 +636,10 @@ def in_time(
         if z[0] <= 0.0 and k > 0 and k < n:
             return False
         v = sqrt(max(z[0], 0.0))
-        found[k] = v, 0.5 * z[1], 0.5 * v * z[2]
+        at_knots[k] = v, 0.5 * z[1], 0.5 * v * z[2]
     for c in range(3):
-        found[0, c] = ends[0, c]
-        found[n, c] = ends[1, c]
+        at_knots[0, c] = ends[0, c]
+        at_knots[n, c] = ends[1, c]
     for k in range(n):
         h = knots[k + 4] - knots[k + 3]
         lasts = 0.0
@@ -653,16 +653,16 @@ def in_time(
                 return False
             lasts = lasts + 0.5 * share * h / sqrt(z[0])
         duration[k] = lasts
-        snap[k] = (found[k + 1, 2] - found[k, 2]) / lasts
+        snap[k] = (at_knots[k + 1, 2] - at_knots[k, 2]) / lasts
     p = 0
     first = 0
     while first < n:
         last = first + together if n - first >= 2 * together else n
         for again in range(3):
             u = 0.0
-            v = found[first, 0]
-            a = found[first, 1]
-            j = found[first, 2]
+            v = at_knots[first, 0]
+            a = at_knots[first, 1]
+            j = at_knots[first, 2]
             for k in range(first, last):
                 t = duration[k]
                 s = snap[k]
@@ -682,9 +682,9 @@ def in_time(
             if again < 2:
                 # the second time for what the first one leaves by rounding
                 miss[0] = knots[last + 3] - knots[first + 3] - u
-                miss[1] = found[last, 0] - v
-                miss[2] = found[last, 1] - a
-                miss[3] = found[last, 2] - j
+                miss[1] = at_knots[last, 0] - v
+                miss[2] = at_knots[last, 1] - a
+                miss[3] = at_knots[last, 2] - j
                 _bent(first, last, miss, duration, snap, room, system)
         first = last
     return True
