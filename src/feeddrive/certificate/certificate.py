@@ -72,14 +72,16 @@ class Certificate(Result):
         readings = control["readings"]
         own = control_of(control, T)
         return {
-            each["name"]: LoopResponse(own, matrices(each["model"], ["cut"], readings, T), each["radius"])
-            for each in self.document["plants"]
+            plant["name"]: LoopResponse(own, matrices(plant["model"], ["cut"], readings, T), plant["radius"])
+            for plant in self.document["plants"]
         }
 
     @property
     def reserve(self) -> float | None:
         """The factor by which the discs of the nearest plant could be wider; None if all are points."""
-        return min((each["reserve"] for each in self.document["plants"] if each["reserve"] is not None), default=None)
+        return min(
+            (plant["reserve"] for plant in self.document["plants"] if plant["reserve"] is not None), default=None
+        )
 
     def sentence(self) -> str:
         """The result as a sentence, with the plant that has the least room."""
@@ -91,7 +93,7 @@ class Certificate(Result):
         )
         room = ""
         if self.reserve is not None:
-            least = min((each for each in plants if each["reserve"] is not None), key=lambda each: each["reserve"])
+            least = min((plant for plant in plants if plant["reserve"] is not None), key=lambda plant: plant["reserve"])
             room = Text(
                 f"; the least room is at {Quantity(least['reserve_at_Hz'], 'Hz'):3}, where the disc of "
                 f"'{least['name']}' could be {Quantity(self.reserve):2} times as wide"

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.certificate.plants import NominalPlant
+from feeddrive.certificate.systems import NominalPlant
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.loop.lifting import Lifted
@@ -21,22 +21,24 @@ _PER_DECADE, _LOWEST = 150, 1e-6  # of Nyquist
 _REFINED = 6  # rounds, each of which takes the search ten times nearer
 
 
-def control_of(given: Mapping[str, Any], T: float) -> StateSpace | Lifted:
+def control_of(entry: Mapping[str, Any], T: float) -> StateSpace | Lifted:
     """The control of a certificate."""
-    rates = given.get("samples", [given])
-    found = tuple(matrices({"states": given["states"], **each}, given["readings"], ["force"], T) for each in rates)
-    return Lifted(found) if "samples" in given else found[0]
+    rates = entry.get("samples", [entry])
+    systems = tuple(
+        matrices({"states": entry["states"], **sample}, entry["readings"], ["force"], T) for sample in rates
+    )
+    return Lifted(systems) if "samples" in entry else systems[0]
 
 
-def matrices(given: Mapping[str, Any], inputs: Sequence[str], outputs: Sequence[str], T: float) -> StateSpace:
+def matrices(entry: Mapping[str, Any], inputs: Sequence[str], outputs: Sequence[str], T: float) -> StateSpace:
     """A linear system in the form of a certificate."""
     A, B, C, D = (
-        np.array([[float.fromhex(x) for x in row] for row in given[name]], dtype=float) for name in ("A", "B", "C", "D")
+        np.array([[float.fromhex(x) for x in row] for row in entry[name]], dtype=float) for name in ("A", "B", "C", "D")
     )
-    n = len(given["A"])
+    n = len(entry["A"])
     return StateSpace(
         A.reshape(n, n), B.reshape(n, len(inputs)), C.reshape(len(outputs), n), D.reshape(len(outputs), len(inputs)),
-        T, tuple(given["states"]), tuple(inputs), tuple(outputs),
+        T, tuple(entry["states"]), tuple(inputs), tuple(outputs),
     )  # fmt: skip
 
 
@@ -63,12 +65,12 @@ class LoopResponse:
         P = self.plant
         n = self.samples[0].A.shape[0]
         names = (*self.samples[0].states, *P.states), ("cut",), ("force",)
-        found: list[StateSpace] = []
+        closed_samples: list[StateSpace] = []
         for C in self.samples:
             A = np.block([[C.A, C.B @ P.C], [P.B @ C.C, P.A + P.B @ C.D @ P.C]])
             B, row = np.vstack([np.zeros((n, 1)), P.B]), np.hstack([C.C, C.D @ P.C])
-            found.append(StateSpace(A, B, row, np.zeros((1, 1)), P.sample_time, *names))
-        return Lifted(tuple(found))
+            closed_samples.append(StateSpace(A, B, row, np.zeros((1, 1)), P.sample_time, *names))
+        return Lifted(tuple(closed_samples))
 
     @cached_property
     def pole(self) -> complex:
@@ -93,12 +95,12 @@ class LoopResponse:
         """-Ci Pi for each reading, shape (readings, lines); with two rates the gain that a sine meets, in one row."""
         if isinstance(self.control, Lifted):
             return 1.0 / (1.0 + self.images(frequency)[None, :, 0]) - 1.0
-        found = [
+        loop_gains = [
             -self.control.response(frequency, input=reading).response
             * self.plant.response(frequency, output=output).response
             for reading, output in zip(self.control.inputs, self.plant.outputs, strict=True)
         ]
-        return np.array(found)
+        return np.array(loop_gains)
 
     def radii(self, frequency: np.ndarray) -> np.ndarray:
         """r of each disc, on an edge the larger one; shape (discs, lines)."""
@@ -131,7 +133,7 @@ class LoopResponse:
         T = self.control.sample_time
         nyquist = 0.5 / T
         last = self.samples[-1], self.closed.samples[-1]
-        poles = np.concatenate([each.poles() for each in (self.plant, *last)])
+        poles = np.concatenate([system.poles() for system in (self.plant, *last)])
         poles = poles[(np.abs(poles) > 0.1) & (np.abs(poles.imag) > 0.0)]
         s = np.log(poles) / T
         near = (np.abs(s.imag)[:, None] + np.abs(s.real)[:, None] * _BESIDE).ravel() / (2.0 * np.pi)
@@ -180,7 +182,7 @@ def deviations(lines: int, confidence: float) -> float:
     return math.sqrt(math.log(max(lines, 1) / (1.0 - confidence)))
 
 
-def given(radius: Radius, nyquist: float) -> list[tuple[float, float]]:
+def radius_steps(radius: Radius, nyquist: float) -> list[tuple[float, float]]:
     """Steps (up to Hz, r) from a number, or from points (Hz, r) with straight lines over ln f between them.
 
     A step has the larger radius of its ends.  Raises ParameterError for radii below 0 and frequencies that do not rise.
@@ -213,12 +215,12 @@ def measured(
     Between two lines the larger of both; below the first one the most of its octave; above the last one the most of its
     octave, and at least `beyond`; nowhere less than `least`.
     """
-    found: list[list[tuple[float, float]]] = []
+    steps: list[list[tuple[float, float]]] = []
     for reading, lines in enumerate(plant.lines):
         f, r = lines.frequency, np.maximum(needed(plant, reading, sure), least)
         low, high = float(np.max(r[f <= 2.0 * f[0]])), float(np.max(r[f >= 0.5 * f[-1]]))
-        found.append(_steps(f, r, low, max(high, beyond), nyquist, _ALIKE))
-    return found
+        steps.append(_steps(f, r, low, max(high, beyond), nyquist, _ALIKE))
+    return steps
 
 
 def _steps(
@@ -228,17 +230,17 @@ def _steps(
     inside = f < nyquist
     f, r = f[inside], r[inside]
     raw = [(float(f[0]), low), *zip(f[1:].tolist(), np.maximum(r[:-1], r[1:]).tolist(), strict=True), (nyquist, high)]
-    made: list[tuple[float, float]] = []
+    steps: list[tuple[float, float]] = []
     least = math.inf
     for to, radius in raw:
         radius = _up(radius)
-        if made and max(made[-1][1], radius) <= alike * min(least, radius):
-            made[-1] = to, max(made[-1][1], radius)
+        if steps and max(steps[-1][1], radius) <= alike * min(least, radius):
+            steps[-1] = to, max(steps[-1][1], radius)
             least = min(least, radius)
         else:
-            made.append((to, radius))
+            steps.append((to, radius))
             least = radius
-    return made
+    return steps
 
 
 def _up(radius: float) -> float:

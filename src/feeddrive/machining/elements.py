@@ -105,7 +105,7 @@ def elements(contour: ContourError, *, ends: float = _ENDS) -> Elements:
     bend = np.diff(heading) / (0.5 * (length[1:] + length[:-1]))  # at the nodes between two stretches
     change = np.abs(np.diff(bend)) > _SAME * np.maximum(np.abs(bend[1:]), np.abs(bend[:-1])) + _STRAIGHT
     cuts = np.concatenate([[0], np.flatnonzero(change) + 1, [len(bend)]])
-    found: list[Element] = []
+    parts: list[Element] = []
     for first, last in pairwise(cuts.tolist()):
         begin, end = float(along[first]), float(along[last + 1])
         if end - begin < _SHORTEST:
@@ -124,11 +124,11 @@ def elements(contour: ContourError, *, ends: float = _ENDS) -> Elements:
         error = float(np.max(np.abs(contour.error[inside])))
         if straight:
             angle, form, tilt = _line(place, nodes[-1] - nodes[0])
-            found.append(Element("line", begin, end, angle, 0.0, form, tilt, 0.0, error, line))
+            parts.append(Element("line", begin, end, angle, 0.0, form, tilt, 0.0, error, line))
         else:
             radius, form, size = _arc(place, nodes, abs(turn))
-            found.append(Element("arc", begin, end, turn, radius, form, 0.0, size, error, line))
-    return Elements(contour.name, tuple(found), tuple(contour.corners()))
+            parts.append(Element("arc", begin, end, turn, radius, form, 0.0, size, error, line))
+    return Elements(contour.name, tuple(parts), tuple(contour.corners()))
 
 
 def _line(place: np.ndarray, along: np.ndarray) -> tuple[float, float, float]:

@@ -129,8 +129,8 @@ class MachineLoad(Result):
 
     def energy(self, *, recovers: bool = True) -> float:
         """Mechanical energy of the axes, losses in their windings where they are known, and the spindle's, J."""
-        found = sum((each.work if recovers else each.drawn) + (each.loss or 0.0) for each in self.axes.values())
-        return found + (0.0 if self.spindle is None else self.spindle.energy)
+        total = sum((axis.work if recovers else axis.drawn) + (axis.loss or 0.0) for axis in self.axes.values())
+        return total + (0.0 if self.spindle is None else self.spindle.energy)
 
     def table(self) -> Table:
         """One row for each axis; the energy of all in the title."""
@@ -193,11 +193,11 @@ def axis_load(
         )
     if not (np.all(np.isfinite(force)) and np.all(np.isfinite(position))):
         raise ParameterError(f"axis {axis}: a force or a position is not finite")
-    given = {
+    constants = {
         "sample_time": (sample_time, "s"), "continuous_force": (continuous_force, "N"), "peak_force": (peak_force, "N"),
         "motor_constant": (motor_constant, "N/W^0.5"), "time_constant": (time_constant, "s"),
     }  # fmt: skip
-    for name, (value, unit) in given.items():
+    for name, (value, unit) in constants.items():
         if value is not None and not 0.0 < value < float("inf"):
             raise ParameterError(
                 f"axis {axis}: {name} = {Quantity(value, unit):6 SI} must be finite and > 0 {unit_name(unit, 'SI')}"
@@ -251,8 +251,8 @@ def spindle_load(
             f"volume = {Quantity(volume, 'm3'):6} of chips must be > 0 m3: leave it out where nothing is cut"
         )
     energy = float(np.sum(power)) * sample_time
-    each = None if volume is None else energy / volume
-    return SpindleLoad(float(np.mean(power)), float(np.max(np.abs(power))), energy, volume, each)
+    specific = None if volume is None else energy / volume
+    return SpindleLoad(float(np.mean(power)), float(np.max(np.abs(power))), energy, volume, specific)
 
 
 def machine_load(
@@ -275,26 +275,26 @@ def machine_load(
     check_system(system)
     loops: dict[str, Loop] = dict(zip(system.ports(), system.loops().values(), strict=True))
     names = dict(zip(system.ports(), system.loops(), strict=True))
-    given = (motor_constant or {}, time_constant or {})
-    for constants in given:
+    by_axis = (motor_constant or {}, time_constant or {})
+    for constants in by_axis:
         absent = [name for name in constants if name not in names.values()]
         if absent:
             raise ParameterError(f"there is no axis '{absent[0]}'; there are {', '.join(names.values())}")
     if run.samples < 2:
         raise ParameterError("a load needs a run of two samples or more")
-    found: dict[str, AxisLoad] = {}
+    loads: dict[str, AxisLoad] = {}
     for port, loop in loops.items():
         name = names[port]
         peak, continuous = (None, None) if loop.axis.actuator.motor is None else loop.axis.actuator.motor.limits()
-        found[name] = axis_load(
+        loads[name] = axis_load(
             run[f"{port}drive_force"][:-1],
             run[f"{port}position_motor"],
             run.sample_time,
             continuous_force=None if continuous is None else float(continuous),
             peak_force=None if peak is None else float(peak),
-            motor_constant=given[0].get(name),
-            time_constant=given[1].get(name),
+            motor_constant=by_axis[0].get(name),
+            time_constant=by_axis[1].get(name),
             axis=name,
             turning=bool(loop.axis.rotary),
         )
-    return MachineLoad(found, spindle)
+    return MachineLoad(loads, spindle)

@@ -95,26 +95,26 @@ class PartRun(Result):
     @property
     def duty(self) -> float | None:
         """The largest share of a motor's continuous force that an axis needs in the RMS; None if none is stated."""
-        shares = [each.of_continuous for each in self.load.axes.values() if each.of_continuous is not None]
+        shares = [axis.of_continuous for axis in self.load.axes.values() if axis.of_continuous is not None]
         return max(shares, default=None)
 
     def numbers(self) -> dict[str, float | None]:
         """All figures by name, in SI."""
-        found: dict[str, float | None] = {
+        figures: dict[str, float | None] = {
             "contour_error_rms_m": self.contour.rms,
             "contour_error_95_percent_m": self.contour.within(),
             "contour_error_peak_m": self.contour.largest,
         }
-        for axis, each in self.axes.items():
-            found |= {
-                f"{axis}.following_error_rms_m": each.following_rms,
-                f"{axis}.following_error_peak_m": each.following_peak,
-                f"{axis}.following_error_peak_line": float(each.line),
-                f"{axis}.reversals": float(each.glitches),
-                f"{axis}.reversal_glitch_m": each.glitch,
+        for axis, axis_run in self.axes.items():
+            figures |= {
+                f"{axis}.following_error_rms_m": axis_run.following_rms,
+                f"{axis}.following_error_peak_m": axis_run.following_peak,
+                f"{axis}.following_error_peak_line": float(axis_run.line),
+                f"{axis}.reversals": float(axis_run.glitches),
+                f"{axis}.reversal_glitch_m": axis_run.glitch,
             }
         for axis, motor in self.load.axes.items():
-            found |= {
+            figures |= {
                 f"{axis}.drive_force_rms_N": motor.rms,
                 f"{axis}.drive_force_peak_N": motor.peak,
                 f"{axis}.force_rms_of_continuous": motor.of_continuous,
@@ -122,23 +122,23 @@ class PartRun(Result):
                 f"{axis}.work_J": motor.work,
                 f"{axis}.drawn_without_recovery_J": motor.drawn,
             }
-        found["energy_J"] = self.load.energy()
-        found["energy_without_recovery_J"] = self.load.energy(recovers=False)
+        figures["energy_J"] = self.load.energy()
+        figures["energy_without_recovery_J"] = self.load.energy(recovers=False)
         if self.load.spindle is not None:
-            found["spindle_power_mean_W"] = self.load.spindle.power
-            found["spindle_power_peak_W"] = self.load.spindle.peak
-            found["spindle_energy_J"] = self.load.spindle.energy
-            found["chip_volume_m3"] = self.load.spindle.volume
-            found["specific_energy_J_per_m3"] = self.load.spindle.specific_energy
+            figures["spindle_power_mean_W"] = self.load.spindle.power
+            figures["spindle_power_peak_W"] = self.load.spindle.peak
+            figures["spindle_energy_J"] = self.load.spindle.energy
+            figures["chip_volume_m3"] = self.load.spindle.volume
+            figures["specific_energy_J_per_m3"] = self.load.spindle.specific_energy
         if self.cutting is not None:
-            found["cutting_force_rms_N"] = self.cutting_rms
-            found["cutting_force_peak_N"] = float(np.max(np.linalg.norm(self.cutting, axis=1)))
+            figures["cutting_force_rms_N"] = self.cutting_rms
+            figures["cutting_force_peak_N"] = float(np.max(np.linalg.norm(self.cutting, axis=1)))
         for observer, axes in self.estimates.items():
-            for axis, each in axes.items():
-                found[f"{axis}.{observer}.disturbance_error_rms_N"] = each.error
-                found[f"{axis}.{observer}.disturbance_error_over_a_turn_rms_N"] = each.slow
-                found[f"{axis}.disturbance_deviation_N"] = each.true
-        return found
+            for axis, estimate in axes.items():
+                figures[f"{axis}.{observer}.disturbance_error_rms_N"] = estimate.error
+                figures[f"{axis}.{observer}.disturbance_error_over_a_turn_rms_N"] = estimate.slow
+                figures[f"{axis}.disturbance_deviation_N"] = estimate.true
+        return figures
 
     def table(self) -> Table:
         """A row for each axis."""
@@ -193,16 +193,18 @@ def part_run(
     mask = np.ones(run.samples, bool) if counted is None else np.append(counted[:n], np.zeros(run.samples - n, bool))
     contour = contour_error(run, axes=names, line=lines, counted=mask)
     speed = np.sqrt(sum(run[f"{axis}.set_velocity"] ** 2 for axis in names))
-    found = {axis: _axis(run, axis, lines, contour, speed) for axis in names}
+    by_axis = {axis: _axis(run, axis, lines, contour, speed) for axis in names}
     cutting = np.column_stack([run[f"{axis}.load_force"] for axis in names]) if cuts else None
     heard = {axis for by in (observers or {}).values() for axis in by if axis in names}
     true = {axis: disturbance_of(run, loops[axis], axis) for axis in names if axis in heard}
     estimates = {
-        name: {axis: _estimated(run, axis, each, true[axis], turn) for axis, each in by.items() if axis in names}
+        name: {
+            axis: _estimated(run, axis, observer, true[axis], turn) for axis, observer in by.items() if axis in names
+        }
         for name, by in (observers or {}).items()
     }
-    acting = {axis: each.astype(np.float32) for axis, each in true.items()}
-    return PartRun(run.name, contour, found, machine_load(run, machine, spindle=spindle), cutting, estimates, acting)
+    acting = {axis: disturbance.astype(np.float32) for axis, disturbance in true.items()}
+    return PartRun(run.name, contour, by_axis, machine_load(run, machine, spindle=spindle), cutting, estimates, acting)
 
 
 def _axis(run: Run, axis: str, line: np.ndarray, contour: ContourError, speed: np.ndarray) -> AxisRun:
@@ -245,6 +247,6 @@ def disturbance_of(run: Run, loop: Loop, axis: str) -> np.ndarray:
     mechanics = loop.axis.mechanics()
     along = mechanics.rigid_motion()
     viscous = float(matrix.dot([matrix.dot(row, along) for row in mechanics.damping], along))
-    weight = sum(float(each.force) for each in loop.axis.forces if isinstance(each, Gravity))
+    weight = sum(float(force.force) for force in loop.axis.forces if isinstance(force, Gravity))
     dry = run[f"{axis}.friction_motor"] + run[f"{axis}.friction_load"]
     return run[f"{axis}.load_force"] + weight + dry - viscous * run[f"{axis}.velocity_load"]

@@ -77,31 +77,31 @@ def reversals(run: Run, contour: ContourError | None = None, *, begin: float = 0
     The base is the mean of the last fifth of the way from the reversal before, or from the begin of the run.
     Raises ParameterError for a run of other than two axes, or without velocities.
     """
-    found = contour_error(run) if contour is None else contour
-    if not found.signed:
+    deviation = contour_error(run) if contour is None else contour
+    if not deviation.signed:
         raise ParameterError(f"reversals are those of a plane path: give the contour error of two axes, not of "
-                             f"{', '.join(found.axes)}")  # fmt: skip
-    v = np.column_stack([run[f"{axis}.set_velocity"] for axis in found.axes])
-    a = np.column_stack([run[f"{axis}.set_acceleration"] for axis in found.axes])
+                             f"{', '.join(deviation.axes)}")  # fmt: skip
+    v = np.column_stack([run[f"{axis}.set_velocity"] for axis in deviation.axes])
+    a = np.column_stack([run[f"{axis}.set_acceleration"] for axis in deviation.axes])
     left_turn = v[:, 0] * a[:, 1] - v[:, 1] * a[:, 0] >= 0.0
-    outward = np.where(left_turn, -found.error, found.error)
+    outward = np.where(left_turn, -deviation.error, deviation.error)
     places: list[tuple[float, int, int]] = []
     for i in range(2):
         moves = np.flatnonzero(v[:, i] != 0.0)
         turned = np.flatnonzero(np.sign(v[moves[1:], i]) != np.sign(v[moves[:-1], i]))
         for before, after in zip(moves[turned], moves[turned + 1], strict=True):
             share = v[before, i] / (v[before, i] - v[after, i])
-            time = float(found.time[before] + share * (found.time[after] - found.time[before]))
+            time = float(deviation.time[before] + share * (deviation.time[after] - deviation.time[before]))
             if time >= begin:
                 places.append((time, int(after), i))
     places.sort()
     ends = [row for _, row, _ in places[1:]] + [len(outward)]
     starts = [0] + [row for _, row, _ in places[:-1]]
     rows = [
-        _reversal(run, found, outward, place, start, end)
+        _reversal(run, deviation, outward, place, start, end)
         for place, start, end in zip(places, starts, ends, strict=True)
     ]
-    return Reversals(found.name, tuple(rows), found.time, outward)
+    return Reversals(deviation.name, tuple(rows), deviation.time, outward)
 
 
 def _reversal(
@@ -165,5 +165,5 @@ def stick_time(
 
     from scipy.optimize import brentq  # not for commands that only read
 
-    found: Any = brentq(left, 0.0, wanted, xtol=1e-15)  # the left side is at least t
-    return float(found)
+    root: Any = brentq(left, 0.0, wanted, xtol=1e-15)  # the left side is at least t
+    return float(root)

@@ -129,7 +129,7 @@ def wall(
     middle, outward = (0.0, 1.0) if milling == "up" else (np.pi, -1.0)
     half = _WIDE * feed / radius
     walk = np.linspace(-half, half, 2 * int(np.ceil(half / np.sqrt(8.0 * _SAG / radius))) + 1)
-    found = np.full((levels, points), -np.inf)
+    envelope = np.full((levels, points), -np.inf)
     for level, z in enumerate(heights):
         for tooth in range(edge.teeth):
             offset = middle - 2.0 * np.pi * tooth / edge.teeth + lag * z - turned
@@ -143,8 +143,8 @@ def wall(
                 if s[0] > s[-1]:
                     s, w = s[::-1], w[::-1]
                 reached = np.interp(along, s, outward * w - radius, left=-np.inf, right=-np.inf)
-                found[level] = np.maximum(found[level], reached)
-    return Surface(along, heights, -found, feed, feed_mark(radius, feed, edge.teeth, milling))
+                envelope[level] = np.maximum(envelope[level], reached)
+    return Surface(along, heights, -envelope, feed, feed_mark(radius, feed, edge.teeth, milling))
 
 
 def _side(milling: str) -> None:

@@ -93,8 +93,8 @@ class ToolPoint(Result):
 
     def fastest(self) -> float:
         """The fastest swing that counts, rad/s: a pole damped by 30 % or more that hardly moves the tool does not."""
-        found: Any = np.linalg.eig(self.A)
-        poles, shapes = found
+        eigen: Any = np.linalg.eig(self.A)
+        poles, shapes = eigen
         counts = np.ones(poles.size, bool)
         if np.linalg.cond(shapes) < _DISTINCT:
             into = np.linalg.norm(np.linalg.solve(shapes, self.B), axis=1)
@@ -160,7 +160,8 @@ def tool_point(
         names = tuple(along) or _moved(system)
         if isinstance(system, Machine):
             system = dataclasses.replace(
-                system, couplings=tuple(each for each in system.couplings if not isinstance(each, MillingCut))
+                system,
+                couplings=tuple(coupling for coupling in system.couplings if not isinstance(coupling, MillingCut)),
             )
         if len(names) > 2 or all(name is None for name in names):
             raise ParameterError("along names the axis of the feed and that of the normal: two, or one and None")
@@ -174,19 +175,19 @@ def tool_point(
         axes = [ports[name] for name in names if name is not None]
         inputs, outputs = [f"{port}load_force" for port in axes], [f"{port}position_load" for port in axes]
         model = linearize(system, inputs, outputs, velocity=velocity)
-    found = _continuous(model, lowest)
-    B, C = np.zeros((found.A.shape[0], 2)), np.zeros((2, found.A.shape[0]))
-    B[:, kept], C[kept] = found.B, found.C
-    return ToolPoint(found.A, B, C, found.missed)
+    continuous = _continuous(model, lowest)
+    B, C = np.zeros((continuous.A.shape[0], 2)), np.zeros((2, continuous.A.shape[0]))
+    B[:, kept], C[kept] = continuous.B, continuous.C
+    return ToolPoint(continuous.A, B, C, continuous.missed)
 
 
 def cut_of(machine: Machine) -> MillingCut:
     """The milling cut of a machine. Raises ParameterError if it has none, or several."""
-    cuts = [each for each in machine.couplings if isinstance(each, MillingCut)]
+    cuts = [coupling for coupling in machine.couplings if isinstance(coupling, MillingCut)]
     if len(cuts) != 1:
-        said = "no milling_cut" if not cuts else f"{len(cuts)} milling_cuts"
+        count = "no milling_cut" if not cuts else f"{len(cuts)} milling_cuts"
         raise ParameterError(
-            f"the machine has {said} among its couplings: the lobes need one, with cutter and spindle_speed "
+            f"the machine has {count} among its couplings: the lobes need one, with cutter and spindle_speed "
             f'([[couplings]] kind = "milling_cut")'
         )
     return cuts[0]
@@ -194,7 +195,11 @@ def cut_of(machine: Machine) -> MillingCut:
 
 def _moved(system: Loop | Machine) -> tuple[str, ...]:
     """The axes of the feed and the normal that the cut names, or the first two."""
-    cuts = [each for each in system.couplings if isinstance(each, MillingCut)] if isinstance(system, Machine) else []
+    cuts = (
+        [coupling for coupling in system.couplings if isinstance(coupling, MillingCut)]
+        if isinstance(system, Machine)
+        else []
+    )
     return (cuts[0].along_x, cuts[0].along_y) if cuts else tuple(system.loops())[:2]
 
 
@@ -215,16 +220,16 @@ def _continuous(model: StateSpace, lowest: float) -> ToolPoint:
     frequency = frequency[(frequency >= lowest) & (frequency <= 0.4 / T)]
     s = 2j * np.pi * frequency
     hold = (1.0 - np.exp(-s * T)) / (s * T)
-    given = np.stack([
+    responses = np.stack([
         np.stack([model.response(frequency, row, column).response / hold for column in model.inputs], axis=-1)
         for row in model.outputs
     ], axis=-2)  # fmt: skip
     columns = [column for pole in poles for column in _terms(s, pole)]
     basis = np.stack(columns, axis=1)
-    size = np.abs(given).reshape(s.size, -1).max(axis=1)
+    size = np.abs(responses).reshape(s.size, -1).max(axis=1)
     weight = 1.0 / (size + 1e-4 * size.max()) / (1.0 + (frequency * T / _KNEE) ** 2)
     tall = np.vstack([(basis * weight[:, None]).real, (basis * weight[:, None]).imag])
-    flat = given.reshape(s.size, q * q)
+    flat = responses.reshape(s.size, q * q)
     right = np.vstack([(flat * weight[:, None]).real, (flat * weight[:, None]).imag])
     scale = np.linalg.norm(tall, axis=0)
     residues = np.linalg.lstsq(tall / scale, right, rcond=1e-13)[0] / scale[:, None]
