@@ -257,9 +257,9 @@ def write_reproduced(reproduced: Sequence[Reproduced], out: str | Path) -> Path:
 
 def fill(folder: Path, reproduced: Sequence[Reproduced]) -> None:
     """Write the files into a directory that was created before the work began."""
-    for each in reproduced:
-        name = "report" if len(reproduced) == 1 else each.name
-        (folder / f"{name}.html").write_text(each.page, encoding="utf-8")
+    for paper in reproduced:
+        name = "report" if len(reproduced) == 1 else paper.name
+        (folder / f"{name}.html").write_text(paper.page, encoding="utf-8")
     if len(reproduced) > 1:
         (folder / "report.html").write_text(_index(reproduced), encoding="utf-8")
     (folder / "claims.json").write_text(json.dumps(_figures(reproduced), indent=2) + "\n", encoding="utf-8")
@@ -268,7 +268,7 @@ def fill(folder: Path, reproduced: Sequence[Reproduced]) -> None:
 def _figures(reproduced: Sequence[Reproduced]) -> dict[str, object]:
     """All claims as plain figures; NaN and infinity are null."""
     papers = {
-        each.name: [
+        paper.name: [
             {
                 "key": claim.key,
                 "claim": claim.claim,
@@ -281,9 +281,9 @@ def _figures(reproduced: Sequence[Reproduced]) -> dict[str, object]:
                 "holds": claim.holds,
                 "equations": list(claim.equations),
             }
-            for claim in each.claims
+            for claim in paper.claims
         ]
-        for each in reproduced
+        for paper in reproduced
     }
     return {"versions": versions(), "papers": papers}
 
@@ -292,8 +292,8 @@ def _index(reproduced: Sequence[Reproduced]) -> str:
     return render(
         "papers.html",
         title="The four papers, reproduced",
-        lead=[f"{each.title}: {each.sentence}" for each in reproduced],
-        links=[(each.name, each.title) for each in reproduced],
+        lead=[f"{paper.title}: {paper.sentence}" for paper in reproduced],
+        links=[(paper.name, paper.title) for paper in reproduced],
         heads=CELLS,
         papers=reproduced,
     )

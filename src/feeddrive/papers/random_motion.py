@@ -60,6 +60,6 @@ def stepped(
     return states, np.array(forces)
 
 
-def misfit(found: Sequence[Any] | np.ndarray, expected: np.ndarray) -> float:
+def misfit(actual: Sequence[Any] | np.ndarray, expected: np.ndarray) -> float:
     """Largest difference over the largest expected value."""
-    return float(np.max(np.abs(np.asarray(found, dtype=float) - expected)) / np.max(np.abs(expected)))
+    return float(np.max(np.abs(np.asarray(actual, dtype=float) - expected)) / np.max(np.abs(expected)))

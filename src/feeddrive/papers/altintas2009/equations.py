@@ -104,7 +104,7 @@ def equations() -> tuple[list[Claim], list[Shown]]:
 
 def _residuals(law: DADSC, coupled: DADSC, ppi: CascadePPI, disturbance: np.ndarray) -> list[Claim]:
     rule = f"{IDEAL}; 3000 samples of white F_d, 100 N RMS, seed 1"
-    free, other, cascaded = (_run(each, disturbance) for each in (law, coupled, ppi))
+    free, other, cascaded = (_run(loop_, disturbance) for loop_ in (law, coupled, ppi))
     worst = {
         "(6), DADSC": residual_6(law, free),
         "(6) with g2 = 0.9 g1/Q": residual_6(coupled, other),
@@ -123,9 +123,9 @@ def _residuals(law: DADSC, coupled: DADSC, ppi: CascadePPI, disturbance: np.ndar
         *(
             Claim(
                 "1.a", f"the inverse of the loop gives F_d back exactly under {name}", rule,
-                float(np.max(np.abs(found - disturbance[1:]))), None, 1e-9, "N",
+                float(np.max(np.abs(recovered_force - disturbance[1:]))), None, 1e-9, "N",
             )
-            for name, found in exact.items()
+            for name, recovered_force in exact.items()
         ),
     ]  # fmt: skip
 
@@ -137,17 +137,17 @@ def _implicit(law: DADSC, coupled: DADSC, ppi: CascadePPI) -> list[Claim]:
     rule = f"{IDEAL}; x_r = 50 mm · sin³ at 5 Hz, no disturbance"
     claims = [
         Claim(
-            "1.a", f"x/x_r = 1 under {name}", rule, float(np.max(np.abs(_run(each, still, way).position_error))),
+            "1.a", f"x/x_r = 1 under {name}", rule, float(np.max(np.abs(_run(loop_, still, way).position_error))),
             None, 1e-12, "m",
         )
-        for name, each in (("DADSC", law), ("the cascade", ppi))
+        for name, loop_ in (("DADSC", law), ("the cascade", ppi))
     ]  # fmt: skip
     step = np.full(600, 200.0)
     fall = 1.0 / (1.0 + law.adaptation_rate * T)
     rule = f"{IDEAL}; F_d = 200 N from the first sample on"
     off = {}
-    for name, each in (("free", law), ("coupled", coupled)):
-        left = 200.0 - np.array([state.estimate for state in _run(each, step).states])
+    for name, loop_ in (("free", law), ("coupled", coupled)):
+        left = 200.0 - np.array([state.estimate for state in _run(loop_, step).states])
         off[name] = float(np.max(np.abs(left[1:] - fall * left[:-1])))
     claims += [
         Claim("1.a", "with g2 = g1/Q the estimate's error falls by 1/(1 + ω_d T) each sample", rule, off["free"],
@@ -192,11 +192,11 @@ def _closed_form(law: DADSC, ppi: CascadePPI) -> list[Claim]:
     assert ppi.Tn is not None
     claims = []
     columns = (("DADSC", law, dadsc_column(law, T)), ("cascade", ppi, cascade_column(ppi.Kv, ppi.Kp, ppi.Tn, T)))
-    for name, each, column in columns:
-        found = _run(each, kick).position
+    for name, loop_, column in columns:
+        response = _run(loop_, kick).position
         for printed in (False, True):
             expected = transfer(column, MASS, T, printed=printed).impulse(kick.size)
-            off = float(np.max(np.abs(found - expected)) / np.max(np.abs(found)))
+            off = float(np.max(np.abs(response - expected)) / np.max(np.abs(response)))
             rule = f"{IDEAL}; F_d = 1 N in sample 0; largest difference over the peak, 1000 samples"
             if printed:
                 claims.append(Claim("1.b", f"(8) as printed, z² - 1, is not the loop: {name}", rule, off, 0.1))

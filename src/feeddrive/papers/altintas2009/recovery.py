@@ -54,18 +54,18 @@ def adaptation(law: DADSC, run: Run) -> Observation:
     prepared = law.prepare(T)
     position, force, wanted = run["reading_load"], run["force"], run["requested"]
     state = law.start(prepared, Setpoint(0.0), Reading(position[0], position[0]))
-    found = np.empty(position.size)
+    estimates = np.empty(position.size)
     applied = requested = 0.0
     for k, x in enumerate(position):
         state, _ = law.step(prepared, state, Setpoint(0.0), Reading(x, x, applied, requested), T)
-        found[k] = state.estimate
+        estimates[k] = state.estimate
         applied, requested = force[k], wanted[k]
-    return Observation(OWN, run.time, position, run["velocity_load"], found, T, 0.0)
+    return Observation(OWN, run.time, position, run["velocity_load"], estimates, T, 0.0)
 
 
 def _observed(run: Run) -> dict[str, Observation]:
     own = {OWN: adaptation(dadsc(RATE), run)}
-    return own | {name: observe(each, run["reading_load"], run["force"], T) for name, each in OBSERVERS.items()}
+    return own | {name: observe(observer, run["reading_load"], run["force"], T) for name, observer in OBSERVERS.items()}
 
 
 def estimation() -> tuple[list[Claim], list[Table], list[Shown]]:
@@ -92,7 +92,7 @@ def estimation() -> tuple[list[Claim], list[Table], list[Shown]]:
         Claim("1.e", "a scale of 10 nm doubles the error of the exact recovery, not that of the filtered one", rule,
               (errors["recovery, exact"][1] / errors["recovery, exact"][0]) / (best[1] / best[0]), 1.3, None),
         Claim("1.e", "the Kalman filter is the best without a scale's steps", rule,
-              errors["Kalman"][0] / min(each[0] for name, each in errors.items() if name != "Kalman"), None, 1.0),
+              errors["Kalman"][0] / min(figures[0] for name, figures in errors.items() if name != "Kalman"), None, 1.0),
         *_table_claims(errors, rule),
     ]  # fmt: skip
     claims += _steps()
@@ -123,7 +123,9 @@ def _steps() -> list[Claim]:
     run = _run(StepForce(force=200.0, start=0.1), None)
     seen = _observed(run)
     first = round(0.1 / T)
-    times = {name: 1e3 * T * float(np.argmax(each.disturbance[first:] >= 180.0)) for name, each in seen.items()}
+    times = {
+        name: 1e3 * T * float(np.argmax(observation.disturbance[first:] >= 180.0)) for name, observation in seen.items()
+    }
     rule = f"DADSC with p = 300 1/s; {PLANT}; force step of 200 N, time until the estimate has 180 N"
     return [
         Claim("1.e", "the law's own estimate of a step takes ln 10/ω_d", rule, times[OWN], 7.3, 8.1, "ms", "7.68"),
@@ -158,8 +160,8 @@ def swing(mode: MachineMode, force: np.ndarray, sample_time: float = T) -> np.nd
     from scipy.signal import lfilter
 
     w, m = float(mode.omega()), float(mode.modal_mass())
-    made = expm(sample_time * np.array([[0, 1, 0], [-w * w, -2 * mode.damping_ratio * w, 1 / m], [0, 0, 0]]))
-    A, B = made[:2, :2], made[:2, 2]
+    transition = expm(sample_time * np.array([[0, 1, 0], [-w * w, -2 * mode.damping_ratio * w, 1 / m], [0, 0, 0]]))
+    A, B = transition[:2, :2], transition[:2, 2]
     # x(k) = tr A x(k-1) - det A x(k-2) + B1 F(k-1) + (A12 B2 - A22 B1) F(k-2)
     numerator = [0.0, B[0], A[0, 1] * B[1] - A[1, 1] * B[0]]
     return np.asarray(lfilter(numerator, [1.0, -np.trace(A), np.linalg.det(A)], force))
@@ -238,16 +240,18 @@ def _others(rule: str, none: float, sine: Load) -> list[Claim]:
         for share in (0.8, 1.2)
     ]
     step = StepForce(force=300.0, start=0.1)
-    stepped = [_rms(tool_error(600.0, each, step), 0) for each in ((), compensated(), compensated(tuned=0.95))]
-    said = rule.replace("100 N at its resonance", "force step of 300 N").replace("from 1 to 2 s", "over 2 s")
+    stepped = [
+        _rms(tool_error(600.0, compensation, step), 0) for compensation in ((), compensated(), compensated(tuned=0.95))
+    ]
+    step_rule = rule.replace("100 N at its resonance", "force step of 300 N").replace("from 1 to 2 s", "over 2 s")
     return [
         Claim("1.f", "the compensation is sensitive: a frequency 5 % off leaves most of the error at resonance", rule,
               min(off), 40.0, None, "um", "49 to 50"),
         Claim("1.f", "a mass 20 % off still leaves a gain, the smaller of both", rule, min(heavy), 2.4, None, "",
               "2.4 to 4"),
-        Claim("1.f", "error under a step without compensation", said, stepped[0], 14.0, 16.0, "um", "15.1"),
-        Claim("1.f", "error under a step with it", said, stepped[1], None, 0.4, "um", "0.22"),
-        Claim("1.f", "and with a frequency 5 % off", said, stepped[2], None, 3.0, "um", "2.3"),
+        Claim("1.f", "error under a step without compensation", step_rule, stepped[0], 14.0, 16.0, "um", "15.1"),
+        Claim("1.f", "error under a step with it", step_rule, stepped[1], None, 0.4, "um", "0.22"),
+        Claim("1.f", "and with a frequency 5 % off", step_rule, stepped[2], None, 3.0, "um", "2.3"),
     ]  # fmt: skip
 
 

@@ -160,18 +160,18 @@ def _fair() -> list[Claim]:
     """Both tuned for least rope-snap error under Ms <= 2 with two samples of dead time."""
     claims = []
     rule = f"least ISE^½ of a force step subject to Ms <= 2, loop cut at the actuator; 2 samples of dead time; {PLANT}"
-    found = {}
+    errors = {}
     for name, law in (("DADSC", dadsc(RATE)), ("P-PI", cascade(RATE))):
         tuned = tune_control(loop(law, dead_time=2.0 * T), filters="kept", starts=1)
-        found[name] = 1e9 * tuned.after[0].rope_snap
+        errors[name] = 1e9 * tuned.after[0].rope_snap
         expected = 1.04 if name == "DADSC" else 0.90
         claims.append(
-            Claim("1.d", f"fair margins: rope-snap error of {name}", rule, found[name], 0.97 * expected,
+            Claim("1.d", f"fair margins: rope-snap error of {name}", rule, errors[name], 0.97 * expected,
                   1.03 * expected, "nm s^½/N", number(expected, 3))
         )  # fmt: skip
     return [
         *claims,
-        Claim("1.d", "fair margins, P-PI wins: its error over that of DADSC", rule, found["P-PI"] / found["DADSC"],
+        Claim("1.d", "fair margins, P-PI wins: its error over that of DADSC", rule, errors["P-PI"] / errors["DADSC"],
               None, 1.0, "", "0.87: both are PIDs; the cascade has real zeros, DADSC real poles"),
     ]  # fmt: skip
 
@@ -195,8 +195,8 @@ def delays() -> tuple[list[Claim], list[Table], list[Shown]]:
     """Claims, table and picture of row 1.i."""
     samples = (0, 1, 2, 3)
     names = [f"axis.x.control.law.{name}" for name in DADSC.tunables]
-    found = delay_map(loop(dadsc(RATE)), names, [d * T for d in samples])
-    edge, robust = T * found.at_edge(names[0]), T * found.at_robust(names[0])
+    delay = delay_map(loop(dadsc(RATE)), names, [d * T for d in samples])
+    edge, robust = T * delay.at_edge(names[0]), T * delay.at_robust(names[0])
     rule = f"triple pole p = λ = K = ω_d; {PLANT}; dead time in whole samples"
     claims = []
     for i, d in enumerate(samples):
@@ -252,8 +252,8 @@ def motion() -> tuple[list[Claim], list[Shown]]:
 
 
 def _error(law: Law, mass: float = MASS) -> np.ndarray:
-    found = simulate(loop(law, mass=mass), MOVE, duration=0.6, record=("tracking_error",))
-    return 1e6 * found["tracking_error"]
+    run = simulate(loop(law, mass=mass), MOVE, duration=0.6, record=("tracking_error",))
+    return 1e6 * run["tracking_error"]
 
 
 def _tracking() -> tuple[list[Claim], list[Shown]]:
@@ -296,18 +296,18 @@ def step_response(law: DADSC, windup: str) -> np.ndarray:
     hold, state = axis.prepare(T, timing), axis.start(0.0, 0.0, timing)
     prepared = law.prepare(T)
     kept: Any = law.start(prepared, Setpoint(0.0), Reading(0.0, 0.0))
-    found = np.empty(LENGTH)
+    response = np.empty(LENGTH)
     applied = requested = 0.0
     for k in range(LENGTH):
         x = state.position[0]
-        found[k] = x
+        response[k] = x
         seen = applied if windup == "back-calculation" else requested
         after, requested = law.step(prepared, kept, Setpoint(STEP), Reading(x, x, seen, requested), T)
         applied = min(max(requested, -LIMIT), LIMIT)
         held = windup == "freezing" and applied != requested
         kept = after._replace(estimate=kept.estimate) if held else after
         state, _ = advance(axis, hold, state, applied, None, k * T, T)
-    return found
+    return response
 
 
 def _saturation() -> tuple[list[Claim], list[Shown]]:

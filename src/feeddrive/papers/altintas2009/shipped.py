@@ -90,8 +90,8 @@ def ideal_poles() -> list[Claim]:
     lines = np.geomspace(5.0, 500.0, 8000)
     step = 1e-5
     bands = {}
-    for name, each, state, plus in (("DADSC", dadsc(300.0), "estimate", 1.0), ("P-PI", ppi, "integral", -1.0)):
-        seen = np.abs(plus * ideal_model(each, step).response(lines, state, step))
+    for name, ideal, state, plus in (("DADSC", dadsc(300.0), "estimate", 1.0), ("P-PI", ppi, "integral", -1.0)):
+        seen = np.abs(plus * ideal_model(ideal, step).response(lines, state, step))
         bands[name] = float(lines[np.argmax(seen < np.sqrt(0.5))])
     rule = "ideal loop of the shipped law, m = 40 kg, b = 60 N s/m, T = 0.1 ms; λ = 200, K = 350, ω_d = 300 1/s"
     band_rule = "-3 dB of estimate (integral) over F_d in the ideal loop of the shipped law, p = 300 1/s, T = 0.01 ms"
@@ -123,8 +123,8 @@ def recoveries() -> list[Claim]:
     two = np.asarray(lfilter(butterworth[0], butterworth[1], exact))
 
     resolution, walk = 1e-7, 8.0
-    made = expm(T * np.array([[0, 1, 0, 0], [0, -VISCOUS / MASS, 1 / MASS, 1 / MASS], [0] * 4, [0] * 4]))
-    phi, gamma = made[:3, :3], made[:3, 3]
+    transition = expm(T * np.array([[0, 1, 0, 0], [0, -VISCOUS / MASS, 1 / MASS, 1 / MASS], [0] * 4, [0] * 4]))
+    phi, gamma = transition[:3, :3], transition[:3, 3]
     size = np.array([resolution, resolution / T, MASS * resolution / T**2])  # so that the equation is well scaled
     scaled, noise = phi * size / size[:, None], 1.0 / 12.0
     P = solve_discrete_are(scaled.T, np.eye(3)[:, :1], np.diag([0.0, 0.0, (walk / size[2]) ** 2]), [[noise]])
@@ -140,11 +140,11 @@ def recoveries() -> list[Claim]:
         prepared = observer.prepare(T)
         readings = read.readings()
         held = observer.start(prepared, readings[0])
-        found = []
+        estimates = []
         for reading in readings[1:]:
             held, estimate = observer.step(prepared, held, reading, T)
-            found.append(estimate[what])
-        return found
+            estimates.append(estimate[what])
+        return estimates
 
     made_of: dict[str, Any] = {"mass": MASS, "viscous": VISCOUS}
     kinds: list[tuple[str, Observer, np.ndarray, float, str]] = [
@@ -161,9 +161,9 @@ def recoveries() -> list[Claim]:
     ]  # fmt: skip
     kalman_filter = kinds[-1][1]
     return [
-        Claim("1.l", f"{said}, beside scipy", RULE, misfit(seen(observer), expected), None, most,
+        Claim("1.l", f"{title}, beside scipy", RULE, misfit(seen(observer), expected), None, most,
               equations=tuple({name, "recovery from (6)"} - ({"recovery from (6)"} if "Kalman" in name else set())))
-        for said, observer, expected, most, name in kinds
+        for title, observer, expected, most, name in kinds
     ] + [
         Claim("1.l", f"its {name}, beside scipy", RULE, misfit(seen(kalman_filter, i), by_kalman[:, i]), None, 1e-6,
               equations=("Kalman recovery",))
@@ -199,10 +199,10 @@ def compensations() -> list[Claim]:
         moved = _moved(ModeCompensation(modes=(mode,), observer=observer), setpoints, readings)
         at, expected = np.zeros(2), []
         sign = 1.0 if place == "tool" else -1.0
-        for each in push:
-            after = (sample @ [*at, each])[:2]
-            now = after if place == "base" else (lead @ [*at, each])[:2]
-            expected.append([*now, each / m - 2.0 * damping * w * now[1] - w * w * now[0]])
+        for pushed in push:
+            after = (sample @ [*at, pushed])[:2]
+            now = after if place == "base" else (lead @ [*at, pushed])[:2]
+            expected.append([*now, pushed / m - 2.0 * damping * w * now[1] - w * w * now[0]])
             at = after
         wanted = sign * np.array(expected)
         # the set position is of 10 mm, the added part of nm: differences of m lose digits
@@ -221,11 +221,11 @@ def compensations() -> list[Claim]:
 def _moved(block: ModeCompensation, setpoints: list[Setpoint], readings: list[Reading]) -> np.ndarray:
     """The part added to position, velocity and acceleration, from the second sample on."""
     prepared = block.prepare(T)
-    held, found = block.start(prepared, setpoints[0], readings[0]), []
+    held, moves = block.start(prepared, setpoints[0], readings[0]), []
     for setpoint, reading in zip(setpoints[1:], readings[1:], strict=True):
         held, there, _ = block.step(prepared, held, setpoint, reading, T)
-        found.append([there[i] - setpoint[i] for i in range(3)])
-    return np.array(found)
+        moves.append([there[i] - setpoint[i] for i in range(3)])
+    return np.array(moves)
 
 
 ROWS = (law_equations, ideal_poles, recoveries, compensations)

@@ -124,11 +124,11 @@ class Fraction(NamedTuple):
         """The first samples of the response to 1 in sample 0."""
         top = np.concatenate([np.zeros(self.denominator.size - self.numerator.size), self.numerator])
         top = np.concatenate([top, np.zeros(count)])
-        found = np.zeros(count)
+        response = np.zeros(count)
         for k in range(count):
-            past = sum(self.denominator[i] * found[k - i] for i in range(1, min(k, self.denominator.size - 1) + 1))
-            found[k] = (top[k] - past) / self.denominator[0]
-        return found
+            past = sum(self.denominator[i] * response[k - i] for i in range(1, min(k, self.denominator.size - 1) + 1))
+            response[k] = (top[k] - past) / self.denominator[0]
+        return response
 
 
 def transfer(column: Column, mass: float, T: float, *, printed: bool = False) -> Fraction:
@@ -247,8 +247,8 @@ class IdealModel:
 
     def poles(self) -> np.ndarray:
         """ln z / T in rad/s, without states that only hold a last reading."""
-        found = np.linalg.eigvals(self.A)
-        return continuous(found[np.abs(found) > 1e-6], T)
+        eigenvalues = np.linalg.eigvals(self.A)
+        return continuous(eigenvalues[np.abs(eigenvalues) > 1e-6], T)
 
     def response(self, frequency: np.ndarray, name: str, sample_time: float = T) -> np.ndarray:
         """The response of a state to F_d, at z = e^(j2πfT)."""

@@ -110,13 +110,17 @@ def in_motion() -> list[Claim]:
     shift = round(seen.lag / T) - 1
     recovered = _rms((seen.disturbance[shift:] - true[: true.size - shift])[counted])
     whole = _rms(true[counted])
-    errors = {name: 1e6 * _rms(each["tracking_error"][counted]) for name, each in runs.items()}
+    errors = {name: 1e6 * _rms(outcome["tracking_error"][counted]) for name, outcome in runs.items()}
     model = ModeCompensation(modes=(mode(),), observer=RECOVERY, friction=DRY)
     blind = ModeCompensation(modes=(mode(),), observer=RECOVERY)
     tool = {}
     for name, compensation in (("none", ()), ("mode", (model,)), ("no friction model", (blind,))):
-        each = run if not compensation else _moving(dadsc(600.0), compensation)
-        error = each["position_load"] - each["set_position"] - swing(mode(), -each["load_force"])
+        compensated_run = run if not compensation else _moving(dadsc(600.0), compensation)
+        error = (
+            compensated_run["position_load"]
+            - compensated_run["set_position"]
+            - swing(mode(), -compensated_run["load_force"])
+        )
         tool[name] = 1e6 * _rms(error[counted])
     rule = (
         f"50 mm out and back in 0.5 s a way, Coulomb friction of 30 N, 161 N RMS of milling at 200 Hz; p = 600 1/s; "

@@ -60,7 +60,7 @@ def beltran2013(progress: Progress) -> Experiment:
     turned = mill.turn(cutter, mill.CHIP)
     progress.step("runs of the table")
     runs = {case.name: mill.run(case) for case in CASES}
-    found = {name: {axis: mill.errors(run) for axis, run in each.items()} for name, each in runs.items()}
+    run_errors = {name: {axis: mill.errors(run) for axis, run in by_axis.items()} for name, by_axis in runs.items()}
     opposite = {
         name: mill.errors(mill.run(dataclasses.replace(case, opposite=True))["y"])
         for name, case in ((case.name, case) for case in CASES if case.chip == "constant")
@@ -81,7 +81,7 @@ def beltran2013(progress: Progress) -> Experiment:
     progress.step("limits")
     claims = (
         *_cut_claims(cutter, turned),
-        *_table_claims(found, opposite, runs, long),
+        *_table_claims(run_errors, opposite, runs, long),
         *_limit_claims(sines),
         *shipped.numbered([*shipped.side_claims(*side), *shipped.velocity_claims(runs[LINEAR.name], LINEAR), *beside]),
     )
@@ -91,13 +91,13 @@ def beltran2013(progress: Progress) -> Experiment:
         citation="F. Beltrán-Carbajal et al. 2013, active disturbance rejection with GPI observers on a mill",
         claims=claims,
         tables=(
-            _table(f"Tracking error, largest / RMS in {unit_name('m')}, tanh friction", found, opposite),
+            _table(f"Tracking error, largest / RMS in {unit_name('m')}, tanh friction", run_errors, opposite),
             _table("The same with set-valued Coulomb friction (ordering only)", stuck, {}),
             _frequency_table(sines),
         ),
         pictures=_pictures(
             turned, runs[WITHOUT.name], runs[CUT.name],
-            {n: (np.array(SINES), np.abs(each[:, 0])) for n, each in sines.items()},
+            {n: (np.array(SINES), np.abs(sine[:, 0])) for n, sine in sines.items()},
         ),
         facts={
             "plant": PLANT,
@@ -155,7 +155,7 @@ def _cut_claims(cutter: HelicalCutter, turned: mill.Turn) -> list[Claim]:
 
 
 def _table_claims(
-    found: Errors, opposite: Mapping[str, tuple[float, float]], runs: Mapping[str, Mapping[str, Run]],
+    run_errors: Errors, opposite: Mapping[str, tuple[float, float]], runs: Mapping[str, Mapping[str, Run]],
     long: tuple[float, float],
 ) -> list[Claim]:  # fmt: skip
     hanging = mill.run(WITHOUT, cut=False, dry=False)["z"]
@@ -167,7 +167,7 @@ def _table_claims(
         *(
             Claim(f"3.h.{axis}", f"Without the estimate the error of {axis} is in the range of 10 mm",
                   f"constant chip load; {PLANT}",
-                  1e-3 * found[WITHOUT.name][axis][0], 5.0, 50.0, "mm")
+                  1e-3 * run_errors[WITHOUT.name][axis][0], 5.0, 50.0, "mm")
             for axis in AXES
         ),
         Claim("3.i", "A constant disturbance ξ leaves the error ξ / omega_c²: the weight of z", "no cut, no friction",
@@ -175,13 +175,13 @@ def _table_claims(
         *(
             Claim(f"3.j.{axis}", f"The estimate makes the RMS error of {axis} at least 100 times smaller",
                   f"constant chip load in both; {PLANT}",
-                  found[WITHOUT.name][axis][1] / found[LINEAR.name][axis][1], least=100.0)
+                  run_errors[WITHOUT.name][axis][1] / run_errors[LINEAR.name][axis][1], least=100.0)
             for axis in AXES
         ),
         *(
             Claim(f"3.k.{axis}", f"The Bezier reference leaves at most a fifth of the RMS error of {axis}",
                   f"constant chip load in both; {PLANT}",
-                  found[BEZIER.name][axis][1] / found[LINEAR.name][axis][1], most=0.2)
+                  run_errors[BEZIER.name][axis][1] / run_errors[LINEAR.name][axis][1], most=0.2)
             for axis in ("x", "y")
         ),
         *(
@@ -192,7 +192,7 @@ def _table_claims(
         ),
     ]  # fmt: skip
     for case, letter in ((WITHOUT, "m"), (LINEAR, "n"), (BEZIER, "o"), (KEPT, "p")):
-        got = {**found[case.name], "y": opposite[case.name]}
+        got = {**run_errors[case.name], "y": opposite[case.name]}
         ratios = [got[axis][i] / EXPECTED[case.name][axis][i] - 1.0 for axis in AXES for i in (0, 1)]
         claims.append(
             Claim(f"3.{letter}", f"Table, {case.name}: largest and RMS errors as an independent program has them",
@@ -200,7 +200,7 @@ def _table_claims(
         )  # fmt: skip
     claims.append(
         Claim("3.q", "Legs of 80 mm have the peak error of those of 2 mm", f"y, linear, chip as cut; {PLANT}",
-              long[0] / found[CUT.name]["y"][0], 0.97, 1.03)
+              long[0] / run_errors[CUT.name]["y"][0], 0.97, 1.03)
     )  # fmt: skip
     return claims
 
@@ -211,7 +211,7 @@ def _limit_claims(sines: Mapping[int, np.ndarray]) -> list[Claim]:
     at_teeth, at_peak = SINES.index(60.0), SINES.index(144.0)
     expected = {n: np.abs(mill.left_over(mill.observer_of(n), np.array(SINES))) for n in sines}
     # at 10 and 20 Hz five states leave less over than half a sample of the staircase
-    seen = [np.abs(each[2:, 0]) / expected[n][2:] - 1.0 for n, each in sines.items()]
+    seen = [np.abs(sine[2:, 0]) / expected[n][2:] - 1.0 for n, sine in sines.items()]
     frequency = np.geomspace(5.0, 500.0, 4001)
     peaks = {n: float(np.max(np.abs(mill.left_over(mill.observer_of(n), frequency)))) for n in (1, 3)}
     rule = "200 N sine on x in the running loop at 10 kHz, without dry friction"
@@ -239,10 +239,10 @@ def _limit_claims(sines: Mapping[int, np.ndarray]) -> list[Claim]:
     ]  # fmt: skip
 
 
-def _table(title: str, found: Errors, opposite: Mapping[str, tuple[float, float]]) -> Table:
+def _table(title: str, run_errors: Errors, opposite: Mapping[str, tuple[float, float]]) -> Table:
     heads = ["case", *AXES, *(["y, second leg towards -x"] if opposite else [])]
     rows: list[list[str | None]] = []
-    for name, errors in found.items():
+    for name, errors in run_errors.items():
         cells = [_pair(errors[axis]) for axis in AXES]
         rows.append([name, *cells, *([_pair(opposite[name]) if name in opposite else None] if opposite else [])])
     return Table(title, heads, rows)

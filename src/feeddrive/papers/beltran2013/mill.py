@@ -159,29 +159,31 @@ def run(case: Case, *, cut: bool = True, dry: bool = True) -> dict[str, Run]:
     """Three axes along their legs in one run, from rest; by axis."""
     loads = {axis: cutting(axis, case) for axis in AXES} if cut and case.chip == "constant" else None
     case = case if cut else dataclasses.replace(case, chip="constant")
-    found = simulate(
+    outcome = simulate(
         machine(case, dry=dry), legs(case.reference, case.leg), load=loads, start=dict.fromkeys(AXES, (0.0, 0.0))
     )
     return {
-        axis: Run(f"{axis}, {case.name}", {name: found[f"{axis}.{name}"] for name in Signals._fields}, T, found.samples)
+        axis: Run(
+            f"{axis}, {case.name}", {name: outcome[f"{axis}.{name}"] for name in Signals._fields}, T, outcome.samples
+        )
         for axis in AXES
     }
 
 
-def errors(found: Run) -> tuple[float, float]:
+def errors(outcome: Run) -> tuple[float, float]:
     """Largest and RMS tracking error in µm after the first 0.3 s."""
-    counted = 1e6 * found["tracking_error"][found.time >= SKIPPED]
+    counted = 1e6 * outcome["tracking_error"][outcome.time >= SKIPPED]
     return float(np.max(np.abs(counted))), float(np.sqrt(np.mean(counted**2)))
 
 
-def disturbances(axis: str, case: Case, found: Run) -> tuple[np.ndarray, np.ndarray]:
+def disturbances(axis: str, case: Case, outcome: Run) -> tuple[np.ndarray, np.ndarray]:
     """True ξ over the sample before each row, and its estimate, both in m/s²."""
     mechanics = loop(axis, case).axis.mechanics()
     weight = CARRIAGE[axis] * GRAVITY if axis == "z" else 0.0
-    cut = np.concatenate([[0.0], found["load_force"][:-1]])
-    viscous = mechanics.damping[0][0] * found["velocity_load"]
-    true = (cut + found["friction_load"] - viscous - weight) / mass(axis)
-    seen = observe(law(axis, case).observer, found["reading_load"], found["force"], T)
+    cut = np.concatenate([[0.0], outcome["load_force"][:-1]])
+    viscous = mechanics.damping[0][0] * outcome["velocity_load"]
+    true = (cut + outcome["friction_load"] - viscous - weight) / mass(axis)
+    seen = observe(law(axis, case).observer, outcome["reading_load"], outcome["force"], T)
     return true, seen.disturbance / (case.gain * mass(axis))
 
 
@@ -216,7 +218,7 @@ def turn(cutter: HelicalCutter, chip_load: float, points: int = 7200) -> Turn:
     """Closed form over a turn, at the middles of equal pieces: the mean is then that of a smooth periodic curve."""
     angle: Any = 2.0 * np.pi * (np.arange(points) + 0.5) / points
     feed, normal, axial = cutter.forces(angle, chip_load)
-    return Turn(angle, *(np.asarray(each) for each in (feed, normal, axial, cutter.torque(angle, chip_load))))
+    return Turn(angle, *(np.asarray(column) for column in (feed, normal, axial, cutter.torque(angle, chip_load))))
 
 
 def golden_error(cutter: HelicalCutter) -> float:
@@ -271,7 +273,7 @@ RIGID = Case("", share=1.0)
 def left_over(observer: GpiObserver, frequency: np.ndarray) -> np.ndarray:
     """1 - H = (ξ - ξ̂)/ξ of the paper's continuous observer: the first three terms of its polynomial over all."""
     s = 2j * np.pi * np.asarray(frequency, dtype=float) / observer.omega_o
-    coefficients = [float(each) for each in observer.polynomial()]
+    coefficients = [float(coefficient) for coefficient in observer.polynomial()]
     first = np.polyval(coefficients[:3], s) * s ** (len(coefficients) - 3)
     return first / np.polyval(coefficients, s)
 
@@ -291,15 +293,15 @@ def sine_test(frequency: float, taylor_states: int = 5, share: float = 1.0) -> t
     case = dataclasses.replace(RIGID, taylor_states=taylor_states, share=share)
     periods = int(np.ceil(max(20.0, 1.5 * frequency)))
     settled = int(np.ceil(frequency))  # a second
-    found = simulate(
+    outcome = simulate(
         loop("x", case, dry=False), legs("linear", LEG)["z"], load=SineForce(amplitude=200.0, frequency=frequency),
         duration=(periods + settled) / frequency, start=(0.0, 0.0),
     )  # fmt: skip
-    seen = observe(law("x", case).observer, found["reading_load"], found["force"], T)
-    counted = found.time >= settled / frequency
-    wave = np.exp(-2j * np.pi * frequency * found.time[counted]) * np.hanning(int(np.sum(counted)))
+    seen = observe(law("x", case).observer, outcome["reading_load"], outcome["force"], T)
+    counted = outcome.time >= settled / frequency
+    wave = np.exp(-2j * np.pi * frequency * outcome.time[counted]) * np.hanning(int(np.sum(counted)))
     true, estimate, position = (
-        np.sum(wave * each[counted]) for each in (found["load_force"], seen.disturbance, found["position_load"])
+        np.sum(wave * signal[counted]) for signal in (outcome["load_force"], seen.disturbance, outcome["position_load"])
     )
     late = np.exp(-1j * np.pi * frequency * T)
     return complex(1.0 - estimate / (true * late)), complex(position / (true * late) * mass("x"))

@@ -75,15 +75,15 @@ def _observed(taylor_states: int, y: np.ndarray, force: np.ndarray, believed: fl
     A[1, order] = OMEGA_O
     A[:order, order + 1] = OMEGA_O * gains
     A[order + 1, order + 2] = OMEGA_O
-    made = expm(A * T)
+    transition = expm(A * T)
     z = np.zeros(order)
     z[0] = y[0]
-    found = []
+    estimates = []
     for k in range(1, y.size):
         inputs = [force[k] / believed / OMEGA_O**2, y[k - 1], (y[k] - y[k - 1]) / T / OMEGA_O]
-        z = (made @ np.concatenate([z, inputs]))[:order]
-        found.append([z[0], OMEGA_O * z[1], believed * OMEGA_O**2 * z[2]])
-    return np.array(found)
+        z = (transition @ np.concatenate([z, inputs]))[:order]
+        estimates.append([z[0], OMEGA_O * z[1], believed * OMEGA_O**2 * z[2]])
+    return np.array(estimates)
 
 
 def _gpi(taylor_states: int) -> GpiObserver:
@@ -103,10 +103,10 @@ def observer() -> list[Claim]:
         for reading in readings[1:]:
             state, estimate = block.step(prepared, state, reading, T)
             rows.append(list(estimate))
-        found, expected = np.array(rows), _observed(states, read.load, read.applied, mass("x"))
+        estimates, expected = np.array(rows), _observed(states, read.load, read.applied, mass("x"))
         claims += [
             Claim("3.zc", f"Estimated {name} of the shipped observer, {states} Taylor states, beside scipy", RULE,
-                  misfit(found[:, i], expected[:, i]), None, 1e-8, equations=("GPI observer (13)-(15)",))
+                  misfit(estimates[:, i], expected[:, i]), None, 1e-8, equations=("GPI observer (13)-(15)",))
             for i, name in enumerate(("position", "velocity", "disturbance"))
         ]  # fmt: skip
         wanted = np.poly(_roots(states)).real[1:]
@@ -117,7 +117,7 @@ def observer() -> list[Claim]:
         )  # fmt: skip
     five = _gpi(5)
     slower = np.poly([-500.0, *_roots(5)[:-1]]).real[1:]
-    made = five.prepare(T)
+    five_prepared = five.prepare(T)
     # z_0 is kept as its distance from the reading, which does not change the other columns
     return [
         *claims,
@@ -128,22 +128,22 @@ def observer() -> list[Claim]:
               max(abs(a / b - 1.0) for a, b in zip(five.gains(), GOLDEN_GAINS, strict=True)), None, 5e-6,
               expected="to the digits that were printed", equations=("polynomial (18)",)),
         Claim("3.zc", "First row of F as an independent program has it", "five Taylor states, T = 0.1 ms",
-              misfit(made.F[0], np.array(GOLDEN_F)), None, 1e-9, expected="to ten digits",
+              misfit(five_prepared.F[0], np.array(GOLDEN_F)), None, 1e-9, expected="to ten digits",
               equations=("GPI observer (13)-(15)", "polynomial (18)")),
         Claim("3.zc", "Column of u as an independent program has it", "five Taylor states, T = 0.1 ms",
-              misfit(np.array(made.Gu) * mass("x"), np.array(GOLDEN_U)), None, 1e-6, expected="to seven digits",
+              misfit(np.array(five_prepared.Gu) * mass("x"), np.array(GOLDEN_U)), None, 1e-6, expected="to seven digits",
               equations=("GPI observer (13)-(15)", "polynomial (18)")),
     ]  # fmt: skip
 
 
 def _free(taylor_states: int = 5) -> Loop:
     """The x axis without friction of any kind."""
-    made = loop("x", replace(RIGID, taylor_states=taylor_states), dry=False)
-    return replace(made, axis=replace(made.axis, plant=replace(mill.plant("x"), c_b=0.0, c_t=0.0)))
+    bench = loop("x", replace(RIGID, taylor_states=taylor_states), dry=False)
+    return replace(bench, axis=replace(bench.axis, plant=replace(mill.plant("x"), c_b=0.0, c_t=0.0)))
 
 
-def _near(found: np.ndarray, expected: np.ndarray) -> float:
-    return max(float(np.min(np.abs(found - each)) / abs(each)) for each in expected)
+def _near(actual: np.ndarray, expected: np.ndarray) -> float:
+    return max(float(np.min(np.abs(actual - root)) / abs(root)) for root in expected)
 
 
 def errors() -> list[Claim]:
@@ -159,7 +159,7 @@ def errors() -> list[Claim]:
     u = way(2, t + 0.5 * T)[1:] - 2.0 * ZETA * OMEGA_C * (estimate[:, 1] - way(1, t)[1:])
     u = u - OMEGA_C**2 * (read.load - way(0, t))[1:]
     poles = linearize(_free(1), ["set_position", "load_force"], ["position_load"]).poles()
-    found = np.log(poles[np.abs(poles) > 1e-3].astype(complex)) / T
+    actual = np.log(poles[np.abs(poles) > 1e-3].astype(complex)) / T
     run = simulate(_free(), legs("linear", LEG)["z"], start=(1e-3, 0.0), duration=0.5, record=("position_load",))
     w = OMEGA_C * np.sqrt(1.0 - ZETA**2)
     decay = np.exp(-ZETA * OMEGA_C * run.time)
@@ -170,9 +170,9 @@ def errors() -> list[Claim]:
         Claim("3.ze", "The force of the law is (9), with the estimate of the observer beside scipy", RULE,
               misfit(force, mass("x") * u - 0.8 * estimate[:, 2]), None, 1e-8, equations=("ADR (9)",)),
         Claim("3.zf", "The tracking error has the poles of (12), 12 rad/s", rule,
-              _near(found, np.roots([1.0, 2.0 * ZETA * OMEGA_C, OMEGA_C**2])), None, 1e-3, equations=("ADR (9)",)),
+              _near(actual, np.roots([1.0, 2.0 * ZETA * OMEGA_C, OMEGA_C**2])), None, 1e-3, equations=("ADR (9)",)),
         Claim("3.zf", "The error of the estimate has the poles of (18), one Taylor state, 700 rad/s", rule,
-              _near(found, _roots(1)), None, 2e-3, equations=both),
+              _near(actual, _roots(1)), None, 2e-3, equations=both),
         Claim("3.zf", "Released 1 mm beside its set position the error follows e'' + α1 e' + α0 e = 0, (10)",
               "x axis without friction, 0.5 s; largest difference over 1 mm", misfit(run["position_load"], free), None,
               1e-3, equations=("ADR (9)",)),
@@ -227,18 +227,18 @@ def cutter() -> list[Claim]:
               None, 5.1e-5, "N", equations=("cutting force (4)",)),
     ]  # fmt: skip
     angles = 2.0 * np.pi * np.arange(12) / 12.0 + 0.01
-    for name, each in {"a slot": slot, **{f"side milling, {way}": made for way, made in side.items()}}.items():
-        closed = np.array([[*each.forces(a, CHIP), each.torque(a, CHIP)] for a in angles], dtype=float)
-        summed = np.array([_slices(each, a) for a in angles])
+    for name, tool in {"a slot": slot, **{f"side milling, {way}": tool for way, tool in side.items()}}.items():
+        closed = np.array([[*tool.forces(a, CHIP), tool.torque(a, CHIP)] for a in angles], dtype=float)
+        summed = np.array([_slices(tool, a) for a in angles])
         claims.append(
             Claim("3.zh", f"Forces and torque of {name} are the sum over thin slices",
                   "20000 slices an edge, 12 angles; largest difference in N (N m)",
                   float(np.max(np.abs(closed - summed))), None, 0.05, "N", equations=("cutting force (4)",))
         )  # fmt: skip
-        width = each.diameter if each.radial_depth is None else each.radial_depth
+        width = tool.diameter if tool.radial_depth is None else tool.radial_depth
         around: Any = 2.0 * np.pi * (np.arange(7200) + 0.5) / 7200
-        power = float(np.mean(each.torque(around, CHIP))) * SPINDLE / 60.0 * 2.0 * np.pi
-        removed = each.specific_energy * CHIP * each.teeth * SPINDLE / 60.0 * width * each.axial_depth
+        power = float(np.mean(tool.torque(around, CHIP))) * SPINDLE / 60.0 * 2.0 * np.pi
+        removed = tool.specific_energy * CHIP * tool.teeth * SPINDLE / 60.0 * width * tool.axial_depth
         claims.append(
             Claim("3.zh", f"Mean torque times speed is the work of removing the chip in {name}", "7200 angles",
                   abs(power / removed - 1.0), None, 1e-5, equations=("cutting force (4)",))
@@ -305,8 +305,8 @@ def velocity_claims(linear: Mapping[str, Run], case: Case) -> list[Claim]:
 def numbered(claims: Sequence[Claim]) -> list[Claim]:
     """The claims with numbered keys: 3.zc.1, 3.zc.2, ..."""
     count: Counter[str] = Counter()
-    found = []
+    renamed = []
     for claim in claims:
         count[claim.key] += 1
-        found.append(replace(claim, key=f"{claim.key}.{count[claim.key]}"))
-    return found
+        renamed.append(replace(claim, key=f"{claim.key}.{count[claim.key]}"))
+    return renamed

@@ -162,10 +162,10 @@ def other_axis() -> Part:
     heavy = {"axis.x.plant.mass_load": 43.0}
     loops = {PLACED: tree.vary(placed(SOFTER), heavy), CASCADE: tree.vary(cascade(), heavy)}
     rows: list[list[str | None]] = []
-    found: dict[str, tuple[float, float]] = {}
+    errors: dict[str, tuple[float, float]] = {}
     for name, loop in loops.items():
         before, after = follow(loop, LONG, name), follow(with_prefilter(loop, fits(loop, LONG)[0]), LONG, name)
-        found[name] = (peak(before["tracking_error"]), peak(after["tracking_error"]))
+        errors[name] = (peak(before["tracking_error"]), peak(after["tracking_error"]))
         rows.append([f"{name}, table 43 kg", figures(before), figures(after)])
     calm, shaken = ({name: _jittered(loop, by) for name, loop in _both().items()} for by in (None, 1.5e-3))
     for words, runs in (("no jitter", calm), ("jitter 0.15 % of T", shaken)):
@@ -178,10 +178,10 @@ def other_axis() -> Part:
     )
     claims = [
         Claim("2.g heavy table", "Pole placement keeps its advantage with another table mass", rule,
-              found[CASCADE][0] / found[PLACED][0], 2.5, None, "", "peak 19.6 / 5.7 µm"),
+              errors[CASCADE][0] / errors[PLACED][0], 2.5, None, "", "peak 19.6 / 5.7 µm"),
         Claim("2.g prefilter", "The prefilter corrects the errors of the model", rule,
-              found[PLACED][0] / found[PLACED][1], 2.0, None, "", "peak 5.7 -> 2.5 µm"),
-        Claim("2.g prefilter, P-PI", "It finds less of that of P-PI", rule, found[CASCADE][0] / found[CASCADE][1],
+              errors[PLACED][0] / errors[PLACED][1], 2.0, None, "", "peak 5.7 -> 2.5 µm"),
+        Claim("2.g prefilter, P-PI", "It finds less of that of P-PI", rule, errors[CASCADE][0] / errors[CASCADE][1],
               1.2, 2.0, "", "peak 19.6 -> 14.4 µm"),
         Claim("2.g jitter", "Pole placement stays ahead although the clock jitters", jitter,
               errors[CASCADE] / errors[PLACED], 3.0, None, "", "no figure was given"),

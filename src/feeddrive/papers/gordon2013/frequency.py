@@ -88,9 +88,9 @@ def loop_figures() -> Part:
     """The loop with the default gains."""
     ppc, ppi = Linear(placed()), Linear(cascade())
     ratio = {f: ppc.stiffness(f) / ppi.stiffness(f) for f in NAMED}
-    first = [each.margins.crossover or float("nan") for each in (ppc, ppi)]
-    peaks = [float(np.max(each.compliance(LINES))) for each in (ppc, ppi)]
-    snaps = [each.rope_snap for each in (ppc, ppi)]
+    first = [linear.margins.crossover or float("nan") for linear in (ppc, ppi)]
+    peaks = [float(np.max(linear.compliance(LINES))) for linear in (ppc, ppi)]
+    snaps = [linear.rope_snap for linear in (ppc, ppi)]
     rule = f"linear loop at 0.05 m/s; {GAINS}"
     claims = [
         Claim("2.a margins", "The two loops are equally robust", rule, ppc.margins.sensitivity_peak
@@ -118,9 +118,9 @@ def _design_on_a_measurement(loop: Loop) -> Claim:
     """The loop gain from responses of the axis alone, in place of measured ones."""
     axis = linearize(loop, ["cut"], ["reading_motor", "reading_load"])
     motor, load = (axis.response(LINES, output=name) for name in ("reading_motor", "reading_load"))
-    found = measured_loop(loop.control, float(loop.sample_time), load, motor).loop_gain
+    measured_gain = measured_loop(loop.control, float(loop.sample_time), load, motor).loop_gain
     true = loop_gain(loop, LINES).response
-    off = float(np.max(np.abs(found.response - true) / (1.0 + np.abs(true))))
+    off = float(np.max(np.abs(measured_gain.response - true) / (1.0 + np.abs(true))))
     rule = f"X1/u and X2/u of the axis with delay, in place of its model; {TRUTH}"
     return Claim("2.a measured", "Measured responses can take the model's place", rule, off, None, 1e-9, "",
                  "the same loop gain")  # fmt: skip

@@ -188,9 +188,9 @@ def ablation() -> Part:
         "full inverse, compatible": (whole, "0.74"),
         "all, and prefilter": (with_prefilter(whole, fits(whole, LONG)[0]), "0.48"),
     }
-    found = {name: peak(follow(each, LONG, name)["tracking_error"]) for name, (each, _) in kinds.items()}
+    errors_by_kind = {name: peak(follow(placed_loop, LONG, name)["tracking_error"]) for name, (placed_loop, _) in kinds.items()}
     rule = f"largest tracking error on the 300 mm move, no friction; gains of 45 Hz and ζ 0.6; {TRUTH}"
-    order = list(found.values())
+    order = list(errors_by_kind.values())
 
     def falls(after: int, before: int) -> float:
         return order[after] / order[before]
@@ -210,11 +210,13 @@ def ablation() -> Part:
         Claim("2.d prefilter", "The prefilter takes off the rest", rule, falls(7, 6), None, 0.75, "",
               "0.74 -> 0.48 µm"),
     ]  # fmt: skip
-    rows = [[name, stated(float(kinds[name][1]), "µm"), stated(value, "µm", "3")] for name, value in found.items()]
+    rows = [
+        [name, stated(float(kinds[name][1]), "µm"), stated(value, "µm", "3")] for name, value in errors_by_kind.items()
+    ]
     title = "Ablation: largest tracking error"
-    alt = joined(", ", (f"{name} {stated(value, 'µm', '3')}" for name, value in found.items()))
+    alt = joined(", ", (f"{name} {stated(value, 'µm', '3')}" for name, value in errors_by_kind.items()))
     drawing = Shown("ablation", "What each contribution is worth", "Largest tracking error, logarithmic.", alt,
-                    lambda: _bars(found))  # fmt: skip
+                    lambda: _bars(errors_by_kind))  # fmt: skip
     columns = ["contributions", Column("expected", "m"), Column("got", "m")]
     return Part(claims, [Table(title, columns, rows)], [drawing])
 

@@ -58,13 +58,13 @@ def desired_poles(law: PolePlacement, axial: float) -> np.ndarray:
     """The five poles that the docstring promises, 1/s; `axial` in rad/s."""
     w, r = 2.0 * np.pi * law.bandwidth, 2.0 * np.pi * (law.rigid_frequency or law.bandwidth)
     pairs = ((r, law.rigid_damping), (axial, law.axial_damping))
-    roots = [each for f, damping in pairs for each in np.roots([1.0, 2.0 * damping * f, f * f])]
+    roots = [root for f, damping in pairs for root in np.roots([1.0, 2.0 * damping * f, f * f])]
     return np.array([-w, *roots], dtype=complex)
 
 
-def _missed(found: np.ndarray, expected: Sequence[complex] | np.ndarray) -> float:
+def _missed(actual: np.ndarray, expected: Sequence[complex] | np.ndarray) -> float:
     """Largest distance of an expected pole from the nearest one found, over its size."""
-    return max(float(np.min(np.abs(found - each)) / abs(each)) for each in expected)
+    return max(float(np.min(np.abs(actual - pole)) / abs(pole)) for pole in expected)
 
 
 def gains() -> Part:
@@ -127,8 +127,8 @@ def commands() -> Part:
             lead, rate = relaxed[0] - late * relaxed[1], relaxed[1] - late * relaxed[2]
         elif form == "exact":
             # the law's lag is at rest at the first sample
-            inputs = [np.concatenate([[0.0], each[1:]]) for each in relaxed[:2]]
-            lead, rate = (lsim(([1.0], [late, 1.0]), each, t)[1] for each in inputs)
+            inputs = [np.concatenate([[0.0], column[1:]]) for column in relaxed[:2]]
+            lead, rate = (lsim(([1.0], [late, 1.0]), column, t)[1] for column in inputs)
         _, force = stepped(law, T, way.setpoints(t), read.readings())
         K1, K2, K3, K4, Ki = law.gains()
         e2 = way(0, t) - read.load
@@ -160,7 +160,7 @@ def _fed(way: RandomMotion, t: np.ndarray) -> list[Claim]:
     full = rigid[0] * screw_a + rigid[1] * screw_v + rigid[2] * way(2, middle) + rigid[3] * way(1, middle)
     stiff = (rigid[0] + rigid[2]) * way(2, middle) + (rigid[1] + rigid[3]) * way(1, middle)
     blocks = {order: InverseDynamics(model=COUPLED, order=order) for order in ("full", "rigid")}
-    found = {order: [block.step(None, s, T)[1] for s in setpoints] for order, block in blocks.items()}
+    forces = {order: [block.step(None, s, T)[1] for s in setpoints] for order, block in blocks.items()}
 
     theta = np.array([1e-5, -2e-6, 3e-8, 4e-10])
     block = TrajectoryPrefilter(**{f"theta{i + 1}": value for i, value in enumerate(theta)})
@@ -174,29 +174,29 @@ def _fed(way: RandomMotion, t: np.ndarray) -> list[Claim]:
     slow, share = RandomMotion(3), 1e-2
     v0 = slow(1, middle[40:41])
     v = share * (slow(1, middle) - v0)
-    given = np.stack([share * slow(i, t) - (share * v0 if i == 1 else 0.0) for i in range(5)], axis=1)
+    motion_rows = np.stack([share * slow(i, t) - (share * v0 if i == 1 else 0.0) for i in range(5)], axis=1)
     fed = FrictionFeedforward(coulomb_positive=70.0, coulomb_negative=80.0, breakaway=110.0, stribeck_velocity=4e-4,
                               smoothing=2e-4)  # fmt: skip
     plain = replace(fed, smoothing=None, breakaway=None, stribeck_velocity=None)
-    smooth, hard = ([kind.step(None, Setpoint(*row), T)[1] for row in given.tolist()] for kind in (fed, plain))
+    smooth, hard = ([kind.step(None, Setpoint(*row), T)[1] for row in motion_rows.tolist()] for kind in (fed, plain))
     level = np.where(v < 0.0, 80.0, 70.0)
     curve = (level + (110.0 - level) * np.exp(-((v / 4e-4) ** 2))) * np.tanh(v / 2e-4)
-    linear = [stribeck_level(each, 70.0, 110.0, 4e-4, exponent=1) for each in v.tolist()]
+    linear = [stribeck_level(speed, 70.0, 110.0, 4e-4, exponent=1) for speed in v.tolist()]
     return [
         Claim("2.h inverse", "Inverse dynamics is equation (2) solved for the force, in the middle of the sample",
-              f"full mass matrix, m12 = 3 kg; {RULE}", misfit(found["full"], full), None, 1e-9, "", "the same",
+              f"full mass matrix, m12 = 3 kg; {RULE}", misfit(forces["full"], full), None, 1e-9, "", "the same",
               equations=("inverse dynamics", "compatible commands")),
         Claim("2.h rigid inverse", "Its rigid form is that of one mass", f"full mass matrix, m12 = 3 kg; {RULE}",
-              misfit(found["rigid"], stiff), None, 1e-9, "", "the same", equations=("inverse dynamics",)),
+              misfit(forces["rigid"], stiff), None, 1e-9, "", "the same", equations=("inverse dynamics",)),
         *(Claim("2.h prefilter", f"What the prefilter adds to the set {name}", RULE,
                 misfit(filtered[:, i], added[:, i]), None, 1e-6, "", "θ(s) x, cut off above the snap",
                 equations=("prefilter",))
           for i, name in enumerate(("position", "velocity", "acceleration", "jerk"))),
         Claim("2.h prefilter", "It leaves the set snap as it is", RULE, misfit(outs, way(4, t)), None, 1e-12, "", "s",
               equations=("prefilter",)),
-        *(Claim("2.h friction", said, RULE, misfit(found, expected), None, 1e-9, "", "the same",
+        *(Claim("2.h friction", title, RULE, misfit(forces, expected), None, 1e-9, "", "the same",
                 equations=("friction feedforward",))
-          for said, found, expected in (
+          for title, forces, expected in (
               ("Friction feedforward is the Stribeck curve of the set velocity", smooth, curve),
               ("Without a curve it is the Coulomb level of the direction", hard, level * np.sign(v)),
               ("The curve falls with e^-|v/v_s| if that is asked for", linear,
@@ -215,17 +215,17 @@ def filter_pack() -> Part:
     push = np.zeros(200)
     push[0] = 1.0
     claims = []
-    for said, block, numbers in zip(("notch of 460 Hz", "low-pass of 2.5 kHz"), placed().control.filters,
+    for title, block, numbers in zip(("notch of 460 Hz", "low-pass of 2.5 kHz"), placed().control.filters,
                                     (NOTCH, LOW_PASS), strict=True):  # fmt: skip
         prepared = block.prepare(T)
-        state, found = block.start(prepared, 0.0), []
-        for each in push.tolist():
-            state, out = block.step(prepared, state, each)
-            found.append(out)
+        state, outputs = block.start(prepared, 0.0), []
+        for sample in push.tolist():
+            state, out = block.step(prepared, state, sample)
+            outputs.append(out)
         expected = np.asarray(lfilter(numbers[:3], [1.0, *numbers[3:]], push))
         claims.append(
-            Claim("2.h filter pack", f"The {said} is that of an independent program", "20 kHz; response to one "
-                  "sample, largest difference over the largest value", misfit(found, expected), None, 1e-7,
+            Claim("2.h filter pack", f"The {title} is that of an independent program", "20 kHz; response to one "
+                  "sample, largest difference over the largest value", misfit(outputs, expected), None, 1e-7,
                   "", "to the eight digits of its coefficients", equations=("filter pack",))
         )  # fmt: skip
     return Part(claims)
@@ -239,7 +239,7 @@ def damping() -> Part:
     """The axial mode in closed loop against open loop, the map over its damping, and the loop without filter pack."""
     loop = placed()
     closed = Linear(loop)
-    peak_open, by_model = (float(np.max(_uncontrolled(each))) for each in (loop.axis.plant, MODEL))
+    peak_open, by_model = (float(np.max(_uncontrolled(plant))) for plant in (loop.axis.plant, MODEL))
     peak = float(np.max(closed.compliance(BAND)))
     bare = replace(loop, control=replace(loop.control, filters=()))
     rule = f"{TRUTH}, linear; largest compliance of the table from 60 to 300 Hz"
@@ -256,11 +256,11 @@ def damping() -> Part:
     ]  # fmt: skip
     for share, (sensitivity, compliance) in PEAKS.items():
         linear = Linear(placed(replace(SOFTER, axial_damping=share)))
-        said = f"45 Hz, ζ 0.6, axial damping {number(share)}; {TRUTH}"
+        design = f"45 Hz, ζ 0.6, axial damping {number(share)}; {TRUTH}"
         claims += [
-            Claim("2.i map", f"Ms with an axial damping of {number(share)}", said, linear.margins.sensitivity_peak,
+            Claim("2.i map", f"Ms with an axial damping of {number(share)}", design, linear.margins.sensitivity_peak,
                   0.985 * sensitivity, 1.015 * sensitivity, "", number(sensitivity), equations=names),
-            Claim("2.i map", f"Peak compliance with an axial damping of {number(share)}", said,
+            Claim("2.i map", f"Peak compliance with an axial damping of {number(share)}", design,
                   float(np.max(linear.compliance(LINES))), 0.96 * compliance, 1.04 * compliance, "µm/N",
                   number(compliance), equations=names),
         ]  # fmt: skip
@@ -269,11 +269,14 @@ def damping() -> Part:
 
 def _uncontrolled(plant: Plant) -> np.ndarray:
     """Compliance of the axis without a force of the drive, µm/N over BAND."""
-    made = plant.mechanics()
-    M, C, K, S = (np.array(each, dtype=float) for each in (made.mass, made.damping, made.stiffness, made.shape))
+    mechanics = plant.mechanics()
+    M, C, K, S = (
+        np.array(matrix, dtype=float)
+        for matrix in (mechanics.mass, mechanics.damping, mechanics.stiffness, mechanics.shape)
+    )
     s = 2j * np.pi * BAND[:, None, None]
-    found = S @ np.linalg.solve(M * s * s + C * s + K, np.broadcast_to(S.T, (BAND.size, *S.T.shape)))
-    return 1e6 * np.abs(found[:, made.load, made.load])
+    response = S @ np.linalg.solve(M * s * s + C * s + K, np.broadcast_to(S.T, (BAND.size, *S.T.shape)))
+    return 1e6 * np.abs(response[:, mechanics.load, mechanics.load])
 
 
 ROWS: tuple[Callable[[], Part], ...] = (gains, commands, filter_pack, damping)

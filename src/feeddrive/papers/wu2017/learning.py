@@ -77,10 +77,10 @@ def _claims(same: dict[str, Trials], changing: dict[str, Trials]) -> list[Claim]
     for name, least in (("a, b", 70.0), ("+ Coulomb", 80.0), ("+ Stribeck", 80.0)):
         rms = same[name].rms
         drop = 100.0 * (1.0 - float(rms[1] / rms[0]))
-        said = f"{name}: fall of the RMS error by the first update"
+        title = f"{name}: fall of the RMS error by the first update"
         wanted = EXPECTED[name][0]
         fall = number(100.0 * (1.0 - wanted[1] / wanted[0]), 3)
-        claims.append(Claim("4.a", said, rule, drop, least, None, "%", fall))
+        claims.append(Claim("4.a", title, rule, drop, least, None, "%", fall))
     plain, coulomb, stribeck = (_final(same[name]) for name in SETS)
     claims += [
         Claim("4.b", "final RMS with the compensator over that without", rule, coulomb / plain, None, 0.35, "", "0.29"),
@@ -90,13 +90,13 @@ def _claims(same: dict[str, Trials], changing: dict[str, Trials]) -> list[Claim]
     turned = f"{rule}; references {_distances()}, judged on the last"
     for name in SETS:
         ratio = _final(changing[name]) / _final(same[name])
-        said = f"{name}: final RMS with changing references over that with the same"
-        claims.append(Claim("4.d", said, turned, ratio, 0.9, 1.1, "", "the same level"))
+        title = f"{name}: final RMS with changing references over that with the same"
+        claims.append(Claim("4.d", title, turned, ratio, 0.9, 1.1, "", "the same level"))
     for label, chosen in (("same", same), ("changing", changing)):
         for name in SETS:
             a = amperes(float(chosen[name].parameters()["mass"][-1]))
-            said = f"{name}, {label} reference: identified a"
-            claims.append(Claim("4.e", said, rule, a, 0.38, 0.42, "A s²/m", "0.4 within 5 %; 0.4008 to 0.4176"))
+            title = f"{name}, {label} reference: identified a"
+            claims.append(Claim("4.e", title, rule, a, 0.38, 0.42, "A s²/m", "0.4 within 5 %; 0.4008 to 0.4176"))
     return claims
 
 
@@ -163,7 +163,7 @@ def pulsed(trial: int) -> Load:
     """Noise, and the pulse."""
     plain = noise(trial)
     force = plain.force.copy()
-    first, last = (round(each / float(plain.sample_time)) for each in PULSE[:2])
+    first, last = (round(instant / float(plain.sample_time)) for instant in PULSE[:2])
     force[first:last] += PULSE[2]
     return dataclasses.replace(plain, force=force)
 
@@ -183,17 +183,17 @@ CASES: dict[str, tuple[object, object]] = {
 
 def signals() -> tuple[list[Claim], list[Table], list[Shown]]:
     """Claims, tables and pictures."""
-    found: dict[tuple[str, str, bool], np.ndarray] = {}
+    rms: dict[tuple[str, str, bool], np.ndarray] = {}
     rows: list[list[str | float | None]] = []
     for smooth in (True, False):
         for case, (reference, load) in CASES.items():
             plain, whole = (table_axis("x", SETS[name], smooth=smooth) for name in ("a, b", "+ Stribeck"))
-            made = {
+            by_kind = {
                 "parameters, + Stribeck": _parameter_errors(whole, reference, load),
                 "signal": _signal(plain, reference, load),
             }
-            for kind, rms in made.items():
-                found[case, kind, smooth] = rms
+            for kind, rms in by_kind.items():
+                rms[case, kind, smooth] = rms
                 friction = TANH if smooth else SET_VALUED
                 rows.append([friction, case, kind, *map(float, rms)])
     longest = max(len(row) for row in rows)
@@ -204,9 +204,9 @@ def signals() -> tuple[list[Claim], list[Table], list[Shown]]:
         rows,
     )
     kinds = ("parameters, + Stribeck", "signal")
-    drawn = {f"{kind}: {case}": found[case, kind, False] for case in list(CASES)[:2] for kind in kinds}
+    drawn = {f"{kind}: {case}": rms[case, kind, False] for case in list(CASES)[:2] for kind in kinds}
     shown = [pictures.against_signal(drawn, f"Parameters and signal, {SET_VALUED}", "signal")]
-    return _signal_claims(found), [table], shown
+    return _signal_claims(rms), [table], shown
 
 
 def _parameter_errors(loop: Loop, reference: object, load: object) -> np.ndarray:
@@ -221,11 +221,11 @@ def _signal(loop: Loop, reference: object, load: object) -> np.ndarray:
     return learn_signal(loop, many, trials, bandwidth=BANDWIDTH, load=load).rms  # type: ignore[arg-type]
 
 
-def _signal_claims(found: dict[tuple[str, str, bool], np.ndarray]) -> list[Claim]:
+def _signal_claims(rms: dict[tuple[str, str, bool], np.ndarray]) -> list[Claim]:
     ours, theirs = "parameters, + Stribeck", "signal"
 
     def last(case: str, kind: str, smooth: bool) -> float:
-        return float(found[case, kind, smooth][-1])
+        return float(rms[case, kind, smooth][-1])
 
     def ratio(case: str, smooth: bool) -> float:
         return last(case, theirs, smooth) / last(case, ours, smooth)
@@ -240,7 +240,7 @@ def _signal_claims(found: dict[tuple[str, str, bool], np.ndarray]) -> list[Claim
         Claim("4.n", "the signal wins: a pulse that repeats", rule, ratio(pulse, False), None, 1.0),
         Claim("4.n", "the signal loses: changing references", rule, ratio(changing, False), 2.0, None),
         Claim("4.n", "changing references: the signal is worse than its first trial", rule,
-              float(np.max(found[changing, theirs, False][1:]) / found[changing, theirs, False][0]), 1.0, None),
+              float(np.max(rms[changing, theirs, False][1:]) / rms[changing, theirs, False][0]), 1.0, None),
         *(Claim("4.n", Text(f"{Quantity(STRONG, 'N'):6} of noise over {Quantity(NOISE, 'N'):6}, {kind}: last RMS"),
                 rule.replace("over that of the parameters", "over that with less noise"),
                 last(noisy, kind, False) / last(same, kind, False), least, most, "", words)
@@ -289,8 +289,8 @@ def contouring() -> tuple[list[Claim], list[Table], list[Shown]]:
     smooth, hard = _all(smooth=True), _all(smooth=False)
     heads = ("RMS", "peak", f"RMS, {SET_VALUED}", "peak")
     rows = [
-        [name, *(stated(error, "µm") for driven in (found, hard[name]) for error in (driven.rms, driven.peak))]
-        for name, found in smooth.items()
+        [name, *(stated(error, "µm") for driven in (circle_run, hard[name]) for error in (driven.rms, driven.peak))]
+        for name, circle_run in smooth.items()
     ]
     columns = ["learned", *(Column(head, "m", "3") for head in heads)]
     table = Table(f"contour error of the circle, {TANH} unless said; expected 10.8, 9.5, 2.3 to 2.5 um", columns, rows)
@@ -309,14 +309,16 @@ def contouring() -> tuple[list[Claim], list[Table], list[Shown]]:
 def _all(*, smooth: bool) -> dict[str, MeasuredCircle]:
     """The start, each set of columns learned on the circle, and the compensator learned on the line."""
     poor = {axis: table_axis(axis, SETS["+ Coulomb"], smooth=smooth) for axis in AXES}
-    found = {"start": _driven({axis: table_axis(axis, SETS["+ Coulomb"], smooth=smooth, known=True) for axis in AXES})}
+    circles = {
+        "start": _driven({axis: table_axis(axis, SETS["+ Coulomb"], smooth=smooth, known=True) for axis in AXES})
+    }
     for name, columns in SETS.items():
-        found[name] = _driven({axis: _learned(axis, columns, smooth) for axis in AXES})
-    found["+ Coulomb, learned on the line"] = _driven(
+        circles[name] = _driven({axis: _learned(axis, columns, smooth) for axis in AXES})
+    circles["+ Coulomb, learned on the line"] = _driven(
         {axis: _learned(axis, SETS["+ Coulomb"], smooth, line=True) for axis in AXES}
     )
-    found["nothing: 45 kg and b = 0"] = _driven(poor)
-    return found
+    circles["nothing: 45 kg and b = 0"] = _driven(poor)
+    return circles
 
 
 def _learned(axis: str, columns: tuple[str, ...], smooth: bool, *, line: bool = False) -> Loop:
@@ -326,11 +328,11 @@ def _learned(axis: str, columns: tuple[str, ...], smooth: bool, *, line: bool = 
 
 def _driven(loops: dict[str, Loop]) -> MeasuredCircle:
     """Both axes in one run."""
-    found = simulate(
+    outcome = simulate(
         Machine.of(loops), {axis: circle(axis) for axis in loops},
         load={axis: noise(20 + AXES[axis]) for axis in loops}, record=("x.position_load", "y.position_load"),
     )  # fmt: skip
-    return MeasuredCircle(found.time, found["x.position_load"], found["y.position_load"])
+    return MeasuredCircle(outcome.time, outcome["x.position_load"], outcome["y.position_load"])
 
 
 def _circle_claims(smooth: dict[str, MeasuredCircle], hard: dict[str, MeasuredCircle]) -> list[Claim]:

@@ -88,8 +88,8 @@ def identity_error() -> float:
 
 def _identity() -> Claim:
     rule = "x axis, friction along the set velocity, no noise, no quantizer; theta = [0.1, 0, 0, 0] against theta0"
-    said = "e(theta) - e(theta0) is G_d phi' (theta0 - theta): largest deviation over largest value"
-    return Claim("4.g", said, rule, identity_error(), None, 1e-8, "", "1.5e-10")
+    title = "e(theta) - e(theta0) is G_d phi' (theta0 - theta): largest deviation over largest value"
+    return Claim("4.g", title, rule, identity_error(), None, 1e-8, "", "1.5e-10")
 
 
 def _one_step() -> list[Claim]:
@@ -112,23 +112,23 @@ def _by_mass() -> tuple[list[Claim], Table, Shown]:
     loop = table_axis("x", SETS["+ Coulomb"], known=True)
     prompt = tree.vary(loop, {"axis.x.actuator.dead_time": 0.0})
     free = convergence(loop, SAME).rate
-    found: dict[str, list[float]] = {"dead time left out": [], "dead time known": []}
+    by_knowledge: dict[str, list[float]] = {"dead time left out": [], "dead time known": []}
     rows: list[list[str | float | Quantity]] = []
     for ratio in MASSES:
         cells: list[str | float] = [ratio]
         for believed, name in ((prompt, "dead time left out"), (loop, "dead time known")):
             rate = _rate(loop, believed, ratio)
-            found[name].append(rate)
+            by_knowledge[name].append(rate)
             cells.append("model loop unstable" if rate != rate else rate)
         rows.append([*cells, Quantity(EXPECTED_RATES[ratio]) if ratio in EXPECTED_RATES else "unstable"])
     rule = "x axis, columns a, b, Coulomb, 100 mm move; the true loop has a dead time of one sample, the model none"
     claims = [Claim("4.h", "model-free: rho", rule, free, None, 0.05, "", "0.039")]
-    prompted = dict(zip(MASSES, found["dead time left out"], strict=True))
+    prompted = dict(zip(MASSES, by_knowledge["dead time left out"], strict=True))
     for ratio, wanted in EXPECTED_RATES.items():
-        said = f"model-based, assumed mass x {number(ratio)}: rho"
-        claims.append(Claim("4.h", said, rule, prompted[ratio], None, 1.1 * wanted + 0.002, "", number(wanted)))
+        heading = f"model-based, assumed mass x {number(ratio)}: rho"
+        claims.append(Claim("4.h", heading, rule, prompted[ratio], None, 1.1 * wanted + 0.002, "", number(wanted)))
     refused = sum(prompted[ratio] != prompted[ratio] for ratio in (MASSES[0], MASSES[-1]))
-    known = found["dead time known"]
+    known = by_knowledge["dead time known"]
     claims += [
         Claim("4.h", "model loops refused as unstable, of the masses x 0.01 and x 20", rule, float(refused), 2.0, 2.0),
         Claim("4.h", "assumed mass right, dead time known: rho", rule.replace("the model none", "and so has the model"),
@@ -140,7 +140,7 @@ def _by_mass() -> tuple[list[Claim], Table, Shown]:
     ]  # fmt: skip
     title = f"rate of convergence of the model-based form (model-free: {Quantity(free):.3f})"
     table = Table(title, columns, rows)
-    return claims, table, pictures.rates(np.array(MASSES), found, free)
+    return claims, table, pictures.rates(np.array(MASSES), by_knowledge, free)
 
 
 def _rate(loop: Loop, believed: Loop, ratio: float) -> float:
@@ -168,12 +168,12 @@ def _by_gain() -> Table:
 def _scatter() -> tuple[list[Claim], Table]:
     """Scatter of the parameters from run to run, against the standard errors of one run."""
     loop = ideal_axis(TRUE)
-    found, reported = [], []
+    estimates, reported = [], []
     for seed in range(SEEDS):
         step = next_iteration(loop, simulated_trial(ideal_run(loop, SAME, STRONG, seed), SAME))
-        found.append(list(step.after.parameters().values()))
+        estimates.append(list(step.after.parameters().values()))
         reported.append([step.errors[name] for name in TRUE])
-    scatter, sure = np.std(found, axis=0, ddof=1), np.mean(reported, axis=0)
+    scatter, sure = np.std(estimates, axis=0, ddof=1), np.mean(reported, axis=0)
     rows = [
         [name, amperes(scatter[i]), amperes(sure[i]), float(sure[i] / scatter[i]), EXPECTED_SCATTER[i]]
         for i, name in enumerate(TRUE)

@@ -53,10 +53,10 @@ def feedforward() -> list[Claim]:
     v = slower * (way(1, middle) - v0)
     theta = {**TRUE, "stribeck": 35.0, "jerk_feedforward": 0.02, "snap_feedforward": 1e-5}
     block = DisturbanceCompensator(**theta, stribeck_velocity=6e-3)
-    found = []
+    forces = []
     for k in range(t.size):
         x, vk, *rest = (float(slower * way(i, t[k : k + 1])[0]) for i in range(5))
-        found.append(block.step(None, Setpoint(x, vk - slower * float(v0[0]), *rest), T)[1])
+        forces.append(block.step(None, Setpoint(x, vk - slower * float(v0[0]), *rest), T)[1])
     phi = columns(v, slower * way(2, middle))
     expected = phi @ np.array(list(TRUE.values()))
     expected = expected + 35.0 * np.sign(v) * np.exp(-((v / 6e-3) ** 2))
@@ -64,7 +64,7 @@ def feedforward() -> list[Claim]:
     return [
         Claim("4.o", "The force of the shipped compensator is φᵀ θ in the middle of the sample",
               f"{RANDOM.split(' of random')[0]} along a motion of the fourth degree through standstill, all columns",
-              misfit(found, expected), None, 1e-9, equations=("compensator (6), (7)",)),
+              misfit(forces, expected), None, 1e-9, equations=("compensator (6), (7)",)),
     ]  # fmt: skip
 
 
@@ -128,14 +128,14 @@ def update() -> list[Claim]:
     moved = np.array([one[name] - other[name] for name in TRUE])
     sizes = np.linalg.norm(psi, axis=0)
     apart_first = 2.0 * np.array(list(OFF.values())) * sizes
-    said = convergence(loop, SHORT).matrix @ apart_first
+    predicted = convergence(loop, SHORT).matrix @ apart_first
     return [
         Claim("4.q", "One step is gamma times the least-squares step through Δ/C", rule,
               float(np.max(np.abs(np.array(list(after.parameters().values())) / expected - 1.0))), None, 1e-6,
               equations=("update", "error model, model-free")),
         Claim("4.q", "What is left of two starts after a step is what `convergence` says", "largest difference over "
               f"the distance of the starts; {rule.replace('0.7', '1')}",
-              float(np.max(np.abs(moved * sizes - said)) / np.linalg.norm(apart_first)), None, 1e-6,
+              float(np.max(np.abs(moved * sizes - predicted)) / np.linalg.norm(apart_first)), None, 1e-6,
               equations=("update", "convergence")),
     ]  # fmt: skip
 

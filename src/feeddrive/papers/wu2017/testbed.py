@@ -62,11 +62,11 @@ def table_axis(axis: str, columns: tuple[str, ...], *, smooth: bool = True, know
             transition_velocity=TRANSITION, viscous=friction.viscous,
         )  # fmt: skip
         loop = dataclasses.replace(loop, axis=dataclasses.replace(loop.axis, friction_load=tanh))
-    given = dict.fromkeys(columns, 0.0) | {"mass": 45.0}
+    start_values = dict.fromkeys(columns, 0.0) | {"mass": 45.0}
     if known:
-        given |= {"mass": float(loop.axis.plant.rigid_mass()), "viscous": float(friction.viscous)}
+        start_values |= {"mass": float(loop.axis.plant.rigid_mass()), "viscous": float(friction.viscous)}
     speed = float(friction.stribeck_velocity) if "stribeck" in columns else None
-    return compensated(loop, DisturbanceCompensator(**given, stribeck_velocity=speed))
+    return compensated(loop, DisturbanceCompensator(**start_values, stribeck_velocity=speed))
 
 
 def move(distance: float, velocity: float, acceleration: float, jerk: float) -> SnapLimitedMove:
