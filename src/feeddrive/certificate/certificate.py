@@ -109,12 +109,24 @@ class Certificate(Result):
             loop = self.loops[plant["name"]]
             f = loop.lines()
             peak = float(np.max(loop.size(f) / loop.room(f)[0]))
-            rows.append([
-                plant["name"], Text(f"{Quantity(least):3} .. {Quantity(most):3}") if least < most else radii[0], peak,
-                plant["reserve"], plant["reserve_at_Hz"], loop.growth, sum(len(lines) for lines in plant["lines"]),
-            ])  # fmt: skip
+            rows.append(
+                [
+                    plant["name"],
+                    Text(f"{Quantity(least):3} .. {Quantity(most):3}") if least < most else radii[0],
+                    peak,
+                    plant["reserve"],
+                    plant["reserve_at_Hz"],
+                    loop.growth,
+                    sum(len(lines) for lines in plant["lines"]),
+                ]
+            )
         columns = [
-            "plant", Column("r", "", "3"), Column("max Σ|H|" if self.two_rates else "max |L/(1+L)|", "", "3"),
-            Column("wider by", "", "3"), Column("at", "Hz", "3"), Column("max |z|", "", ".6f"), "lines",
-        ]  # fmt: skip
+            "plant",
+            Column("r", "", "3"),
+            Column("max Σ|H|" if self.two_rates else "max |L/(1+L)|", "", "3"),
+            Column("wider by", "", "3"),
+            Column("at", "Hz", "3"),
+            Column("max |z|", "", ".6f"),
+            "lines",
+        ]
         return Table(self.sentence(), columns, rows)

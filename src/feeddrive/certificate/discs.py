@@ -37,9 +37,15 @@ def matrices(entry: Mapping[str, Any], inputs: Sequence[str], outputs: Sequence[
     )
     n = len(entry["A"])
     return StateSpace(
-        A.reshape(n, n), B.reshape(n, len(inputs)), C.reshape(len(outputs), n), D.reshape(len(outputs), len(inputs)),
-        T, tuple(entry["states"]), tuple(inputs), tuple(outputs),
-    )  # fmt: skip
+        A.reshape(n, n),
+        B.reshape(n, len(inputs)),
+        C.reshape(len(outputs), n),
+        D.reshape(len(outputs), len(inputs)),
+        T,
+        tuple(entry["states"]),
+        tuple(inputs),
+        tuple(outputs),
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -120,11 +120,17 @@ def deployed(control: Control, sample_time: float, arithmetic: str = "float64", 
     states = tuple(samples[0].states[i].removeprefix("control.") for i in own)
     models = tuple(
         StateSpace(
-            sample.A[np.ix_(own, own)], sample.B[np.ix_(own, used)], sample.C[:, own], sample.D[:, used],
-            float(sample_time), states, tuple(READINGS[i - 1] for i in used), ("force",),
+            sample.A[np.ix_(own, own)],
+            sample.B[np.ix_(own, used)],
+            sample.C[:, own],
+            sample.D[:, used],
+            float(sample_time),
+            states,
+            tuple(READINGS[i - 1] for i in used),
+            ("force",),
         )
         for sample in samples
-    )  # fmt: skip
+    )
     sizes = np.abs(
         np.concatenate(
             [
@@ -261,9 +267,12 @@ def _refined(f: np.ndarray, G: np.ndarray, weight: np.ndarray, T: float, count: 
         [np.full(count, np.log(2.0 * np.pi * f[-1])), np.full(count, np.log(2.0)), [np.log(10.0 * low), 30 * T]]
     )
     fit = least_squares(
-        lambda x: _solved(_columns(x, s, T), G, weight)[1], np.clip(begin, least + 1e-9, most - 1e-9),
-        bounds=(least, most), x_scale=np.concatenate([np.full(2 * count, 0.1), [1.0, 0.1 * T]]), max_nfev=40,
-    )  # fmt: skip
+        lambda x: _solved(_columns(x, s, T), G, weight)[1],
+        np.clip(begin, least + 1e-9, most - 1e-9),
+        bounds=(least, most),
+        x_scale=np.concatenate([np.full(2 * count, 0.1), [1.0, 0.1 * T]]),
+        max_nfev=40,
+    )
     return float(np.sqrt(np.mean(fit.fun**2))), fit.x
 
 

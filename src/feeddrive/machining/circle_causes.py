@@ -61,8 +61,9 @@ class Fit(NamedTuple):
         optimum: Any = minimize_scalar(
             lambda u: self.settled(float(np.exp(u)), 6).square,
             bounds=np.log(grid[[max(best - 1, 0), min(best + 1, len(grid) - 1)]]),
-            method="bounded", options={"xatol": 1e-4},
-        )  # fmt: skip
+            method="bounded",
+            options={"xatol": 1e-4},
+        )
         return float(np.exp(optimum.x))
 
     def settled(self, decay: float | None, passes: int = PASSES) -> Solved:
@@ -336,9 +337,14 @@ class CircleCauses(Result):
             error = Quantity(cause.error, cause.unit, form=f"2 {unit}") if np.isfinite(cause.error) else None
             rows.append([cause.name, value, error, UNIT, cause.effect, cause.share, cause.note])
         columns = [
-            "cause", "value", "+-", "unit", Column("draws", "m"), Column("of G", "share", "3"),
+            "cause",
+            "value",
+            "+-",
+            "unit",
+            Column("draws", "m"),
+            Column("of G", "share", "3"),
             Column("", sentences=True),
-        ]  # fmt: skip
+        ]
         return Table(f"causes; {Quantity(self.residual, 'm'):3} RMS are not explained", columns, rows)
 
 
@@ -370,8 +376,9 @@ def circle_causes(
     figures = circle_test(circles)
     names = circles[0].axes
     for what, value, options in (
-        ("spike", spike, ("free", "exponential")), ("backlash", backlash, ("stands", "step")),
-    ):  # fmt: skip
+        ("spike", spike, ("free", "exponential")),
+        ("backlash", backlash, ("stands", "step")),
+    ):
         if value not in options:
             raise ParameterError(f"{what} = {value!r} must be one of {', '.join(options)}")
     for axis, length in (pitch or {}).items():
@@ -462,9 +469,11 @@ def _spike(solved: Solved, axis: str, place: int) -> Spike:
         if abs(rows.V - feed) > 0.02 * feed:
             continue
         ahead = rows.d * rows.turning * solved.shape.mismatch
-        since = since_reversal(rows.angle - ahead, rows.d, 0.0) if first else since_reversal(
-            rows.angle + ahead, rows.d, 0.5 * np.pi
-        )  # fmt: skip
+        since = (
+            since_reversal(rows.angle - ahead, rows.d, 0.0)
+            if first
+            else since_reversal(rows.angle + ahead, rows.d, 0.5 * np.pi)
+        )
         inside = since < reach
         part = np.abs(np.cos(rows.angle) if first else np.sin(rows.angle))
         places.append(since[inside])

@@ -182,8 +182,10 @@ def circle_path(
             raise ParameterError(f"{name}: a circle needs its sample_time or the time of each row, s")
         time = sample_time * np.arange(len(x))
     if x.ndim != 1 or x.shape != y.shape or x.shape != np.shape(time) or len(x) < 16:
-        raise ParameterError(f"{name}: {axes[0]}, {axes[1]} and time need equal rows, 16 or more, not "
-                             f"{np.size(x)}, {np.size(y)} and {np.size(time)}")  # fmt: skip
+        raise ParameterError(
+            f"{name}: {axes[0]}, {axes[1]} and time need equal rows, 16 or more, not "
+            f"{np.size(x)}, {np.size(y)} and {np.size(time)}"
+        )
     if not (np.all(np.isfinite(x)) and np.all(np.isfinite(y))):
         raise ParameterError(f"{name}: a position is not finite")
     middle, _ = circle_fit(x, y)
@@ -267,15 +269,27 @@ def _averaged(places: np.ndarray, r: np.ndarray, wanted: np.ndarray) -> np.ndarr
 
 
 def circle_of_run(
-    run: Run, axes: tuple[str, str] = ("x", "y"), *, radius: float | None = None,
-    center: tuple[float, float] | None = None, signal: str = "tool", points: int = POINTS,
-) -> CirclePath:  # fmt: skip
+    run: Run,
+    axes: tuple[str, str] = ("x", "y"),
+    *,
+    radius: float | None = None,
+    center: tuple[float, float] | None = None,
+    signal: str = "tool",
+    points: int = POINTS,
+) -> CirclePath:
     """The circle of a simulated run; `signal` as in `contour_error`, readings are labelled as those of encoders."""
     position = tool_columns(run, axes, signal)
     return circle_path(
-        position[:, 0], position[:, 1], sample_time=run.sample_time, radius=radius, center=center, axes=axes,
-        source="encoder" if signal.startswith("reading") else "tool", points=points, name=run.name,
-    )  # fmt: skip
+        position[:, 0],
+        position[:, 1],
+        sample_time=run.sample_time,
+        radius=radius,
+        center=center,
+        axes=axes,
+        source="encoder" if signal.startswith("reading") else "tool",
+        points=points,
+        name=run.name,
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -311,11 +325,16 @@ class CircleTest(Result):
             f"{self.about} center{label}"
         )
         rows = [
-            [Text(f"both {circle.name}") if circle.both else circle.name,
-             Text(f"{Quantity(circle.G, 'm', bare=True)} (b)") if circle.both else circle.G,
-             circle.F_max, circle.F_min, circle.D, *map(float, circle.center)]
+            [
+                Text(f"both {circle.name}") if circle.both else circle.name,
+                Text(f"{Quantity(circle.G, 'm', bare=True)} (b)") if circle.both else circle.G,
+                circle.F_max,
+                circle.F_min,
+                circle.D,
+                *map(float, circle.center),
+            ]
             for circle in self.figures
-        ]  # fmt: skip
+        ]
         signed = [Column(head, "m", "+.4g") for head in ("F max", "F min", "D")]
         centers = [Column(f"center {axis}", "m", "7 mm") for axis in "xy"]
         return Table(title, ["circle", Column("G", "m"), *signed, *centers], rows)

@@ -205,9 +205,20 @@ def _on_piece(place: Floats, node: Floats, after: Floats, begin: Floats, end: Fl
 
 @kernel
 def _feet(
-    position: Floats2, node: Floats2, along: Floats, begin: Floats2, end: Floats2, turn: Ints, expected: Floats,
-    window: float, longest: float, arc_length: Floats, vector: Floats2, tangent: Floats2, corner: Ints,
-) -> int:  # fmt: skip
+    position: Floats2,
+    node: Floats2,
+    along: Floats,
+    begin: Floats2,
+    end: Floats2,
+    turn: Ints,
+    expected: Floats,
+    window: float,
+    longest: float,
+    arc_length: Floats,
+    vector: Floats2,
+    tangent: Floats2,
+    corner: Ints,
+) -> int:
     """The foot of each position: straight pieces decide which piece it is, Newton's method where."""
     last = len(node) - 2
     k = 0
@@ -429,15 +440,24 @@ class ContourError(Result):
             f"most {Quantity(float(np.max(np.abs(self.lag))), 'm')}"
         )
         columns = [
-            Column("worst places"), Column("error", "m", "+.4g" if self.signed else ""), Column("time", "s", "4 s"),
-            Column("along the path", "m", "5 mm"), *(Column(name, "m", "5 mm") for name in self.axes),
+            Column("worst places"),
+            Column("error", "m", "+.4g" if self.signed else ""),
+            Column("time", "s", "4 s"),
+            Column("along the path", "m", "5 mm"),
+            *(Column(name, "m", "5 mm") for name in self.axes),
             *([] if self.line is None else [Column("line")]),
-        ]  # fmt: skip
+        ]
         rows = [
-            [i + 1, place.error, place.time, place.along, *map(float, place.position),
-             *([] if self.line is None else [place.line])]
+            [
+                i + 1,
+                place.error,
+                place.time,
+                place.along,
+                *map(float, place.position),
+                *([] if self.line is None else [place.line]),
+            ]
             for i, place in enumerate(self.worst())
-        ]  # fmt: skip
+        ]
         return Table(title, columns, rows)
 
 

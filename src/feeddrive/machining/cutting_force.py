@@ -109,9 +109,13 @@ def cutting_forces(run: Run, cut: MillingCut) -> CuttingForces:
         np.concatenate([[0.0], np.cumsum(speed[:-1] * (run.sample_time / 60.0))]) + 0.5 * speed * run.sample_time / 60.0
     )
     return CuttingForces(
-        run.time, **forces, spindle_speed=speed, angle=cut.start_angle + 2.0 * np.pi * turns, along=results["along"],
+        run.time,
+        **forces,
+        spindle_speed=speed,
+        angle=cut.start_angle + 2.0 * np.pi * turns,
+        along=results["along"],
         across=results["across"],
-    )  # fmt: skip
+    )
 
 
 def _motions(cut: MillingCut, signals: Any, ahead: Any) -> dict[str, Motion]:

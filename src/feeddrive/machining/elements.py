@@ -60,20 +60,37 @@ class Elements(Result):
     def table(self) -> Table:
         """One row for each element, then one for each corner."""
         rows: list[list[str | float | Quantity]] = [
-            [f"{i + 1} {element.kind}{_in_line(element.line)}", element.end - element.begin, element.angle,
-             element.form, Quantity(element.tilt, "rad", form="4 urad") if element.kind == "line" else
-             Quantity(element.size, "m", form="+.4g"), element.error]
+            [
+                f"{i + 1} {element.kind}{_in_line(element.line)}",
+                element.end - element.begin,
+                element.angle,
+                element.form,
+                Quantity(element.tilt, "rad", form="4 urad")
+                if element.kind == "line"
+                else Quantity(element.size, "m", form="+.4g"),
+                element.error,
+            ]
             for i, element in enumerate(self.elements)
-        ]  # fmt: skip
+        ]
         rows += [
-            [f"corner{_in_line(corner.line)}", "", corner.turn, "",
-             Text(f"passed at {Quantity(corner.nearest, 'm')}"), corner.error]
+            [
+                f"corner{_in_line(corner.line)}",
+                "",
+                corner.turn,
+                "",
+                Text(f"passed at {Quantity(corner.nearest, 'm')}"),
+                corner.error,
+            ]
             for corner in self.corners
-        ]  # fmt: skip
+        ]
         columns = [
-            "element", Column("length", "m", "4 mm"), Column("angle", "rad", "4 deg"), Column("straight, round", "m"),
-            "tilt, radius", Column("contour error", "m"),
-        ]  # fmt: skip
+            "element",
+            Column("length", "m", "4 mm"),
+            Column("angle", "rad", "4 deg"),
+            Column("straight, round", "m"),
+            "tilt, radius",
+            Column("contour error", "m"),
+        ]
         return Table(f"{self.name}: {len(self.elements)} elements, {len(self.corners)} corners", columns, rows)
 
 

@@ -114,9 +114,12 @@ class SpindleLoad(Result):
     def table(self) -> Table:
         """One row."""
         columns = [
-            "", Column("mean", "W"), Column("peak", "W"), Column("energy", "J"),
+            "",
+            Column("mean", "W"),
+            Column("peak", "W"),
+            Column("energy", "J"),
             Column("energy by volume", "J/m3", "4 J/mm3"),
-        ]  # fmt: skip
+        ]
         return Table("spindle", columns, [["spindle", self.power, self.peak, self.energy, self.specific_energy]])
 
 
@@ -144,17 +147,35 @@ class MachineLoad(Result):
 
 def _table(rows: list[AxisLoad], title: str) -> Table:
     columns = [
-        "axis", "RMS", "of continuous", "peak", "of peak", "heat, repeated", Column("copper", "W"), Column("work", "J"),
-        Column("drawn", "J"), "",
-    ]  # fmt: skip
+        "axis",
+        "RMS",
+        "of continuous",
+        "peak",
+        "of peak",
+        "heat, repeated",
+        Column("copper", "W"),
+        Column("work", "J"),
+        Column("drawn", "J"),
+        "",
+    ]
     lines: list[list[str | float | Quantity | None]] = []
     for load in rows:
         unit = turning("N") if load.turning else "N"
         of_continuous, of_peak, heat = map(_percent, (load.of_continuous, load.of_peak, load.heat_repeated))
-        lines.append([
-            load.axis, Quantity(load.rms, unit), of_continuous, Quantity(load.peak, unit), of_peak, heat,
-            load.copper_loss, load.work, load.drawn, load.verdict,
-        ])  # fmt: skip
+        lines.append(
+            [
+                load.axis,
+                Quantity(load.rms, unit),
+                of_continuous,
+                Quantity(load.peak, unit),
+                of_peak,
+                heat,
+                load.copper_loss,
+                load.work,
+                load.drawn,
+                load.verdict,
+            ]
+        )
     return Table(title, columns, lines)
 
 
@@ -194,9 +215,12 @@ def axis_load(
     if not (np.all(np.isfinite(force)) and np.all(np.isfinite(position))):
         raise ParameterError(f"axis {axis}: a force or a position is not finite")
     constants = {
-        "sample_time": (sample_time, "s"), "continuous_force": (continuous_force, "N"), "peak_force": (peak_force, "N"),
-        "motor_constant": (motor_constant, "N/W^0.5"), "time_constant": (time_constant, "s"),
-    }  # fmt: skip
+        "sample_time": (sample_time, "s"),
+        "continuous_force": (continuous_force, "N"),
+        "peak_force": (peak_force, "N"),
+        "motor_constant": (motor_constant, "N/W^0.5"),
+        "time_constant": (time_constant, "s"),
+    }
     for name, (value, unit) in constants.items():
         if value is not None and not 0.0 < value < float("inf"):
             raise ParameterError(

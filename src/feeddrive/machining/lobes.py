@@ -293,12 +293,14 @@ class Lobes(Result):
         least = int(np.argmin(self.depth))
         for i in [*(pocket for pocket in self.pockets() if pocket != least), least]:
             speed, limited = float(self.spindle_speed[i]), bool(np.isfinite(self.depth[i]))
-            rows.append([
-                Text(f"{Quantity(speed, 'rpm', bare=True):6} (least)") if i == least else speed,
-                float(self.depth[i]) if limited else _over(self.deepest),
-                kind_of(self.multiplier[i]) if limited else "none",
-                float(self.frequency[i]) if limited else None,
-            ])  # fmt: skip
+            rows.append(
+                [
+                    Text(f"{Quantity(speed, 'rpm', bare=True):6} (least)") if i == least else speed,
+                    float(self.depth[i]) if limited else _over(self.deepest),
+                    kind_of(self.multiplier[i]) if limited else "none",
+                    float(self.frequency[i]) if limited else None,
+                ]
+            )
         return Table(self.sentence(), [_SPEED, _LIMIT, "kind", _CHATTER], rows)
 
 
@@ -360,9 +362,17 @@ def stability_lobes(
     limits, multipliers, frequencies = zip(*limits_by_speed, strict=True)
     own = None if speed is None or depth is None else cut_stability(point, cut, speed, depth, deepest=deepest)
     return Lobes(
-        speeds, np.array(limits), np.array(frequencies), np.array(multipliers), most, cut.teeth, _natural(point),
-        tuple(ranges), own, point.missed,
-    )  # fmt: skip
+        speeds,
+        np.array(limits),
+        np.array(frequencies),
+        np.array(multipliers),
+        most,
+        cut.teeth,
+        _natural(point),
+        tuple(ranges),
+        own,
+        point.missed,
+    )
 
 
 def cut_stability(
@@ -463,9 +473,11 @@ def _borders(
             last, before = past[-1]
             if len(past) > 1 and before < 0.0 and now < before > past[-2][1]:
                 top: Any = minimize_scalar(
-                    lambda a: -growth(coarse, a), bounds=(past[-2][0], float(depth)), method="bounded",
+                    lambda a: -growth(coarse, a),
+                    bounds=(past[-2][0], float(depth)),
+                    method="bounded",
                     options={"xatol": 1e-4 * last},
-                )  # fmt: skip
+                )
                 if top.fun < 0.0:
                     yield root(past[-2][0], float(top.x))
                     if not every:

@@ -148,14 +148,26 @@ class PartRun(Result):
             "counts"
         )
         columns = [
-            "axis", Column("following RMS", "m"), Column("peak", "m"), "in line", Column("force RMS", "N"),
-            Column("peak", "N"), Column("reversal", "m"),
-        ]  # fmt: skip
+            "axis",
+            Column("following RMS", "m"),
+            Column("peak", "m"),
+            "in line",
+            Column("force RMS", "N"),
+            Column("peak", "N"),
+            Column("reversal", "m"),
+        ]
         rows = [
-            [name, axis.following_rms, axis.following_peak, axis.line, motor.rms, motor.peak,
-             axis.glitch if axis.glitches else None]
+            [
+                name,
+                axis.following_rms,
+                axis.following_peak,
+                axis.line,
+                motor.rms,
+                motor.peak,
+                axis.glitch if axis.glitches else None,
+            ]
             for name, axis, motor in ((name, axis, self.load.axes[name]) for name, axis in self.axes.items())
-        ]  # fmt: skip
+        ]
         return Table(title, columns, rows)
 
 
@@ -216,9 +228,13 @@ def _axis(run: Run, axis: str, line: np.ndarray, contour: ContourError, speed: n
     after = max(1, round(_AFTER / run.sample_time))
     heights = [float(np.max(np.abs(contour.error[i : i + after]))) for i in turns]
     return AxisRun(
-        _rms(error), float(np.abs(error[worst])), int(line[worst]), float(run.time[worst]),
-        max(heights, default=0.0), len(heights),
-    )  # fmt: skip
+        _rms(error),
+        float(np.abs(error[worst])),
+        int(line[worst]),
+        float(run.time[worst]),
+        max(heights, default=0.0),
+        len(heights),
+    )
 
 
 def _estimated(run: Run, axis: str, observer: Observer, true: np.ndarray, turn: float | None) -> Estimated:

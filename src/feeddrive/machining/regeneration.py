@@ -184,10 +184,14 @@ def regeneration(cutter: Cutter | Regeneration, **changes: float) -> Regeneratio
         edge = cutter.edge()
         diameter = float(edge.diameter)
         cut = Regeneration(
-            teeth=edge.teeth, tangential=float(edge.cutting[0]), radial=float(edge.cutting[1]),
-            entry=float(edge.entry), leave=float(edge.exit),
-            lag=2.0 * float(np.tan(float(edge.helix_angle))) / diameter, diameter=diameter,
-        )  # fmt: skip
+            teeth=edge.teeth,
+            tangential=float(edge.cutting[0]),
+            radial=float(edge.cutting[1]),
+            entry=float(edge.entry),
+            leave=float(edge.exit),
+            lag=2.0 * float(np.tan(float(edge.helix_angle))) / diameter,
+            diameter=diameter,
+        )
     return replace(cut, **changes) if changes else cut  # type: ignore[arg-type]
 
 
@@ -266,8 +270,15 @@ class ToothPassage:
             from scipy.linalg import expm
 
             none = np.zeros((0, 0))
-            return _Passage(piece, length, np.zeros(0), np.zeros(0), (none, none), (none, none),
-                            (np.zeros((d, 0)), expm(self.A * length)))  # fmt: skip
+            return _Passage(
+                piece,
+                length,
+                np.zeros(0),
+                np.zeros(0),
+                (none, none),
+                (none, none),
+                (np.zeros((d, 0)), expm(self.A * length)),
+            )
         poles: Any = np.diag(self._T)
         vibrations = self.fastest * length / (2.0 * np.pi)
         turns = (piece.end - piece.begin) / np.pi

@@ -56,15 +56,29 @@ class Reversals(Result):
     def table(self) -> Table:
         """One row for each reversal."""
         rows = [
-            [f"{turn.axis} {turn.side}", turn.time, turn.height, turn.peak_time, turn.width, turn.stick_begin,
-             turn.stick_time, turn.base]
+            [
+                f"{turn.axis} {turn.side}",
+                turn.time,
+                turn.height,
+                turn.peak_time,
+                turn.width,
+                turn.stick_begin,
+                turn.stick_time,
+                turn.base,
+            ]
             for turn in self.reversals
-        ]  # fmt: skip
+        ]
         highest = max((abs(turn.height) for turn in self.reversals), default=0.0)
         columns = [
-            "reversal", Column("at", "s", "5 s"), Column("height", "m"), Column("after", "s"), Column("width", "s"),
-            Column("stands from", "s"), Column("for", "s"), Column("base", "m"),
-        ]  # fmt: skip
+            "reversal",
+            Column("at", "s", "5 s"),
+            Column("height", "m"),
+            Column("after", "s"),
+            Column("width", "s"),
+            Column("stands from", "s"),
+            Column("for", "s"),
+            Column("base", "m"),
+        ]
         return Table(f"{self.name}: quadrant glitches up to {Quantity(highest, 'm')}", columns, rows)
 
 
@@ -79,8 +93,10 @@ def reversals(run: Run, contour: ContourError | None = None, *, begin: float = 0
     """
     deviation = contour_error(run) if contour is None else contour
     if not deviation.signed:
-        raise ParameterError(f"reversals are those of a plane path: give the contour error of two axes, not of "
-                             f"{', '.join(deviation.axes)}")  # fmt: skip
+        raise ParameterError(
+            f"reversals are those of a plane path: give the contour error of two axes, not of "
+            f"{', '.join(deviation.axes)}"
+        )
     v = np.column_stack([run[f"{axis}.set_velocity"] for axis in deviation.axes])
     a = np.column_stack([run[f"{axis}.set_acceleration"] for axis in deviation.axes])
     left_turn = v[:, 0] * a[:, 1] - v[:, 1] * a[:, 0] >= 0.0
@@ -150,8 +166,11 @@ def stick_time(
     the axis does not stand, F_c + F_s <= m A.  Raises ParameterError for numbers that are not > 0.
     """
     positive = {
-        "acceleration": (acceleration, "m/s2"), "mass": (mass, "kg"), "Kv": (Kv, "1/s"), "Kp": (Kp, "N s/m"),
-    } | ({} if Tn is None else {"Tn": (Tn, "s")})  # fmt: skip
+        "acceleration": (acceleration, "m/s2"),
+        "mass": (mass, "kg"),
+        "Kv": (Kv, "1/s"),
+        "Kp": (Kp, "N s/m"),
+    } | ({} if Tn is None else {"Tn": (Tn, "s")})
     for name, (value, unit) in positive.items():
         if not 0.0 < value < float("inf"):
             raise ParameterError(f"{name} = {Quantity(value, unit):6 SI} must be finite and > 0")

@@ -74,9 +74,16 @@ def scallop(radius: float, step: float) -> float:
 
 
 def wall(
-    run: Run, cut: MillingCut, begin: float, end: float, milling: str, *, points: int = 400, levels: int = 1,
+    run: Run,
+    cut: MillingCut,
+    begin: float,
+    end: float,
+    milling: str,
+    *,
+    points: int = 400,
+    levels: int = 1,
     axial_depth: float | None = None,
-) -> Surface:  # fmt: skip
+) -> Surface:
     """The finished wall that a run leaves between two instants, on a straight feed.
 
     For each line across the wall the deepest edge is kept; an edge stands at v = angle + 2πj/N - k z and makes the

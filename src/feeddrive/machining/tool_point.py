@@ -213,17 +213,27 @@ def _continuous(model: StateSpace, lowest: float) -> ToolPoint:
             "stable first"
         )
     poles = _poles(z, T)
-    frequency = np.unique(np.concatenate([
-        np.geomspace(lowest, 0.4 / T, 400),
-        *(abs(p.imag) / (2.0 * np.pi) + np.linspace(-3.0, 3.0, 25) * abs(p.real) / (2.0 * np.pi) for p in poles),
-    ]))  # fmt: skip
+    frequency = np.unique(
+        np.concatenate(
+            [
+                np.geomspace(lowest, 0.4 / T, 400),
+                *(
+                    abs(p.imag) / (2.0 * np.pi) + np.linspace(-3.0, 3.0, 25) * abs(p.real) / (2.0 * np.pi)
+                    for p in poles
+                ),
+            ]
+        )
+    )
     frequency = frequency[(frequency >= lowest) & (frequency <= 0.4 / T)]
     s = 2j * np.pi * frequency
     hold = (1.0 - np.exp(-s * T)) / (s * T)
-    responses = np.stack([
-        np.stack([model.response(frequency, row, column).response / hold for column in model.inputs], axis=-1)
-        for row in model.outputs
-    ], axis=-2)  # fmt: skip
+    responses = np.stack(
+        [
+            np.stack([model.response(frequency, row, column).response / hold for column in model.inputs], axis=-1)
+            for row in model.outputs
+        ],
+        axis=-2,
+    )
     columns = [column for pole in poles for column in _terms(s, pole)]
     basis = np.stack(columns, axis=1)
     size = np.abs(responses).reshape(s.size, -1).max(axis=1)

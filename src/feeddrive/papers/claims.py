@@ -30,10 +30,19 @@ from feeddrive.report.page import Shown, render
 
 # SI unit and name of a unit in which a paper states its figures, where that is no SI unit
 _STATED = {
-    "nm": ("m", "nm"), "um": ("m", "um"), "µm": ("m", "um"), "mm": ("m", "mm"), "ms": ("s", "ms"), "%": ("share", "%"),
-    "um/N": ("m/N", "um/N"), "µm/N": ("m/N", "um/N"), "N/µm": ("N/m", "N/um"), "µm/s": ("m/s", "um/s"),
-    "kN": ("N", "kN"), "kW": ("W", "kW"),
-}  # fmt: skip
+    "nm": ("m", "nm"),
+    "um": ("m", "um"),
+    "µm": ("m", "um"),
+    "mm": ("m", "mm"),
+    "ms": ("s", "ms"),
+    "%": ("share", "%"),
+    "um/N": ("m/N", "um/N"),
+    "µm/N": ("m/N", "um/N"),
+    "N/µm": ("N/m", "N/um"),
+    "µm/s": ("m/s", "um/s"),
+    "kN": ("N", "kN"),
+    "kW": ("W", "kW"),
+}
 
 
 def stated(value: float, unit: str = "", digits: str = "4", *, bare: bool = False) -> Quantity:

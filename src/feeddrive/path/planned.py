@@ -49,8 +49,11 @@ class Recorder:
         n = self._axes = axes
         # columns of a stretch: position, speed, low, high, feed, line, samples
         self._place, self._speed, self._low, self._high = (
-            slice(n), slice(n, n + 1), slice(n + 1, 5 * n + 1), slice(5 * n + 1, 9 * n + 1)
-        )  # fmt: skip
+            slice(n),
+            slice(n, n + 1),
+            slice(n + 1, 5 * n + 1),
+            slice(5 * n + 1, 9 * n + 1),
+        )
         self._every, self._rows = 1, np.empty((0, 9 * n + 4))
         self._left: list[np.ndarray] = []  # samples of stretches that are not made yet
         self._waiting = 0
@@ -178,7 +181,18 @@ def planned_of(setpoints: Setpoints, program: str, machine: str, take: Take | No
         if take is not None:
             take(samples, stops)
     return Planned(
-        program, machine, setpoints.limits, setpoints.sample_time, setpoints.samples, setpoints.time, setpoints.blocks,
-        setpoints.runs, setpoints.prover.proof(), tuple(few), sum(reasons.values()), dict(reasons), setpoints.seconds,
+        program,
+        machine,
+        setpoints.limits,
+        setpoints.sample_time,
+        setpoints.samples,
+        setpoints.time,
+        setpoints.blocks,
+        setpoints.runs,
+        setpoints.prover.proof(),
+        tuple(few),
+        sum(reasons.values()),
+        dict(reasons),
+        setpoints.seconds,
         recorder.course(setpoints.sample_time),
-    )  # fmt: skip
+    )

@@ -115,10 +115,23 @@ def _lasts(parts: list[Part | Pause]) -> float:
 
 @kernel
 def _sample(
-    kind: Ints, length: Floats, origin: Floats2, shape: Floats3,
-    duration: Floats, piece: Ints, x: Floats, speed: Floats, acceleration: Floats, jerk: Floats, snap: Floats,
-    begin: float, sample_time: float, first: int, out: Floats3, r: Floats2,
-) -> int:  # fmt: skip
+    kind: Ints,
+    length: Floats,
+    origin: Floats2,
+    shape: Floats3,
+    duration: Floats,
+    piece: Ints,
+    x: Floats,
+    speed: Floats,
+    acceleration: Floats,
+    jerk: Floats,
+    snap: Floats,
+    begin: float,
+    sample_time: float,
+    first: int,
+    out: Floats3,
+    r: Floats2,
+) -> int:
     """Samples `first`, `first` + 1 ... of a motion that begins at the time `begin`; how many lie within it."""
     count = 0
     since = begin

@@ -122,12 +122,16 @@ def _residuals(law: DADSC, coupled: DADSC, ppi: CascadePPI, disturbance: np.ndar
         ),
         *(
             Claim(
-                "1.a", f"the inverse of the loop gives F_d back exactly under {name}", rule,
-                float(np.max(np.abs(recovered_force - disturbance[1:]))), None, 1e-9, "N",
+                "1.a",
+                f"the inverse of the loop gives F_d back exactly under {name}",
+                rule,
+                float(np.max(np.abs(recovered_force - disturbance[1:]))),
+                most=1e-9,
+                unit="N",
             )
             for name, recovered_force in exact.items()
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _implicit(law: DADSC, coupled: DADSC, ppi: CascadePPI) -> list[Claim]:
@@ -137,11 +141,15 @@ def _implicit(law: DADSC, coupled: DADSC, ppi: CascadePPI) -> list[Claim]:
     rule = f"{IDEAL}; x_r = 50 mm · sin³ at 5 Hz, no disturbance"
     claims = [
         Claim(
-            "1.a", f"x/x_r = 1 under {name}", rule, float(np.max(np.abs(_run(loop_, still, way).position_error))),
-            None, 1e-12, "m",
+            "1.a",
+            f"x/x_r = 1 under {name}",
+            rule,
+            float(np.max(np.abs(_run(loop_, still, way).position_error))),
+            most=1e-12,
+            unit="m",
         )
         for name, loop_ in (("DADSC", law), ("the cascade", ppi))
-    ]  # fmt: skip
+    ]
     step = np.full(600, 200.0)
     fall = 1.0 / (1.0 + law.adaptation_rate * T)
     rule = f"{IDEAL}; F_d = 200 N from the first sample on"
@@ -150,11 +158,23 @@ def _implicit(law: DADSC, coupled: DADSC, ppi: CascadePPI) -> list[Claim]:
         left = 200.0 - np.array([state.estimate for state in _run(loop_, step).states])
         off[name] = float(np.max(np.abs(left[1:] - fall * left[:-1])))
     claims += [
-        Claim("1.a", "with g2 = g1/Q the estimate's error falls by 1/(1 + ω_d T) each sample", rule, off["free"],
-              None, 1e-9, "N"),
-        Claim("1.a", "with g2 Q - g1 = -0.1 g1 the estimate depends on s: the error leaves that line", rule,
-              off["coupled"], 0.1, None, "N"),
-    ]  # fmt: skip
+        Claim(
+            "1.a",
+            "with g2 = g1/Q the estimate's error falls by 1/(1 + ω_d T) each sample",
+            rule,
+            off["free"],
+            most=1e-9,
+            unit="N",
+        ),
+        Claim(
+            "1.a",
+            "with g2 Q - g1 = -0.1 g1 the estimate depends on s: the error leaves that line",
+            rule,
+            off["coupled"],
+            least=0.1,
+            unit="N",
+        ),
+    ]
     run = _run(law, step)
     mu = lyapunov_weight(law)
     s = np.array([state.sliding for state in run.states])
@@ -168,8 +188,7 @@ def _implicit(law: DADSC, coupled: DADSC, ppi: CascadePPI) -> list[Claim]:
             Text(f"V = s² + μ F̃² falls in every sample (μ = {Quantity(mu, 'm'):3 SI}²/(s² N²))"),
             rule,
             growth,
-            None,
-            1.0,
+            most=1.0,
         ),
     ]
 
@@ -229,14 +248,21 @@ def _pole_map() -> tuple[list[Claim], list[Shown]]:
     swing = [float(np.max(np.abs(poles.imag))) for poles in theirs]
     largest = theirs[-1][np.argmax(theirs[-1].imag)]
     claims = [
-        Claim("1.c", "all poles of DADSC are real along the sweep", rule,
-              max(float(np.max(np.abs(poles.imag))) for poles in ours), None, 1e-4, "rad/s"),
+        Claim(
+            "1.c",
+            "all poles of DADSC are real along the sweep",
+            rule,
+            max(float(np.max(np.abs(poles.imag))) for poles in ours),
+            most=1e-4,
+            unit="rad/s",
+        ),
         Claim("1.c", "the cascade's are real at the first two points", rule, max(swing[:2]), None, 1e-4, "rad/s"),
         Claim("1.c", "and complex from the third on", rule, min(swing[2:]), 1000.0, None, "rad/s"),
-        Claim("1.c", "the cascade's last pair: real part", rule, largest.real, -3900.0, -3896.0, "rad/s",
-              "-3898 + 5354j"),
+        Claim(
+            "1.c", "the cascade's last pair: real part", rule, largest.real, -3900.0, -3896.0, "rad/s", "-3898 + 5354j"
+        ),
         Claim("1.c", "the cascade's last pair: imaginary part", rule, largest.imag, 5350.0, 5358.0, "rad/s"),
-    ]  # fmt: skip
+    ]
     picture = Shown(
         "poles",
         "Poles as the gains grow",

@@ -41,8 +41,13 @@ OBSERVERS: dict[str, Observer] = {
     "recovery, one pole 500 Hz": DisturbanceRecovery(mass=MASS, viscous=VISCOUS, form="one_pole"),
     "Kalman": KalmanRecovery(mass=MASS, viscous=VISCOUS, resolution=RESOLUTION, force_step=20.0),
 }
-EXPECTED = {OWN: (60.2, 60.2), "recovery, exact": (17.1, 31.9), "recovery, 500 Hz": (12.8, 12.9),
-            "recovery, 1000 Hz": (10.4, 10.5), "Kalman": (5.3, 12.4)}  # fmt: skip
+EXPECTED = {
+    OWN: (60.2, 60.2),
+    "recovery, exact": (17.1, 31.9),
+    "recovery, 500 Hz": (12.8, 12.9),
+    "recovery, 1000 Hz": (10.4, 10.5),
+    "Kalman": (5.3, 12.4),
+}
 
 
 def _run(load: Load, resolution: float | None) -> Run:
@@ -87,14 +92,30 @@ def estimation() -> tuple[list[Claim], list[Table], list[Shown]]:
     )
     best = errors["recovery, 500 Hz"]
     claims = [
-        Claim("1.e", "the law's own estimate is off by more than 3 times the filtered recovery", rule,
-              errors[OWN][1] / best[1], 3.0, None, "", "4.7; scale of 10 nm"),
-        Claim("1.e", "a scale of 10 nm doubles the error of the exact recovery, not that of the filtered one", rule,
-              (errors["recovery, exact"][1] / errors["recovery, exact"][0]) / (best[1] / best[0]), 1.3, None),
-        Claim("1.e", "the Kalman filter is the best without a scale's steps", rule,
-              errors["Kalman"][0] / min(figures[0] for name, figures in errors.items() if name != "Kalman"), None, 1.0),
+        Claim(
+            "1.e",
+            "the law's own estimate is off by more than 3 times the filtered recovery",
+            rule,
+            errors[OWN][1] / best[1],
+            least=3.0,
+            expected="4.7; scale of 10 nm",
+        ),
+        Claim(
+            "1.e",
+            "a scale of 10 nm doubles the error of the exact recovery, not that of the filtered one",
+            rule,
+            (errors["recovery, exact"][1] / errors["recovery, exact"][0]) / (best[1] / best[0]),
+            least=1.3,
+        ),
+        Claim(
+            "1.e",
+            "the Kalman filter is the best without a scale's steps",
+            rule,
+            errors["Kalman"][0] / min(figures[0] for name, figures in errors.items() if name != "Kalman"),
+            most=1.0,
+        ),
         *_table_claims(errors, rule),
-    ]  # fmt: skip
+    ]
     claims += _steps()
     rows = []
     for name, (smooth, stepped) in errors.items():
@@ -102,20 +123,32 @@ def estimation() -> tuple[list[Claim], list[Table], list[Shown]]:
         expected = EXPECTED.get(name)
         rows.append([name, smooth, stepped, *(expected or (None, None)), late])
     columns = [
-        "estimate", Column("RMS error", "N", ".1f"), Column("with 10 nm steps", "N", ".1f"), Column("expected", "N"),
-        Column("expected, 10 nm", "N"), Column("late by samples", "", ".2f"),
-    ]  # fmt: skip
+        "estimate",
+        Column("RMS error", "N", ".1f"),
+        Column("with 10 nm steps", "N", ".1f"),
+        Column("expected", "N"),
+        Column("expected, 10 nm", "N"),
+        Column("late by samples", "", ".2f"),
+    ]
     return claims, [Table("Quality of the estimate under milling", columns, rows)], [_picture(cut[RESOLUTION])]
 
 
 def _table_claims(errors: dict[str, tuple[float, ...]], rule: str) -> list[Claim]:
     """Each cell of the table within 20 %: the cutting force of the expected figures is not stated in full."""
     return [
-        Claim("1.e", f"error of {name}{with_scale}", rule, errors[name][i], 0.8 * expected[i], 1.2 * expected[i],
-              "N", number(expected[i], 6))
+        Claim(
+            "1.e",
+            f"error of {name}{with_scale}",
+            rule,
+            errors[name][i],
+            least=0.8 * expected[i],
+            most=1.2 * expected[i],
+            unit="N",
+            expected=number(expected[i], 6),
+        )
         for name, expected in EXPECTED.items()
         for i, with_scale in enumerate((", continuous reading", ", 10 nm scale"))
-    ]  # fmt: skip
+    ]
 
 
 def _steps() -> list[Claim]:
@@ -245,14 +278,27 @@ def _others(rule: str, none: float, sine: Load) -> list[Claim]:
     ]
     step_rule = rule.replace("100 N at its resonance", "force step of 300 N").replace("from 1 to 2 s", "over 2 s")
     return [
-        Claim("1.f", "the compensation is sensitive: a frequency 5 % off leaves most of the error at resonance", rule,
-              min(off), 40.0, None, "um", "49 to 50"),
-        Claim("1.f", "a mass 20 % off still leaves a gain, the smaller of both", rule, min(heavy), 2.4, None, "",
-              "2.4 to 4"),
+        Claim(
+            "1.f",
+            "the compensation is sensitive: a frequency 5 % off leaves most of the error at resonance",
+            rule,
+            min(off),
+            least=40.0,
+            unit="um",
+            expected="49 to 50",
+        ),
+        Claim(
+            "1.f",
+            "a mass 20 % off still leaves a gain, the smaller of both",
+            rule,
+            min(heavy),
+            least=2.4,
+            expected="2.4 to 4",
+        ),
         Claim("1.f", "error under a step without compensation", step_rule, stepped[0], 14.0, 16.0, "um", "15.1"),
         Claim("1.f", "error under a step with it", step_rule, stepped[1], None, 0.4, "um", "0.22"),
         Claim("1.f", "and with a frequency 5 % off", step_rule, stepped[2], None, 3.0, "um", "2.3"),
-    ]  # fmt: skip
+    ]
 
 
 def _rubbing(sine: Load) -> list[Claim]:
@@ -292,9 +338,15 @@ def _sweep() -> tuple[Table, list[Claim]]:
                     "above"
                 )
                 claims.append(
-                    Claim("1.f", Text(f"gain at {Quantity(frequency, 'Hz'):6}"), rule, none / lead, 0.7 * expected,
-                          None, "", f"{number(expected, 6)} times")
-                )  # fmt: skip
+                    Claim(
+                        "1.f",
+                        Text(f"gain at {Quantity(frequency, 'Hz'):6}"),
+                        rule,
+                        none / lead,
+                        least=0.7 * expected,
+                        expected=f"{number(expected, 6)} times",
+                    )
+                )
             elif frequency == 35.0:
                 rule = "the same at 35 Hz with p = 300 1/s: the drive's own compliance is the bound"
                 claims.append(

@@ -63,20 +63,55 @@ def law_equations() -> list[Claim]:
     inertia = Inertia(mass=MASS, viscous=VISCOUS)
     fed = [inertia.step(None, setpoint, T)[1] for setpoint in way.setpoints(t)]
     return [
-        Claim("1.j", "the sliding variable of the shipped DADSC is (3)", RULE,
-              misfit(s[1:], LAW.tracking_rate * e_x + e_v), None, 1e-9, equations=("DADSC (3)",)),
-        Claim("1.j", "its force is (4), with the acceleration in the middle of the sample", RULE, misfit(force, by_4),
-              None, 1e-9, equations=("DADSC (4)",)),
-        Claim("1.j", "its estimate is (5) with g1 = m Q ω_d, less what the limit cut off", RULE,
-              misfit(estimate[1:], by_5), None, 1e-9, equations=("DADSC (5)", "DADSC g1, g2")),
-        Claim("1.j", "the force of the shipped cascade, with b x' and what the limit cut off", RULE,
-              misfit(cascaded, PPI.Kp * e + VISCOUS * v + integral), None, 1e-9, equations=("cascade (7)",)),
-        Claim("1.j", "the same without integral and without b x'", RULE,
-              misfit(alone, PPI.Kp * (PPI.Kv * e_x + e_v)), None, 1e-9, equations=("cascade (7)",)),
-        Claim("1.j", "its acceleration is fed forward in the middle of the sample", RULE,
-              misfit(fed, MASS * way(2, t + 0.5 * T) + VISCOUS * way(1, t + 0.5 * T)), None, 1e-9,
-              equations=("acceleration feedforward",)),
-    ]  # fmt: skip
+        Claim(
+            "1.j",
+            "the sliding variable of the shipped DADSC is (3)",
+            RULE,
+            misfit(s[1:], LAW.tracking_rate * e_x + e_v),
+            most=1e-9,
+            equations=("DADSC (3)",),
+        ),
+        Claim(
+            "1.j",
+            "its force is (4), with the acceleration in the middle of the sample",
+            RULE,
+            misfit(force, by_4),
+            most=1e-9,
+            equations=("DADSC (4)",),
+        ),
+        Claim(
+            "1.j",
+            "its estimate is (5) with g1 = m Q ω_d, less what the limit cut off",
+            RULE,
+            misfit(estimate[1:], by_5),
+            most=1e-9,
+            equations=("DADSC (5)", "DADSC g1, g2"),
+        ),
+        Claim(
+            "1.j",
+            "the force of the shipped cascade, with b x' and what the limit cut off",
+            RULE,
+            misfit(cascaded, PPI.Kp * e + VISCOUS * v + integral),
+            most=1e-9,
+            equations=("cascade (7)",),
+        ),
+        Claim(
+            "1.j",
+            "the same without integral and without b x'",
+            RULE,
+            misfit(alone, PPI.Kp * (PPI.Kv * e_x + e_v)),
+            most=1e-9,
+            equations=("cascade (7)",),
+        ),
+        Claim(
+            "1.j",
+            "its acceleration is fed forward in the middle of the sample",
+            RULE,
+            misfit(fed, MASS * way(2, t + 0.5 * T) + VISCOUS * way(1, t + 0.5 * T)),
+            most=1e-9,
+            equations=("acceleration feedforward",),
+        ),
+    ]
 
 
 def ideal_poles() -> list[Claim]:
@@ -97,13 +132,37 @@ def ideal_poles() -> list[Claim]:
     band_rule = "-3 dB of estimate (integral) over F_d in the ideal loop of the shipped law, p = 300 1/s, T = 0.01 ms"
     names = ("DADSC (3)", "DADSC (4)", "DADSC (5)", "DADSC g1, g2")
     return [
-        Claim("1.k", "the poles of the loop are ln(1 + λT)/T, ln(1 + KT)/T and ln(1 + ω_d T)/T", rule,
-              misfit(poles, expected), None, 1e-8, equations=names),
-        Claim("1.e", "bandwidth of the estimate of DADSC", band_rule, bands["DADSC"], 47.4, 47.9, "Hz", "47.7",
-              equations=("DADSC g1, g2",)),
-        Claim("1.e", "bandwidth of the integral of P-PI", band_rule, bands["P-PI"], 25.8, 26.2, "Hz", "26.0",
-              equations=("cascade (7)",)),
-    ]  # fmt: skip
+        Claim(
+            "1.k",
+            "the poles of the loop are ln(1 + λT)/T, ln(1 + KT)/T and ln(1 + ω_d T)/T",
+            rule,
+            misfit(poles, expected),
+            most=1e-8,
+            equations=names,
+        ),
+        Claim(
+            "1.e",
+            "bandwidth of the estimate of DADSC",
+            band_rule,
+            bands["DADSC"],
+            least=47.4,
+            most=47.9,
+            unit="Hz",
+            expected="47.7",
+            equations=("DADSC g1, g2",),
+        ),
+        Claim(
+            "1.e",
+            "bandwidth of the integral of P-PI",
+            band_rule,
+            bands["P-PI"],
+            least=25.8,
+            most=26.2,
+            unit="Hz",
+            expected="26.0",
+            equations=("cascade (7)",),
+        ),
+    ]
 
 
 def recoveries() -> list[Claim]:
@@ -148,27 +207,64 @@ def recoveries() -> list[Claim]:
 
     made_of: dict[str, Any] = {"mass": MASS, "viscous": VISCOUS}
     kinds: list[tuple[str, Observer, np.ndarray, float, str]] = [
-        ("the exact recovery is the inverse of the axis", DisturbanceRecovery(**made_of, form="exact"), exact, 1e-9,
-         "recovery from (6)"),
-        ("with two samples of dead time it takes the command before them",
-         DisturbanceRecovery(**made_of, form="exact", delay_samples=2), late, 1e-9, "recovery from (6)"),
-        ("the first-order form has the pole e^(-2π f T)",
-         DisturbanceRecovery(**made_of, form="one_pole", frequency=corner), one, 1e-9, "recovery, one pole"),
-        ("the second-order form is that of Butterworth",
-         DisturbanceRecovery(**made_of, frequency=corner), two, 1e-9, "recovery, Butterworth"),
-        ("the Kalman filter has the gain of the Riccati equation",
-         KalmanRecovery(**made_of, resolution=resolution, force_step=walk), by_kalman[:, 2], 1e-6, "Kalman recovery"),
-    ]  # fmt: skip
+        (
+            "the exact recovery is the inverse of the axis",
+            DisturbanceRecovery(**made_of, form="exact"),
+            exact,
+            1e-9,
+            "recovery from (6)",
+        ),
+        (
+            "with two samples of dead time it takes the command before them",
+            DisturbanceRecovery(**made_of, form="exact", delay_samples=2),
+            late,
+            1e-9,
+            "recovery from (6)",
+        ),
+        (
+            "the first-order form has the pole e^(-2π f T)",
+            DisturbanceRecovery(**made_of, form="one_pole", frequency=corner),
+            one,
+            1e-9,
+            "recovery, one pole",
+        ),
+        (
+            "the second-order form is that of Butterworth",
+            DisturbanceRecovery(**made_of, frequency=corner),
+            two,
+            1e-9,
+            "recovery, Butterworth",
+        ),
+        (
+            "the Kalman filter has the gain of the Riccati equation",
+            KalmanRecovery(**made_of, resolution=resolution, force_step=walk),
+            by_kalman[:, 2],
+            1e-6,
+            "Kalman recovery",
+        ),
+    ]
     kalman_filter = kinds[-1][1]
     return [
-        Claim("1.l", f"{title}, beside scipy", RULE, misfit(seen(observer), expected), None, most,
-              equations=tuple({name, "recovery from (6)"} - ({"recovery from (6)"} if "Kalman" in name else set())))
+        Claim(
+            "1.l",
+            f"{title}, beside scipy",
+            RULE,
+            misfit(seen(observer), expected),
+            most=most,
+            equations=tuple({name, "recovery from (6)"} - ({"recovery from (6)"} if "Kalman" in name else set())),
+        )
         for title, observer, expected, most, name in kinds
     ] + [
-        Claim("1.l", f"its {name}, beside scipy", RULE, misfit(seen(kalman_filter, i), by_kalman[:, i]), None, 1e-6,
-              equations=("Kalman recovery",))
+        Claim(
+            "1.l",
+            f"its {name}, beside scipy",
+            RULE,
+            misfit(seen(kalman_filter, i), by_kalman[:, i]),
+            most=1e-6,
+            equations=("Kalman recovery",),
+        )
         for i, name in enumerate(("position", "velocity"))
-    ]  # fmt: skip
+    ]
 
 
 def compensations() -> list[Claim]:
@@ -207,15 +303,27 @@ def compensations() -> list[Claim]:
         wanted = sign * np.array(expected)
         # the set position is of 10 mm, the added part of nm: differences of m lose digits
         claims += [
-            Claim("1.l", f"what compensation of a mode of the {place} adds to the set {name}, beside scipy", rule,
-                  misfit(moved[:, i], wanted[:, i]), None, most, equations=("mode compensation",))
+            Claim(
+                "1.l",
+                f"what compensation of a mode of the {place} adds to the set {name}, beside scipy",
+                rule,
+                misfit(moved[:, i], wanted[:, i]),
+                most=most,
+                equations=("mode compensation",),
+            )
             for i, (name, most) in enumerate((("position", 1e-5), ("velocity", 1e-9), ("acceleration", 1e-9)))
-        ]  # fmt: skip
+        ]
     return [
         *claims,
-        Claim("1.l", "the force of a rejection with a share of 0.7", RULE, misfit(force, -0.7 * seen), None, 1e-9,
-              equations=("disturbance rejection",)),
-    ]  # fmt: skip
+        Claim(
+            "1.l",
+            "the force of a rejection with a share of 0.7",
+            RULE,
+            misfit(force, -0.7 * seen),
+            most=1e-9,
+            equations=("disturbance rejection",),
+        ),
+    ]
 
 
 def _moved(block: ModeCompensation, setpoints: list[Setpoint], readings: list[Reading]) -> np.ndarray:

@@ -137,21 +137,24 @@ def cutting(axis: str, case: Case) -> Load:
         return ForceSum(
             loads=tuple(
                 MillingForce(
-                    cutter=cutter, spindle_speed=SPINDLE, component=axis, chip_load=CHIP, direction=direction,
-                    start=start, end=end,
+                    cutter=cutter,
+                    spindle_speed=SPINDLE,
+                    component=axis,
+                    chip_load=CHIP,
+                    direction=direction,
+                    start=start,
+                    end=end,
                 )
                 for start, direction, end in (first, second)
             )
-        )  # fmt: skip
+        )
     path = legs("linear", case.leg)
     return MillingForce(cutter=cutter, spindle_speed=SPINDLE, component=axis, references=(path["x"], path["y"]))
 
 
 def machine(case: Case, *, dry: bool = True) -> Machine:
     """The three axes, with the cut between them where its chip is the actual motion."""
-    cut = MillingCut(
-        cutter=tool(case), spindle_speed=SPINDLE, along_z="z", remembered=512
-    )  # fmt: skip
+    cut = MillingCut(cutter=tool(case), spindle_speed=SPINDLE, along_z="z", remembered=512)
     return Machine.of({axis: loop(axis, case, dry=dry) for axis in AXES}, (cut,) if case.chip == "actual" else ())
 
 
@@ -294,9 +297,12 @@ def sine_test(frequency: float, taylor_states: int = 5, share: float = 1.0) -> t
     periods = int(np.ceil(max(20.0, 1.5 * frequency)))
     settled = int(np.ceil(frequency))  # a second
     outcome = simulate(
-        loop("x", case, dry=False), legs("linear", LEG)["z"], load=SineForce(amplitude=200.0, frequency=frequency),
-        duration=(periods + settled) / frequency, start=(0.0, 0.0),
-    )  # fmt: skip
+        loop("x", case, dry=False),
+        legs("linear", LEG)["z"],
+        load=SineForce(amplitude=200.0, frequency=frequency),
+        duration=(periods + settled) / frequency,
+        start=(0.0, 0.0),
+    )
     seen = observe(law("x", case).observer, outcome["reading_load"], outcome["force"], T)
     counted = outcome.time >= settled / frequency
     wave = np.exp(-2j * np.pi * frequency * outcome.time[counted]) * np.hanning(int(np.sum(counted)))

@@ -57,10 +57,13 @@ def table_axis(axis: str, columns: tuple[str, ...], *, smooth: bool = True, know
     assert isinstance(friction, DirectionalStribeck)
     if smooth:
         tanh = Regularised(
-            coulomb=friction.coulomb_positive, coulomb_negative=friction.coulomb_negative,
-            breakaway=friction.breakaway_positive, stribeck_velocity=friction.stribeck_velocity,
-            transition_velocity=TRANSITION, viscous=friction.viscous,
-        )  # fmt: skip
+            coulomb=friction.coulomb_positive,
+            coulomb_negative=friction.coulomb_negative,
+            breakaway=friction.breakaway_positive,
+            stribeck_velocity=friction.stribeck_velocity,
+            transition_velocity=TRANSITION,
+            viscous=friction.viscous,
+        )
         loop = dataclasses.replace(loop, axis=dataclasses.replace(loop.axis, friction_load=tanh))
     start_values = dict.fromkeys(columns, 0.0) | {"mass": 45.0}
     if known:
@@ -72,9 +75,16 @@ def table_axis(axis: str, columns: tuple[str, ...], *, smooth: bool = True, know
 def move(distance: float, velocity: float, acceleration: float, jerk: float) -> SnapLimitedMove:
     """Out and back; the snap is that of a boxcar of 4 ms."""
     return SnapLimitedMove(
-        distance=distance, velocity=velocity, acceleration=acceleration, jerk=jerk, snap=jerk / 4e-3, back=True,
-        dwell_before=0.02, dwell_between=0.2, dwell_after=0.2,
-    )  # fmt: skip
+        distance=distance,
+        velocity=velocity,
+        acceleration=acceleration,
+        jerk=jerk,
+        snap=jerk / 4e-3,
+        back=True,
+        dwell_before=0.02,
+        dwell_between=0.2,
+        dwell_after=0.2,
+    )
 
 
 SAME = move(0.1, 0.25, 3.0, 60.0)

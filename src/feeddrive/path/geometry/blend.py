@@ -143,9 +143,21 @@ def largest_norm(c: Floats2) -> float:
 
 @kernel
 def blend_at(
-    kind0: int, length0: float, shape0: Floats2, kind1: int, length1: float, shape1: Floats2, L: float, factor: float,
-    a: Floats2, b: Floats2, at: Floats2, half: Floats2, difference: Floats2, out: Floats2,
-) -> float:  # fmt: skip
+    kind0: int,
+    length0: float,
+    shape0: Floats2,
+    kind1: int,
+    length1: float,
+    shape1: Floats2,
+    L: float,
+    factor: float,
+    a: Floats2,
+    b: Floats2,
+    at: Floats2,
+    half: Floats2,
+    difference: Floats2,
+    out: Floats2,
+) -> float:
     """The blend that begins L before a joint, into `out` (N, 8), and a bound of its distance to the segments, m."""
     n = len(shape0)
     B = factor * L
@@ -193,10 +205,23 @@ def blend_at(
 
 @kernel
 def blend(
-    kind0: int, length0: float, shape0: Floats2, kind1: int, length1: float, shape1: Floats2,
-    cosine: float, longest: float, tolerance: float, straight: bool,
-    a: Floats2, b: Floats2, at: Floats2, half: Floats2, difference: Floats2, out: Floats2,
-) -> tuple[float, float, float]:  # fmt: skip
+    kind0: int,
+    length0: float,
+    shape0: Floats2,
+    kind1: int,
+    length1: float,
+    shape1: Floats2,
+    cosine: float,
+    longest: float,
+    tolerance: float,
+    straight: bool,
+    a: Floats2,
+    b: Floats2,
+    at: Floats2,
+    half: Floats2,
+    difference: Floats2,
+    out: Floats2,
+) -> tuple[float, float, float]:
     """The longest blend up to `longest` proven within `tolerance`: L, B and the bound of its distance; all 0: none."""
     factor = 1.4 + 0.3 * (1.0 + cosine)
     away = longest

@@ -58,7 +58,7 @@ def envelope(places: Floats, steps: Floats, count: int, at: Floats, goal: Floats
 @kernel
 def place_knots(
     at: Floats, goal: Floats, many: int, largest: float, total: float, fixed: int, most: int, knots: Floats
-) -> int:  # fmt: skip
+) -> int:
     """Knots up to `total` whose steps follow the goals at the places `at`, and their mirror images; how many steps.
 
     The first steps may be fixed: then all knots are given up to knots[ENDS + fixed], which is at[0].  Otherwise
@@ -112,9 +112,20 @@ def place_knots(
 
 @kernel
 def control_points(
-    corner: Floats, group: Ints, origin: Floats2, slope: Floats2, first: int, last: int,
-    total: float, knots: Floats, count: int, x: Floats, control: Floats2, segment: Ints, straight: Ints,
-) -> int:  # fmt: skip
+    corner: Floats,
+    group: Ints,
+    origin: Floats2,
+    slope: Floats2,
+    first: int,
+    last: int,
+    total: float,
+    knots: Floats,
+    count: int,
+    x: Floats,
+    control: Floats2,
+    segment: Ints,
+    straight: Ints,
+) -> int:
     """f at the Greville abscissas x.
 
     corner    u where each segment begins, and one more
@@ -150,9 +161,15 @@ def control_points(
 
 @kernel
 def states(
-    knots: Floats, count: int, x: Floats, control: Floats2, segment: Ints, straight: Ints, slope: Floats2,
+    knots: Floats,
+    count: int,
+    x: Floats,
+    control: Floats2,
+    segment: Ints,
+    straight: Ints,
+    slope: Floats2,
     state: Floats3,
-) -> int:  # fmt: skip
+) -> int:
     """S - f(x_{e-3}), S', S'' and S''' at each knot e by differences of control points (de Boor), into `state`.
 
     Exactly those of the line where all control points that count lie on one.
@@ -211,9 +228,18 @@ def states(
 
 @kernel
 def spline_span(
-    e: int, knots: Floats, x: Floats, control: Floats2, segment: Ints, straight: Ints, slope: Floats2, state: Floats3,
-    a: Floats2, b: Floats2, out: Floats2,
-) -> bool:  # fmt: skip
+    e: int,
+    knots: Floats,
+    x: Floats,
+    control: Floats2,
+    segment: Ints,
+    straight: Ints,
+    slope: Floats2,
+    state: Floats3,
+    a: Floats2,
+    b: Floats2,
+    out: Floats2,
+) -> bool:
     """The polynomial of the span behind knot e, into `out` (N, 8); False and nothing if the span is straight."""
     same = True
     for i in range(e - 4, e + 1):
@@ -235,10 +261,22 @@ def spline_span(
 
 @kernel
 def deviation(
-    e: int, knots: Floats, shape: Floats2, corner: Floats, origin: Floats2, slope: Floats2, tolerance: Floats,
-    first: int, last: int, state: Floats3, control: Floats2, bounded: bool, piece: Floats2, difference: Floats2,
+    e: int,
+    knots: Floats,
+    shape: Floats2,
+    corner: Floats,
+    origin: Floats2,
+    slope: Floats2,
+    tolerance: Floats,
+    first: int,
+    last: int,
+    state: Floats3,
+    control: Floats2,
+    bounded: bool,
+    piece: Floats2,
+    difference: Floats2,
     far: Floats,
-) -> tuple[float, float, int]:  # fmt: skip
+) -> tuple[float, float, int]:
     """|S - f| on a span as a share of the tolerance of each segment, where, and the last segment that it reaches.
 
     A bound if `bounded`, else the largest at knots and corners.  The search for segments begins with `first`.
@@ -411,9 +449,18 @@ def clustered(
 
 @kernel
 def _prepared(
-    first: int, last: int, begin: float, length: Floats, shape: Floats3, tolerance: Floats,
-    sharing: Floats, corner: Floats, group: Ints, slope: Floats2, ahead: Floats,
-) -> int:  # fmt: skip
+    first: int,
+    last: int,
+    begin: float,
+    length: Floats,
+    shape: Floats3,
+    tolerance: Floats,
+    sharing: Floats,
+    corner: Floats,
+    group: Ints,
+    slope: Floats2,
+    ahead: Floats,
+) -> int:
     """Where the lines of a cluster begin, directions, groups of one direction, tolerances; `ahead` is room."""
     n = len(slope[0])
     corner[first] = -begin
@@ -437,14 +484,42 @@ def _prepared(
 
 @kernel
 def fitted(
-    first: int, last: int, begin: float, end: float, straight_begin: bool, straight_end: bool,
-    crossed_begin: bool, crossed_end: bool, most_steps: float,
-    fixed: int, many: int, begins: Floats2,
-    length: Floats, shape: Floats3, origin: Floats2, tolerance: Floats, sharing: Floats,
-    corner: Floats, group: Ints, slope: Floats2, floor: Floats, far: Floats,
-    at: Floats, goal: Floats, at_next: Floats, goal_next: Floats, knots: Floats, x: Floats, control: Floats2,
-    segment: Ints, straight: Ints, curved: Ints, state: Floats3, curve: Floats3, room: Floats3,
-) -> tuple[int, int]:  # fmt: skip
+    first: int,
+    last: int,
+    begin: float,
+    end: float,
+    straight_begin: bool,
+    straight_end: bool,
+    crossed_begin: bool,
+    crossed_end: bool,
+    most_steps: float,
+    fixed: int,
+    many: int,
+    begins: Floats2,
+    length: Floats,
+    shape: Floats3,
+    origin: Floats2,
+    tolerance: Floats,
+    sharing: Floats,
+    corner: Floats,
+    group: Ints,
+    slope: Floats2,
+    floor: Floats,
+    far: Floats,
+    at: Floats,
+    goal: Floats,
+    at_next: Floats,
+    goal_next: Floats,
+    knots: Floats,
+    x: Floats,
+    control: Floats2,
+    segment: Ints,
+    straight: Ints,
+    curved: Ints,
+    state: Floats3,
+    curve: Floats3,
+    room: Floats3,
+) -> tuple[int, int]:
     """Fit the lines first .. last from `begin` m behind the first start to `end` m before the last end.
 
     The number of steps, 0 if it fails, and of the places of goals.
@@ -501,9 +576,22 @@ def fitted(
             if spline_span(e, knots, x, control, segment, straight, slope, state, room[1], room[2], curve[e]):
                 curved[e] = 1
                 share, where, k = deviation(
-                    e, knots, curve[e], corner, origin, slope, sharing, k, last, state, control, bounded,
-                    room[3], room[4], far,
-                )  # fmt: skip
+                    e,
+                    knots,
+                    curve[e],
+                    corner,
+                    origin,
+                    slope,
+                    sharing,
+                    k,
+                    last,
+                    state,
+                    control,
+                    bounded,
+                    room[3],
+                    room[4],
+                    far,
+                )
                 if (e == ENDS and crossed_begin) or (e == ENDS + count - 1 and crossed_end):
                     share = share / (1.0 - CROSSED)
                 most = max(most, share)
@@ -540,9 +628,7 @@ def fitted(
 
 
 @kernel
-def carried(
-    e: int, u: float, at: Floats, goal: Floats, many: int, knots: Floats, kept: Floats
-) -> int:  # fmt: skip
+def carried(e: int, u: float, at: Floats, goal: Floats, many: int, knots: Floats, kept: Floats) -> int:
     """Keep what the spline needs to go on from knot e: knots into `kept`, places of goals behind them, counted from u.
 
     How many places.
@@ -570,10 +656,25 @@ def carried(
 
 @kernel
 def straight_pieces(
-    u0: float, u1: float, first: int, last: int, corner: Floats, origin: Floats2, slope: Floats2, feed: Floats,
-    line: Ints, run: int, count: int,
-    kinds: Ints, lengths: Floats, origins: Floats2, shapes: Floats3, feeds: Floats, lines: Ints, runs: Ints,
-) -> int:  # fmt: skip
+    u0: float,
+    u1: float,
+    first: int,
+    last: int,
+    corner: Floats,
+    origin: Floats2,
+    slope: Floats2,
+    feed: Floats,
+    line: Ints,
+    run: int,
+    count: int,
+    kinds: Ints,
+    lengths: Floats,
+    origins: Floats2,
+    shapes: Floats3,
+    feeds: Floats,
+    lines: Ints,
+    runs: Ints,
+) -> int:
     """Append what is straight from u0 to u1, a piece for each feed; the new count."""
     k = first
     while k < last and corner[k + 1] <= u0:
@@ -606,10 +707,31 @@ def straight_pieces(
 
 @kernel
 def spline_pieces(
-    first: int, last: int, e0: int, e1: int, u: float, corner: Floats, origin: Floats2, slope: Floats2, feed: Floats,
-    line: Ints, knots: Floats, control: Floats2, state: Floats3, curve: Floats3, curved: Ints, run: int, count: int,
-    kinds: Ints, lengths: Floats, origins: Floats2, shapes: Floats3, feeds: Floats, lines: Ints, runs: Ints,
-) -> tuple[int, float]:  # fmt: skip
+    first: int,
+    last: int,
+    e0: int,
+    e1: int,
+    u: float,
+    corner: Floats,
+    origin: Floats2,
+    slope: Floats2,
+    feed: Floats,
+    line: Ints,
+    knots: Floats,
+    control: Floats2,
+    state: Floats3,
+    curve: Floats3,
+    curved: Ints,
+    run: int,
+    count: int,
+    kinds: Ints,
+    lengths: Floats,
+    origins: Floats2,
+    shapes: Floats3,
+    feeds: Floats,
+    lines: Ints,
+    runs: Ints,
+) -> tuple[int, float]:
     """Append the pieces of a cluster from u to the last span before knot e1 that is curved: the new count and u."""
     k = first
     for e in range(e0, e1):
@@ -617,9 +739,25 @@ def spline_pieces(
             continue
         if knots[e] > u:
             count = straight_pieces(
-                u, knots[e], k, last, corner, origin, slope, feed, line, run, count,
-                kinds, lengths, origins, shapes, feeds, lines, runs,
-            )  # fmt: skip
+                u,
+                knots[e],
+                k,
+                last,
+                corner,
+                origin,
+                slope,
+                feed,
+                line,
+                run,
+                count,
+                kinds,
+                lengths,
+                origins,
+                shapes,
+                feeds,
+                lines,
+                runs,
+            )
         u = knots[e + 1]
         while k < last and corner[k + 1] <= knots[e]:
             k = k + 1

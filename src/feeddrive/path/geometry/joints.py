@@ -52,9 +52,16 @@ class Joint(NamedTuple):
 
 @kernel
 def _passed(
-    k: int, kind: Ints, length: Floats, shape: Floats3, tolerance: Floats, sharpest: float, lonely: float,
-    a: Floats2, b: Floats2,
-) -> tuple[int, float, float]:  # fmt: skip
+    k: int,
+    kind: Ints,
+    length: Floats,
+    shape: Floats3,
+    tolerance: Floats,
+    sharpest: float,
+    lonely: float,
+    a: Floats2,
+    b: Floats2,
+) -> tuple[int, float, float]:
     """How the joint behind k may be passed, and cosine and chord of its angle.
 
     0: not, 1: as it is, 2: by a blend, 3: by a blend that needs little, between arcs of almost the same circle
@@ -94,15 +101,53 @@ def _passed(
 
 @kernel
 def join(
-    kind: Ints, length: Floats, origin: Floats2, shape: Floats3, feed: Floats, line: Ints,
-    tolerance: Floats, sharpest: float, lonely: float, begin: float, flows: bool, ends: bool, held: int,
-    deviation: Floats, stop: Ints,
-    kinds: Ints, lengths: Floats, origins: Floats2, shapes: Floats3, feeds: Floats, lines: Ints, runs: Ints,
-    goals: int, kept: Floats, begins: Floats2, floor: Floats, at: Floats, goal: Floats,
-    directions: Floats2, inside: Ints, sharing: Floats, corner: Floats, group: Ints, slope: Floats2, far: Floats,
-    at_next: Floats, goal_next: Floats, knots: Floats, x: Floats, control: Floats2,
-    segment: Ints, straight: Ints, curved: Ints, state: Floats3, curve: Floats3, room: Floats3,
-) -> tuple[int, int, int, float, int, int]:  # fmt: skip
+    kind: Ints,
+    length: Floats,
+    origin: Floats2,
+    shape: Floats3,
+    feed: Floats,
+    line: Ints,
+    tolerance: Floats,
+    sharpest: float,
+    lonely: float,
+    begin: float,
+    flows: bool,
+    ends: bool,
+    held: int,
+    deviation: Floats,
+    stop: Ints,
+    kinds: Ints,
+    lengths: Floats,
+    origins: Floats2,
+    shapes: Floats3,
+    feeds: Floats,
+    lines: Ints,
+    runs: Ints,
+    goals: int,
+    kept: Floats,
+    begins: Floats2,
+    floor: Floats,
+    at: Floats,
+    goal: Floats,
+    directions: Floats2,
+    inside: Ints,
+    sharing: Floats,
+    corner: Floats,
+    group: Ints,
+    slope: Floats2,
+    far: Floats,
+    at_next: Floats,
+    goal_next: Floats,
+    knots: Floats,
+    x: Floats,
+    control: Floats2,
+    segment: Ints,
+    straight: Ints,
+    curved: Ints,
+    state: Floats3,
+    curve: Floats3,
+    room: Floats3,
+) -> tuple[int, int, int, float, int, int]:
     """The pieces of n segments with blends or splines between them: how many, and the runs that end in them.
 
     Unless the chain `ends`, the last segment is left for the next call, or a cluster that may go on.  Of a cluster of
@@ -160,11 +205,42 @@ def join(
             crossed = not flows and fixed == 0
             stops = way == 0 and not goes_on and last + 1 < n and tolerance[last] > 0.0
             steps, places = fitted(
-                k, last, 0.5 * length[k] if leaves else 0.0, end, leaves, way > 0, crossed, stops,
-                _LONG if goes_on else _SHORT, fixed, goals, begins, length, shape, origin, tolerance, sharing,
-                corner, group, slope, floor, far, at, goal, at_next, goal_next, knots, x, control,
-                segment, straight, curved, state, curve, room,
-            )  # fmt: skip
+                k,
+                last,
+                0.5 * length[k] if leaves else 0.0,
+                end,
+                leaves,
+                way > 0,
+                crossed,
+                stops,
+                _LONG if goes_on else _SHORT,
+                fixed,
+                goals,
+                begins,
+                length,
+                shape,
+                origin,
+                tolerance,
+                sharing,
+                corner,
+                group,
+                slope,
+                floor,
+                far,
+                at,
+                goal,
+                at_next,
+                goal_next,
+                knots,
+                x,
+                control,
+                segment,
+                straight,
+                curved,
+                state,
+                curve,
+                room,
+            )
             if steps == 0 and fixed > 0:
                 return 0, 0, -1, 0.0, 0, 0
             if steps == 0:
@@ -182,15 +258,53 @@ def join(
                         break
                 u = knots[ENDS] if fixed > 0 else corner[k] + begin
                 count, u = spline_pieces(
-                    k, last, ENDS, e, u, corner, origin, slope, feed, line, knots, control, state, curve, curved,
-                    run, count, kinds, lengths, origins, shapes, feeds, lines, runs,
-                )  # fmt: skip
+                    k,
+                    last,
+                    ENDS,
+                    e,
+                    u,
+                    corner,
+                    origin,
+                    slope,
+                    feed,
+                    line,
+                    knots,
+                    control,
+                    state,
+                    curve,
+                    curved,
+                    run,
+                    count,
+                    kinds,
+                    lengths,
+                    origins,
+                    shapes,
+                    feeds,
+                    lines,
+                    runs,
+                )
                 until = knots[e] if goes_on else corner[last]
                 if u < until:
                     count = straight_pieces(
-                        u, until, k, last, corner, origin, slope, feed, line,
-                        run, count, kinds, lengths, origins, shapes, feeds, lines, runs,
-                    )  # fmt: skip
+                        u,
+                        until,
+                        k,
+                        last,
+                        corner,
+                        origin,
+                        slope,
+                        feed,
+                        line,
+                        run,
+                        count,
+                        kinds,
+                        lengths,
+                        origins,
+                        shapes,
+                        feeds,
+                        lines,
+                        runs,
+                    )
                     u = until
                 left = segment[e - ENDS] if goes_on else last
                 for m in range(k, left):
@@ -198,13 +312,51 @@ def join(
                     deviation[m] = max(far[m], far[m + 1])
                 if goes_on:
                     every, u = spline_pieces(
-                        k, last, e, ENDS + steps, u, corner, origin, slope, feed, line, knots, control, state, curve,
-                        curved, run, count, kinds, lengths, origins, shapes, feeds, lines, runs,
-                    )  # fmt: skip
+                        k,
+                        last,
+                        e,
+                        ENDS + steps,
+                        u,
+                        corner,
+                        origin,
+                        slope,
+                        feed,
+                        line,
+                        knots,
+                        control,
+                        state,
+                        curve,
+                        curved,
+                        run,
+                        count,
+                        kinds,
+                        lengths,
+                        origins,
+                        shapes,
+                        feeds,
+                        lines,
+                        runs,
+                    )
                     every = straight_pieces(
-                        u, corner[n], k, last, corner, origin, slope, feed, line,
-                        run, every, kinds, lengths, origins, shapes, feeds, lines, runs,
-                    )  # fmt: skip
+                        u,
+                        corner[n],
+                        k,
+                        last,
+                        corner,
+                        origin,
+                        slope,
+                        feed,
+                        line,
+                        run,
+                        every,
+                        kinds,
+                        lengths,
+                        origins,
+                        shapes,
+                        feeds,
+                        lines,
+                        runs,
+                    )
                     places = carried(e, corner[left], at, goal, places, knots, kept)
                     for i in range(axes):
                         for m in range(4):
@@ -227,11 +379,23 @@ def join(
             stop[k] = 0
         elif way > 1:
             away, span, most = blend(
-                kind[k], length[k], shape[k], kind[k + 1], length[k + 1], shape[k + 1],
-                cosine, 0.5 * min(length[k], length[k + 1]), (1.0 if way == 2 else _LITTLE) * tolerance[k],
+                kind[k],
+                length[k],
+                shape[k],
+                kind[k + 1],
+                length[k + 1],
+                shape[k + 1],
+                cosine,
+                0.5 * min(length[k], length[k + 1]),
+                (1.0 if way == 2 else _LITTLE) * tolerance[k],
                 turn > SMOOTH,
-                a, b, at_joint, half, difference, blended,
-            )  # fmt: skip
+                a,
+                b,
+                at_joint,
+                half,
+                difference,
+                blended,
+            )
             if away > 0.0:
                 stop[k] = 0
                 deviation[k] = most
@@ -339,9 +503,14 @@ class Joiner:
         while True:
             most = (1 + _CUTS) * n + many
             out = (
-                np.zeros(most, np.int64), np.zeros(most), np.zeros((most, axes)), np.zeros((most, axes, 8)),
-                np.zeros(most), np.zeros(most, np.int64), np.zeros(most, np.int64),
-            )  # fmt: skip
+                np.zeros(most, np.int64),
+                np.zeros(most),
+                np.zeros((most, axes)),
+                np.zeros((most, axes, 8)),
+                np.zeros(most),
+                np.zeros(most, np.int64),
+                np.zeros(most, np.int64),
+            )
             kept, state, far = np.zeros(2 * ENDS), np.zeros((axes, 4)), np.zeros(n)
             floor, at, goal = (np.zeros(size) for size in (n, many, many))
             if begun:
@@ -350,9 +519,24 @@ class Joiner:
             goals = begun.places if begun else 0
             try:
                 count, ended, known, taken, places, every = join(
-                    *segments, tolerance, self._sharpest, self._lonely, self._taken, self._flows, ends, self._most,
-                    *joint, *out, goals, kept, state, floor, at, goal, *_room(n, many, axes, far),
-                )  # fmt: skip
+                    *segments,
+                    tolerance,
+                    self._sharpest,
+                    self._lonely,
+                    self._taken,
+                    self._flows,
+                    ends,
+                    self._most,
+                    *joint,
+                    *out,
+                    goals,
+                    kept,
+                    state,
+                    floor,
+                    at,
+                    goal,
+                    *_room(n, many, axes, far),
+                )
                 break
             except IndexError:
                 if many > _MOST * expected:
@@ -392,8 +576,16 @@ def joined(
 def _room(lines: int, knots: int, axes: int, far: np.ndarray) -> list[np.ndarray]:
     """For the lines of a chain and the knots of a cluster, as in `join`."""
     return [
-        np.zeros((3, axes)), np.zeros(lines, np.int64),
-        *(np.zeros(lines + 1) for _ in range(2)), np.zeros(lines, np.int64), np.zeros((lines, axes)), far,
-        *(np.zeros(knots) for _ in range(4)), np.zeros((knots, axes)), *(np.zeros(knots, np.int64) for _ in range(3)),
-        np.zeros((knots, axes, 4)), np.zeros((knots, axes, 8)), np.zeros((7, axes, max(8, axes))),
-    ]  # fmt: skip
+        np.zeros((3, axes)),
+        np.zeros(lines, np.int64),
+        *(np.zeros(lines + 1) for _ in range(2)),
+        np.zeros(lines, np.int64),
+        np.zeros((lines, axes)),
+        far,
+        *(np.zeros(knots) for _ in range(4)),
+        np.zeros((knots, axes)),
+        *(np.zeros(knots, np.int64) for _ in range(3)),
+        np.zeros((knots, axes, 4)),
+        np.zeros((knots, axes, 8)),
+        np.zeros((7, axes, max(8, axes))),
+    ]

@@ -77,10 +77,26 @@ def _taken(
 
 @kernel
 def _share(
-    kind0: int, length0: float, shape0: Floats2, x0: float, s0: float, u0: Floats2,
-    kind1: int, length1: float, shape1: Floats2, x1: float, s1: float, u1: Floats2,
-    limits: Floats2, feed: float, b: float, e: float, slack: float, r0: Floats3, r1: Floats3,
-) -> tuple[float, int]:  # fmt: skip
+    kind0: int,
+    length0: float,
+    shape0: Floats2,
+    x0: float,
+    s0: float,
+    u0: Floats2,
+    kind1: int,
+    length1: float,
+    shape1: Floats2,
+    x1: float,
+    s1: float,
+    u1: Floats2,
+    limits: Floats2,
+    feed: float,
+    b: float,
+    e: float,
+    slack: float,
+    r0: Floats3,
+    r1: Floats3,
+) -> tuple[float, int]:
     """The largest share of a limit that the sum may take from b to e, and which, as `share_of_limits`."""
     out = zeros(4, 3)
     _taken(kind0, length0, shape0, x0, s0, u0, b, e, r0)
@@ -127,10 +143,22 @@ def _derived(kind: int, length: float, shape: Floats2, x: float, s: float, u: Fl
 
 @kernel
 def prove_sum(
-    kind0: int, length0: float, shape0: Floats2, motion0: Floats2,
-    kind1: int, length1: float, shape1: Floats2, motion1: Floats2,
-    limits: Floats2, widened: float, feed: float, faults: Floats2, uses: Floats2, r: Floats3, q: Floats3,
-) -> tuple[int, int, float]:  # fmt: skip
+    kind0: int,
+    length0: float,
+    shape0: Floats2,
+    motion0: Floats2,
+    kind1: int,
+    length1: float,
+    shape1: Floats2,
+    motion1: Floats2,
+    limits: Floats2,
+    widened: float,
+    feed: float,
+    faults: Floats2,
+    uses: Floats2,
+    r: Floats3,
+    q: Floats3,
+) -> tuple[int, int, float]:
     """Spans looked at, faults found, and a bound of the distance, m, of motions with the same pieces of time.
 
     Each fault is a row of `faults`: time piece, time in it, limit, share.
@@ -164,16 +192,50 @@ def prove_sum(
             e = halves[count, 1]
             spans = spans + 1
             share, which = _share(
-                kind0, length0, shape0, x0, s0, u0, kind1, length1, shape1, x1, s1, u1,
-                limits, feed, b, e, 1e-13, r0, r1,
-            )  # fmt: skip
+                kind0,
+                length0,
+                shape0,
+                x0,
+                s0,
+                u0,
+                kind1,
+                length1,
+                shape1,
+                x1,
+                s1,
+                u1,
+                limits,
+                feed,
+                b,
+                e,
+                1e-13,
+                r0,
+                r1,
+            )
             if share <= 1.0 + widened:
                 continue
             middle = 0.5 * (b + e)
             share, which = _share(
-                kind0, length0, shape0, x0, s0, u0, kind1, length1, shape1, x1, s1, u1,
-                limits, feed, middle, middle, -1e-13, r0, r1,
-            )  # fmt: skip
+                kind0,
+                length0,
+                shape0,
+                x0,
+                s0,
+                u0,
+                kind1,
+                length1,
+                shape1,
+                x1,
+                s1,
+                u1,
+                limits,
+                feed,
+                middle,
+                middle,
+                -1e-13,
+                r0,
+                r1,
+            )
             if share > 1.0 + widened or e - b <= shortest or count + 2 > len(halves):
                 if faulty < len(faults):
                     faults[faulty] = 0.0, float(m), middle, float(which), share
@@ -199,10 +261,16 @@ def _place(motion: Floats2, t: float) -> float:
 
 @kernel
 def distance(
-    kind0: int, length0: float, shape0: Floats2, motion0: Floats2,
-    kind1: int, length1: float, shape1: Floats2, motion1: Floats2,
+    kind0: int,
+    length0: float,
+    shape0: Floats2,
+    motion0: Floats2,
+    kind1: int,
+    length1: float,
+    shape1: Floats2,
+    motion1: Floats2,
     r: Floats3,
-) -> float:  # fmt: skip
+) -> float:
     """A bound of the distance between q and the corner's two pieces, m, of motions that do not run backwards."""
     r0 = zeros(12, 4, 2)
     r1 = zeros(12, 4, 2)
@@ -258,9 +326,22 @@ _KEPT = 100  # faults
 
 @kernel
 def _span(
-    kind: int, length: float, shape: Floats2, feed: float, limits: Floats2, widened: float,
-    x: float, v: float, a: float, j: float, s: float, t0: float, t1: float, halves: Floats2, r: Floats3,
-) -> tuple[int, int, float]:  # fmt: skip
+    kind: int,
+    length: float,
+    shape: Floats2,
+    feed: float,
+    limits: Floats2,
+    widened: float,
+    x: float,
+    v: float,
+    a: float,
+    j: float,
+    s: float,
+    t0: float,
+    t1: float,
+    halves: Floats2,
+    r: Floats3,
+) -> tuple[int, int, float]:
     """Tests made, the limit that does not hold (-2: all hold) and when, on one piece; x, u' .. u'''' are at t = 0."""
     tests = 0
     count = 1
@@ -308,12 +389,34 @@ def _noted(faults: Floats2, count: int, p: int, m: int, time: float, which: floa
 
 @kernel
 def _prove(
-    kind: Ints, length: Floats, origin: Floats2, shape: Floats3, feed: Floats,
-    duration: Floats, piece: Ints, x: Floats, speed: Floats, acceleration: Floats, jerk: Floats, snap: Floats,
-    limits: Floats2, widened: float, anywhere: bool, ends: bool, alone: bool,
-    state: Floats, place: Floats, faults: Floats2, uses: Floats2, jumps: Floats,
-    halves: Floats2, r: Floats3, before: Floats2, after: Floats2, q: Floats2,
-) -> tuple[int, int]:  # fmt: skip
+    kind: Ints,
+    length: Floats,
+    origin: Floats2,
+    shape: Floats3,
+    feed: Floats,
+    duration: Floats,
+    piece: Ints,
+    x: Floats,
+    speed: Floats,
+    acceleration: Floats,
+    jerk: Floats,
+    snap: Floats,
+    limits: Floats2,
+    widened: float,
+    anywhere: bool,
+    ends: bool,
+    alone: bool,
+    state: Floats,
+    place: Floats,
+    faults: Floats2,
+    uses: Floats2,
+    jumps: Floats,
+    halves: Floats2,
+    r: Floats3,
+    before: Floats2,
+    after: Floats2,
+    q: Floats2,
+) -> tuple[int, int]:
     """Tests made and faults found; each a row of `faults`: piece of the path, time piece, time in it, limit, share.
 
     A motion that is not `alone` is only proven to have no jumps: its limits are those of a sum, for `prove_sum`.
@@ -522,9 +625,24 @@ class Prover:
     def _along(self, pieces: Pieces, motion: Motion, ends: bool, alone: bool, anywhere: bool) -> None:
         """One run: without jumps, within its limits if `alone`, from where the last one ended or `anywhere`."""
         spans, count = _prove(
-            pieces.kind, pieces.length, pieces.origin, pieces.shape, pieces.feed, *motion, self._limits, self._widened,
-            anywhere, ends, alone, self._state, self._place, self._faults, self._use, self._jumps, *self._room,
-        )  # fmt: skip
+            pieces.kind,
+            pieces.length,
+            pieces.origin,
+            pieces.shape,
+            pieces.feed,
+            *motion,
+            self._limits,
+            self._widened,
+            anywhere,
+            ends,
+            alone,
+            self._state,
+            self._place,
+            self._faults,
+            self._use,
+            self._jumps,
+            *self._room,
+        )
         self._note(count, spans, pieces.line, motion.duration, self._time)
         self._time += float(motion.duration.sum())
 
@@ -541,10 +659,21 @@ class Prover:
             self._refuse(one, time, -6, 0.0)
             return
         spans, count, away = prove_sum(
-            int(one.kind[0]), float(one.length[0]), one.shape[0], rows(part.motion),
-            int(two.kind[0]), float(two.length[0]), two.shape[0], rows(entering.motion),
-            self._limits, self._widened, float(max(one.feed[0], two.feed[0])), self._faults, self._use, *self._both,
-        )  # fmt: skip
+            int(one.kind[0]),
+            float(one.length[0]),
+            one.shape[0],
+            rows(part.motion),
+            int(two.kind[0]),
+            float(two.length[0]),
+            two.shape[0],
+            rows(entering.motion),
+            self._limits,
+            self._widened,
+            float(max(one.feed[0], two.feed[0])),
+            self._faults,
+            self._use,
+            *self._both,
+        )
         self._note(count, spans, one.line, part.motion.duration, time)
         self._missed = max(self._missed, away / entering.tolerance)
         if not away <= entering.tolerance * (1.0 + self._widened):
@@ -577,10 +706,24 @@ def faults_of(pieces: Pieces, motion: Motion, limits: np.ndarray) -> np.ndarray:
     room = [np.zeros((64, 2)), np.zeros((axes, 4, 2)), *(np.zeros((axes, 5)) for _ in range(3))]
     on = part_of_pieces(pieces, first, len(pieces.length))
     _, count = _prove(
-        on.kind, on.length, on.origin, on.shape, on.feed, *motion._replace(piece=motion.piece - first),
-        limits, WIDENED, True, False, True, state,
-        np.zeros(axes), faults, np.zeros((axes, 4)), np.zeros(2), *room,
-    )  # fmt: skip
+        on.kind,
+        on.length,
+        on.origin,
+        on.shape,
+        on.feed,
+        *motion._replace(piece=motion.piece - first),
+        limits,
+        WIDENED,
+        True,
+        False,
+        True,
+        state,
+        np.zeros(axes),
+        faults,
+        np.zeros((axes, 4)),
+        np.zeros(2),
+        *room,
+    )
     return faults[:count]
 
 

@@ -278,9 +278,19 @@ def _stands(r: Floats2) -> bool:
 
 @kernel
 def share_of_limits(
-    v0: float, v1: float, a0: float, a1: float, j0: float, j1: float, s: float,
-    r: Floats3, norm: float, limits: Floats2, feed: float, slack: float,
-) -> tuple[float, int]:  # fmt: skip
+    v0: float,
+    v1: float,
+    a0: float,
+    a1: float,
+    j0: float,
+    j1: float,
+    s: float,
+    r: Floats3,
+    norm: float,
+    limits: Floats2,
+    feed: float,
+    slack: float,
+) -> tuple[float, int]:
     """The largest share of a limit that the intervals allow, and which: 4 axis + derivative - 1, or -1 of the feed."""
     u = zeros(9, 2)
     out = zeros(4, 3)

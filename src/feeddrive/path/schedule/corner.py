@@ -71,12 +71,19 @@ def _largest(value: float, rest: Floats) -> float:
 
 @kernel
 def together(
-    motion0: Floats2, count0: int,
-    length0: float, direction0: Floats, most0: Floats2,
-    motion1: Floats2, count1: int,
-    direction1: Floats, most1: Floats2,
-    lasts: float, limits: Floats2, feed: float,
-) -> tuple[float, float]:  # fmt: skip
+    motion0: Floats2,
+    count0: int,
+    length0: float,
+    direction0: Floats,
+    most0: Floats2,
+    motion1: Floats2,
+    count1: int,
+    direction1: Floats,
+    most1: Floats2,
+    lasts: float,
+    limits: Floats2,
+    feed: float,
+) -> tuple[float, float]:
     """The largest share of a limit or the feed that the sum takes at most, and the distance to the corner, m.
 
     The first motion ends on a piece of the given length, the second begins on another one, and they overlap for `lasts`
@@ -198,21 +205,39 @@ def together(
 
 @kernel
 def overlap(
-    motion0: Floats2, count0: int,
-    length0: float, direction0: Floats, most0: Floats2,
-    motion1: Floats2, count1: int,
-    direction1: Floats, most1: Floats2,
-    longest: float, tolerance: float, limits: Floats2, feed: float,
-) -> float:  # fmt: skip
+    motion0: Floats2,
+    count0: int,
+    length0: float,
+    direction0: Floats,
+    most0: Floats2,
+    motion1: Floats2,
+    count1: int,
+    direction1: Floats,
+    most1: Floats2,
+    longest: float,
+    tolerance: float,
+    limits: Floats2,
+    feed: float,
+) -> float:
     """The longest time up to `longest` found in which both may move, by halving; 0: none."""
     low = 0.0
     high = longest
     lasts = longest
     for _ in range(_HALVINGS):
         share, distance = together(
-            motion0, count0, length0, direction0, most0,
-            motion1, count1, direction1, most1, lasts, limits, feed,
-        )  # fmt: skip
+            motion0,
+            count0,
+            length0,
+            direction0,
+            most0,
+            motion1,
+            count1,
+            direction1,
+            most1,
+            lasts,
+            limits,
+            feed,
+        )
         if share <= 1.0 + 1e-10 and distance <= tolerance * BELOW:
             low = lasts
         else:
@@ -565,12 +590,28 @@ def width(away: float, short: float) -> tuple[float, float]:
 
 @kernel
 def bump(
-    one: Floats, direction0: Floats, most0: Floats2, two: Floats, direction1: Floats, most1: Floats2,
-    before: Floats2, before_length: float, before_direction: Floats, before_most: Floats2,
-    lasts: float, before_tolerance: float, before_feed: float, half: bool,
-    tolerance: float, limits: Floats2, feed: float, quickest: float,
-    rows0: Floats2, rows1: Floats2, result: Floats,
-) -> tuple[int, int]:  # fmt: skip
+    one: Floats,
+    direction0: Floats,
+    most0: Floats2,
+    two: Floats,
+    direction1: Floats,
+    most1: Floats2,
+    before: Floats2,
+    before_length: float,
+    before_direction: Floats,
+    before_most: Floats2,
+    lasts: float,
+    before_tolerance: float,
+    before_feed: float,
+    half: bool,
+    tolerance: float,
+    limits: Floats2,
+    feed: float,
+    quickest: float,
+    rows0: Floats2,
+    rows1: Floats2,
+    result: Floats,
+) -> tuple[int, int]:
     """The quickest bump between two stretches: put into both, its speed, w, s and shares in `found`; rows of both.
 
     `before` overlaps with the first stretch for `lasts` seconds.  None if it is not quicker than `quickest` s for both;
@@ -628,14 +669,24 @@ def bump(
             if good:
                 most, away = together(
                     rows0, n, one[LENGTH], direction0, most0, rows1, m, direction1, most1, both, limits, feed
-                )  # fmt: skip
+                )
                 good = most <= 1.0 + 1e-10 and away <= tolerance
                 excess = most
             if good and lasts > 0.0:
                 most, away = together(
-                    before, len(before), before_length, before_direction, before_most,
-                    rows0, n, direction0, most0, lasts, limits, before_feed,
-                )  # fmt: skip
+                    before,
+                    len(before),
+                    before_length,
+                    before_direction,
+                    before_most,
+                    rows0,
+                    n,
+                    direction0,
+                    most0,
+                    lasts,
+                    limits,
+                    before_feed,
+                )
                 good = most <= 1.0 + 1e-10 and away <= before_tolerance
                 excess = most
             if slower or good:

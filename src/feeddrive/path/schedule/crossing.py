@@ -134,13 +134,24 @@ class Crossings:
         feed = max(end.feed, begin.feed)
         # of a run that is a single part the other half is for its other end
         share = 0.5 if two.part.ends else 1.0
-        longest = min(
-            end.lasts, begin.lasts, share * _time(two.part.motion), _time(one.part.motion) - one.lasts
-        ) * (1.0 - 1e-6)  # fmt: skip
+        longest = min(end.lasts, begin.lasts, share * _time(two.part.motion), _time(one.part.motion) - one.lasts) * (
+            1.0 - 1e-6
+        )
         lasts = overlap(
-            end.rows, len(end.rows), end.length, end.direction, end.most,
-            begin.rows, len(begin.rows), begin.direction, begin.most, longest, one.tolerance, self._limits, feed,
-        )  # fmt: skip
+            end.rows,
+            len(end.rows),
+            end.length,
+            end.direction,
+            end.most,
+            begin.rows,
+            len(begin.rows),
+            begin.direction,
+            begin.most,
+            longest,
+            one.tolerance,
+            self._limits,
+            feed,
+        )
         return one, two._replace(lasts=lasts if lasts >= _SHORTEST else 0.0, corner=one.tolerance)
 
     def _met(self, one: _Run, two: _Run) -> tuple[_Run, _Run]:
@@ -181,10 +192,19 @@ class Crossings:
             return True
         end, begin = _end(self._fixed, True), run.seen or _end(run.part, False)
         share, away = together(
-            end.rows, len(end.rows), end.length, end.direction, end.most,
-            begin.rows, len(begin.rows), begin.direction, begin.most,
-            run.lasts, self._limits, max(end.feed, begin.feed),
-        )  # fmt: skip
+            end.rows,
+            len(end.rows),
+            end.length,
+            end.direction,
+            end.most,
+            begin.rows,
+            len(begin.rows),
+            begin.direction,
+            begin.most,
+            run.lasts,
+            self._limits,
+            max(end.feed, begin.feed),
+        )
         return share <= 1.0 + 1e-10 and away <= run.corner
 
     def _bump(
@@ -199,11 +219,28 @@ class Crossings:
         before = _end(self._fixed, True) if again and self._fixed else end
         result, rows0, rows1 = np.zeros(5), np.zeros((ROWS, 6)), np.zeros((ROWS, 6))
         count0, count1 = bump(
-            numbers0, end.direction, end.most, numbers1, begin.direction, begin.most,
-            before.rows, before.length, before.direction, before.most,
-            one.lasts if again else 0.0, one.corner, max(before.feed, end.feed),
-            two.whole is not None, one.tolerance, self._limits, feed, quickest, rows0, rows1, result,
-        )  # fmt: skip
+            numbers0,
+            end.direction,
+            end.most,
+            numbers1,
+            begin.direction,
+            begin.most,
+            before.rows,
+            before.length,
+            before.direction,
+            before.most,
+            one.lasts if again else 0.0,
+            one.corner,
+            max(before.feed, end.feed),
+            two.whole is not None,
+            one.tolerance,
+            self._limits,
+            feed,
+            quickest,
+            rows0,
+            rows1,
+            result,
+        )
         if not count0:
             return None
         n = len(one.part.pieces.length) - 1
@@ -212,9 +249,12 @@ class Crossings:
         whole = _Stretch(0, count1, numbers1) if two.whole else None
         lasts = 2.0 * float(result[WIDE]) + float(result[SHORT])
         run = two._replace(
-            part=two.part._replace(motion=made1), whole=whole, seen=_made(two.seen, rows1), lasts=lasts,
+            part=two.part._replace(motion=made1),
+            whole=whole,
+            seen=_made(two.seen, rows1),
+            lasts=lasts,
             corner=one.tolerance,
-        )  # fmt: skip
+        )
         return one._replace(part=one.part._replace(motion=made0), seen=_made(one.seen, rows0)), run
 
     def _tail(self, part: Part) -> _Stretch | None:

@@ -224,13 +224,27 @@ class _Path:
         pieces, axes = self._pieces, len(self._limits)
         size = POINTS * (len(time) + len(pieces.length))
         filled = _Points(
-            np.zeros(size, np.int64), np.zeros((size, 4, 4)), np.zeros((size, axes, 9)), np.zeros(size),
-            np.zeros(size, np.int64), np.zeros(size), np.zeros(size),
-        )  # fmt: skip
+            np.zeros(size, np.int64),
+            np.zeros((size, 4, 4)),
+            np.zeros((size, axes, 9)),
+            np.zeros(size),
+            np.zeros(size, np.int64),
+            np.zeros(size),
+            np.zeros(size),
+        )
         count = points(
-            pieces.kind, pieces.length, pieces.shape, self._begin, self.top, self._limits, np.array(SHARES), knots,
-            time, *filled, np.zeros((axes, 5)),
-        )  # fmt: skip
+            pieces.kind,
+            pieces.length,
+            pieces.shape,
+            self._begin,
+            self.top,
+            self._limits,
+            np.array(SHARES),
+            knots,
+            time,
+            *filled,
+            np.zeros((axes, 5)),
+        )
         return _Points(*(array[:count] for array in filled))
 
 

@@ -307,9 +307,18 @@ def _gain(path: Path, near: float, far: float, sense: int, end: float, c: float)
 
 @kernel
 def _leaves(
-    path: Path, now: Stretch, first: int, low: int, high: int, last: int,
-    reached: float, ends: float, goes: float, behind: float, c: float,
-) -> bool:  # fmt: skip
+    path: Path,
+    now: Stretch,
+    first: int,
+    low: int,
+    high: int,
+    last: int,
+    reached: float,
+    ends: float,
+    goes: float,
+    behind: float,
+    c: float,
+) -> bool:
     """Whether ramps to c that end at `reached` and begin at `behind` leave a plateau, held from `ends` to `goes`."""
     if ends > goes or ends >= now.end or goes <= now.begin:
         return False
@@ -446,9 +455,15 @@ def _whole(path: Path, left: Stretch, right: Stretch) -> tuple[float, Stretch, S
 
 @kernel
 def plan(
-    path: Path, quick: Records[Cap], u0: float, u1: float, v0: float,
-    slow: Ints, stack: Records[Stretch], out: Records[Stretch],
-) -> int:  # fmt: skip
+    path: Path,
+    quick: Records[Cap],
+    u0: float,
+    u1: float,
+    v0: float,
+    slow: Ints,
+    stack: Records[Stretch],
+    out: Records[Stretch],
+) -> int:
     """Plan from u0 at speed v0 to a stop at u1: rows of `out` filled, or 0 if v0 is too fast to stop in time."""
     height = _beginning(path, quick, u0, u1, v0, slow, stack)
     count = 0
@@ -505,10 +520,25 @@ def plan(
 
 @kernel
 def _phases(
-    v0: float, v1: float, peak: float, L1: float, L2: float, L3: float, up: bool,
-    u: float, p: int, begin: Floats, count: int,
-    duration: Floats, piece: Ints, x: Floats, speed: Floats, acceleration: Floats, jerk: Floats, snap: Floats,
-) -> tuple[int, float, int]:  # fmt: skip
+    v0: float,
+    v1: float,
+    peak: float,
+    L1: float,
+    L2: float,
+    L3: float,
+    up: bool,
+    u: float,
+    p: int,
+    begin: Floats,
+    count: int,
+    duration: Floats,
+    piece: Ints,
+    x: Floats,
+    speed: Floats,
+    acceleration: Floats,
+    jerk: Floats,
+    snap: Floats,
+) -> tuple[int, float, int]:
     """Append the phases of one ramp; the new count, u and piece."""
     low = v0 if up else v1
     rise = peak - low
@@ -543,9 +573,17 @@ def _phases(
 
 @kernel
 def timed(
-    begin: Floats, rows: Floats2, many: int,
-    duration: Floats, piece: Ints, x: Floats, speed: Floats, acceleration: Floats, jerk: Floats, snap: Floats,
-) -> int:  # fmt: skip
+    begin: Floats,
+    rows: Floats2,
+    many: int,
+    duration: Floats,
+    piece: Ints,
+    x: Floats,
+    speed: Floats,
+    acceleration: Floats,
+    jerk: Floats,
+    snap: Floats,
+) -> int:
     """The pieces of constant snap of the first `many` stretches; how many."""
     count = 0
     p = 0
@@ -557,9 +595,25 @@ def timed(
         peak = rows[k, 4]
         p = piece_at(begin, u0, True)
         count, u, p = _phases(
-            v0, v1, peak, rows[k, 5], rows[k, 6], rows[k, 7], True, u0, p, begin, count,
-            duration, piece, x, speed, acceleration, jerk, snap,
-        )  # fmt: skip
+            v0,
+            v1,
+            peak,
+            rows[k, 5],
+            rows[k, 6],
+            rows[k, 7],
+            True,
+            u0,
+            p,
+            begin,
+            count,
+            duration,
+            piece,
+            x,
+            speed,
+            acceleration,
+            jerk,
+            snap,
+        )
         down = 0.5 * (v1 + peak) * (rows[k, 8] + rows[k, 9] + rows[k, 10])
         if u1 - down - u > MARGIN * (begin[len(begin) - 1] - begin[0]):
             p = piece_at(begin, u, True)
@@ -573,7 +627,23 @@ def timed(
             count = count + 1
         p = piece_at(begin, u1 - down, True)
         count, u, p = _phases(
-            v0, v1, peak, rows[k, 8], rows[k, 9], rows[k, 10], False, u1 - down, p, begin, count,
-            duration, piece, x, speed, acceleration, jerk, snap,
-        )  # fmt: skip
+            v0,
+            v1,
+            peak,
+            rows[k, 8],
+            rows[k, 9],
+            rows[k, 10],
+            False,
+            u1 - down,
+            p,
+            begin,
+            count,
+            duration,
+            piece,
+            x,
+            speed,
+            acceleration,
+            jerk,
+            snap,
+        )
     return count

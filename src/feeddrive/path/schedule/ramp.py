@@ -148,9 +148,16 @@ def cap(most: Floats2, norm: float, feed: float, limits: Floats2, share: float) 
 
 @kernel
 def pieces_room(
-    kind: Ints, length: Floats, shape: Floats3, feed: Floats, limits: Floats2, cruise: float, crossing: float,
-    most: Floats3, caps: Floats2,
-) -> int:  # fmt: skip
+    kind: Ints,
+    length: Floats,
+    shape: Floats3,
+    feed: Floats,
+    limits: Floats2,
+    cruise: float,
+    crossing: float,
+    most: Floats3,
+    caps: Floats2,
+) -> int:
     """`bounds` of n pieces into `most` (n, N, 4); their caps when held and when crossed by ramps into `caps` (n, 2).
 
     Neighbors whose caps differ by rounding or nearly so get the lowest of them: no ramps between such.

@@ -214,9 +214,19 @@ def at(row: Floats2, coefficient: Floats, k: int, z: Floats) -> int:
 
 @kernel
 def _system(
-    span: Ints, row: Floats3, r: Floats3, most: Floats, full: Ints, loose: Floats, weight: Floats, away: Floats,
-    mu: float, coefficient: Floats, slope: Floats, band: Floats2,
-) -> int:  # fmt: skip
+    span: Ints,
+    row: Floats3,
+    r: Floats3,
+    most: Floats,
+    full: Ints,
+    loose: Floats,
+    weight: Floats,
+    away: Floats,
+    mu: float,
+    coefficient: Floats,
+    slope: Floats,
+    band: Floats2,
+) -> int:
     """Slope of time and penalties by the coefficients, and the lower band of their bend."""
     z = zeros(4)
     by = zeros(4)
@@ -328,10 +338,24 @@ def _solved(band: Floats2, first: int, last: int, slope: Floats, step: Floats) -
 
 @kernel
 def quickest(
-    span: Ints, row: Floats3, r: Floats3, most: Floats, full: Ints, weight: Floats, away: Floats,
-    coefficient: Floats, penalty: float, last: float, steps: int,
-    share: Floats, loose: Floats, tried: Floats, slope: Floats, step: Floats, band: Floats2,
-) -> int:  # fmt: skip
+    span: Ints,
+    row: Floats3,
+    r: Floats3,
+    most: Floats,
+    full: Ints,
+    weight: Floats,
+    away: Floats,
+    coefficient: Floats,
+    penalty: float,
+    last: float,
+    steps: int,
+    share: Floats,
+    loose: Floats,
+    tried: Floats,
+    slope: Floats,
+    step: Floats,
+    band: Floats2,
+) -> int:
     """Make the spline quicker, in place; at how many points it breaks a limit after all; three of each end stay.
 
     A point that breaks a limit has a looser one of its own, which is drawn tight with each step.  Nothing is done, and
@@ -407,10 +431,21 @@ def tops(kind: Ints, length: Floats, shape: Floats3, feed: Floats, limits: Float
 
 @kernel
 def ramp_gain(
-    kind: Ints, length: Floats, shape: Floats3, limits: Floats2,
-    duration: Floats, piece: Ints, x: Floats, speed: Floats, acceleration: Floats, jerk: Floats, snap: Floats,
-    first: int, last: int, r: Floats2,
-) -> float:  # fmt: skip
+    kind: Ints,
+    length: Floats,
+    shape: Floats3,
+    limits: Floats2,
+    duration: Floats,
+    piece: Ints,
+    x: Floats,
+    speed: Floats,
+    acceleration: Floats,
+    jerk: Floats,
+    snap: Floats,
+    first: int,
+    last: int,
+    r: Floats2,
+) -> float:
     """The time, s, that a ramp of time pieces `first` to before `last` would save if its path were straight.
 
     On a line in the direction of either end, the more favorable one, it takes L1 + L2 + L3 between the same speeds; the
@@ -491,9 +526,17 @@ def instants(duration: Floats, step: Floats, edge: Floats, out: Floats) -> int:
 
 @kernel
 def states(
-    duration: Floats, piece: Ints, x: Floats, speed: Floats, acceleration: Floats, jerk: Floats, snap: Floats,
-    begin: Floats, time: Floats, out: Floats2,
-) -> int:  # fmt: skip
+    duration: Floats,
+    piece: Ints,
+    x: Floats,
+    speed: Floats,
+    acceleration: Floats,
+    jerk: Floats,
+    snap: Floats,
+    begin: Floats,
+    time: Floats,
+    out: Floats2,
+) -> int:
     """u to u''' of a motion at rising times; `begin` is u where each piece of the path begins."""
     m = 0
     gone = 0.0
@@ -515,10 +558,24 @@ def states(
 
 @kernel
 def points(
-    kind: Ints, length: Floats, shape: Floats3, begin: Floats, top: Floats, limits: Floats2, shares: Floats,
-    knots: Floats, time: Floats,
-    span: Ints, row: Floats3, r: Floats3, most: Floats, full: Ints, weight: Floats, away: Floats, d: Floats2,
-) -> int:  # fmt: skip
+    kind: Ints,
+    length: Floats,
+    shape: Floats3,
+    begin: Floats,
+    top: Floats,
+    limits: Floats2,
+    shares: Floats,
+    knots: Floats,
+    time: Floats,
+    span: Ints,
+    row: Floats3,
+    r: Floats3,
+    most: Floats,
+    full: Ints,
+    weight: Floats,
+    away: Floats,
+    d: Floats2,
+) -> int:
     """What `quickest` looks at: begin and end of what lies of each span on each piece; how many points.
 
     At the end only the snap, which differs from that at the begin behind it.
@@ -615,10 +672,22 @@ def _bent(first: int, last: int, miss: Floats, duration: Floats, snap: Floats, r
 
 @kernel
 def in_time(
-    knots: Floats, coefficient: Floats, begin: Floats, ends: Floats2, together: int,
-    duration: Floats, piece: Ints, x: Floats, speed: Floats, acceleration: Floats, jerk: Floats, snap: Floats,
-    at_knots: Floats2, room: Floats2, system: Floats2,
-) -> bool:  # fmt: skip
+    knots: Floats,
+    coefficient: Floats,
+    begin: Floats,
+    ends: Floats2,
+    together: int,
+    duration: Floats,
+    piece: Ints,
+    x: Floats,
+    speed: Floats,
+    acceleration: Floats,
+    jerk: Floats,
+    snap: Floats,
+    at_knots: Floats2,
+    room: Floats2,
+    system: Floats2,
+) -> bool:
     """A piece of constant snap for each span; False if the spline is not above 0 everywhere.
 
     As many pieces as are taken `together` end where the spline does, exactly.
