@@ -57,18 +57,18 @@ class Section(NamedTuple):
 
 
 def part_of_pieces(pieces: Pieces, first: int, last: int) -> Pieces:
-    """Pieces `first` to before `last`."""
+    """Return the pieces `first` to before `last`."""
     return Pieces(*(column[first:last] for column in pieces))
 
 
 def one_after_the_other(pieces: Sequence[Pieces]) -> Pieces:
-    """Pieces of a path, and those that follow."""
+    """Concatenate pieces of one path."""
     return Pieces(*(np.concatenate(columns) for columns in zip(*pieces, strict=True)))
 
 
 @kernel
 def turned(theta: float) -> tuple[float, float]:
-    """sin θ and 1 - cos θ, which keeps its digits at small angles; θ in rad, |θ| < 1e6."""
+    """Return sin θ and 1 - cos θ, which keeps its digits at small angles; θ in rad, |θ| < 1e6."""
     k = floor(theta * 0.6366197723675814 + 0.5)
     r = (theta - k * _HALF_PI_HIGH) - k * _HALF_PI_LOW
     z = r * r
@@ -90,7 +90,7 @@ def turned(theta: float) -> tuple[float, float]:
 
 @kernel
 def derivatives(kind: int, length: float, shape: Floats2, x: float, out: Floats2) -> int:
-    """r - r(0), r', r'', r''' and r'''' of one piece at x, into `out` of shape (N, >= 5)."""
+    """Write r - r(0), r', r'', r''' and r'''' of one piece at x into `out` of shape (N, >= 5)."""
     if kind == 1:
         kappa = shape[0, 3]
         s, v = turned(kappa * x)
@@ -154,7 +154,8 @@ class Motion(NamedTuple):
 
 
 class Entering(NamedTuple):
-    """The next run, from rest, while a part ends the run before: q is the sum of both, less the corner between them.
+    """The next run, which starts from rest while a part ends the previous run: q is the sum of both, less the corner
+    between them.
 
     Its pieces of time are those of that part, and each of both stays on one piece of its path.
 
@@ -167,7 +168,7 @@ class Entering(NamedTuple):
 
 
 class Part(NamedTuple):
-    """A part of a run, which goes from rest to rest: some pieces of its path and the motion on them.
+    """A part of a run from rest to rest: some pieces of its path and the motion on them.
 
     The first piece of the path is the one on which the part before ended.  `ends` says that the run does.  If the next
     run is `entering` then, the part behind goes on from where that one has come.
@@ -183,7 +184,7 @@ class Part(NamedTuple):
 
 
 class Pause(NamedTuple):
-    """A standstill: a dwell or a hold of `duration` s, or 0 s at what waits for something else."""
+    """A standstill: a dwell or a hold of `duration` s, or 0 s where the program waits for something else."""
 
     duration: float
     why: str
@@ -191,7 +192,9 @@ class Pause(NamedTuple):
 
 
 def rows(motion: Motion) -> np.ndarray:
-    """Duration, x, speed, acceleration, jerk and snap as the columns of one array, without the index of the piece."""
+    """Return duration, x, speed, acceleration, jerk and snap as the columns of one array, without the index of the
+    piece.
+    """
     table = np.empty((len(motion.duration), 6))
     table[:, 0] = motion.duration
     for k, column in enumerate(motion[2:]):
@@ -200,7 +203,7 @@ def rows(motion: Motion) -> np.ndarray:
 
 
 def from_rows(new: np.ndarray, piece: int, x: float = 0.0) -> Motion:
-    """The motion of such rows from x on, on one piece of the path."""
+    """Return the motion of such rows from x on, on one piece of the path."""
     duration, place, *state = new.T.copy()
     place += x
     return Motion(duration, np.full(len(new), piece), place, *state)
@@ -208,19 +211,21 @@ def from_rows(new: np.ndarray, piece: int, x: float = 0.0) -> Motion:
 
 @kernel
 def cubic(a: float, b: float, c: float, d: float, t: float) -> float:
-    """a + b t + c t²/2 + d t³/6: u' from u' .. u'''' at t = 0."""
+    """Evaluate a + b t + c t²/2 + d t³/6: u' from u' .. u'''' at t = 0."""
     return a + t * (b + t * (0.5 * c + t * d / 6.0))
 
 
 @kernel
 def way(v: float, a: float, j: float, s: float, t: float) -> float:
-    """∫ u' from 0 to t."""
+    """Return ∫ u' from 0 to t."""
     return t * (v + t * (0.5 * a + t * (j / 6.0 + t * s / 24.0)))
 
 
 @kernel
 def when(far: float, v: float, a: float, j: float, s: float, t0: float, t1: float) -> float:
-    """The time in [t0, t1] when a rising u has come this far: bisection, with Newton's step where it is inside."""
+    """Return the time in [t0, t1] at which a rising u has come this far: bisection, with Newton's step where it stays
+    inside.
+    """
     low = t0
     high = t1
     t = 0.5 * (low + high)
@@ -242,7 +247,9 @@ def when(far: float, v: float, a: float, j: float, s: float, t0: float, t1: floa
 
 @kernel
 def chain(v: float, a: float, j: float, s: float, r: Floats2, out: Floats2) -> int:
-    """q' .. q'''' of each axis from u' .. u'''' and r' .. r'''' in columns 1 to 4 of r; into columns 1 to 4 of out."""
+    """Write q' .. q'''' of each axis, from u' .. u'''' and r' .. r'''' in columns 1 to 4 of r, into columns 1 to 4 of
+    `out`.
+    """
     for i in range(len(r)):
         out[i, 1] = r[i, 1] * v
         out[i, 2] = r[i, 2] * v * v + r[i, 1] * a

@@ -23,7 +23,7 @@ FEW = 1000
 
 
 class Course(NamedTuple):
-    """A motion in n stretches of samples; m .. m/s⁴.
+    """A motion reduced to n stretches of samples; m .. m/s⁴.
 
     time      at the begin of each, s, shape (n,)
     position  at the begin of each, shape (n, N)
@@ -43,7 +43,7 @@ class Course(NamedTuple):
 
 
 class Recorder:
-    """The course of samples that come piece by piece, in at most 16,384 stretches, which grow with the motion."""
+    """Reduces samples, chunk by chunk, to at most 16,384 stretches, which grow with the motion."""
 
     def __init__(self, axes: int) -> None:
         n = self._axes = axes
@@ -59,7 +59,7 @@ class Recorder:
         self._waiting = 0
 
     def add(self, samples: Samples) -> None:
-        """The next samples."""
+        """Add the next samples."""
         values = samples.values
         if not len(values):
             return
@@ -80,7 +80,7 @@ class Recorder:
             self._every *= 2
 
     def _reduced(self, rows: np.ndarray, every: int) -> np.ndarray:
-        """Each so many rows as one; the last one may have fewer."""
+        """Reduce groups of rows to one row each; the last group may be shorter."""
         begins = np.arange(-(-len(rows) // every)) * every
         reduced = rows[begins]
         for place, of in ((self._speed, np.maximum), (self._low, np.minimum), (self._high, np.maximum)):
@@ -90,7 +90,7 @@ class Recorder:
         return reduced
 
     def course(self, sample_time: float) -> Course:
-        """Of all samples so far."""
+        """Return the course of all samples so far."""
         if self._waiting:
             self._gather()
         rows = self._rows
@@ -142,7 +142,7 @@ class Planned(Result):
     course: Course
 
     def table(self) -> Table:
-        """The limits of each axis, and the largest share of each that the motion takes."""
+        """The limits of each axis, and the largest share of each that the motion uses."""
         columns = (self.limits.letters, self.limits.shown, self.limits.array, self.proof.use)
         rows = [
             [
@@ -169,7 +169,7 @@ Take: TypeAlias = Callable[[Samples, Sequence[Standstill]], None]
 
 
 def planned_of(setpoints: Setpoints, program: str, machine: str, take: Take | None = None) -> Planned:
-    """What all samples of a program come to; each piece of them, with the stops in it, is given to `take`."""
+    """Sum up the samples of a program; every chunk of samples is passed to `take`, with the stops in it."""
     recorder = Recorder(len(setpoints.limits.axes))
     few: list[Standstill] = []
     reasons: Counter[str] = Counter()

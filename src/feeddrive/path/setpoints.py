@@ -33,7 +33,7 @@ SHORT = 100  # segments of a chain that is planned in two ways
 def planned(
     moves: Iterable[Move], axes: str, limits: np.ndarray, override: Override | None = None
 ) -> Iterator[Part | Pause]:
-    """The runs of a program, each from rest to rest in one or more parts, and the pauses between them.
+    """Yield the runs of a program, each from rest to rest in one or more parts, and the pauses between them.
 
     Segments come in windows, and a part leaves as soon as it is fixed: memory does not grow with the program.
 
@@ -75,7 +75,7 @@ def planned(
 def _planned_along(
     sections: list[Section], ends: bool, schedule: Schedule, lifter: Lifter | None, crossings: Crossings
 ) -> Iterator[Part | Pause]:
-    """What is fixed when these sections of a chain are known, all where it `ends`."""
+    """Yield the parts that are final when these sections of a chain are known: all where it `ends`."""
     for section in sections:
         line = crossings.add_line(section) if lifter and schedule.rests else None
         if line is not None:
@@ -93,7 +93,7 @@ def _planned_along(
 
 
 def _quicker(chain: Chain, limits: np.ndarray) -> tuple[list[Section], Joint, list[Part | Pause]] | None:
-    """A short chain with splines and blends, or with all its corners in time: which is quicker.
+    """Plan a short chain in both ways, with splines and blends or with all its corners in time; return the quicker one.
 
     None if it is not short, or if both are the same.
     """
@@ -132,7 +132,9 @@ def _sample(
     out: Floats3,
     r: Floats2,
 ) -> int:
-    """Samples `first`, `first` + 1 ... of a motion that begins at the time `begin`; how many lie within it."""
+    """Write samples `first`, `first` + 1 ... of a motion that begins at the time `begin`; return how many lie within
+    it.
+    """
     count = 0
     since = begin
     last = len(length) - 1
@@ -169,11 +171,11 @@ class Sampler:
         self._begin, self._first = 0.0, 0
 
     def sample(self, part: Part) -> np.ndarray:
-        """Position, velocity .. snap of each axis at the instants within a part, m .. m/s⁴, shape (n, N, 5)."""
+        """Return position, velocity .. snap of each axis at the instants within a part, m .. m/s⁴, shape (n, N, 5)."""
         return np.concatenate(list(self.slices(part)))
 
     def slices(self, part: Part, most: int = 16384) -> Iterator[np.ndarray]:
-        """The same, at most so many instants at once: a part may last for hours."""
+        """As `sample`, in chunks of limited size, as a part may last for hours."""
         ends = self._begin + float(np.sum(part.motion.duration))
         full = True
         while full:
@@ -197,7 +199,7 @@ class Sampler:
         return out[:count]
 
     def rest(self, position: np.ndarray, duration: float) -> np.ndarray:
-        """The same of a standstill of `duration` s at a position (m, shape (N,)), as at a dwell or at the end."""
+        """As `sample`, for a standstill of `duration` s at a position (m, shape (N,)), as at a dwell or at the end."""
         ends = self._begin + duration
         count = max(0, int(np.ceil(ends / self._sample_time)) - self._first)
         out = np.zeros((count, len(position), 5))
@@ -231,7 +233,7 @@ REASONS = (*CORNERS.values(), *BENDS.values(), *PAUSES.values())
 
 
 class Standstill(NamedTuple):
-    """Where the machine stands: when (s from the start) and for how long (s), at which line and place (m), and why.
+    """A standstill of the machine: its start and duration (s), line and position (m), and reason.
 
     angle  of the corner, rad; 0 where it is none
     """
@@ -250,7 +252,7 @@ class Standstill(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """Some samples in a row.
+    """Consecutive samples.
 
     first     number of the first one; sample k is at k T
     values    position, velocity .. snap of each axis, m .. m/s⁴, shape (n, N, 5)
@@ -267,7 +269,7 @@ class Samples(NamedTuple):
 
 
 class Setpoints:
-    """The samples of a program, to be iterated once; what is counted is complete when the iteration has ended.
+    """The samples of a program, to be iterated once; counts are complete when the iteration has ended.
 
     moves        of `read_program`
     sample_time  of the loop, s
@@ -309,7 +311,7 @@ class Setpoints:
 
     @property
     def seconds(self) -> dict[str, float]:
-        """Of cycle time, by cause."""
+        """The seconds of cycle time by cause."""
         counted = zip(self.limits.causes, self._counts, strict=True)
         return {name: float(n * self.sample_time) for name, n in counted if n}
 
@@ -356,7 +358,7 @@ class Setpoints:
         self.stops.append(Standstill(self.time, duration, line, self._position, reason, angle))
 
     def _rest(self, duration: float, line: int) -> Iterator[Samples]:
-        """A standstill, at most so many samples at once."""
+        """Yield the samples of a standstill in chunks."""
         ends, longest = self.time + duration, _AT_ONCE * self.sample_time
         while duration > 0.0:
             now = min(duration, longest)
@@ -369,7 +371,7 @@ class Setpoints:
         self.time = ends
 
     def _corner(self, part: Part) -> float:
-        """The angle between the end of the run before and the begin of this one, rad."""
+        """Return the angle between the end of the previous run and the start of this one, rad."""
         assert self._along is not None
         r = np.zeros((len(self.limits.axes), 5))
         derivatives(int(part.pieces.kind[0]), float(part.pieces.length[0]), part.pieces.shape[0], 0.0, r)
@@ -377,14 +379,14 @@ class Setpoints:
         return 2.0 * float(np.arcsin(min(1.0, 0.5 * float(np.linalg.norm(begin - self._along)))))
 
     def _attribute(self, samples: Samples) -> None:
-        """Count each sample for what limits it most."""
+        """Count each sample for the cause that limits it most."""
         speed = np.linalg.norm(samples.values[:, :, 1], axis=1)
         reasons = causes(np.abs(samples.values[:, :, 1:]) / self._array, speed, samples.feed)
         self._counts += np.bincount(reasons, minlength=len(self._counts))
 
 
 def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray:
-    """What limits a motion, by its place in `MachineLimits.causes`.
+    """Return what limits a motion, by its index in `MachineLimits.causes`.
 
     share  of each limit that is used, shape (n, N, 4); speed and feed along the path, m/s, shape (n,); the feed is 0
            at a standstill
@@ -399,7 +401,7 @@ def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray
 
 
 def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Line and feed at times since the start of a part, s."""
+    """Return line and feed at times since the start of a part, s."""
     pieces, motion = part.pieces, part.motion
     begins = np.cumsum(motion.duration) - motion.duration
     m = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)
@@ -413,7 +415,7 @@ def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _end(part: Part) -> tuple[np.ndarray, np.ndarray]:
-    """Position and direction at the end of a part that rests there."""
+    """Return position and direction at the end of a part that rests there."""
     pieces, motion = part.pieces, part.motion
     p, last = int(motion.piece[-1]), len(pieces.length) - 1
     x = float(motion.x[-1] + way(*(float(column[-1]) for column in (*motion[3:], motion.duration))))
@@ -426,7 +428,7 @@ def _end(part: Part) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _along(r: np.ndarray, length: float, side: float) -> np.ndarray:
-    """The direction of a path at the begin (`side` 1) or the end (-1) of a piece, where r' of a spline may be 0."""
+    """Return the direction of a path at the start (`side` 1) or end (-1) of a piece, where r' of a spline may be 0."""
     for k in (1, 2, 3):
         size = float(np.linalg.norm(r[:, k]))
         if size * length ** (k - 1) > _TANGENT:

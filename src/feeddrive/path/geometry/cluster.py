@@ -33,7 +33,7 @@ _QUARTERS = 4  # of a stretch whose hull is too wide
 
 @kernel
 def envelope(places: Floats, steps: Floats, count: int, at: Floats, goal: Floats) -> int:
-    """Of places where steps may be so long at most, those that count: how many, into `at` and `goal`.
+    """Write the places whose step limits are active into `at` and `goal`; return how many.
 
     Steps grow by GRADE of the way from each place; the first place stays.
     """
@@ -59,7 +59,8 @@ def envelope(places: Floats, steps: Floats, count: int, at: Floats, goal: Floats
 def place_knots(
     at: Floats, goal: Floats, many: int, largest: float, total: float, fixed: int, most: int, knots: Floats
 ) -> int:
-    """Knots up to `total` whose steps follow the goals at the places `at`, and their mirror images; how many steps.
+    """Place knots up to `total`, with their mirror images, whose steps follow the goals at the places `at`; return the
+    number of steps.
 
     The first steps may be fixed: then all knots are given up to knots[ENDS + fixed], which is at[0].  Otherwise
     knots[ENDS] is 0.  There are at least five steps, as long as `largest` is at most total/6; 0 if more than `most`.
@@ -240,7 +241,9 @@ def spline_span(
     b: Floats2,
     out: Floats2,
 ) -> bool:
-    """The polynomial of the span behind knot e, into `out` (N, 8); False and nothing if the span is straight."""
+    """Write the polynomial of the span behind knot e into `out` (N, 8); return False, and write nothing, if the span is
+    straight.
+    """
     same = True
     for i in range(e - 4, e + 1):
         same = same and straight[i] == straight[i - 1]
@@ -277,7 +280,8 @@ def deviation(
     difference: Floats2,
     far: Floats,
 ) -> tuple[float, float, int]:
-    """|S - f| on a span as a share of the tolerance of each segment, where, and the last segment that it reaches.
+    """Return |S - f| on a span as a share of the tolerance of each segment, where it is largest, and the last segment
+    reached.
 
     A bound if `bounded`, else the largest at knots and corners.  The search for segments begins with `first`.
     far[k], the largest distance in m on segment k, is raised.
@@ -357,7 +361,7 @@ _ASIDE = 0.25  # of the tolerance
 
 @kernel
 def chord(length0: float, shape0: Floats2, length1: float, shape1: Floats2) -> float:
-    """2 sin θ/2 of the angle θ between two lines."""
+    """Return 2 sin θ/2 of the angle θ between two lines."""
     turn = 0.0
     for i in range(len(shape0)):
         bend = shape1[i, 1] / length1 - shape0[i, 1] / length0
@@ -369,7 +373,7 @@ def chord(length0: float, shape0: Floats2, length1: float, shape1: Floats2) -> f
 def _looks_straight(
     length: Floats, shape: Floats3, near: int, way: int, far: float, aside: float, to: Floats, now: Floats
 ) -> bool:
-    """Whether the lines from a joint on, on one side, lie near their chord, which goes `to`; `now` is room."""
+    """True if the lines from a joint on, on one side, lie near their chord, which goes `to`; `now` is work space."""
     n = len(to)
     for i in range(n):
         to[i] = 0.0
@@ -415,7 +419,7 @@ def clustered(
     room: Floats2,
     inside: Ints,
 ) -> int:
-    """Which joints are in a cluster, 1 in `inside`; how many.
+    """Mark the joints that belong to a cluster with 1 in `inside`; return how many.
 
     A sharp corner between two ways that look straight, for ten tolerances, is none of them: there the run stops.
     """
@@ -461,7 +465,9 @@ def _prepared(
     slope: Floats2,
     ahead: Floats,
 ) -> int:
-    """Where the lines of a cluster begin, directions, groups of one direction, tolerances; `ahead` is room."""
+    """Compute where the lines of a cluster begin, directions, groups of one direction, and tolerances; `ahead` is work
+    space.
+    """
     n = len(slope[0])
     corner[first] = -begin
     for k in range(first, last + 1):
@@ -629,7 +635,8 @@ def fitted(
 
 @kernel
 def carried(e: int, u: float, at: Floats, goal: Floats, many: int, knots: Floats, kept: Floats) -> int:
-    """Keep what the spline needs to go on from knot e: knots into `kept`, places of goals behind them, counted from u.
+    """Keep what the spline needs to continue from knot e: knots into `kept`, places of goals behind them, counted from
+    u.
 
     How many places.
     """
@@ -675,7 +682,7 @@ def straight_pieces(
     lines: Ints,
     runs: Ints,
 ) -> int:
-    """Append what is straight from u0 to u1, a piece for each feed; the new count."""
+    """Append the straight pieces from u0 to u1, one for each feed; return the new count."""
     k = first
     while k < last and corner[k + 1] <= u0:
         k = k + 1
@@ -732,7 +739,7 @@ def spline_pieces(
     lines: Ints,
     runs: Ints,
 ) -> tuple[int, float]:
-    """Append the pieces of a cluster from u to the last span before knot e1 that is curved: the new count and u."""
+    """Append the pieces of a cluster from u to the last curved span before knot e1; return the new count and u."""
     k = first
     for e in range(e0, e1):
         if curved[e] == 0:

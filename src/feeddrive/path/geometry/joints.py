@@ -62,7 +62,7 @@ def _passed(
     a: Floats2,
     b: Floats2,
 ) -> tuple[int, float, float]:
-    """How the joint behind k may be passed, and cosine and chord of its angle.
+    """Return how the joint behind k may be passed, with cosine and chord of its angle.
 
     0: not, 1: as it is, 2: by a blend, 3: by a blend that needs little, between arcs of almost the same circle
     """
@@ -148,7 +148,8 @@ def join(
     curve: Floats3,
     room: Floats3,
 ) -> tuple[int, int, int, float, int, int]:
-    """The pieces of n segments with blends or splines between them: how many, and the runs that end in them.
+    """Write the pieces of n segments with blends or splines between them; return their number and the runs that end in
+    them.
 
     Unless the chain `ends`, the last segment is left for the next call, or a cluster that may go on.  Of a cluster of
     more than `held` lines the spline goes on up to a knot behind which there is way enough; its pieces from there to a
@@ -434,7 +435,7 @@ def join(
 
 
 class _Begun(NamedTuple):
-    """A spline that was begun, as `join` leaves it."""
+    """The state of a spline that continues in the next call of `join`."""
 
     places: int
     knots: np.ndarray
@@ -460,11 +461,11 @@ class Joiner:
 
     @property
     def rests(self) -> bool:
-        """Whether the next chain begins a run."""
+        """True if the next chain begins a run."""
         return self._held is None and self._begun is None and not self._flows
 
     def join(self, chain: Chain) -> tuple[list[Section], Joint]:
-        """What a chain adds to the runs, and how the joints are passed that are behind these segments."""
+        """Return the sections that a chain adds to the runs, and how the joints behind its segments are passed."""
         segments, tolerance = chain.segments, chain.tolerance
         if self._held:
             segments = one_after_the_other([self._held[0], segments])
@@ -480,7 +481,7 @@ class Joiner:
         return sections, joint
 
     def _stopped(self, chain: Chain) -> tuple[list[Section], Joint]:
-        """Where a spline cannot go on, it stops behind the segments that it knows."""
+        """Stop a spline that cannot continue behind the segments that are known."""
         assert self._begun is not None
         assert self._held is not None
         far, (held, tolerance) = self._begun.far, self._held
@@ -494,7 +495,7 @@ class Joiner:
         return [stop, *sections], Joint(*(np.concatenate(arrays) for arrays in zip(before, joint, strict=True)))
 
     def _joined(self, segments: Pieces, tolerance: np.ndarray, ends: bool) -> tuple[list[Section], Joint] | None:
-        """The sections, and the joints behind the segments that are done; None if a spline cannot go on."""
+        """Return the sections and the joints behind the finished segments; None if a spline cannot continue."""
         n, axes = segments.origin.shape
         joint = Joint(np.zeros(n), np.zeros(n, np.int64))
         expected = 2.0 * n + float(np.sum(segments.length)) / LARGEST_STEP + 50.0
@@ -568,13 +569,13 @@ class Joiner:
 def joined(
     segments: Pieces, tolerance: np.ndarray, sharpest: float = 0.35, lonely: float = LONELY
 ) -> tuple[list[Pieces], Joint]:
-    """The runs of segments that follow each other, and how each joint is passed; parameters as in `join`."""
+    """Return the runs of consecutive segments, and how each joint is passed; parameters as in `join`."""
     sections, joint = Joiner(sharpest, lonely).join(Chain(segments, tolerance, True))
     return [section.pieces for section in sections], joint
 
 
 def _room(lines: int, knots: int, axes: int, far: np.ndarray) -> list[np.ndarray]:
-    """For the lines of a chain and the knots of a cluster, as in `join`."""
+    """Allocate the work arrays of `join` for the lines of a chain and the knots of a cluster."""
     return [
         np.zeros((3, axes)),
         np.zeros(lines, np.int64),

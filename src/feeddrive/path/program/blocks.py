@@ -14,7 +14,7 @@ from feeddrive.path.program.lines import BlockError, Line, compact
 
 
 class Step(IntEnum):
-    """What a block does, in the order in which it does it; the modal groups are named so too."""
+    """The actions of a block in the order in which they act; the modal groups have the same names."""
 
     FEED_MODE = 1
     FEED = 2
@@ -41,7 +41,7 @@ class Step(IntEnum):
 
 
 class Code(NamedTuple):
-    """A code: its step, what excludes what in one block, and what it does."""
+    """A code: its step, its group (codes that exclude each other in a block), and its meaning."""
 
     step: Step
     group: str
@@ -143,7 +143,7 @@ REFUSED: dict[str, str] = {
 
 
 def name_of(letter: str, code: int) -> str:
-    """A code as it is written: G59.3."""
+    """Return a code as it is written: G59.3."""
     return f"{letter.upper()}{code // 10}" + (f".{code % 10}" if code % 10 else "")
 
 
@@ -159,7 +159,7 @@ _LETTERS = frozenset("abcdefghijklmpqrstuvwxyz@^")
 
 
 class Block:
-    """What a line asks for.
+    """The content of one line.
 
     words     letter -> value, without G and M; who uses a word takes it out, and what is left is refused
     codes     letter and ten times the number of each code, sorted by step
@@ -179,14 +179,14 @@ class Block:
         self.control = ""
 
     def take(self, letter: str, code: str = "") -> float | None:
-        """Take a word out; a missing one is None, or refused if a code is named that needs it."""
+        """Remove a word and return it; a missing one is None, or is refused if a code is named that needs it."""
         value = self.words.pop(letter, None)
         if value is None and code:
             raise BlockError(f"{code} needs the word {letter.upper()}, which this block does not have: write it", code)
         return value
 
     def whole(self, letter: str, code: str, least: int, most: int, default: int | None = None) -> int:
-        """Take a word out that holds a whole number within bounds."""
+        """Remove a word that holds an integer within bounds, and return the integer."""
         value = self.take(letter, "" if default is not None else code)
         if value is None:
             assert default is not None
@@ -239,7 +239,7 @@ def read_block(line: Line, parameters: Parameters, skip_deleted: bool) -> Block:
 
 
 def _read_words(block: Block, values: Values) -> None:
-    """Words whose values are not all plain numbers, and settings of parameters."""
+    """Read words whose values are not all plain numbers, and settings of parameters."""
     text = values.text
     while values.at < len(text):
         start = values.at
@@ -313,12 +313,12 @@ _WRITTEN = {
 
 
 def _place(text: str, letter: str, value: float) -> int:
-    """Where a word stands in a line of plain words; of equal ones the last."""
+    """Return the position of a word in a line of plain words; of equal ones the last."""
     return max(word.start() for word in _WORDS.finditer(text) if word[1] == letter and float(word[2]) == value)
 
 
 def code_of(letter: str, number: int) -> Code:
-    """What stands in the table of codes."""
+    """Return the code-table entry of this word."""
     return (G_CODES if letter == "g" else M_CODES)[number]
 
 
@@ -334,7 +334,9 @@ def _refuse_two_of_a_group(block: Block) -> None:
 
 
 def read_debug(text: str, parameters: Parameters) -> str:
-    """The text of a (DEBUG, ...) or (PRINT, ...) comment with its parameters' values; %d, %f, %.2f format them."""
+    """Return the text of a (DEBUG, ...) or (PRINT, ...) comment with the values of its parameters; %d, %f, %.2f format
+    them.
+    """
     form = "%f"
 
     def shown(match: re.Match[str]) -> str:

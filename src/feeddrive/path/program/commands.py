@@ -16,7 +16,7 @@ Value = float | str
 
 
 class Command(NamedTuple):
-    """A canonical command: its name, its values, the line that asked for it."""
+    """A canonical command: its name, its values, and the line that caused it."""
 
     name: str
     values: tuple[Value, ...]
@@ -68,7 +68,9 @@ _TEXT: dict[str, Callable[[tuple[Value, ...]], str]] = {
 
 
 def canonical_text(command: Command) -> str:
-    """A command as the interpreter of LinuxCNC prints it, without the number of the line; PRINT has no text there."""
+    """Return the text of a command as LinuxCNC's interpreter prints it, without the line number; PRINT has no text
+    there.
+    """
     if command.name == "PRINT":
         return ""
     return f"{command.name}({_TEXT.get(command.name, _listed)(command.values)})"
@@ -78,7 +80,7 @@ _COMMAND = re.compile(r"([A-Z_][A-Z_0-9]*)\((.*)\)$")
 
 
 def read_command(text: str, line: Line) -> Command | None:
-    """A command from its text; None if it is no command."""
+    """Parse the text of a command; None if it is no command."""
     match = _COMMAND.fullmatch(text)
     if not match:
         return None

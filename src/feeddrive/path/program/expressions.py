@@ -26,7 +26,7 @@ READ_ONLY = range(5400, 5429)
 
 
 class Parameters:
-    """Numbers by number, by name for the subroutine that runs, and by `_name` for all of the program.
+    """The parameters: by number, by name within the running subroutine, and by `_name` for the whole program.
 
     numbered  those that are not 0
     live      values that follow the program: number or name -> function
@@ -39,7 +39,7 @@ class Parameters:
         self.local: dict[str, float] = {}
 
     def value(self, key: int | str) -> float:
-        """The value of a parameter; a name must have been given a value."""
+        """Return the value of a parameter; a named one must have been set."""
         live = self.live.get(key)
         if live is not None:
             return live()
@@ -51,11 +51,11 @@ class Parameters:
         return names[key]
 
     def known(self, key: int | str) -> bool:
-        """Whether a parameter has a value, as EXISTS asks."""
+        """True if a parameter has a value, as EXISTS asks."""
         return key in self.live or isinstance(key, int) or key in (self.common if key.startswith("_") else self.local)
 
     def set(self, key: int | str, value: float) -> None:
-        """Give a parameter a value."""
+        """Set a parameter."""
         if not isfinite(value):
             raise BlockError(f"a parameter must be a finite number, not {value}", "#")
         if key in self.live or key in READ_ONLY:
@@ -67,7 +67,7 @@ class Parameters:
 
 
 def number_of(value: float) -> int:
-    """A number as the number of a parameter."""
+    """Check that a value is the number of a parameter, and return it as an integer."""
     whole = round(value)
     if abs(value - whole) > 1e-4 or not 1 <= whole <= MOST:
         raise BlockError(f"a parameter has a whole number from 1 to {MOST}, not {Quantity(value):6}", "#")
@@ -75,7 +75,7 @@ def number_of(value: float) -> int:
 
 
 def read_offsets(path: Path | str) -> dict[int, float]:
-    """The numbered parameters of a `.var` file of LinuxCNC: two columns, number and value.
+    """Read the numbered parameters of a `.var` file of LinuxCNC: two columns, number and value.
 
     They hold the work offsets (5221 ff), G28 (5161 ff), G30 (5181 ff) and G92 (5210 ff), in mm and degrees, or in
     inches if the machine's unit is the inch.
@@ -184,20 +184,20 @@ _UNARY: dict[str, Callable[[float], float]] = {
 
 
 class Values:
-    """Reads values from a compacted line, from `at` on."""
+    """Reads values from a compacted line, from index `at` on."""
 
     def __init__(self, text: str, parameters: Parameters, at: int = 0) -> None:
         self.text, self.parameters, self.at = text, parameters, at
         self._depth = 0
 
     def fault(self, reason: str, start: int | None = None) -> BlockError:
-        """A fault of what stands from `start` (or here) on."""
+        """Return an error for the text from `start` (or the current position) on."""
         begin = self.at if start is None else start
         rest = self.text[begin:]
         return BlockError(reason, rest if len(rest) <= 20 else rest[:17] + "...", begin)
 
     def value(self) -> float:
-        """A number, a parameter, an expression in brackets or a function, each with a sign or none."""
+        """Read a number, a parameter, an expression in brackets or a function, with or without a sign."""
         start = self.at
         match = NUMBER.match(self.text, start)
         if match:
@@ -218,7 +218,7 @@ class Values:
             self._depth -= 1
 
     def key(self) -> int | str:
-        """What follows a #: the name or the number of a parameter."""
+        """Read the name or the number of a parameter behind a #."""
         named = _NAME.match(self.text, self.at)
         if named:
             self.at = named.end()
@@ -268,7 +268,7 @@ class Values:
         return math.degrees(math.atan2(y, self._expression()))
 
     def _expression(self) -> float:
-        """What stands behind an opening bracket, up to its closing one."""
+        """Read an expression behind an opening bracket, up to its closing one."""
         values = [self.value()]
         operators: list[str] = []
         while True:

@@ -34,7 +34,7 @@ _ENDS = {"sub": "endsub", "if": "endif", "while": "endwhile", "do": "while", "re
 
 @dataclass
 class Open:
-    """A loop or condition that has begun: where its body and its first line begin.
+    """An open loop or condition: where its body and its first line begin.
 
     left  of a repeat how often it is still to run, of a condition whether a branch was taken
     """
@@ -48,7 +48,7 @@ class Open:
 
 @dataclass
 class Frame:
-    """A subroutine that runs, or the program: where to go on after it, and what it keeps of its caller."""
+    """The call frame of a subroutine or of the program: where to return, and what it keeps of its caller."""
 
     label: str
     reader: LineReader
@@ -59,7 +59,7 @@ class Frame:
 
 
 def statement_of(text: str) -> tuple[str, str] | None:
-    """Label and kind of an o-word's line that is only looked through; None for other lines."""
+    """Return label and kind of an o-word in a line that is skipped; None for other lines."""
     try:
         statement = _SKIPPED.match(compact(text)[0])
     except BlockError:
@@ -70,7 +70,7 @@ def statement_of(text: str) -> tuple[str, str] | None:
 
 
 class Flow:
-    """Gives the lines of a program in the order in which they act."""
+    """Returns the lines of a program in the order of execution."""
 
     def __init__(self, program: Path, parameters: Parameters, most_again: int = MOST_AGAIN) -> None:
         self._folder = program.parent
@@ -92,11 +92,11 @@ class Flow:
             reader.close()
 
     def moved(self) -> None:
-        """The last line asked something of the machine."""
+        """Note that the last line commanded the machine: loops that do so may run longer."""
         self._at_rest = 0
 
     def next_line(self) -> Line | None:
-        """The next line; None at the end of the program."""
+        """Return the next line; None at the end of the program."""
         reader = self._frames[-1].reader
         line = reader.read()
         if line is None:
@@ -115,7 +115,7 @@ class Flow:
         return line
 
     def check_end(self) -> None:
-        """Refuse a program that ends inside of a subroutine, a loop or a condition."""
+        """Refuse a program that ends inside a subroutine, a loop or a condition."""
         frame = self._frames[-1]
         if frame.opened:
             last = frame.opened[-1]
@@ -126,7 +126,7 @@ class Flow:
             raise BlockError(f"the program ends inside the subroutine o{frame.label}: write o{frame.label} endsub")
 
     def act(self, statement: str) -> None:
-        """Do what an o-word says; it is the last line that was read."""
+        """Execute the o-word of the last line read."""
         values = Values(statement, self._parameters, 1)
         label = self._label(values)
         match = _STATEMENT.match(statement, values.at)
@@ -176,7 +176,7 @@ class Flow:
         return self._readers[path]
 
     def _skip(self, label: str, kinds: Sequence[str]) -> str:
-        """Go on behind the line with the o-word `label` of one of the kinds, which it returns."""
+        """Skip to behind the line with the o-word `label` of one of the kinds; return the kind."""
         while True:
             line = self.next_line()
             if line is None:
@@ -270,7 +270,7 @@ class Flow:
         self._leave(label)
 
     def _branch(self, label: str, condition: float) -> None:
-        """Take a branch, or go to the next one whose condition is to be read."""
+        """Take a branch, or skip to the next one whose condition must be read."""
         here = self._top(label, "if")
         here.left = bool(condition)
         if not condition:
@@ -281,7 +281,7 @@ class Flow:
                 self._frames[-1].opened.pop()
 
     def _leave(self, label: str) -> None:
-        """The branch that was taken ends."""
+        """Leave the branch that was taken."""
         self._top(label, "if")
         self._skip(label, ("endif",))
         self._frames[-1].opened.pop()
@@ -346,7 +346,7 @@ class Flow:
             self._frames[-1].reader.go(self._frames[-1].reader.last)  # its condition is still to be read
 
     def _loop(self, label: str, kind: str) -> Open:
-        """The innermost loop of the label; what was opened inside of it is left."""
+        """Return the innermost loop of the label, and leave everything that was opened inside it."""
         opened = self._frames[-1].opened
         while opened and (opened[-1].label != label or opened[-1].kind == "if"):
             opened.pop()

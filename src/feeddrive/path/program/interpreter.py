@@ -46,7 +46,7 @@ _SWITCHED = {500: "FEED_OVERRIDE", 510: "SPEED_OVERRIDE", 520: "ADAPTIVE_FEED", 
 
 
 class Switches:
-    """The codes of a block that move no axis; `ended` says that the program has ended."""
+    """The codes of a block that move no axis; `ended` is True once the program has ended."""
 
     def __init__(self, state: State, emit: Emit, tools: dict[int, Tool] | None) -> None:
         self._state, self._emit, self._tools = state, emit, tools
@@ -71,11 +71,11 @@ class Switches:
         }
 
     def act(self, step: Step, code: int, block: Block) -> None:
-        """Do what a code says."""
+        """Execute a code."""
         self._acts[step](code, block)
 
     def feed_mode(self, code: int) -> None:
-        """G93, G94, G95; the feed has to be said again."""
+        """Execute G93, G94 or G95; the feed must then be programmed again."""
         self._state.feed_mode = code
         self._state.feed = 0.0
         self._emit("COMMENT", f"interpreter: feed mode set to {_FEED_MODES[code]}")
@@ -84,21 +84,21 @@ class Switches:
             self._emit("SET_FEED_RATE", 0.0)
 
     def speed(self, speed: float) -> None:
-        """S: the speed of the spindle in rpm."""
+        """Execute S: the speed of the spindle in rpm."""
         if speed < 0:
             raise BlockError(f"a spindle speed is not negative: S{number(speed, 6)}; M4 turns counterclockwise", "S")
         self._state.speed = speed
         self._emit("SET_SPINDLE_SPEED", 0, speed)
 
     def select(self, tool: int) -> None:
-        """T: the tool of the next change."""
+        """Execute T: select the tool of the next change."""
         if self._tools is not None and tool and tool not in self._tools:
             raise BlockError(f"tool {tool} is not in the tool table: add it there", "T")
         self._state.selected = tool
         self._emit("SELECT_TOOL", tool)
 
     def stop(self, code: int) -> None:
-        """M0, M1, M60 stop; M2 and M30 end."""
+        """Execute M0, M1 or M60 (stop), or M2 or M30 (end)."""
         if code in (20, 300):
             self._end(code == 300)
         elif code == 600:
@@ -290,7 +290,7 @@ class Interpreter:
         self._parameters.live["_line"] = lambda: float(self._line.number)
 
     def commands(self) -> Generator[Command]:
-        """The canonical commands, in the order of the program."""
+        """Yield the canonical commands in program order."""
         begun = False
         try:
             self._begin()
@@ -357,7 +357,7 @@ class Interpreter:
         self._emit("ON_RESET")
 
     def _execute(self, block: Block) -> None:
-        """Do what a block says, in the order of its codes."""
+        """Execute a block, its codes in their order."""
         if block.assigned:
             for key, value in block.assigned:
                 self._parameters.set(key, value)
@@ -432,7 +432,7 @@ class Interpreter:
             self._switches.select(block.whole("t", "T", 0, 99999))
 
     def _implied_motion(self, words: dict[str, float]) -> int:
-        """The modal motion, if the words of a block without a motion code ask for one."""
+        """Return the modal motion if the words of a block without a motion code ask for one."""
         motion = self._state.motion
         if not MOVING.isdisjoint(words):
             if motion == 800:
@@ -444,7 +444,7 @@ class Interpreter:
         return motion if motion in (20, 30) and not _ARC_WORDS.isdisjoint(words) else -1
 
     def _offset(self, block: Block, code: int, motion: int) -> None:
-        """Codes that are not modal and use axis words themselves."""
+        """Execute codes that are not modal and use axis words themselves."""
         state, name = self._state, name_of("g", code)
         if motion not in (-1, 0, 10, 800):
             raise BlockError(f"{name} and {name_of('g', motion)} both use the words of axes: use two lines", name)

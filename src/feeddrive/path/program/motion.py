@@ -29,7 +29,7 @@ STICKY = {730: "zrq", 740: "zrp", 810: "zr", 820: "zrp", 830: "zrq", 840: "zrp",
 def drill(
     state: State, block: Block, emit: Emit, code: int, same: bool, lead: Callable[[list[float]], list[float]]
 ) -> None:
-    """A cycle at one place, or at L places in a row.
+    """Emit the moves of a canned cycle at one place, or at L places in a row.
 
     same  whether the modal motion was this cycle already, whose words are then kept
     lead  where the block's axis words lead from a point
@@ -81,7 +81,7 @@ def drill(
 
 
 def _kept_words(state: State, block: Block, code: int, same: bool, across: str, name: str) -> dict[str, float]:
-    """The words of a series, those of this block included."""
+    """Return the words of a series of cycles, including those of this block."""
     kept = state.cycle if same else {}
     axis = AXES.index(across)
     if state.level is None or state.level[0] != axis:
@@ -104,7 +104,7 @@ def _kept_words(state: State, block: Block, code: int, same: bool, across: str, 
 
 
 class _Hole:
-    """What a cycle does at its place, from R on."""
+    """The moves of a cycle at one hole, from R on."""
 
     def __init__(
         self,
@@ -120,7 +120,7 @@ class _Hole:
         self.clearance, self.depth, self.leave, self.across = clearance, depth, leave, across
 
     def make(self, code: int, name: str, point: list[float]) -> None:
-        """The moves of the cycle `code` at a point, which is changed."""
+        """Emit the moves of the cycle `code` at a point; the point is modified."""
 
         def go(level: float, command: str = "STRAIGHT_FEED") -> None:
             point[self.across] = level
@@ -196,7 +196,7 @@ class _Hole:
 
 
 def emit_path_mode(state: State, emit: Emit) -> None:
-    """Say how the path is followed."""
+    """Emit the path mode."""
     if state.path_mode == "CANON_CONTINUOUS":
         emit("SET_MOTION_CONTROL_MODE", state.path_mode, state.tolerance)
     else:
@@ -212,7 +212,7 @@ MOVING = frozenset(AXES + "@^")
 
 
 class Motion:
-    """Makes the commands of a block's motion.
+    """Emits the commands of a block's motion.
 
     moved  is called before each of them
     """
@@ -222,7 +222,7 @@ class Motion:
         self._tangent: tuple[float, float] | None = None
 
     def target(self, block: Block) -> tuple[list[float], list[int]]:
-        """Where the axis words lead, in program coordinates, and which axes they are of."""
+        """Return the target of the axis words in program coordinates, and the axes that they name."""
         words, state = block.words, self._state
         if "@" in words or "^" in words:
             moving = {letter: words.pop(letter) for letter in list(words) if letter in MOVING}
@@ -254,7 +254,7 @@ class Motion:
         return target, moved
 
     def move(self, block: Block, code: int, machine: bool) -> None:
-        """Move as a motion code says; with `machine` (G53) to machine coordinates."""
+        """Execute a motion code; with `machine` (G53) in machine coordinates."""
         state = self._state
         if code > 30 or machine:
             self._other_motion(block, code, machine)
@@ -314,7 +314,7 @@ class Motion:
         self._emit("STRAIGHT_FEED" if code else "STRAIGHT_TRAVERSE", *target)
 
     def _inverse_time(self, block: Block, length: float, name: str) -> None:
-        """G93: F is how often a minute the move could be made; it becomes the feed of this move."""
+        """Set the feed of this move under G93: F is the inverse of its time in minutes."""
         rate = block.take("f")
         if rate is None or rate <= 0:
             raise BlockError(
@@ -368,7 +368,9 @@ class Motion:
         return start[0] + (offsets[0] or 0.0), start[1] + (offsets[1] or 0.0)
 
     def _spline(self, block: Block, code: int) -> None:
-        """G5: cubic, G5.1: quadratic, in XY; I J from the start to the first control point, P Q from the end."""
+        """Emit G5 (cubic) or G5.1 (quadratic) in XY; I J lead from the start to the first control point, P Q from the
+        end.
+        """
         state, name = self._state, name_of("g", code)
         if state.plane != 170:
             raise BlockError(f"{name} lies in the plane XY: write G17 before", name)
@@ -402,7 +404,7 @@ class Motion:
         self._emit("NURBS_FEED", *(value for point in points for value in point), target[0], target[1])
 
     def _synchronized(self, block: Block) -> None:
-        """G33: a feed with K of travel in each turn of the spindle."""
+        """Emit G33: a feed that advances K in each turn of the spindle."""
         state = self._state
         pitch = block.take("k", "G33")
         assert pitch is not None
@@ -418,7 +420,7 @@ class Motion:
 
 
 def _led(moving: dict[str, float], start: list[float], incremental: bool) -> tuple[list[float], list[int]]:
-    """Where axis words lead from a start, and which axes they are of.
+    """Return the target of axis words from a start, and the axes that they name.
 
     @ and ^ are radius and angle about the program's zero.
     """
@@ -446,7 +448,7 @@ def _led(moving: dict[str, float], start: list[float], incremental: bool) -> tup
 
 
 def _length(start: list[float], end: list[float]) -> float:
-    """The length of a straight move as its feed counts it: of X Y Z, else of U V W, else of A B C (degrees)."""
+    """Return the length of a straight move for its feed: of X Y Z, else of U V W, else of A B C (degrees)."""
     for axes in ((0, 1, 2), (6, 7, 8), (3, 4, 5)):
         length = math.hypot(*(end[axis] - start[axis] for axis in axes))
         if length > 0:

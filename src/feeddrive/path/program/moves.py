@@ -22,7 +22,9 @@ MOST_TURNS = 100_000
 def center_of_radius(
     start: tuple[float, float], end: tuple[float, float], radius: float, clockwise: bool, unit: float
 ) -> tuple[float, float]:
-    """The center of an arc of given radius; a negative one asks for the longer arc. `unit`: mm in a program unit."""
+    """Return the center of an arc of a stated radius; a negative radius selects the longer arc. `unit`: mm in a program
+    unit.
+    """
     if radius == 0:
         raise BlockError("an arc of radius 0: write its radius R or its center I J K", "R")
     dx, dy = end[0] - start[0], end[1] - start[1]
@@ -72,7 +74,7 @@ def _millimeters(length: float) -> Quantity:
 
 
 def sweep(start: tuple[float, float], end: tuple[float, float], center: tuple[float, float], turns: int) -> float:
-    """The angle of an arc, rad: positive counterclockwise. An arc that ends where it begins is a full turn."""
+    """Return the angle of an arc, rad: positive counterclockwise. An arc that ends where it begins is a full turn."""
     a = math.atan2(start[1] - center[1], start[0] - center[0])
     b = math.atan2(end[1] - center[1], end[0] - center[0])
     angle = b - a
@@ -117,12 +119,12 @@ class Arc:
 
     @property
     def radius(self) -> float:
-        """At the start, m."""
+        """The radius at the start, m."""
         return math.hypot(self.start[self.axes[0]] - self.center[0], self.start[self.axes[1]] - self.center[1])
 
     @property
     def angle(self) -> float:
-        """Through which it turns, rad: positive counterclockwise."""
+        """The angle of the arc, rad: positive counterclockwise."""
         first, second, _ = self.axes
         start, end = self.start, self.end
         return sweep((start[first], start[second]), (end[first], end[second]), self.center, self.turns)
@@ -138,7 +140,7 @@ class Spline:
     points: tuple[Point, ...]
 
     def turns(self, axis: int) -> list[float]:
-        """The coordinates at which an axis turns back on the way, m."""
+        """Return the coordinates at which an axis reverses along the curve, m."""
         at = [point[axis] for point in (self.start, *self.points, self.end)]
         slope = [b - a for a, b in pairwise(at)]  # B' / degree is their Bezier curve: c + 2 b s + a s²
         third = len(slope) == 3
@@ -150,7 +152,7 @@ class Spline:
 
 
 def _bezier(at: list[float], s: float) -> float:
-    """De Casteljau's construction."""
+    """Evaluate a Bezier curve by de Casteljau's construction."""
     while len(at) > 1:
         at = [a + s * (b - a) for a, b in pairwise(at)]
     return at[0]
@@ -166,7 +168,7 @@ class Dwell:
 
 @dataclass(frozen=True, slots=True)
 class PathMode:
-    """How the path is followed from here on.
+    """The path mode from here on.
 
     mode             exact_path (G61), exact_stop (G61.1) or continuous (G64)
     tolerance        how far the path may be left, m (G64 P); 0: as far as the planner wants
@@ -221,7 +223,7 @@ class ToolChange:
 
 @dataclass(frozen=True, slots=True)
 class Offsets:
-    """Offsets from here on; the moves have them in their coordinates already.
+    """The offsets from here on; the moves already contain them in their coordinates.
 
     system       1 to 9: G54 to G59.3
     origin       of the work offset
@@ -240,7 +242,7 @@ class Offsets:
 
 @dataclass(frozen=True, slots=True)
 class Switch:
-    """Something else is switched: `what` (mist, flood, feed_override, output 3 ...) takes `value`."""
+    """A change of another output: `what` (mist, flood, feed_override, output 3 ...) takes `value`."""
 
     source: Line
     what: str
@@ -257,7 +259,7 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """The program waits for the operator; `optional`: if the operator has asked for it (M1)."""
+    """A stop for the operator; `optional`: only if the operator has asked for it (M1)."""
 
     source: Line
     optional: bool

@@ -46,7 +46,7 @@ _AXES = re.compile(r"[uvw](?=[-+\d.#\[])")
 
 
 def needs_rs274(program: Path) -> bool:
-    """Whether a program has codes that only the interpreter of LinuxCNC knows, such as G41."""
+    """True if a program has codes that only the interpreter of LinuxCNC supports, such as G41."""
     reader = LineReader(program)
     try:
         if not _may_need(program):
@@ -64,7 +64,9 @@ def needs_rs274(program: Path) -> bool:
 
 
 def _may_need(program: Path) -> bool:
-    """The same, quickly, at the cost of a yes too many; a line that is too long is refused by the own reader."""
+    """Quick test for such codes that may say yes too often; a line that is too long is left to our own reader to
+    refuse.
+    """
     end, since = b"", 0
     with program.open("rb") as file:
         while since <= LONGEST_LINE and (chunk := file.read(2**15)):
@@ -83,7 +85,7 @@ def rs274_commands(
     tables_inch: bool = False,
     skip_deleted: bool = False,
 ) -> Generator[Command]:
-    """The canonical commands of a program as the interpreter of LinuxCNC prints them; see `Interpreter`."""
+    """Yield the canonical commands of a program as LinuxCNC's interpreter prints them; see `Interpreter`."""
     if shutil.which(PROGRAM) is None:
         raise MissingProgramError(PROGRAM, PACKAGE, f"{program}: cutter compensation")
     with tempfile.TemporaryDirectory() as folder:
@@ -105,7 +107,7 @@ def rs274_commands(
 
 
 def _run(command: list[str], program: Path, output: Path) -> tuple[int, str]:
-    """Run the interpreter; gives its exit status and what it complains about."""
+    """Run the interpreter; return its exit status and its messages."""
     with tempfile.TemporaryFile() as errors:
         run = subprocess.Popen(
             command, cwd=program.parent, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors
@@ -133,7 +135,7 @@ def _run(command: list[str], program: Path, output: Path) -> tuple[int, str]:
 
 
 def _tool_table(tools: dict[int, Tool] | None, unit: float) -> str:
-    """A tool table in inches, which the stand-alone interpreter expects."""
+    """Write a tool table in inches, which the stand-alone interpreter expects."""
     lines: list[str] = []
     for tool in (tools or {}).values():
         offset = [value / unit if axis in LINEAR else value for axis, value in enumerate(tool.offset)]
@@ -144,7 +146,7 @@ def _tool_table(tools: dict[int, Tool] | None, unit: float) -> str:
 
 
 def _parameter_file(numbered: dict[int, float] | None, unit: float) -> str:
-    """A parameter file in inches, with all numbers that the interpreter asks for, in their order."""
+    """Write a parameter file in inches with all numbers that the interpreter requires, in order."""
     if numbered is None:
         return ""
     firsts = (HOME_1, HOME_2, G92, *(SYSTEM + 1 + 20 * system for system in range(SYSTEMS)))
@@ -155,10 +157,10 @@ def _parameter_file(numbered: dict[int, float] | None, unit: float) -> str:
 
 
 class _Source:
-    """The lines of a program by their number, of which only the places are kept."""
+    """The lines of a program by number; only their positions are kept in memory."""
 
     def __init__(self, program: Path, copy: Path) -> None:
-        """Writes a copy of the program in which each line has its number as N."""
+        """Write a copy of the program in which each line has its number as N."""
         self._reader = LineReader(program)
         self._offsets = array("q")
         self._line = Line(self._reader.name, 0, "")
@@ -172,11 +174,11 @@ class _Source:
             raise
 
     def close(self) -> None:
-        """End reading."""
+        """Close the file."""
         self._reader.close()
 
     def line(self, number: int) -> Line:
-        """A line by its number; the first one's place if there is none of this number."""
+        """Return a line by its number; an unknown number gets the position of the first line."""
         if number != self._line.number and 1 <= number <= len(self._offsets):
             self._reader.go(Place(self._offsets[number - 1], number - 1))
             self._line = self._reader.read() or self._line
@@ -222,7 +224,7 @@ def _read(source: _Source, output: Path, complaint: str, code: int, no_tools: bo
 
 
 def _refused(source: _Source, line: Line, complaint: str, code: int, no_tools: bool) -> ProgramError:
-    """The error of the interpreter, at the line that it prints with it."""
+    """Return the interpreter's error, at the line that it prints with it."""
     messages = [text for text in complaint.splitlines() if text.strip() and text.strip() != "executing"]
     for text in messages[1:]:
         match = re.match(r"/?N(\d+)\s", text)
@@ -250,7 +252,7 @@ def read_program(
     front_end: FrontEnd = "auto",
     most_again: int = MOST_AGAIN,
 ) -> Generator[Move]:
-    """The moves of a part program (RS-274/NGC), one by one in constant memory: m, rad, s, machine coordinates.
+    """Yield the moves of a part program (RS-274/NGC) in constant memory: m, rad, s, machine coordinates.
 
     axes          axes of the machine with their travel, such as {"X": (0, 0.5), "Z": None}; None: all, without ends
     tools         tool table (.tbl); without one M6 changes to any tool, and G43 H is refused
@@ -275,7 +277,7 @@ def read_program(
 
 
 def _moves(frame: Frame, commands: Generator[Command]) -> Generator[Move]:
-    """The moves; whatever ends them, the files of the commands are closed."""
+    """Yield the moves; close the files of the commands whatever ends them."""
     with closing(commands):
         yield from frame.moves(commands)
 
@@ -290,7 +292,7 @@ def read_commands(
     front_end: FrontEnd = "auto",
     most_again: int = MOST_AGAIN,
 ) -> Generator[Command]:
-    """The canonical commands of a part program, in its own units and coordinates; see `read_program`."""
+    """Yield the canonical commands of a part program, in its own units and coordinates; see `read_program`."""
     path = Path(program)
     if front_end == "auto":
         front_end = "rs274" if needs_rs274(path) and shutil.which(PROGRAM) else "own"

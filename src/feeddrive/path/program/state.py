@@ -38,7 +38,7 @@ class Tool:
 
 
 def read_tools(path: Path | str) -> dict[int, Tool]:
-    """The tools of a `.tbl` file by number: lines such as `T1 P1 Z0.5 D0.0625 ;drill`."""
+    """Read the tools of a `.tbl` file by number: lines such as `T1 P1 Z0.5 D0.0625 ;drill`."""
     file = Path(path)
     try:
         text = file.read_text(encoding="utf-8", errors="replace")
@@ -101,7 +101,7 @@ Emit = Callable[..., None]
 
 
 def rotated(x: float, y: float, degrees: float) -> tuple[float, float]:
-    """A point turned about zero."""
+    """Rotate a point about the origin."""
     if degrees == 0:
         return x, y
     angle = math.radians(degrees)
@@ -110,7 +110,7 @@ def rotated(x: float, y: float, degrees: float) -> tuple[float, float]:
 
 
 class State:
-    """Modes of a program, and its position in program coordinates and the program's unit of length.
+    """The modes of a program, and its position in program coordinates and the program's unit of length.
 
     inch      whether the program's unit is the inch
     user_inch whether parameters and tables are kept in inches
@@ -157,7 +157,7 @@ class State:
         return 1.0 if self.inch == self.user_inch else INCH if self.user_inch else 1.0 / INCH
 
     def use_inch(self, inch: bool) -> None:
-        """Change the program's unit of length; what the machine stands at does not change."""
+        """Change the program's unit of length; the machine's position does not change."""
         if inch != self.inch:
             self.inch = inch
             if self.level:
@@ -171,31 +171,31 @@ class State:
                 setattr(self, name, value / INCH if inch else value * INCH)
 
     def stored(self, first: int) -> list[float]:
-        """Nine parameters from `first` on, in the program's unit."""
+        """Return nine parameters from `first` on, in the program's unit."""
         values = [self.parameters.numbered.get(first + axis, 0.0) for axis in range(9)]
         return self.to_program(values)
 
     def store(self, first: int, values: Sequence[float]) -> None:
-        """Keep nine values as parameters, in the user's unit."""
+        """Store nine values as parameters, in the user's unit."""
         scale = self.scale
         for axis, value in enumerate(values):
             self.parameters.numbered[first + axis] = value / scale if axis in LINEAR else value
 
     def to_program(self, values: Sequence[float]) -> list[float]:
-        """Nine values of the user's unit in the program's."""
+        """Convert nine values from the user's unit to the program's."""
         scale = self.scale
         return [value * scale if axis in LINEAR else value for axis, value in enumerate(values)]
 
     # coordinates
 
     def machine(self, program: Sequence[float]) -> list[float]:
-        """Program coordinates in machine coordinates."""
+        """Convert program coordinates to machine coordinates."""
         shifted = [p + a for p, a in zip(program, self.axis_offset, strict=True)]
         shifted[0], shifted[1] = rotated(shifted[0], shifted[1], self.rotation)
         return [s + o + t for s, o, t in zip(shifted, self.origin, self.tool_offset, strict=True)]
 
     def program(self, machine: Sequence[float]) -> list[float]:
-        """Machine coordinates in program coordinates."""
+        """Convert machine coordinates to program coordinates."""
         shifted = [m - o - t for m, o, t in zip(machine, self.origin, self.tool_offset, strict=True)]
         shifted[0], shifted[1] = rotated(shifted[0], shifted[1], -self.rotation)
         return [s - a for s, a in zip(shifted, self.axis_offset, strict=True)]
@@ -207,7 +207,7 @@ class State:
         axis_offset: Sequence[float] | None = None,
         tool_offset: Sequence[float] | None = None,
     ) -> None:
-        """Change offsets while the machine stands still: the program's coordinates of its position change."""
+        """Change offsets while the machine stands still: the program coordinates of its position change."""
         standing = self.machine(self.position)
         before = self.position
         if origin is not None:
@@ -226,7 +226,7 @@ class State:
     # what the program can ask for
 
     def publish(self) -> None:
-        """Give parameters that follow the program: #5400 to #5428 and the names that begin with _."""
+        """Publish parameters that follow the program: #5400 to #5428 and the names that begin with _."""
         live = self.parameters.live
         live[5400] = lambda: float(self.tool)
         for axis in range(9):
@@ -262,12 +262,12 @@ BY_CODE = {540: 1, 550: 2, 560: 3, 570: 4, 580: 5, 590: 6, 591: 7, 592: 8, 593: 
 
 
 def first_of(system: int) -> int:
-    """The first parameter of a coordinate system, 1 to 9."""
+    """Return the first parameter of a coordinate system, 1 to 9."""
     return SYSTEM + 1 + 20 * (system - 1)
 
 
 def choose_system(state: State, emit: Emit, system: int) -> None:
-    """G54 to G59.3: another work offset."""
+    """Execute G54 to G59.3: select another work offset."""
     if system == state.system:
         emit("COMMENT", "interpreter: continuing to use same coordinate system")
         return
@@ -282,7 +282,7 @@ def choose_system(state: State, emit: Emit, system: int) -> None:
 
 
 def write_offsets(state: State, block: Block, emit: Emit, tools: dict[int, Tool]) -> None:
-    """G10: L2 and L20 write a work offset, L1 and L10 one of the tool table."""
+    """Execute G10: L2 and L20 write a work offset, L1 and L10 an offset of the tool table."""
     kind = block.whole("l", "G10", 1, 20)
     coordinates = {axis: value for axis, letter in enumerate(AXES) if (value := block.take(letter)) is not None}
     if kind in (2, 20):
@@ -324,7 +324,7 @@ def _write_system(
 
 
 def _with_system(state: State, origin: list[float], rotation: float) -> list[float]:
-    """The coordinates of the present position with another work offset."""
+    """Return the coordinates of the present position under another work offset."""
     kept = state.origin, state.rotation
     standing = state.machine(state.position)
     state.origin, state.rotation = origin, rotation
@@ -374,7 +374,7 @@ def _write_tool(
 
 
 def tool_length(state: State, block: Block, emit: Emit, tools: dict[int, Tool], code: int) -> None:
-    """G43, G43.1, G43.2 and G49: the offset of the tool."""
+    """Execute G43, G43.1, G43.2 or G49: the tool offset."""
     offset = [0.0] * 9
     if code == 431:
         offset = list(state.tool_offset)
@@ -399,7 +399,7 @@ def tool_length(state: State, block: Block, emit: Emit, tools: dict[int, Tool], 
 
 
 def shift_axes(state: State, block: Block, emit: Emit, code: int) -> None:
-    """G52 and G92: what the program calls the present position; G92.1 to G92.3 clear, suspend and restore it."""
+    """Execute G52 or G92, which rename the present position, or G92.1 to G92.3: clear, suspend, restore that."""
     numbered = state.parameters.numbered
     offset = list(state.axis_offset)
     if code in (520, 920):
@@ -423,7 +423,7 @@ def shift_axes(state: State, block: Block, emit: Emit, code: int) -> None:
 
 
 def go_home(state: State, emit: Emit, code: int, target: list[float], moved: list[int]) -> None:
-    """G28 and G30: by way of the point of the axis words to the stored position, with these axes or with all."""
+    """Execute G28 or G30: move over the point of the axis words to the stored position, with these axes or with all."""
     state.position = list(target)
     emit("STRAIGHT_TRAVERSE", *target)
     home = state.to_program(
@@ -441,5 +441,5 @@ def go_home(state: State, emit: Emit, code: int, target: list[float], moved: lis
 
 
 def set_home(state: State, code: int) -> None:
-    """G28.1 and G30.1: keep the present position."""
+    """Execute G28.1 or G30.1: store the present position."""
     state.store(HOME_1 if code == 281 else HOME_2, state.machine(state.position))

@@ -62,7 +62,7 @@ from feeddrive.path.proof.ranges import (
 def _taken(
     kind: int, length: float, shape: Floats2, x: float, s: float, u: Floats2, b: float, e: float, r: Floats3
 ) -> float:
-    """Intervals of one motion over a span: products in `u`, r' .. r'''' in `r`; u' and on at t = 0 from u[9]."""
+    """Write intervals of one motion over a span: products in `u`, r' .. r'''' in `r`; u' and on at t = 0 from u[9]."""
     v = u[9, 0]
     a = u[10, 0]
     j = u[11, 0]
@@ -97,7 +97,7 @@ def _share(
     r0: Floats3,
     r1: Floats3,
 ) -> tuple[float, int]:
-    """The largest share of a limit that the sum may take from b to e, and which, as `share_of_limits`."""
+    """Return the largest share of a limit that the sum may use from b to e, and which limit, as `share_of_limits`."""
     out = zeros(4, 3)
     _taken(kind0, length0, shape0, x0, s0, u0, b, e, r0)
     _taken(kind1, length1, shape1, x1, s1, u1, b, e, r1)
@@ -135,7 +135,7 @@ def _share(
 
 @kernel
 def _derived(kind: int, length: float, shape: Floats2, x: float, s: float, u: Floats2, r: Floats2, q: Floats2) -> int:
-    """r - r(0) into the first column of r, and q' .. q'''' of one motion into columns 1 to 4 of q."""
+    """Write r - r(0) into the first column of r, and q' .. q'''' of one motion into columns 1 to 4 of q."""
     derivatives(kind, length, shape, min(max(x, 0.0), length), r)
     chain(u[9, 0], u[10, 0], u[11, 0], s, r, q)
     return 0
@@ -159,7 +159,8 @@ def prove_sum(
     r: Floats3,
     q: Floats3,
 ) -> tuple[int, int, float]:
-    """Spans looked at, faults found, and a bound of the distance, m, of motions with the same pieces of time.
+    """Prove the sum of two motions with common time pieces: return spans tested, faults, and a bound of the distance,
+    m.
 
     Each fault is a row of `faults`: time piece, time in it, limit, share.
     """
@@ -250,7 +251,7 @@ def prove_sum(
 
 @kernel
 def _place(motion: Floats2, t: float) -> float:
-    """Where a motion is at t."""
+    """Return the position of a motion at t."""
     begin = 0.0
     m = 0
     while m + 1 < len(motion) and t >= begin + motion[m, 0]:
@@ -271,7 +272,7 @@ def distance(
     motion1: Floats2,
     r: Floats3,
 ) -> float:
-    """A bound of the distance between q and the corner's two pieces, m, of motions that do not run backwards."""
+    """Bound the distance between q and the corner's two pieces, m, for motions that do not run backwards."""
     r0 = zeros(12, 4, 2)
     r1 = zeros(12, 4, 2)
     norm0 = slopes(kind0, length0, shape0, min(max(motion0[0, 1], 0.0), length0), length0, r0)
@@ -342,7 +343,9 @@ def _span(
     halves: Floats2,
     r: Floats3,
 ) -> tuple[int, int, float]:
-    """Tests made, the limit that does not hold (-2: all hold) and when, on one piece; x, u' .. u'''' are at t = 0."""
+    """Test one piece: return the tests, the limit that does not hold (-2: all hold) and when; x, u' .. u'''' are at t =
+    0.
+    """
     tests = 0
     count = 1
     halves[0, 0] = t0
@@ -381,7 +384,7 @@ def _span(
 
 @kernel
 def _noted(faults: Floats2, count: int, p: int, m: int, time: float, which: float, share: float) -> int:
-    """A fault more; those that have no row are counted only."""
+    """Record one more fault; faults beyond the last row are only counted."""
     if count < len(faults):
         faults[count] = float(p), float(m), time, which, share
     return count + 1
@@ -417,7 +420,7 @@ def _prove(
     after: Floats2,
     q: Floats2,
 ) -> tuple[int, int]:
-    """Tests made and faults found; each a row of `faults`: piece of the path, time piece, time in it, limit, share.
+    """Return tests and faults; a row of `faults` is piece of the path, time piece, time in it, limit, share.
 
     A motion that is not `alone` is only proven to have no jumps: its limits are those of a sum, for `prove_sum`.
     `state` is x, u' .. u''' where the part before ended, on the first piece of this one, and `place` the position there
@@ -554,7 +557,7 @@ DERIVATIVES = ("velocity", "acceleration", "jerk", "snap")
 
 
 class Fault(NamedTuple):
-    """Where a motion is not proven."""
+    """The place at which a motion is not proven."""
 
     line: int  # of the part program
     time: float  # s from the begin of the run
@@ -566,7 +569,7 @@ class Fault(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Proof(Result):
-    """What is proven of a motion along a path.
+    """The result of the proof of a motion along a path.
 
     faults    where a limit is exceeded, or could not be shown to hold; the first hundred
     count     of all faults
@@ -608,7 +611,7 @@ class Prover:
         self._missed = 0.0
 
     def prove(self, part: Part) -> bool:
-        """Whether the next part holds."""
+        """Prove the next part; return True if it holds."""
         before = self._count
         time, alone = self._time, part.entering is None
         self._along(part.pieces, part.motion, part.ends, alone, not self._stands)
@@ -623,7 +626,7 @@ class Prover:
         return self._count == before
 
     def _along(self, pieces: Pieces, motion: Motion, ends: bool, alone: bool, anywhere: bool) -> None:
-        """One run: without jumps, within its limits if `alone`, from where the last one ended or `anywhere`."""
+        """Prove one run: no jumps, limits if `alone`, from where the last run ended or `anywhere`."""
         spans, count = _prove(
             pieces.kind,
             pieces.length,
@@ -647,7 +650,9 @@ class Prover:
         self._time += float(motion.duration.sum())
 
     def _together(self, part: Part, entering: Entering, corner: np.ndarray, time: float) -> None:
-        """Two runs that overlap: on one piece each, equally long, from the corner; limits of the sum, and distance."""
+        """Prove two runs that overlap on one piece each, equally long, from the corner: limits of the sum, and
+        distance.
+        """
         one, two = part.pieces, entering.pieces
         alike = np.array_equal(part.motion.duration, entering.motion.duration)
         if len(one.length) != 1 or len(two.length) != 1 or not part.ends or not alike:
@@ -684,7 +689,7 @@ class Prover:
         self._note(1, 0, pieces.line, np.zeros(0), time)
 
     def _note(self, count: int, spans: int, line: np.ndarray, duration: np.ndarray, time: float) -> None:
-        """The faults of a motion that begins at `time` in the run."""
+        """Record the faults of a motion that begins at `time` in the run."""
         rows = self._faults[: min(count, _KEPT - len(self._said))]
         if len(rows):
             begins = time + np.concatenate([[0.0], np.cumsum(duration)])
@@ -693,13 +698,15 @@ class Prover:
         self._spans += spans
 
     def proof(self) -> Proof:
-        """Of all parts so far."""
+        """Return the proof of all parts so far."""
         apart, jump = map(float, self._jumps)
         return Proof(tuple(self._said), self._count, self._use.copy(), jump, apart, self._missed, self._spans)
 
 
 def faults_of(pieces: Pieces, motion: Motion, limits: np.ndarray) -> np.ndarray:
-    """The faults of a motion that does not begin at rest, as rows of piece, time piece, time in it, limit, share."""
+    """Return the faults of a motion that does not begin at rest, as rows of piece, time piece, time in it, limit,
+    share.
+    """
     axes, first = len(limits), int(motion.piece[0])
     state = np.array([motion.x[0], motion.speed[0], motion.acceleration[0], motion.jerk[0]])
     faults = np.zeros((_KEPT, 5))

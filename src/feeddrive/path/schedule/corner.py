@@ -65,7 +65,7 @@ def _bent(most: Floats, c: float, v: float, a: float, j: float, s: float, h: flo
 
 @kernel
 def _largest(value: float, rest: Floats) -> float:
-    """Of |value + rest|, of an interval."""
+    """Return the largest |value + rest| over an interval."""
     return max(abs(value + rest[0]), abs(value + rest[1]))
 
 
@@ -84,7 +84,7 @@ def together(
     limits: Floats2,
     feed: float,
 ) -> tuple[float, float]:
-    """The largest share of a limit or the feed that the sum takes at most, and the distance to the corner, m.
+    """Return the largest share of a limit or the feed that the sum uses, and the distance to the corner, m.
 
     The first motion ends on a piece of the given length, the second begins on another one, and they overlap for `lasts`
     seconds; the directions are r' in the corner.  Ranges are those of Bernstein points.
@@ -219,7 +219,7 @@ def overlap(
     limits: Floats2,
     feed: float,
 ) -> float:
-    """The longest time up to `longest` found in which both may move, by halving; 0: none."""
+    """Return the longest overlap up to `longest` that holds, by bisection; 0 if there is none."""
     low = 0.0
     high = longest
     lasts = longest
@@ -250,7 +250,7 @@ def overlap(
 
 @kernel
 def _state_at(row: Floats, t: float, lasts: float, out: Floats) -> int:
-    """A piece of time from t on, for `lasts` seconds."""
+    """Return a time piece from t on, for `lasts` seconds."""
     out[0] = lasts
     out[1] = row[1] + way(row[2], row[3], row[4], row[5], t)
     out[2] = cubic(row[2], row[3], row[4], row[5], t)
@@ -264,7 +264,7 @@ def _state_at(row: Floats, t: float, lasts: float, out: Floats) -> int:
 def shared(
     one: Floats2, two: Floats2, lasts: float, last: Floats2, first: Floats2, rest: Floats
 ) -> tuple[int, int, float, int]:
-    """The last seconds of the one and the first of the other motion, in pieces of time that both have, and how many.
+    """Split the last seconds of one and the first of the other motion into common time pieces; return how many.
 
     Then the piece in which the one ends alone, after how many seconds of it, and that in which the other goes on alone:
     `rest` is what is left of it.  What ends within 1e-12 of the time together ends together.
@@ -304,7 +304,7 @@ def shared(
 
 
 def overlapped(one: Part, two: Part, lasts: float, tolerance: float) -> tuple[list[Part], Part]:
-    """Two runs of which the second begins `lasts` s before the first ends: both until then, and what is left of it."""
+    """Overlap two runs by `lasts` s: return both until the first ends, and the rest of the second."""
     ends, begins = rows(one.motion), rows(two.motion)
     last, first, rest = (np.zeros((len(ends) + len(begins), 6)) for _ in range(3))
     count, m, alone, n = shared(ends, begins, lasts, last, first, rest[0])
@@ -334,7 +334,7 @@ _FULL = 1e-9  # of its way need not be used by ramps
 
 @kernel
 def _phase(at: float, v: float, a: float, j: float, s: float, T: float, count: int, out: Floats2) -> int:
-    """Append a piece of time, if it has a duration."""
+    """Append a time piece if it has a duration."""
     if T <= 0.0:
         return count
     out[count] = T, at, v, a, j, s
@@ -363,7 +363,7 @@ def _ramp(low: float, rise: float, a: float, b: float, c: float, x: float, up: b
 
 @kernel
 def _box(v: float, wide: float, short: float, out: Floats2) -> int:
-    """The five phases of v H, from rest to the speed v."""
+    """Append the five phases of v H, from rest to the speed v."""
     k = v / (wide * wide * short)
     x = 0.0
     u = 0.0
@@ -385,7 +385,7 @@ def _box(v: float, wide: float, short: float, out: Floats2) -> int:
 
 @kernel
 def _ramps(stretch: Floats, peak: float) -> tuple[float, float, float, float, float, float]:
-    """Widths of the ramps of a stretch to a peak and from there."""
+    """Return the boxcar widths of the ramps of a stretch to a peak and from it."""
     v0 = stretch[HEAD]
     v1 = stretch[TAIL]
     A = stretch[ACCELERATION]
@@ -400,14 +400,14 @@ def _ramps(stretch: Floats, peak: float) -> tuple[float, float, float, float, fl
 
 @kernel
 def _used(stretch: Floats, peak: float) -> float:
-    """The way of both ramps."""
+    """Return the distance that both ramps cover."""
     a, b, c, d, e, f = _ramps(stretch, peak)
     return 0.5 * ((stretch[HEAD] + peak) * (a + b + c) + (stretch[TAIL] + peak) * (d + e + f))
 
 
 @kernel
 def _peak(stretch: Floats) -> float:
-    """The highest speed of a stretch, 0: it has no motion."""
+    """Return the highest speed of a stretch; 0 if it has no motion."""
     length = stretch[LENGTH]
     low = max(stretch[HEAD], stretch[TAIL])
     high = stretch[FASTEST]
@@ -447,7 +447,7 @@ def _peak(stretch: Floats) -> float:
 
 @kernel
 def _duration(stretch: Floats, peak: float) -> float:
-    """How long the motion on a stretch with this peak takes, bumps included, s; 0: there is none."""
+    """Return the duration of the motion on a stretch with this peak, bumps included, s; 0 if there is none."""
     if peak <= 0.0:
         return 0.0
     a, b, c, d, e, f = _ramps(stretch, peak)
@@ -457,7 +457,8 @@ def _duration(stretch: Floats, peak: float) -> float:
 
 @kernel
 def straight(stretch: Floats, out: Floats2) -> int:
-    """The quickest motion on a stretch, in rows of duration, x and u' .. u'''' at their begin; how many, 0: none.
+    """Write the quickest motion on a stretch as rows of duration, x and u' .. u'''' at their start; return how many, 0:
+    none.
 
     length, highest speed; acceleration, jerk and snap along the line; of its head and of its tail the speed in the
     node, w and s of the bump there (0: none, the stretch begins or ends with the node), shares of jerk and snap of the
@@ -468,7 +469,7 @@ def straight(stretch: Floats, out: Floats2) -> int:
 
 @kernel
 def _rows(stretch: Floats, peak: float, out: Floats2) -> int:
-    """The same with a given peak, 0: none."""
+    """Write the motion with a stated peak; return how many rows, 0: none."""
     length = stretch[LENGTH]
     v0 = stretch[HEAD]
     v1 = stretch[TAIL]
@@ -569,7 +570,7 @@ def _rows(stretch: Floats, peak: float, out: Floats2) -> int:
 
 @kernel
 def lasting(rows: Floats2, count: int) -> float:
-    """The duration of the first rows."""
+    """Return the duration of the first rows."""
     total = 0.0
     for k in range(count):
         total = total + rows[k, 0]
@@ -578,7 +579,7 @@ def lasting(rows: Floats2, count: int) -> float:
 
 @kernel
 def width(away: float, short: float) -> tuple[float, float]:
-    """w and s of the bump with phi(0) = away (s), s as given, or w where that is shorter."""
+    """Return w and s of the bump with phi(0) = away (s); s as stated, or w where that is shorter."""
     if 39.0 * short >= 192.0 * away:
         w = away * 192.0 / 39.0
         return w, w
@@ -612,7 +613,8 @@ def bump(
     rows1: Floats2,
     result: Floats,
 ) -> tuple[int, int]:
-    """The quickest bump between two stretches: put into both, its speed, w, s and shares in `found`; rows of both.
+    """Write the quickest bump between two stretches: into both, its speed, w, s and shares into `result`; return the
+    rows of both.
 
     `before` overlaps with the first stretch for `lasts` seconds.  None if it is not quicker than `quickest` s for both;
     `half` leaves half of the second one for the corner behind it.  With w = 6 near/v, and since ramps cancel less than

@@ -32,7 +32,7 @@ _SHORTEST = 1e-4  # s of overlap; less is not worth parts of their own
 
 
 class _End(NamedTuple):
-    """What a corner sees of a run: a motion on one piece of its path, its direction there and its bounds."""
+    """The end of a run at a corner: a motion on one piece of its path, its direction there and its bounds."""
 
     rows: np.ndarray
     lasts: float  # s
@@ -43,7 +43,7 @@ class _End(NamedTuple):
 
 
 class _Stretch(NamedTuple):
-    """What may be made anew of a motion: on one line, from node to node, pieces of time `first` to before `last`."""
+    """The part of a motion that may be replanned: on one line, between nodes, time pieces `first` to before `last`."""
 
     first: int
     last: int
@@ -51,7 +51,7 @@ class _Stretch(NamedTuple):
 
 
 class _Run(NamedTuple):
-    """A part whose end is not fixed yet, and how it overlaps with the part before.
+    """A part whose end is not fixed yet, and how it overlaps with the previous part.
 
     whole  it is a run along one line, and its head and its tail are made together
     seen   what corners at both of its ends see of such a run
@@ -77,13 +77,15 @@ class Crossings:
         self._open: _Run | None = None
 
     def add(self, part: Part, tolerance: float) -> list[Part]:
-        """What leaves once the next part is known; `tolerance` of the corner in which it ends, m, 0: none."""
+        """Return the parts that are final once the next part is known; `tolerance` of the corner in which it ends, m,
+        0: none.
+        """
         begins = part.motion.x[0] == 0.0 and part.motion.speed[0] == 0.0
         run = self._line(Section(part.pieces, part.ends, tolerance)) if begins else None
         return self._next(run or _Run(part, tolerance, None))
 
     def add_line(self, section: Section) -> list[Part] | None:
-        """The same for a run that is one line, in closed form; None for any other section of a run."""
+        """As `add`, for a run that is one line, in closed form; None for any other section of a run."""
         run = self._line(section)
         return self._next(run) if run else None
 
@@ -96,14 +98,14 @@ class Crossings:
         return self._fix(one)
 
     def end(self) -> list[Part]:
-        """What is left, with which the motion stops."""
+        """Return the remaining parts, with which the motion stops."""
         one, self._open = self._open, None
         leaves = self._fix(one) if one else []
         last, self._fixed = self._fixed, None
         return [*leaves, last] if last else leaves
 
     def _line(self, section: Section) -> _Run | None:
-        """A run that begins here and is one line."""
+        """Return a run that begins here and is one line."""
         pieces = section.pieces
         if not section.ends or len(pieces.length) != 1 or pieces.kind[0] != LINE:
             return None
@@ -119,7 +121,7 @@ class Crossings:
         return _Run(Part(pieces, from_rows(motion_rows, 0), True), section.tolerance, _Stretch(0, count, numbers), seen)
 
     def _fix(self, run: _Run) -> list[Part]:
-        """The motion of a run is fixed: what leaves."""
+        """Fix the motion of a run; return the parts that are final."""
         before, self._fixed = self._fixed, run.part
         if before is None:
             return []
@@ -129,7 +131,7 @@ class Crossings:
         return leaves
 
     def _stopped(self, one: _Run, two: _Run) -> tuple[_Run, _Run]:
-        """Both as they are, and how long they overlap."""
+        """Return both runs unchanged, and how long they overlap."""
         end, begin = one.seen or _end(one.part, True), two.seen or _end(two.part, False)
         feed = max(end.feed, begin.feed)
         # of a run that is a single part the other half is for its other end
@@ -155,7 +157,7 @@ class Crossings:
         return one, two._replace(lasts=lasts if lasts >= _SHORTEST else 0.0, corner=one.tolerance)
 
     def _met(self, one: _Run, two: _Run) -> tuple[_Run, _Run]:
-        """Two runs with the corner between them, the first one as it will be."""
+        """Return two runs with the corner between them, the first one in its final form."""
         best = self._stopped(one, two)
         tail = one.whole or self._tail(one.part)
         head = two.whole or self._head(two.part)
@@ -172,7 +174,7 @@ class Crossings:
         return best
 
     def _slowed(self, run: _Run, stretch: _Stretch | None, at: int, share: float) -> _Run | None:
-        """A run with a share of the jerk and its square of the snap in a ramp to the corner that lies on a line."""
+        """Slow a run's ramp on a line to the corner: a share of the jerk, and the square of that share of the snap."""
         if stretch is None:
             return run
         numbers, motion_rows = stretch.numbers.copy(), np.zeros((ROWS, 6))
@@ -187,7 +189,7 @@ class Crossings:
         return run._replace(part=part, whole=_Stretch(0, count, numbers), seen=_made(run.seen, motion_rows[:count]))
 
     def _holds(self, run: _Run) -> bool:
-        """Whether a run that was made anew may still overlap with the one before as it does."""
+        """True if a replanned run may still overlap with the previous one as it does."""
         if run.lasts == 0.0 or self._fixed is None:
             return True
         end, begin = _end(self._fixed, True), run.seen or _end(run.part, False)
@@ -210,7 +212,7 @@ class Crossings:
     def _bump(
         self, one: _Run, end: _End, tail: _Stretch, two: _Run, begin: _End, head: _Stretch, lasts: float, feed: float
     ) -> tuple[_Run, _Run] | None:
-        """Both with a bump, if that is quicker than with an overlap of `lasts` seconds."""
+        """Return both runs with a bump, if that is quicker than an overlap of `lasts` seconds."""
         motion0, motion1 = one.part.motion, two.part.motion
         quickest = _time(motion0, tail) + _time(motion1, head) - lasts
         numbers0, numbers1 = tail.numbers.copy(), head.numbers.copy()
@@ -258,7 +260,7 @@ class Crossings:
         return one._replace(part=one.part._replace(motion=made0), seen=_made(one.seen, rows0)), run
 
     def _tail(self, part: Part) -> _Stretch | None:
-        """From the first node on the last piece to the stop."""
+        """Return the stretch from the first node on the last piece to the stop."""
         motion, last = part.motion, len(part.pieces.length) - 1
         nodes = np.flatnonzero((motion.piece == last) & (motion.acceleration == 0.0) & (motion.jerk == 0.0))
         if not len(nodes) or part.pieces.kind[last] != LINE:
@@ -268,7 +270,7 @@ class Crossings:
         return _Stretch(m, len(motion.piece), self._numbers(part.pieces, last, length, float(motion.speed[m]), 0.0))
 
     def _head(self, part: Part) -> _Stretch | None:
-        """From rest to the last node on the first piece."""
+        """Return the stretch from rest to the last node on the first piece."""
         motion = part.motion
         nodes = np.flatnonzero((motion.piece == 0) & (motion.acceleration == 0.0) & (motion.jerk == 0.0))
         m = int(nodes[-1]) if len(nodes) else 0
@@ -277,7 +279,7 @@ class Crossings:
         return _Stretch(0, m, self._numbers(part.pieces, 0, float(motion.x[m]), 0.0, float(motion.speed[m])))
 
     def _numbers(self, pieces: Pieces, k: int, length: float, begin: float, end: float) -> np.ndarray:
-        """What describes a stretch of a line, from node to node."""
+        """Return the numbers that describe a stretch of a line, from node to node."""
         slope = np.maximum(np.abs(pieces.shape[k, :, 1]) / float(pieces.length[k]), 1e-200)
         numbers = np.zeros(NUMBERS)
         numbers[FASTEST : SNAP + 1] = np.min(self._limits / slope[:, None], axis=0) * (1.0 - 1e-12)
@@ -288,7 +290,7 @@ class Crossings:
 
 
 def _together(both: tuple[_Run, _Run]) -> float:
-    """The time of both runs, s."""
+    """Return the time of both runs, s."""
     return _time(both[0].part.motion) + _time(both[1].part.motion) - both[1].lasts
 
 
@@ -297,7 +299,7 @@ def _time(motion: Motion, stretch: _Stretch | None = None) -> float:
 
 
 def _spliced(stretch: _Stretch, motion: Motion, k: int, new: np.ndarray) -> Motion:
-    """A motion with a stretch on piece k made anew, in rows as of `straight`."""
+    """Replace a stretch on piece k of a motion, in rows as of `straight`."""
     if stretch.first == 0 and stretch.last == len(motion.duration):
         return from_rows(new, k, float(motion.x[0]))
     parts = zip(motion, from_rows(new, k, float(motion.x[stretch.first])), strict=True)
@@ -305,12 +307,12 @@ def _spliced(stretch: _Stretch, motion: Motion, k: int, new: np.ndarray) -> Moti
 
 
 def _made(seen: _End | None, new: np.ndarray) -> _End | None:
-    """The same with another motion."""
+    """Return the end of a run with another motion."""
     return seen._replace(rows=new, lasts=float(np.sum(new[:, 0]))) if seen else None
 
 
 def _end(part: Part, last: bool) -> _End:
-    """Of a part on its last or its first piece."""
+    """Return the end of a part: on its last piece, or on its first."""
     pieces, on = part.pieces, part.motion
     k = len(pieces.length) - 1 if last else 0
     if k or not last:

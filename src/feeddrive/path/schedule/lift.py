@@ -48,7 +48,7 @@ _TOP = 0.995  # of the speed that feed and velocities allow: a plateau there sta
 
 
 class _Points(NamedTuple):
-    """What `quickest` looks at; see `points`."""
+    """The points at which `quickest` evaluates the limits; see `points`."""
 
     span: np.ndarray
     row: np.ndarray
@@ -72,7 +72,7 @@ class Lifter:
         self._spans = 0  # time pieces of it that are spans already
 
     def add(self, part: Part) -> Iterator[Part]:
-        """The parts that are fixed when this one is known: all, where the run ends."""
+        """Return the parts that are final when this one is known: all, where the run ends."""
         if self.hand is not None:
             part = _after(self.hand, part)
         if not part.ends and len(part.motion.duration) - self._spans < _LEAST:
@@ -107,7 +107,7 @@ class Lifter:
 
 
 class _Path:
-    """Pieces of a path under limits: u counts from the begin of the first one."""
+    """The pieces of a path under limits; u counts from the start of the first one."""
 
     def __init__(self, pieces: Pieces, limits: np.ndarray) -> None:
         n, axes = len(pieces.length), len(limits)
@@ -117,14 +117,16 @@ class _Path:
         tops(pieces.kind, pieces.length, pieces.shape, pieces.feed, limits, self.top, np.zeros((axes, 4)))
 
     def gain(self, motion: Motion, first: int, last: int) -> float:
-        """What may be saved in a section, s: of a ramp as of `ramp_gain`, else not known and infinite."""
+        """Return the time that may be saved in a section, s: for a ramp as in `ramp_gain`, otherwise unknown and
+        infinite.
+        """
         if last - first > _HUMP // 2:
             return np.inf
         pieces, room = self._pieces, np.zeros((len(self._limits), 5))
         return ramp_gain(pieces.kind, pieces.length, pieces.shape, self._limits, *motion, first, last, room)
 
     def lifted(self, motion: Motion, begins: bool, ends: bool, spans: int) -> Motion | None:
-        """A quicker motion between the same states, proven, or None; it may begin or end at rest.
+        """Return a quicker, proven motion between the same states, or None; it may begin or end at rest.
 
         The first `spans` time pieces are spans already.
         """
@@ -143,7 +145,7 @@ class _Path:
         return _one([_some(motion, 0, first), lifted, _some(motion, last, len(motion.duration))])
 
     def _between(self, motion: Motion, end: np.ndarray, spans: int) -> Motion | None:
-        """The same without rests; `end` is u' .. u''' where it ends."""
+        """As `lifted`, without rests; `end` is u' .. u''' at its end."""
         time, knots, coefficient = self._spline(motion, end, spans)
         if np.any(np.diff(knots[3:-3]) <= 0.0):
             return None  # time pieces that have no way but for rounding
@@ -185,14 +187,16 @@ class _Path:
         return None
 
     def _faults(self, motion: Motion, first: int, last: int) -> np.ndarray:
-        """Of what has changed with spans from `first` to before `last`, as of `faults_of`."""
+        """Return the faults in what changed with spans `first` to before `last`, as `faults_of`."""
         first, last = max(first - 2 * _TOGETHER, 0), last + 2 * _TOGETHER
         faults = faults_of(self._pieces, _some(motion, first, last), self._limits)
         faults[:, 1] += first
         return faults
 
     def _spline(self, motion: Motion, end: np.ndarray, spans: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Times of knots, knots and coefficients of u'²(u) near a motion, with its states at the ends."""
+        """Return the times of knots, the knots and the coefficients of u'²(u) near a motion, with its states at the
+        ends.
+        """
         n = len(motion.duration)
         wide = min(_HALF, n)
         sums = np.convolve(motion.duration, np.ones(wide), "valid")
@@ -249,7 +253,7 @@ class _Path:
 
 
 def _quicker(looked: _Points, coefficient: np.ndarray, begins: float, ends: float, first: int, last: int) -> int:
-    """`quickest` on spans from `first` to before `last`; three coefficients at each end of them stay."""
+    """Run `quickest` on spans from `first` to before `last`; three coefficients at each end of them stay."""
     some = slice(*np.searchsorted(looked.span, [first, last]))
     part = _Points(looked.span[some] - first, *(array[some] for array in looked[1:]))
     m, n = len(part.span), last - first + 3
@@ -258,7 +262,7 @@ def _quicker(looked: _Points, coefficient: np.ndarray, begins: float, ends: floa
 
 
 def _around(spans: np.ndarray, n: int) -> list[tuple[int, int]]:
-    """Spans to be looked at again when limits at some are lowered: `_ASIDE` on either side of each, of n."""
+    """Return the spans to repeat when limits at some spans are lowered: `_ASIDE` on either side of each, of n."""
     ranges = list[tuple[int, int]]()
     for k in np.unique(spans).tolist():
         first, last = max(k - _ASIDE, 0), min(k + 1 + _ASIDE, n)
@@ -269,14 +273,14 @@ def _around(spans: np.ndarray, n: int) -> list[tuple[int, int]]:
 
 
 def _around_time(motion: Motion, first: int, last: int) -> float:
-    """The time of a section, and half of that of the plateaus before and behind it, s."""
+    """Return the time of a section and half of that of the plateaus before and behind it, s."""
     beside = [m for m in (first - 1, last) if 0 <= m < len(motion.duration)]
     flat = [m for m in beside if motion.acceleration[m] == 0.0 and motion.jerk[m] == 0.0 and motion.snap[m] == 0.0]
     return float(np.sum(motion.duration[first:last]) + 0.5 * np.sum(motion.duration[flat]))
 
 
 def _sections(motion: Motion, rests: np.ndarray, top: np.ndarray, length: np.ndarray) -> list[tuple[int, int]]:
-    """Time pieces, from first to before last, that can be lifted: between rests and plateaus as fast as can be."""
+    """Return the ranges of time pieces that can be lifted: between rests and plateaus at the highest speed."""
     flat = (motion.acceleration == 0.0) & (motion.jerk == 0.0) & (motion.snap == 0.0)
     # a time piece that ends at a joint does not see the piece behind it
     end = np.append(motion.piece[1:] - (motion.x[1:] <= 1e-9 * length[motion.piece[1:]]), len(top) - 1)
@@ -293,7 +297,9 @@ def _sections(motion: Motion, rests: np.ndarray, top: np.ndarray, length: np.nda
 
 
 def _halves(motion: Motion, first: int, last: int) -> list[tuple[int, int]]:
-    """What is lifted in place of a section that cannot be: both sides of its middle node, the second one first."""
+    """Return two halves to lift instead of a section that cannot be lifted: split at its middle node, the second one
+    first.
+    """
     inner = np.arange(first + _HUMP, last - _HUMP)
     nodes = inner[(motion.acceleration[inner] == 0.0) & (motion.jerk[inner] == 0.0)]
     if not len(nodes):
@@ -303,7 +309,7 @@ def _halves(motion: Motion, first: int, last: int) -> list[tuple[int, int]]:
 
 
 def _rests(motion: Motion) -> np.ndarray:
-    """Whether it rests before each time piece, and after the last one."""
+    """True where the motion rests before each time piece, and after the last one."""
     last = len(motion.duration) - 1
     speed = np.append(motion.speed, _end(_some(motion, last, last + 1))[0])
     return speed <= _RESTS * np.max(speed)
@@ -314,18 +320,18 @@ def _some(motion: Motion, first: int, last: int) -> Motion:
 
 
 def _one(motions: list[Motion]) -> Motion:
-    """One after the other."""
+    """Concatenate motions."""
     return Motion(*(np.concatenate(columns) for columns in zip(*motions, strict=True)))
 
 
 def _end(motion: Motion) -> np.ndarray:
-    """u' .. u''' where a single time piece ends."""
+    """Return u' .. u''' at the end of a single time piece."""
     (t,), _, _, (v,), (a,), (j,), (s,) = motion
     return np.array([cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s])
 
 
 def _divided(motion: Motion, m: int, t: float, length: np.ndarray) -> Motion:
-    """Time piece m as two, the first of which lasts t, on a path of pieces of such lengths."""
+    """Split time piece m in two, the first of which lasts t, on a path of pieces of such lengths."""
     T, p, x, v, a, j, s = (column[m] for column in motion)
     there = x + way(v, a, j, s, t)
     while there > length[p] and p + 1 < len(length):
@@ -338,7 +344,7 @@ def _divided(motion: Motion, m: int, t: float, length: np.ndarray) -> Motion:
 
 
 def _after(hand: Part, part: Part) -> Part:
-    """Two parts as one."""
+    """Join two parts."""
     last = len(hand.pieces.length) - 1
     pieces = one_after_the_other([part_of_pieces(hand.pieces, 0, last), part.pieces])
     motion = part.motion._replace(piece=part.motion.piece + last)
@@ -346,7 +352,7 @@ def _after(hand: Part, part: Part) -> Part:
 
 
 def _cut(part: Part, spans: int) -> tuple[Part, Part]:
-    """A part as two, at that of its last spans, in the middle of those that may wait, where u''' is least."""
+    """Split a part among its last spans where u''' is smallest, in the middle of those that may wait."""
     motion, n = part.motion, len(part.motion.duration)
     left = np.cumsum(motion.duration[::-1])[::-1][n - spans :]
     here = np.flatnonzero((left <= 1.2 * _HELD * left[0]) & (left >= 0.8 * _HELD * left[0]))

@@ -56,7 +56,7 @@ class Stretch(NamedTuple):
 
 @kernel
 def piece_at(begin: Floats, u: float, right: bool) -> int:
-    """The piece on which u lies; at a joint the one to the right, or to the left."""
+    """Return the piece on which u lies; at a joint the one to the right, or to the left."""
     low = 0
     high = len(begin) - 1
     while high - low > 1:
@@ -70,7 +70,7 @@ def piece_at(begin: Floats, u: float, right: bool) -> int:
 
 @kernel
 def least_cap(path: Path, first: int, last: int, left: float, right: float) -> float:
-    """The lowest cap of the pieces under a plateau from `left` to `right`."""
+    """Return the lowest cap of the pieces under a plateau from `left` to `right`."""
     lowest = 1e300
     for p in range(first, last + 1):
         if path.begin[p + 1] > left and path.begin[p] < right:
@@ -80,7 +80,7 @@ def least_cap(path: Path, first: int, last: int, left: float, right: float) -> f
 
 @kernel
 def _highest_cap(path: Path, first: int, last: int) -> float:
-    """The highest cap of some pieces."""
+    """Return the highest cap of some pieces."""
     highest = 0.0
     for p in range(first, last + 1):
         highest = max(highest, path.caps[p].plateau)
@@ -89,13 +89,13 @@ def _highest_cap(path: Path, first: int, last: int) -> float:
 
 @kernel
 def plateau_begin(stretch: Stretch) -> float:
-    """The u at which the ramp up ends, m."""
+    """Return the u at which the ramp up ends, m."""
     return stretch.begin + 0.5 * (stretch.v0 + stretch.peak) * duration(stretch.up)
 
 
 @kernel
 def plateau_end(stretch: Stretch) -> float:
-    """The u at which the ramp down begins, m."""
+    """Return the u at which the ramp down begins, m."""
     return stretch.end - 0.5 * (stretch.v1 + stretch.peak) * duration(stretch.down)
 
 
@@ -136,7 +136,7 @@ def _filling(
 
 @kernel
 def hump(path: Path, stretch: Stretch, free: bool) -> Stretch:
-    """The stretch with the highest peak that is found, at least its own; peak 0 if there is none.
+    """Return the stretch with the highest peak that can be found, at least its own; peak 0 if there is none.
 
     A `free` hump may exceed the caps of pieces, but not the highest of them.
     """
@@ -208,7 +208,7 @@ def hump(path: Path, stretch: Stretch, free: bool) -> Stretch:
 
 @kernel
 def too_fast(path: Path, stretch: Stretch, above: float) -> int:
-    """Of the pieces that a hump crosses faster than ramps should, the one with the lowest cap > `above`; -1: none."""
+    """Return, of the pieces that a hump crosses too fast for ramps, the one with the lowest cap > `above`; -1: none."""
     first = piece_at(path.begin, stretch.begin, True)
     last = piece_at(path.begin, stretch.end, False)
     slowest = -1
@@ -227,7 +227,7 @@ def too_fast(path: Path, stretch: Stretch, above: float) -> int:
 
 @kernel
 def hump_time(stretch: Stretch) -> float:
-    """The duration of a hump, s."""
+    """Return the duration of a hump, s."""
     up = duration(stretch.up)
     down = duration(stretch.down)
     way = stretch.end - stretch.begin
@@ -237,7 +237,7 @@ def hump_time(stretch: Stretch) -> float:
 
 @kernel
 def brake(path: Path, left: float, right: float, v0: float, v1: float) -> Stretch:
-    """The stretch that holds v0 > 0 from `left` on and then brakes to v1 at `right`; peak 0 if there is none."""
+    """Return the stretch that holds v0 > 0 from `left` on and then brakes to v1 at `right`; peak 0 if there is none."""
     last = piece_at(path.begin, right, False)
     good, down, _ = fit(path, right, last, -1, left, v1, v0, False, 1.0)
     stretch = Stretch(left, right, v0, v1, peak=v0, down=down)
@@ -250,7 +250,8 @@ def brake(path: Path, left: float, right: float, v0: float, v1: float) -> Stretc
 
 @kernel
 def brake_soon(path: Path, left: float, stop: float, v0: float, v1: float) -> Stretch:
-    """A stretch from `left` that brakes from v0 > 0 to v1 in as little way as is found; peak 0 if there is none.
+    """Return a stretch from `left` that brakes from v0 > 0 to v1 in as short a distance as possible; peak 0 if there is
+    none.
 
     It ends at `stop` at the latest.
     """
@@ -285,7 +286,8 @@ MARGIN = 4e-15  # of the way that is planned at once: so long before a joint a r
 
 @kernel
 def _gain(path: Path, near: float, far: float, sense: int, end: float, c: float) -> float:
-    """What is won by a ramp that begins at `far` with the speed c, not before, at `near`; s.  It may go up to `end`.
+    """Return the time gained by a ramp that begins at `far` with the speed c and not at `near`; s. It may extend to
+    `end`.
 
     For the highest speed of some to which both have one.
     """
@@ -319,7 +321,7 @@ def _leaves(
     behind: float,
     c: float,
 ) -> bool:
-    """Whether ramps to c that end at `reached` and begin at `behind` leave a plateau, held from `ends` to `goes`."""
+    """True if ramps to c that end at `reached` and begin at `behind` leave a plateau, held from `ends` to `goes`."""
     if ends > goes or ends >= now.end or goes <= now.begin:
         return False
     # the ramp to the other node alone, as it is
@@ -330,7 +332,7 @@ def _leaves(
 
 @kernel
 def _split(path: Path, now: Stretch, p: int, c: float) -> tuple[bool, Stretch, Stretch]:
-    """Hold piece p at c from where the ramps from both nodes end: the stretches left of it and right of it.
+    """Hold piece p at c between the ramps from both nodes; return the stretches left of it and right of it.
 
     Either it alone is held, or neighbors, too, which ramps may not cross at that speed: what is quicker.  Each of both
     sides has a hump that holds, or no way at all.  Ramps end `MARGIN` before the plateau, and begin so far behind it.
@@ -386,7 +388,7 @@ def _split(path: Path, now: Stretch, p: int, c: float) -> tuple[bool, Stretch, S
 def _beginning(
     path: Path, quick: Records[Cap], u0: float, u1: float, v0: float, slow: Ints, stack: Records[Stretch]
 ) -> int:
-    """A plan to a stop at u1 that holds, its last stretch first: how many stretches; 0: there is none.
+    """Return the number of stretches of a plan to a stop at u1 that holds, its last stretch first; 0: there is none.
 
     From rest a hump.  A motion that comes faster than a piece ahead allows is braked before pieces that are slower than
     all before them: `slow` holds them.  Of these as few as possible.
@@ -442,7 +444,7 @@ def _beginning(
 
 @kernel
 def _whole(path: Path, left: Stretch, right: Stretch) -> tuple[float, Stretch, Stretch]:
-    """The time of both humps and of the plateau between them, s, and both stretches with their humps."""
+    """Return the time of both humps and of the plateau between them, s, and both stretches with their humps."""
     time = (right.begin - left.end) / left.v1
     if left.end > left.begin:
         left = hump(path, left, False)
@@ -464,7 +466,9 @@ def plan(
     stack: Records[Stretch],
     out: Records[Stretch],
 ) -> int:
-    """Plan from u0 at speed v0 to a stop at u1: rows of `out` filled, or 0 if v0 is too fast to stop in time."""
+    """Plan from u0 at speed v0 to a stop at u1; return the rows of `out` that are filled, 0 if v0 is too fast to stop
+    in time.
+    """
     height = _beginning(path, quick, u0, u1, v0, slow, stack)
     count = 0
     while height > 0:
@@ -539,7 +543,7 @@ def _phases(
     jerk: Floats,
     snap: Floats,
 ) -> tuple[int, float, int]:
-    """Append the phases of one ramp; the new count, u and piece."""
+    """Append the phases of one ramp; return the new count, u and piece."""
     low = v0 if up else v1
     rise = peak - low
     v = v0 if up else peak
@@ -584,7 +588,7 @@ def timed(
     jerk: Floats,
     snap: Floats,
 ) -> int:
-    """The pieces of constant snap of the first `many` stretches; how many."""
+    """Write the pieces of constant snap of the first `many` stretches; return how many."""
     count = 0
     p = 0
     for k in range(many):

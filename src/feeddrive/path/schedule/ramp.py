@@ -33,7 +33,7 @@ _LEVEL = 1.001  # ratio of caps of neighbors that get the same one
 
 @kernel
 def bounds(kind: int, length: float, shape: Floats2, out: Floats2) -> float:
-    """M1 .. M4 of each axis into `out` (N, 4), and a bound of |r'|.
+    """Write M1 .. M4 of each axis into `out` (N, 4); return a bound of |r'|.
 
     Of a polynomial by the points of its Bernstein form, in whose hull it lies; of an arc in closed form.
     """
@@ -104,7 +104,7 @@ def bounds(kind: int, length: float, shape: Floats2, out: Floats2) -> float:
 
 @kernel
 def cube_root(x: float) -> float:
-    """The cube root of x >= 0, within two units of the last place."""
+    """Return the cube root of x >= 0, within two units in the last place."""
     if x < 0.0:
         raise ValueError("the cube root is taken of numbers from 0 on")
     if x == 0.0 or x - x != 0.0:
@@ -122,7 +122,7 @@ def cube_root(x: float) -> float:
 
 @kernel
 def root(value: float, degree: int) -> float:
-    """The second, third or fourth root of a positive number."""
+    """Return the second, third or fourth root of a positive number."""
     if degree == 2:
         return sqrt(value)
     if degree == 3:
@@ -132,7 +132,7 @@ def root(value: float, degree: int) -> float:
 
 @kernel
 def cap(most: Floats2, norm: float, feed: float, limits: Floats2, share: float) -> float:
-    """The speed at which a piece is passed: by the feed, by each velocity, by `share` of what its curvature allows."""
+    """Return the speed limit of a piece: by the feed, by each velocity, by `share` of what its curvature allows."""
     # |r'| of splines is 1 but for a little: they get the same cap as lines
     speed = feed / norm if norm > 1.0 + 1e-10 else feed
     for i in range(len(limits)):
@@ -233,7 +233,7 @@ class Path(NamedTuple):
 
 @kernel
 def duration(ramp: Ramp) -> float:
-    """The duration of a ramp, s."""
+    """Return the duration of a ramp, s."""
     return ramp.L1 + ramp.L2 + ramp.L3
 
 
@@ -255,7 +255,7 @@ def boxcars(step: float, acceleration: float, jerk: float, snap: float) -> Ramp:
 
 @kernel
 def phase(number: int, rise: float, L1: float, L2: float, L3: float) -> tuple[float, float]:
-    """Duration and snap of one of the seven phases of a ramp upwards."""
+    """Return duration and snap of one of the seven phases of a ramp upwards."""
     snap = rise / (L1 * L2 * L3)
     if number == 0 or number == 6:
         return L1, snap
@@ -268,7 +268,9 @@ def phase(number: int, rise: float, L1: float, L2: float, L3: float) -> tuple[fl
 
 @kernel
 def jerk_before(number: int, jerk: float) -> float:
-    """The jerk with which a phase of a ramp upwards begins, 7 for its end: it rises, holds, falls, rests, and back."""
+    """Return the jerk at the start of a phase of a ramp upwards, 7 for its end: it rises, holds, falls, rests, and
+    back.
+    """
     if number == 0 or number == 3 or number == 4 or number == 7:
         return 0.0
     return jerk if number < 3 else -jerk
@@ -276,7 +278,7 @@ def jerk_before(number: int, jerk: float) -> float:
 
 @kernel
 def speed_at(far: float, low: float, rise: float, ramp: Ramp) -> float:
-    """The speed of a ramp upwards when it has gone this way, m/s."""
+    """Return the speed of a ramp upwards after this distance, m/s."""
     if far <= 0.0:
         return low
     whole = (low + 0.5 * rise) * duration(ramp)
@@ -304,7 +306,8 @@ def speed_at(far: float, low: float, rise: float, ramp: Ramp) -> float:
 
 @kernel
 def _lacks(most: Floats2, cap: Cap, limits: Floats2, v: float, a: float, j: float, s: float, free: bool) -> float:
-    """How much slower a ramp must be to keep the limits on a piece: of the logarithm of its time; negative: quicker.
+    """Return how much slower a ramp must be to keep the limits on a piece, as the logarithm of its time; negative:
+    quicker.
 
     v .. s are the largest speed .. snap of u there.  Newton's step of use = limit, where u'', u''', u'''' fall with the
     first, second, third power of the time: the use is convex in its logarithm, so that it never asks for too much.
@@ -345,7 +348,9 @@ def _lacks(most: Floats2, cap: Cap, limits: Floats2, v: float, a: float, j: floa
 
 @kernel
 def _until(far: float, v: float, a: float, j: float, s: float, t0: float, t1: float) -> float:
-    """The time in [t0, t1] when a ramp upwards has come this far, from above: Newton's method, the way is convex."""
+    """Return the time in [t0, t1] at which a ramp upwards has come this far: Newton's method from above, as the
+    distance is convex.
+    """
     slope = cubic(v, a, j, s, t0)
     t = t1
     if slope > 0.0:
@@ -365,7 +370,7 @@ def _until(far: float, v: float, a: float, j: float, s: float, t0: float, t1: fl
 def lacking(
     path: Path, u: float, first: int, sense: int, low: float, rise: float, ramp: Ramp, free: bool, enough: float
 ) -> float:
-    """How much slower a ramp must be to hold on every piece that it crosses, as of `_lacks`; up to 0: it holds.
+    """Return how much slower a ramp must be to hold on every piece that it crosses, as `_lacks`; up to 0: it holds.
 
     Above `enough` it is not known how much more.
     """
@@ -419,7 +424,7 @@ def lacking(
 
 @kernel
 def straight(most: Floats2, limits: Floats2) -> Bounds:
-    """What a piece would leave for acceleration, jerk and snap of u if it were straight."""
+    """Return the acceleration, jerk and snap of u that a piece would allow if it were straight."""
     a = 1e300
     j = 1e300
     s = 1e300
@@ -436,7 +441,7 @@ def straight(most: Floats2, limits: Floats2) -> Bounds:
 def fit(
     path: Path, u: float, first: int, sense: int, end: float, low: float, high: float, free: bool, guess: float
 ) -> tuple[bool, Ramp, float]:
-    """The quickest ramp found from `low` at u to `high`, within what every piece that it crosses leaves.
+    """Return the quickest ramp found from `low` at u to `high` that every piece crossed allows.
 
     `sense` is 1 towards greater u and -1 towards smaller u, along which the speed rises; `first` is the piece it starts
     on, `end` the last u it may reach.  False if there is none.  A free ramp may be quicker than the caps of pieces,

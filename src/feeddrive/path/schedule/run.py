@@ -33,7 +33,7 @@ _CAPS = 8  # tries of the speed to which a motion brakes
 
 
 class _Room(NamedTuple):
-    """Bounds and caps of pieces, for one of `SHARES`."""
+    """The bounds and caps of pieces, for one of `SHARES`."""
 
     most: np.ndarray
     caps: np.ndarray
@@ -64,7 +64,7 @@ class Schedule:
         self._begin()
 
     def _begin(self) -> None:
-        """At rest before a run."""
+        """Start a run at rest."""
         self._pieces: Pieces | None = None  # from the present node on
         self._rooms: list[_Room] = []
         self._u, self._speed, self._wide = 0.0, 0.0, self._window  # u on the first of the pieces
@@ -72,11 +72,11 @@ class Schedule:
 
     @property
     def rests(self) -> bool:
-        """Whether the next section begins a run."""
+        """True if the next section begins a run."""
         return self._pieces is None
 
     def add(self, section: Section) -> Iterator[Part | Pause]:
-        """The parts of the motion that are fixed when this section is known: all, where the run ends."""
+        """Yield the parts of the motion that are final when this section is known: all, where the run ends."""
         self._append(section.pieces)
         while self._pieces is not None:
             n = len(self._pieces.length)
@@ -104,7 +104,7 @@ class Schedule:
                 yield from self._go_on(self._override, planned, count)
 
     def _go_on(self, override: Override, planned: _Plan, count: int) -> Iterator[Part]:
-        """The same as `_go`, node by node, as long as the factor stays."""
+        """As `_go`, node by node, as long as the factor stays."""
         steps = _steps(planned.rows[:count], planned.begin)
         planned = planned._replace(rows=np.vstack([steps, planned.rows[count:]]))
         for _ in range(len(steps)):
@@ -114,7 +114,7 @@ class Schedule:
             planned = self._hand
 
     def _follow(self, override: Override, last: int, ends: bool) -> Generator[Part | Pause, None, bool]:
-        """Turn to the factor in force now; whether the motion has gone on for that."""
+        """Change to the factor now in force; return True if the motion went on meanwhile."""
         wanted = override.at(self.time)
         if wanted == self._factor:
             return False
@@ -150,7 +150,8 @@ class Schedule:
         self._factor, self._rooms = factor, self._rooms_of(self._pieces, factor)
 
     def _braked(self, last: int, ends: bool, rooms: list[_Room] | None) -> _Plan | None:
-        """A plan that first brakes to where it can go on in these rooms, None: to rest; None if there is none.
+        """Return a plan that first brakes until it can go on in these rooms, or to rest if they are None; None if there
+        is none.
 
         Nor is there one where only the pieces ahead are too slow for the present speed.
         """
@@ -174,7 +175,9 @@ class Schedule:
         return None
 
     def stop(self) -> Part | None:
-        """From the end of the last part to the stop that is in hand; None at rest before a run."""
+        """Yield the parts from the end of the last one to the stop that is already planned; nothing at rest before a
+        run.
+        """
         if self._pieces is None or self._hand is None or not len(self._hand.rows):
             return None
         pieces = part_of_pieces(self._pieces, 0, len(self._hand.begin) - 1)
@@ -192,7 +195,9 @@ class Schedule:
         ]
 
     def _planned(self, last: int, ends: bool, rooms: list[_Room], u: float, speed: float) -> _Plan | None:
-        """The quickest plan from u to a stop at the end of so many pieces; None if the speed is too high for one."""
+        """Return the quickest plan from u to a stop at the end of this many pieces; None if the speed is too high for
+        one.
+        """
         assert self._pieces is not None
         begin = np.concatenate([[0.0], np.cumsum(self._pieces.length[:last])])
         stop = begin[-1] if ends else begin[-1] * (1.0 - MARGIN)
@@ -207,7 +212,7 @@ class Schedule:
         return _Plan(begin, min(plans, key=_time), ends) if plans else None
 
     def _go(self, planned: _Plan, count: int) -> Part:
-        """The first `count` stretches of a plan; the others are in hand."""
+        """Return the first `count` stretches of a plan as a part; the others become the planned stop."""
         assert self._pieces is not None
         if planned.ends and count == len(planned.rows):
             whole = self._part(self._pieces, planned.begin, planned.rows, True)
@@ -225,7 +230,7 @@ class Schedule:
         return self._part(part_of_pieces(pieces, 0, place + 1), begin, kept, False)
 
     def _rooms_of(self, pieces: Pieces, factor: float) -> list[_Room]:
-        """For each of `SHARES`, with this factor of the feed."""
+        """Return bounds and caps for each of `SHARES` under this factor of the feed."""
         n, limits, rooms = len(pieces.length), self._limits.copy(), list[_Room]()
         limits[:, 0] *= min(factor, 1.0)  # on a traverse they are the feed
         for shares in SHARES:
@@ -236,7 +241,7 @@ class Schedule:
         return rooms
 
     def _part(self, pieces: Pieces, begin: np.ndarray, rows: np.ndarray, ends: bool) -> Part:
-        """In pieces of constant snap: two ramps of seven phases and a plateau for each stretch."""
+        """Return a part in pieces of constant snap: two ramps of seven phases and a plateau for each stretch."""
         size = 15 * len(rows)
         room = Motion(np.zeros(size), np.zeros(size, np.int64), *(np.zeros(size) for _ in range(5)))
         count = timed(begin, np.ascontiguousarray(rows), len(rows), *room)
@@ -246,7 +251,7 @@ class Schedule:
 
 
 def plan_run(pieces: Pieces, limits: np.ndarray, window: int = WINDOW) -> Motion:
-    """The motion along a whole run; `limits` and `window` as of a `Schedule`."""
+    """Return the motion along a whole run; `limits` and `window` as of a `Schedule`."""
     motions, first = list[Motion](), 0
     for part in Schedule(limits, window).add(Section(pieces, True)):
         assert isinstance(part, Part)  # it holds only with an override
@@ -256,7 +261,7 @@ def plan_run(pieces: Pieces, limits: np.ndarray, window: int = WINDOW) -> Motion
 
 
 def _time(rows: np.ndarray) -> float:
-    """Of stretches, s."""
+    """Return the time of stretches, s."""
     u0, u1, v0, v1, peak = rows[:, :5].T
     up, down = rows[:, 5:8].sum(axis=1), rows[:, 8:11].sum(axis=1)
     way = u1 - u0 - 0.5 * (v0 + peak) * up - 0.5 * (v1 + peak) * down
@@ -270,7 +275,7 @@ def _takes_time(rows: np.ndarray, begin: np.ndarray) -> np.ndarray:
 
 
 def _cut(planned: _Plan) -> tuple[_Plan, int]:
-    """How many stretches end in the first part of a window; a plateau is cut there in two."""
+    """Return how many stretches end in the first part of a window; a plateau there is cut in two."""
     rows, ends = planned.rows, _KEPT * planned.begin[-1]
     count = int(np.searchsorted(rows[:, 1], ends, side="right"))
     if count < len(rows):
@@ -289,7 +294,7 @@ def _cut(planned: _Plan) -> tuple[_Plan, int]:
 
 
 def _steps(rows: np.ndarray, begin: np.ndarray) -> np.ndarray:
-    """Stretches cut at all their nodes: behind ramps, and after each `HORIZON` of a plateau."""
+    """Cut stretches at all their nodes: behind ramps, and after each `HORIZON` of a plateau."""
     steps, margin = [], MARGIN * (begin[-1] - begin[0])
     for row in rows:
         u0, u1, v0, v1, peak = row[:5]

@@ -36,7 +36,7 @@ _NOT_FORWARD = 1e300  # the share where u'² is not above 0
 
 @kernel
 def basis(knots: Floats, k: int, x: float, out: Floats2) -> int:
-    """z, z', z'', z''' at x in span k from its four coefficients, as rows of `out`; knots[k+3] <= x <= knots[k+4]."""
+    """Write z .. z''' at x in span k from its four coefficients as rows of `out`; knots[k+3] <= x <= knots[k+4]."""
     t1 = knots[k + 1]
     t2 = knots[k + 2]
     t3 = knots[k + 3]
@@ -75,7 +75,7 @@ def basis(knots: Floats, k: int, x: float, out: Floats2) -> int:
 
 @kernel
 def _penalty(g: float, loose: float) -> tuple[float, float]:
-    """First and second derivative of -log(1 - (g/loose)²) by g."""
+    """Return the first and second derivative of -log(1 - (g/loose)²) by g."""
     gap = loose * loose - g * g
     first = 2.0 * g / gap
     return first, 2.0 / gap + first * first
@@ -83,7 +83,7 @@ def _penalty(g: float, loose: float) -> tuple[float, float]:
 
 @kernel
 def shares(z: Floats, r: Floats2, most: float, full: bool) -> float:
-    """The largest share of a limit at a point; r1 .. r4 in shares of the limits, see `lifted`."""
+    """Return the largest share of a limit at a point; r1 .. r4 in shares of the limits, see `lifted`."""
     if z[0] <= 0.0:
         return _NOT_FORWARD
     z0, z1, z2, z3 = z
@@ -112,7 +112,7 @@ def _expanded(
     slope: Floats,
     bend: Floats2,
 ) -> int:
-    """Slope and bend of the time and the penalties at a point, by z .. z'''.  `weight` of penalties, m of `away`."""
+    """Add slope and curvature of time and penalties at a point, by z .. z'''; `weight` of penalties, m of `away`."""
     z0, z1, z2, z3 = z
     root = sqrt(z0)
     d0 = -0.5 * away / (z0 * root)
@@ -201,7 +201,7 @@ def _expanded(
 
 @kernel
 def at(row: Floats2, coefficient: Floats, k: int, z: Floats) -> int:
-    """z, z', z'', z''' from the four coefficients of span k and their `basis`."""
+    """Evaluate z, z', z'', z''' from the four coefficients of span k and their `basis`."""
     c0 = coefficient[k]
     c1 = coefficient[k + 1]
     c2 = coefficient[k + 2]
@@ -227,7 +227,7 @@ def _system(
     slope: Floats,
     band: Floats2,
 ) -> int:
-    """Slope of time and penalties by the coefficients, and the lower band of their bend."""
+    """Assemble the slope of time and penalties by the coefficients, and the lower band of their Hessian."""
     z = zeros(4)
     by = zeros(4)
     bend = zeros(4, 4)
@@ -304,7 +304,7 @@ def _system(
 
 @kernel
 def _solved(band: Floats2, first: int, last: int, slope: Floats, step: Floats) -> bool:
-    """step = - band^-1 slope for the coefficients from `first` to before `last`, by Cholesky within the band."""
+    """Solve band · step = -slope for the coefficients from `first` to before `last`, by Cholesky within the band."""
     for c in range(first, last):
         for back in range(4):
             d = 3 - back
@@ -356,7 +356,8 @@ def quickest(
     step: Floats,
     band: Floats2,
 ) -> int:
-    """Make the spline quicker, in place; at how many points it breaks a limit after all; three of each end stay.
+    """Make the spline quicker, in place; return at how many points it still violates a limit. Three coefficients of
+    each end stay.
 
     A point that breaks a limit has a looser one of its own, which is drawn tight with each step.  Nothing is done, and
     the answer is 1, if u'² is not above 0 everywhere at first.
@@ -422,7 +423,7 @@ POINTS = 2  # of a span on one piece of the path
 
 @kernel
 def tops(kind: Ints, length: Floats, shape: Floats3, feed: Floats, limits: Floats2, out: Floats, most: Floats2) -> int:
-    """The speed u' that feed and velocities allow on each piece, into `out`; `most` is room, (N, 4)."""
+    """Write the speed u' that feed and velocities allow on each piece into `out`; `most` is work space, (N, 4)."""
     for p in range(len(length)):
         norm = bounds(kind[p], length[p], shape[p], most)
         out[p] = cap(most, norm, feed[p], limits, 1e30)
@@ -446,7 +447,7 @@ def ramp_gain(
     last: int,
     r: Floats2,
 ) -> float:
-    """The time, s, that a ramp of time pieces `first` to before `last` would save if its path were straight.
+    """Return the time, s, that a ramp of time pieces `first` to before `last` would save if its path were straight.
 
     On a line in the direction of either end, the more favorable one, it takes L1 + L2 + L3 between the same speeds; the
     way that this saves is gone at the higher one.  1e300 if it is more than one ramp.
@@ -492,7 +493,9 @@ def ramp_gain(
 
 @kernel
 def graded(duration: Floats, edge: Floats) -> int:
-    """Lower the steps at the ends of time pieces, s, until they change by no more than `GRADE` over the time."""
+    """Shrink the step sizes at the ends of time pieces, s, until neighboring steps differ by at most `GRADE` per
+    second.
+    """
     n = len(duration)
     for m in range(n):
         edge[m + 1] = min(edge[m + 1], edge[m] + GRADE * duration[m])
@@ -504,7 +507,9 @@ def graded(duration: Floats, edge: Floats) -> int:
 
 @kernel
 def instants(duration: Floats, step: Floats, edge: Floats, out: Floats) -> int:
-    """Times of knots, s, `step` apart in each time piece and `edge` at their ends, and graded between; how many."""
+    """Write times of knots, s, `step` apart in each time piece, `edge` at their ends and graded between; return how
+    many.
+    """
     n = len(duration)
     count = 0
     t = 0.0  # in the present piece
@@ -537,7 +542,7 @@ def states(
     time: Floats,
     out: Floats2,
 ) -> int:
-    """u to u''' of a motion at rising times; `begin` is u where each piece of the path begins."""
+    """Evaluate u to u''' of a motion at rising times; `begin` is u where each piece of the path begins."""
     m = 0
     gone = 0.0
     for k in range(len(time)):
@@ -576,7 +581,7 @@ def points(
     away: Floats,
     d: Floats2,
 ) -> int:
-    """What `quickest` looks at: begin and end of what lies of each span on each piece; how many points.
+    """Write the points that `quickest` evaluates: start and end of each span's part on each piece; return how many.
 
     At the end only the snap, which differs from that at the begin behind it.
 
@@ -626,7 +631,7 @@ def points(
 
 @kernel
 def _bent(first: int, last: int, miss: Floats, duration: Floats, snap: Floats, row: Floats2, system: Floats2) -> int:
-    """Add to the snaps of spans `first` to before `last` the least that adds `miss` to u' .. u at their end."""
+    """Change the snaps of spans `first` to before `last` by the least that adds `miss` to u' .. u at their end."""
     whole = 0.0
     for m in range(first, last):
         whole = whole + duration[m]
@@ -688,7 +693,7 @@ def in_time(
     room: Floats2,
     system: Floats2,
 ) -> bool:
-    """A piece of constant snap for each span; False if the spline is not above 0 everywhere.
+    """Write a piece of constant snap for each span; return False if the spline is not above 0 everywhere.
 
     As many pieces as are taken `together` end where the spline does, exactly.
 
