@@ -30,16 +30,16 @@ class Certificate(Result):
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> Certificate:
-        """The certificate of a document, with the digest of its content."""
+        """Return the certificate of a document, with the digest of its content."""
         plain = json.loads(json.dumps(content))
         return cls({**plain, "sha256": check.digest(plain)})
 
     def text(self) -> str:
-        """The JSON text; `python -m feeddrive.certificate.check FILE` checks it."""
+        """Return the JSON text; `python -m feeddrive.certificate.check FILE` checks it."""
         return json.dumps(self.document, indent=1, ensure_ascii=False) + "\n"
 
     def verify(self) -> tuple[str, ...]:
-        """The checker's sentences, one a plant. Raises NotCertifiedError if it refuses."""
+        """Return the checker's sentences, one a plant. Raises NotCertifiedError if it refuses."""
         try:
             return tuple(check.verified(self.document))
         except check.RefusedError as error:
@@ -47,12 +47,12 @@ class Certificate(Result):
 
     @property
     def sample_time(self) -> float:
-        """s."""
+        """The sample time, s."""
         return float.fromhex(self.document["sample_time_s"])
 
     @property
     def two_rates(self) -> bool:
-        """Whether the law repeats itself only after several samples."""
+        """True if the law repeats itself only after several samples."""
         return "samples" in self.document["control"]
 
     @property
@@ -84,7 +84,7 @@ class Certificate(Result):
         )
 
     def sentence(self) -> str:
-        """The result as a sentence, with the plant that has the least room."""
+        """Return the result as a sentence, with the plant that has the smallest reserve."""
         plants = self.document["plants"]
         count = (
             "1 plant and everything in its disc"
@@ -101,7 +101,7 @@ class Certificate(Result):
         return Text(f"stable for {count}, with {self.arithmetic} coefficients{room}")
 
     def table(self) -> Table:
-        """One row a plant, that with the least room first."""
+        """One row a plant, the smallest reserve first."""
         rows: list[list[str | float | int | None]] = []
         for plant in sorted(self.document["plants"], key=lambda plant: plant["reserve"] or math.inf):
             radii = [x for band in plant["radius"] for x in band["r"]]

@@ -67,7 +67,7 @@ OUTSIDE = [
 
 
 def refusal(controller: Deployed, plant: NominalPlant, loop: LoopResponse, place: float | None) -> str:
-    """The refusal: where, by how much, and what to do. `place` in Hz; None for an unstable loop."""
+    """Return the refusal: where, by how much, and what to do. `place` in Hz; None for an unstable loop."""
     lost = ""
     if controller.coarse:
         name = max(controller.coarse, key=lambda coefficient: controller.coarse[coefficient])
@@ -100,7 +100,7 @@ def refusal(controller: Deployed, plant: NominalPlant, loop: LoopResponse, place
 
 
 def _remedy(plant: NominalPlant, place: float) -> str:
-    """The advice, by the cause of the wide disc."""
+    """Return the advice, by the cause of the wide disc."""
     T = plant.model.sample_time
     if plant.lines:
         lines = plant.lines[0]
@@ -147,7 +147,7 @@ def certify_loop(
     velocity: float = 0.05,
     machine: Mapping[str, str] | None = None,
 ) -> Certificate:
-    """Proves a control, as it will run, for a list of plants with a disc |dP/P| <= r(f) around each.
+    """Prove a control, as it will run, for a list of plants with a disc |dP/P| <= r(f) around each.
 
         nominal stability, and |1 + L| > r|L| at all frequencies up to half the sample rate;
         with two encoders measured apart: |1 + L| > r₁|C₁P₁| + r₂|C₂P₂|
@@ -235,7 +235,7 @@ def certify_loop(
 def _plant(
     name: str, entry: PlantLike, control: Control, T: float, readings: Sequence[str], velocity: float
 ) -> NominalPlant:
-    """A plant of the list, from the argument for it."""
+    """Return a plant of the list from the argument for it."""
     parts = entry if isinstance(entry, Sequence) else (entry,)
     loops = [part for part in parts if isinstance(part, Loop)]
     axes = [part.axis if isinstance(part, Loop) else part for part in parts if isinstance(part, (Loop, Axis))]
@@ -263,7 +263,9 @@ def _plant(
 def _certified(
     controller: Deployed, plant: NominalPlant, radius: Radius | None, beyond: float, sure: float, also: Sequence[float]
 ) -> dict[str, Any]:
-    """A plant in the form of the certificate, its reserve searched `also` near these Hz. Raises NotCertifiedError."""
+    """Return a plant in the form of the certificate; its reserve is also searched near `also`, Hz. Raises
+    NotCertifiedError.
+    """
     T = controller.model.sample_time
     nyquist = 0.5 / T
     if plant.lines:
@@ -310,7 +312,7 @@ def _same(model: StateSpace) -> bool:
 
 
 def _held(model: StateSpace) -> dict[str, Any]:
-    """The matrices in hexadecimal, so that no digit is lost, and the names of the states."""
+    """Write the matrices in hexadecimal, which loses no digit, with the names of the states."""
     entry: dict[str, Any] = {"states": list(model.states)}
     for name in ("A", "B", "C", "D"):
         entry[name] = [[float(x).hex() for x in line] for line in getattr(model, name)]
@@ -318,7 +320,7 @@ def _held(model: StateSpace) -> dict[str, Any]:
 
 
 def _control(model: StateSpace | Lifted) -> dict[str, Any]:
-    """The matrices of a control; with two rates those of each sample of a period."""
+    """Write the matrices of a control; with two rates those of each sample of a period."""
     if isinstance(model, StateSpace):
         return _held(model)
     samples = [_held(sample) for sample in model.samples]
@@ -326,7 +328,7 @@ def _control(model: StateSpace | Lifted) -> dict[str, Any]:
 
 
 def point_plants(points: Sequence[OperatingPoint | Loop]) -> dict[str, PlantLike]:
-    """By name: the loops of models, and the lines of measurements with their variance after smoothing."""
+    """Return plants by name: the loops of models, and the lines of measurements with their variance after smoothing."""
     plants: dict[str, PlantLike] = {}
     for point in points:
         name = point.name if isinstance(point, OperatingPoint) else "model"

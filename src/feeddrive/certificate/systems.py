@@ -38,7 +38,7 @@ _KEPT = 2.0**-300, 2.0**300  # sizes that a certificate holds
 
 @dataclass(frozen=True, eq=False)
 class Deployed:
-    """Force over readings, with the numbers that the controller stores.
+    """The linear control from readings to force, with the numbers that the controller stores.
 
     model    from `readings` to the force, in the states of the control; of a law with two rates for each sample
     numbers  parameters and prepared numbers by name, after rounding
@@ -52,7 +52,7 @@ class Deployed:
 
 
 def rounded(value: float, arithmetic: str) -> float:
-    """The nearest number of an arithmetic: float64, float32, or fixedN with N binary places.
+    """Round to an arithmetic: float64, float32, or fixedN with N binary places.
 
     Raises ParameterError for another name, and for a number beyond float32.
     """
@@ -73,7 +73,7 @@ def rounded(value: float, arithmetic: str) -> float:
 
 
 def deployed(control: Control, sample_time: float, arithmetic: str = "float64", velocity: float = 0.05) -> Deployed:
-    """A control as linear system whose prepared and other numbers are rounded before it is linearized.
+    """Linearize a control after rounding its prepared and other numbers.
 
     The traced step is linearized, so that the matrices are those of the code that runs: a rounded filter coefficient
     moves the pole that the controller has.  Guard and force limit are left out.
@@ -169,7 +169,8 @@ _USELESS = 0.5  # largest mean relative misfit of a model
 
 
 def fitted_plant(name: str, measured: Sequence[FRF], control: Control, T: float) -> tuple[StateSpace, float, int]:
-    """The sampled model with outputs in the order of `measured`, its dead time in s and how many modes it has.
+    """Fit a sampled model; return it with outputs in the order of `measured`, its dead time in s and its number of
+    modes.
 
         x/f = e^(-s·dead_time) hold(s) [ (a + b s)/(s (s + corner)) + Σ (aᵢ + bᵢ s)/(s² + 2ζᵢωᵢs + ωᵢ²) ]
 
@@ -211,7 +212,9 @@ def _modes(values: np.ndarray) -> int:
 
 
 def _columns(values: np.ndarray, s: np.ndarray, T: float) -> np.ndarray:
-    """Responses of free motion and modes, position and velocity of each, held and late; shape (lines, columns)."""
+    """Return responses of free motion and modes, for position and velocity, held and delayed; shape (lines,
+    columns).
+    """
     k = _modes(values)
     omega, ratio = np.exp(values[:k]), np.exp(values[k : 2 * k])
     corner, late = np.exp(values[-2]), values[-1]
@@ -223,7 +226,7 @@ def _columns(values: np.ndarray, s: np.ndarray, T: float) -> np.ndarray:
 
 
 def _solved(columns: np.ndarray, G: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Real factors of the columns for each response, and the weighted residuals."""
+    """Return real factors of the columns for each response, and the weighted residuals."""
     factors: list[np.ndarray] = []
     left: list[np.ndarray] = []
     for response, w in zip(G, weight, strict=True):
@@ -238,7 +241,7 @@ def _solved(columns: np.ndarray, G: np.ndarray, weight: np.ndarray) -> tuple[np.
 
 
 def _refined(f: np.ndarray, G: np.ndarray, weight: np.ndarray, T: float, count: int) -> tuple[float, np.ndarray]:
-    """Modes from vector fitting at several dead times, the best of them brought to the least misfit."""
+    """Start from modes of vector fitting at several dead times and minimize the misfit of the best."""
     from scipy.optimize import least_squares  # not for commands that only read
 
     s = 2j * np.pi * f
@@ -279,7 +282,7 @@ def _refined(f: np.ndarray, G: np.ndarray, weight: np.ndarray, T: float, count: 
 def _sampled(
     values: np.ndarray, f: np.ndarray, G: np.ndarray, weight: np.ndarray, control: Control, T: float, count: int
 ) -> StateSpace:
-    """The modes held exactly over a sample, with positions and velocities mixed so that the lines are met best."""
+    """Sample the modes exactly, and mix positions and velocities so that the lines are fitted best."""
     k = _modes(values)
     modes = [
         Mode(frequency=float(w / (2.0 * np.pi)), damping_ratio=float(d), mass=1.0, motor=1.0, load=1.0)
@@ -331,7 +334,8 @@ class NominalPlant:
 def modelled_plant(
     name: str, axis: Axis, control: Control, sample_time: float, readings: Sequence[str], velocity: float
 ) -> NominalPlant:
-    """The axis that moves with `velocity` (m/s), exactly held, its dead time, current loop and friction slope with it.
+    """Return the exactly sampled model of an axis that moves with `velocity` (m/s), with dead time, current loop and
+    friction slope.
 
     The free motion of the axis is a separate state, so that its integrator stays exactly 1 after rounding.
     Raises ParameterError if nothing moves on a command, as with an axis that sticks.
@@ -350,7 +354,7 @@ def modelled_plant(
 
 
 def _free(model: StateSpace, along: Sequence[float]) -> StateSpace:
-    """In coordinates q₁ and qᵢ - (eᵢ/e₁) q₁, e the free motion: moving along e changes nothing but q₁ itself."""
+    """Transform to q₁ and qᵢ - (eᵢ/e₁) q₁, e the free motion: moving along e then changes q₁ alone."""
     places = [i for i, name in enumerate(model.states) if name.startswith("axis.position.")]
     e = np.array([along[int(model.states[i].rsplit(".", 1)[1])] for i in places])
     if not places or not np.any(e != 0.0):
@@ -379,7 +383,7 @@ def measured_plant(
     readings: Sequence[str],
     velocity: float,
 ) -> NominalPlant:
-    """A plant with its measured lines: around a known axis, or around a model that is fitted to the lines.
+    """Return a plant with its measured lines: around a known axis, or around a model that is fitted to the lines.
 
     `measured` has the response of the load's encoder and, if it was measured, that of the motor's; a single one
     serves all readings.
@@ -417,7 +421,7 @@ def measured_plant(
 
 
 def _lines(frf: FRF, sample_time: float) -> Lines:
-    """Below half the sample rate, the variance from the coherence if there is no other."""
+    """Return the lines below half the sample rate, with the variance from the coherence if there is no other."""
     variance = frf.known_variance()
     variance = np.zeros(frf.frequency.size) if variance is None else variance
     keep = frf.frequency < 0.5 / sample_time

@@ -41,12 +41,12 @@ class ChatterSigns(Result):
 
     @property
     def chatter(self) -> float:
-        """The strongest line beside all harmonics, Hz; where it is a cut that is stable it means nothing."""
+        """The strongest line beside all harmonics, Hz; for a stable cut it means nothing."""
         beside = np.where(self.harmonic, 0.0, self.spectrum.amplitude)
         return float(self.spectrum.frequency[np.argmax(beside)])
 
     def sentence(self) -> str:
-        """What the samples say."""
+        """The interpretation of the samples as a sentence."""
         spread = float(np.std(self.samples)) / self.swing if self.swing else 0.0
         phrase = {
             1: "no chatter: samples once per tooth agree",
@@ -59,7 +59,7 @@ class ChatterSigns(Result):
         return Text(f"{phrase} (they spread by {Quantity(spread, 'share'):2} of the swing within a tooth)")
 
     def table(self) -> Table:
-        """The strongest lines, and to what they belong."""
+        """The strongest lines and their origin."""
         rows: list[list[str | float]] = []
         for frequency, amplitude in self.spectrum.largest():
             line = int(np.searchsorted(self.spectrum.frequency, frequency))
@@ -81,7 +81,8 @@ def chatter_signs(
     start: float | None = None,
     runout: bool = False,
 ) -> ChatterSigns:
-    """The signs of chatter in equidistant samples of a force, an error or a sound, once the cut is established.
+    """Look for the signs of chatter in equidistant samples of a force, an error or a sound, once the cut is
+    established.
 
     speed   of the spindle in rpm, constant; teeth: of the tool
     start   s, time of the first once-per-tooth sample after the first value; None: where samples spread most
@@ -118,7 +119,7 @@ def chatter_signs(
 
 
 def _dots(samples: np.ndarray, swing: float) -> int:
-    """1 or 2 dots, 0 for a ring."""
+    """Return 1 or 2 dots, 0 for a ring."""
     spread, half = float(np.std(samples)), samples.size // 2
     if spread <= _STILL * swing or np.std(samples[half:]) < _FALLS * np.std(samples[:half]):
         return 1

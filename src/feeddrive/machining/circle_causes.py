@@ -29,7 +29,7 @@ _CORRELATED = 36  # blocks of a circle within which residuals may be alike
 
 
 class Rows(NamedTuple):
-    """A circle: polar angle about the fitted center, deviation about that of the set-up, direction, feed, radius."""
+    """One circle: polar angle about the fitted center, deviation about that of the set-up, direction, feed, radius."""
 
     angle: np.ndarray
     deviation: np.ndarray
@@ -44,7 +44,9 @@ class Rows(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """What is fitted: circles, names of the axes, pitches of screws, and whether the table stands in a backlash."""
+    """The problem to fit: circles, names of the axes, pitches of screws, and True if the table stands within a
+    backlash.
+    """
 
     data: list[Rows]
     names: tuple[str, str]
@@ -52,7 +54,9 @@ class Fit(NamedTuple):
     stands: bool
 
     def best_decay(self) -> float:
-        """The decay that leaves least: a coarse row of values, then a search between the neighbors of the best."""
+        """Return the decay with the smallest residual: a coarse grid, then a search between the neighbors of its best
+        value.
+        """
         from scipy.optimize import minimize_scalar  # not for commands that only read
 
         grid = np.geomspace(*_DECAYS, 16)
@@ -67,7 +71,7 @@ class Fit(NamedTuple):
         return float(np.exp(optimum.x))
 
     def settled(self, decay: float | None, passes: int = PASSES) -> Solved:
-        """Passes with lag mismatch and backlash of the pass before, until they stand."""
+        """Repeat the pass with lag mismatch and backlash of the previous one until they converge."""
         shape = Shape(0.0, (0.0, 0.0))
         solved = Solved(self, shape, decay, 1)
         for count in range(2, passes + 1):
@@ -81,19 +85,21 @@ class Fit(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """What the columns of a pass take from the one before: lag mismatch, s, and the gap of each axis, m."""
+    """The values that the columns of a pass take from the previous one: lag mismatch, s, and the gap of each
+    axis, m.
+    """
 
     mismatch: float
     gaps: tuple[float, float]
 
     def near(self, other: Shape) -> bool:
-        """Whether another pass changes nothing."""
+        """True if another pass would change nothing."""
         away = abs(self.mismatch - other.mismatch) <= 1e-9 * abs(self.mismatch) + 1e-12
         return away and all(abs(a - b) <= 1e-4 * a + 1e-9 for a, b in zip(self.gaps, other.gaps, strict=True))
 
 
 def since_reversal(phase: np.ndarray, d: int, reversal: float) -> np.ndarray:
-    """The angle that an axis has gone since its last reversal, of two half a turn apart."""
+    """Return the angle since the last of an axis's two reversals in a turn."""
     return np.mod(d * (phase - reversal), np.pi)
 
 
@@ -125,7 +131,7 @@ class Solved:
         self.square = float(self.residual @ self.residual)
 
     def _independent(self) -> np.ndarray:
-        """The columns without the last one of each combination that the circles do not show."""
+        """Return the columns without the last one of each combination that the circles do not excite."""
         kept = np.flatnonzero(self.seen)
         while True:
             _, sizes, right = np.linalg.svd(self._triangle[:, kept], full_matrices=False)
@@ -136,7 +142,7 @@ class Solved:
 
     @cached_property
     def unseparable(self) -> dict[int, list[int]]:
-        """The columns that each column cannot be told apart from."""
+        """Return, for each column, the columns from which it cannot be separated."""
         mixed: dict[int, list[int]] = {}
         for i in np.flatnonzero(self.seen):
             if i in self.kept:
@@ -187,7 +193,9 @@ class Solved:
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """Of the kept columns, for residuals that are alike within blocks: (A'A)⁻¹ Σ g g' (A'A)⁻¹."""
+        """Return the covariance of the kept columns, for residuals that are correlated within blocks: (A'A)⁻¹ Σ g g'
+        (A'A)⁻¹.
+        """
         scores = (self.design[:, self.kept] / self.scale[self.kept]) * self.residual[:, None]
         middle = np.zeros((len(self.kept), len(self.kept)))
         begin = 0
@@ -202,11 +210,11 @@ class Solved:
         return self._inverse @ middle @ self._inverse * (n / max(n - k, 1))
 
     def value(self, name: str) -> float:
-        """The fitted value of a column, 0 where it was dropped."""
+        """Return the fitted value of a column, 0 where it was dropped."""
         return float(self.solution[self.labels.index(name)])
 
     def error(self, name: str) -> float:
-        """Its standard error; inf where it cannot be separated."""
+        """Return the standard error of a column; inf where it cannot be separated."""
         i = self.labels.index(name)
         if i in self.unseparable or i not in self.kept:
             return float("inf")
@@ -214,21 +222,23 @@ class Solved:
         return float(np.sqrt(max(self.covariance[k, k], 0.0))) / float(self.scale[i])
 
     def drawn(self, names: Sequence[str]) -> list[np.ndarray]:
-        """What some columns draw on each circle, m."""
+        """Return the deviation that some columns draw on each circle, m."""
         chosen = [self.labels.index(name) for name in names]
         whole = self.design[:, chosen] @ self.solution[chosen]
         return np.split(whole, np.cumsum([len(rows.angle) for rows in self.data])[:-1])
 
 
 def _held(since: np.ndarray, R: float, gap: float) -> np.ndarray:
-    """The part of a gap, by the angle since the reversal, by which a table that still stands is off the step."""
+    """Return the part of a gap, by the angle since the reversal, by which a table that still stands deviates from the
+    step.
+    """
     if gap <= 0.0:
         return np.zeros_like(since)
     return np.maximum(0.0, 1.0 - since**2 * (0.5 * R / gap))
 
 
 def distinct_feeds(data: list[Rows]) -> list[float]:
-    """The feeds of all circles, those that differ by 2 % at most as one."""
+    """Return the feeds of all circles, merging those that differ by 2 % at most."""
     feeds: list[float] = []
     for rows in data:
         if not any(abs(rows.V - feed) <= 0.02 * feed for feed in feeds):
@@ -237,12 +247,14 @@ def distinct_feeds(data: list[Rows]) -> list[float]:
 
 
 def window(turning: float) -> float:
-    """The angle after a reversal in which a spike may last, rad."""
+    """Return the angle after a reversal in which a spike may last, rad."""
     return float(np.clip(_WINDOW * turning, _NARROWEST, _WIDEST))
 
 
 def _hats(since: np.ndarray, window: float) -> list[np.ndarray]:
-    """Piecewise straight courses over the angle since a reversal, finer at its begin, 0 from the window's end on."""
+    """Return piecewise linear basis functions of the angle since a reversal, finer at its start, 0 beyond the
+    window.
+    """
     nodes = window * (np.arange(_NODES + 1) / _NODES) ** 1.5
     return [np.interp(since, nodes, row, right=0.0) for row in np.eye(_NODES + 1)[:_NODES]]
 
@@ -273,7 +285,7 @@ class Cause(NamedTuple):
 
 
 class Spike(NamedTuple):
-    """The course after the reversals of an axis at one feed: outward deviations behind all other causes.
+    """The deviation after the reversals of an axis at one feed: outward, without all other causes.
 
     axis, feed  feed in m/s
     angle       since the reversal, rad, shape (n,)
@@ -287,18 +299,18 @@ class Spike(NamedTuple):
 
     @property
     def peak(self) -> float:
-        """The largest, m, signed."""
+        """The largest deviation, m, signed."""
         return float(self.height[int(np.argmax(np.abs(self.height)))])
 
     @property
     def peak_angle(self) -> float:
-        """Where it is, rad since the reversal."""
+        """The angle of the peak, rad since the reversal."""
         return float(self.angle[int(np.argmax(np.abs(self.height)))])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CircleCauses(Result):
-    """The causes of what some circles show, and what is left.
+    """The causes of the deviations of some circles, and the residual.
 
     causes    all that were fitted
     spikes    after the reversals of each axis at each feed
@@ -325,7 +337,7 @@ class CircleCauses(Result):
 
     @property
     def ranked(self) -> list[Cause]:
-        """The largest effect first; the offset of the set-up, which is no fault of the machine, is left out."""
+        """The causes, largest effect first; the offset of the set-up, which is no fault of the machine, is left out."""
         return sorted((cause for cause in self.causes if not cause.name.startswith("set-up")), key=lambda c: -c.effect)
 
     def table(self) -> Table:
@@ -399,7 +411,7 @@ def circle_causes(
 
 
 def _result(solved: Solved, G: float) -> CircleCauses:
-    """All causes, with their effects."""
+    """Return all causes with their effects."""
     x, y = solved.names
     decay = solved.decay
     plain = [name for name in solved.labels if not name.startswith(("screw ", "spike "))]
@@ -441,7 +453,7 @@ def _cause(
 
 
 def _named(solved: Solved, i: int) -> str:
-    """The cause of a column."""
+    """Return the cause of a column."""
     words = solved.labels[i].split(" ")
     if words[0] == "screw":
         return f"screw error {words[1]}"
@@ -449,7 +461,7 @@ def _named(solved: Solved, i: int) -> str:
 
 
 def _remedy(solved: Solved) -> str:
-    """The circles that are missing."""
+    """Name the circles that are missing for a separation."""
     there = {rows.d for rows in solved.data}
     missing = [f"run {DIRECTIONS[d]}" for d in (1, -1) if d not in there]
     missing += ["run a second feed"] if len(solved.feeds) == 1 else []
@@ -457,7 +469,7 @@ def _remedy(solved: Solved) -> str:
 
 
 def _spike(solved: Solved, axis: str, place: int) -> Spike:
-    """The mean outward deviation after the reversals of an axis at a feed, behind all other causes."""
+    """Return the mean outward deviation after the reversals of an axis at a feed, without all other causes."""
     first = axis == solved.names[0]
     feed = solved.feeds[place]
     hats = [name for name in solved.labels if name.startswith(f"spike {axis} ")]

@@ -54,7 +54,7 @@ class CirclePath:
 
     @property
     def name(self) -> str:
-        """Direction and feed, as people write them."""
+        """Direction and feed as text."""
         return Text(f"{DIRECTIONS[self.direction]} {Quantity(self.feed, 'm/s'):mm/min}")
 
 
@@ -92,7 +92,9 @@ class Figures(NamedTuple):
 
 
 def circle_fit(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
-    """Center and radius (m) with the least Σ (|p - c| - R)², by Gauss-Newton steps from the center of gravity."""
+    """Return center and radius (m) with the least Σ (|p - c| - R)², by Gauss-Newton steps from the center of
+    gravity.
+    """
     center = np.array([np.mean(x), np.mean(y)])
     for _ in range(50):
         dx, dy = x - center[0], y - center[1]
@@ -108,7 +110,7 @@ def circle_fit(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def minimum_zone(x: np.ndarray, y: np.ndarray) -> Zone:
-    """The two nearest concentric circles around a path: min (s - l) with l <= r - u·δc <= s, repeated.
+    """Return the two nearest concentric circles around a path: min (s - l) with l <= r - u·δc <= s, repeated.
 
     Linear programs on the outermost and innermost points; those that a solution cuts off join until none does.
     """
@@ -166,7 +168,7 @@ def circle_path(
     points: int = POINTS,
     name: str = "circle",
 ) -> CirclePath:
-    """The last full turn at constant feed of a motion, resampled evenly in angle about its least-squares center.
+    """Return the last full turn at constant feed of a motion, resampled evenly in angle about its least-squares center.
 
     x, y         m, shape (n,), of the whole motion: run-in, turns, run-out
     sample_time  s; or the time of each row, s
@@ -233,7 +235,7 @@ def circle_path(
 
 
 def _at_feed(x: np.ndarray, y: np.ndarray, time: np.ndarray, middle: np.ndarray, name: str) -> tuple[int, int]:
-    """First row and end of the longest stretch in which the angle changes at an even rate."""
+    """Return first row and end of the longest stretch in which the angle changes at a constant rate."""
     angle = np.unwrap(np.arctan2(y - middle[1], x - middle[0]))
     whole = abs(float(angle[-1] - angle[0]))
     if whole < 2.0 * np.pi:
@@ -260,7 +262,7 @@ def _at_feed(x: np.ndarray, y: np.ndarray, time: np.ndarray, middle: np.ndarray,
 
 
 def _averaged(places: np.ndarray, r: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """The mean radius between the middles of wanted angles, where there are many rows for each."""
+    """Average the radius between the midpoints of the wanted angles, where there are many rows for each."""
     step = wanted[1] - wanted[0]
     edges = np.searchsorted(places, np.append(wanted - 0.5 * step, wanted[-1] + 0.5 * step))
     sums = np.concatenate([[0.0], np.cumsum(r)])
@@ -277,7 +279,9 @@ def circle_of_run(
     signal: str = "tool",
     points: int = POINTS,
 ) -> CirclePath:
-    """The circle of a simulated run; `signal` as in `contour_error`, readings are labelled as those of encoders."""
+    """Return the circle of a simulated run; `signal` as in `contour_error`; readings are labelled as those of
+    encoders.
+    """
     position = tool_columns(run, axes, signal)
     return circle_path(
         position[:, 0],
@@ -307,12 +311,12 @@ class CircleTest(Result):
 
     @property
     def radius(self) -> float:
-        """Nominal, m."""
+        """The nominal radius, m."""
         return self.circles[0].radius
 
     @property
     def largest(self) -> Figures:
-        """Those with the largest circular deviation, of both directions where there are some."""
+        """The figures with the largest circular deviation, of both directions if there are any."""
         both = [figure for figure in self.figures if figure.both]
         return max(both or self.figures, key=lambda figure: figure.G)
 
@@ -341,7 +345,7 @@ class CircleTest(Result):
 
 
 def circle_test(circles: Sequence[CirclePath], *, about: str = "least squares") -> CircleTest:
-    """G, F and D of circles, and G(b) and D of both directions at one feed.
+    """Compute G, F and D of circles, and G(b) and D of both directions at one feed.
 
     G is the minimum zone, in which the radius is free; F and D are about the nominal radius.
 
@@ -373,7 +377,7 @@ def circle_test(circles: Sequence[CirclePath], *, about: str = "least squares") 
 
 
 def same_feed(one: CirclePath, other: CirclePath) -> bool:
-    """Whether two feeds differ by 2 % at most."""
+    """True if two feeds differ by 2 % at most."""
     return abs(one.feed - other.feed) <= _SAME_FEED * max(one.feed, other.feed)
 
 
@@ -397,7 +401,7 @@ def _figures(circles: list[CirclePath], about: str) -> Figures:
 
 
 def about_origin(circle: CirclePath) -> CirclePath:
-    """The circle in coordinates in which its set-up center, or else its least-squares center, is 0."""
+    """Shift a circle so that its set-up center, or else its least-squares center, is 0."""
     center = circle_fit(circle.x, circle.y)[0] if circle.center is None else np.array(circle.center)
     return replace(circle, x=circle.x - center[0], y=circle.y - center[1], center=(0.0, 0.0))
 
@@ -407,7 +411,7 @@ NEAR = np.radians(10.0)
 
 
 class QuadrantPeak(NamedTuple):
-    """The peak behind one reversal on one circle.
+    """The peak after one reversal on one circle.
 
     circle     its place among the circles of the test
     axis, side  that reverses, as "x" and "+": at its most positive or its most negative place
@@ -425,19 +429,23 @@ class QuadrantPeak(NamedTuple):
 
 
 def deviation(circle: CirclePath, center: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Polar angle about a center, rad, 0 to 2π, and radial deviation from nominal, m, in the order of the motion."""
+    """Return polar angle about a center, rad, 0 to 2π, and radial deviation from nominal, m, in the order of the
+    motion.
+    """
     dx, dy = circle.x - center[0], circle.y - center[1]
     return np.arctan2(dy, dx) % (2.0 * np.pi), np.hypot(dx, dy) - circle.radius
 
 
 def deviations(test: CircleTest) -> list[tuple[np.ndarray, np.ndarray]]:
-    """`deviation` of each circle, about the center of its figures."""
+    """Return `deviation` of each circle, about the center of its figures."""
     centers = [figure.center for figure in test.figures if not figure.both]
     return [deviation(circle, center) for circle, center in zip(test.circles, centers, strict=True)]
 
 
 def quadrant_peaks(test: CircleTest) -> list[QuadrantPeak]:
-    """Four for each circle, the highest first: the largest outward deviation in the 10° after a reversal."""
+    """Return four peaks for each circle, the highest first: the largest outward deviation in the 10° after a
+    reversal.
+    """
     peaks = list[QuadrantPeak]()
     for k, (circle, (angle, r)) in enumerate(zip(test.circles, deviations(test), strict=True)):
         for quarter in range(4):

@@ -29,7 +29,7 @@ CORNER = 1e-3  # rad: a smaller turn of the tangent at a set position is none
 
 
 class Curve(NamedTuple):
-    """Pieces of third degree (Hermite) from node to node; a turn between two pieces is a corner.
+    """A piecewise cubic (Hermite) curve from node to node; a turn between two pieces is a corner.
 
     node    m, shape (n, N)
     along   path length at each node, m, shape (n,)
@@ -52,28 +52,28 @@ class Curve(NamedTuple):
         return angles
 
     def place(self, rows: int) -> np.ndarray:
-        """Path length at each of the set positions of which it was made, m, shape (rows,)."""
+        """The path length at each of the set positions of which it was made, m, shape (rows,)."""
         return self.along[np.searchsorted(self.row, np.arange(rows), side="right") - 1]
 
 
 def size(vectors: np.ndarray) -> np.ndarray:
-    """The length of each of some vectors, shape (n,); a third of the time of numpy's norm."""
+    """Return the length of vectors, shape (n,); takes a third of the time of numpy's norm."""
     return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
-    """Vectors of length 1, shape (n, N); one of length 0 stays."""
+    """Normalize vectors to length 1, shape (n, N); one of length 0 stays."""
     length = size(vectors)
     return vectors / np.where(length > 0.0, length, 1.0)[:, None]
 
 
 def lengths(position: np.ndarray) -> np.ndarray:
-    """Length of the straight lines up to each of some positions, m, shape (n,)."""
+    """Return the length of the polyline up to each position, m, shape (n,)."""
     return np.concatenate([[0.0], np.cumsum(size(np.diff(position, axis=0)))])
 
 
 def curve_through(position: np.ndarray, velocity: np.ndarray | None = None) -> Curve:
-    """The curve through set positions, m, shape (n, N); standstills become one node.
+    """Return the curve through set positions, m, shape (n, N); standstills become one node.
 
     The tangent is that of the velocity (m/s, the same shape); without one, that of the circle through three nodes
     unless their chords turn by more than 20°, a corner.  On an arc that turns by δ from row to row the curve is right
@@ -127,7 +127,8 @@ class Feet(NamedTuple):
 
 
 def feet(curve: Curve, position: np.ndarray, expected: np.ndarray | None, window: float) -> Feet:
-    """The nearest points to positions, m, shape (n, N), each within `window` m of path length around where it belongs.
+    """Return the points nearest to positions, m, shape (n, N), each within `window` m of path length around its
+    expected place.
 
     expected  path length at which each belongs, m, shape (n,); without it that of the foot before, and the whole path
               for the first one
@@ -147,7 +148,7 @@ def feet(curve: Curve, position: np.ndarray, expected: np.ndarray | None, window
 
 @kernel
 def _share(place: Floats, begin: Floats, end: Floats) -> float:
-    """The share of a straight piece, 0 .. 1, at which it is nearest to a place."""
+    """Return the share of a straight piece, 0 .. 1, at which it is nearest to a place."""
     on = 0.0
     length = 0.0
     for i in range(len(place)):
@@ -159,7 +160,9 @@ def _share(place: Floats, begin: Floats, end: Floats) -> float:
 
 @kernel
 def _cubic(d: float, begin: float, end: float, u: float) -> tuple[float, float, float]:
-    """A piece by its chord and the derivatives at its ends: way from its begin, first and second derivative by u."""
+    """Evaluate a piece by its chord and the derivatives at its ends: distance from its start, first and second
+    derivative by u.
+    """
     b = 3.0 * d - 2.0 * begin - end
     c = begin + end - 2.0 * d
     return u * (begin + u * (b + u * c)), begin + u * (2.0 * b + 3.0 * c * u), 2.0 * b + 6.0 * c * u
@@ -167,7 +170,7 @@ def _cubic(d: float, begin: float, end: float, u: float) -> tuple[float, float, 
 
 @kernel
 def _chord(place: Floats, begin: Floats, end: Floats) -> float:
-    """Squared distance of a place from a straight piece."""
+    """Return the squared distance of a place from a straight piece."""
     u = _share(place, begin, end)
     square = 0.0
     for i in range(len(place)):
@@ -178,7 +181,9 @@ def _chord(place: Floats, begin: Floats, end: Floats) -> float:
 
 @kernel
 def _on_piece(place: Floats, node: Floats, after: Floats, begin: Floats, end: Floats) -> tuple[float, float]:
-    """The nearest point of a piece, by Newton's method: its share of the piece, 0 .. 1, and the squared distance."""
+    """Return the nearest point of a piece by Newton's method: its share of the piece, 0 .. 1, and the squared
+    distance.
+    """
     u = _share(place, node, after)
     square = 0.0
     for _ in range(8):
@@ -219,7 +224,7 @@ def _feet(
     tangent: Floats2,
     corner: Ints,
 ) -> int:
-    """The foot of each position: straight pieces decide which piece it is, Newton's method where."""
+    """Find the foot of each position: straight pieces select the piece, Newton's method the point on it."""
     last = len(node) - 2
     k = 0
     low = 0
@@ -284,7 +289,7 @@ _LARGE = 0.5  # of a worst error: what is larger around it belongs to it
 
 
 class Worst(NamedTuple):
-    """A place of a large contour error: when (s), at which path length (m), how much (m, signed), where, which line."""
+    """A large contour error: time (s), path length (m), error (m, signed), position and program line."""
 
     time: float
     along: float
@@ -351,7 +356,7 @@ class ContourError(Result):
 
     @property
     def signed(self) -> bool:
-        """Whether left and right of the path are told apart: for two axes."""
+        """True if left and right of the path are distinguished: for two axes."""
         return len(self.axes) == 2
 
     @property
@@ -361,7 +366,7 @@ class ContourError(Result):
 
     @cached_property
     def weights(self) -> np.ndarray:
-        """The share of each sample in the path that counts: half of the way to both neighbors, 0 at a standstill."""
+        """The weight of each sample in the path that counts: half of the way to both neighbors, 0 at a standstill."""
         way = np.diff(lengths(self.set_position))
         share = 0.5 * (np.append(way, 0.0) + np.insert(way, 0, 0.0)) * self.counted
         total = float(np.sum(share))
@@ -369,18 +374,18 @@ class ContourError(Result):
 
     @property
     def rms(self) -> float:
-        """Root of the mean square along the path, m."""
+        """The root mean square along the path, m."""
         return float(np.sqrt(np.sum(self.weights * self.error**2)))
 
     def within(self, share: float = 0.95) -> float:
-        """The distance that is kept on this share of the path that counts, m; 0 where nothing counts."""
+        """Return the distance that is kept on this share of the path that counts, m; 0 where nothing counts."""
         sizes, weights = np.abs(self.error[self.counted]), self.weights[self.counted]
         order = np.argsort(sizes)
         place = np.searchsorted(np.cumsum(weights[order]), share - 1e-12)
         return float(sizes[order[min(int(place), len(order) - 1)]]) if len(order) else 0.0
 
     def worst(self, count: int = WORST, apart: float | None = None) -> list[Worst]:
-        """The largest errors that count, largest first: peaks that fall to half between them.
+        """Return the largest errors that count, largest first: peaks that fall to half between them.
 
         apart  least path length between two of them, m; default: a thousandth of the path
         """
@@ -403,7 +408,7 @@ class ContourError(Result):
         return places
 
     def corners(self, least: float = np.radians(5.0), reach: float | None = None) -> list[Corner]:
-        """Corners of the path that turn by at least so many radians.
+        """Return the corners of the path that turn by at least this angle, rad.
 
         reach  path length before and behind a corner that counts as around it, m; default: twice the largest lag, but
                not beyond the middle to the next corner
@@ -462,7 +467,7 @@ class ContourError(Result):
 
 
 def _to_point(position: np.ndarray, point: np.ndarray) -> float:
-    """The distance at which straight lines between positions pass a point, m."""
+    """Return the distance at which the polyline through positions passes a point, m."""
     if len(position) < 2:
         return float(np.min(size(position - point)))
     step, from_begin = np.diff(position, axis=0), point - position[:-1]
@@ -485,7 +490,7 @@ def contour_error(
     window: float | None = None,
     name: str | None = None,
 ) -> ContourError:
-    """The distance of the tool from its path:  ε = ± |P - c(u)|  with  (c(u) - P) · c'(u) = 0.
+    """Compute the distance of the tool from its path: ε = ± |P - c(u)| with (c(u) - P) · c'(u) = 0.
 
         estimate  ε = -e_n - κ e_t²/2,  e = set - actual position, n left of the direction t, κ > 0 in a left turn
 
@@ -563,7 +568,7 @@ def contour_error(
 
 
 def _signed(vector: np.ndarray, tangent: np.ndarray, corner: np.ndarray) -> np.ndarray:
-    """Of two axes positive at the left of the path, and unsigned at corners; else unsigned."""
+    """Return the sign for two axes, positive at the left of the path, unsigned at corners; otherwise unsigned."""
     distance = size(vector)
     if vector.shape[1] != 2:
         return distance
@@ -572,7 +577,7 @@ def _signed(vector: np.ndarray, tangent: np.ndarray, corner: np.ndarray) -> np.n
 
 
 def _estimate(e: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
-    """ε = -e_n - κ e_t²/2; NaN where the set position stands."""
+    """Return ε = -e_n - κ e_t²/2; NaN where the set position stands still."""
     speed = size(velocity)
     moves = speed > _SLOW
     t = unit(velocity)
@@ -584,14 +589,14 @@ def _estimate(e: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> 
 
 
 def _differenced(position: np.ndarray, velocity: np.ndarray, T: float) -> bool:
-    """Whether the velocities are backward differences of the positions, which are no tangents."""
+    """True if the velocities are backward differences of the positions, which are no tangents."""
     step = np.diff(position, axis=0)
     away = np.max(np.abs(T * velocity[1:] - step), initial=0.0)
     return bool(away <= 1e-9 * np.max(np.abs(step), initial=0.0))
 
 
 def _axes(run: Run, axes: Sequence[str] | None) -> tuple[str, ...]:
-    """The axes of a run that are asked for, or all that do not turn."""
+    """Return the requested axes of a run, or all that do not turn."""
     ports = [signal.removesuffix("set_position") for signal in run.signals if signal.endswith(".set_position")]
     if axes is None:
         return tuple(port[:-1] for port in ports if port not in run.turning)
@@ -602,7 +607,7 @@ def _axes(run: Run, axes: Sequence[str] | None) -> tuple[str, ...]:
 
 
 def tool_columns(run: Run, axes: Sequence[str], signal: str) -> np.ndarray:
-    """Positions of axes, m, shape (n, N): the tool point where the run has it, or a signal of each axis."""
+    """Return positions of axes, m, shape (n, N): the tool point where the run has it, or a signal of each axis."""
     if signal == "tool":
         there = all(f"tool.{name}" in run.signals for name in axes)
         names = [f"tool.{name}" if there else f"{name}.position_load" for name in axes]
@@ -612,7 +617,7 @@ def tool_columns(run: Run, axes: Sequence[str], signal: str) -> np.ndarray:
 
 
 def _followed(path: Mapping[str, Reference], axes: Sequence[str], time: np.ndarray) -> tuple[Any, Any, Any]:
-    """Position, velocity and acceleration of references at instants, s."""
+    """Return position, velocity and acceleration of references at instants, s."""
     absent = [name for name in axes if name not in path]
     if absent:
         raise ParameterError(f"there is no reference of axis {', '.join(absent)}; there are {', '.join(path)}")
@@ -622,7 +627,7 @@ def _followed(path: Mapping[str, Reference], axes: Sequence[str], time: np.ndarr
 
 
 def _checked(name: str, values: Any, position: np.ndarray) -> np.ndarray:
-    """An array of the shape of the positions, all finite."""
+    """Check an array: the shape of the positions, all finite."""
     array = np.asarray(values, dtype=np.float64)
     if array.shape != position.shape:
         raise ParameterError(f"{name} is of shape {array.shape}, the positions are of shape {position.shape}")

@@ -69,7 +69,7 @@ class CuttingForces(Result):
 
 
 def cutting_forces(run: Run, cut: MillingCut) -> CuttingForces:
-    """What the cut of a machine made of the motion of a run, by the step that also ran in it.
+    """Compute the cutting forces of a run from the motion of its axes, by the same step that ran in it.
 
     With one substep it is the force of the run; with more it is that of substeps as long as a sample.
     Raises ParameterError for a run that does not begin at 0 s or without the positions and velocities of x and y.
@@ -119,7 +119,7 @@ def cutting_forces(run: Run, cut: MillingCut) -> CuttingForces:
 
 
 def _motions(cut: MillingCut, signals: Any, ahead: Any) -> dict[str, Motion]:
-    """The motions of the axes, predicted by a time in s."""
+    """Return the motions of the axes, predicted by a time in s."""
     motions: dict[str, Motion] = {}
     for axis in (cut.along_x, cut.along_y):
         x, v = signals[f"{axis}.position_load"], signals[f"{axis}.velocity_load"]
@@ -136,7 +136,7 @@ def _speed(cut: MillingCut, time: np.ndarray) -> np.ndarray:
 
 
 def _program(cut: MillingCut, begun: Any, tables: dict[str, Any]) -> Program:
-    """One substep of the cut between named numbers."""
+    """Trace one substep of the cut between named numbers."""
     graph = Graph()
     symbolic = tree.rebuild(cut, (graph.input(name) for name, _ in tree.leaves(cut)))
     symbolic = tree.with_tables(symbolic, {name: graph.table(name, len(row)) for name, row in tables.items()})

@@ -24,7 +24,7 @@ _ENDS = 0.05  # of an element, left out at both ends, where the axes settle behi
 
 
 class Element(NamedTuple):
-    """A line or an arc of the path, and what the tool made of it.
+    """A line or an arc of the path with the form errors of the tool's motion.
 
     kind    "line" or "arc"
     begin, end  path length, m
@@ -51,7 +51,7 @@ class Element(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Elements(Result):
-    """The lines and arcs of a path in their order, and its corners."""
+    """The lines and arcs of a path in order, and its corners."""
 
     name: str
     elements: tuple[Element, ...]
@@ -99,7 +99,7 @@ def _in_line(line: int | None) -> str:
 
 
 def elements(contour: ContourError, *, ends: float = _ENDS) -> Elements:
-    """The lines and arcs of the path of a contour error of two axes.
+    """Split the path of a contour error of two axes into lines and arcs.
 
     ends  share of each element that is left out at both ends, 0 to 0.4
 
@@ -149,7 +149,7 @@ def elements(contour: ContourError, *, ends: float = _ENDS) -> Elements:
 
 
 def _line(place: np.ndarray, along: np.ndarray) -> tuple[float, float, float]:
-    """Angle of a line, straightness and tilt of the places along it."""
+    """Return angle, straightness and tilt of a line through places."""
     t = along / np.linalg.norm(along)
     middle = place - np.mean(place, axis=0)
     s, off = middle @ t, middle @ np.array([-t[1], t[0]])
@@ -159,7 +159,7 @@ def _line(place: np.ndarray, along: np.ndarray) -> tuple[float, float, float]:
 
 
 def _arc(place: np.ndarray, nodes: np.ndarray, turn: float) -> tuple[float, float, float]:
-    """Radius of an arc, roundness of the places on it, and by how much their radius is larger."""
+    """Return the radius of an arc, the roundness of the places on it, and the excess of their radius."""
     center, radius = circle_fit(nodes[:, 0], nodes[:, 1])
     if turn >= np.pi:
         zone = minimum_zone(place[:, 0], place[:, 1])

@@ -22,7 +22,7 @@ WARN, TRIP = 0.8, 1.0
 
 @dataclass(frozen=True, eq=False, repr=False)
 class AxisLoad(Result):
-    """What a motion asks of one motor.  Forces in N at the table, of an axis that turns torques in N m.
+    """The load of one motor by a motion. Forces in N at the table; for an axis that turns torques in N m.
 
     axis            its name
     sample_time     s
@@ -55,17 +55,17 @@ class AxisLoad(Result):
 
     @property
     def duration(self) -> float:
-        """s."""
+        """The duration, s."""
         return len(self.force) * self.sample_time
 
     @property
     def of_continuous(self) -> float | None:
-        """RMS force by continuous force."""
+        """RMS force over continuous force."""
         return None if self.continuous_force is None else self.rms / self.continuous_force
 
     @property
     def of_peak(self) -> float | None:
-        """Peak force by the largest of the motor."""
+        """Peak force over the largest force of the motor."""
         return None if self.peak_force is None else self.peak / self.peak_force
 
     @property
@@ -80,7 +80,9 @@ class AxisLoad(Result):
 
     @property
     def verdict(self) -> str:
-        """Whether the motor can do this for ever: fits, warns (from 80 % of the heat), trips, or what is not known."""
+        """The verdict for continuous operation: fits, warns (from 80 % of the heat), trips, or the data that are
+        missing.
+        """
         shares = [] if self.of_continuous is None else [self.of_continuous**2]
         shares += [] if self.heat_repeated is None else [self.heat_repeated]
         if self.of_peak is not None and self.of_peak > 1.0:
@@ -131,7 +133,9 @@ class MachineLoad(Result):
     spindle: SpindleLoad | None = field(default=None)
 
     def energy(self, *, recovers: bool = True) -> float:
-        """Mechanical energy of the axes, losses in their windings where they are known, and the spindle's, J."""
+        """Return the mechanical energy of the axes, the losses in their windings where known, and the spindle's energy,
+        J.
+        """
         total = sum((axis.work if recovers else axis.drawn) + (axis.loss or 0.0) for axis in self.axes.values())
         return total + (0.0 if self.spindle is None else self.spindle.energy)
 
@@ -195,7 +199,7 @@ def axis_load(
     axis: str = "x",
     turning: bool = False,
 ) -> AxisLoad:
-    """The load of a motor whose force is held from sample to sample.
+    """Compute the load of a motor whose force is held from sample to sample.
 
         F_rms² = mean F²,   θ' = ((F / F_continuous)² - θ) / τ,   loss = (F / K_m)²,   work = Σ F(k) (x(k+1) - x(k))
 
@@ -259,7 +263,7 @@ def axis_load(
 def spindle_load(
     torque: np.ndarray, spindle_speed: float | np.ndarray, sample_time: float, volume: float | None = None
 ) -> SpindleLoad:
-    """Power = torque · ω of a spindle.
+    """Compute power = torque · ω of a spindle.
 
     torque         N m, shape (n,)
     spindle_speed  rpm, one number or of each sample
@@ -287,7 +291,7 @@ def machine_load(
     time_constant: Mapping[str, float] | None = None,
     spindle: SpindleLoad | None = None,
 ) -> MachineLoad:
-    """The load of each axis of a run, with the limits that its motor states in the machine file.
+    """Compute the load of each axis of a run, with the limits that its motor states in the machine file.
 
     The force is that which acts in the last substep of a sample (`drive_force`), taken for all of it: with a dead time
     that is no whole number of samples, and with a slow current loop, the energy is right to first order of the sample

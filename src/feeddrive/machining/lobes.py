@@ -28,7 +28,7 @@ _LINES = 4000  # of a modeled response over its band
 
 @dataclass(frozen=True)
 class ZeroOrder:
-    """Zero-order limits: axial depth in m and chatter frequency in Hz by spindle speed in rpm; NaN where none is found.
+    """Zero-order limits: axial depth in m and chatter frequency in Hz by spindle speed in rpm; NaN where there is none.
 
     `least` is the depth below which no speed chatters by this theory, m.
     """
@@ -40,7 +40,7 @@ class ZeroOrder:
 
 
 def zero_order(tool: ToolPoint | FRF | Any, cutter: Any, spindle_speeds: Any = ()) -> ZeroOrder:
-    """The zero-order solution of Altintas and Budak: the directional matrix replaced by its mean over a turn.
+    """Compute the zero-order solution of Altintas and Budak: the directional matrix replaced by its mean over a turn.
 
         λ an eigenvalue of G(jω) mean(H),  L = -1/λ,  a = |L|²/(2 Re L) if Re L > 0,  ωτ = -arg(1 - L/a) + 2πk
 
@@ -83,7 +83,7 @@ def zero_order(tool: ToolPoint | FRF | Any, cutter: Any, spindle_speeds: Any = (
 
 
 def _lines(tool: Any) -> tuple[np.ndarray, np.ndarray, list[int]]:
-    """Frequencies in Hz, responses (n, q, q) in m/N and their directions."""
+    """Return frequencies in Hz, responses (n, q, q) in m/N and their directions."""
     if isinstance(tool, ToolPoint):
         poles = np.linalg.eigvals(tool.A)
         sizes = np.abs(poles) / (2.0 * np.pi)
@@ -113,7 +113,7 @@ def _lines(tool: Any) -> tuple[np.ndarray, np.ndarray, list[int]]:
 
 
 def _tracked(eigenvalues: np.ndarray) -> np.ndarray:
-    """The eigenvalues in the order in which they run on from line to line."""
+    """Reorder eigenvalues so that each continues from line to line."""
     if eigenvalues.shape[1] == 1:
         return eigenvalues
     tracked = eigenvalues.copy()
@@ -127,7 +127,7 @@ def _tracked(eigenvalues: np.ndarray) -> np.ndarray:
 def semi_discretisation(
     tool: ToolPoint, cutter: Any, speed: float, depth: float, *, steps: int = 40, order: int = 1
 ) -> np.ndarray:
-    """All multipliers µ of a cut by semi-discretization, the largest first; speed in rpm, axial depth in m.
+    """Return all multipliers µ of a cut by semi-discretization, the largest first; speed in rpm, axial depth in m.
 
     The tooth period is cut into `steps`; over each the coefficients are their means, and the delayed value is the mean
     of its ends (order 0) or a straight line (order 1).  The error falls with steps²; the usual 40 are 6 % off in |µ|
@@ -194,17 +194,17 @@ class CutStability(Result):
 
     @property
     def growth(self) -> float:
-        """|µ|, the factor of a vibration from tooth to tooth; below 1 it dies out."""
+        """|µ|, the factor of a vibration from tooth to tooth; below 1 it decays."""
         return abs(self.multiplier)
 
     @property
     def stable(self) -> bool:
-        """Whether vibrations die out."""
+        """True if vibrations decay."""
         return self.growth < 1.0
 
     @property
     def kind(self) -> str:
-        """The border at the limit: "hopf", a beat beside the teeth; "flip", every second tooth; or "none"."""
+        """The border at the limit: "hopf", a beat beside the teeth; "flip", period doubling; or "none"."""
         return kind_of(self.limit_multiplier) if np.isfinite(self.limit) else "none"
 
     def sentence(self) -> str:
@@ -253,18 +253,20 @@ class Lobes(Result):
 
     @property
     def flip(self) -> np.ndarray:
-        """Where the border is a flip, bool."""
+        """True where the stability limit is a flip (period-doubling) bifurcation."""
         return np.array([kind_of(m) == "flip" for m in self.multiplier]) & np.isfinite(self.depth)
 
     def pockets(self, count: int = POCKETS) -> list[int]:
-        """Places of the speeds between whose neighbours the limit is highest, the highest first."""
+        """Return the indices of the speeds at local maxima of the limit, the highest first."""
         depth = np.where(np.isfinite(self.depth), self.depth, self.deepest)
         around = np.concatenate([[-np.inf], depth, [-np.inf]])
         peaks = np.flatnonzero((depth >= around[:-2]) & (depth > around[2:]))
         return [int(i) for i in peaks[np.argsort(-depth[peaks], kind="stable")][:count]]
 
     def passing(self) -> list[tuple[float, float, int]]:
-        """Speeds f·60/(k teeth) at which a tooth passes every k swings of a mode: rpm, Hz and k, within the range."""
+        """Return the speeds f·60/(k teeth) at which a tooth passes every k periods of a mode: rpm, Hz and k, within the
+        range.
+        """
         low, high = float(self.spindle_speed.min()), float(self.spindle_speed.max())
         passing_speeds: list[tuple[float, float, int]] = []
         for f in self.natural:
@@ -275,7 +277,7 @@ class Lobes(Result):
         return sorted(passing_speeds)
 
     def sentence(self) -> str:
-        """Where the limit is least, and the best pocket."""
+        """The lowest limit and the best pocket as a sentence."""
         i, best = int(np.argmin(self.depth)), self.pockets(1)[0]
         if not np.isfinite(self.depth[i]):
             return Text(f"no chatter up to {Quantity(self.deepest, 'm'):mm} at any of these speeds")
@@ -288,7 +290,7 @@ class Lobes(Result):
         )
 
     def table(self) -> Table:
-        """The best pockets and the least limit."""
+        """The best pockets and the lowest limit."""
         rows: list[list[float | str | None]] = []
         least = int(np.argmin(self.depth))
         for i in [*(pocket for pocket in self.pockets() if pocket != least), least]:
@@ -313,7 +315,7 @@ def _over(deepest: float) -> str:
 
 
 def kind_of(multiplier: complex) -> str:
-    """What µ at a border is: "flip" near -1, "fold" near 1, else "hopf"."""
+    """Return the kind of border from its µ: "flip" near -1, "fold" near 1, else "hopf"."""
     if abs(multiplier.imag) > 1e-6 * abs(multiplier):
         return "hopf"
     return "flip" if multiplier.real < 0.0 else "fold"
@@ -331,7 +333,7 @@ def stability_lobes(
     progress: Progress | None = None,
     **changes: float,
 ) -> Lobes:
-    """The limits of a milling cut over spindle speeds in rpm, exact for the linear tool point (`ToothPassage`).
+    """Compute the limits of a milling cut over spindle speeds in rpm, exact for the linear tool point (`ToothPassage`).
 
     tool      modes (`tool_modes`), or a loop, machine or sampled model, of which `tool_point` makes one
     cutter    a tool of `feeddrive.blocks`, or a `Regeneration`; `changes` as process_damping = 2e4 replace its fields
@@ -378,7 +380,7 @@ def stability_lobes(
 def cut_stability(
     tool: Dynamics | Any, cutter: Any, speed: float, depth: float, *, deepest: float | None = None, **changes: float
 ) -> CutStability:
-    """Whether one cut chatters: |µ| at a spindle speed in rpm and an axial depth in m, and the limit at this speed.
+    """Judge one cut: |µ| at a spindle speed in rpm and an axial depth in m, and the limit at this speed.
 
     Raises as `stability_lobes` does, and for a depth that is not above 0.
     """
@@ -395,7 +397,9 @@ def cut_stability(
 
 
 def as_tool_point(tool: Dynamics | Any) -> ToolPoint:
-    """The tool point of what gives way. Raises ParameterError with the remedy for a measured response."""
+    """Return the tool point of a machine, loop or tool. Raises ParameterError with the remedy for a measured
+    response.
+    """
     if isinstance(tool, ToolPoint):
         return tool
     if isinstance(tool, FRF):
@@ -407,7 +411,7 @@ def as_tool_point(tool: Dynamics | Any) -> ToolPoint:
 
 
 def _range(point: ToolPoint, cut: Regeneration, deepest: float | None) -> tuple[float, float]:
-    """Where the scan of depths begins and ends, m. Raises UnstableError for a tool point that does not rest."""
+    """Return the depths at which the scan starts and ends, m. Raises UnstableError for an unstable tool point."""
     point.moving()
     poles = np.linalg.eigvals(point.A)
     worst = poles[np.argmax(poles.real)]
@@ -432,7 +436,7 @@ def _range(point: ToolPoint, cut: Regeneration, deepest: float | None) -> tuple[
 def _borders(
     point: ToolPoint, cut: Regeneration, speed: float, first: float, most: float, *, every: bool = False
 ) -> Iterator[float]:
-    """Axial depths in m at which |µ| crosses 1, rising: the first, or all up to `most`.
+    """Return the axial depths in m at which |µ| crosses 1, rising: the first, or all up to `most`.
 
     A scan in steps of _RATIO, with both sides of every flip and the tops between steps, by fewer points; the border is
     then found with all.
@@ -498,14 +502,14 @@ def _root(growth: Callable[[float], float], low: float, high: float, digits: flo
 
 
 def _at(passage: ToothPassage, point: ToolPoint, limit: float) -> tuple[float, complex, float]:
-    """A limit with µ and the frequency there."""
+    """Return a limit with µ and the frequency there."""
     if not np.isfinite(limit):
         return np.inf, complex(np.nan), np.nan
     return limit, complex(passage.multipliers([limit])[0]), passage.frequency(limit, point)
 
 
 def _natural(point: ToolPoint) -> np.ndarray:
-    """Own frequencies of modes damped below 30 %, whose swings can meet the teeth, Hz."""
+    """Return the natural frequencies of modes damped below 30 %, which can resonate with the teeth, Hz."""
     poles = np.linalg.eigvals(point.A)
     upper = poles[(poles.imag > 0.0) & (-poles.real < 0.3 * np.abs(poles))]
     return np.unique(np.round(np.abs(upper) / (2.0 * np.pi), 9))

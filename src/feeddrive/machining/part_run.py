@@ -30,7 +30,7 @@ _APART = 3e-3  # m of path: places that lie closer are one
 
 
 class AxisRun(NamedTuple):
-    """One axis under a part program, in SI; `line` and `time` are those of the largest following error.
+    """One axis under a part program, in SI; `line` and `time` belong to the largest following error.
 
     following_rms, following_peak  m, over all samples
     glitch, glitches               m, the largest contour error in the 50 ms after a reversal; how many reversals
@@ -63,7 +63,7 @@ class Estimated(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PartRun(Result):
-    """A law under a part program.
+    """The result of a law under a part program.
 
     contour    of all moving axes, in space; those samples count that cut, or all but traverses
     axes       by name
@@ -87,7 +87,7 @@ class PartRun(Result):
 
     @property
     def cutting_rms(self) -> float | None:
-        """N, of the resultant of the cut on all axes, while it cuts; None without a cut."""
+        """RMS of the resultant cutting force on all axes while it cuts, N; None without a cut."""
         if self.cutting is None or not np.any(self.contour.counted):
             return None
         return _rms(np.linalg.norm(self.cutting[self.contour.counted], axis=1))
@@ -99,7 +99,7 @@ class PartRun(Result):
         return max(shares, default=None)
 
     def numbers(self) -> dict[str, float | None]:
-        """All figures by name, in SI."""
+        """Return all figures by name, in SI."""
         figures: dict[str, float | None] = {
             "contour_error_rms_m": self.contour.rms,
             "contour_error_95_percent_m": self.contour.within(),
@@ -141,7 +141,7 @@ class PartRun(Result):
         return figures
 
     def table(self) -> Table:
-        """A row for each axis."""
+        """One row for each axis."""
         title = Text(
             f"{self.name}: contour error {Quantity(self.contour.largest, 'm')} at most, "
             f"{Quantity(self.contour.rms, 'm')} RMS, {Quantity(self.contour.within(), 'm')} on 95 % of the path that "
@@ -183,7 +183,7 @@ def part_run(
     spindle: SpindleLoad | None = None,
     observers: Mapping[str, Mapping[str, Observer]] | None = None,
 ) -> PartRun:
-    """The figures of a run of a machine along a part program.
+    """Evaluate a run of a machine along a part program.
 
     run        of a machine, with all signals
     machine    that ran
@@ -238,7 +238,7 @@ def _axis(run: Run, axis: str, line: np.ndarray, contour: ContourError, speed: n
 
 
 def _estimated(run: Run, axis: str, observer: Observer, true: np.ndarray, turn: float | None) -> Estimated:
-    """An observer that listens, against the force of cut, friction and weight in the same run."""
+    """Compare an observer with the force of cut, friction and weight in the same run."""
     encoder = getattr(observer, "encoder", "load")
     T, before = run.sample_time, float(run[f"{axis}.force"][0])
     seen = observe(observer, run[f"{axis}.reading_{encoder}"], run[f"{axis}.force"], T, before=before)
@@ -259,7 +259,9 @@ def _rms(values: np.ndarray) -> float:
 
 
 def disturbance_of(run: Run, loop: Loop, axis: str) -> np.ndarray:
-    """N, all that acts on an axis beside its drive over each sample: cut, friction, weight; shape (n,)."""
+    """Return everything that acts on an axis beside its drive over each sample, N: cut, friction, weight; shape
+    (n,).
+    """
     mechanics = loop.axis.mechanics()
     along = mechanics.rigid_motion()
     viscous = float(matrix.dot([matrix.dot(row, along) for row in mechanics.damping], along))

@@ -24,7 +24,9 @@ _APART = 1e-12  # rad; engagement changes closer than this are one
 
 
 class Piece(NamedTuple):
-    """Angles of the spindle between two changes of the engagement, and whether an edge is in the cut there, rad."""
+    """The angles of the spindle between two changes of the engagement, rad; `cutting` is True if an edge is in the cut
+    there.
+    """
 
     begin: float
     end: float
@@ -91,11 +93,13 @@ class Regeneration:
 
     @property
     def pitch(self) -> float:
-        """Angle from tooth to tooth, rad."""
+        """The angle from tooth to tooth, rad."""
         return 2.0 * float(np.pi) / self.teeth
 
     def period(self, speed: float) -> float:
-        """From tooth to tooth at a spindle speed in rpm, s. Raises ParameterError for a spindle that does not turn."""
+        """Return the tooth period at a spindle speed in rpm, s. Raises ParameterError for a spindle that does not
+        turn.
+        """
         if not (speed > 0.0 and np.isfinite(speed)):
             raise ParameterError(
                 f"spindle speed = {Quantity(speed, 'rpm'):6} must be > 0: a spindle that stands does not mill"
@@ -103,7 +107,9 @@ class Regeneration:
         return 60.0 / (self.teeth * speed)
 
     def steps(self, depth: float) -> Iterator[Piece]:
-        """One pitch of the spindle, cut where the engagement changes; with helical edges it depends on the depth."""
+        """Return one pitch of the spindle, cut where the engagement changes; with helical edges it depends on the
+        depth.
+        """
         lag = self.lag * depth if self.lag * depth > _STRAIGHT else 0.0
         borders = {0.0, self.pitch}
         for angle in (self.entry, self.leave, self.entry + lag, self.leave + lag):
@@ -116,7 +122,9 @@ class Regeneration:
             yield Piece(begin, end, any(upper > lower for _, lower, upper in self._edges(middle, lag)))
 
     def _edges(self, angle: Any, lag: float) -> Iterator[tuple[Any, Any, Any]]:
-        """Tip, and the ends of the engaged part of each edge that can be in the work; equal ends: it is not."""
+        """Return the tip and the ends of the engaged part of each edge that can be in the work; equal ends: it is
+        not.
+        """
         first = int(np.floor((self.entry - self.pitch) / self.pitch))
         last = int(np.ceil((self.leave + lag) / self.pitch))
         for tooth in range(first, last + 1):
@@ -129,7 +137,7 @@ class Regeneration:
                 yield tip, np.minimum(np.clip(tip - lag, self.entry, self.leave), upper), upper
 
     def matrices(self, piece: Piece, angle: np.ndarray, depth: float) -> tuple[np.ndarray, np.ndarray]:
-        """H in N/m² and Σ [[s², s c], [s c, c²]] at angles within a piece, both of shape (n, 2, 2)."""
+        """Return H in N/m² and Σ [[s², s c], [s c, c²]] at angles within a piece, both of shape (n, 2, 2)."""
         lag = self.lag * depth if self.lag * depth > _STRAIGHT else 0.0
         middle = 0.5 * (piece.begin + piece.end)
         sc, ss, cc = np.zeros((3, angle.size))
@@ -150,7 +158,9 @@ class Regeneration:
         return self._directed(sc, ss, cc), _rows(ss, sc, sc, cc)
 
     def averaged(self, begin: float, end: float) -> np.ndarray:
-        """The mean of H of straight edges while the spindle turns from begin to end (rad), N/m², shape (2, 2)."""
+        """Return the mean of H of straight edges while the spindle turns from begin to end (rad), N/m², shape (2,
+        2).
+        """
         # an edge that sweeps an angle passes the same places as one that lags by it
         swept = replace(self, lag=end - begin)
         return swept.matrices(Piece(end, end, True), np.array([end]), 1.0)[0][0]
@@ -160,7 +170,7 @@ class Regeneration:
         return _rows(Kt * sc + Kn * ss, Kt * cc + Kn * sc, Kn * sc - Kt * ss, Kn * cc - Kt * sc)
 
     def mean(self) -> np.ndarray:
-        """The mean of H over a turn, N/m², shape (2, 2); it does not depend on the helix."""
+        """Return the mean of H over a turn, N/m², shape (2, 2); it does not depend on the helix."""
         averaged = np.zeros(3)
         for sign, v in ((1.0, self.leave), (-1.0, self.entry)):
             sine, cosine = np.sin(v), np.cos(v)
@@ -168,7 +178,7 @@ class Regeneration:
         return self._directed(*(averaged[:, None] / self.pitch))[0]
 
     def damped(self, speed: float) -> float:
-        """process_damping over the cutting speed, N s/m²."""
+        """Return process_damping over the cutting speed, N s/m²."""
         return self.process_damping / (np.pi * self.diameter * speed / 60.0) if self.process_damping else 0.0
 
 
@@ -177,7 +187,7 @@ def _rows(a: Any, b: Any, c: Any, d: Any) -> np.ndarray:
 
 
 def regeneration(cutter: Cutter | Regeneration, **changes: float) -> Regeneration:
-    """The regeneration of a cutter's edges; `changes` replace fields, as process_damping = 2e4."""
+    """Return the regeneration of a cutter's edges; `changes` replace fields, as process_damping = 2e4."""
     if isinstance(cutter, Regeneration):
         cut = cutter
     else:
@@ -201,7 +211,7 @@ _MOST = 420  # degree of a piece: about 50 vibrations
 
 @lru_cache(maxsize=32)
 def _differences(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Chebyshev points -1 ... 1, the matrix of the derivative on them and the weights of the integral."""
+    """Return Chebyshev points -1 ... 1, the differentiation matrix on them and the weights of the integral."""
     j = np.arange(n + 1)
     x = -np.cos(np.pi * j / n)
     c = np.where((j == 0) | (j == n), 2.0, 1.0) * (-1.0) ** j
@@ -218,7 +228,7 @@ def _differences(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 class _Passage(NamedTuple):
-    """A piece in time and, on a cutting one, what force at its points and state at its begin make of it."""
+    """A piece in time; on a cutting one also the response to the force at its points and the state at its start."""
 
     piece: Piece
     length: float  # s
@@ -245,7 +255,7 @@ class ToothPassage:
     """
 
     def __init__(self, tool: ToolPoint, cut: Regeneration, speed: float, *, share: float = 1.0) -> None:
-        """`share` of the points is taken: 0.6 for 1 % of |µ|, to find a place to begin."""
+        """Prepare the points; `share` of them is used: 0.6 gives |µ| to 1 %, enough to find a start."""
         from scipy.linalg import schur  # not for commands that only read
 
         self.cut, self.speed, self.period, self.share = cut, speed, cut.period(speed), share
@@ -318,7 +328,7 @@ class ToothPassage:
         return _Passage(piece, length, angles, own, seen(self.C), seen(self.C @ self.A), ends)
 
     def _directional(self, passage: _Passage, depth: float) -> tuple[np.ndarray, np.ndarray]:
-        """H and P at the points as matrices over points and directions."""
+        """Return H and P at the points as matrices over points and directions."""
         n, q = passage.points.size, len(self.directions)
         chosen = np.ix_(range(n), self.directions, self.directions)
         matrices: list[np.ndarray] = []
@@ -330,11 +340,11 @@ class ToothPassage:
         return matrices[0], matrices[1]
 
     def monodromy(self, depths: Sequence[float] | np.ndarray) -> np.ndarray:
-        """The map at each axial depth in m; of helical edges all depths must be one."""
+        """Return the monodromy at each axial depth in m; with helical edges all depths must be equal."""
         return self._maps(np.asarray(depths, float))[0]
 
     def _maps(self, depths: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-        """The maps, and the forces of each cutting piece by what was before."""
+        """Return the monodromies, and the forces of each cutting piece by the state before it."""
         passages = self._passages(float(depths[0]))
         sizes = [cut_passage.points.size * len(self.directions) for cut_passage in passages]
         d, total, many = self.A.shape[0], sum(sizes), depths.size
@@ -362,7 +372,9 @@ class ToothPassage:
         return np.concatenate([*rows, state], axis=1), forces
 
     def multipliers(self, depths: Sequence[float] | np.ndarray) -> np.ndarray:
-        """The largest multiplier µ at each axial depth (m), that of two conjugate ones with the positive angle."""
+        """Return the largest multiplier µ at each axial depth (m); of a conjugate pair the one with the positive
+        angle.
+        """
         depths = np.atleast_1d(np.asarray(depths, float))
         if self.cut.lag == 0.0:
             eigenvalues = np.linalg.eigvals(self._maps(depths)[0])
@@ -372,7 +384,7 @@ class ToothPassage:
         return np.array([complex(m.real, abs(m.imag)) for m in largest])
 
     def flips(self) -> np.ndarray:
-        """All axial depths in m, rising, at which a multiplier is -1; of straight edges only.
+        """Return all axial depths in m, rising, at which a multiplier is -1; straight edges only.
 
         y(τ) = -y(0) and r(t - τ) = -r(t) make the motion a linear function G of the force, f = -a (2 H + P d/dt) G f:
         the depths are the eigenvalues of a matrix, and none is missed, however narrow the tongue above it is.
@@ -408,7 +420,9 @@ class ToothPassage:
         return np.sort(-1.0 / real)
 
     def frequency(self, depth: float, tool: ToolPoint) -> float:
-        """Hz of the chatter of the largest multiplier: |arg µ|/2πτ + k/τ with the k of the largest velocity."""
+        """Return the chatter frequency of the largest multiplier, Hz: |arg µ|/2πτ + k/τ with the k of the largest
+        velocity.
+        """
         maps, forces = self._maps(np.array([depth]))
         values, vectors = np.linalg.eig(maps[0])
         values = values + 0j

@@ -83,7 +83,7 @@ class Reversals(Result):
 
 
 def reversals(run: Run, contour: ContourError | None = None, *, begin: float = 0.0) -> Reversals:
-    """The reversals of the two axes of a run along a curved path, such as a circle.
+    """Return the reversals of the two axes of a run along a curved path, such as a circle.
 
     contour  the contour error of the run, if it is there already
     begin    reversals before this time are left out, s: of the run-in
@@ -158,7 +158,7 @@ def _reversal(
 def stick_time(
     acceleration: float, *, mass: float, coulomb: float, breakaway: float, Kv: float, Kp: float, Tn: float | None = None
 ) -> float:
-    """How long an axis under P-PI stands at a reversal, s, to about 0.5 %: the root of
+    """Return how long an axis under P-PI sticks at a reversal, s, to about 0.5 %: the root of
 
         Kp A (t + (Kv + 1/Tn) t²/2 + Kv t³/(6 Tn)) = F_c + F_s - m A,   A = V²/R
 

@@ -64,14 +64,14 @@ class ToolPoint(Result):
         return ToolPoint(A, np.vstack([self.B, other.B]), np.hstack([self.C, other.C]), max(self.missed, other.missed))
 
     def turned(self, angle: float) -> ToolPoint:
-        """The same seen from a feed that is turned by an angle in rad, counterclockwise, from t towards n."""
+        """Return the tool point for a feed that is turned by an angle in rad, counterclockwise, from t towards n."""
         # rounded, so that a quarter turn leaves nothing of the other direction
         cosine, sine = round(float(np.cos(angle)), 15), round(float(np.sin(angle)), 15)
         turn = np.array([[cosine, sine], [-sine, cosine]])
         return ToolPoint(self.A, self.B @ turn.T, turn @ self.C, self.missed)
 
     def response(self, frequency: np.ndarray) -> np.ndarray:
-        """C (jω - A)⁻¹ B in m/N at frequencies in Hz, shape (n, 2, 2)."""
+        """Return C (jω - A)⁻¹ B in m/N at frequencies in Hz, shape (n, 2, 2)."""
         s = 2j * np.pi * np.atleast_1d(np.asarray(frequency, float))
         poles, shapes = np.linalg.eig(self.A)
         if np.linalg.cond(shapes) < _DISTINCT:
@@ -81,18 +81,20 @@ class ToolPoint(Result):
         return self.C @ np.linalg.solve(inside, np.broadcast_to(self.B.astype(complex), (s.size, *self.B.shape)))
 
     def moving(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A, B, C with the directions only along which anything gives way. Raises ParameterError if none does."""
+        """Return A, B, C with the compliant directions only. Raises ParameterError if there is none."""
         kept = [i for i in range(self.C.shape[0]) if np.any(self.C[i]) and np.any(self.B[:, i])]
         if not kept:
             raise ParameterError("the tool gives way in no direction: add a mode, or an axis that feels the cut")
         return self.A, self.B[:, kept], self.C[kept]
 
     def directions(self) -> list[int]:
-        """0 for t, 1 for n: along which anything gives way."""
+        """Return the compliant directions: 0 for t, 1 for n."""
         return [i for i in range(self.C.shape[0]) if np.any(self.C[i]) and np.any(self.B[:, i])]
 
     def fastest(self) -> float:
-        """The fastest swing that counts, rad/s: a pole damped by 30 % or more that hardly moves the tool does not."""
+        """Return the fastest pole that counts, rad/s: one damped by 30 % or more that hardly moves the tool does
+        not.
+        """
         eigen: Any = np.linalg.eig(self.A)
         poles, shapes = eigen
         counts = np.ones(poles.size, bool)
@@ -103,7 +105,7 @@ class ToolPoint(Result):
         return float(np.max(np.abs(poles.imag[counts]), initial=0.0))
 
     def table(self) -> Table:
-        """The modes: frequency and damping of the poles, and the stiffness along t and n at rest."""
+        """The modes: frequency and damping of the poles, and the static stiffness along t and n."""
         poles = np.linalg.eigvals(self.A)
         upper = sorted(poles[poles.imag >= 0.0], key=abs)
         rows = [[float(abs(p)) / (2.0 * np.pi), float(-p.real / abs(p) if p else 1.0)] for p in upper]
@@ -111,7 +113,7 @@ class ToolPoint(Result):
 
 
 def tool_modes(*modes: ToolMode) -> ToolPoint:
-    """The tool point of modes that act in parallel, of the tool, or of the work. Raises ParameterError for none."""
+    """Return the tool point of parallel modes, of the tool or of the work. Raises ParameterError for none."""
     if not modes:
         raise ParameterError("a tool point needs at least one mode")
     n = len(modes)
@@ -131,7 +133,7 @@ def tool_point(
     velocity: float = 0.05,
     lowest: float = 0.1,
 ) -> ToolPoint:
-    """The tool point of a loop or a machine with its sampled controls, from a force at the load to its position.
+    """Return the tool point of a loop or a machine with its sampled controls, from a force at the load to its position.
 
     along     the axes that move along feed and normal, None for one that is rigid; of a loop its own along the feed
     velocity  m/s at which the axes move, as in `linearize`
@@ -182,7 +184,7 @@ def tool_point(
 
 
 def cut_of(machine: Machine) -> MillingCut:
-    """The milling cut of a machine. Raises ParameterError if it has none, or several."""
+    """Return the milling cut of a machine. Raises ParameterError if it has none, or several."""
     cuts = [coupling for coupling in machine.couplings if isinstance(coupling, MillingCut)]
     if len(cuts) != 1:
         count = "no milling_cut" if not cuts else f"{len(cuts)} milling_cuts"
@@ -194,7 +196,7 @@ def cut_of(machine: Machine) -> MillingCut:
 
 
 def _moved(system: Loop | Machine) -> tuple[str, ...]:
-    """The axes of the feed and the normal that the cut names, or the first two."""
+    """Return the axes of the feed and the normal that the cut names, or the first two."""
     cuts = (
         [coupling for coupling in system.couplings if isinstance(coupling, MillingCut)]
         if isinstance(system, Machine)
@@ -204,7 +206,7 @@ def _moved(system: Loop | Machine) -> tuple[str, ...]:
 
 
 def _continuous(model: StateSpace, lowest: float) -> ToolPoint:
-    """The continuous system with the poles of a sampled one whose response is the given one without the hold."""
+    """Return the continuous system with the poles of a sampled one that has the same response without the hold."""
     T, q = model.sample_time, len(model.inputs)
     z = model.poles()
     if z.size and abs(z[0]) >= 1.0:
@@ -253,7 +255,7 @@ def _continuous(model: StateSpace, lowest: float) -> ToolPoint:
 
 
 def _poles(z: np.ndarray, T: float) -> list[complex]:
-    """One of each pair, in 1/s; those that the hold and the dead time leave at 0 are replaced by a few fast ones."""
+    """Return one pole of each pair, in 1/s; poles that hold and dead time leave at 0 become a few fast ones."""
     slow = [complex(np.log(complex(p)) / T) for p in z if abs(p) > 1e-3 and p.imag >= 0.0 and not _alternates(p)]
     return [*slow, *(complex(-rate / T) for rate in _FAST)]
 
@@ -263,7 +265,7 @@ def _alternates(p: complex) -> bool:
 
 
 def _terms(s: np.ndarray, pole: complex) -> list[np.ndarray]:
-    """1/(s - p), or 1 and s over the two of a pair."""
+    """Return 1/(s - p), or 1 and s over the denominator of a pair."""
     if abs(pole.imag) < 1e-9 * abs(pole):
         return [abs(pole) / (s - pole.real)]
     below = s * s - 2.0 * pole.real * s + abs(pole) ** 2
@@ -271,7 +273,7 @@ def _terms(s: np.ndarray, pole: complex) -> list[np.ndarray]:
 
 
 def _realized(poles: Sequence[complex], residues: np.ndarray, missed: float) -> ToolPoint:
-    """A block for each pole and each direction of the force."""
+    """Realize one block for each pole and each direction of the force."""
     q = residues.shape[1]
     blocks: list[tuple[np.ndarray, np.ndarray, Any]] = []
     at = 0

@@ -80,7 +80,7 @@ class Claim:
 
     @property
     def holds(self) -> bool:
-        """Whether the figure lies within its bounds; NaN is never within them."""
+        """True if the figure lies within its bounds; NaN is never within them."""
         above = self.least is None or self.got >= self.least
         below = self.most is None or self.got <= self.most
         return above and below and not math.isnan(self.got)
@@ -152,7 +152,7 @@ class Experiment(Result):
 
 
 def build(experiment: Experiment) -> str:
-    """The experiment as one HTML page: no scripts, no other files. Pure: the same experiment gives the same text."""
+    """Return the experiment as one HTML page: no scripts, no other files. The same experiment gives the same text."""
     pictures = [(f"figure-{shown.key}", shown.title) for shown in experiment.pictures]
     return render(
         "paper.html",
@@ -184,7 +184,7 @@ class Reproduced:
 
 
 def chosen(paper: str) -> tuple[str, ...]:
-    """The papers of a name; `all` means every one. Raises ParameterError for an unknown name."""
+    """Return the papers of a name; `all` means every one. Raises ParameterError for an unknown name."""
     if paper == "all":
         return PAPERS
     if paper in PAPERS:
@@ -195,7 +195,7 @@ def chosen(paper: str) -> tuple[str, ...]:
 
 
 def run(paper: str, progress: Progress) -> Experiment:
-    """The experiments of a paper. `progress` reports each step."""
+    """Run the experiments of a paper. `progress` reports each step."""
     module = import_module(f"feeddrive.papers.{paper}")
     return getattr(module, paper)(progress)
 
@@ -244,7 +244,7 @@ def _reproduced(paper: str) -> Reproduced:
 
 
 def _heard(told: Any, futures: Sequence[Future[Reproduced]], progress: Progress) -> Iterator[tuple[str, str]]:
-    """The progress of the processes until all are done; the first error ends it."""
+    """Report the progress of the processes until all are done; the first error ends it."""
     while not all(future.done() for future in futures):
         if any(future.done() and future.exception() for future in futures):
             return
@@ -275,7 +275,7 @@ def fill(folder: Path, reproduced: Sequence[Reproduced]) -> None:
 
 
 def _figures(reproduced: Sequence[Reproduced]) -> dict[str, object]:
-    """All claims as plain figures; NaN and infinity are null."""
+    """Return all claims as plain figures; NaN and infinity are null."""
     papers = {
         paper.name: [
             {

@@ -64,7 +64,7 @@ def recovered(law: DADSC, run: Ideal) -> np.ndarray:
 
 
 def cascade_recovered(law: CascadePPI, run: Ideal) -> np.ndarray:
-    """The same under the cascade, whose integral is -F̂d, with Q' = 1 + Kp R and g1' = Kp T/Tn."""
+    """As `recovered`, under the cascade, whose integral is -F̂d, with Q' = 1 + Kp R and g1' = Kp T/Tn."""
     assert law.Tn is not None
     Q, g1 = 1.0 + law.Kp * R, law.Kp * T / law.Tn
     estimate = -np.array([state.integral for state in run.states])
@@ -135,7 +135,7 @@ def _residuals(law: DADSC, coupled: DADSC, ppi: CascadePPI, disturbance: np.ndar
 
 
 def _implicit(law: DADSC, coupled: DADSC, ppi: CascadePPI) -> list[Claim]:
-    """x/x_r = 1, the estimate without and with the coupling term, and the Lyapunov function."""
+    """Check x/x_r = 1, the estimate without and with the coupling term, and the Lyapunov function."""
     still = np.zeros(2000)
     way = 0.05 * np.sin(2.0 * np.pi * 5.0 * T * np.arange(still.size)) ** 3
     rule = f"{IDEAL}; x_r = 50 mm · sin³ at 5 Hz, no disturbance"
@@ -194,7 +194,8 @@ def _implicit(law: DADSC, coupled: DADSC, ppi: CascadePPI) -> list[Claim]:
 
 
 def lyapunov_weight(law: DADSC, sample_time: float = T) -> float:
-    """Twice the least μ with which V = s² + μ F̃² falls for every s and F̃ under a constant disturbance, m²/(s² N²).
+    """Return twice the least μ with which V = s² + μ F̃² falls for every s and F̃ under a constant disturbance, m²/(s²
+    N²).
 
     F̃(k) = f F̃(k-1) and Q s(k) = s(k-1) - R f F̃(k-1) with f = 1/(1 + ω_d T).  V falls for all states if
     1 - AᵀVA is positive: μ (1 - f²) > (R f/Q)² (1 + 1/(Q² - 1)).

@@ -55,7 +55,9 @@ def _run(load: Load, resolution: float | None) -> Run:
 
 
 def adaptation(law: DADSC, run: Run) -> Observation:
-    """F̂d of a law along a run: its step is repeated with the recorded readings, since a run does not record states."""
+    """Compute F̂d of a law along a run: its step is repeated with the recorded readings, since a run does not record
+    states.
+    """
     prepared = law.prepare(T)
     position, force, wanted = run["reading_load"], run["force"], run["requested"]
     state = law.start(prepared, Setpoint(0.0), Reading(position[0], position[0]))
@@ -134,7 +136,7 @@ def estimation() -> tuple[list[Claim], list[Table], list[Shown]]:
 
 
 def _table_claims(errors: dict[str, tuple[float, ...]], rule: str) -> list[Claim]:
-    """Each cell of the table within 20 %: the cutting force of the expected figures is not stated in full."""
+    """Claim each cell of the table within 20 %: the cutting force of the expected figures is not stated in full."""
     return [
         Claim(
             "1.e",
@@ -152,7 +154,7 @@ def _table_claims(errors: dict[str, tuple[float, ...]], rule: str) -> list[Claim
 
 
 def _steps() -> list[Claim]:
-    """How long the estimates of a step of 200 N take to 90 %."""
+    """Return how long the estimates of a step of 200 N take to reach 90 %."""
     run = _run(StepForce(force=200.0, start=0.1), None)
     seen = _observed(run)
     first = round(0.1 / T)
@@ -188,7 +190,7 @@ GAINS = {15.0: 100.0, 25.0: 130.0, 35.0: 78.0, 50.0: 19.0, 70.0: 7.0, 100.0: 3.0
 
 
 def swing(mode: MachineMode, force: np.ndarray, sample_time: float = T) -> np.ndarray:
-    """Position in m at kT of a mode under a force held over the sample, N: an independent simulation of the machine."""
+    """Return the position of a mode, m, at kT under a force held over the sample, N: an independent simulation."""
     from scipy.linalg import expm
     from scipy.signal import lfilter
 
@@ -201,20 +203,22 @@ def swing(mode: MachineMode, force: np.ndarray, sample_time: float = T) -> np.nd
 
 
 def mode(frequency: float = 35.0, tuned: float = 1.0) -> MachineMode:
-    """The machine's mode, or a model of it with a frequency that is wrong by a factor."""
+    """Return the machine's mode, or a model of it whose frequency is wrong by a factor."""
     return MachineMode(frequency=tuned * frequency, damping_ratio=DAMPING, stiffness=STIFFNESS)
 
 
 def compensated(
     frequency: float = 35.0, *, tuned: float = 1.0, lead: bool = True, observer: Observer = RECOVERY
 ) -> tuple[Compensation, ...]:
-    """The compensation of one mode, with or without the prediction over the known delay."""
+    """Return the compensation of one mode, with or without the prediction over the known delay."""
     model = mode(frequency, tuned)
     return (ModeCompensation(modes=(model,), observer=observer, lead_time=None if lead else 0.0),)
 
 
 def tool_error(rate: float, compensation: tuple[Compensation, ...], load: Load, frequency: float = 35.0) -> np.ndarray:
-    """x - x_s - x_r at the tool in m: the tool side of the machine deflects under the reaction of the drive force."""
+    """Return x - x_s - x_r at the tool in m: the tool side of the machine deflects under the reaction of the drive
+    force.
+    """
     control = loop(dadsc(rate), compensation=compensation)
     run = simulate(control, REST, load=load, duration=MODE_DURATION, record=("position_load", "load_force"))
     return run["position_load"] - swing(mode(frequency), -run["load_force"])
@@ -266,7 +270,7 @@ def _draw(named: dict[str, np.ndarray]) -> object:
 
 
 def _others(rule: str, none: float, sine: Load) -> list[Claim]:
-    """Compensation with wrong models, and under a step."""
+    """Check compensation with wrong models, and under a step."""
     off = [_rms(tool_error(600.0, compensated(tuned=tuned), sine)) for tuned in (0.95, 1.05)]
     heavy = [
         none / _rms(tool_error(600.0, compensated(observer=replace(RECOVERY, mass=share * MASS)), sine))
@@ -302,7 +306,7 @@ def _others(rule: str, none: float, sine: Load) -> list[Claim]:
 
 
 def _rubbing(sine: Load) -> list[Claim]:
-    """Dry friction on the guideway loads the drive and not the tool side."""
+    """Show that dry friction on the guideway loads the drive and not the tool side."""
     way = Polynomial7(distance=0.05, travel_time=0.5, back=True)
     dry = Coulomb(coulomb=30.0)
 

@@ -52,7 +52,7 @@ def _compliance(law: Law) -> np.ndarray:
 
 
 def _ideal(law: Law, lines: np.ndarray = F) -> np.ndarray:
-    """Compliance in the ideal loop, m/N."""
+    """Return the compliance in the ideal loop, m/N."""
     return np.abs(ideal_model(law).response(lines, "x"))
 
 
@@ -105,7 +105,7 @@ def _equal_velocity_gain() -> tuple[list[Claim], list[Shown]]:
 
 
 def _literal() -> list[Claim]:
-    """Same r2 and r4: the paper's figure taken literally."""
+    """Compare both laws at the same r2 and r4: the paper's figure taken literally."""
     K = 56e3 / MASS
     w = 16e3 / (MASS * (1.0 + K * T))
     law = DADSC(mass=MASS, viscous=VISCOUS, tracking_rate=200.0, reaching_rate=K, adaptation_rate=w)
@@ -171,7 +171,7 @@ def _random_cases() -> tuple[float, float]:
 
 
 def _equal_integral() -> list[Claim]:
-    """Kp = m K, Kv = λ, 1/Tn = ω_d, with λ at half of the other two."""
+    """Compare at equal integral action: Kp = m K, Kv = λ, 1/Tn = ω_d, with λ at half of the other two."""
     law = DADSC(mass=MASS, viscous=VISCOUS, tracking_rate=150.0, reaching_rate=300.0, adaptation_rate=300.0)
     ppi = CascadePPI(Kv=150.0, Kp=MASS * 300.0, Tn=1.0 / 300.0, viscous=VISCOUS)
     ours, theirs = _compliance(law), _compliance(ppi)
@@ -204,7 +204,7 @@ def _equal_integral() -> list[Claim]:
 
 
 def _fair() -> list[Claim]:
-    """Both tuned for least rope-snap error under Ms <= 2 with two samples of dead time."""
+    """Tune both laws for the least rope-snap error under Ms <= 2 with two samples of dead time."""
     claims = []
     rule = f"least ISE^½ of a force step subject to Ms <= 2, loop cut at the actuator; 2 samples of dead time; {PLANT}"
     errors = {}
@@ -238,7 +238,7 @@ def _fair() -> list[Claim]:
 
 
 def _rejection() -> list[Claim]:
-    """Disturbance recovery under another law: a P-PI with moderate gains."""
+    """Check disturbance recovery under another law: a P-PI with moderate gains."""
     law = CascadePPI(Kv=100.0, Kp=24e3, Tn=0.01, viscous=VISCOUS)
     recovery = DisturbanceRecovery(mass=MASS, viscous=VISCOUS, frequency=500.0)
     alone = robustness(loop(law))
@@ -365,7 +365,8 @@ def _tracking() -> tuple[list[Claim], list[Shown]]:
 
 
 def step_response(law: DADSC, windup: str) -> np.ndarray:
-    """Position in m after a raw step of the setpoint with limited force; `windup`: the estimate at the limit.
+    """Return the position in m after a raw step of the setpoint with limited force; `windup`: the estimate at the
+    limit.
 
     none it continues without regard to the limit
     freezing it is held in samples with limited force

@@ -41,7 +41,7 @@ def _signals() -> tuple[np.ndarray, RandomMotion, RandomReadings]:
 
 
 def law_equations() -> list[Claim]:
-    """DADSC by (3) to (5), and the cascade, sample by sample."""
+    """Compare DADSC by (3) to (5), and the cascade, sample by sample."""
     t, way, read = _signals()
     states, force = stepped(LAW, T, way.setpoints(t), read.readings())
     v = np.diff(read.motor) / T
@@ -115,7 +115,7 @@ def law_equations() -> list[Claim]:
 
 
 def ideal_poles() -> list[Claim]:
-    """Poles of the ideal loop with the law as shipped."""
+    """Compare the poles of the ideal loop under the shipped law."""
     law, w = dadsc(300.0), 300.0
     law = DADSC(mass=law.mass, viscous=law.viscous, tracking_rate=200.0, reaching_rate=350.0, adaptation_rate=w)
     poles = np.sort(np.real(ideal_model(law).poles()))
@@ -327,7 +327,7 @@ def compensations() -> list[Claim]:
 
 
 def _moved(block: ModeCompensation, setpoints: list[Setpoint], readings: list[Reading]) -> np.ndarray:
-    """The part added to position, velocity and acceleration, from the second sample on."""
+    """Return the part added to position, velocity and acceleration, from the second sample on."""
     prepared = block.prepare(T)
     held, moves = block.start(prepared, setpoints[0], readings[0]), []
     for setpoint, reading in zip(setpoints[1:], readings[1:], strict=True):

@@ -28,7 +28,7 @@ WAY = Polynomial7(distance=0.05, travel_time=0.5, back=True)
 
 
 def by_frequency() -> list[Claim]:
-    """Stiffness over that of the cascade, compared with the equivalent PIDs, and the band of the sensitivity."""
+    """Compare stiffness over that of the cascade with the equivalent PIDs, and the band of the sensitivity."""
     f = np.array(NAMED)
     laws: dict[str, Law] = {"DADSC": dadsc(RATE), "P-PI": cascade(RATE)}
     ours, theirs = (compliance(loop(law), f).magnitude for law in laws.values())
@@ -69,7 +69,7 @@ def by_frequency() -> list[Claim]:
 
 
 def _band(seen: np.ndarray, force: np.ndarray) -> float:
-    """-3 dB of an estimate over a force, both 0 at both ends, Hz."""
+    """Return the -3 dB frequency of an estimate over a force, both 0 at both ends, Hz."""
     size = 16 * force.size
     lines = np.fft.rfftfreq(size, T)
     inside = (lines > 1.0) & (lines < 400.0)
@@ -78,7 +78,9 @@ def _band(seen: np.ndarray, force: np.ndarray) -> float:
 
 
 def bandwidths() -> list[Claim]:
-    """The bandwidth of the recovery is the same for every law and gain; that of the law's own estimate is its rate."""
+    """Show that the bandwidth of the recovery is the same for every law and gain; that of the law's own estimate is its
+    rate.
+    """
     pulse = np.zeros(10_001)
     pulse[100:120] = 200.0  # 2 ms: a spectrum without zeros below 500 Hz
     own, recovered = {}, {}
@@ -129,7 +131,7 @@ def bandwidths() -> list[Claim]:
 
 
 def _moving(law: Law, compensation: tuple[Compensation, ...] = ()) -> Run:
-    """Out and back under milling and Coulomb friction."""
+    """Run out and back under milling and Coulomb friction."""
     return simulate(loop(law, compensation=compensation, friction=DRY), WAY, load=milling(WAY.duration))
 
 
@@ -138,7 +140,7 @@ def _rms(values: np.ndarray) -> float:
 
 
 def in_motion() -> list[Claim]:
-    """Friction and cutting together while the axis moves, and a mode of the machine with them."""
+    """Check friction and cutting together while the axis moves, and a mode of the machine with them."""
     runs = {"DADSC": _moving(dadsc(600.0)), "P-PI": _moving(cascade(600.0))}
     run = runs["DADSC"]
     late = np.concatenate([[0.0], run["load_force"][:-1]])

@@ -54,7 +54,7 @@ Errors = Mapping[str, Mapping[str, tuple[float, float]]]  # µm by case and axis
 
 
 def beltran2013(progress: Progress) -> Experiment:
-    """All experiments of the paper; `progress` reports each step."""
+    """Run all experiments of the paper; `progress` reports each step."""
     progress.step("cutting force")
     cutter = HelicalCutter.beltran2013()
     turned = mill.turn(cutter, mill.CHIP)

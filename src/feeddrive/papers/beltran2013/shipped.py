@@ -64,7 +64,7 @@ def _roots(taylor_states: int) -> np.ndarray:
 
 
 def _observed(taylor_states: int, y: np.ndarray, force: np.ndarray, believed: float) -> np.ndarray:
-    """Position, velocity and disturbance by (13) to (15), u held and y straight between its samples, by scipy."""
+    """Return position, velocity and disturbance by (13) to (15), u held and y linear between its samples, by scipy."""
     from scipy.linalg import expm
 
     order = 2 + taylor_states
@@ -91,7 +91,7 @@ def _gpi(taylor_states: int) -> GpiObserver:
 
 
 def observer() -> list[Claim]:
-    """Polynomial (18) and the observer (13) to (15), sampled."""
+    """Check polynomial (18) and the observer (13) to (15), sampled."""
     t = T * np.arange(SAMPLES)
     way = RandomMotion()
     read = RandomReadings(way, t)
@@ -181,7 +181,7 @@ def _near(actual: np.ndarray, expected: np.ndarray) -> float:
 
 
 def errors() -> list[Claim]:
-    """The force (9), and the dynamics (10) and (11) of both errors by their polynomials (12) and (18)."""
+    """Check the force (9), and the dynamics (10) and (11) of both errors by their polynomials (12) and (18)."""
     t = T * np.arange(SAMPLES)
     way = RandomMotion()
     read = RandomReadings(way, t)
@@ -237,7 +237,7 @@ def errors() -> list[Claim]:
 
 
 def settling() -> list[Claim]:
-    """Settling time of the estimate after a step of force, in the running loop and by 1 - H."""
+    """Check the settling time of the estimate after a step of force, in the running loop and by 1 - H."""
     from scipy.signal import step
 
     run = simulate(_free(), legs("linear", LEG)["z"], load=StepForce(force=200.0, start=0.05), duration=0.12)
@@ -267,7 +267,7 @@ def settling() -> list[Claim]:
 
 
 def _slices(cutter: HelicalCutter, angle: float, pieces: int = 20_000) -> np.ndarray:
-    """The forces and the torque (N, N m) added up over thin slices of each edge between entry and exit."""
+    """Integrate the forces and the torque (N, N m) over thin slices of each edge between entry and exit."""
     width = cutter.diameter if cutter.radial_depth is None else cutter.radial_depth
     arc = float(np.arccos(1.0 - 2.0 * width / cutter.diameter))
     entry = 0.0 if cutter.milling == "up" else np.pi - arc
@@ -289,7 +289,7 @@ def _slices(cutter: HelicalCutter, angle: float, pieces: int = 20_000) -> np.nda
 
 
 def cutter() -> list[Claim]:
-    """The closed form (4) in a slot and in side milling, and the reference."""
+    """Check the closed form (4) in a slot and in side milling, and the reference."""
     slot = HelicalCutter.beltran2013()
     side = {way: replace(slot, radial_depth=0.003, milling=way) for way in ("up", "down")}
     claims = [
@@ -399,7 +399,7 @@ SIDE = 3e-3  # m, width of the cut in side milling
 
 
 def side_claims(without: Mapping[str, Run], compensated: Mapping[str, Run]) -> list[Claim]:
-    """Runs in side milling, without and with the estimate."""
+    """Return the claims on runs in side milling, without and with the estimate."""
     rule = Text(f"up milling, {Quantity(SIDE, 'm'):6 mm} of the 10 mm tool, {RUNS}")
     return [
         Claim(
@@ -425,7 +425,7 @@ def side_claims(without: Mapping[str, Run], compensated: Mapping[str, Run]) -> l
 
 
 def velocity_claims(linear: Mapping[str, Run], case: Case) -> list[Claim]:
-    """Error of the observer's velocity along a run of a case."""
+    """Return the claims on the error of the observer's velocity along a run of a case."""
     claims = []
     for axis, bounds in (("x", (520.0, 580.0)), ("y", (450.0, 510.0)), ("z", (180.0, 220.0))):
         run = linear[axis]
@@ -441,7 +441,7 @@ def velocity_claims(linear: Mapping[str, Run], case: Case) -> list[Claim]:
 
 
 def numbered(claims: Sequence[Claim]) -> list[Claim]:
-    """The claims with numbered keys: 3.zc.1, 3.zc.2, ..."""
+    """Number the keys of claims: 3.zc.1, 3.zc.2, ..."""
     count: Counter[str] = Counter()
     renamed = []
     for claim in claims:

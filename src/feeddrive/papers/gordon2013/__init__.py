@@ -32,7 +32,7 @@ _PARTS: tuple[tuple[str, Callable[[], Part]], ...] = (
 
 
 def _numbered(claims: Sequence[Claim]) -> list[Claim]:
-    """The claims in the order of their letters, with short keys: 2.a1, 2.a2, ..."""
+    """Order claims by their letters, with short keys: 2.a1, 2.a2, ..."""
     count: Counter[str] = Counter()
     renamed: list[Claim] = []
     for claim in sorted(claims, key=lambda claim: claim.key.split()[0]):
@@ -43,7 +43,7 @@ def _numbered(claims: Sequence[Claim]) -> list[Claim]:
 
 
 def gordon2013(progress: Progress) -> Experiment:
-    """All experiments of the paper; `progress` reports each step."""
+    """Run all experiments of the paper; `progress` reports each step."""
     parts: list[Part] = []
     for words, run in _PARTS:
         progress.step(words)

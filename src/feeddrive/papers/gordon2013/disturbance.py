@@ -55,7 +55,7 @@ CUTTING_MEAN = 23.0  # N
 
 
 def friction() -> Part:
-    """Stribeck friction on the screw, with and without its feedforward."""
+    """Check Stribeck friction on the screw, with and without its feedforward."""
     laws = {PLACED: with_prefilter(placed(), fits(placed(), LONG)[0]), CASCADE: cascade()}
     kinds: Mapping[str, Friction] = {"tanh, v_t = 0.2 mm/s": SMOOTH, "set-valued": SET_VALUED}
     runs: dict[tuple[str, str, bool], Run] = {}
@@ -125,7 +125,7 @@ def friction() -> Part:
 
 
 def _cut(speed: float) -> MillingForce:
-    """Half-immersion up milling with two straight edges; the feed is chosen for a mean force of 23 N."""
+    """Return half-immersion up milling with two straight edges; the feed is chosen for a mean force of 23 N."""
     tool = HelicalCutter(teeth=2, diameter=0.01, axial_depth=1e-3, radial_depth=5e-3, specific_energy=8e8)
     one = MillingForce(cutter=tool, spindle_speed=speed, chip_load=1e-4, start=ENTRY)
     turn = ENTRY + 60.0 / speed * np.arange(4000) / 4000
@@ -133,7 +133,7 @@ def _cut(speed: float) -> MillingForce:
 
 
 def machining() -> Part:
-    """A cut that begins, and tooth passing at several speeds."""
+    """Check the start of a cut, and tooth passing at several speeds."""
     rest = SnapLimitedMove(distance=0.0, velocity=1.0, acceleration=1.0, jerk=1.0, snap=1.0, dwell_before=0.8)
 
     def cut(loop: Loop, speed: float, name: str) -> Run:
@@ -195,7 +195,7 @@ def _drawn(runs: Mapping[str, Run]) -> Any:
 
 
 def other_axis() -> Part:
-    """A table that is heavier than in the design, and encoders that are read a little early or late."""
+    """Check a table that is heavier than in the design, and encoders that are read a little early or late."""
     heavy = {"axis.x.plant.mass_load": 43.0}
     loops = {PLACED: tree.vary(placed(SOFTER), heavy), CASCADE: tree.vary(cascade(), heavy)}
     rows: list[list[str | None]] = []

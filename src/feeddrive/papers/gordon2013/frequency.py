@@ -76,16 +76,16 @@ class Linear:
         return rope_snap(self.closed)
 
     def compliance(self, frequency: np.ndarray) -> np.ndarray:
-        """µm/N."""
+        """Return the compliance, µm/N."""
         return 1e6 * self.closed.response(frequency).magnitude
 
     def stiffness(self, frequency: float) -> float:
-        """N/µm at a frequency in Hz."""
+        """Return the stiffness, N/µm, at a frequency in Hz."""
         return 1.0 / float(self.compliance(np.array([frequency]))[0])
 
 
 def loop_figures() -> Part:
-    """The loop with the default gains."""
+    """Return the figures of the loop with the default gains."""
     ppc, ppi = Linear(placed()), Linear(cascade())
     ratio = {f: ppc.stiffness(f) / ppi.stiffness(f) for f in NAMED}
     first = [linear.margins.crossover or float("nan") for linear in (ppc, ppi)]
@@ -155,7 +155,7 @@ def loop_figures() -> Part:
 
 
 def _design_on_a_measurement(loop: Loop) -> Claim:
-    """The loop gain from responses of the axis alone, in place of measured ones."""
+    """Check the loop gain from responses of the axis alone, as from a measurement."""
     axis = linearize(loop, ["cut"], ["reading_motor", "reading_load"])
     motor, load = (axis.response(LINES, output=name) for name in ("reading_motor", "reading_load"))
     measured_gain = measured_loop(loop.control, float(loop.sample_time), load, motor).loop_gain
@@ -213,7 +213,7 @@ def _pictures(linear: Mapping[str, Linear]) -> list[Shown]:
 
 
 def robustness() -> Part:
-    """Another mass of the table and another stiffness of the screw, with the same gains."""
+    """Check another mass of the table and another stiffness of the screw, with the same gains."""
     kinds = {
         "table 27 kg": {"axis.x.plant.mass_load": 27.0},
         "table 43 kg": {"axis.x.plant.mass_load": 43.0},
@@ -407,7 +407,7 @@ def frequency_view() -> Part:
 
 
 def band(response: FRF) -> tuple[float, float]:
-    """The frequencies in Hz up to which |H - 1| stays below 1 %, and the phase within 1°."""
+    """Return the frequencies in Hz up to which |H - 1| stays below 1 %, and the phase within 1°."""
     off = np.abs(response.response - 1.0) > 0.01
     turned = np.abs(response.phase_deg) > 1.0
     return tuple(float(BAND_LINES[np.argmax(bad)]) if bad.any() else float(BAND_LINES[-1]) for bad in (off, turned))  # type: ignore[return-value]

@@ -116,7 +116,7 @@ def _left(run: Run) -> float:
 
 
 def _settling(run: Run) -> float:
-    """ms."""
+    """Return the settling time, ms."""
     return 1e3 * run.sample_time * float(np.flatnonzero(np.abs(_after(run)) > SETTLED)[-1])
 
 

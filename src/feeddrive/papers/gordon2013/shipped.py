@@ -34,7 +34,7 @@ RULE = f"{RANDOM}; T = 50 µs, 20 kHz; largest difference over the largest value
 
 
 def _matrices(model: TwoMass) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """M, C and K of (2), written out from the parameters."""
+    """Return M, C and K of (2), written out from the parameters."""
     m12, c = float(model.coupling_mass or 0.0), float(model.damping)
     M = np.array([[model.mass_motor, m12], [m12, model.mass_load]], dtype=float)
     C = np.array([[model.viscous_motor + c, -c], [-c, model.viscous_load + c]], dtype=float)
@@ -42,7 +42,9 @@ def _matrices(model: TwoMass) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def closed_poles(law: PolePlacement, model: TwoMass) -> np.ndarray:
-    """Eigenvalues, 1/s, of (2) closed by the shipped gains in continuous time: states x1, x2, v1, v2, ∫(x2r - x2)."""
+    """Return the eigenvalues, 1/s, of (2) closed by the shipped gains in continuous time: states x1, x2, v1, v2, ∫(x2r
+    - x2).
+    """
     M, C, K = _matrices(model)
     inverse = np.linalg.inv(M)
     K1, K2, K3, K4, Ki = law.gains()
@@ -55,7 +57,7 @@ def closed_poles(law: PolePlacement, model: TwoMass) -> np.ndarray:
 
 
 def desired_poles(law: PolePlacement, axial: float) -> np.ndarray:
-    """The five poles that the docstring promises, 1/s; `axial` in rad/s."""
+    """Return the five poles that the docstring promises, 1/s; `axial` in rad/s."""
     w, r = 2.0 * np.pi * law.bandwidth, 2.0 * np.pi * (law.rigid_frequency or law.bandwidth)
     pairs = ((r, law.rigid_damping), (axial, law.axial_damping))
     roots = [root for f, damping in pairs for root in np.roots([1.0, 2.0 * damping * f, f * f])]
@@ -63,7 +65,7 @@ def desired_poles(law: PolePlacement, axial: float) -> np.ndarray:
 
 
 def _missed(actual: np.ndarray, expected: Sequence[complex] | np.ndarray) -> float:
-    """Largest distance of an expected pole from the nearest one found, over its size."""
+    """Return the largest distance of an expected pole from the nearest actual one, over its size."""
     return max(float(np.min(np.abs(actual - pole)) / abs(pole)) for pole in expected)
 
 
@@ -122,7 +124,7 @@ def gains() -> Part:
 
 
 def _leads(model: TwoMass, way: RandomMotion, t: np.ndarray) -> list[np.ndarray]:
-    """The lead of the screw over the table, without the lag c/k, and its first two derivatives."""
+    """Return the lead of the screw over the table, without the lag c/k, and its first two derivatives."""
     led, dragged = model.mass_load + float(model.coupling_mass or 0.0), model.viscous_load
     return [(led * way(i + 2, t) + dragged * way(i + 1, t)) / model.stiffness for i in range(3)]
 
@@ -389,7 +391,7 @@ def damping() -> Part:
 
 
 def _uncontrolled(plant: Plant) -> np.ndarray:
-    """Compliance of the axis without a force of the drive, µm/N over BAND."""
+    """Return the compliance of the axis without a drive force, µm/N over BAND."""
     mechanics = plant.mechanics()
     M, C, K, S = (
         np.array(matrix, dtype=float)

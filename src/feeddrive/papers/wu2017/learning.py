@@ -187,7 +187,7 @@ STRONG = 20.0  # N of noise where nothing repeats
 
 
 def pulsed(trial: int) -> Load:
-    """Noise, and the pulse."""
+    """Return noise with the pulse."""
     plain = noise(trial)
     force = plain.force.copy()
     first, last = (round(instant / float(plain.sample_time)) for instant in PULSE[:2])
@@ -196,7 +196,7 @@ def pulsed(trial: int) -> Load:
 
 
 def strong(trial: int) -> RecordedForce:
-    """More noise."""
+    """Return larger noise."""
     return noise(trial, STRONG)
 
 
@@ -304,7 +304,7 @@ LEARNED = 4  # trials
 
 
 class MeasuredCircle(NamedTuple):
-    """The measured circle: time in s, x and y in m about its center."""
+    """A measured circle: time in s, x and y in m about its center."""
 
     time: np.ndarray
     x: np.ndarray
@@ -312,22 +312,22 @@ class MeasuredCircle(NamedTuple):
 
     @property
     def error(self) -> np.ndarray:
-        """Contour error, m."""
+        """The contour error, m."""
         return np.hypot(self.x, self.y) - pictures.RADIUS
 
     @property
     def rms(self) -> float:
-        """µm."""
+        """The RMS of the contour error, µm."""
         return 1e6 * float(np.sqrt(np.mean(self.error**2)))
 
     @property
     def peak(self) -> float:
-        """µm."""
+        """The peak of the contour error, µm."""
         return 1e6 * float(np.max(np.abs(self.error)))
 
 
 def circle(axis: str) -> Circle:
-    """R = 20 mm, 0.1 m/s, two turns."""
+    """Return the circle: R = 20 mm, 0.1 m/s, two turns."""
     return Circle(radius=pictures.RADIUS, feed=0.1, turns=2, phase=AXES[axis], run_up_time=RUN_UP)
 
 
@@ -354,7 +354,7 @@ def contouring() -> tuple[list[Claim], list[Table], list[Shown]]:
 
 
 def _all(*, smooth: bool) -> dict[str, MeasuredCircle]:
-    """The start, each set of columns learned on the circle, and the compensator learned on the line."""
+    """Return the start, each set of columns learned on the circle, and the compensator learned on the line."""
     poor = {axis: table_axis(axis, SETS["+ Coulomb"], smooth=smooth) for axis in AXES}
     circles = {
         "start": _driven({axis: table_axis(axis, SETS["+ Coulomb"], smooth=smooth, known=True) for axis in AXES})
@@ -374,7 +374,7 @@ def _learned(axis: str, columns: tuple[str, ...], smooth: bool, *, line: bool = 
 
 
 def _driven(loops: dict[str, Loop]) -> MeasuredCircle:
-    """Both axes in one run."""
+    """Run both axes together."""
     outcome = simulate(
         Machine.of(loops),
         {axis: circle(axis) for axis in loops},
