@@ -282,6 +282,7 @@ def _certified(
     else:
         steps = [radius_steps(_MODEL if radius is None else radius, nyquist)]
     loop = LoopResponse(controller.model, plant.model, together(steps))
+    # the search below assumes a stable loop; the checker proves both in exact arithmetic
     if loop.growth >= 1.0:
         raise NotCertifiedError(refusal(controller, plant, loop, None))
     reserve, place = loop.reserve(also)

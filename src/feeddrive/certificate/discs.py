@@ -160,6 +160,7 @@ class LoopResponse:
         f = self.lines()
         if also:
             spread = np.concatenate([x * np.geomspace(0.98, 1.0 / 0.98, 81) for x in also])
+            # a peak that the checker found between the lines of an earlier search
             f = np.unique(np.concatenate([f, spread[spread <= f[-1]]]))
         room = self._ratio(f)
         best = float(np.min(room)), float(f[np.argmin(room)])  # it may lie on an edge of the radius
@@ -177,6 +178,7 @@ class LoopResponse:
         return best
 
     def _ratio(self, f: np.ndarray) -> np.ndarray:
+        # a disc of radius 0 takes nothing: the floor keeps the quotient finite
         distance, taken = self.room(f)
         return distance / np.maximum(taken, 1e-12 * distance)
 

@@ -192,8 +192,10 @@ def fitted_plant(name: str, measured: Sequence[FRF], control: Control, T: float)
         if 2 * f.size * len(G) < 6 * (2 + 2 * count) * len(G):
             break
         candidate = _refined(f, G, weight, T, count)
+        # one more mode always fits the noise a little better: it must reduce the misfit by 15 %
         if best is None or candidate[0] < _BETTER ** (count - _modes(best[1])) * best[0]:
             best = candidate
+        # two modes in a row that do not pay: more of them will not
         elif count >= _modes(best[1]) + 2:
             break
     assert best is not None
@@ -232,6 +234,7 @@ def _solved(columns: np.ndarray, G: np.ndarray, weight: np.ndarray) -> tuple[np.
     for response, w in zip(G, weight, strict=True):
         matrix = columns * w[:, None]
         stacked = np.vstack([np.real(matrix), np.imag(matrix)])
+        # columns of free motion and modes differ by many powers of ten
         scale = np.linalg.norm(stacked, axis=0) + 1e-300
         right = np.concatenate([np.real(response * w), np.imag(response * w)])
         x = np.linalg.lstsq(stacked / scale, right, rcond=None)[0]
@@ -370,6 +373,7 @@ def _free(model: StateSpace, along: Sequence[float]) -> StateSpace:
     unit = np.eye(n)[r]
     if np.any(np.abs(A[:, r] - unit) > _ZERO * size[:, r]):
         return model  # a spring to the ground
+    # exactly, so that the integrator keeps its pole at 1 in the checker's arithmetic
     A[:, r] = unit
     return replace(model, A=A, B=S @ model.B, C=model.C @ back)
 

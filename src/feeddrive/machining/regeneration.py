@@ -217,6 +217,7 @@ def _differences(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     c = np.where((j == 0) | (j == n), 2.0, 1.0) * (-1.0) ** j
     apart = x[:, None] - x[None, :] + np.eye(n + 1)
     derivative = np.outer(c, 1.0 / c) / apart
+    # the derivative of a constant is 0: a diagonal from this identity loses fewer digits than its formula
     derivative -= np.diag(derivative.sum(axis=1))
     # Clenshaw-Curtis: the integrals of T_k against the values at the points
     k = np.arange(0, n + 1, 2)
@@ -267,6 +268,7 @@ class ToothPassage:
         self._kept: list[_Passage] | None = None
 
     def _passages(self, depth: float) -> list[_Passage]:
+        # with straight edges the pieces do not depend on the depth: they are computed once
         if self.cut.lag == 0.0:
             if self._kept is None:
                 self._kept = [self._passage(piece) for piece in self.cut.steps(depth)]
@@ -376,10 +378,12 @@ class ToothPassage:
         angle.
         """
         depths = np.atleast_1d(np.asarray(depths, float))
+        # straight edges: the pieces are the same for all depths, which are solved in one batch
         if self.cut.lag == 0.0:
             eigenvalues = np.linalg.eigvals(self._maps(depths)[0])
         else:
             eigenvalues = [np.linalg.eigvals(self._maps(depths[i : i + 1])[0][0]) for i in range(depths.size)]
+        # the small term decides between the two of a conjugate pair, which are equal in size
         largest = [values[np.argmax(np.abs(values) + 1e-12 * (values.imag > 0.0))] for values in eigenvalues]
         return np.array([complex(m.real, abs(m.imag)) for m in largest])
 

@@ -215,6 +215,7 @@ def _continuous(model: StateSpace, lowest: float) -> ToolPoint:
             "stable first"
         )
     poles = _poles(z, T)
+    # a grid over ln f would miss narrow resonances: lines are added within three half widths of each pole
     frequency = np.unique(
         np.concatenate(
             [
@@ -228,6 +229,7 @@ def _continuous(model: StateSpace, lowest: float) -> ToolPoint:
     )
     frequency = frequency[(frequency >= lowest) & (frequency <= 0.4 / T)]
     s = 2j * np.pi * frequency
+    # the force of the cut is continuous: the hold of the sampled model is divided out
     hold = (1.0 - np.exp(-s * T)) / (s * T)
     responses = np.stack(
         [
@@ -239,10 +241,12 @@ def _continuous(model: StateSpace, lowest: float) -> ToolPoint:
     columns = [column for pole in poles for column in _terms(s, pole)]
     basis = np.stack(columns, axis=1)
     size = np.abs(responses).reshape(s.size, -1).max(axis=1)
+    # relative errors, with a floor so that antiresonances do not dominate
     weight = 1.0 / (size + 1e-4 * size.max()) / (1.0 + (frequency * T / _KNEE) ** 2)
     tall = np.vstack([(basis * weight[:, None]).real, (basis * weight[:, None]).imag])
     flat = responses.reshape(s.size, q * q)
     right = np.vstack([(flat * weight[:, None]).real, (flat * weight[:, None]).imag])
+    # columns of fast and slow poles differ by many powers of ten
     scale = np.linalg.norm(tall, axis=0)
     residues = np.linalg.lstsq(tall / scale, right, rcond=1e-13)[0] / scale[:, None]
     missed = float(np.max(np.abs(basis @ residues - flat)) / np.max(size))

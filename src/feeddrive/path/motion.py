@@ -69,9 +69,11 @@ def one_after_the_other(pieces: Sequence[Pieces]) -> Pieces:
 @kernel
 def turned(theta: float) -> tuple[float, float]:
     """Return sin θ and 1 - cos θ, which keeps its digits at small angles; θ in rad, |θ| < 1e6."""
+    # reduce to |r| <= π/4, where the series below are short
     k = floor(theta * 0.6366197723675814 + 0.5)
     r = (theta - k * _HALF_PI_HIGH) - k * _HALF_PI_LOW
     z = r * r
+    # Taylor series to r¹⁷ and r¹⁸, summed from the smallest terms, so that rounding stays in the last places
     s = z * (1.0 / 6.227020800e9 - z * (1.0 / 1.307674368e12 - z / 3.55687428096e14))
     s = z * (1.0 / 120.0 - z * (1.0 / 5040.0 - z * (1.0 / 362880.0 - z / 39916800.0 + z * s)))
     s = r - r * z * (1.0 / 6.0 - s)
@@ -237,6 +239,7 @@ def when(far: float, v: float, a: float, j: float, s: float, t0: float, t1: floa
             low = t
         slope = cubic(v, a, j, s, t)
         step = t - miss / slope if slope > 0.0 else low
+        # near a rest u' is small and Newton's step leaves the bracket: bisection instead
         if step <= low or step >= high:
             step = 0.5 * (low + high)
         if step == t or step <= low or step >= high:

@@ -60,6 +60,7 @@ def drill(
         point[across] = level = clearance
         emit("STRAIGHT_TRAVERSE", *point)
     leave = clearance if state.retract_to_r else level
+    # a cycle runs in exact path mode, as in LinuxCNC; the mode of the program returns behind it
     if state.path_mode != "CANON_EXACT_PATH":
         emit("SET_MOTION_CONTROL_MODE", "CANON_EXACT_PATH")
     hole = _Hole(state, emit, kept, clearance, depth, leave, across)
@@ -249,6 +250,7 @@ class Motion:
             scale_free[axis] = words.pop(AXES[axis])
         target = state.program(scale_free)
         for axis in range(9):
+            # converting there and back would change the last digits of an axis that does not move
             if scale_free[axis] == standing[axis] and not (state.rotation and axis < 2):
                 target[axis] = state.position[axis]
         return target, moved

@@ -40,6 +40,7 @@ def center_of_radius(
             f"at least {Quantity(half):6}",
             "R",
         )
+    # for half a circle rounding would move the center off the chord by the root of a rounding error
     height = math.sqrt(max(0.0, size * size - half * half)) if half / size < 1 - 1e-12 else 0.0
     if clockwise == (radius > 0):
         height = -height
@@ -79,6 +80,7 @@ def sweep(start: tuple[float, float], end: tuple[float, float], center: tuple[fl
     b = math.atan2(end[1] - center[1], end[0] - center[0])
     angle = b - a
     if turns > 0:
+        # an end that equals the start but for rounding is a full turn, not none
         while angle <= 1e-12:
             angle += math.tau
         return angle + math.tau * (turns - 1)

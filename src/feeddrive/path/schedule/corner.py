@@ -580,10 +580,12 @@ def lasting(rows: Floats2, count: int) -> float:
 @kernel
 def width(away: float, short: float) -> tuple[float, float]:
     """Return w and s of the bump with phi(0) = away (s); s as stated, or w where that is shorter."""
+    # with s = w the peak is phi(0) = 39 w/192: a longer s would exceed w
     if 39.0 * short >= 192.0 * away:
         w = away * 192.0 / 39.0
         return w, w
     w = 6.0 * away
+    # phi(0) = away solved for w by fixed-point iteration
     for _ in range(60):
         w = 6.0 * away - short * short / (4.0 * w) * (1.0 - short / (8.0 * w))
     return w, short

@@ -140,6 +140,7 @@ def _expanded(
         if full:
             g0 = a2
             g1 = 0.5 * a1
+            # second derivatives of g are left out (Gauss-Newton), so that the Hessian stays positive
             first, second = _penalty(g0 * z0 + g1 * z1, loose)
             d0 = d0 + weight * first * g0
             d1 = d1 + weight * first * g1
@@ -315,6 +316,7 @@ def _solved(band: Floats2, first: int, last: int, slope: Floats, step: Floats) -
                 if c - e >= first:
                     value = value - band[c, e] * band[c - d, e - d]
             if d == 0:
+                # the Hessian is positive by construction: only rounding can fail here
                 if value <= 0.0:
                     return False
                 band[c, 0] = sqrt(value)
@@ -383,12 +385,14 @@ def quickest(
             loose[p] = 1.0 if share[p] < _TOUCHES else _LOOSE * share[p]
             if share[p] >= 1.0:
                 above = above + 1
+        # violated limits first: with a small penalty the step would go for time and leave them violated
         if above > 0:
             penalty = max(penalty, _INWARDS)
         _system(span, row, r, most, full, loose, weight, away, penalty, coefficient, slope, band)
         if not _solved(band, 3, n - 3, slope, step):
             break
         for p in range(len(span)):
+            # keep a distance to the barrier: at the limit itself its slope is infinite and the next step would be tiny
             loose[p] = loose[p] - _NEARER * (loose[p] - share[p])
         far = 1.0
         good = False
@@ -409,6 +413,7 @@ def quickest(
             return max(above, 1)
         for c in range(n):
             coefficient[c] = tried[c]
+        # lower the penalty only after nearly full steps: before, Newton's method has not converged for this one
         if above == 0 and far > 0.3:
             if penalty <= last:
                 break
