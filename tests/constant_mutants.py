@@ -37,6 +37,10 @@ MODULES = {
 EQUIVALENT = {
     ("feeddrive.machining.chatter_signs", "_PLACES", "32"): "a coarser search of the place in a tooth, good enough",
     ("feeddrive.machining.chatter_signs", "_PLACES", "128"): "a finer search of the same",
+    ("feeddrive.loop.guard", "SETPOINT_LIMIT", "500000000000.0"): "no axis comes within nine decades of it",
+    ("feeddrive.loop.guard", "SETPOINT_LIMIT", "2000000000000.0"): "the same",
+    ("feeddrive.loop.guard", "COMMAND_LIMIT", "5e+17"): "no drive comes within twelve decades of it",
+    ("feeddrive.loop.guard", "COMMAND_LIMIT", "2e+18"): "the same",
 }
 
 
@@ -51,10 +55,9 @@ class Constant(NamedTuple):
     def changed(self) -> Iterator[float | int]:
         """The numbers in its place: half of it and double."""
         for factor in (0.5, 2):
-            other = factor * self.value
-            number = int(other) if isinstance(self.value, int) else other
-            if number != self.value:
-                yield number
+            other = int(factor * self.value) if isinstance(self.value, int) else factor * self.value
+            if other != self.value:
+                yield other
 
 
 def constants(module: str) -> list[Constant]:
@@ -63,14 +66,21 @@ def constants(module: str) -> list[Constant]:
     assert spec is not None
     assert spec.origin is not None
     body = ast.parse(Path(spec.origin).read_text(encoding="utf-8")).body
+    assigned = [node for node in body if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)]
     return [
-        Constant(module, node.targets[0].id, node.lineno, node.value.value)
-        for node in body
-        if isinstance(node, ast.Assign)
-        and isinstance(node.targets[0], ast.Name)
-        and isinstance(node.value, ast.Constant)
-        and type(node.value.value) in (int, float)
+        Constant(module, node.targets[0].id, node.lineno, value)  # type: ignore[attr-defined]
+        for node in assigned
+        if (value := number(node.value)) is not None
     ]
+
+
+def number(node: ast.expr) -> float | int | None:
+    """The value of a number, or of an expression of numbers; None for anything else."""
+    numbers = [part.value for part in ast.walk(node) if isinstance(part, ast.Constant)]
+    parts = (ast.Constant, ast.BinOp, ast.UnaryOp, ast.operator, ast.unaryop)
+    if not all(isinstance(part, parts) for part in ast.walk(node)) or any(type(n) not in (int, float) for n in numbers):
+        return None
+    return eval(compile(ast.Expression(node), "", "eval"))
 
 
 class Changed(importlib.machinery.SourceFileLoader):
@@ -83,8 +93,8 @@ class Changed(importlib.machinery.SourceFileLoader):
     def get_code(self, fullname: str) -> object:  # no cache of bytes: the source on disk is another one
         source = Path(self.path).read_text(encoding="utf-8").splitlines(keepends=True)
         line, old, new = self.change
-        name, _, number = source[line - 1].partition("=")
-        assert ast.literal_eval(number.partition("#")[0].strip()) == ast.literal_eval(old)
+        name, _, value = source[line - 1].partition("=")
+        assert number(ast.parse(value.partition("#")[0].strip(), mode="eval").body) == float(old)
         source[line - 1] = f"{name}= {new}\n"
         return compile("".join(source), self.path, "exec")
 
@@ -109,9 +119,9 @@ if MUTANT in os.environ:  # as a plugin of pytest: python -m pytest -p constant_
     sys.meta_path.insert(0, Finder())
 
 
-def survives(constant: Constant, number: float | int) -> bool:
-    """Whether all tests of the module pass with a number in place of the constant."""
-    change = f"{constant.module} {constant.line} {constant.value!r} {number!r}"
+def survives(constant: Constant, other: float | int) -> bool:
+    """Whether all tests of the module pass with another number in place of the constant."""
+    change = f"{constant.module} {constant.line} {constant.value!r} {other!r}"
     tests = [str(TESTS / name) for name in MODULES[constant.module].split()]
     words = ["-m", "pytest", "-q", "-x", "-p", "constant_mutants", "-p", "no:cacheprovider", "-m", "not slow", *tests]
     path = os.pathsep.join([str(TESTS), *filter(None, [os.environ.get("PYTHONPATH")])])
@@ -130,11 +140,11 @@ def main(asked: Sequence[str]) -> int:
     killed, left = 0, list[str]()
     for module in modules:
         for constant in constants(module):
-            for number in constant.changed():
-                words = f"{constant.name} {constant.value!r} -> {number!r}"
-                if (module, constant.name, repr(number)) in EQUIVALENT:
+            for other in constant.changed():
+                words = f"{constant.name} {constant.value!r} -> {other!r}"
+                if (module, constant.name, repr(other)) in EQUIVALENT:
                     continue
-                if survives(constant, number):
+                if survives(constant, other):
                     left.append(f"{module}: {words}")
                     print(f"SURVIVES {left[-1]}", flush=True)
                 else:

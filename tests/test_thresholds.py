@@ -12,17 +12,23 @@ import numpy as np
 import pytest
 
 from feeddrive.analysis.margins import margins
+from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.families import Reading
 from feeddrive.blocks.observer.gpi_observer import GpiObserver
+from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.plant.two_bodies import TwoBodies
 from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
+from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.blocks.signals import Setpoint
-from feeddrive.comparison.figures import beats, ranks
+from feeddrive.comparison.figures import Duty, beats, duty_of, ranks
 from feeddrive.figures.of_loops import ROPE_SNAP
 from feeddrive.identification.estimate import TABLE
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.guard import TRIP_FOLLOWING_ERROR, Guard
+from feeddrive.loop.loop import Loop
 from feeddrive.machining.chatter_signs import chatter_signs
 from feeddrive.tuning.criteria import require_covered, require_good
 from feeddrive.tuning.trajectory_prefilter import PrefilterFit
@@ -82,6 +88,16 @@ def test_sixteen_teeth_are_enough() -> None:
 def test_laws_within_half_a_percent_share_a_place(worse: float, places: list[int]) -> None:
     assert ranks(ROPE_SNAP, [{ROPE_SNAP.key: 1.0}, {ROPE_SNAP.key: worse}]) == places
     assert beats(ROPE_SNAP, 1.0, worse) is (places == [1, 2])
+
+
+def test_an_axis_without_limits_is_pulled_with_100_n_and_settles_within_half_a_micrometer_or_ten_counts() -> None:
+    def duty(resolution: float) -> Duty:
+        axis = Axis(plant=Rigid(mass=50.0, viscous=100.0), encoder_load=Encoder(resolution=resolution))
+        return duty_of(Loop(sample_time=1e-3, control=Control(law=CascadePPI(Kv=20.0, Kp=1e3, Tn=0.02)), axis=axis))
+
+    assert duty(1e-9).force == 100.0
+    assert duty(1e-9).near == 0.5e-6
+    assert duty(1e-6).near == pytest.approx(1e-5)
 
 
 # friction: a curve that leaves more than 15 % of the force is advised against
