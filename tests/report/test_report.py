@@ -34,8 +34,8 @@ from feeddrive.loop.lifting import compliance, loop_gain, tracking
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 from feeddrive.plot import style
-from feeddrive.report import Entry, LawsReport, build
-from feeddrive.report.page import THEME, Shown, page_units, picture, render, svg, table, tabled
+from feeddrive.report import Entry, LawsContents, build
+from feeddrive.report.page import THEME, Picture, page_units, picture, render, svg, table, tabled
 from feeddrive.report.page import page as page_of
 from feeddrive.report.sentences import remarks, result
 
@@ -88,9 +88,9 @@ def entry(name: str, made: Loop, **more) -> Entry:
 
 
 @cache
-def compared() -> LawsReport:
+def compared() -> LawsContents:
     entries = [entry(name, loop(feedforward)) for name, feedforward in zip(NAMES, (False, True), strict=True)]
-    return LawsReport(
+    return LawsContents(
         title="EMPS axis: what is feedforward worth?",
         entries=entries,
         facts={"Machine": "EMPS ball-screw axis", "Noise": "seed 0"},
@@ -107,9 +107,9 @@ def page() -> str:
 
 
 @cache
-def bare() -> LawsReport:
+def bare() -> LawsContents:
     """One law without responses."""
-    return LawsReport("bare", [replace(compared().entries[0], loop_gain=None, compliance=None, tracking=None)])
+    return LawsContents("bare", [replace(compared().entries[0], loop_gain=None, compliance=None, tracking=None)])
 
 
 @cache
@@ -118,7 +118,7 @@ def bare_page() -> str:
 
 
 @cache
-def replayed() -> LawsReport:
+def replayed() -> LawsContents:
     if not LOG.exists():
         pytest.skip(
             f"THE MEASURED LOG IS MISSING: {LOG.name} is not at ../shared/data/emps; the report of it is not tested"
@@ -279,7 +279,7 @@ HOSTILE = ["</title><script>alert(1)</script>", '"><img src=x onerror=y>', "a & 
 def test_every_text_of_the_user_is_shown_and_not_run() -> None:
     entries = [replace(compared().entries[0], name=text, description=f"{text} said") for text in HOSTILE]
     every = " ".join(HOSTILE)
-    made = build(LawsReport(every, entries, {every: every}, every, every, {every: every}, [every]))
+    made = build(LawsContents(every, entries, {every: every}, every, every, {every: every}, [every]))
     found = structure(made)
     assert not {name for name, _ in found.tags} & {"script", "img"}
     for text in HOSTILE:
@@ -296,7 +296,7 @@ def test_what_is_not_there_is_left_out() -> None:
     assert "Open loop" not in text
     assert "Robustness" not in text
     with pytest.raises(ParameterError, match="at least one law"):
-        build(LawsReport("empty", []))
+        build(LawsContents("empty", []))
 
 
 class Rest(Reference):
@@ -318,7 +318,7 @@ class Rest(Reference):
 def test_an_axis_at_rest_and_a_run_of_one_sample_have_a_report(duration: float) -> None:
     made = replace(loop(False), axis=Axis(plant=Rigid(mass=10.0)))
     still = entry("still", made, run=simulate(made, Rest(duration)))
-    text = build(LawsReport("rest", [replace(still, loop_gain=None, compliance=None, tracking=None)]))
+    text = build(LawsContents("rest", [replace(still, loop_gain=None, compliance=None, tracking=None)]))
     check_page(text)
     assert ("Following error over time" in text) == (duration == 0.5)
 
@@ -407,7 +407,7 @@ def test_the_first_sentence_names_the_best_law_and_its_price() -> None:
 def test_remarks_say_what_must_not_be_overlooked() -> None:
     soft = replace(AXIS, actuator=Actuator(motor=Direct(force_constant=GTAU, peak_force=30.0, continuous_force=5.0)))
     made = replace(loop(True), axis=soft, control=replace(loop(True).control, force_limit=60.0))
-    found = "\n".join(remarks(LawsReport("x", [entry("weak", made)], rule="r", notes=["r", "n"])))
+    found = "\n".join(remarks(LawsContents("x", [entry("weak", made)], rule="r", notes=["r", "n"])))
     assert "the force is at its limit for" in found
     assert "above the motor's peak of 30 N" in found
     assert "overheats the motor" in found
@@ -421,7 +421,7 @@ def test_a_page_is_read_in_the_units_of_its_axis() -> None:
     """Quantities of the sentences, tables and pictures are turned; texts of a person are not."""
     figure, (ax,) = style.picture(1, height=2.0)
     ax.set_ylabel(f"force ({unit_name('N')}) of '5 kg'")
-    shown = Shown("k", "5 kg", Text(f"at {Quantity(2e-6, 'm')}"), "a picture of a force", lambda: figure)
+    shown = Picture("k", "5 kg", Text(f"at {Quantity(2e-6, 'm')}"), "a picture of a force", lambda: figure)
     turns = page_units(rotary=True)
     table = Table("5 mm", [Column("5 kg"), Column("RMS", "m")], [["3 N", 1e-6]])
     text = structure(page_of("5 kg", [picture(shown, turns), tabled(table)], turns)).text

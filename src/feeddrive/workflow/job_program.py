@@ -26,7 +26,7 @@ from feeddrive.machining.part_run import PartRun, part_run
 from feeddrive.machining.regeneration import regeneration
 from feeddrive.machining.tool_point import tool_point
 from feeddrive.machining.tooth_passage import ToothPassage
-from feeddrive.report.page import Entry, ShownTable
+from feeddrive.report.laws import Entry
 from feeddrive.report.sentences import block_sentence
 from feeddrive.tuning.candidates import PLAIN, candidates
 
@@ -160,7 +160,7 @@ def chatter_remarks(found: Sequence[Chatter]) -> list[str]:
     return said
 
 
-def cut_table(job: Job, row: Entry, verdicts: Sequence[Chatter]) -> list[ShownTable]:
+def cut_table(job: Job, row: Entry, verdicts: Sequence[Chatter]) -> list[Table]:
     """What cuts while which lines run, with the force of the first row and the verdict on chatter."""
     program = job.program
     if program is None or row.part is None or row.part.cutting is None:
@@ -185,7 +185,7 @@ def cut_table(job: Job, row: Entry, verdicts: Sequence[Chatter]) -> list[ShownTa
         f"What the program cuts, the resultant force on the tool with '{row.name}', and |µ|, the factor of a vibration "
         "from tooth to tooth with the feed along x: from 1 on the cut chatters."
     )
-    return [ShownTable(Table(title, columns, rows))]
+    return [Table(title, columns, rows)]
 
 
 def cut_sentence(cut: MillingCut) -> str:
