@@ -23,6 +23,7 @@ from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceComp
 from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.cli.terminal import show
+from feeddrive.comparison.advice import advice
 from feeddrive.comparison.compare import FIXED, PLAIN, TODAY, Comparison, compare_laws
 from feeddrive.comparison.figures import CRITERIA, duty_of, ranks
 from feeddrive.comparison.report import figures_csv, write_comparison
@@ -33,7 +34,7 @@ from feeddrive.language.errors import CancelledError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import Refusal, candidates
-from feeddrive.workflow.compare import advice, in_short, screen
+from feeddrive.workflow.compare import in_short, screen
 
 SHORT = SnapLimitedMove(
     distance=0.02, velocity=0.2, acceleration=5.0, jerk=400.0, snap=4e4, back=True, dwell_before=0.5, dwell_after=0.2

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
-from markupsafe import Markup
 
 from feeddrive.analysis.replay import replay
 from feeddrive.blocks.actuator.actuator import Actuator
@@ -34,9 +33,10 @@ from feeddrive.loop.lifting import compliance, loop_gain, tracking
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 from feeddrive.plot import style
-from feeddrive.report import Entry, LawsContents, build
-from feeddrive.report.page import THEME, Picture, page_units, picture, render, svg, table, tabled
-from feeddrive.report.page import page as page_of
+from feeddrive.report.laws import Entry, LawsContents
+from feeddrive.report.laws_report import laws_report
+from feeddrive.report.page import THEME, html, svg
+from feeddrive.report.report import Picture, Report, Section, Verdict
 from feeddrive.report.sentences import remarks, result
 
 LOG = Path(__file__).parents[2].parent / "shared" / "data" / "emps" / "DATA_EMPS.mat"
@@ -130,6 +130,10 @@ def replayed() -> LawsContents:
     return replace(compared(), title="measured", entries=[entry("today", made, run=again.run, replay=again)])
 
 
+def build(contents: LawsContents) -> str:
+    return html(laws_report(contents))
+
+
 class Structure(HTMLParser):
     """Collects what a page is made of, and checks that every element is closed."""
 
@@ -195,6 +199,15 @@ def check_page(text: str) -> None:
     assert names.count("figure") == names.count("figcaption") == names.count("svg") == len(pictures(text))
 
 
+def check_order(text: str) -> None:
+    """The verdict, then a picture, then tables, then folded details."""
+    places = [text.find(each) for each in ('<div class="lead', "<figure", "<table", "<details")]
+    there = [place for place in places if place >= 0]
+    assert places[0] > 0
+    assert there == sorted(there)
+    assert "<section" not in text[text.index("<details") :] if "<details" in text else True
+
+
 def check_pictures(text: str) -> None:
     """Each is XML by itself, says what it shows, and takes all its colors from the page."""
     for drawing in pictures(text):
@@ -218,6 +231,7 @@ def test_the_report_of_a_comparison() -> None:
     for expected in (*NAMES, "EMPS ball-screw axis", "Equal gains", "seed 0", 'machine = "emps"', "Nothing was fitted"):
         assert expected in found.text
     titles = re.findall(r"<h3>(.*?)</h3>", text)
+    check_order(text)
     for expected in ("Following error over time", "Amplitude spectrum of the following error", "Force", "Friction",
                      "Velocity and acceleration", "Open loop and its margins", "Nyquist plot near -1",
                      "Closed loop", "Dynamic stiffness"):  # fmt: skip
@@ -422,22 +436,21 @@ def test_a_page_is_read_in_the_units_of_its_axis() -> None:
     figure, (ax,) = style.picture(1, height=2.0)
     ax.set_ylabel(f"force ({unit_name('N')}) of '5 kg'")
     shown = Picture("k", "5 kg", Text(f"at {Quantity(2e-6, 'm')}"), "a picture of a force", lambda: figure)
-    turns = page_units(rotary=True)
     table = Table("5 mm", [Column("5 kg"), Column("RMS", "m")], [["3 N", 1e-6]])
-    text = structure(page_of("5 kg", [picture(shown, turns), tabled(table)], turns)).text
+    report = Report("5 kg", "feeddrive", Verdict(("5 s",)), (Section("a", "A", (table,)),), shown, rotary=True)
+    text = structure(html(report)).text
     for expected in ("force (N m) of '5 kg'", "at 2 µrad", "RMS µrad", "5 mm", "3 N"):
         assert expected in text
 
 
 def test_a_table_that_is_cut_off_on_a_narrow_screen_says_so() -> None:
     """The class names the width of the screen below which it is; the rule of that width shows the words."""
-    narrow = table("Two.", ["what", "size"], [["mass", "12.5 kg"], ["a long name that breaks", "3 N"]])
-    wide = table("Many.", ["what", *"abcdefg"], [["mass", *["123.456 N/um"] * 7]])
-    longer = table("Words.", ["what", "said"], [["mass", "a sentence in a cell, which does not break " * 3]])
-    assert 'class="scroll "' in narrow
-    assert re.search(r'class="scroll beyond-(55|60)"', wide)
-    assert 'class="scroll beyond-65"' in longer
-    text = render("page.html", title="Tables", body=Markup(narrow + wide + longer))
+    narrow = Table("Two.", ["what", "size"], [["mass", "12.5 kg"], ["a long name that breaks", "3 N"]])
+    wide = Table("Many.", ["what", *"abcdefg"], [["mass", *["123.456 N/um"] * 7]])
+    longer = Table("Words.", ["what", "said"], [["mass", "a sentence in a cell, which does not break " * 3]])
+    section = Section("tables", "Tables", (narrow, wide, longer))
+    text = html(Report("Tables", "feeddrive", Verdict(("Three.",)), (section,)))
+    assert re.findall(r'class="scroll( beyond-\d+)? ?"', text) == ["", " beyond-60", " beyond-65"]
     assert "Swipe: the table goes on to the right" in text
     for each in re.findall(r'class="scroll beyond-(\d+)"', text):
         assert f"(max-width: {each}rem) {{ .beyond-{each}::before {{ display: block; }} }}" in text

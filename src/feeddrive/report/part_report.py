@@ -29,10 +29,6 @@ def lead(contents: LawsContents) -> list[str]:
     first = found[0][1]
     best = min((part for _, part in found), key=lambda part: part.contour.rms)
     said: list[str] = []
-    if contents.planned is not None:
-        said.append(
-            Text(f"The program takes {Quantity(contents.planned.cycle_time, 's'):SI}. {_limited(contents.planned)}")
-        )
     if best is first:
         told = "" if len(found) == 1 else "None of the others keeps the contour better than "
         said.append(Text(f"{told}'{first.name}': {_contour(first)}."))
@@ -51,6 +47,9 @@ def lead(contents: LawsContents) -> list[str]:
                 "program."
             )
         )
+    if contents.planned is not None:
+        cycle = Quantity(contents.planned.cycle_time, "s", form="SI")
+        said.append(Text(f"The program takes {cycle}. {_limited(contents.planned)}"))
     return said
 
 
@@ -138,7 +137,8 @@ def _laws(found: Sequence[tuple[Entry, PartRun]]) -> Marked:
     best = [min(range(len(rows)), key=sizes.__getitem__) for sizes in zip(*errors, strict=True)]
     said = (
         "Contour error: the distance of the tool from the commanded path, whatever its delay along it. What counts is "
-        "the path that cuts, or is moved at a feed. Effort: of the motor that needs the largest share. "
+        "the path on which the tool leaves a wall of the part, not its way in and out beside it; a slot counts whole, "
+        "and without [process] all that is moved at a feed. Effort: of the motor that needs the largest share. "
         "Energy: of the axes and the spindle."
     )
     marks = [*best, *([None] * (len(columns) - 4))]
@@ -165,11 +165,11 @@ def _places(found: Sequence[tuple[Entry, PartRun]]) -> Table:
     first = found[0][1]
     columns = [
         Column(f"place {unit_name('m', 'mm', stays=True)}"), Column("line"), Column("time", "s", "SI"),
-        *(Column(entry.name) for entry, _ in found),
+        *(Column(entry.name, "m", "3") for entry, _ in found),
     ]  # fmt: skip
     rows: list[list[Cell]] = []
     for place in first.worst(_WORST):
-        cells = [Quantity(_near(part, place.time), "m", form="3", bare=True) for _, part in found]
+        cells = [_near(part, place.time) for _, part in found]
         rows.append([_place(first, place.position, bare=True), place.line, place.time, *cells])
     title = (
         f"Worst places of '{first.name}': largest contour error within 60 ms of each, in {unit_name('m')}, with each "

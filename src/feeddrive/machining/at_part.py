@@ -1,0 +1,61 @@
+"""Which samples of a cut lie on the finished part: the tool's motion beside it leaves nothing that is measured.
+
+A tool that cuts with its side leaves the wall that it touches at its radius R beside the path p:
+
+    w(t) = p(t) + R n(t),   n to the work: right of the feed in down milling, left of it in up milling (M3)
+
+A point of that wall belongs to the part if
+
+1. no other place of the same cut takes it away:   min over s of |w(t) - p(s)| >= R.  A lead-in, a lead-out and the
+   corners of the path around an outer corner of the part, where the tool touches nothing, fail this.
+2. it lies inside the path, for a cut that goes around the part.  Lead-in and lead-out from beside the part fail this.
+
+A slot, which has no side, counts whole, and so does a cut along an edge, which does not go around anything: where its
+part ends is not known.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from feeddrive.machining.curve import size, unit
+
+_TOUCHES = 5e-3  # of the radius: rounded corners and the distance between samples
+_CORNERS = 300  # of the polygon that decides what lies inside: as many places of the path as that
+
+
+def on_part(position: np.ndarray, velocity: np.ndarray, radius: float, milling: str) -> np.ndarray:
+    """Return whether each sample of one cut leaves a wall of the part, shape (n,).
+
+    position, velocity  of the set point in the plane of the cut, m and m/s, shape (n, 2); a place where it stands
+                        leaves no wall
+    radius              of the tool, m
+    milling             up or down, with a spindle that turns clockwise
+    """
+    from scipy.spatial import KDTree
+
+    feed = unit(velocity)
+    to_right = np.column_stack([feed[:, 1], -feed[:, 0]])
+    wall = position + radius * (to_right if milling == "down" else -to_right)
+    nearest, _ = KDTree(position).query(wall)
+    stays = (size(velocity) > 0.0) & (nearest >= radius * (1.0 - _TOUCHES))
+    inside = stays & enclosed(wall, position)
+    return inside if np.any(inside) else stays
+
+
+def enclosed(points: np.ndarray, path: np.ndarray) -> np.ndarray:
+    """Return whether a path, closed by a straight line, goes around each point: its winding number is not 0.
+
+    points  shape (n, 2); path  shape (m, 2)
+    """
+    polygon = path[:: max(1, len(path) // _CORNERS)]
+    begin, end = polygon, np.roll(polygon, -1, axis=0)
+    turns = np.zeros(len(points), dtype=np.int64)
+    for (x0, y0), (x1, y1) in zip(begin, end, strict=True):
+        if y0 == y1:
+            continue
+        low, high, sign = (y0, y1, 1) if y0 < y1 else (y1, y0, -1)
+        crosses = (points[:, 1] >= low) & (points[:, 1] < high)
+        at = x0 + (points[crosses, 1] - y0) * (x1 - x0) / (y1 - y0)
+        turns[np.flatnonzero(crosses)[at > points[crosses, 0]]] += sign
+    return turns != 0
