@@ -184,7 +184,7 @@ def test_the_work_follows_the_limits_of_the_machine() -> None:
 def test_the_pictures_are_drawn(found: Comparison) -> None:
     from feeddrive.comparison.report import contents
 
-    drawn = {shown.key: shown.draw for shown in contents(found).pictures}
+    drawn = {shown.key: shown.chart for shown in contents(found).pictures}
     assert found.plot().axes
     assert len(drawn["recovery"]().axes) == 2
     for draw in drawn.values():  # private-use characters are the marks of quantities, which no reader may see
