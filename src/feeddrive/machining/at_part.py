@@ -8,10 +8,10 @@ A point of that wall belongs to the part if
 
 1. no other place of the same cut takes it away:   min over s of |w(t) - p(s)| >= R.  A lead-in, a lead-out and the
    corners of the path around an outer corner of the part, where the tool touches nothing, fail this.
-2. it lies inside the path, for a cut that goes around the part.  Lead-in and lead-out from beside the part fail this.
+2. it lies on that side of the closed path on which most of the wall lies: inside of a path around the part, outside of
+   a path in a pocket.  Lead-in and lead-out from the other side fail this.
 
-A slot, which has no side, counts whole, and so does a cut along an edge, which does not go around anything: where its
-part ends is not known.
+A cut along an edge goes around nothing and counts whole: where its part ends is not known.
 """
 
 from __future__ import annotations
@@ -38,9 +38,11 @@ def on_part(position: np.ndarray, velocity: np.ndarray, radius: float, milling: 
     to_right = np.column_stack([feed[:, 1], -feed[:, 0]])
     wall = position + radius * (to_right if milling == "down" else -to_right)
     nearest, _ = KDTree(position).query(wall)
-    stays = (size(velocity) > 0.0) & (nearest >= radius * (1.0 - _TOUCHES))
-    inside = stays & enclosed(wall, position)
-    return inside if np.any(inside) else stays
+    speed = size(velocity)
+    stays = (speed > 0.0) & (nearest >= radius * (1.0 - _TOUCHES))
+    inside = enclosed(wall, position)
+    around = float(np.sum(speed[stays & inside])) >= float(np.sum(speed[stays & ~inside]))
+    return stays & (inside if around else ~inside)
 
 
 def enclosed(points: np.ndarray, path: np.ndarray) -> np.ndarray:
