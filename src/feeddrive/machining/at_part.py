@@ -21,6 +21,7 @@ import numpy as np
 from feeddrive.machining.curve import size, unit
 
 _TOUCHES = 5e-3  # of the radius: rounded corners and the distance between samples
+_APART = 1e-2  # of the radius, between the places from which the wall is looked at: 5e-5 / 4 of it in the distance
 _CORNERS = 300  # of the polygon that decides what lies inside: as many places of the path as that
 
 
@@ -37,7 +38,9 @@ def on_part(position: np.ndarray, velocity: np.ndarray, radius: float, milling: 
     feed = unit(velocity)
     to_right = np.column_stack([feed[:, 1], -feed[:, 0]])
     wall = position + radius * (to_right if milling == "down" else -to_right)
-    nearest, _ = KDTree(position).query(wall)
+    step = float(np.max(size(np.diff(position, axis=0)), initial=0.0))
+    stride = max(1, int(_APART * radius / step)) if step > 0.0 else 1
+    nearest, _ = KDTree(position[::stride]).query(wall)
     speed = size(velocity)
     stays = (speed > 0.0) & (nearest >= radius * (1.0 - _TOUCHES))
     inside = enclosed(wall, position)
