@@ -32,7 +32,7 @@ from feeddrive.loop.lifting import compliance, tracking
 from feeddrive.report.laws import RESPONSE_LINES, Entry, LawsContents
 from feeddrive.report.laws_report import laws_report
 from feeddrive.report.page import html
-from feeddrive.report.report import Marked, Picture, Report, Verdict
+from feeddrive.report.report import Marked, Picture, Report, Section, Verdict
 from feeddrive.report.sentences import block_sentence, described
 
 
@@ -70,8 +70,11 @@ def contents(found: Comparison) -> LawsContents:
             _ranked(found, CRITERIA[5:9]),
             _ranked(found, CRITERIA[9:]),
             _tuning(found),
-            _tunables(found),
-            *_refused(found),
+        ),
+        details=(
+            Section(
+                "tunables", "What was tuned, and what was refused", (_tunables(found), *_refused(found)), folded=True
+            ),
         ),
         command="feeddrive compare",
         overview=Picture(

@@ -17,7 +17,7 @@ from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run
 from feeddrive.machining.part_run import PartRun
 from feeddrive.path.planned import Planned
-from feeddrive.report.report import Part, Picture
+from feeddrive.report.report import Part, Picture, Section
 
 RESPONSE_LINES = 1500  # of the frequency responses of an entry, from 1 Hz to Nyquist
 
@@ -109,6 +109,7 @@ class LawsContents:
     pictures  pictures of its own, before all others
     planned   the part program that all laws ran, if one
     cuts      what cut while which lines ran, in cells
+    details   sections of its own, folded
     """
 
     title: str
@@ -124,3 +125,4 @@ class LawsContents:
     pictures: Sequence[Picture] = ()
     planned: Planned | None = None
     cuts: Sequence[Part] = ()
+    details: Sequence[Section] = ()

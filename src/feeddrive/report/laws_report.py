@@ -54,6 +54,7 @@ def laws_report(contents: LawsContents) -> Report:
         (
             Section("result", "Result", tables),
             Section("pictures", "Pictures", (some, *(picture for picture in drawn if picture is not first))),
+            *contents.details,
             Section("details", "Axes, motors, spindle and observers", part_report.details(contents), folded=True),
             facts(
                 "What was run",

@@ -107,7 +107,7 @@ def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, p
         files = written(write_report(page(), text, request.out), text)
     notes = [f"No machine file was written: {why}."] if why else []
     shown = [narrow(each) for each in tables(found)]
-    first = 1 if found.refinement is None else 2  # the estimates of the inverse dynamics, and of the closed loop
+    first = _estimates(found)
     return Outcome(
         found, shown[:first], [sentence(each) for each in found.remarks],
         found.recommendation, notes, files=files, details=shown[first:], judgment=found.advice.judgment, page=page,
@@ -315,19 +315,26 @@ def _plain(name: str) -> str:
 
 def identified_report(found: Identified, known: Mapping[str, str] | None = None) -> Report:
     """Return the report of an identified drive; `known`: facts on the log."""
-    first, *others = _pictures(found)
+    shown, first = tables(found), _estimates(found)
+    picture, *others = _pictures(found)
     return Report(
         f"A rigid drive in {found.log.name}",
         "feeddrive identify",
         Verdict((found.recommendation,), good=not found.advice.judgment.bad),
         (
-            Section("result", "Result", (*tables(found), Remarks(map(sentence, found.remarks)))),
+            Section("result", "Result", (*shown[:first], Remarks(map(sentence, found.remarks)))),
             further(others),
+            Section("details", "Dead time, residual and validation", shown[first:], folded=True),
             facts("The log", known or {}),
         ),
-        first,
+        picture,
         found.rotary,
     )
+
+
+def _estimates(found: Identified) -> int:
+    """How many tables hold the estimates: those of the inverse dynamics, and of the closed loop."""
+    return 1 if found.refinement is None else 2
 
 
 def tables(found: Identified) -> list[Table]:

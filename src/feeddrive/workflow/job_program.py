@@ -67,7 +67,9 @@ def on_the_part(program: PlannedProgram) -> np.ndarray | None:
         return counted
     x, y = program.references["x"], program.references["y"]
     position = np.column_stack([x.position, y.position])
-    velocity = np.column_stack([each.velocity for each in (x, y)])
+    assert x.velocity is not None
+    assert y.velocity is not None
+    velocity = np.column_stack([x.velocity, y.velocity])
     begins = np.round(np.array([cut.begin for cut in program.cuts]) / x.sample_time).astype(np.int64)
     found = counted.copy()
     for cut, first, last in zip(program.cuts, begins, [*begins[1:], len(counted)], strict=True):

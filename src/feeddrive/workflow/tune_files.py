@@ -88,9 +88,10 @@ def tuned_report(found: Tuned, story: Story | None = None) -> Report:
     """Return the report of a tuning."""
     story = Story("A tuned axis", {}) if story is None else story
     timed, reason = _timed(found, story)
-    first, *others = [*_pictures(found, story), *timed]
+    picture, *others = [*_pictures(found, story), *timed]
     known = {**story.facts, "Old and new in time": reason} if reason else story.facts
     shown = tables(found, story)
+    first = len(shown) - min(2, len(found.cascade)) - 1  # loop by loop, and the proof, are details
     return Report(
         Text(f"{story.what}: {marked(found.rule).split(' subject to ')[0].split(';')[0]}"),
         "feeddrive tune",
@@ -98,11 +99,12 @@ def tuned_report(found: Tuned, story: Story | None = None) -> Report:
             (found.recommendation(), Text(f"Rule: {found.rule}."), *map(sentence, story.said)), good=found.holds
         ),
         (
-            Section("result", "Result", (*shown, _said(found))),
+            Section("result", "Result", (*shown[:first], _said(found))),
             further(others),
+            Section("proof", "Proof, and the cascade loop by loop", (shown[-1], *shown[first:-1]), folded=True),
             facts("What was tuned", known),
         ),
-        first,
+        picture,
         story.rotary,
     )  # fmt: skip
 
