@@ -18,7 +18,7 @@ from scipy import signal
 
 import feeddrive as fd
 from feeddrive.analysis.loop_model import loop_model
-from feeddrive.report import build
+from feeddrive.report import html, laws_report
 from feeddrive.workflow.jobs import run_laws
 
 ROUNDS = 15
@@ -148,7 +148,7 @@ def main() -> None:
     response_of(loop)
     estimates()
     contents = run_laws(replace(job)).contents()
-    report = measure({"report": lambda: build(contents)}, 5)
+    report = measure({"report": lambda: html(laws_report(contents))}, 5)
     table(["report of three laws", "CPU s"], [["build", f"{np.median(report['report']):.2f}"]])
 
 

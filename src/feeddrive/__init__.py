@@ -30,10 +30,12 @@ _RENAMED = {
 
 
 def _load_views(kind: type) -> None:
-    """Import what draws a type of result and makes its DataFrame, at its first `plot()` or `to_pandas()`."""
+    """Import what draws a type of result, makes its DataFrame and its report, before the first of them is looked up."""
     from feeddrive.plot.registry import register
+    from feeddrive.workflow.reports import register_report
 
     register(kind)
+    register_report(kind)
 
 
 def _moved(name: str) -> Any:

@@ -23,6 +23,7 @@ from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceComp
 from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.cli.terminal import show
+from feeddrive.comparison.advice import advice
 from feeddrive.comparison.compare import FIXED, PLAIN, TODAY, Comparison, compare_laws
 from feeddrive.comparison.figures import CRITERIA, duty_of, ranks
 from feeddrive.comparison.report import figures_csv, write_comparison
@@ -33,7 +34,7 @@ from feeddrive.language.errors import CancelledError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import Refusal, candidates
-from feeddrive.workflow.compare import advice, in_short, screen
+from feeddrive.workflow.compare import in_short, screen
 
 SHORT = SnapLimitedMove(
     distance=0.02, velocity=0.2, acceleration=5.0, jerk=400.0, snap=4e4, back=True, dwell_before=0.5, dwell_after=0.2
@@ -183,7 +184,7 @@ def test_the_work_follows_the_limits_of_the_machine() -> None:
 def test_the_pictures_are_drawn(found: Comparison) -> None:
     from feeddrive.comparison.report import contents
 
-    drawn = {shown.key: shown.draw for shown in contents(found).pictures}
+    drawn = {shown.key: shown.chart for shown in contents(found).pictures}
     assert found.plot().axes
     assert len(drawn["recovery"]().axes) == 2
     for draw in drawn.values():  # private-use characters are the marks of quantities, which no reader may see

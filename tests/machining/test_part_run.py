@@ -81,6 +81,11 @@ def test_the_demo_of_the_mill_compares_six_laws(tmp_path: Path) -> None:
     today = parts["today"].contour.rms
     assert all(part.contour.rms < 0.5 * today for name, part in parts.items() if name != "today")
     assert min(parts, key=lambda name: parts[name].contour.rms) == "P-PI, learned feedforward"
+    contour = parts["today"].contour
+    assert contour.line is not None
+    beside = np.isin(contour.line, (11, 12, 14, 27, 28, 30))  # ways in and out of the circle, beside the part
+    assert 0.0 < np.sum(contour.weights[beside]) < 2e-3  # what is left of the arcs within the tolerance
+    assert np.sum(contour.counted & np.isin(contour.line, (13, 29))) > 30_000
     assert all(verdict.growth is not None and verdict.growth < 1.0 for verdict in found.chatter)
     spindle = parts["today"].load.spindle
     assert spindle is not None
@@ -88,5 +93,6 @@ def test_the_demo_of_the_mill_compares_six_laws(tmp_path: Path) -> None:
     # Ktc of 767 N/mm2 takes 0.767 J/mm3; the edges take the rest of thin chips
     assert 0.767e9 < spindle.specific_energy < 3e9
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert page.index("keeps the contour best") < page.index("<figure") < page.index("<table") < page.index("<details")
     for said in ("Worst places", "No cut chatters", "regenerative, over 3 earlier surfaces", "What limits the speed"):
         assert said in page

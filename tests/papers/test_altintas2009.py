@@ -28,7 +28,8 @@ from feeddrive.papers.altintas2009.testbed import (
     run_ideal,
     transfer,
 )
-from feeddrive.papers.claims import Experiment, build
+from feeddrive.papers.claims import Experiment, paper_report
+from feeddrive.report.page import html
 from mutants import PLACES
 
 
@@ -59,7 +60,7 @@ def test_every_equation_that_is_mutated_is_named_by_a_claim(experiment: Experime
 
 
 def test_the_page_is_built_with_all_pictures(experiment: Experiment) -> None:
-    page = build(experiment)
+    page = html(paper_report(experiment))
     for shown in experiment.pictures:
         assert f"figure-{shown.key}" in page
     assert {"poles", "stiffness", "estimate", "tool", "tracking", "delay"} <= {s.key for s in experiment.pictures}

@@ -83,7 +83,7 @@ def test_set_valued_friction_keeps_the_order(found: Experiment) -> None:
 def test_the_pictures_are_drawn(found: Experiment) -> None:
     for shown in found.pictures:
         assert shown.key.isalpha()
-        figure = shown.draw()
+        figure = shown.chart()
         assert all(len(line.get_xdata()) for ax in figure.axes for line in ax.get_lines())
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,8 @@ from documented import DOCS, claims_documented
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Table
 from feeddrive.papers import claims as papers
-from feeddrive.papers.claims import Claim, Experiment, Reproduced, build, chosen, write_reproduced
+from feeddrive.papers.claims import Claim, Experiment, Reproduced, chosen, paper_report, write_reproduced
+from feeddrive.report.page import html
 
 
 def claim(got: float, least: float | None = None, most: float | None = None) -> Claim:
@@ -56,7 +58,7 @@ def experiment(*claims: Claim) -> Experiment:
 
 
 def test_the_page_escapes_and_marks_what_does_not_hold() -> None:
-    page = build(experiment(claim(2.0, None, 1.0), claim(0.5, None, 1.0)))
+    page = html(paper_report(experiment(claim(2.0, None, 1.0), claim(0.5, None, 1.0))))
     assert page.count('<tr class="broken">') == 1
     assert "The &lt;ratio&gt; is right." in page
     assert "said &lt;b&gt;honestly&lt;/b&gt;" in page
@@ -71,7 +73,8 @@ def test_what_is_written_holds_every_claim(tmp_path: Path) -> None:
     rows = json.loads((tmp_path / "one" / "claims.json").read_text(encoding="utf-8"))["papers"]["altintas2009"]
     assert rows[0]["got"] is None
     assert rows[0]["holds"] is False
-    index = write_reproduced([one, one], tmp_path / "two").read_text(encoding="utf-8")
+    other = Reproduced(replace(experiment(claim(1.0)), name="gordon2013"))
+    index = write_reproduced([one, other], tmp_path / "two").read_text(encoding="utf-8")
     assert 'href="altintas2009.html"' in index
 
 

@@ -100,6 +100,6 @@ def test_pictures_are_drawn() -> None:
     keys = [shown.key for shown in experiment().pictures]
     assert len(set(keys)) == len(keys) == 10
     for shown in experiment().pictures:
-        assert shown.draw().axes
+        assert shown.chart().axes
         assert shown.alt
     assert np.all([shown.key.isalpha() for shown in experiment().pictures])

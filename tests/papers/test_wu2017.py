@@ -6,10 +6,11 @@ import pytest
 
 from documented import claims_documented
 from feeddrive.language.progress import Progress
-from feeddrive.papers.claims import Experiment, build
+from feeddrive.papers.claims import Experiment, paper_report
 from feeddrive.papers.wu2017 import wu2017
 from feeddrive.papers.wu2017.learning import EXPECTED
 from feeddrive.papers.wu2017.rates import identity_error
+from feeddrive.report.page import html
 
 learning = pytest.mark.slow(reason="some hundred trials of learning; test_iterative_feedforward.py has the law")
 
@@ -53,7 +54,7 @@ def test_the_identity_holds_to_rounding() -> None:
 
 @learning
 def test_the_page_has_the_papers_kinds_of_pictures(experiment: Experiment) -> None:
-    page = build(experiment)
+    page = html(paper_report(experiment))
     for shown in experiment.pictures:
         assert f"figure-{shown.key}" in page
     assert {s.key for s in experiment.pictures} == {

@@ -41,7 +41,7 @@ snap_mm_per_s4 = 5e7
 @pytest.fixture
 def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the pictures, which take longer than all else and have a test of their own."""
-    monkeypatch.setattr(sys.modules["feeddrive.workflow.plan"], "build_plan", lambda _: "")
+    monkeypatch.setattr(sys.modules["feeddrive.workflow.plan"], "html", lambda _: "")
 
 
 def part(folder: Path, text: str = PART) -> Path:

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
-from markupsafe import Markup
 
 from feeddrive.analysis.replay import replay
 from feeddrive.blocks.actuator.actuator import Actuator
@@ -34,9 +33,10 @@ from feeddrive.loop.lifting import compliance, loop_gain, tracking
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 from feeddrive.plot import style
-from feeddrive.report import Entry, LawsReport, build
-from feeddrive.report.page import THEME, Shown, page_units, picture, render, svg, table, tabled
-from feeddrive.report.page import page as page_of
+from feeddrive.report.laws import Entry, LawsContents
+from feeddrive.report.laws_report import laws_report
+from feeddrive.report.page import THEME, html, svg
+from feeddrive.report.report import Picture, Report, Section, Verdict
 from feeddrive.report.sentences import remarks, result
 
 LOG = Path(__file__).parents[2].parent / "shared" / "data" / "emps" / "DATA_EMPS.mat"
@@ -88,9 +88,9 @@ def entry(name: str, made: Loop, **more) -> Entry:
 
 
 @cache
-def compared() -> LawsReport:
+def compared() -> LawsContents:
     entries = [entry(name, loop(feedforward)) for name, feedforward in zip(NAMES, (False, True), strict=True)]
-    return LawsReport(
+    return LawsContents(
         title="EMPS axis: what is feedforward worth?",
         entries=entries,
         facts={"Machine": "EMPS ball-screw axis", "Noise": "seed 0"},
@@ -107,9 +107,9 @@ def page() -> str:
 
 
 @cache
-def bare() -> LawsReport:
+def bare() -> LawsContents:
     """One law without responses."""
-    return LawsReport("bare", [replace(compared().entries[0], loop_gain=None, compliance=None, tracking=None)])
+    return LawsContents("bare", [replace(compared().entries[0], loop_gain=None, compliance=None, tracking=None)])
 
 
 @cache
@@ -118,7 +118,7 @@ def bare_page() -> str:
 
 
 @cache
-def replayed() -> LawsReport:
+def replayed() -> LawsContents:
     if not LOG.exists():
         pytest.skip(
             f"THE MEASURED LOG IS MISSING: {LOG.name} is not at ../shared/data/emps; the report of it is not tested"
@@ -128,6 +128,10 @@ def replayed() -> LawsReport:
     made = loop(False)
     again = replay(made, measured, skip=49)
     return replace(compared(), title="measured", entries=[entry("today", made, run=again.run, replay=again)])
+
+
+def build(contents: LawsContents) -> str:
+    return html(laws_report(contents))
 
 
 class Structure(HTMLParser):
@@ -195,6 +199,15 @@ def check_page(text: str) -> None:
     assert names.count("figure") == names.count("figcaption") == names.count("svg") == len(pictures(text))
 
 
+def check_order(text: str) -> None:
+    """The verdict, then a picture, then tables, then folded details."""
+    places = [text.find(each) for each in ('<div class="lead', "<figure", "<table", "<details")]
+    there = [place for place in places if place >= 0]
+    assert places[0] > 0
+    assert there == sorted(there)
+    assert "<section" not in text[text.index("<details") :] if "<details" in text else True
+
+
 def check_pictures(text: str) -> None:
     """Each is XML by itself, says what it shows, and takes all its colors from the page."""
     for drawing in pictures(text):
@@ -218,6 +231,7 @@ def test_the_report_of_a_comparison() -> None:
     for expected in (*NAMES, "EMPS ball-screw axis", "Equal gains", "seed 0", 'machine = "emps"', "Nothing was fitted"):
         assert expected in found.text
     titles = re.findall(r"<h3>(.*?)</h3>", text)
+    check_order(text)
     for expected in ("Following error over time", "Amplitude spectrum of the following error", "Force", "Friction",
                      "Velocity and acceleration", "Open loop and its margins", "Nyquist plot near -1",
                      "Closed loop", "Dynamic stiffness"):  # fmt: skip
@@ -279,7 +293,7 @@ HOSTILE = ["</title><script>alert(1)</script>", '"><img src=x onerror=y>', "a & 
 def test_every_text_of_the_user_is_shown_and_not_run() -> None:
     entries = [replace(compared().entries[0], name=text, description=f"{text} said") for text in HOSTILE]
     every = " ".join(HOSTILE)
-    made = build(LawsReport(every, entries, {every: every}, every, every, {every: every}, [every]))
+    made = build(LawsContents(every, entries, {every: every}, every, every, {every: every}, [every]))
     found = structure(made)
     assert not {name for name, _ in found.tags} & {"script", "img"}
     for text in HOSTILE:
@@ -296,7 +310,7 @@ def test_what_is_not_there_is_left_out() -> None:
     assert "Open loop" not in text
     assert "Robustness" not in text
     with pytest.raises(ParameterError, match="at least one law"):
-        build(LawsReport("empty", []))
+        build(LawsContents("empty", []))
 
 
 class Rest(Reference):
@@ -318,7 +332,7 @@ class Rest(Reference):
 def test_an_axis_at_rest_and_a_run_of_one_sample_have_a_report(duration: float) -> None:
     made = replace(loop(False), axis=Axis(plant=Rigid(mass=10.0)))
     still = entry("still", made, run=simulate(made, Rest(duration)))
-    text = build(LawsReport("rest", [replace(still, loop_gain=None, compliance=None, tracking=None)]))
+    text = build(LawsContents("rest", [replace(still, loop_gain=None, compliance=None, tracking=None)]))
     check_page(text)
     assert ("Following error over time" in text) == (duration == 0.5)
 
@@ -407,7 +421,7 @@ def test_the_first_sentence_names_the_best_law_and_its_price() -> None:
 def test_remarks_say_what_must_not_be_overlooked() -> None:
     soft = replace(AXIS, actuator=Actuator(motor=Direct(force_constant=GTAU, peak_force=30.0, continuous_force=5.0)))
     made = replace(loop(True), axis=soft, control=replace(loop(True).control, force_limit=60.0))
-    found = "\n".join(remarks(LawsReport("x", [entry("weak", made)], rule="r", notes=["r", "n"])))
+    found = "\n".join(remarks(LawsContents("x", [entry("weak", made)], rule="r", notes=["r", "n"])))
     assert "the force is at its limit for" in found
     assert "above the motor's peak of 30 N" in found
     assert "overheats the motor" in found
@@ -421,23 +435,22 @@ def test_a_page_is_read_in_the_units_of_its_axis() -> None:
     """Quantities of the sentences, tables and pictures are turned; texts of a person are not."""
     figure, (ax,) = style.picture(1, height=2.0)
     ax.set_ylabel(f"force ({unit_name('N')}) of '5 kg'")
-    shown = Shown("k", "5 kg", Text(f"at {Quantity(2e-6, 'm')}"), "a picture of a force", lambda: figure)
-    turns = page_units(rotary=True)
+    shown = Picture("k", "5 kg", Text(f"at {Quantity(2e-6, 'm')}"), "a picture of a force", lambda: figure)
     table = Table("5 mm", [Column("5 kg"), Column("RMS", "m")], [["3 N", 1e-6]])
-    text = structure(page_of("5 kg", [picture(shown, turns), tabled(table)], turns)).text
+    report = Report("5 kg", "feeddrive", Verdict(("5 s",)), (Section("a", "A", (table,)),), shown, rotary=True)
+    text = structure(html(report)).text
     for expected in ("force (N m) of '5 kg'", "at 2 µrad", "RMS µrad", "5 mm", "3 N"):
         assert expected in text
 
 
 def test_a_table_that_is_cut_off_on_a_narrow_screen_says_so() -> None:
     """The class names the width of the screen below which it is; the rule of that width shows the words."""
-    narrow = table("Two.", ["what", "size"], [["mass", "12.5 kg"], ["a long name that breaks", "3 N"]])
-    wide = table("Many.", ["what", *"abcdefg"], [["mass", *["123.456 N/um"] * 7]])
-    longer = table("Words.", ["what", "said"], [["mass", "a sentence in a cell, which does not break " * 3]])
-    assert 'class="scroll "' in narrow
-    assert re.search(r'class="scroll beyond-(55|60)"', wide)
-    assert 'class="scroll beyond-65"' in longer
-    text = render("page.html", title="Tables", body=Markup(narrow + wide + longer))
+    narrow = Table("Two.", ["what", "size"], [["mass", "12.5 kg"], ["a long name that breaks", "3 N"]])
+    wide = Table("Many.", ["what", *"abcdefg"], [["mass", *["123.456 N/um"] * 7]])
+    longer = Table("Words.", ["what", "said"], [["mass", "a sentence in a cell, which does not break " * 3]])
+    section = Section("tables", "Tables", (narrow, wide, longer))
+    text = html(Report("Tables", "feeddrive", Verdict(("Three.",)), (section,)))
+    assert re.findall(r'class="scroll( beyond-\d+)? ?"', text) == ["", " beyond-60", " beyond-65"]
     assert "Swipe: the table goes on to the right" in text
     for each in re.findall(r'class="scroll beyond-(\d+)"', text):
         assert f"(max-width: {each}rem) {{ .beyond-{each}::before {{ display: block; }} }}" in text

@@ -14,13 +14,14 @@ from scipy import stats
 
 from feeddrive.files.job import read_job
 from feeddrive.language.errors import ParameterError
+from feeddrive.report.page import html
 from feeddrive.study import points
 from feeddrive.study.answers import sampled
 from feeddrive.study.answers.answers import Answers, answers_of
 from feeddrive.study.answers.bands import QUANTILES
 from feeddrive.study.answers.fronts import front
 from feeddrive.study.answers.judged import judged, parts
-from feeddrive.study.answers.page import build_study, report_files, write_report
+from feeddrive.study.answers.page import report_files, study_report, write_report
 from feeddrive.study.answers.sampled import Sampled
 from feeddrive.study.answers.sensitivity import INSIDE, rank_correlations, sobol
 from feeddrive.study.answers.sentences import short
@@ -313,7 +314,7 @@ def test_bands(found) -> None:
 
 def test_the_page(found) -> None:
     """Less than 1 MB, nothing of the study is HTML, and the numbers are there as numbers."""
-    page = build_study(found)
+    page = html(study_report(found))
     assert len(page.encode()) < 1_000_000
     assert "<b>or" not in page
     assert page.count("<svg") == 6

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from feeddrive.benchmark.advice import advice
 from feeddrive.benchmark.score import FIGURES, Benchmark
 from feeddrive.benchmark.work import ROBUST
 from feeddrive.files.atomic_io import new_directory
@@ -16,7 +17,8 @@ from feeddrive.files.run_files import summary_text
 from feeddrive.language.quantity import DRAWN, Quantity
 from feeddrive.language.table import Cell, Column, Grid, Table
 from feeddrive.language.text import Text
-from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
+from feeddrive.report.page import html
+from feeddrive.report.report import Facts, Picture, Report, Section, Verdict, facts
 
 CITE = "feeddrive benchmark of feed-drive control laws"
 _LATEX = str.maketrans({"%": r"\%", "&": r"\&", "_": r"\_", "±": r"$\pm$", "½": r"\textonehalf{}", "^": ""})
@@ -28,7 +30,7 @@ def write_benchmark(found: Benchmark, out: str | Path) -> Path:
     Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
     """
     with new_directory(out) as folder:
-        (folder / "report.html").write_text(build(found), encoding="utf-8")
+        (folder / "report.html").write_text(html(benchmark_report(found)), encoding="utf-8")
         (folder / "summary.json").write_text(summary_text(summary(found)), encoding="utf-8")
         (folder / "figures.csv").write_text(figures_csv(found), encoding="utf-8")
         (folder / "table.md").write_text(markdown(found), encoding="utf-8")
@@ -45,9 +47,9 @@ def citation(found: Benchmark) -> str:
     )
 
 
-def build(found: Benchmark) -> str:
-    """The report as one HTML page. Pure: the same benchmark gives the same text."""
-    drawn = Shown(
+def benchmark_report(found: Benchmark) -> Report:
+    """Return the report of a benchmark."""
+    drawn = Picture(
         "scores",
         "What a law wins, and on which plants",
         "Times better than P-PI at equal robustness; a line is a law, a small dot a plant, the large one the "
@@ -55,8 +57,8 @@ def build(found: Benchmark) -> str:
         "Ratios to P-PI of rope snap, stiffness and tracking, by law.",
         found.plot,
     )
-    rules = found.rules
-    facts = [
+    rules, (judgment, sentence) = found.rules, advice(found)
+    stated = [
         ("To be cited as", citation(found)),
         (
             "Rule",
@@ -70,24 +72,30 @@ def build(found: Benchmark) -> str:
         ("Runs", f"{rules.seeds} with different noise at each position; the worst figure counts"),
         ("Versions", ", ".join(f"{name} {value}" for name, value in found.versions.items())),
     ]
-    parts = [
-        header("feeddrive benchmark", f"Control laws on {_plants(found)}", [citation(found)], []),
-        '<section id="scores"><h2>Scores</h2>',
-        *(tabled(each) for each in (found.table(), *([found.recipe_table()] if found.recipes else []))),
-        picture(drawn),
-        "</section><section><h2>Who wins where</h2>",
-        tabled(found.winners()),
-        "</section><section><h2>No place</h2>",
-        definitions([(f"{law}, {plants}", why) for law, plants, why in reasons(found).marked().rows]),
-        '</section><section id="plants"><h2>Plants</h2>',
-        definitions([(name, f"{each.title}. {each.source}. {each.remark}") for name in found.plants
-                     for each in [rules.plants[name]]]),
-        *(tabled(_of_plant(found, name)) for name in found.plants),
-        '</section><section id="facts"><h2>Rules</h2>',
-        definitions(facts),
-        "</section>",
-    ]  # fmt: skip
-    return page("Benchmark", parts)
+    plants = [(name, rules.plants[name]) for name in found.plants]
+    return Report(
+        f"Control laws on {_plants(found)}",
+        "feeddrive benchmark",
+        Verdict((sentence, citation(found)), good=not judgment.bad),
+        (
+            Section("scores", "Scores", (found.table(), *([found.recipe_table()] if found.recipes else []))),
+            Section("winners", "Who wins where", (found.winners(),)),
+            Section(
+                "unplaced", "No place",
+                (Facts((f"{law}, {where}", why) for law, where, why in reasons(found).marked().rows),),
+            ),
+            Section(
+                "plants", "Plants",
+                (
+                    Facts((name, f"{plant.title}. {plant.source}. {plant.remark}") for name, plant in plants),
+                    *(_of_plant(found, name) for name in found.plants),
+                ),
+                folded=True,
+            ),
+            facts("Rules", stated),
+        ),
+        drawn,
+    )  # fmt: skip
 
 
 def _plants(found: Benchmark) -> str:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from feeddrive.comparison import pictures
+from feeddrive.comparison.advice import advice
 from feeddrive.comparison.compare import PLAIN, TODAY, Comparison
 from feeddrive.comparison.figures import CRITERIA
 from feeddrive.comparison.judge import Competitor
@@ -28,12 +29,14 @@ from feeddrive.language.table import UNIT, Cell, Table
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
 from feeddrive.loop.lifting import compliance, tracking
-from feeddrive.report import build
-from feeddrive.report.page import RESPONSE_LINES, Entry, LawsReport, Shown, ShownTable
+from feeddrive.report.laws import RESPONSE_LINES, Entry, LawsContents
+from feeddrive.report.laws_report import laws_report
+from feeddrive.report.page import html
+from feeddrive.report.report import Marked, Picture, Report, Section, Verdict
 from feeddrive.report.sentences import block_sentence, described
 
 
-def contents(found: Comparison) -> LawsReport:
+def contents(found: Comparison) -> LawsContents:
     """What the report is made from."""
     loop = found.competitors[0].loop
     duty = found.duty
@@ -55,7 +58,7 @@ def contents(found: Comparison) -> LawsReport:
     }
     if found.machine.remark:
         facts["Remark"] = found.machine.remark
-    return LawsReport(
+    return LawsContents(
         title=found.title,
         entries=[_entry(found, each) for each in found.competitors if each.move is not None],
         facts=facts,
@@ -67,21 +70,30 @@ def contents(found: Comparison) -> LawsReport:
             _ranked(found, CRITERIA[5:9]),
             _ranked(found, CRITERIA[9:]),
             _tuning(found),
-            _tunables(found),
-            *_refused(found),
         ),
-        overview=[
-            Shown(
-                "tradeoff",
-                "Stiffness against tracking, at equal robustness",
-                "A dot for each law, better is left and up. Hollow: today's gains where they are outside of the rule, "
-                "and laws that have not settled.",
-                "Stiffness at 10 Hz and at 100 Hz over the RMS tracking error, one dot a law.",
-                found.plot,
-            )
-        ],
+        details=(
+            Section(
+                "tunables", "What was tuned, and what was refused", (_tunables(found), *_refused(found)), folded=True
+            ),
+        ),
+        command="feeddrive compare",
+        overview=Picture(
+            "tradeoff",
+            "Stiffness against tracking, at equal robustness",
+            "A dot for each law, better is left and up. Hollow: today's gains where they are outside of the rule, "
+            "and laws that have not settled.",
+            "Stiffness at 10 Hz and at 100 Hz over the RMS tracking error, one dot a law.",
+            found.plot,
+        ),
         pictures=_pictures(found),
     )
+
+
+def comparison_report(found: Comparison) -> Report:
+    """Return the report of a comparison."""
+    judgment, sentence = advice(found)
+    report = laws_report(contents(found))
+    return replace(report, verdict=Verdict((sentence, *report.verdict.sentences), good=not judgment.bad))
 
 
 def _entry(found: Comparison, each: Competitor) -> Entry:
@@ -99,7 +111,7 @@ def _entry(found: Comparison, each: Competitor) -> Entry:
     return Entry(each.name, text, each.move, each.loop, loop_gain, soft, track)
 
 
-def _ranked(found: Comparison, criteria: tuple[Figure, ...]) -> ShownTable:
+def _ranked(found: Comparison, criteria: tuple[Figure, ...]) -> Marked:
     """Figures, each with its place in brackets."""
     rows: list[list[Cell]] = [[each.name] for each in found.competitors]
     best: list[int | None] = []
@@ -111,7 +123,7 @@ def _ranked(found: Comparison, criteria: tuple[Figure, ...]) -> ShownTable:
             row.append(None if value is None else Text(f"{figure(value, criterion)} ({remark})"))
         best.append(places.index(1) if places.count(1) == 1 else None)
     columns = ["law", *(criterion.column() for criterion in criteria)]
-    return ShownTable(Table("Figures, and in brackets the place of the law by this criterion.", columns, rows), best)
+    return Marked(Table("Figures, and in brackets the place of the law by this criterion.", columns, rows), best)
 
 
 def figure(value: float, criterion: Figure) -> str:
@@ -124,7 +136,7 @@ def figure(value: float, criterion: Figure) -> str:
 _ROBUSTNESS = (SENSITIVITY_PEAK, DELAY_MARGIN, NOISE_GAIN, CROSSOVER)
 
 
-def _tuning(found: Comparison) -> ShownTable:
+def _tuning(found: Comparison) -> Marked:
     """Robustness, what held the tuning back, and its proof."""
     rows: list[list[Cell]] = []
     for each in found.competitors:
@@ -143,10 +155,10 @@ def _tuning(found: Comparison) -> ShownTable:
         f"Robustness: {found.rule}. Proof: poles, limits on other frequency lines, and the rope-snap error by a "
         "run of the loop with its friction, counts and limits, all computed independently of the search."
     )
-    return ShownTable(Table(title, columns, rows))
+    return Marked(Table(title, columns, rows))
 
 
-def _tunables(found: Comparison) -> ShownTable:
+def _tunables(found: Comparison) -> Marked:
     """The tunables of each law, before and after."""
     rows = [
         [each.name, name, *(Quantity(x, unit, form="SI") for x in (each.tuned.started[name], value)), UNIT]
@@ -155,7 +167,7 @@ def _tunables(found: Comparison) -> ShownTable:
         for name, value in each.tuned.tunables.items()
         for unit in [_unit(each.tuned.control, name)]
     ]
-    return ShownTable(
+    return Marked(
         Table(
             "Knobs, where the search began and where it ended.", ["law", "tunable", "begun at", "tuned", "unit"], rows
         )
@@ -167,16 +179,16 @@ def _unit(control: Control, name: str) -> str:
     return tree.declaration(control, name).unit if name in there else ""
 
 
-def _refused(found: Comparison) -> list[ShownTable]:
+def _refused(found: Comparison) -> list[Marked]:
     if not found.refusals:
         return []
     rows = [[each.name, each.reason] for each in found.refusals]
-    return [ShownTable(Table("Laws that cannot control this axis, and why.", ["law", "reason"], rows), text=True)]
+    return [Marked(Table("Laws that cannot control this axis, and why.", ["law", "reason"], rows), text=True)]
 
 
-def _pictures(found: Comparison) -> list[Shown]:
+def _pictures(found: Comparison) -> list[Picture]:
     drawn = [
-        Shown(
+        Picture(
             "ratios",
             "All laws against plain P-PI",
             "Each figure divided by that of P-PI under the same rule. Blue: better, orange: worse; for stiffness more "
@@ -187,7 +199,7 @@ def _pictures(found: Comparison) -> list[Shown]:
     ]
     if any(each.snap is not None for each in found.competitors):
         drawn.append(
-            Shown(
+            Picture(
                 "recovery",
                 "Recovery after a rope snap and a force step",
                 "Position of the table against its setpoint. Dashed: within it a law counts as settled.",
@@ -215,7 +227,7 @@ def write_comparison(found: Comparison, out: str | Path, more: Mapping[str, str]
 
     Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
     """
-    page = build(contents(found))
+    page = html(comparison_report(found))
     figures = summary_text(summary(found), rotary=found.rotary, quoted=found.quoted)
     with new_directory(out) as folder:
         (folder / "report.html").write_text(page, encoding="utf-8")

@@ -223,6 +223,12 @@ def frame_of(result: Any) -> Any:
     raise ParameterError(f"{type(result).__name__} has no DataFrame: print it, or take its fields")
 
 
+@singledispatch
+def report_of(result: Any) -> Any:
+    """The `Report` of a result; `report_of.register(type)` says what the report of a type of result says."""
+    raise ParameterError(f"{type(result).__name__} has no report: the outcome of its command has one")
+
+
 READER: ContextVar[Units] = ContextVar("READER", default=DRAWN)
 """The units of the reader for whom a picture is drawn: the functions that draw do not hand them on."""
 
@@ -241,7 +247,7 @@ _load_views: list[Callable[[type], object]] = []
 
 
 def views_from(load: Callable[[type], object]) -> None:
-    """Set the function that registers plot and frame of a type of result; it is called before they are looked up.
+    """Set the function that registers plot, frame and report of a type of result, called before they are looked up.
 
     The package `feeddrive` calls this once when it is imported, since it stands above all rooms.
     """
@@ -277,6 +283,21 @@ class Result(ABC):
             load(type(self))
         with drawn_in(replace(self.reader, typographic=True)):
             return picture_of(self)
+
+    def has_picture(self) -> bool:
+        """Return True if there is a picture of this type of result."""
+        for load in _load_views:
+            load(type(self))
+        return picture_of.dispatch(type(self)) is not picture_of.dispatch(object)
+
+    def report(self) -> Any:
+        """The report of this type of result, a `report.Report`, which `report.html` writes as a page.
+
+        Raises ParameterError if there is none.
+        """
+        for load in _load_views:
+            load(type(self))
+        return report_of(self)
 
     def to_pandas(self) -> Any:
         """The numbers of this result as a pandas DataFrame, in SI.

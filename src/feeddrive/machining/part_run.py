@@ -65,7 +65,8 @@ class Estimated(NamedTuple):
 class PartRun(Result):
     """The result of a law under a part program.
 
-    contour    of all moving axes, in space; those samples count that cut, or all but traverses
+    contour    of all moving axes, in space; those samples count in which the tool leaves a wall of the part
+               (`on_part`), or is moved at a feed
     axes       by name
     load       of the motors, and of the spindle where something cuts
     cutting    N, force of the cut on the axes (x, y, z as they are there), shape (n, N); None without a cut

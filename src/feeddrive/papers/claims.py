@@ -26,7 +26,8 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
 from feeddrive.language.text import Text
 from feeddrive.language.units import factor
-from feeddrive.report.page import Shown, render
+from feeddrive.report.page import html
+from feeddrive.report.report import Marked, Picture, Remarks, Report, Section, Verdict, facts
 
 # SI unit and name of a unit in which a paper states its figures, where that is no SI unit
 _STATED = {
@@ -129,7 +130,7 @@ class Experiment(Result):
     citation: str
     claims: Sequence[Claim]
     tables: Sequence[Table] = ()
-    pictures: Sequence[Shown] = ()
+    pictures: Sequence[Picture] = ()
     facts: Mapping[str, str] = field(default_factory=dict[str, str])
     notes: Sequence[str] = ()
 
@@ -151,21 +152,27 @@ class Experiment(Result):
         return f"{held} of {len(self.claims)} claims hold; these do not: {listed}."
 
 
-def build(experiment: Experiment) -> str:
-    """Return the experiment as one HTML page: no scripts, no other files. The same experiment gives the same text."""
-    pictures = [(f"figure-{shown.key}", shown.title) for shown in experiment.pictures]
-    return render(
-        "paper.html",
-        title=experiment.title,
-        lead=[experiment.citation, experiment.sentence()],
-        links=[("claims", "Claims"), *pictures, ("facts", "What was run")],
-        heads=CELLS,
-        claims=experiment.claims,
-        notes=experiment.notes,
-        tables=experiment.tables,
-        pictures=experiment.pictures,
-        facts=experiment.facts.items(),
+def paper_report(experiment: Experiment) -> Report:
+    """Return the report of an experiment: its claims, those that do not hold marked."""
+    first, further = experiment.pictures[:1], experiment.pictures[1:]
+    return Report(
+        experiment.title,
+        "feeddrive reproduce",
+        Verdict((experiment.sentence(), experiment.citation), good=not experiment.broken),
+        (
+            Section("claims", "Claims", (claims_table(experiment.claims), Remarks(experiment.notes))),
+            Section("tables", "Tables", experiment.tables),
+            Section("pictures", "Pictures", further),
+            facts("What was run", experiment.facts),
+        ),
+        next(iter(first), None),
     )
+
+
+def claims_table(claims: Sequence[Claim]) -> Marked:
+    """Tabulate claims; those that do not hold stand out."""
+    broken = [number for number, claim in enumerate(claims) if not claim.holds]
+    return Marked(Table("", CELLS, [claim.cells() for claim in claims]), alert=broken, text=True)
 
 
 PAPERS = ("altintas2009", "gordon2013", "beltran2013", "wu2017")
@@ -180,7 +187,7 @@ class Reproduced:
         self.claims: Sequence[Claim] = tuple(experiment.claims)
         self.sentence = experiment.sentence()
         self.table = experiment.table()
-        self.page = build(experiment)
+        self.page = html(paper_report(experiment))
 
 
 def chosen(paper: str) -> tuple[str, ...]:
@@ -270,7 +277,7 @@ def fill(folder: Path, reproduced: Sequence[Reproduced]) -> None:
         name = "report" if len(reproduced) == 1 else paper.name
         (folder / f"{name}.html").write_text(paper.page, encoding="utf-8")
     if len(reproduced) > 1:
-        (folder / "report.html").write_text(_index(reproduced), encoding="utf-8")
+        (folder / "report.html").write_text(html(index_report(reproduced)), encoding="utf-8")
     (folder / "claims.json").write_text(json.dumps(_figures(reproduced), indent=2) + "\n", encoding="utf-8")
 
 
@@ -297,12 +304,17 @@ def _figures(reproduced: Sequence[Reproduced]) -> dict[str, object]:
     return {"versions": versions(), "papers": papers}
 
 
-def _index(reproduced: Sequence[Reproduced]) -> str:
-    return render(
-        "papers.html",
-        title="The four papers, reproduced",
-        lead=[f"{paper.title}: {paper.sentence}" for paper in reproduced],
-        links=[(paper.name, paper.title) for paper in reproduced],
-        heads=CELLS,
-        papers=reproduced,
+def index_report(reproduced: Sequence[Reproduced]) -> Report:
+    """Return the report that leads to those of the papers."""
+    return Report(
+        "The four papers, reproduced",
+        "feeddrive reproduce",
+        Verdict(
+            (f"{paper.title}: {paper.sentence}" for paper in reproduced),
+            good=all(claim.holds for paper in reproduced for claim in paper.claims),
+        ),
+        [
+            Section(paper.name, paper.title, (claims_table(paper.claims),), file=f"{paper.name}.html")
+            for paper in reproduced
+        ],
     )

@@ -1,4 +1,4 @@
-"""The report about laws over the same work: one self-contained HTML page. `build(contents)` returns its text."""
+"""Reports: a value of verdict, pictures, tables and texts, and its writer. `html(report)` returns a page."""
 
 from feeddrive.language.lazy_package import make_lazy
 

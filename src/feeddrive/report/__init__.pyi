@@ -1,7 +1,16 @@
-"""Reports as HTML pages; editors read this file, and the package loads the names on first use."""
+"""Reports as values and as HTML pages; editors read this file, and the package loads the names on first use."""
 
-from feeddrive.report.circle_page import build_circle as build_circle
-from feeddrive.report.laws_page import build as build
-from feeddrive.report.page import Entry as Entry
-from feeddrive.report.page import LawsReport as LawsReport
-from feeddrive.report.plan_page import build_plan as build_plan
+from feeddrive.report.circle_report import circle_report as circle_report
+from feeddrive.report.laws import Entry as Entry
+from feeddrive.report.laws import LawsContents as LawsContents
+from feeddrive.report.laws_report import laws_report as laws_report
+from feeddrive.report.page import html as html
+from feeddrive.report.plan_report import plan_report as plan_report
+from feeddrive.report.report import Code as Code
+from feeddrive.report.report import Facts as Facts
+from feeddrive.report.report import Marked as Marked
+from feeddrive.report.report import Picture as Picture
+from feeddrive.report.report import Remarks as Remarks
+from feeddrive.report.report import Report as Report
+from feeddrive.report.report import Section as Section
+from feeddrive.report.report import Verdict as Verdict

@@ -1,35 +1,26 @@
-"""The contents of a report, and its HTML page for offline use, from the Jinja2 templates of `templates/`.
+"""The writer of reports: one HTML page for offline use, from the one template `templates/report.html`.
 
-HTML pages for offline use: the Jinja2 templates of `templates/`, with the style sheet `page.css`.
-
-Every text is escaped, and an undefined name in a template is an error.  No page loads or runs anything.
+Every text is escaped, and an undefined name in the template is an error.  No page loads or runs anything.
 """
 
 from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
 from io import StringIO
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from feeddrive.analysis.margins import Margins, margins
-from feeddrive.analysis.replay import Replay
-from feeddrive.analysis.spectrum import Spectrum, spectrum
-from feeddrive.analysis.stiffness import Stiffness, stiffness
+from feeddrive.language.errors import sentence
 from feeddrive.language.quantity import DRAWN, Units
 from feeddrive.language.table import Grid, Table, drawn_in
 from feeddrive.language.text import marked, plain, resolve, split
-from feeddrive.loop.frequency_response import FRF
-from feeddrive.loop.loop import Loop
-from feeddrive.loop.simulate import Run
-from feeddrive.machining.part_run import PartRun
-from feeddrive.path.planned import Planned
 from feeddrive.plot import style
+from feeddrive.plot.chart import Chart
+from feeddrive.plot.drawing import drawn
+from feeddrive.report.report import Marked, Part, Picture, Report
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -55,12 +46,15 @@ def page_units(*, rotary: bool) -> Units:
     return replace(DRAWN, rotary=rotary)
 
 
-def render(template: str, *, units: Units = DRAWN, **content: Any) -> str:
-    """Return a template of `templates/` with its content as a whole page, in the units of a reader.
+def html(report: Report, units: Units | None = None) -> str:
+    """Return a report as a whole HTML page without scripts or other files.
 
-    Pure: the same content gives the same text.
+    units  of the reader; None: typographic, and those of an axis that turns if the report is about one
+
+    Pure: the same report gives the same text.
     """
-    text = _environment().get_template(template).render(widths=_WIDTHS, units=units, **content)
+    units = page_units(rotary=report.rotary) if units is None else units
+    text = _environment().get_template("report.html").render(report=report, units=units, widths=_WIDTHS)
     return resolve(text.translate(_CONTROL), units)
 
 
@@ -78,9 +72,12 @@ def _environment() -> Environment:
     )
 
     @pass_context
-    def drawn(context: Any, shown: Shown) -> Markup:
+    def picture(context: Any, shown: Picture) -> Markup:
         with drawn_in(context["units"]):
-            return Markup(svg(shown.draw(), shown.key, shown.alt))
+            chart = shown.chart()
+            # every picture will be a Chart; until then some are matplotlib figures, which are taken as they are
+            figure = drawn(chart) if isinstance(chart, Chart) else chart
+            return Markup(svg(figure, shown.key, shown.alt))
 
     def unbroken(text: str) -> Markup:
         """A word joiner keeps a unit such as N/µm on one line, an element one that is still a mark."""
@@ -89,9 +86,24 @@ def _environment() -> Environment:
         made = (whole.format(each) if is_mark else escape(each).replace("/", joined) for each, is_mark in pieces)
         return Markup("").join(made)
 
-    filters: dict[str, Any] = {"drawn": drawn, "unbroken": unbroken, "beyond": _beyond, "marked": Table.marked}
+    filters: dict[str, Any] = {"drawn": picture, "unbroken": unbroken, "beyond": _beyond, "kind": _kind, "grid": _grid}
     made.filters.update(filters)
     return made
+
+
+def _kind(part: Part) -> str:
+    """The name of the macro that writes a part."""
+    if isinstance(part, str):
+        return "text"
+    return "table" if isinstance(part, Table | Grid | Marked) else type(part).__name__.lower()
+
+
+def _grid(part: Table | Grid | Marked) -> Grid:
+    """A table as marked texts, its title as a sentence."""
+    table = part.table if isinstance(part, Marked) else part
+    grid = table if isinstance(table, Grid) else table.marked()
+    ends = plain(grid.title).rstrip()[-1:] in (".", ":", "?", "!", "")
+    return grid if ends else grid._replace(title=marked(sentence(grid.title)))
 
 
 def _beyond(heads: Sequence[str], rows: Sequence[Sequence[Any]], text: bool = False) -> str:
@@ -110,48 +122,6 @@ def _beyond(heads: Sequence[str], rows: Sequence[Sequence[Any]], text: bool = Fa
     ]
     needed = _AROUND + sum(_CHARACTER * each + _BETWEEN for each in widest)
     return "" if needed <= _WIDTHS[0] - 5 else f"beyond-{next((w for w in _WIDTHS if w >= needed), _WIDTHS[-1])}"
-
-
-def _part(name: str, *content: Any, units: Units = DRAWN) -> str:
-    return str(getattr(_environment().get_template("parts.html").make_module({"units": units}), name)(*content))
-
-
-def page(title: str, parts: Sequence[str], units: Units = DRAWN) -> str:
-    """Return sections, as HTML, on one page in the units of a reader."""
-    from markupsafe import Markup
-
-    return render("page.html", units=units, title=title, body=Markup("".join(map(marked, parts))))
-
-
-def header(kind: str, title: str, lead: Sequence[str], links: Sequence[tuple[str, str]]) -> str:
-    """Headline, the result in sentences, and links to what follows: (identifier, text)."""
-    return _part("header", kind, title, lead, links)
-
-
-def definitions(pairs: Iterable[tuple[str, str]]) -> str:
-    """A list of headlines and texts."""
-    return _part("definitions", pairs)
-
-
-def remarks(sentences: Sequence[str], head: str = "Remarks") -> str:
-    """Return sentences as a list in a box under a head; nothing if there are none."""
-    return _part("remarks", sentences, head)
-
-
-def picture(shown: Shown, units: Units = DRAWN) -> str:
-    """Return a picture in the units of a reader, with its headline and how to read it."""
-    return _part("picture", shown, units=units)
-
-
-def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]], best: Sequence[int | None] = ()) -> str:
-    """Rows under heads; the first column names the row. `best` marks one row for each further column."""
-    return _part("table", caption, heads, rows, best)
-
-
-def tabled(found: Table | Grid, caption: str = "") -> str:
-    """A table under its own title, or under a caption."""
-    grid = found if isinstance(found, Grid) else found.marked()
-    return table(caption or grid.title, grid.heads, grid.rows)
 
 
 def svg(figure: Any, key: str, alt: str) -> str:
@@ -198,132 +168,3 @@ def _own_identifiers(body: str, key: str) -> str:
     names = {name: f"{key}{i}" for i, name in enumerate(used)}
     body = re.sub(r' id="([^"]*)"', lambda found: f' id="{names[found[1]]}"' if found[1] in names else "", body)
     return re.sub(r"(url\(|href=\")#([^)\"]+)", lambda found: f"{found[1]}#{names[found[2]]}", body)
-
-
-RESPONSE_LINES = 1500  # of the frequency responses of an entry, from 1 Hz to Nyquist
-
-
-@dataclass(frozen=True)
-class Shown:
-    """A picture that is drawn on demand: a key of letters, a headline, how to read it, a description."""
-
-    key: str
-    title: str
-    caption: str
-    alt: str
-    draw: Callable[[], Any]
-
-
-@dataclass(frozen=True)
-class ShownTable:
-    """A table of a report.
-
-    best  the row that stands out, for each column after the first; None for none
-    text  whether the cells are sentences
-    """
-
-    table: Table
-    best: Sequence[int | None] = ()
-    text: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class Entry:
-    """One law of the comparison: its loop, its run, and its figures in the frequency domain.
-
-    The loop is stable: check it before (`require_stable`).  The run has all signals recorded.  With a `replay` it is
-    the prediction, and the samples that the replay skips do not count. `no_model` is the reason if the law has no
-    linear model; its stability is then not proven.
-    """
-
-    name: str
-    description: str
-    run: Run
-    loop: Loop
-    loop_gain: FRF | None = None
-    compliance: FRF | None = None
-    tracking: FRF | None = None
-    no_model: str = ""
-    replay: Replay | None = None
-    together: Run | None = None  # all axes of a machine in the same run
-    part: PartRun | None = None  # its figures along a part program
-
-    def counted(self, signal: str) -> np.ndarray:
-        """The samples of a signal that count, in SI."""
-        return self.run[signal][0 if self.replay is None else self.replay.skipped :]
-
-    @cached_property
-    def shown(self) -> Run:
-        """The run without the samples that do not count, for the pictures."""
-        skip = 0 if self.replay is None else self.replay.skipped
-        signals = {name: values[skip:] for name, values in self.run.signals.items()}
-        return replace(self.run, signals=signals, samples=self.run.samples - skip, first=self.run.first + skip)
-
-    def rms(self, signal: str) -> float:
-        """RMS of the samples that count, SI."""
-        return float(np.sqrt(np.mean(self.counted(signal) ** 2)))
-
-    def peak(self, signal: str) -> float:
-        """Largest size of the samples that count, SI."""
-        return float(np.max(np.abs(self.counted(signal)), initial=0.0))
-
-    @cached_property
-    def margins(self) -> Margins | None:
-        """The margins of the loop gain."""
-        return None if self.loop_gain is None else margins(self.loop_gain)
-
-    @cached_property
-    def stiffness(self) -> Stiffness | None:
-        """The inverse of the compliance."""
-        return None if self.compliance is None else stiffness(self.compliance)
-
-    @cached_property
-    def spectrum(self) -> Spectrum:
-        """The spectrum of the following error, without samples that do not count."""
-        return spectrum(self.counted("following_error"), self.run.sample_time, name="following_error", unit="m")
-
-    @cached_property
-    def limits(self) -> dict[str, float]:
-        """Force limits in N by name: commanded, and the motor's peak and continuous one, as far as they are stated."""
-        found: dict[str, float] = {}
-        limit = self.loop.control.force_limit
-        motor = self.loop.axis.actuator.motor
-        peak, continuous = (None, None) if motor is None else motor.limits()
-        if peak is not None:
-            found["motor peak"] = float(peak)
-        if limit is not None and (peak is None or abs(limit - peak) > 1e-6 * peak):
-            found["commanded limit"] = float(limit)
-        if continuous is not None:
-            found["motor continuous (RMS)"] = float(continuous)
-        return found
-
-
-@dataclass(frozen=True, eq=False)
-class LawsReport:
-    """The content of a report. Texts are shown unchanged, escaped.
-
-    entries   one for each law, the first is the one that the others are compared with
-    facts machine and run, by headline: machine, reference, load, noise, seed ...
-    rule what makes the laws comparable, as a sentence
-    job       the exact text of the job
-    versions of Python, feeddrive and its libraries, by name
-    notes     remarks of the person who ran it
-    overview  pictures before all tables
-    extras    tables of its own, first in the result
-    pictures  pictures of its own, before all others
-    planned   the part program that all laws ran, if one
-    cuts      what cut while which lines ran, in cells
-    """
-
-    title: str
-    entries: Sequence[Entry]
-    facts: Mapping[str, str] = field(default_factory=dict[str, str])
-    rule: str = ""
-    job: str = ""
-    versions: Mapping[str, str] = field(default_factory=dict[str, str])
-    notes: Sequence[str] = ()
-    overview: Sequence[Shown] = ()
-    extras: Sequence[ShownTable] = ()
-    pictures: Sequence[Shown] = ()
-    planned: Planned | None = None
-    cuts: Sequence[ShownTable] = ()

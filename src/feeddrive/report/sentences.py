@@ -9,12 +9,12 @@ from feeddrive.language.block import Block, declarations
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
-from feeddrive.report.page import Entry, LawsReport
+from feeddrive.report.laws import Entry, LawsContents
 
 MS_BOUND = 2.0  # the usual bound on the sensitivity peak: Skogestad & Postlethwaite, section 2.4
 
 
-def result(contents: LawsReport) -> list[str]:
+def result(contents: LawsContents) -> list[str]:
     """The results, most important first."""
     replayed = next((entry for entry in contents.entries if entry.replay is not None), None)
     if replayed is not None and replayed.replay is not None:
@@ -54,7 +54,7 @@ def _alone(entry: Entry) -> list[str]:
     return sentences
 
 
-def _compared(contents: LawsReport) -> list[str]:
+def _compared(contents: LawsContents) -> list[str]:
     first = contents.entries[0]
     best = min(contents.entries, key=lambda entry: entry.rms("following_error"))
     if best is first:
@@ -94,7 +94,7 @@ def _judged(entry: Entry) -> str:
     return f"{'above' if peak > MS_BOUND else 'within'} the usual bound of {number(MS_BOUND)}"
 
 
-def remarks(contents: LawsReport) -> list[str]:
+def remarks(contents: LawsContents) -> list[str]:
     """Important remarks, then the notes of the job."""
     found: list[str] = []
     ringing = [

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from html import escape
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -30,7 +30,8 @@ from feeddrive.language.units import turning
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
-from feeddrive.report.page import Shown, definitions, header, page, page_units, picture, tabled
+from feeddrive.report.page import html
+from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, called, option, stem
@@ -91,21 +92,21 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]
         velocity=request.velocity, machine=None if machine is None else source(machine),
     )  # fmt: skip
     files: dict[str, Path] = {}
+    known = {
+        "Machine": request.name if machine is None else f"{machine.name}, {request.name}",
+        "Law": loop.control.law.kind,
+        "Sample time": Text(f"{Quantity(float(loop.sample_time), 's'):6}"),
+        "Velocity of the axis": Text(f"{Quantity(request.velocity, 'm/s'):6 SI}"),
+    }
     if request.out is not None:
         progress.step("report")
-        facts = {
-            "Machine": request.name if machine is None else f"{machine.name}, {request.name}",
-            "Law": loop.control.law.kind,
-            "Sample time": Text(f"{Quantity(float(loop.sample_time), 's'):6}"),
-            "Velocity of the axis": Text(f"{Quantity(request.velocity, 'm/s'):6 SI}"),
-        }
-        report = write_certified(found, request.out, facts, rotary=loop.axis.rotary)
+        report = write_certified(found, request.out, known, rotary=loop.axis.rotary)
         files = {"Certificate": report.parent / FILE, "Report": report}
     topics = "; ".join(text.partition(":")[0] for text in found.outside)
     details = [found.document["claim"], *(f"outside: {text}" for text in found.outside)]
     return Outcome(
         found, [found.table()], [f"Not covered: {topics}."], details=[*map(sentence, details)], files=files,
-        rotary=loop.axis.rotary,
+        rotary=loop.axis.rotary, page=partial(certificate_report, found, known, rotary=loop.axis.rotary),
     )  # fmt: skip
 
 
@@ -181,40 +182,37 @@ def _unused(name: str, plants: dict[str, PlantLike]) -> str:
     return free
 
 
-def write_certified(found: Certificate, out: str | Path, facts: Mapping[str, str], *, rotary: bool = False) -> Path:
+def write_certified(found: Certificate, out: str | Path, known: Mapping[str, str], *, rotary: bool = False) -> Path:
     """Write `certificate.json` and `report.html` into a directory; the path of the report. Raises FileError."""
     with new_directory(out) as folder:
         write_certificate(folder / FILE, found)
-        (folder / "report.html").write_text(build(found, facts, rotary=rotary), encoding="utf-8")
+        (folder / "report.html").write_text(html(certificate_report(found, known, rotary=rotary)), encoding="utf-8")
     return Path(out) / "report.html"
 
 
-def build(found: Certificate, facts: Mapping[str, str], *, rotary: bool = False) -> str:
-    """The page. Pure: the same certificate gives the same text."""
-    units = page_units(rotary=rotary)
+def certificate_report(found: Certificate, known: Mapping[str, str] | None = None, *, rotary: bool = False) -> Report:
+    """Return the report of a certificate; `known`: facts on what was certified."""
     drawn = list(_pictures(found))
-    said = found.sentence()
     name = found.document["machine"].get("name", "")
     title = f"{name[:1].upper()}{name[1:]}: a certified loop" if name else "A certified loop"
-    links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn),
-             ("outside", "What is outside"), ("facts", "What was certified")]  # fmt: skip
-    shown = [found.table(), plants_table(found, rotary=rotary), control_table(found)]
-    made = "".join(tabled(each, capitalized(f"{each.title}.")) for each in shown)
-    parts = [
-        header("feeddrive certify", title, [capitalized(f"{said}.")], links),
-        f'<section id="result">\n<h2>Result</h2>\n{made}\n</section>\n',
-        f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each, units) for each in drawn)}</section>\n',
-        f'<section id="outside">\n<h2>What is outside</h2>\n{_list(found.outside)}'
-        f"<h3>What is assumed</h3>\n{_list(found.document['assumed'])}</section>\n",
-        f'<section id="facts">\n<h2>What was certified</h2>\n'
-        f"{definitions([*facts.items(), *_words(found.document)])}\n</section>\n",
-    ]
-    return page(title, parts, units)
-
-
-def _list(texts: Sequence[str]) -> str:
-    items = (f"<li>{escape(capitalized(text).marked)}</li>" for text in texts)
-    return f"<ul>{''.join(items)}</ul>"
+    outside, assumed = map(capitalized, found.outside), map(capitalized, found.document["assumed"])
+    return Report(
+        title,
+        "feeddrive certify",
+        Verdict((capitalized(f"{found.sentence()}."),), good=True),
+        (
+            Section("result", "Result", (found.table(), plants_table(found, rotary=rotary))),
+            further(drawn[1:]),
+            Section(
+                "outside", "What is outside",
+                (Remarks(outside, "", warns=False), Remarks(assumed, "What is assumed", warns=False)),
+            ),
+            Section("control", "The control", (control_table(found),), folded=True),
+            facts("What was certified", [*(known or {}).items(), *_words(found.document)]),
+        ),
+        drawn[0],
+        rotary,
+    )  # fmt: skip
 
 
 def _words(document: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -261,7 +259,7 @@ def control_table(found: Certificate) -> Table:
     return Table(title, ["parameter", "value", "unit"], rows)
 
 
-def _pictures(found: Certificate) -> Iterator[Shown]:
+def _pictures(found: Certificate) -> Iterator[Picture]:
     plants = found.document["plants"]
     least = "" if all(each["reserve"] is None for each in plants) else " The dot is where the discs have least room."
     above = (
@@ -272,7 +270,7 @@ def _pictures(found: Certificate) -> Iterator[Shown]:
     seen = (
         " Green at the lower edge: where the plant was measured." if any(any(each["lines"]) for each in plants) else ""
     )
-    yield Shown(
+    yield Picture(
         "margin",
         "Margin against the discs",
         Text(
@@ -284,7 +282,7 @@ def _pictures(found: Certificate) -> Iterator[Shown]:
     )
     if found.two_rates:
         return  # one L has no disc of its own: a plant is met at a frequency and all its images at once
-    yield Shown(
+    yield Picture(
         "discs",
         "Discs in the complex plane",
         "Every loop gain L that a plant in the discs can have lies in the shaded area; -1, the red cross, does not.",

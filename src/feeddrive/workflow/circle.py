@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,9 @@ from feeddrive.machining.circle_test import (
     peaks_table,
     quadrant_peaks,
 )
-from feeddrive.report import build_circle
+from feeddrive.report.circle_report import circle_report
+from feeddrive.report.page import html
+from feeddrive.report.report import Report
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, option
 
@@ -87,6 +90,11 @@ class MeasuredCircle(Result):
         return self.test.table()
 
 
+def measured_circle_report(found: MeasuredCircle, said: str = "") -> Report:
+    """Return the report of a circular test; `said`: a line for the circle plot."""
+    return circle_report(found.test, found.causes, said)
+
+
 @command(CircleRequest)
 def circle(request: CircleRequest, progress: Progress) -> Outcome[MeasuredCircle]:
     """Circular test after ISO 230-4 with a split of its causes: from logs of x and y, or on the simulated machine.
@@ -107,11 +115,13 @@ def circle(request: CircleRequest, progress: Progress) -> Outcome[MeasuredCircle
     files: dict[str, Path] = {}
     if request.out is not None:
         with new_directory(request.out) as folder:
-            (folder / "report.html").write_text(build_circle(test, found.causes, request.said), encoding="utf-8")
+            (folder / "report.html").write_text(html(measured_circle_report(found, request.said)), encoding="utf-8")
             (folder / "circle.json").write_text(json.dumps(_summary(found), indent=1) + "\n", encoding="utf-8")
         files = {"Report": request.out / "report.html", "Figures": request.out / "circle.json"}
     tables = [test.table(), peaks_table(test), found.causes.table()]
-    return Outcome(found, tables, _remarks(found), files=files)
+    return Outcome(
+        found, tables, _remarks(found), files=files, page=partial(measured_circle_report, found, request.said)
+    )
 
 
 def _reported(paths: tuple[Path, ...], progress: Progress) -> Iterator[Path]:

@@ -8,13 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from feeddrive import plot
 from feeddrive.blocks.force.cogging import Cogging
-from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.columns import ROLES, Column, is_time
 from feeddrive.files.formats import OpenedFile
@@ -30,7 +30,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
 from feeddrive.language.text import Text
-from feeddrive.report.page import Shown, definitions, header, page, picture, remarks, tabled
+from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import (
     Drive,
@@ -41,6 +41,7 @@ from feeddrive.workflow.drive_logs import (
     logs_said,
     logs_stem,
     read_logs,
+    write_report,
     written,
 )
 from feeddrive.workflow.readings import units_first
@@ -111,30 +112,32 @@ def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
     table = _at_table(seen, drive)
     why = kept_away(fit, table)
     text = None if why or table is None else machine_text(fit, table, drive.machine, drive.axis)
-    judgment, verdict = units_first(seen.doubts) or advice(fit)
+    judged_by = units_first(seen.doubts) or advice(fit)
+    judgment, verdict = judged_by
     files: dict[str, Path] = {}
+    ways = [sum(run.direction == sign for run in seen.runs) for sign in (1, -1)]
+    known = {
+        "Logs": logs_said([*request.logs, *request.backward]),
+        "Runs": f"{ways[0]} forward, {ways[1]} backward, {sum(run.turns.size for run in seen.runs)} rows",
+        "Period": Text(
+            f"{Quantity(seen.period, 'rad'):6 deg}" if seen.turning else f"{Quantity(seen.period, 'm'):6 mm}"
+        ),
+        "Columns": seen.columns,
+        "Force at the table": "not known"
+        if table is None
+        else Text(f"{Quantity(table.force_per_unit, 'N'):6} per {seen.unit or 'unit'}"),
+        "Machine": called(request.machine),
+    }
+    page = partial(cogging_report, fit, seen.runs, known, judged_by)
     if request.out is not None:
-        ways = [sum(run.direction == sign for run in seen.runs) for sign in (1, -1)]
-        facts = {
-            "Logs": logs_said([*request.logs, *request.backward]),
-            "Runs": f"{ways[0]} forward, {ways[1]} backward, {sum(run.turns.size for run in seen.runs)} rows",
-            "Period": Text(
-                f"{Quantity(seen.period, 'rad'):6 deg}" if seen.turning else f"{Quantity(seen.period, 'm'):6 mm}"
-            ),
-            "Columns": seen.columns,
-            "Force at the table": "not known"
-            if table is None
-            else Text(f"{Quantity(table.force_per_unit, 'N'):6} per {seen.unit or 'unit'}"),
-            "Machine": called(request.machine),
-        }
         progress.step("report")
-        files = written(write_cogging(fit, seen.runs, text, request.out, facts, verdict), text)
+        files = written(write_report(page(), text, request.out), text)
     found = fit.table()
     # the chance of each is in the report: a terminal of 80 columns holds the rest whole
     shown = Table(found.title, found.columns[:-1], [row[:-1] for row in found.rows])
     notes = [f"No machine file was written: {why}."] if text is None else []
     said = [sentence(each) for each in (*seen.doubts, *fit.remarks)]
-    return Outcome(fit, [shown], said, verdict, notes, files=files, judgment=judgment)
+    return Outcome(fit, [shown], said, verdict, notes, files=files, judgment=judgment, page=page)
 
 
 def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None, progress: Progress) -> _Seen:
@@ -253,32 +256,24 @@ class AtTable:
     force_per_unit: float
 
 
-def write_cogging(
-    fit: CoggingFit, runs: Sequence[CoggingRun], machine: str | None, out: str | Path, facts: Mapping[str, str],
-    verdict: str = "",
-) -> Path:  # fmt: skip
-    """Write `report.html` and, if there is one, `machine.toml` into a directory; the path of the report."""
-    with new_directory(out) as folder:
-        if machine is not None:
-            (folder / "machine.toml").write_text(machine, encoding="utf-8")
-        (folder / "report.html").write_text(build(fit, runs, facts, verdict), encoding="utf-8")
-    return Path(out) / "report.html"
-
-
-def build(fit: CoggingFit, runs: Sequence[CoggingRun], facts: Mapping[str, str], verdict: str = "") -> str:
-    """The page. Pure: the same fit gives the same text."""
-    title = "Cogging by position"
-    drawn = list(_pictures(fit, runs))
-    found = fit.table()
-    noted = remarks([*map(sentence, fit.remarks)])
-    links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("facts", "The logs")]
-    parts = [
-        header("feeddrive cogging", title, [verdict or advice(fit).sentence], links),
-        f'<section id="result">\n<h2>Result</h2>\n{tabled(found, sentence(found.title))}{noted}\n</section>\n',
-        f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each) for each in drawn)}</section>\n',
-        f'<section id="facts">\n<h2>The logs</h2>\n{definitions(facts.items())}\n</section>\n',
-    ]
-    return page(title, parts)
+def cogging_report(
+    fit: CoggingFit, runs: Sequence[CoggingRun] = (), known: Mapping[str, str] | None = None,
+    verdict: Advice | None = None,
+) -> Report:  # fmt: skip
+    """Return the report of a fit of cogging; `known`: facts on the logs."""
+    first, *others = _pictures(fit, runs)
+    judgment, told = verdict or advice(fit)
+    return Report(
+        "Cogging by position",
+        "feeddrive cogging",
+        Verdict((told,), good=not judgment.bad),
+        (
+            Section("result", "Result", (fit.table(), Remarks(map(sentence, fit.remarks)))),
+            further(others),
+            facts("The logs", known or {}),
+        ),
+        first,
+    )
 
 
 def kept_away(fit: CoggingFit, at_table: AtTable | None) -> str:
@@ -379,8 +374,8 @@ def _listed(orders: Sequence[CoggingOrder]) -> str:
     return f"order{'s' if len(orders) > 1 else ''} {names}{more}"
 
 
-def _pictures(fit: CoggingFit, runs: Sequence[CoggingRun]) -> Iterator[Shown]:
-    yield Shown(
+def _pictures(fit: CoggingFit, runs: Sequence[CoggingRun]) -> Iterator[Picture]:
+    yield Picture(
         "turn",
         "Force over one period",
         "Points: what was measured, by direction; half of the distance of their means is Coulomb friction. "
@@ -391,7 +386,7 @@ def _pictures(fit: CoggingFit, runs: Sequence[CoggingRun]) -> Iterator[Shown]:
         lambda: plot.cogging_over_turn(fit, runs),
     )
     if fit.significant:
-        yield Shown(
+        yield Picture(
             "orders",
             "Amplitude by order",
             "Orders that chance does not explain, with twice their standard error. What changes its sign with the "

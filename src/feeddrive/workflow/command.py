@@ -15,15 +15,18 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, ParamSpec, TypeVar
 
-from feeddrive.language.errors import FeeddriveError, ParameterError, nearest
+from feeddrive.language.errors import FeeddriveError, ParameterError, nearest, sentence
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Units
-from feeddrive.language.table import Grid, Table
+from feeddrive.language.table import Grid, Result, Table
 from feeddrive.language.text import Text, resolve
 from feeddrive.workflow.request import OUT, Request, fields_of, signature
+
+if TYPE_CHECKING:
+    from feeddrive.report.report import Report
 
 P = ParamSpec("P")
 R = TypeVar("R", bound=Request)
@@ -48,6 +51,7 @@ class Outcome(Generic[T]):
     judgment  the judgment of the command on its own result, which gives the exit code
     failure   why a bad judgment was passed, if the verdict does not say it
     error     what ended the work early, after something was done that is worth keeping
+    page      makes the report of the command, if it has one of its own; it can be pickled
     """
 
     result: T
@@ -62,6 +66,7 @@ class Outcome(Generic[T]):
     judgment: Judgment = Judgment.DONE
     failure: str = ""
     error: FeeddriveError | None = None
+    page: Callable[[], Report] | None = None
 
     def __post_init__(self) -> None:
         for name in ("tables", "remarks", "notes", "details"):
@@ -104,6 +109,32 @@ class Outcome(Generic[T]):
             yield ""
             yield self.section
         yield from (f"{what}: {path}" for what, path in self.files.items())
+
+    def report(self) -> Report:
+        """Return the report of the command, also if nothing was written: its own one, or what the outcome says."""
+        return self._told() if self.page is None else self.page()
+
+    def _told(self) -> Report:
+        """The outcome as a report: the verdict, the picture of the result if it has one, tables, remarks, details."""
+        from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict
+
+        result: Any = self.result
+        titles = [table.title for table in self.tables if isinstance(table, Table)]
+        title = titles[0] if titles else type(result).__name__
+        drawn = None
+        if isinstance(result, Result) and result.has_picture():
+            drawn = Picture("result", title, "", f"The picture of: {title}.", result.plot)
+        return Report(
+            title,
+            "feeddrive",
+            Verdict((self.verdict or sentence(self.judgment.says), self.failure), good=not self.judgment.bad),
+            (
+                Section("result", "Result", (*self.tables, Remarks(self.remarks), Remarks(self.notes, "What follows"))),
+                Section("details", "Details", self.details, folded=True),
+            ),
+            drawn,
+            self.turns,
+        )
 
     def record(self, command: str = "") -> dict[str, Any]:
         """Return it as JSON has it: tables in SI with units and errors, sentences as texts, files and the judgment.

@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from feeddrive.blocks.catalogue import imported
 from feeddrive.blocks.families import Law
+from feeddrive.comparison.advice import advice
 from feeddrive.comparison.compare import TODAY, Comparison, compare_laws
-from feeddrive.comparison.figures import CRITERIA, beats
-from feeddrive.comparison.report import write_comparison
+from feeddrive.comparison.report import comparison_report, write_comparison
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import number
 from feeddrive.language.table import Column, Table
 from feeddrive.language.text import Text, marked
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.runner import cores
-from feeddrive.tuning.candidates import PLAIN, candidates
-from feeddrive.tuning.tuned import two_digits
+from feeddrive.tuning.candidates import candidates
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, option, stem
 
@@ -77,7 +74,7 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
     judgment, verdict = advice(found)
     return Outcome(
         found, [screen(found)], [f"rule: {found.rule}", *in_short(found)], verdict, files=files,
-        details=[*found.remarks, *refused], judgment=judgment,
+        details=[*found.remarks, *refused], judgment=judgment, page=partial(comparison_report, found),
     )  # fmt: skip
 
 
@@ -110,7 +107,6 @@ _COLUMNS = (
     (Column("noise", "N", "2"), "force_noise_N"),
 )  # fmt: skip
 _SENTENCES = re.compile(r"\. (?=[A-Z])")  # between two: not the point of a number in a line of code
-_NAMED = 4  # criteria in which a law is worse that are named, the worst first
 
 
 def screen(found: Comparison) -> Table:
@@ -146,38 +142,3 @@ def in_short(found: Comparison) -> list[str]:
         *said,
         *(Text(f"Cannot control this axis: {', '.join(names)}: {reason}.") for reason, names in refused.items()),
     ]
-
-
-def advice(found: Comparison) -> Advice:
-    """The law with the least rope-snap error, and first in what it is worse than P-PI, or P-PI than today's gains."""
-    key = "rope_snap_ISE_root_m_per_N"
-    ranked = {each.name: each for each in found.competitors if not each.unplaced and each.figures.get(key) is not None}
-    if set(ranked) <= {TODAY}:
-        return Advice(Judgment.NONE_RANKED, f"{Judgment.NONE_RANKED.says}.")
-    best = min(ranked.values(), key=lambda each: each.figures[key] or 0.0)
-    if best.name == TODAY:
-        return Advice(Judgment.KEEP_GAINS, f"{Judgment.KEEP_GAINS.says}.")
-    there = {each.name: each for each in found.competitors if each.figures.get(key) is not None}
-    least = f"'{best.name}' {Judgment.RANKED.says}"
-    other = there.get(PLAIN if best.name != PLAIN else TODAY)
-    if other is None:
-        return Advice(Judgment.RANKED, f"{least}.")
-    worse = list[tuple[float, str]]()
-    for criterion in CRITERIA:
-        ours, theirs = best.figures.get(criterion.key), other.figures.get(criterion.key)
-        if ours is None or theirs is None or not beats(criterion, theirs, ours):
-            continue
-        ratio = ours / theirs if theirs else math.inf
-        said = f"{criterion.title} {_times(ratio)} times" if math.isfinite(ratio) else f"{criterion.title} never"
-        worse.append((abs(math.log(ratio)) if 0.0 < ratio < math.inf else math.inf, said))
-    worst = [text for _, text in sorted(worse, key=lambda each: -each[0])]
-    more = f", and {len(worst) - _NAMED} more" if len(worst) > _NAMED else ""
-    lost = f"Worse than with {other.name}: {', '.join(worst[:_NAMED])}{more}." if worst else ""
-    gain = (best.figures[key] or 0.0) / (other.figures[key] or math.inf)
-    won = f"{least}, {_times(gain)} times that of {other.name}{'' if lost else ', and is worse in nothing'}."
-    return Advice(Judgment.RANKED, f"{lost} {won}".strip())
-
-
-def _times(ratio: float) -> str:
-    """Two digits, or three near 1: 0.83, 1.05."""
-    return number(ratio, 3) if 0.9 < ratio < 1.1 else two_digits(ratio)

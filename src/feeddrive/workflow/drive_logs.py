@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from feeddrive.blocks.actuator.screw import Screw
+from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.columns import Column
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.log import Log, LogLike
@@ -21,6 +22,8 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.loop import Loop
+from feeddrive.report.page import html
+from feeddrive.report.report import Report
 from feeddrive.workflow.channels import mapped, no_column
 from feeddrive.workflow.request import CHANNELS, OUT, UNIT, Request, argument, called, option
 
@@ -243,6 +246,15 @@ def narrow(table: Table) -> Table:
         return table
     rows = [[*row[:-1], "unknown" if str(row[-1]).startswith("not") else ""] for row in table.rows]
     return Table(table.title, [*table.columns[:-1], ""], rows)
+
+
+def write_report(report: Report, machine: str | None, out: str | Path) -> Path:
+    """Write `report.html` and, if there is one, `machine.toml` into a directory; the path of the report."""
+    with new_directory(out) as folder:
+        if machine is not None:
+            (folder / "machine.toml").write_text(machine, encoding="utf-8")
+        (folder / "report.html").write_text(html(report), encoding="utf-8")
+    return Path(out) / "report.html"
 
 
 def written(report: Path, machine: str | None) -> dict[str, Path]:

@@ -6,6 +6,7 @@ The files hold the signal to send, the simulated response, and the limits that w
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,8 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import UNITS, Loop
 from feeddrive.plot.responses import frequency_estimate
-from feeddrive.report.page import Shown, definitions, header, page, page_units, picture, remarks, tabled
+from feeddrive.report.page import html
+from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, frequencies, option, stem
 
@@ -81,15 +83,20 @@ def excite(request: ExciteRequest, progress: Progress) -> Outcome[Excitation]:
         seed=request.seed,
     )  # fmt: skip
     files: dict[str, str] = {}
+    page = partial(
+        excitation_report,
+        found,
+        loop,
+        {"Machine": machine.name, "Source of its numbers": machine.source or "not stated"},
+    )
     if request.out is not None:
         progress.step("report")
-        facts = {"Machine": machine.name, "Source of its numbers": machine.source or "not stated"}
-        report = write_excitation(found, loop, request.out, facts)
+        report = write_excitation(found, request.out, page())
         files["Report"] = f"{report}, to be sent: {report.parent / 'excitation_1.csv'}"
-    return Outcome(found, [found.table()], [*found.remarks, WARNING], files=files, rotary=loop.axis.rotary)
+    return Outcome(found, [found.table()], [*found.remarks, WARNING], files=files, rotary=loop.axis.rotary, page=page)
 
 
-def write_excitation(found: Excitation, loop: Loop, out: str | Path, facts: Mapping[str, str]) -> Path:
+def write_excitation(found: Excitation, out: str | Path, page: Report) -> Path:
     """Write `excitation_1.csv` ... to be sent, `simulated_1.parquet` ... and `report.html`; the path of the report.
 
     A file to be sent has time, excitation and the set position of the motion underneath.  A simulated log has all that
@@ -105,7 +112,7 @@ def write_excitation(found: Excitation, loop: Loop, out: str | Path, facts: Mapp
             columns = {"excitation": drawn.excitation, **drawn.signals}
             units = {name: of_axis(UNITS.get(name, "m")) for name in columns} | {"excitation": found.unit}
             write_run_parquet(folder / f"simulated_{i}.parquet", drawn.time, columns, units, found.sample_time)
-        (folder / "report.html").write_text(build(found, loop, facts), encoding="utf-8")
+        (folder / "report.html").write_text(html(page), encoding="utf-8")
     return Path(out) / "report.html"
 
 
@@ -129,13 +136,11 @@ def _lost(frequency: np.ndarray, share: np.ndarray) -> str:
     return Text(f" {lost} of {share.size} lines are not known to {Quantity(_USELESS, 'share')}{above}: {remedy}.")
 
 
-def build(found: Excitation, loop: Loop, facts: Mapping[str, str]) -> str:
-    """The page."""
+def excitation_report(found: Excitation, loop: Loop, known: Mapping[str, str] | None = None) -> Report:
+    """Return the report of an excitation, with what its measurement will show; `known`: facts on the machine."""
     estimate, model = rehearsed(found, loop)
     assert estimate.frf.variance is not None
     share = np.sqrt(estimate.frf.variance) / estimate.frf.magnitude
-    units = page_units(rotary=loop.axis.rotary)
-    shown = found.table()
     lead = [
         Text(
             f"{found.lines.size} lines from {Quantity(found.frequency[0], 'Hz', bare=True)} to "
@@ -150,32 +155,35 @@ def build(found: Excitation, loop: Loop, facts: Mapping[str, str]) -> str:
         ),
         WARNING,
     ]
-    pictures = [
-        Shown(
+    first, expected = (
+        Picture(
             "excitation", "What is sent, and what the axis does",
             "First realisation. Between the dashed lines the speed must keep its sign.",
             "Excitation, speed and force over time.", found.plot,
         ),
-        Shown(
+        Picture(
             "expected", "What the measurement will show",
             "The response estimated from the simulated log, and the response of the model.",
             "Estimated and modelled response over frequency.", lambda: frequency_estimate(estimate, model),
         ),
-    ]  # fmt: skip
-    noted = remarks([*found.remarks, *estimate.remarks])
+    )  # fmt: skip
     stated = {
-        **facts,
+        **(known or {}),
         "Grid": Text(f"{found.grid}, lines at multiples of {Quantity(1.0 / (found.period * found.sample_time), 'Hz')}"),
         "Periods": f"{found.periods} of {found.period} samples, each realisation swells and fades over {found.fade}",
         "Motion underneath": Text(f"{said(found.offset_velocity, 'm/s')}, back in every second realisation"),
         "Least speed while excited": Text(f"{said(found.least_velocity, 'm/s')}"),
     }
-    drawn = "".join(picture(each, units) for each in pictures)
-    parts = [
-        header("feeddrive excite", "Excitation for a frequency response", lead,
-               [("limits", "Limits"), ("facts", "What was designed")]),
-        f'<section id="limits">\n<h2>Limits</h2>\n{tabled(shown)}{noted}\n</section>\n',
-        f'<section id="pictures">\n<h2>Pictures</h2>\n{drawn}\n</section>\n',
-        f'<section id="facts">\n<h2>What was designed</h2>\n{definitions(stated.items())}\n</section>\n',
-    ]  # fmt: skip
-    return page("Excitation for a frequency response", parts, units)
+    noted = Remarks([*found.remarks, *estimate.remarks])
+    return Report(
+        "Excitation for a frequency response",
+        "feeddrive excite",
+        Verdict(lead),
+        (
+            Section("limits", "Limits", (found.table(), noted)),
+            further((expected,)),
+            facts("What was designed", stated),
+        ),
+        first,
+        loop.axis.rotary,
+    )

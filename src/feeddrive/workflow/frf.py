@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from html import escape
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -31,7 +31,8 @@ from feeddrive.language.table import Cell, Table
 from feeddrive.language.table import Column as TableColumn
 from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import TRUSTED
-from feeddrive.report.page import Shown, definitions, header, page, picture, remarks, tabled
+from feeddrive.report.page import html
+from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts
 from feeddrive.workflow.channels import requested, show, whole_log
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.readings import check_response, doubt, units_first, with_units
@@ -104,17 +105,19 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
     ]
     doubts = _doubts(read[0], {"input": [of_input], "output": outputs}, references)
     files: dict[str, Path] = {}
+    known = {"Logs": ", ".join(str(log) for log in logs), "Input": found[0].frf.input,
+             "Output": ", ".join(each.frf.output for each in found),
+             "Reference": ", ".join(map(_plain, _references(read[0], references))) or "none",
+             "Sample time": Text(f"{Quantity(read[0].sample_time, 's'):6}"),
+             **({"In doubt": " ".join((*doubted, *doubts))} if doubted or doubts else {})}  # fmt: skip
+    judged_by = units_first(doubted) or _advice(found)
+    page = partial(estimates_report, found, known, judged_by)
     if request.out is not None:
-        facts = {"Logs": ", ".join(str(log) for log in logs), "Input": found[0].frf.input,
-                 "Output": ", ".join(each.frf.output for each in found),
-                 "Reference": ", ".join(map(_plain, _references(read[0], references))) or "none",
-                 "Sample time": Text(f"{Quantity(read[0].sample_time, 's'):6}"),
-                 **({"In doubt": " ".join((*doubted, *doubts))} if doubted or doubts else {})}  # fmt: skip
         progress.step("report")
-        report = write_estimates(found, request.out, facts)
+        report = write_estimates(found, request.out, page())
         files |= {"Report": report, "Responses": report.parent / "frf.csv"}
-    judgment, verdict = units_first(doubted) or _advice(found) or (Judgment.DONE, "")
-    return Outcome(found, said, [*remarks, *doubts], verdict, files=files, judgment=judgment)
+    judgment, verdict = judged_by or (Judgment.DONE, "")
+    return Outcome(found, said, [*remarks, *doubts], verdict, files=files, judgment=judgment, page=page)
 
 
 def _advice(found: Sequence[FrequencyEstimate]) -> Advice | None:
@@ -281,36 +284,55 @@ def _known(named: str, unit: str) -> str:
     return found
 
 
-def write_estimates(found: Sequence[FrequencyEstimate], out: str | Path, facts: Mapping[str, str]) -> Path:
+def write_estimates(found: Sequence[FrequencyEstimate], out: str | Path, report: Report) -> Path:
     """Write `frf.csv` with all responses and `report.html` into a directory; the path of the report. FileError."""
     with new_directory(out) as folder:
         write_frf(folder / "frf.csv", *(each.frf for each in found))
-        (folder / "report.html").write_text(build(found, facts), encoding="utf-8")
+        (folder / "report.html").write_text(html(report), encoding="utf-8")
     return Path(out) / "report.html"
 
 
-def build(found: Sequence[FrequencyEstimate], facts: Mapping[str, str]) -> str:
-    """The page, a section for each response. Pure: the same estimates give the same text."""
-    heads = [each.frf.output for each in found]  # columns under the names that their owner gave them
-    title = f"Frequency response, {found[0].frf.input} to {' and '.join(heads)}"
+def estimate_report(found: FrequencyEstimate) -> Report:
+    """Return the report of one response."""
+    return estimates_report((found,))
+
+
+def estimates_report(
+    found: Sequence[FrequencyEstimate], known: Mapping[str, str] | None = None, verdict: Advice | None = None
+) -> Report:
+    """Return the report of responses, a section for each of several; `known`: facts on the measurement."""
+    verdict = _advice(found) if verdict is None else verdict
+    heads = [estimate.frf.output for estimate in found]  # columns under the names that their owner gave them
     keys = [f"response{'abcdefghijkl'[k]}" for k in range(len(found))]
     lead: list[str] = [
         sentence if len(found) == 1 else Text(f"{name}: {sentence}")
-        for name, each in zip(heads, found, strict=True)
-        for sentence in sentences(each)
+        for name, estimate in zip(heads, found, strict=True)
+        for sentence in sentences(estimate)
     ]
-    links = [*zip(keys, heads, strict=True), ("facts", "What was measured")]
     counts = {"Method": found[0].method, **{name: str(count) for name, count in found[0].counts.items()}}
-    return page(title, [
-        header("feeddrive frf", title, lead, links),
-        *(_section(*each) for each in zip(keys, heads, found, strict=True)),
-        f'<section id="facts">\n<h2>What was measured</h2>\n{definitions({**facts, **counts}.items())}\n</section>\n',
-    ])  # fmt: skip
+    pictures = [_picture(key, estimate) for key, estimate in zip(keys, found, strict=True)]
+    first, *others = pictures
+    return Report(
+        f"Frequency response, {found[0].frf.input} to {' and '.join(heads)}",
+        "feeddrive frf",
+        Verdict(
+            lead if verdict is None else (verdict.sentence, *lead), good=verdict is None or not verdict.judgment.bad
+        ),
+        (
+            *(
+                Section(key, head, (*shown, estimate.table(), levels(estimate), Remarks(estimate.remarks)))
+                for key, head, estimate, shown in zip(
+                    keys, heads, found, ((), *((one,) for one in others)), strict=True
+                )
+            ),
+            facts("What was measured", {**(known or {}), **counts}),
+        ),
+        first,
+    )
 
 
-def _section(key: str, head: str, found: FrequencyEstimate) -> str:
-    """One response: picture, tables and remarks."""
-    shown = Shown(
+def _picture(key: str, found: FrequencyEstimate) -> Picture:
+    return Picture(
         f"{key}picture",
         "Response, phase and coherence",
         "Band: the true response lies in it with 95 % on each line. Dots: what is not the linear answer, on the scale "
@@ -318,10 +340,6 @@ def _section(key: str, head: str, found: FrequencyEstimate) -> str:
         "noise explains.",
         "Magnitude and phase over frequency with their confidence bands, and the coherence below.",
         found.plot,
-    )
-    tables = "".join(tabled(each) for each in (found.table(), levels(found)))
-    return (
-        f'<section id="{key}">\n<h2>{escape(head)}</h2>\n{picture(shown)}{tables}{remarks(found.remarks)}\n</section>\n'
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,6 @@ import numpy as np
 
 from feeddrive.blocks.families import Friction
 from feeddrive.blocks.force.gravity import Gravity
-from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.log import Log
@@ -30,8 +30,7 @@ from feeddrive.language.table import Table
 from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.loop import Loop
-from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
-from feeddrive.report.page import remarks as remarks_box
+from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.workflow import drive_logs
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import (
@@ -91,26 +90,27 @@ def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCu
     runs, without = _runs(opened, read, named, drive)
     curve = fit_friction(runs)
     said = [*doubts, *remarks(curve, drive.loop), *without]
-    judgment, verdict = units_first(doubts) or advice(curve)
+    judged_by = units_first(doubts) or advice(curve)
+    judgment, verdict = judged_by
     compared, parameters = tables(curve)
     why = kept_away(curve, drive.loop)
     text = None if why else machine_text(curve, drive.machine, drive.axis)
     files: dict[str, Path] = {}
+    known = {
+        "Logs": drive_logs.logs_said(request.logs),
+        "Runs": f"{runs.velocity.size} of {int(np.min(runs.rows))} to {int(np.max(runs.rows))} rows",
+        "Columns": columns_said(mapping),
+        "Lead": "none given" if drive.lead is None else Text(f"{Quantity(drive.lead, 'm'):6 mm}, gear {drive.gear:g}"),
+        "Machine": called(request.machine),
+    }
+    page = partial(friction_report, curve, said, known, judged_by)
     if request.out is not None:
-        facts = {
-            "Logs": drive_logs.logs_said(request.logs),
-            "Runs": f"{runs.velocity.size} of {int(np.min(runs.rows))} to {int(np.max(runs.rows))} rows",
-            "Columns": columns_said(mapping),
-            "Lead": "none given"
-            if drive.lead is None
-            else Text(f"{Quantity(drive.lead, 'm'):6 mm}, gear {drive.gear:g}"),
-            "Machine": called(request.machine),
-        }
         progress.step("report")
-        files = written(write_friction(curve, said, text, request.out, facts, verdict), text)
+        files = written(drive_logs.write_report(page(), text, request.out), text)
     return Outcome(
         curve, [replace(compared, sentences=0), narrow(parameters)], [sentence(each) for each in said],
         verdict, [f"No machine file was written: {why}."] if why else [], files=files, judgment=judgment,
+        page=page,
     )  # fmt: skip
 
 
@@ -139,34 +139,26 @@ def _runs(
     return (runs.at_table(drive.lead, drive.gear) if drive.lead is not None else runs), without
 
 
-def write_friction(
-    curve: FrictionCurve, said: Sequence[str], machine: str | None, out: str | Path, facts: Mapping[str, str],
-    verdict: str = "",
-) -> Path:  # fmt: skip
-    """Write `report.html` and, if there is one, `machine.toml` into a directory; the path of the report."""
-    with new_directory(out) as folder:
-        if machine is not None:
-            (folder / "machine.toml").write_text(machine, encoding="utf-8")
-        (folder / "report.html").write_text(build(curve, said, facts, verdict), encoding="utf-8")
-    return Path(out) / "report.html"
-
-
-def build(curve: FrictionCurve, said: Sequence[str], facts: Mapping[str, str], verdict: str = "") -> str:
-    """The page. Pure: the same curve gives the same text."""
-    title = f"A friction curve from {curve.runs.velocity.size} constant-speed runs"
-    drawn = list(_pictures(curve))
-    made = "".join(tabled(each, sentence(each.title)) for each in tables(curve))
-    listed = remarks_box([*map(sentence, said)])
-    runs = curve.runs.table()
-    points = f"<details><summary>All runs</summary>{tabled(runs, f'{runs.title}.')}</details>"
-    links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("facts", "The logs")]
-    parts = [
-        header("feeddrive friction", title, [verdict or advice(curve).sentence], links),
-        f'<section id="result">\n<h2>Result</h2>\n{made}{listed}\n</section>\n',
-        f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each) for each in drawn)}</section>\n',
-        f'<section id="facts">\n<h2>The logs</h2>\n{definitions(facts.items())}{points}\n</section>\n',
-    ]
-    return page(title, parts)
+def friction_report(
+    curve: FrictionCurve, said: Sequence[str] | None = None, known: Mapping[str, str] | None = None,
+    verdict: Advice | None = None,
+) -> Report:  # fmt: skip
+    """Return the report of a friction curve; `said`: remarks, `known`: facts on the logs."""
+    first, *others = _pictures(curve)
+    judgment, told = verdict or advice(curve)
+    noted = remarks(curve, None) if said is None else said
+    return Report(
+        f"A friction curve from {curve.runs.velocity.size} constant-speed runs",
+        "feeddrive friction",
+        Verdict((told,), good=not judgment.bad),
+        (
+            Section("result", "Result", (*tables(curve), Remarks(map(sentence, noted)))),
+            further(others),
+            facts("The logs", known or {}),
+            Section("runs", "All runs", (curve.runs.table(),), folded=True),
+        ),
+        first,
+    )
 
 
 def tables(curve: FrictionCurve) -> list[Table]:
@@ -392,8 +384,8 @@ def _next(curve: FrictionCurve, name: str) -> str:
     return Text(f"{', '.join(number(speed, 2) for speed in speeds)} {unit_name(unit, 'SI')}")
 
 
-def _pictures(curve: FrictionCurve) -> Iterator[Shown]:
-    yield Shown(
+def _pictures(curve: FrictionCurve) -> Iterator[Picture]:
+    yield Picture(
         "curve",
         "Friction over velocity",
         "Points: the mean force of each run with twice its standard error. Line: the model that is taken, in the band "

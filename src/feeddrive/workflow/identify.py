@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from feeddrive import plot
 from feeddrive.blocks.families import Law
 from feeddrive.blocks.plant.rigid import Rigid
-from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.columns import Column
 from feeddrive.files.formats import OpenedFile
@@ -31,15 +31,15 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Column as TableColumn
 from feeddrive.language.table import Table
-from feeddrive.language.text import Text, capitalized
+from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
-from feeddrive.report.page import Shown, definitions, header, page, page_units, picture, remarks, tabled
+from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.tuning.filter_pack import read_block
 from feeddrive.workflow.channels import mapped, no_column
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.drive_logs import Drive, axis_name, columns_said, drive_with, narrow, written
+from feeddrive.workflow.drive_logs import Drive, axis_name, columns_said, drive_with, narrow, write_report, written
 from feeddrive.workflow.identify_responses import IdentifyRequest, identify_responses, responses_in
 from feeddrive.workflow.readings import Doubt
 from feeddrive.workflow.request import called
@@ -95,21 +95,22 @@ def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, p
     why = found.unusable or ("" if found.loop is not None else _NO_LAW)
     text = None if why else machine_text(found, given, axis_name(loop, request.axis))
     files: dict[str, Path] = {}
+    known = {
+        "Log": called(request.log),
+        "Rows": Text(f"{found.log.position.size}, {Quantity(found.log.sample_time, 's'):6} apart"),
+        "Columns": columns_said(mapping) or "those of the object",
+        "Machine": called(request.machine),
+    }
+    page = partial(identified_report, found, known)
     if request.out is not None:
-        facts = {
-            "Log": called(request.log),
-            "Rows": Text(f"{found.log.position.size}, {Quantity(found.log.sample_time, 's'):6} apart"),
-            "Columns": columns_said(mapping) or "those of the object",
-            "Machine": called(request.machine),
-        }
         progress.step("report")
-        files = written(write_identified(found, text, request.out, facts), text)
+        files = written(write_report(page(), text, request.out), text)
     notes = [f"No machine file was written: {why}."] if why else []
     shown = [narrow(each) for each in tables(found)]
-    first = 1 if found.refinement is None else 2  # the estimates of the inverse dynamics, and of the closed loop
+    first = _estimates(found)
     return Outcome(
         found, shown[:first], [sentence(each) for each in found.remarks],
-        found.recommendation, notes, files=files, details=shown[first:], judgment=found.advice.judgment,
+        found.recommendation, notes, files=files, details=shown[first:], judgment=found.advice.judgment, page=page,
     )  # fmt: skip
 
 
@@ -312,29 +313,28 @@ def _plain(name: str) -> str:
     return "".join(c for c in Path(name).name if c.isprintable() and c not in '"\\')
 
 
-def write_identified(found: Identified, machine: str | None, out: str | Path, facts: Mapping[str, str]) -> Path:
-    """Write `report.html` and, if there is one, `machine.toml` into a directory; the path of the report."""
-    with new_directory(out) as folder:
-        if machine is not None:
-            (folder / "machine.toml").write_text(machine, encoding="utf-8")
-        (folder / "report.html").write_text(build(found, facts), encoding="utf-8")
-    return Path(out) / "report.html"
+def identified_report(found: Identified, known: Mapping[str, str] | None = None) -> Report:
+    """Return the report of an identified drive; `known`: facts on the log."""
+    shown, first = tables(found), _estimates(found)
+    picture, *others = _pictures(found)
+    return Report(
+        f"A rigid drive in {found.log.name}",
+        "feeddrive identify",
+        Verdict((found.recommendation,), good=not found.advice.judgment.bad),
+        (
+            Section("result", "Result", (*shown[:first], Remarks(map(sentence, found.remarks)))),
+            further(others),
+            Section("details", "Dead time, residual and validation", shown[first:], folded=True),
+            facts("The log", known or {}),
+        ),
+        picture,
+        found.rotary,
+    )
 
 
-def build(found: Identified, facts: Mapping[str, str]) -> str:
-    """The page. Pure: the same identification gives the same text."""
-    drawn = list(_pictures(found))
-    made = "".join(tabled(each, capitalized(f"{each.title}.")) for each in tables(found))
-    noted = remarks([capitalized(f"{remark}.") for remark in found.remarks])
-    units = page_units(rotary=found.rotary)
-    links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("facts", "The log")]
-    parts = [
-        header("feeddrive identify", f"A rigid drive in {found.log.name}", [found.recommendation], links),
-        f'<section id="result">\n<h2>Result</h2>\n{made}{noted}\n</section>\n',
-        f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each, units) for each in drawn)}</section>\n',
-        f'<section id="facts">\n<h2>The log</h2>\n{definitions(facts.items())}\n</section>\n',
-    ]
-    return page(f"Identified: {found.log.name}", parts, units)
+def _estimates(found: Identified) -> int:
+    """How many tables hold the estimates: those of the inverse dynamics, and of the closed loop."""
+    return 1 if found.refinement is None else 2
 
 
 def tables(found: Identified) -> list[Table]:
@@ -350,10 +350,10 @@ def tables(found: Identified) -> list[Table]:
     return [*made, found.delay.table(), found.rigid.residuals.table(), found.rigid.validation.table()]
 
 
-def _pictures(found: Identified) -> Iterator[Shown]:
+def _pictures(found: Identified) -> Iterator[Picture]:
     rigid = found.rigid
     left = Text(f"{Quantity(rigid.residuals.relative, 'share'):3}")
-    yield Shown(
+    yield Picture(
         "fit",
         "Fitted and measured force",
         "Inverse dynamics: mass times acceleration plus friction, over the force that was commanded. Reversals are "
@@ -363,7 +363,7 @@ def _pictures(found: Identified) -> Iterator[Shown]:
     )
     if found.refinement is not None:
         replay = found.refinement.replay
-        yield Shown(
+        yield Picture(
             "closed",
             "The loop, simulated along the same reference",
             "Gray: the log. Blue: the fitted loop, given only the reference and how the log starts.",
@@ -375,7 +375,7 @@ def _pictures(found: Identified) -> Iterator[Shown]:
         )
     if found.loop is not None and found.friction is not None:
         loop, seen = found.loop, found.friction
-        yield Shown(
+        yield Picture(
             "friction",
             "Friction",
             "Points: what is left of the force when the inertia is taken out, by velocity. Line: the fitted friction; "
@@ -383,14 +383,14 @@ def _pictures(found: Identified) -> Iterator[Shown]:
             "Friction force over velocity in both directions, measured and fitted.",
             lambda: plot.friction(loop, measured=seen),
         )
-    yield Shown(
+    yield Picture(
         "residual",
         "Residual and its autocorrelation",
         "A white residual would stay between the dashed lines; beyond them errors for white noise are too small.",
         "Residual by row and its autocorrelation.",
         rigid.residuals.plot,
     )
-    yield Shown(
+    yield Picture(
         "delay",
         "Dead time",
         "Residual of the inverse dynamics if the force acts this many samples later than its hold.",

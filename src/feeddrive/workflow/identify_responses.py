@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,6 @@ from feeddrive import plot
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.families import Plant
 from feeddrive.blocks.plant.two_mass import TwoMass
-from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.columns import unit_of
 from feeddrive.files.formats import OpenedFile
@@ -36,10 +36,9 @@ from feeddrive.language.table import Table
 from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.frequency_response import FRF
-from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
-from feeddrive.report.page import remarks as remarks_box
+from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.workflow.command import Outcome
-from feeddrive.workflow.drive_logs import narrow, written
+from feeddrive.workflow.drive_logs import narrow, write_report, written
 from feeddrive.workflow.readings import check_response, units_first
 from feeddrive.workflow.request import CHANNELS, OUT, Request, argument, called, frequencies, option
 
@@ -67,16 +66,18 @@ def identify_responses(request: IdentifyRequest, found: Mapping[str, FRF], progr
     judged = chosen.values() if request.force_constant is None and request.lead is None else ()
     doubts = [said for frf in judged if (said := check_response(str(path), frf, bool(request.unit), progress))]
     result = _fit(chosen, request, model, axis, progress)
-    judgment, verdict = units_first(doubts) or advice(result)
+    judged_by = units_first(doubts) or advice(result)
+    judgment, verdict = judged_by
     fit = result if isinstance(result, ModalFit) else result.fit
     name = request.axis or ("x" if machine is None else next(iter(machine.loops)))
     reason = told_by(fit)
     text = None if reason or isinstance(fit, ModalFit) else machine_text(fit, machine, name, not request.measured_input)
     remarks = [*_silent(chosen), *fit.remarks]
     files: dict[str, Path] = {}
+    page = partial(fit_report, result, remarks, _facts(path, chosen, request), judged_by)
     if out is not None:
         progress.step("report")
-        files = written(write_fit(result, remarks, text, out, _facts(path, chosen, request), verdict), text)
+        files = written(write_report(page(), text, out), text)
     shown = [narrow(each) for each in tables(result)]
     shown = [replace(each, sentences=4) if each.heads[0] == "structure" else each for each in shown]
     *compared, own, agreement = shown
@@ -86,7 +87,7 @@ def identify_responses(request: IdentifyRequest, found: Mapping[str, FRF], progr
     details = [*compared, agreement, *unknown]
     return Outcome(
         result, [own], [sentence(each) for each in remarks], verdict, notes, files=files, details=details,
-        judgment=judgment,
+        judgment=judgment, page=page,
     )  # fmt: skip
 
 
@@ -196,43 +197,35 @@ def _fixed(texts: Sequence[str], plant: Plant | None) -> dict[str, float]:
     return found
 
 
-def write_fit(
-    found: AxisFits | ModalFit, remarks: Sequence[str], machine: str | None, out: str | Path, facts: Mapping[str, str],
-    verdict: str = "",
-) -> Path:  # fmt: skip
-    """Write `report.html` and, if there is one, `machine.toml` into a directory; the path of the report."""
-    with new_directory(out) as folder:
-        if machine is not None:
-            (folder / "machine.toml").write_text(machine, encoding="utf-8")
-        (folder / "report.html").write_text(build(found, remarks, facts, verdict), encoding="utf-8")
-    return Path(out) / "report.html"
-
-
-def build(found: AxisFits | ModalFit, remarks: Sequence[str], facts: Mapping[str, str], verdict: str = "") -> str:
-    """The page. Pure: the same fit gives the same text."""
-    modal = isinstance(found, ModalFit)
-    title = "Modes of a frequency response" if modal else "An axis from its frequency responses"
+def fit_report(
+    found: AxisFits | ModalFit, remarks: Sequence[str] | None = None, known: Mapping[str, str] | None = None,
+    verdict: Advice | None = None,
+) -> Report:  # fmt: skip
+    """Return the report of a model of frequency responses; `known`: facts on the measurement."""
     fit = found if isinstance(found, ModalFit) else found.fit
-    drawn = list(_pictures(fit))
-    made = "".join(tabled(each, sentence(each.title)) for each in tables(found))
-    said = list(remarks)
+    first, *others = _pictures(fit)
+    said = list(fit.remarks if remarks is None else remarks)
     if isinstance(fit, PlantFit):
         said += [Text(f"not identifiable: {name}: {why}") for name, why in fit.not_identifiable.items()]
-    listed = remarks_box([*map(sentence, said)])
-    links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("facts", "Measurement")]
-    parts = [
-        header("feeddrive identify", title, [verdict or advice(found).sentence], links),
-        f'<section id="result">\n<h2>Result</h2>\n{made}{listed}\n</section>\n',
-        f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each) for each in drawn)}</section>\n',
-        f'<section id="facts">\n<h2>The measurement</h2>\n{definitions(facts.items())}\n</section>\n',
-    ]
-    return page(title, parts)
+    judgment, told = verdict or advice(found)
+    modal = isinstance(found, ModalFit)
+    return Report(
+        "Modes of a frequency response" if modal else "An axis from its frequency responses",
+        "feeddrive identify",
+        Verdict((told,), good=not judgment.bad),
+        (
+            Section("result", "Result", (*tables(found), Remarks(map(sentence, said)))),
+            further(others),
+            facts("The measurement", known or {}),
+        ),
+        first,
+    )
 
 
-def _pictures(fit: PlantFit | ModalFit) -> Iterator[Shown]:
+def _pictures(fit: PlantFit | ModalFit) -> Iterator[Picture]:
     found = fit.agreement
     coherent = any(frf.coherence is not None for frf in found.measured)
-    yield Shown(
+    yield Picture(
         "fit",
         "Fitted over measured",
         "Dots: the measurement, in its 95 % band where the variance is known. Lines: the fitted model. Error: their "
@@ -241,7 +234,7 @@ def _pictures(fit: PlantFit | ModalFit) -> Iterator[Shown]:
         "Magnitude and phase over frequency, measured and fitted, the error between them, and the coherence.",
         found.plot,
     )
-    yield Shown(
+    yield Picture(
         "residual",
         "Residuals",
         "Noise would scatter without order, and its autocorrelation would stay between the dashed lines. Waves over "
@@ -252,7 +245,7 @@ def _pictures(fit: PlantFit | ModalFit) -> Iterator[Shown]:
         ),
         lambda: plot.response_residuals(found),
     )
-    yield Shown(
+    yield Picture(
         "nyquist",
         "In the complex plane",
         "Velocity over force: a resonance is a circle, the wider the less damping. Dots: measured; curves: the model.",

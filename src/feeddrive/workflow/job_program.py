@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -14,18 +15,20 @@ from feeddrive.blocks.families import Observer
 from feeddrive.blocks.machine_families import Cutter
 from feeddrive.files.job import Job
 from feeddrive.files.job_cuts import Cut
+from feeddrive.files.job_program import PlannedProgram
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Cell, Column, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.machine import Machine, System
 from feeddrive.loop.simulate import Run
+from feeddrive.machining.at_part import on_part
 from feeddrive.machining.cutting_force import cutting_forces
 from feeddrive.machining.load import SpindleLoad, spindle_load
 from feeddrive.machining.part_run import PartRun, part_run
 from feeddrive.machining.regeneration import ToothPassage, regeneration
 from feeddrive.machining.tool_point import tool_point
-from feeddrive.report.page import Entry, ShownTable
+from feeddrive.report.laws import Entry
 from feeddrive.report.sentences import block_sentence
 from feeddrive.tuning.candidates import PLAIN, candidates
 
@@ -47,9 +50,34 @@ def along_program(job: Job, machine: Machine, run: Run, observers: Listening) ->
         return None
     speeds = [each.spindle_speed for each in program.cuts if each.axial_depth > 0.0]
     return part_run(
-        run, machine, program.references, program.line, counted=program.counted, cuts=bool(speeds),
+        run, machine, program.references, program.line, counted=on_the_part(program), cuts=bool(speeds),
         turn=60.0 / min(speeds) if speeds else None, spindle=_spindle(job, machine, run), observers=observers,
     )  # fmt: skip
+
+
+@lru_cache(maxsize=1)  # the laws of a job run the same program
+def on_the_part(program: PlannedProgram) -> np.ndarray | None:
+    """Return which samples of a program count: those in which a tool leaves a wall of the part, see `on_part`.
+
+    Without a [process] all samples at a feed count.  A cut of which no sample leaves a wall counts whole.
+    """
+    counted, process = program.counted, program.process
+    if counted is None or process is None or not {"x", "y"} <= set(program.references):
+        return counted
+    x, y = program.references["x"], program.references["y"]
+    position = np.column_stack([x.position, y.position])
+    assert x.velocity is not None
+    assert y.velocity is not None
+    velocity = np.column_stack([x.velocity, y.velocity])
+    begins = np.round(np.array([cut.begin for cut in program.cuts]) / x.sample_time).astype(np.int64)
+    found = counted.copy()
+    for cut, first, last in zip(program.cuts, begins, [*begins[1:], len(counted)], strict=True):
+        if cut.axial_depth > 0.0 and cut.radial_depth is not None:
+            radius = 0.5 * float(process.tools[cut.tool].edge().diameter)
+            here = slice(int(first), int(last))
+            leaves = on_part(position[here], velocity[here], radius, cut.milling)
+            found[here] &= leaves | ~np.any(leaves)
+    return found
 
 
 def _spindle(job: Job, machine: Machine, run: Run) -> SpindleLoad | None:
@@ -159,7 +187,7 @@ def chatter_remarks(found: Sequence[Chatter]) -> list[str]:
     return said
 
 
-def cut_table(job: Job, row: Entry, verdicts: Sequence[Chatter]) -> list[ShownTable]:
+def cut_table(job: Job, row: Entry, verdicts: Sequence[Chatter]) -> list[Table]:
     """What cuts while which lines run, with the force of the first row and the verdict on chatter."""
     program = job.program
     if program is None or row.part is None or row.part.cutting is None:
@@ -184,7 +212,7 @@ def cut_table(job: Job, row: Entry, verdicts: Sequence[Chatter]) -> list[ShownTa
         f"What the program cuts, the resultant force on the tool with '{row.name}', and |µ|, the factor of a vibration "
         "from tooth to tooth with the feed along x: from 1 on the cut chatters."
     )
-    return [ShownTable(Table(title, columns, rows))]
+    return [Table(title, columns, rows)]
 
 
 def cut_sentence(cut: MillingCut) -> str:

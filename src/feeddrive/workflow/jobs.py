@@ -29,9 +29,10 @@ from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine, System
 from feeddrive.loop.simulate import Run, samples, simulate
 from feeddrive.machining.part_run import PartRun
-from feeddrive.report import Entry, LawsReport
-from feeddrive.report.page import RESPONSE_LINES, ShownTable
-from feeddrive.report.part_page import laws_table
+from feeddrive.report.laws import RESPONSE_LINES, Entry, LawsContents
+from feeddrive.report.laws_report import laws_report
+from feeddrive.report.part_report import laws_table
+from feeddrive.report.report import Report
 from feeddrive.report.sentences import block_sentence, described
 from feeddrive.workflow.job_log import load_said, measured_signals, of_channels, of_injected, placed, without_answer
 from feeddrive.workflow.job_program import (
@@ -95,7 +96,7 @@ class JobResult(Result):
                 lines.append(["  predicted - measured", *off, *[None] * 4])
         return Table(self.job.title, columns, lines)
 
-    def contents(self) -> LawsReport:
+    def contents(self) -> LawsContents:
         """What the report is made from."""
         job, loop = self.job, self.rows[0].loop
         facts = {
@@ -110,7 +111,7 @@ class JobResult(Result):
         }
         if job.machine.remark:
             facts["Remark"] = job.machine.remark
-        return LawsReport(
+        return LawsContents(
             title=job.title,
             entries=self.rows,
             facts=facts,
@@ -118,7 +119,7 @@ class JobResult(Result):
             job=job.file.text,
             versions=self.versions,
             notes=self.remarks,
-            extras=[] if self.parts or (others := self.others()) is None else [ShownTable(others)],
+            extras=[] if self.parts or (others := self.others()) is None else [others],
             planned=None if job.program is None else job.program.planned,
             cuts=cut_table(job, self.rows[0], self.chatter),
         )
@@ -146,6 +147,11 @@ class JobResult(Result):
         ]  # fmt: skip
         title = "The other axes in the same runs: following error and force"
         return Table(title, columns, rows) if rows else None
+
+
+def job_report(result: JobResult) -> Report:
+    """Return the report of a job that was run."""
+    return laws_report(result.contents())
 
 
 @picture_of.register

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,8 @@ from feeddrive.loop.machine import Machine
 from feeddrive.machining.lobes import Lobes, ZeroOrder, stability_lobes, zero_order
 from feeddrive.machining.regeneration import Regeneration, regeneration
 from feeddrive.machining.tool_point import ToolMode, cut_of, tool_modes, tool_point
-from feeddrive.report.page import Shown, definitions, header, page, picture, remarks, tabled
+from feeddrive.report.page import html
+from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, called, option, stem
 
@@ -98,24 +100,25 @@ def lobes(request: LobesRequest, progress: Progress) -> Outcome[Lobes]:
     )  # fmt: skip
     simple = zero_order(tool, teeth, speeds)
     files: dict[str, str | Path] = {}
+    known = {
+        "Machine": called(request.machine),
+        "Cut": Text(
+            f"{teeth.teeth} teeth, Kt {Quantity(teeth.tangential, 'N/m2', bare=True):5 N/mm2}, Kn "
+            f"{Quantity(teeth.radial, 'N/m2'):5 N/mm2}, engaged {Quantity(teeth.entry, 'rad', bare=True):deg} to "
+            f"{Quantity(teeth.leave, 'rad'):deg}"
+        ),
+        "Feed": Text(f"{Quantity(turn, 'rad'):deg} from x towards y"),
+        "Gives way": ", ".join(([] if request.rigid else ["the drives under control"]) + list(request.mode)),
+    }
     if request.out is not None:
         progress.step("report")
-        facts = {
-            "Machine": called(request.machine),
-            "Cut": Text(
-                f"{teeth.teeth} teeth, Kt {Quantity(teeth.tangential, 'N/m2', bare=True):5 N/mm2}, Kn "
-                f"{Quantity(teeth.radial, 'N/m2'):5 N/mm2}, engaged {Quantity(teeth.entry, 'rad', bare=True):deg} to "
-                f"{Quantity(teeth.leave, 'rad'):deg}"
-            ),
-            "Feed": Text(f"{Quantity(turn, 'rad'):deg} from x towards y"),
-            "Gives way": ", ".join(([] if request.rigid else ["the drives under control"]) + list(request.mode)),
-        }
-        files["Report"] = write_lobes(result, simple, request.out, facts)
+        files["Report"] = write_lobes(result, simple, request.out, known)
     assert result.own is not None
     judgment = Judgment.STABLE_CUT if result.own.stable else Judgment.CHATTERS
     return Outcome(
-        result, [result.table()], _remarks(result), Text(f"{result.own.sentence()}."), files=files, judgment=judgment
-    )
+        result, [result.table()], _remarks(result), Text(f"{result.own.sentence()}."), files=files, judgment=judgment,
+        page=partial(lobes_report, result, known),
+    )  # fmt: skip
 
 
 def _machine(source: MachineLike | JobLike) -> Machine:
@@ -202,7 +205,7 @@ def _remarks(result: Lobes) -> list[str]:
     return said
 
 
-def write_lobes(result: Lobes, simple: ZeroOrder, out: Path, facts: Mapping[str, str]) -> Path:
+def write_lobes(result: Lobes, simple: ZeroOrder, out: Path, known: Mapping[str, str]) -> Path:
     """Write `report.html`, `lobes.csv` and `lobes.parquet`; the path of the report. Raises FileError."""
     columns = {
         "spindle_speed": result.spindle_speed,
@@ -215,29 +218,26 @@ def write_lobes(result: Lobes, simple: ZeroOrder, out: Path, facts: Mapping[str,
     heads = ",".join(f"{name} [{units[name]}]" if units[name] else name for name in columns)
     rows = (",".join(repr(float(value)) for value in row) for row in zip(*columns.values(), strict=True))
     with new_directory(out) as folder:
-        write_parquet(folder / "lobes.parquet", columns, {"units": units, **facts})
+        write_parquet(folder / "lobes.parquet", columns, {"units": units, **known})
         (folder / "lobes.csv").write_text("\n".join([heads, *rows]) + "\n", encoding="utf-8")
-        (folder / "report.html").write_text(build(result, facts), encoding="utf-8")
+        (folder / "report.html").write_text(html(lobes_report(result, known)), encoding="utf-8")
     return out / "report.html"
 
 
-def build(result: Lobes, facts: Mapping[str, str]) -> str:
-    """The page. Pure: the same limits give the same text."""
-    title = "Will the cut chatter?"
+def lobes_report(result: Lobes, known: Mapping[str, str] | None = None) -> Report:
+    """Return the report of stability limits; `known`: facts on the cut."""
     assert result.own is not None
-    shown, own = result.table(), result.own.table()
-    noted = remarks(_remarks(result))
-    drawn = Shown(
+    own, shown = result.own.table(), result.table()
+    drawn = Picture(
         "lobes", "Depth without chatter over the spindle speed",
         "Shaded: stable. Dotted: speeds at which a tooth passes every k swings of a mode. Below: what is heard at the "
         "limit; dashed are the own frequencies of what gives way.",
         "Limits of the axial depth and chatter frequency over the spindle speed.", result.plot,
     )  # fmt: skip
-    parts = [
-        header("feeddrive lobes", title, [capitalized(f"{own.title}."), capitalized(f"{shown.title}.")],
-               [("limits", "Limits"), ("figure-lobes", drawn.title), ("facts", "The cut")]),
-        f'<section id="limits">\n<h2>Limits</h2>\n{tabled(own)}{tabled(shown)}{noted}\n</section>\n',
-        f'<section id="pictures">\n<h2>Picture</h2>\n{picture(drawn)}</section>\n',
-        f'<section id="facts">\n<h2>The cut</h2>\n{definitions(facts.items())}\n</section>\n',
-    ]  # fmt: skip
-    return page(title, parts)
+    return Report(
+        "Will the cut chatter?",
+        "feeddrive lobes",
+        Verdict((capitalized(f"{own.title}."), capitalized(f"{shown.title}.")), good=result.own.stable),
+        (Section("limits", "Limits", (own, shown, Remarks(_remarks(result)))), facts("The cut", known or {})),
+        drawn,
+    )

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from time import monotonic
 
@@ -26,7 +27,8 @@ from feeddrive.path.planned import Planned, Take, planned_of
 from feeddrive.path.program.moves import Move, PathMode
 from feeddrive.path.program.reading import FrontEnd, read_program
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
-from feeddrive.report import build_plan
+from feeddrive.report.page import html
+from feeddrive.report.plan_report import plan_report
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, called, option
 
@@ -103,7 +105,7 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
                 found = planned_of(setpoints, *names, _into(writer))
             write_plan(folder, found)
             progress.step("report")
-            (folder / "report.html").write_text(build_plan(found), encoding="utf-8")
+            (folder / "report.html").write_text(html(plan_report(found)), encoding="utf-8")
     return _outcome(found, request.out, machine)
 
 
@@ -189,4 +191,7 @@ def _outcome(found: Planned, out: Path | None, machine: MachineFile | None) -> O
     differ = [] if machine is None else _differing(machine, found.limits.letters)
     judgment, failure = (Judgment.PLANNED, "") if proven else (Judgment.NOT_PLANNED, FAULT)
     faults = [] if proven else [found.limits.named(str(found.proof.faults[0]))]
-    return Outcome(found, [found.table()], [*said, *faults, *differ], files=files, judgment=judgment, failure=failure)
+    return Outcome(
+        found, [found.table()], [*said, *faults, *differ], files=files, judgment=judgment, failure=failure,
+        page=partial(plan_report, found),
+    )  # fmt: skip

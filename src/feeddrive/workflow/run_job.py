@@ -10,6 +10,7 @@ job.toml             the job as it was given, with machine and part program besi
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +25,10 @@ from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.language import tree
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
-from feeddrive.report import Entry, build
+from feeddrive.report.laws import Entry
+from feeddrive.report.page import html
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.jobs import STEPS, JobResult, numbers, run_laws
+from feeddrive.workflow.jobs import STEPS, JobResult, job_report, numbers, run_laws
 from feeddrive.workflow.request import OUT, Request, argument, option, stem
 
 _TEXT = 100_000  # rows: a longer run is not written as text
@@ -80,8 +82,9 @@ def run(request: RunRequest, progress: Progress) -> Outcome[JobResult]:
     judgment = Judgment.TRIPPED if any(_tripped(job, row) for row in found.rows) else Judgment.RAN
     remarks = [each for each in (job.rule, *found.remarks) if each]
     return Outcome(
-        found, tables, remarks, files=files, judgment=judgment, failure=judgment.says if judgment.bad else ""
-    )
+        found, tables, remarks, files=files, judgment=judgment, failure=judgment.says if judgment.bad else "",
+        page=partial(job_report, found),
+    )  # fmt: skip
 
 
 def _tripped(job: Job, row: Entry) -> bool:
@@ -102,7 +105,7 @@ def write_results(result: JobResult, out: str | Path) -> Path:
 
     Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
     """
-    page = build(result.contents())
+    page = html(job_report(result))
     figures = summary_text(summary(result), rotary=result.rotary, quoted=result.quoted)
     with new_directory(out) as folder:
         (folder / "report.html").write_text(page, encoding="utf-8")

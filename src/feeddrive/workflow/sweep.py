@@ -9,13 +9,14 @@ worst/variant_00000012.toml   the worst machine by a figure, as a job to run aga
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 from feeddrive.language.errors import CancelledError, ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.study.answers.answers import answers_of
-from feeddrive.study.answers.page import write_report
+from feeddrive.study.answers.page import study_report, write_report
 from feeddrive.study.study import StudyLike
 from feeddrive.study.sweep import Sweep
 from feeddrive.study.sweep import sweep as run_sweep
@@ -70,7 +71,7 @@ def sweep(request: SweepRequest, progress: Progress) -> Outcome[Sweep]:
     judgment = Judgment.NO_FIGURES if bad[0] == found.study.count else Judgment.SWEPT
     return Outcome(
         found, [found.table(), told.table()], [*told.sentences, *_bad(*bad)], files=files, judgment=judgment,
-        failure=judgment.says if judgment.bad else "",
+        failure=judgment.says if judgment.bad else "", page=partial(study_report, told),
     )  # fmt: skip
 
 

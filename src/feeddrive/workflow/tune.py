@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ from feeddrive.workflow.certify import certified
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import axis_name
 from feeddrive.workflow.request import OUT, Request, argument, called, frequencies, option, stem
-from feeddrive.workflow.tune_files import Story, machine_text, tables, write_tuned
+from feeddrive.workflow.tune_files import Story, machine_text, tables, tuned_report, write_tuned
 from feeddrive.workflow.tune_sources import Sources, first_control, machine_of, points_of
 
 # what a study does not have: its machines are models, and its job says which axis
@@ -186,6 +187,7 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
     return Outcome(
         found, shown[:first], remarks, found.recommendation(), files=files, details=details,
         judgment=judgment, failure=judgment.says if judgment.bad else "", rotary=story.rotary,
+        page=partial(tuned_report, found, story),
     )  # fmt: skip
 
 

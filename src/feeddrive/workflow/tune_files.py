@@ -25,11 +25,12 @@ from feeddrive.language.block import Block
 from feeddrive.language.errors import FeeddriveError, sentence
 from feeddrive.language.quantity import Quantity, number, unit_name
 from feeddrive.language.table import UNIT, Cell, Column, Table
-from feeddrive.language.text import Text, capitalized, marked
+from feeddrive.language.text import Text, marked
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
-from feeddrive.report.page import Shown, definitions, header, page, page_units, picture, remarks, tabled
+from feeddrive.report.page import html
+from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.report.sentences import block_sentence
 from feeddrive.tuning.closed_loop import Figures, reported
 from feeddrive.tuning.filter_pack import aligned
@@ -71,7 +72,7 @@ def write_tuned(
     The path of the report.  Raises FileError if `out` cannot be written.
     """
     with new_directory(out) as folder:
-        (folder / "report.html").write_text(build(found, story), encoding="utf-8")
+        (folder / "report.html").write_text(html(tuned_report(found, story)), encoding="utf-8")
         figures = summary_text(summary(found, story.said, story.rules), rotary=story.rotary)
         (folder / "summary.json").write_text(figures, encoding="utf-8")
         if found.holds:
@@ -83,34 +84,36 @@ def write_tuned(
     return Path(out) / "report.html"
 
 
-def build(found: Tuned, story: Story) -> str:
-    """The page. Pure: the same tuning gives the same text."""
+def tuned_report(found: Tuned, story: Story | None = None) -> Report:
+    """Return the report of a tuning."""
+    story = Story("A tuned axis", {}) if story is None else story
     timed, reason = _timed(found, story)
-    drawn = [*_pictures(found, story), *timed]
-    facts = {**story.facts, "Old and new in time": reason} if reason else story.facts
-    made = "".join(tabled(table, capitalized(f"{table.title}.")) for table in tables(found, story))
-    units = page_units(rotary=story.rotary)
-    links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("facts", "What was tuned")]
-    title = Text(f"{story.what}: {marked(found.rule).split(' subject to ')[0].split(';')[0]}")
-    parts = [
-        header(
-            "feeddrive tune",
-            title,
-            [found.recommendation(), Text(f"Rule: {found.rule}."), *map(sentence, story.said)],
-            links,
+    picture, *others = [*_pictures(found, story), *timed]
+    known = {**story.facts, "Old and new in time": reason} if reason else story.facts
+    shown = tables(found, story)
+    first = len(shown) - min(2, len(found.cascade)) - 1  # loop by loop, and the proof, are details
+    return Report(
+        Text(f"{story.what}: {marked(found.rule).split(' subject to ')[0].split(';')[0]}"),
+        "feeddrive tune",
+        Verdict(
+            (found.recommendation(), Text(f"Rule: {found.rule}."), *map(sentence, story.said)), good=found.holds
         ),
-        f'<section id="result">\n<h2>Result</h2>\n{made}{_said(found)}\n</section>\n',
-        f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each, units) for each in drawn)}</section>\n',
-        f'<section id="facts">\n<h2>What was tuned</h2>\n{definitions(facts.items())}\n</section>\n',
-    ]
-    return page(title, parts, units)
+        (
+            Section("result", "Result", (*shown[:first], _said(found))),
+            further(others),
+            Section("proof", "Proof, and the cascade loop by loop", (shown[-1], *shown[first:-1]), folded=True),
+            facts("What was tuned", known),
+        ),
+        picture,
+        story.rotary,
+    )  # fmt: skip
 
 
-def _said(found: Tuned) -> str:
+def _said(found: Tuned) -> Remarks:
     said = [Text(f"Held back by {each.sentence()}.") for each in found.held]
     said += [sentence(text) for text in found.advice]
     said += [Text(f"Notch {text}.") for text in found.notches]
-    return remarks(said, "Active limits, and what would help")
+    return Remarks(said, "Active limits, and what would help")
 
 
 def tables(found: Tuned, story: Story) -> list[Table]:
@@ -191,7 +194,7 @@ _STEP = 20e-6  # m
 _LONG = 10.0  # periods of the slowest crossover that are shown
 
 
-def _timed(found: Tuned, story: Story) -> tuple[list[Shown], str]:
+def _timed(found: Tuned, story: Story) -> tuple[list[Picture], str]:
     """The picture of old and new in time, or none and the reason."""
     crossovers = [c for _, each in _rows(found, story.today) if (c := each.margins.crossover)]
     if not story.loops or not crossovers:
@@ -202,7 +205,7 @@ def _timed(found: Tuned, story: Story) -> tuple[list[Shown], str]:
         return [], Text(f"not simulated: {error}")
 
 
-def old_and_new(story: Story, crossover: float) -> Shown:
+def old_and_new(story: Story, crossover: float) -> Picture:
     """A step of the set position, a rope that is cut, and the move, simulated with friction, counts and limit."""
     duty = duty_of(next(iter(story.loops.values())))
     long, begin, move = _LONG / crossover, duty.begin, duty.move
@@ -221,7 +224,7 @@ def old_and_new(story: Story, crossover: float) -> Shown:
             shown = run.time >= begin - 0.1 * long if signal == "position_load" else run.time >= 0.0
             shift, scale = (begin, 1e3) if signal == "position_load" else (0.0, 1.0)
             row[name] = scale * (run.time[shown] - shift), 1e6 * run[signal][shown]
-    return Shown(
+    return Picture(
         "time",
         "Old and new in time",
         Text(
@@ -252,26 +255,26 @@ def _rows(found: Tuned, today: str) -> Sequence[tuple[str, Figures]]:
     ]
 
 
-def _pictures(found: Tuned, story: Story) -> Iterator[Shown]:
+def _pictures(found: Tuned, story: Story) -> Iterator[Picture]:
     rows = _rows(found, story.today)
     where = "at the drive" if found.at_drive else "on the table"
     stiff: dict[str, Stiffness] = {name: each.stiffness for name, each in rows}
     loops: dict[str, Margins] = {name: each.margins for name, each in rows}
-    yield Shown(
+    yield Picture(
         "stiffness",
         "Dynamic stiffness",
         Text(f"The force {where} that moves the table by {Quantity(1e-6, 'm')}, in closed loop; higher is better."),
         "Dynamic stiffness over frequency, before and after.",
         lambda: plot.stiffness(stiff),
     )
-    yield Shown(
+    yield Picture(
         "margins",
         "Open loop and margins",
         "The loop opened at the actuator, filters and dead time included.",
         "Bode plot of the loop gain before and after, with margins.",
         lambda: plot.open_loop(loops),
     )
-    yield Shown(
+    yield Picture(
         "sensitivity",
         "Sensitivity",
         "What is left of a disturbance, and the answer to noise; the mark is Ms.",
@@ -280,7 +283,7 @@ def _pictures(found: Tuned, story: Story) -> Iterator[Shown]:
     )
     if found.cascade:
         last = found.cascade[-1]
-        yield Shown(
+        yield Picture(
             "cascade",
             "Velocity and position loop",
             "The velocity loop without position loop, and the position loop around the closed velocity loop.",

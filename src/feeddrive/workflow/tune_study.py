@@ -8,8 +8,9 @@ control.toml   the new control alone
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +21,10 @@ from feeddrive.files.run_files import summary_text
 from feeddrive.language.errors import FeeddriveError, UnstableError, sentence
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.table import Cell, Column, Table
-from feeddrive.language.text import Text, capitalized, joined
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
-from feeddrive.report.page import Shown, definitions, header, page, page_units, picture, tabled
+from feeddrive.report.page import html
+from feeddrive.report.report import Picture, Report, Section, Verdict, facts, further
 from feeddrive.study.fresh import Measured
 from feeddrive.study.robust import Robust, RobustTuner, in_percent, said
 from feeddrive.tuning.candidates import candidates, control_with
@@ -120,6 +122,7 @@ def tuned_study(tuner: RobustTuner, law: str | None, out: Path | None, again: Ma
     return Outcome(
         best, shown, _remarks(tuner, laws), best.sentence(), files=files, details=proof, judgment=judgment,
         failure=judgment.says if judgment.bad else "", rotary=best.rotary,
+        page=partial(study_tuning_report, tuner, laws, _story(tuner, again)),
     )  # fmt: skip
 
 
@@ -172,7 +175,7 @@ def _write(tuner: RobustTuner, laws: Laws, text: str | None, out: Path, again: M
         "tuning": summary(best.tuned, story.said, story.rules),
     }
     with new_directory(out) as folder:
-        (folder / "report.html").write_text(_page(tuner, laws, story), encoding="utf-8")
+        (folder / "report.html").write_text(html(study_tuning_report(tuner, laws, story)), encoding="utf-8")
         (folder / "summary.json").write_text(summary_text(numbers, rotary=best.rotary), encoding="utf-8")
         control = to_toml(best.tuned.control, f"axis.{base.axis}.control", rotary=best.rotary)
         (folder / "control.toml").write_text(control, encoding="utf-8")
@@ -185,12 +188,12 @@ def _share(fresh: Measured) -> dict[str, Any]:
     return {"value": fresh.all.value, "interval_95_percent": list(fresh.all.interval or ()), "machines": fresh.count}
 
 
-def _page(tuner: RobustTuner, laws: Laws, story: Story) -> str:
-    """The report. Pure: the same tuning gives the same text."""
+def study_tuning_report(tuner: RobustTuner, laws: Laws, story: Story) -> Report:
+    """Return the report of one control for the machines of a study."""
     best = laws.best
     made = [*([laws.table()] if len(laws.found) > 1 else []), best.table(), tables(best.tuned, story)[0]]
-    drawn = [
-        Shown(
+    first, second = (
+        Picture(
             "fresh",
             "Fresh machines",
             f"By figure the share of {best.after.count} machines, which the tuner never saw, that lie below a value. "
@@ -198,42 +201,37 @@ def _page(tuner: RobustTuner, laws: Laws, story: Story) -> str:
             "Distribution of figures over the fresh machines, today and new.",
             best.plot,
         ),
-        Shown(
+        Picture(
             "deciding",
             "The machines that decide",
             "Dynamic stiffness and loop of those sampled machines that limit the tuning, under the new control.",
             "Frequency responses of the machines that decide.",
             best.tuned.plot,
         ),
-    ]
+    )
     remarks = [sentence(each) for each in _remarks(tuner, laws)]
-    facts = {
+    known = {
         **story.facts,
         "Rule": best.tuned.rule,
         "Machines of the tuner": f"{len(tuner.sample.points)}, drawn by {tuner.study.sampler}, seed {tuner.study.seed}",
         "Fresh machines": f"{best.after.count}, Monte Carlo, stream 1 of the same seed",
         "Rounds": "; ".join(f"{machines} machines, {kept} keep all limits" for machines, kept in best.rounds),
     }
-    links = [
-        ("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("proof", "Proof"),
-        ("facts", "How"),
-    ]  # fmt: skip
-    title = f"{tuner.study.title}: one control for all machines"
-    units = page_units(rotary=best.rotary)
-    parts = [
-        header("feeddrive tune --study", title, [best.sentence(), *remarks], links),
-        f'<section id="result">\n<h2>Result</h2>\n{_printed(made)}\n</section>\n',
-        f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each, units) for each in drawn)}</section>\n',
-        f'<section id="proof">\n<h2>Proof on the machines that decide</h2>\n'
-        f"{_printed([_deciding(best), tables(best.tuned, story)[-1]])}\n</section>\n",
-        f'<section id="facts">\n<h2>How</h2>\n{definitions(facts.items())}\n</section>\n',
-    ]
-    return page(title, parts, units)
-
-
-def _printed(made: Sequence[Table]) -> str:
-    """Tables of a page."""
-    return "".join(tabled(each, capitalized(f"{each.title}.")) for each in made)
+    return Report(
+        f"{tuner.study.title}: one control for all machines",
+        "feeddrive tune --study",
+        Verdict((best.sentence(), *remarks), good=best.tuned.holds and best.better),
+        (
+            Section("result", "Result", made),
+            further((second,)),
+            Section(
+                "proof", "Proof on the machines that decide", (_deciding(best), tables(best.tuned, story)[-1])
+            ),
+            facts("How", known),
+        ),
+        first,
+        best.rotary,
+    )  # fmt: skip
 
 
 def _deciding(best: Robust) -> Table:

@@ -29,7 +29,7 @@ from feeddrive.papers.altintas2009.testbed import (
 )
 from feeddrive.papers.claims import Claim
 from feeddrive.plot.curves import pole_sweep
-from feeddrive.report.page import Shown
+from feeddrive.report.report import Picture
 
 R = T / MASS
 # r2 and r4 of the pole map, as they grow: r4 faster than r2
@@ -88,7 +88,7 @@ def _run(law: DADSC | CascadePPI, disturbance: np.ndarray, setpoint: np.ndarray 
     return run_ideal(law, MASS, VISCOUS, T, disturbance, setpoint=setpoint, feedforward=forward)
 
 
-def equations() -> tuple[list[Claim], list[Shown]]:
+def equations() -> tuple[list[Claim], list[Picture]]:
     """Claims and pictures of rows 1.a to 1.c."""
     law, ppi = dadsc(300.0), cascade(300.0)
     coupled = replace(law, adaptation_ratio=0.9)
@@ -229,7 +229,7 @@ def _closed_form(law: DADSC, ppi: CascadePPI) -> list[Claim]:
     return [*claims, Claim("1.b", "with g2 = g1/Q the poles are 1/(1+λT), 1/Q, Q/(Q+g1R)", rule, off, None, 1e-13)]
 
 
-def _pole_map() -> tuple[list[Claim], list[Shown]]:
+def _pole_map() -> tuple[list[Claim], list[Picture]]:
     """λ = Kv = 200, both laws with the same r2 and r4."""
     ours, theirs = [], []
     for r2, r4 in SWEEP:
@@ -264,7 +264,7 @@ def _pole_map() -> tuple[list[Claim], list[Shown]]:
         ),
         Claim("1.c", "the cascade's last pair: imaginary part", rule, largest.imag, 5350.0, 5358.0, "rad/s"),
     ]
-    picture = Shown(
+    picture = Picture(
         "poles",
         "Poles as the gains grow",
         "Poles of (8) with the same r2 and r4, which grow along the sweep (marks grow with them; r4 faster than r2). "

@@ -29,7 +29,7 @@ from feeddrive.loop.simulate import Run, simulate
 from feeddrive.papers.altintas2009.testbed import MASS, PLANT, REST, VISCOUS, T, dadsc, loop, milling
 from feeddrive.papers.claims import Claim, stated
 from feeddrive.plot.curves import Row, curves
-from feeddrive.report.page import Shown
+from feeddrive.report.report import Picture
 
 RATE, DURATION, SKIP = 300.0, 0.6, 2000
 RESOLUTION = 1e-8
@@ -75,7 +75,7 @@ def _observed(run: Run) -> dict[str, Observation]:
     return own | {name: observe(observer, run["reading_load"], run["force"], T) for name, observer in OBSERVERS.items()}
 
 
-def estimation() -> tuple[list[Claim], list[Table], list[Shown]]:
+def estimation() -> tuple[list[Claim], list[Table], list[Picture]]:
     """Claims, table and pictures of row 1.e."""
     cutting = milling(DURATION)
     cut = {q: _run(cutting, q) for q in (None, RESOLUTION)}
@@ -169,10 +169,10 @@ def _steps() -> list[Claim]:
     ]
 
 
-def _picture(run: Run) -> Shown:
+def _picture(run: Run) -> Picture:
     seen = _observed(run)
     chosen = {name: seen[name] for name in (OWN, "recovery, 500 Hz", "Kalman")}
-    return Shown(
+    return Picture(
         "estimate",
         "Estimated disturbance under milling",
         "Gray: the true force. The law's own estimate has a bandwidth of 48 Hz; recovered ones follow the teeth. "
@@ -228,7 +228,7 @@ def _rms(error: np.ndarray, skip: int = MODE_SKIP) -> float:
     return 1e6 * float(np.sqrt(np.mean(error[skip:] ** 2)))
 
 
-def machine_modes() -> tuple[list[Claim], list[Table], list[Shown]]:
+def machine_modes() -> tuple[list[Claim], list[Table], list[Picture]]:
     """Claims, table and picture of row 1.f."""
     sine = SineForce(amplitude=100.0, frequency=35.0)
     named = {
@@ -249,7 +249,7 @@ def machine_modes() -> tuple[list[Claim], list[Table], list[Shown]]:
         *_rubbing(sine),
     ]
     table, sweep = _sweep()
-    picture = Shown(
+    picture = Picture(
         "tool",
         "Error at the tool at resonance",
         "A mode of 35 Hz on the tool side under 100 N at its resonance; the axis moves with the tool.",

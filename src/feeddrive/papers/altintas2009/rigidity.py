@@ -36,7 +36,7 @@ from feeddrive.papers.altintas2009.testbed import (
 )
 from feeddrive.papers.claims import Claim, stated
 from feeddrive.plot.curves import Row, curves
-from feeddrive.report.page import Shown
+from feeddrive.report.report import Picture
 from feeddrive.tuning.delay_map import DelayMap, delay_map
 from feeddrive.tuning.tune import tune_control
 
@@ -56,13 +56,13 @@ def _ideal(law: Law, lines: np.ndarray = F) -> np.ndarray:
     return np.abs(ideal_model(law).response(lines, "x"))
 
 
-def rigidity() -> tuple[list[Claim], list[Shown]]:
+def rigidity() -> tuple[list[Claim], list[Picture]]:
     """Claims and pictures of row 1.d."""
     claims, pictures = _equal_velocity_gain()
     return [*claims, *_literal(), *_equal_integral(), *_fair(), *_rejection()], pictures
 
 
-def _equal_velocity_gain() -> tuple[list[Claim], list[Shown]]:
+def _equal_velocity_gain() -> tuple[list[Claim], list[Picture]]:
     law, ppi = dadsc(RATE), cascade(RATE)
     ours, theirs = compliance(loop(law), F), compliance(loop(ppi), F)
     ratio = theirs.magnitude / ours.magnitude
@@ -87,14 +87,14 @@ def _equal_velocity_gain() -> tuple[list[Claim], list[Shown]]:
         Claim("1.d", "the compliance peak of P-PI is higher by 5 % or more", rule, peak, 1.05, None, "", "1.07"),
         Claim("1.d", "at 50 Hz P-PI is the stiffer one", rule, float(ratio[hundred]), None, 1.0),
     ]
-    picture = Shown(
+    picture = Picture(
         "stiffness",
         "Dynamic stiffness at equal velocity gain",
         "Force on the table over its motion, closed loop. Both laws have k_d = 3 m p and real poles in the ideal loop.",
         "Both curves fall to a minimum near 30 Hz and rise again; DADSC is the stiffer one below 35 Hz.",
         lambda: plot.stiffness({"DADSC": stiffness(ours), "P-PI cascade": stiffness(theirs)}),
     )
-    bode = Shown(
+    bode = Picture(
         "compliance",
         "Compliance at equal velocity gain",
         "The same as a Bode plot of motion over force.",
@@ -252,7 +252,7 @@ def _rejection() -> list[Claim]:
     ]
 
 
-def delays() -> tuple[list[Claim], list[Table], list[Shown]]:
+def delays() -> tuple[list[Claim], list[Table], list[Picture]]:
     """Claims, table and picture of row 1.i."""
     samples = (0, 1, 2, 3)
     names = [f"axis.x.control.law.{name}" for name in DADSC.tunables]
@@ -294,7 +294,7 @@ def delays() -> tuple[list[Claim], list[Table], list[Shown]]:
     return claims, [table], [_map(fine, names[0])]
 
 
-def _map(found: DelayMap, name: str) -> Shown:
+def _map(found: DelayMap, name: str) -> Picture:
     rows = [
         Row(
             "p T",
@@ -305,7 +305,7 @@ def _map(found: DelayMap, name: str) -> Shown:
             },
         )
     ]
-    return Shown(
+    return Picture(
         "delay",
         "How fast the law may be",
         "Triple pole p over the dead time: the edge of stability, Ms = 2, and the rule of thumb.",
@@ -318,7 +318,7 @@ MOVE = Polynomial7(distance=0.1, travel_time=0.4)
 STEP, LIMIT, LENGTH = 5e-3, 400.0, 6000
 
 
-def motion() -> tuple[list[Claim], list[Shown]]:
+def motion() -> tuple[list[Claim], list[Picture]]:
     """Claims and pictures of rows 1.g and 1.h."""
     claims, pictures = _tracking()
     more, other = _saturation()
@@ -330,7 +330,7 @@ def _error(law: Law, mass: float = MASS) -> np.ndarray:
     return 1e6 * run["tracking_error"]
 
 
-def _tracking() -> tuple[list[Claim], list[Shown]]:
+def _tracking() -> tuple[list[Claim], list[Picture]]:
     exact = {"DADSC": _error(dadsc(RATE)), "P-PI cascade": _error(cascade(RATE))}
     light = 0.8 * MASS
     off = {"DADSC": _error(dadsc(RATE, light)), "P-PI cascade": _error(cascade(RATE, light), light)}
@@ -351,7 +351,7 @@ def _tracking() -> tuple[list[Claim], list[Shown]]:
             expected="1.67",
         ),
     ]
-    picture = Shown(
+    picture = Picture(
         "tracking",
         "Tracking with a wrong mass",
         "True error over a move of 100 mm in 0.4 s; law and feedforward assume 0.8 of the mass.",
@@ -391,7 +391,7 @@ def step_response(law: DADSC, windup: str) -> np.ndarray:
     return response
 
 
-def _saturation() -> tuple[list[Claim], list[Shown]]:
+def _saturation() -> tuple[list[Claim], list[Picture]]:
     named = {windup: step_response(dadsc(RATE), windup) for windup in ("none", "freezing", "back-calculation")}
     over = {name: 1e3 * float(np.max(x) - STEP) for name, x in named.items()}
     inside = np.abs(named["back-calculation"] - STEP) <= 0.02 * STEP
@@ -421,7 +421,7 @@ def _saturation() -> tuple[list[Claim], list[Shown]]:
         Claim("1.h", "overshoot without any of it: it runs away", rule, over["none"], 50.0, None, "mm", "290"),
     ]
     shown = {name: 1e3 * named[name][:1500] for name in ("freezing", "back-calculation")}
-    picture = Shown(
+    picture = Picture(
         "saturation",
         "A step that saturates the drive",
         Text(

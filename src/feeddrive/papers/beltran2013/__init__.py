@@ -20,7 +20,7 @@ from feeddrive.papers.beltran2013 import mill, shipped
 from feeddrive.papers.beltran2013.mill import AXES, Case, disturbances, loop
 from feeddrive.papers.claims import Claim, Experiment, stated
 from feeddrive.plot import curves as draw
-from feeddrive.report.page import Shown
+from feeddrive.report.report import Picture
 
 # rows of the paper and of the independent program: every tooth takes 0.05 mm, wherever the tool is
 WITHOUT = Case("estimate not used, constant chip", share=0.0, chip="constant")
@@ -433,10 +433,10 @@ def _pictures(
     without: Mapping[str, Run],
     compensated: Mapping[str, Run],
     sines: Mapping[int, tuple[np.ndarray, np.ndarray]],
-) -> tuple[Shown, ...]:
+) -> tuple[Picture, ...]:
     """All figures, drawn when asked for; `sines` holds frequencies (Hz) and measured |1 - H| by Taylor states."""
     return (
-        Shown(
+        Picture(
             "force",
             "Cutting force over a turn of the spindle",
             "The tool in a slot with the corrected data; the means are -112.5 N against the feed and 375 N across it.",
@@ -447,35 +447,35 @@ def _pictures(
                 {"along the feed": turned.feed, "normal": turned.normal, "axial": turned.axial},
             ),
         ),
-        Shown(
+        Picture(
             "without",
             "Tracking error without the estimate",
             "Linear reference, first along y and then along x. The z axis hangs by its weight over omega_c².",
             "tracking errors of three axes in the range of 10 mm",
             partial(_errors, without, 1e3, "tracking error (mm)"),
         ),
-        Shown(
+        Picture(
             "compensated",
             "Tracking error with the estimate subtracted",
             "The same legs. The remaining error of x and y comes from the jump of the set velocity, not from the cut.",
             "tracking errors of three axes, of some 100 µm where the reference jumps",
             partial(_errors, compensated, 1e6, "tracking error (µm)"),
         ),
-        Shown(
+        Picture(
             "disturbance",
             "Disturbance and its estimate",
             "In m/s² over a few turns of the spindle; the estimate has the mean, and at 60 Hz it leads by 28°.",
             "disturbance of three axes and its estimate, which differs from it in phase and shape",
             partial(_disturbance, compensated),
         ),
-        Shown(
+        Picture(
             "control",
             "Control force",
             "Force at the carriage; torque of the motor is lead / 2π times it.",
             "control force of three axes over time",
             partial(_control, compensated),
         ),
-        Shown(
+        Picture(
             "leftover",
             "What is left of a disturbance over frequency",
             "|1 - H|: below 1 the estimate helps, above 1 subtracting it makes the disturbance larger. More Taylor "
@@ -483,7 +483,7 @@ def _pictures(
             "curves that rise from small values to a peak above 1 near 140 Hz",
             partial(_left_over, sines),
         ),
-        Shown(
+        Picture(
             "stiffness",
             "Compliance of the axis",
             "Position over force on the carriage, closed loop on x, with and without the estimate.",

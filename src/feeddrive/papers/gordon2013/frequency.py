@@ -42,7 +42,7 @@ from feeddrive.papers.gordon2013.testbed import (
     with_prefilter,
 )
 from feeddrive.plot import style
-from feeddrive.report.page import Shown
+from feeddrive.report.report import Picture
 from feeddrive.tuning.trajectory_prefilter import tune_prefilter
 
 LINES = np.geomspace(0.5, 10_000.0, 4000)
@@ -192,7 +192,7 @@ def _stiffness_table(ppc: Linear, ppi: Linear) -> Table:
     return Table("The loops with the default gains", heads, rows)
 
 
-def _pictures(linear: Mapping[str, Linear]) -> list[Shown]:
+def _pictures(linear: Mapping[str, Linear]) -> list[Picture]:
     axis = linearize(next(iter(linear.values())).loop, ["cut"], ["reading_motor", "reading_load"])
     opened: dict[str, FRF] = {
         "screw x1 / u": axis.response(SHOWN, output="reading_motor"),
@@ -201,12 +201,12 @@ def _pictures(linear: Mapping[str, Linear]) -> list[Shown]:
     gains = {name: each.margins for name, each in linear.items()}
     stiff = {name: stiffness(compliance(each.loop, SHOWN)) for name, each in linear.items()}
     return [
-        Shown("axis", "The axis before it is controlled", "From the force to both encoders, with delay and hold.",
+        Picture("axis", "The axis before it is controlled", "From the force to both encoders, with delay and hold.",
               "Bode plot of screw and table over the force, with the axial mode at 132 Hz.",
               lambda: plot.bode(opened)),
-        Shown("sensitivity", "Sensitivity of the closed loops", "Both loops opened at the drive.",
+        Picture("sensitivity", "Sensitivity of the closed loops", "Both loops opened at the drive.",
               "Sensitivity and its complement of both laws, with equal peaks.", lambda: plot.sensitivity(gains)),
-        Shown("stiffness", "Dynamic stiffness of the closed loops",
+        Picture("stiffness", "Dynamic stiffness of the closed loops",
               "Pole placement gains below 20 Hz and loses around 60 Hz.",
               "Dynamic stiffness of both laws over frequency.", lambda: plot.stiffness(stiff)),
     ]  # fmt: skip
@@ -396,10 +396,10 @@ def frequency_view() -> Part:
         Column("RMS on the move", "m", "3"),
     ]
     pictures = [
-        Shown("contributions", "Frequency view of the contributions", "Table over setpoint with the softer gains. The "
-              "full inverse and compatible commands keep it at 1.", "Magnitude and phase of tracking for four "
+        Picture("contributions", "Frequency view of the contributions", "Table over setpoint with the softer gains. "
+                "The full inverse and compatible commands keep it at 1.", "Magnitude and phase of tracking for four "
               "combinations of contributions.", lambda: _drawn(contributions)),
-        Shown("prefilter", "Frequency view of the prefilter", "Table over setpoint. Acceleration and "
+        Picture("prefilter", "Frequency view of the prefilter", "Table over setpoint. Acceleration and "
               "snap alone turn no phase; beyond its band the prefilter makes it worse.",
               "Magnitude and phase of tracking without and with prefilter, both laws.", lambda: _drawn(filtered)),
     ]  # fmt: skip

@@ -38,7 +38,7 @@ from feeddrive.papers.gordon2013.testbed import (
     with_prefilter,
 )
 from feeddrive.plot import style
-from feeddrive.report.page import Shown
+from feeddrive.report.report import Picture
 
 CUT = 0.5  # s, when the rope is cut: the table has settled under it
 SETTLED = 0.5e-6  # m
@@ -99,7 +99,7 @@ def rope_snap() -> Part:
         f"Both peaks are {stated(peaks[0], 'µm', '3', bare=True)} and {stated(peaks[1], 'µm', '3')}; pole placement "
         f"settles in {stated(settled[0], 'ms', '3')}."
     )
-    drawing = Shown("rope", "Rope snap", caption, alt, lambda: _rope(runs))
+    drawing = Picture("rope", "Rope snap", caption, alt, lambda: _rope(runs))
     return Part(claims, [Table("Rope snap from 150 N", columns, rows)], [drawing])
 
 
@@ -220,8 +220,8 @@ def tracking_error() -> Part:
     ]
     heads = [f"tracking error, peak / RMS in {unit_name('m')}", PLACED, CASCADE]
     alt = "Tracking error of both laws over time without and with prefilter; each row has its own scale."
-    picture = Shown("tracking", "High-speed tracking", "300 mm at 1 m/s and 10 m/s². Each row has its own scale.", alt,
-                    lambda: plot.following_error(shown))  # fmt: skip
+    picture = Picture("tracking", "High-speed tracking", "300 mm at 1 m/s and 10 m/s². Each row has its own scale.",
+                      alt, lambda: plot.following_error(shown))  # fmt: skip
     return Part(claims, [Table("High-speed tracking without friction", heads, rows)], [picture])
 
 
@@ -301,7 +301,7 @@ def ablation() -> Part:
     rows = [[name, stated(float(kinds[name][1]), "µm"), stated(value, "µm", "3")] for name, value in peaks.items()]
     title = "Ablation: largest tracking error"
     alt = joined(", ", (f"{name} {stated(value, 'µm', '3')}" for name, value in peaks.items()))
-    drawing = Shown("ablation", "What each contribution is worth", "Largest tracking error, logarithmic.", alt,
+    drawing = Picture("ablation", "What each contribution is worth", "Largest tracking error, logarithmic.", alt,
                     lambda: _bars(peaks))  # fmt: skip
     columns = ["contributions", Column("expected", "m"), Column("got", "m")]
     return Part(claims, [Table(title, columns, rows)], [drawing])

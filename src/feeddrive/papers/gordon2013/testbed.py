@@ -19,7 +19,7 @@ from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.papers.claims import Claim, stated
-from feeddrive.report.page import Shown
+from feeddrive.report.report import Picture
 from feeddrive.tuning.trajectory_prefilter import PrefilterFit, tune_prefilter
 
 MODEL = TwoMass(
@@ -51,7 +51,7 @@ class Part:
 
     claims: Sequence[Claim]
     tables: Sequence[Table] = ()
-    pictures: Sequence[Shown] = ()
+    pictures: Sequence[Picture] = ()
 
 
 def placed(law: PolePlacement = DESIGN, feedforward: tuple[Feedforward, ...] = (FULL,)) -> Loop:

@@ -36,7 +36,7 @@ from feeddrive.papers.wu2017.testbed import (
     noise,
     table_axis,
 )
-from feeddrive.report.page import Shown
+from feeddrive.report.report import Picture
 from feeddrive.tuning.trials import Trials, iterate_trials, learn_signal
 
 # RMS in um after trials 1 to 6 as an independent program found them, and its last one with changing references
@@ -47,7 +47,7 @@ EXPECTED = {
 }
 
 
-def learning() -> tuple[list[Claim], list[Table], list[Shown], dict[str, Trials]]:
+def learning() -> tuple[list[Claim], list[Table], list[Picture], dict[str, Trials]]:
     """Claims, tables, pictures, and the trials along the same reference with tanh friction."""
     same = {name: _trials(name) for name in SETS}
     changing = {name: _trials(name, changing=True) for name in SETS}
@@ -208,7 +208,7 @@ CASES: dict[str, tuple[object, object]] = {
 }
 
 
-def signals() -> tuple[list[Claim], list[Table], list[Shown]]:
+def signals() -> tuple[list[Claim], list[Table], list[Picture]]:
     """Claims, tables and pictures."""
     by_case: dict[tuple[str, str, bool], np.ndarray] = {}
     rows: list[list[str | float | None]] = []
@@ -331,7 +331,7 @@ def circle(axis: str) -> Circle:
     return Circle(radius=pictures.RADIUS, feed=0.1, turns=2, phase=AXES[axis], run_up_time=RUN_UP)
 
 
-def contouring() -> tuple[list[Claim], list[Table], list[Shown]]:
+def contouring() -> tuple[list[Claim], list[Table], list[Picture]]:
     """Claims, tables and pictures."""
     smooth, hard = _all(smooth=True), _all(smooth=False)
     heads = ("RMS", "peak", f"RMS, {SET_VALUED}", "peak")

@@ -12,14 +12,14 @@ from feeddrive.language.text import Text, joined
 from feeddrive.plot import style
 from feeddrive.plot.curves import Row, curves
 from feeddrive.plot.tuning import errors_and_parameters
-from feeddrive.report.page import Shown
+from feeddrive.report.report import Picture
 from feeddrive.tuning.trials import Trials
 
 RADIUS = 0.02  # m
 ZOOM = 400.0  # contour errors in polar pictures are drawn so many times larger
 
 
-def errors(same: Mapping[str, Trials]) -> Shown:
+def errors(same: Mapping[str, Trials]) -> Picture:
     """RMS over the trials."""
 
     def draw() -> Any:
@@ -36,17 +36,21 @@ def errors(same: Mapping[str, Trials]) -> Shown:
 
     last = joined(", ", (f"{name} {Quantity(trials.rms[-1], 'm'):.2f}" for name, trials in same.items()))
     caption = "The same 100 mm move six times; each trial uses the parameters of the last one. tanh friction."
-    return Shown("errors", "Error over the trials", caption, Text(f"RMS falls within two trials; last: {last}."), draw)
+    return Picture(
+        "errors", "Error over the trials", caption, Text(f"RMS falls within two trials; last: {last}."), draw
+    )
 
 
-def parameters(trials: Trials) -> Shown:
+def parameters(trials: Trials) -> Picture:
     """Parameters with their standard errors."""
     caption = "Bars are two standard errors, estimated from the residual of each single trial, with its color."
     alt = "The mass is found at once, the friction levels within five trials."
-    return Shown("parameters", "Parameters over the trials", caption, alt, lambda: errors_and_parameters({"": trials}))
+    return Picture(
+        "parameters", "Parameters over the trials", caption, alt, lambda: errors_and_parameters({"": trials})
+    )
 
 
-def over_time(same: Mapping[str, Trials]) -> Shown:
+def over_time(same: Mapping[str, Trials]) -> Picture:
     """First and last following error over time."""
 
     def draw() -> Any:
@@ -58,10 +62,10 @@ def over_time(same: Mapping[str, Trials]) -> Shown:
 
     caption = "Following error of the first trial, and of the sixth with each set of columns."
     alt = "With a and b alone a bump is left after each reversal; Coulomb and Stribeck columns remove it."
-    return Shown("overtime", "Following error before and after", caption, alt, draw)
+    return Picture("overtime", "Following error before and after", caption, alt, draw)
 
 
-def rates(masses: np.ndarray, found: Mapping[str, list[float]], free: float) -> Shown:
+def rates(masses: np.ndarray, found: Mapping[str, list[float]], free: float) -> Picture:
     """The rate of convergence over the assumed mass."""
 
     def draw() -> Any:
@@ -80,10 +84,10 @@ def rates(masses: np.ndarray, found: Mapping[str, list[float]], free: float) -> 
 
     caption = "ρ: factor of the parameters' error from trial to trial. The right mass gives 0, drawn at 1e-3."
     alt = "A mass wrong by a factor of two leaves 5 %; where the curves end the model loop is unstable and refused."
-    return Shown("convergence", "Rate of convergence", caption, alt, draw)
+    return Picture("convergence", "Rate of convergence", caption, alt, draw)
 
 
-def contour(paths: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Shown:
+def contour(paths: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Picture:
     """Polar picture of the contour error; x and y in m about the center."""
 
     def draw() -> Any:
@@ -110,18 +114,18 @@ def contour(paths: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Shown:
 
     caption = f"Circle of 20 mm radius at 0.1 m/s, two turns; the contour error is drawn {number(ZOOM)} times larger."
     alt = "Quadrant glitches stay with a and b alone and nearly vanish with the compensator."
-    return Shown("contour", "Contour of the circle", caption, alt, draw)
+    return Picture("contour", "Contour of the circle", caption, alt, draw)
 
 
-def quadrant(time: np.ndarray, errors: Mapping[str, np.ndarray]) -> Shown:
+def quadrant(time: np.ndarray, errors: Mapping[str, np.ndarray]) -> Picture:
     """Contour error in a window around a reversal."""
     caption = "One quadrant of the second turn, where the x axis reverses."
     alt = "The peak after the reversal falls with the compensator."
     rows = [Row("contour error (µm)", {name: 1e6 * values for name, values in errors.items()})]
-    return Shown("quadrant", "Quadrant glitch, zoomed", caption, alt, lambda: curves("time (s)", time, rows))
+    return Picture("quadrant", "Quadrant glitch, zoomed", caption, alt, lambda: curves("time (s)", time, rows))
 
 
-def against_signal(curves_by_name: Mapping[str, np.ndarray], title: str, key: str) -> Shown:
+def against_signal(curves_by_name: Mapping[str, np.ndarray], title: str, key: str) -> Picture:
     """RMS over the trials of parameters and of a learned signal."""
 
     def draw() -> Any:
@@ -138,4 +142,4 @@ def against_signal(curves_by_name: Mapping[str, np.ndarray], title: str, key: st
 
     caption = "Parameters that fit any motion, against a force learned sample by sample."
     alt = "The learned force is better while the task repeats, and increases the error when the reference changes."
-    return Shown(key, title, caption, alt, draw)
+    return Picture(key, title, caption, alt, draw)

@@ -27,7 +27,7 @@ from feeddrive.papers.wu2017.testbed import (
     move,
     table_axis,
 )
-from feeddrive.report.page import Shown
+from feeddrive.report.report import Picture
 from feeddrive.tuning.error_model import filtered, true_error_model
 from feeddrive.tuning.iterative_feedforward import compensated, compensator, next_iteration, regressors
 from feeddrive.tuning.trial import simulated_trial
@@ -42,7 +42,7 @@ EXPECTED_SCATTER = (0.0008, 0.0115, 0.0067, 0.0059)  # A units, at 20 N
 _RECORDED = ("following_error", "force", "requested", "trip")
 
 
-def rates() -> tuple[list[Claim], list[Table], list[Shown]]:
+def rates() -> tuple[list[Claim], list[Table], list[Picture]]:
     """Claims, tables and pictures."""
     by_mass, mass_table, curve = _by_mass()
     gain_table = _by_gain()
@@ -128,7 +128,7 @@ def _one_step() -> list[Claim]:
     ]
 
 
-def _by_mass() -> tuple[list[Claim], Table, Shown]:
+def _by_mass() -> tuple[list[Claim], Table, Picture]:
     """The rate over the mass that the model assumes; the figures of the table are without dead time in the model."""
     loop = table_axis("x", SETS["+ Coulomb"], known=True)
     prompt = tree.vary(loop, {"axis.x.actuator.dead_time": 0.0})

@@ -8,7 +8,6 @@ worst/variant_00000012.toml        a job:  feeddrive run worst/variant_00000012.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,8 @@ from feeddrive.files.run_files import summary_text, versions
 from feeddrive.language.errors import FeeddriveError, plain
 from feeddrive.language.table import Cell, Column, Table
 from feeddrive.language.text import Text
-from feeddrive.report.page import Shown, page_units, render
+from feeddrive.report.page import html
+from feeddrive.report.report import Code, Facts, Picture, Remarks, Report, Section, Verdict, further
 from feeddrive.study.answers import pictures
 from feeddrive.study.answers.answers import Answers
 from feeddrive.study.answers.bands import QUANTILES
@@ -53,7 +53,7 @@ def write_report(found: Answers, out: str | Path) -> Path | str:
 
 def report_files(found: Answers) -> Iterator[tuple[str, str]]:
     """Name and text of each file of the report; a variant that makes no machine has none."""
-    yield "report.html", build_study(found)
+    yield "report.html", html(study_report(found))
     yield "summary.json", summary_text(summary(found), rotary=found.rotary, quoted=found.quoted)
     chosen = [each.cases[0].variant for each in found.worst] + [variant for variant, _ in found.bad[:_REPLAYED]]
     for variant in sorted(set(chosen)):
@@ -65,50 +65,46 @@ def report_files(found: Answers) -> Iterator[tuple[str, str]]:
             yield f"worst/{name}", text
 
 
-def build_study(found: Answers) -> str:
-    """The report as one HTML page: no scripts, no other files, less than 1 MB. Pure."""
+def study_report(found: Answers) -> Report:
+    """Return the report of a study; its page has less than 1 MB."""
     study = found.study
-    drawn = list(_pictures(found))
-    front = _front(found)
-    return render(
-        "study.html",
-        units=page_units(rotary=found.rotary),
-        title=study.title,
-        lead=found.sentences,
-        links=[
-            ("yield", "Yield"),
-            ("worst", "Worst cases"),
-            *((f"figure-{each.key}", each.title) for each in drawn),
-            ("decides", "What decides"),
-            *([("front", "Pareto front")] if front else []),
-            ("repeat", "How to repeat it"),
-        ],
-        overview=Shown(
-            "yield",
-            "Machines that keep the specification",
-            "Each bound by itself, and all together.",
-            "Share of the machines that keep each bound, with its interval.",
-            lambda: pictures.yields(found.yields),
-        ),
-        yields=[_ended(each) for each in (found.table(), *_choices(found))],
-        interval="Points of a grid are no sample: their share has no interval."
+    interval = (
+        "Points of a grid are no sample: their share has no interval."
         if study.sampler == "grid"
-        else _ITS_INTERVAL + _NARROWER.get(study.sampler, ""),
-        remarks=[f"Variant {variant} has no figures: {plain(reason)}" for variant, reason in found.bad],
-        replay="Each is a job with its machine beside it: feeddrive run worst/variant_NUMBER.toml gives its figures "
-        "again, with all signals over time.",
-        worst=_ended(_worst(found)),
-        pictures=drawn,
-        method=_method(found),
-        decides=[_ended(each) for each in _decides(found)],
-        front=None if front is None else _ended(front),
-        facts=_facts(found),
-        study=study.text,
+        else _ITS_INTERVAL + _NARROWER.get(study.sampler, "")
     )
-
-
-def _ended(table: Table) -> Table:
-    return replace(table, title=f"{table.title}.")
+    left_out = [f"Variant {variant} has no figures: {plain(reason)}" for variant, reason in found.bad]
+    again = (
+        "Each is a job with its machine beside it: feeddrive run worst/variant_NUMBER.toml gives its figures again, "
+        "with all signals over time."
+    )
+    same = (
+        "The same study with the same version of feeddrive gives the same rows to the last bit, on any number of "
+        "workers."
+    )
+    overview = Picture(
+        "yield",
+        "Machines that keep the specification",
+        "Each bound by itself, and all together.",
+        "Share of the machines that keep each bound, with its interval.",
+        lambda: pictures.yields(found.yields),
+    )
+    front = _front(found)
+    return Report(
+        study.title,
+        "feeddrive study",
+        Verdict(found.sentences),
+        (
+            Section("yield", "Yield", (found.table(), *_choices(found), interval, Remarks(left_out))),
+            Section("worst", "Worst cases", (again, _worst(found))),
+            further(_pictures(found)),
+            Section("decides", "What decides", (_method(found), *_decides(found))),
+            Section("front", "Pareto front", () if front is None else (front,)),
+            Section("repeat", "How to repeat it", (same, Facts(_facts(found)), Code("Study", study.text)), folded=True),
+        ),
+        overview,
+        found.rotary,
+    )
 
 
 def _choices(found: Answers) -> Iterator[Table]:
@@ -187,9 +183,9 @@ def _decides(found: Answers) -> Iterator[Table]:
         yield Table("Rank correlations", ["figure", *(short(columns)[each] for each in columns)], rows)
 
 
-def _pictures(found: Answers) -> Iterator[Shown]:
+def _pictures(found: Answers) -> Iterator[Picture]:
     study = found.study
-    yield Shown(
+    yield Picture(
         "spread",
         "Distributions",
         "Of each figure over the machines; dashed: its bound.",
@@ -197,7 +193,7 @@ def _pictures(found: Answers) -> Iterator[Shown]:
         lambda: pictures.histograms(found.sample, found.stiffness is not None),
     )
     if found.sobol or found.correlations:
-        yield Shown(
+        yield Picture(
             "decides",
             "Sensitivity",
             "Of the figures with a bound, and of being inside of all bounds.",
@@ -206,7 +202,7 @@ def _pictures(found: Answers) -> Iterator[Shown]:
         )
     if found.stiffness is not None:
         stiff = found.stiffness
-        yield Shown(
+        yield Picture(
             "stiff",
             "Dynamic stiffness over frequency",
             f"Of {stiff.machines:,} machines, at the measured frequencies, with straight lines between them.",
@@ -215,7 +211,7 @@ def _pictures(found: Answers) -> Iterator[Shown]:
         )
     if found.error is not None:
         error = found.error
-        yield Shown(
+        yield Picture(
             "error",
             "Following error over time",
             f"Of {error.machines} machines that were run again: the largest absolute value in each of "
@@ -225,7 +221,7 @@ def _pictures(found: Answers) -> Iterator[Shown]:
         )
     if found.front is not None:
         front = found.front
-        yield Shown(
+        yield Picture(
             "front",
             f"Between {' and '.join(front.figures)}" if len(front.figures) < 3 else "Tracking, stiffness, robustness",
             "Rings: the Pareto front. No other machine is better in one of them and as good in all others.",

@@ -11,16 +11,16 @@ from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Column, Table
 from feeddrive.language.text import Text, joined
 from feeddrive.path.planned import Planned
-from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
+from feeddrive.report.report import Part, Picture, Report, Section, Verdict, facts, further, titled
 from feeddrive.version import __version__
 
 _LISTED = 200  # stops
 
 
-def build_plan(plan: Planned) -> str:
-    """The report as one HTML page: no scripts, no other files. Pure: the same plan gives the same text."""
-    shown = list(_pictures(plan))
-    facts = [
+def plan_report(plan: Planned) -> Report:
+    """Return the report of a plan."""
+    pictures = _pictures(plan)
+    known = [
         ("Program", plan.program),
         ("Machine", plan.machine),
         ("Setpoints", Text(f"{plan.samples:,}, one every {Quantity(plan.sample_time, 's'):3}")),
@@ -28,21 +28,18 @@ def build_plan(plan: Planned) -> str:
         ("Proof", _proof(plan)),
         ("feeddrive", __version__),
     ]
-    links = [("limits", "Limits"), *((f"figure-{each.key}", each.title) for each in shown), ("stops", "Stops")]
-    limits = plan.table()
-    parts = [
-        header("feeddrive plan", plan.program, _lead(plan), [*links, ("facts", "What was planned")]),
-        '<section id="limits"><h2>Limits</h2>',
-        tabled(limits, "The largest share of each limit that is used."),
-        "</section><section><h2>Pictures</h2>",
-        *(picture(each) for each in shown),
-        '</section><section id="stops"><h2>Stops</h2>',
-        _stops(plan),
-        '</section><section id="facts"><h2>What was planned</h2>',
-        definitions(facts),
-        "</section>",
-    ]
-    return page(f"{plan.program}: plan", parts)
+    return Report(
+        f"{plan.program}: plan",
+        "feeddrive plan",
+        Verdict(_lead(plan), good=plan.proof.count == 0),
+        (
+            Section("limits", "Limits", (titled(plan.table(), "The largest share of each limit that is used."),)),
+            further(pictures[1:]),
+            Section("stops", "Stops", _stops(plan), folded=True),
+            facts("What was planned", known),
+        ),
+        next(iter(pictures), None),
+    )
 
 
 def _lead(plan: Planned) -> Sequence[str]:
@@ -66,12 +63,12 @@ def _proof(plan: Planned) -> str:
     )
 
 
-def _pictures(plan: Planned) -> Sequence[Shown]:
+def _pictures(plan: Planned) -> Sequence[Picture]:
     letters = plan.limits.letters
     if not len(plan.course.time) or not plan.cycle_time:
         return []
     return [
-        Shown(
+        Picture(
             "path",
             "Path and speed",
             "Color and width: the speed along the path, slow is warm and wide. Dotted: traverses. Circles: stops, the "
@@ -79,7 +76,7 @@ def _pictures(plan: Planned) -> Sequence[Shown]:
             f"The path of {plan.program} with its speed as color.",
             plan.plot,
         ),
-        Shown(
+        Picture(
             "causes",
             "What limits the speed, and when",
             "A row for each limit; it is filled where this limit is used most, and its share of the cycle time stands "
@@ -89,7 +86,7 @@ def _pictures(plan: Planned) -> Sequence[Shown]:
             lambda: plot.plan_causes(plan),
         ),
         *(
-            Shown(
+            Picture(
                 f"axis{letter}",
                 f"Axis {letter}",
                 "From the least to the most in each stretch of time; dashed: the limits, where they are near.",
@@ -102,9 +99,9 @@ def _pictures(plan: Planned) -> Sequence[Shown]:
     ]
 
 
-def _stops(plan: Planned) -> str:
+def _stops(plan: Planned) -> list[Part]:
     if not plan.stops:
-        return "<p>None: the program is one motion.</p>"
+        return ["None: the program is one motion."]
     by_reason = sorted(plan.stop_reasons.items(), key=lambda each: -each[1])
     rows = [
         [
@@ -123,4 +120,4 @@ def _stops(plan: Planned) -> str:
     place = "place mm, deg" if plan.limits.rotary else "place mm"
     columns = [Column("time", "s", "SI"), "line", "reason", Column("stands", "s", "SI"), place]
     reasons = Table("Stops by reason.", ["reason", "stops"], [[name, f"{count:,}"] for name, count in by_reason])
-    return tabled(reasons) + tabled(Table(caption, columns, rows))
+    return [reasons, Table(caption, columns, rows)]

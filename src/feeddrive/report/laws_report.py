@@ -1,10 +1,11 @@
-"""The report about laws over the same work as one page: its tables, and the values of the template `laws.html`."""
+"""The report about laws over the same work: its tables, and which section they stand in."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
+
+import numpy as np
 
 from feeddrive.analysis.replay import Replay
 from feeddrive.language import tree
@@ -12,60 +13,71 @@ from feeddrive.language.declaration import Declaration
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity, number, unit_name
 from feeddrive.language.table import UNIT, Cell, Column, Table
-from feeddrive.language.text import Text, capitalized, joined
-from feeddrive.report import part_page, sentences
-from feeddrive.report.figures import chosen, figures
-from feeddrive.report.page import Entry, LawsReport, ShownTable, page_units, render
-from feeddrive.report.part_page import ran
+from feeddrive.language.text import Text, joined
+from feeddrive.report import part_report, sentences
+from feeddrive.report.laws import Entry, LawsContents
+from feeddrive.report.laws_pictures import chosen, pictures
+from feeddrive.report.part_report import ran
+from feeddrive.report.report import Code, Facts, Marked, Part, Remarks, Report, Section, Verdict, facts
 
 
-def build(contents: LawsReport) -> str:
-    """The report as one HTML page: no scripts, no other files, less than 1 MB (of a part program 1.5 MB).
+def laws_report(contents: LawsContents) -> Report:
+    """Return the report; its page has less than 1 MB (of a part program 1.5 MB).
 
-    Pure: the same contents give the same text.  Raises ParameterError for contents without entries.
+    Raises ParameterError for contents without entries.
     """
     if not contents.entries:
         raise ParameterError("a report needs at least one law")
     along = ran(contents)
-    drawn = [*contents.pictures, *part_page.pictures(contents), *figures(contents)]
+    drawn = [*contents.pictures, *part_report.pictures(contents), *pictures(contents)]
+    first = contents.overview or next(iter(drawn), None)
     replay = next((entry.replay for entry in contents.entries if entry.replay is not None), None)
     rule = [("Rule of comparison", contents.rule)] if contents.rule else []
-    return render(
-        "laws.html",
-        units=page_units(rotary=contents.entries[0].loop.axis.rotary),
-        title=contents.title,
-        lead=part_page.lead(contents) if along else sentences.result(contents),
-        links=[
-            ("result", "Result"),
-            ("facts", "What was run"),
-            *((f"figure-{each.key}", each.title) for each in drawn),
-            ("repeat", "How to repeat it"),
-        ],
-        tables=[
-            *([prediction(replay)] if replay is not None else []),
-            *part_page.tables(contents),
-            *contents.extras,
-            *([] if along else [errors(contents)]),
-        ],
-        limits=limits(contents),
-        robustness=frequency(contents),
-        remarks=sentences.remarks(contents),
-        facts=[
-            *contents.facts.items(),
-            *((f"Law '{each.name}'", each.description) for each in contents.entries),
-            *rule,
-        ],
-        overview=contents.overview,
-        pictures=drawn,
-        laws=len(contents.entries),
-        drawn_laws=len(chosen(contents).entries),
-        job=contents.job,
-        versions=contents.versions,
-        parameters=parameters(contents),
+    laws, shown = len(contents.entries), len(chosen(contents).entries)
+    some = f"The pictures show {shown} of {laws} laws: the first, and those that follow best." if shown < laws else ""
+    tables: list[Part] = [
+        *([prediction(replay)] if replay is not None else []),
+        *part_report.tables(contents),
+        *contents.extras,
+        *([] if along else [errors(contents)]),
+        limits(contents),
+        *frequency(contents),
+        Remarks(sentences.remarks(contents)),
+    ]
+    sentences_ = part_report.lead(contents) if along else sentences.result(contents)
+    tripped = any(np.any(entry.run["trip"] > 0.0) for entry in contents.entries)
+    same = "The same job, with the same versions and seed, gives the same numbers to the last bit."
+    return Report(
+        contents.title,
+        contents.command,
+        Verdict(sentences_, good=False if tripped else None),
+        (
+            Section("result", "Result", tables),
+            Section("pictures", "Pictures", (some, *(picture for picture in drawn if picture is not first))),
+            *contents.details,
+            Section("details", "Axes, motors, spindle and observers", part_report.details(contents), folded=True),
+            facts(
+                "What was run",
+                [
+                    *contents.facts.items(),
+                    *((f"Law '{entry.name}'", entry.description) for entry in contents.entries),
+                    *rule,
+                ],
+            ),
+            Section("parameters", "All parameters", (parameters(contents),), folded=True),
+            Section(
+                "repeat",
+                "How to repeat it",
+                (same, *([Code("Job", contents.job)] if contents.job else []), Facts(contents.versions)),
+                folded=True,
+            ),
+        ),
+        first,
+        contents.entries[0].loop.axis.rotary,
     )
 
 
-def errors(contents: LawsReport) -> ShownTable:
+def errors(contents: LawsContents) -> Marked:
     """RMS and peak errors and force of each law."""
     figures = [
         (entry.rms("following_error"), entry.peak("following_error"), entry.rms("tracking_error"),
@@ -84,7 +96,7 @@ def errors(contents: LawsReport) -> ShownTable:
         "Errors and force. Following error: setpoint minus the controller's reading. "
         "Tracking error: setpoint minus true position."
     )
-    return ShownTable(Table(title, columns, rows), best if len(rows) > 1 else ())
+    return Marked(Table(title, columns, rows), best if len(rows) > 1 else ())
 
 
 def _against(entry: Entry, signal: str, what: str) -> Text:
@@ -100,7 +112,7 @@ def _against(entry: Entry, signal: str, what: str) -> Text:
     return Text(f"{Quantity(value, 'N', bare=True):3}{share}")
 
 
-def limits(contents: LawsReport) -> str:
+def limits(contents: LawsContents) -> str:
     """One sentence on what the percentages of the forces refer to."""
     stated = contents.entries[0].limits
     if not stated:
@@ -109,7 +121,7 @@ def limits(contents: LawsReport) -> str:
     return Text(f"Percentages of force: peak against the peak limit, RMS against the continuous one. Stated: {listed}.")
 
 
-def frequency(contents: LawsReport) -> list[ShownTable]:
+def frequency(contents: LawsContents) -> list[Table]:
     """Margins, sensitivity peak and stiffness of each law; none if no law has a loop gain."""
     if all(entry.margins is None and entry.stiffness is None for entry in contents.entries):
         return []
@@ -140,22 +152,21 @@ def frequency(contents: LawsReport) -> list[ShownTable]:
         Column("stiffness at 1 Hz", "N/m", "3"),
     ]  # fmt: skip
     title = "Robustness and stiffness, of the loop in motion, opened at the drive."
-    return [ShownTable(Table(title, columns, rows))]
+    return [Table(title, columns, rows)]
 
 
-def _sampled(contents: LawsReport) -> bool:
+def _sampled(contents: LawsContents) -> bool:
     return any(
         entry.margins is not None and entry.margins.delay_margin_samples is not None for entry in contents.entries
     )
 
 
-def prediction(replay: Replay) -> ShownTable:
+def prediction(replay: Replay) -> Table:
     """Measured and predicted."""
-    table = replay.table()
-    return ShownTable(replace(table, title=capitalized(f"{table.title}.")))
+    return replay.table()
 
 
-def parameters(contents: LawsReport) -> ShownTable:
+def parameters(contents: LawsContents) -> Table:
     """Every parameter of every law with its unit and meaning; rows in which the laws differ are marked."""
     rows: dict[str, tuple[Declaration, list[Any]]] = {}
     count = len(contents.entries)
@@ -173,9 +184,9 @@ def parameters(contents: LawsReport) -> ShownTable:
         ]
         differs = count > 1 and any(value != values[0] for value in values)
         body.append([f"{name} *" if differs else name, *cells, UNIT, declaration.meaning])
-    heads = ["parameter", *(entry.name for entry in contents.entries), "unit", "meaning"]
+    heads: list[Column | str] = ["parameter", *(entry.name for entry in contents.entries), "unit"]
     note = "Parameters of the loop; * marks those in which the laws differ." if count > 1 else "Parameters of the loop."
-    return ShownTable(Table(note, heads, body))
+    return Table(note, [*heads, Column("meaning", sentences=True)], body)
 
 
 def _place(name: str) -> int:

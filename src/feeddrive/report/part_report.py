@@ -10,28 +10,25 @@ from feeddrive.language.table import Cell, Column, Table
 from feeddrive.language.text import Text, joined
 from feeddrive.machining.part_run import PartRun
 from feeddrive.path.planned import Planned
-from feeddrive.report.page import Entry, LawsReport, Shown, ShownTable
+from feeddrive.report.laws import Entry, LawsContents
+from feeddrive.report.report import Marked, Part, Picture
 
 _WORST = 8
 _CAUSES = 6
 _DRAWN = 3  # laws whose path is drawn: today's, the best, and the one between
 
 
-def ran(contents: LawsReport) -> list[tuple[Entry, PartRun]]:
+def ran(contents: LawsContents) -> list[tuple[Entry, PartRun]]:
     """The laws that ran a part program, in their order."""
     return [(entry, entry.part) for entry in contents.entries if entry.part is not None]
 
 
-def lead(contents: LawsReport) -> list[str]:
+def lead(contents: LawsContents) -> list[str]:
     """The results in sentences, most important first."""
     found = ran(contents)
     first = found[0][1]
     best = min((part for _, part in found), key=lambda part: part.contour.rms)
     said: list[str] = []
-    if contents.planned is not None:
-        said.append(
-            Text(f"The program takes {Quantity(contents.planned.cycle_time, 's'):SI}. {_limited(contents.planned)}")
-        )
     if best is first:
         told = "" if len(found) == 1 else "None of the others keeps the contour better than "
         said.append(Text(f"{told}'{first.name}': {_contour(first)}."))
@@ -50,6 +47,9 @@ def lead(contents: LawsReport) -> list[str]:
                 "program."
             )
         )
+    if contents.planned is not None:
+        cycle = Quantity(contents.planned.cycle_time, "s", form="SI")
+        said.append(Text(f"The program takes {cycle}. {_limited(contents.planned)}"))
     return said
 
 
@@ -74,12 +74,18 @@ def _limited(planned: Planned) -> str:
     return Text(f"What limits its speed: {told} of the time.")
 
 
-def tables(contents: LawsReport) -> list[ShownTable]:
-    """Laws over the program, axes, worst places, motors, observers, sections that cut, limits of the speed."""
+def tables(contents: LawsContents) -> list[Part]:
+    """Laws over the program, and the worst places."""
+    found = ran(contents)
+    return [_laws(found), _places(found)] if found else []
+
+
+def details(contents: LawsContents) -> list[Part]:
+    """Axes, motors, spindle, observers, sections that cut, limits of the speed."""
     found = ran(contents)
     if not found:
         return []
-    shown = [_laws(found), _axes(found), _places(found), _motors(found)]
+    shown: list[Part] = [_axes(found), _motors(found)]
     spindles = [(entry, part.load.spindle) for entry, part in found if part.load.spindle is not None]
     if spindles:
         rows = [
@@ -90,7 +96,7 @@ def tables(contents: LawsReport) -> list[ShownTable]:
             Column("law"), Column("power mean", "W", "3"), Column("peak", "W", "3"), Column("energy", "J", "3"),
             Column("chips", "m3", "3 mm3"), Column("energy of chips", "J/m3", "3 J/mm3"),
         ]  # fmt: skip
-        shown.append(ShownTable(Table("Spindle: what the cut takes from it over the whole program.", columns, rows)))
+        shown.append(Table("Spindle: what the cut takes from it over the whole program.", columns, rows))
     if any(part.estimates for _, part in found):
         shown.append(_observers(found))
     return [*shown, *contents.cuts, *([] if contents.planned is None else [_causes(contents.planned)])]
@@ -113,7 +119,7 @@ def laws_table(title: str, parts: Mapping[str, PartRun]) -> Table:
     return Table(title, columns, rows)
 
 
-def _laws(found: Sequence[tuple[Entry, PartRun]]) -> ShownTable:
+def _laws(found: Sequence[tuple[Entry, PartRun]]) -> Marked:
     columns = [
         Column("law"), Column("contour error RMS", "m", "3"), Column("95 %", "m", "3"), Column("largest", "m", "3"),
         Column("in line"), Column("largest at a reversal", "m", "3"),
@@ -131,21 +137,22 @@ def _laws(found: Sequence[tuple[Entry, PartRun]]) -> ShownTable:
     best = [min(range(len(rows)), key=sizes.__getitem__) for sizes in zip(*errors, strict=True)]
     said = (
         "Contour error: the distance of the tool from the commanded path, whatever its delay along it. What counts is "
-        "the path that cuts, or is moved at a feed. Effort: of the motor that needs the largest share. "
+        "the path on which the tool leaves a wall of the part, not its way in and out beside it; a slot counts whole, "
+        "and without [process] all that is moved at a feed. Effort: of the motor that needs the largest share. "
         "Energy: of the axes and the spindle."
     )
     marks = [*best, *([None] * (len(columns) - 4))]
-    return ShownTable(Table(said, columns, rows), marks if len(rows) > 1 else ())
+    return Marked(Table(said, columns, rows), marks if len(rows) > 1 else ())
 
 
-def _axes(found: Sequence[tuple[Entry, PartRun]]) -> ShownTable:
+def _axes(found: Sequence[tuple[Entry, PartRun]]) -> Table:
     names = list(found[0][1].axes)
     columns = [Column("law")]
     for axis in names:
         columns += [Column(f"{axis} RMS", "m", "3"), Column("peak", "m", "3"), Column("in line")]
     rows = [[entry.name, *(cell for axis in names for cell in _axis(part, axis))] for entry, part in found]
     title = "Following error of each axis over the whole program, and the line of its peak."
-    return ShownTable(Table(title, columns, rows))
+    return Table(title, columns, rows)
 
 
 def _axis(part: PartRun, axis: str) -> list[Cell]:
@@ -153,22 +160,22 @@ def _axis(part: PartRun, axis: str) -> list[Cell]:
     return [errors.following_rms, errors.following_peak, errors.line]
 
 
-def _places(found: Sequence[tuple[Entry, PartRun]]) -> ShownTable:
+def _places(found: Sequence[tuple[Entry, PartRun]]) -> Table:
     """The worst places of the first law, and what the others do there."""
     first = found[0][1]
     columns = [
         Column(f"place {unit_name('m', 'mm', stays=True)}"), Column("line"), Column("time", "s", "SI"),
-        *(Column(entry.name) for entry, _ in found),
+        *(Column(entry.name, "m", "3") for entry, _ in found),
     ]  # fmt: skip
     rows: list[list[Cell]] = []
     for place in first.worst(_WORST):
-        cells = [Quantity(_near(part, place.time), "m", form="3", bare=True) for _, part in found]
+        cells = [_near(part, place.time) for _, part in found]
         rows.append([_place(first, place.position, bare=True), place.line, place.time, *cells])
     title = (
         f"Worst places of '{first.name}': largest contour error within 60 ms of each, in {unit_name('m')}, with each "
         "law."
     )
-    return ShownTable(Table(title, columns, rows))
+    return Table(title, columns, rows)
 
 
 def _near(part: PartRun, time: float) -> float:
@@ -176,7 +183,7 @@ def _near(part: PartRun, time: float) -> float:
     return float(abs(part.contour.error[here]).max(initial=0.0))
 
 
-def _motors(found: Sequence[tuple[Entry, PartRun]]) -> ShownTable:
+def _motors(found: Sequence[tuple[Entry, PartRun]]) -> Table:
     columns = [
         Column("law"), Column("axis"), Column("force RMS", "N", "3"), Column("of continuous", "share", "3"),
         Column("peak", "N", "3"), Column("of peak", "share", "3"), Column("work", "J", "3"),
@@ -188,10 +195,10 @@ def _motors(found: Sequence[tuple[Entry, PartRun]]) -> ShownTable:
         for entry, part in found for i, (axis, load) in enumerate(part.load.axes.items())
     ]  # fmt: skip
     title = "Motors over the whole program: what they give, and whether they can for ever."
-    return ShownTable(Table(title, columns, rows))
+    return Table(title, columns, rows)
 
 
-def _observers(found: Sequence[tuple[Entry, PartRun]]) -> ShownTable:
+def _observers(found: Sequence[tuple[Entry, PartRun]]) -> Table:
     axes = list(found[0][1].disturbances)
     columns = [Column("law"), Column("observer"), Column("delay", "s", "3")]
     for axis in axes:
@@ -207,10 +214,10 @@ def _observers(found: Sequence[tuple[Entry, PartRun]]) -> ShownTable:
         "start values of its tuning, RMS. What acts: without its mean. The delay of an estimate is taken out of its "
         "error; over a turn: the same in the mean over a turn of the spindle, without the teeth."
     )
-    return ShownTable(Table(said, columns, rows))
+    return Table(said, columns, rows)
 
 
-def _causes(planned: Planned) -> ShownTable:
+def _causes(planned: Planned) -> Table:
     most = sorted(planned.seconds.items(), key=lambda each: -each[1])[:_CAUSES]
     rows = [
         [name, seconds, Quantity(seconds / planned.cycle_time, "share", form="3")]
@@ -218,10 +225,10 @@ def _causes(planned: Planned) -> ShownTable:
     ]  # fmt: skip
     columns = [Column("limit"), Column("", "s", "SI"), Column("of the time")]
     title = "Cycle time by what limits it: the limit used most, the feed, a standstill."
-    return ShownTable(Table(title, columns, rows))
+    return Table(title, columns, rows)
 
 
-def pictures(contents: LawsReport) -> Iterator[Shown]:
+def pictures(contents: LawsContents) -> Iterator[Picture]:
     """The path with the error on it, the error along it, the time."""
     found = ran(contents)
     if not found:
@@ -229,7 +236,7 @@ def pictures(contents: LawsReport) -> Iterator[Shown]:
     parts = {entry.name: part for entry, part in found}
     first = found[0][1]
     if len(parts) > 1:
-        yield Shown(
+        yield Picture(
             "laws",
             "Contour error by law",
             "The root of the mean square, what is kept on 95 % of the path, and the largest, of the path that counts.",
@@ -238,7 +245,7 @@ def pictures(contents: LawsReport) -> Iterator[Shown]:
         )
     best = min(parts.values(), key=lambda part: part.contour.rms)
     for key, part in {"path": first, **({} if best is first else {"bestpath": best})}.items():
-        yield Shown(
+        yield Picture(
             key,
             f"The path with '{part.name}'",
             "Color and width: the size of the contour error on the path that counts. Gray: the tool, its deviation "
@@ -248,7 +255,7 @@ def pictures(contents: LawsReport) -> Iterator[Shown]:
         )
     worst = next(iter(first.worst(1)), None)
     if worst is not None:
-        yield Shown(
+        yield Picture(
             "worst",
             f"The worst place of '{first.name}'",
             Text(
@@ -259,7 +266,7 @@ def pictures(contents: LawsReport) -> Iterator[Shown]:
             lambda: plot.part_zoom(parts, worst.time),
         )
     if first.cutting is not None:
-        yield Shown(
+        yield Picture(
             "cut",
             "Force of the cut",
             f"On each axis with '{first.name}', from the chip that the actual motion of the axes leaves.",
@@ -267,7 +274,7 @@ def pictures(contents: LawsReport) -> Iterator[Shown]:
             lambda: plot.part_cutting(first),
         )
     for axis in list(first.disturbances)[:1] if first.estimates and first.cutting is not None else ():
-        yield Shown(
+        yield Picture(
             "estimates",
             "The force and what observers see of it",
             f"Cut, friction and weight on axis {axis} where the cut is largest, and three observers in the same run of "
@@ -277,7 +284,7 @@ def pictures(contents: LawsReport) -> Iterator[Shown]:
         )
     planned = contents.planned
     if planned is not None:
-        yield Shown(
+        yield Picture(
             "limits",
             "What limits the speed, and when",
             "A row for each limit; it is filled where this limit is used most, and its share of the cycle time stands "

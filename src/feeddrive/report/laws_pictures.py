@@ -1,4 +1,4 @@
-"""The figures of a report, each with a caption that explains it."""
+"""The pictures of laws over the same work, with captions that explain them."""
 
 from __future__ import annotations
 
@@ -12,21 +12,22 @@ from feeddrive.language.text import Text, joined
 from feeddrive.plot.friction import has_friction
 from feeddrive.plot.over_time import alike
 from feeddrive.plot.style import POINTS
-from feeddrive.report.page import Entry, LawsReport, Shown
+from feeddrive.report.laws import Entry, LawsContents
+from feeddrive.report.report import Picture
 
 SHORT = 16  # samples: a shorter run has no picture over time
 MOST = 8  # laws that the pictures show; the tables have all
 CURVES = 4  # more curves than these share the points of so many: the page stays small
 
 
-def chosen(contents: LawsReport) -> LawsReport:
+def chosen(contents: LawsContents) -> LawsContents:
     """The contents with the laws that the pictures show: the first, and those that follow best, in their order."""
     others = sorted(contents.entries[1:], key=lambda entry: entry.rms("following_error"))[: MOST - 1]
     return replace(contents, entries=[entry for i, entry in enumerate(contents.entries) if i == 0 or entry in others])
 
 
-def figures(contents: LawsReport) -> Iterator[Shown]:
-    """The figures in the order of the page."""
+def pictures(contents: LawsContents) -> Iterator[Picture]:
+    """The pictures in the order of the report."""
     contents = chosen(contents)
     points = min(POINTS, max(200, POINTS * CURVES // len(contents.entries)))
     yield from _measured(contents, points)
@@ -37,12 +38,12 @@ def figures(contents: LawsReport) -> Iterator[Shown]:
     yield from _closed_loop(contents)
 
 
-def _measured(contents: LawsReport, points: int) -> Iterator[Shown]:
+def _measured(contents: LawsContents, points: int) -> Iterator[Picture]:
     entry = next((entry for entry in contents.entries if entry.replay is not None), None)
     if entry is None or entry.replay is None:
         return
     replay = entry.replay
-    yield Shown(
+    yield Picture(
         "prediction",
         "Measured and predicted",
         "Gray: the log. Blue: the model, given only the reference of the log and the state in which it starts. "
@@ -52,11 +53,11 @@ def _measured(contents: LawsReport, points: int) -> Iterator[Shown]:
     )
 
 
-def _errors(contents: LawsReport, points: int) -> Iterator[Shown]:
+def _errors(contents: LawsContents, points: int) -> Iterator[Picture]:
     runs = {entry.name: entry.shown for entry in contents.entries}
     own = "" if alike(run["following_error"] for run in runs.values()) else " Each row has its own scale."
     listed = joined("; ", (f"{e.name} {Quantity(e.rms('following_error'), 'm'):3} RMS" for e in contents.entries))
-    yield Shown(
+    yield Picture(
         "error",
         "Following error over time",
         f"Setpoint minus the controller's reading.{own}",
@@ -66,7 +67,7 @@ def _errors(contents: LawsReport, points: int) -> Iterator[Shown]:
     window = worst_window(list(runs.values()))
     what = "the worst reversal" if window.reversal is not None else "the largest error"
     reason = " Friction changes its sign here." if window.reversal is not None else ""
-    yield Shown(
+    yield Picture(
         "zoom",
         f"Following error around {what}",
         Text(f"{Quantity(window.begin, 's'):SI} to {Quantity(window.end, 's'):SI}.{reason}"),
@@ -74,7 +75,7 @@ def _errors(contents: LawsReport, points: int) -> Iterator[Shown]:
         lambda: plot.following_error(runs, window, points),
     )
     spectra = {entry.name: entry.spectrum for entry in contents.entries}
-    yield Shown(
+    yield Picture(
         "spectrum",
         "Amplitude spectrum of the following error",
         "Above: amplitude (Hann window), the largest of each of 500 bands. Below: the RMS of all that lies below a "
@@ -84,18 +85,18 @@ def _errors(contents: LawsReport, points: int) -> Iterator[Shown]:
     )
 
 
-def _forces(contents: LawsReport, points: int) -> Iterator[Shown]:
+def _forces(contents: LawsContents, points: int) -> Iterator[Picture]:
     runs = {entry.name: entry.shown for entry in contents.entries}
     first = contents.entries[0]
     bounds = {k: v for entry in contents.entries for k, v in entry.limits.items()}
-    yield Shown(
+    yield Picture(
         "force",
         "Force",
         "As commanded. The peak limit holds for every sample, the continuous one for the RMS of the whole work.",
         Text(f"Commanded force over time, {Quantity(first.peak('force'), 'N'):3} at most with {first.name}."),
         lambda: plot.force(runs, bounds, points),
     )
-    yield Shown(
+    yield Picture(
         "motion",
         "Velocity and acceleration",
         "Of the table, true values; dotted: as the reference states them.",
@@ -107,7 +108,7 @@ def _forces(contents: LawsReport, points: int) -> Iterator[Shown]:
         return
     measured = _measured_friction(first)
     said = " Points with bars: the log, with the inertia taken out." if measured is not None else ""
-    yield Shown(
+    yield Picture(
         "friction",
         "Friction",
         f"Force against the motion over velocity, as the model has it, and as met in the run of '{first.name}'.{said}",
@@ -125,12 +126,12 @@ def _measured_friction(entry: Entry) -> FrictionMap | None:
     return friction_map(measured["position_load"], measured["force"], mass, entry.run.sample_time)
 
 
-def _open_loop(contents: LawsReport) -> Iterator[Shown]:
+def _open_loop(contents: LawsContents) -> Iterator[Picture]:
     loops = {entry.name: entry.margins for entry in contents.entries if entry.margins is not None}
     if not loops:
         return
     listed = "; ".join(f"{name} Ms {number(m.sensitivity_peak, 3)}" for name, m in loops.items())
-    yield Shown(
+    yield Picture(
         "open",
         "Open loop and its margins",
         "The loop gain with all delays, opened at the drive, in motion. Bars: phase margins, from the phase at 0 dB to "
@@ -138,14 +139,14 @@ def _open_loop(contents: LawsReport) -> Iterator[Shown]:
         f"Bode plot of the open loop with gain and phase margins marked: {listed}.",
         lambda: plot.open_loop(loops),
     )
-    yield Shown(
+    yield Picture(
         "nyquist",
         "Nyquist plot near -1",
         "No loop comes nearer to -1 than the circle that it touches; its radius is 1/Ms. Thin: negative frequencies.",
         f"Nyquist plot with unit circle and sensitivity circles: {listed}.",
         lambda: plot.nyquist(loops),
     )
-    yield Shown(
+    yield Picture(
         "sensitivity",
         "Sensitivity",
         "|S|: what is left of a disturbance force at the drive; below 0 dB the loop suppresses it, above it amplifies "
@@ -155,10 +156,10 @@ def _open_loop(contents: LawsReport) -> Iterator[Shown]:
     )
 
 
-def _closed_loop(contents: LawsReport) -> Iterator[Shown]:
+def _closed_loop(contents: LawsContents) -> Iterator[Picture]:
     tracked = {entry.name: entry.tracking for entry in contents.entries if entry.tracking is not None}
     if tracked:
-        yield Shown(
+        yield Picture(
             "closed",
             "Closed loop",
             "True position over set position, feedforward included; marks where it falls below -3 dB.",
@@ -168,7 +169,7 @@ def _closed_loop(contents: LawsReport) -> Iterator[Shown]:
     stiff = {entry.name: entry.stiffness for entry in contents.entries if entry.stiffness is not None}
     if stiff:
         listed = joined("; ", (f"{name} at least {Quantity(k.minimum, 'N/m'):3}" for name, k in stiff.items()))
-        yield Shown(
+        yield Picture(
             "stiffness",
             "Dynamic stiffness",
             "Force on the table over the displacement that it causes, in closed loop and in motion: higher is better. "

@@ -1,0 +1,240 @@
+"""A report as a value: a verdict, the picture that shows it, and sections of tables, pictures, facts and texts.
+
+    Report(
+        "Will the cut chatter?", "feeddrive lobes", Verdict((Text(f"At {speed} it does not chatter."),), good=True),
+        picture=Picture("lobes", "Depth without chatter", "Shaded: stable.", "Limits of the depth.", lobes_chart),
+        sections=(Section("limits", "Limits", (table, Remarks(remarks))), Section("facts", "The cut", (Facts(facts),),
+                  folded=True)),
+    )
+
+`page.html` writes it, `Report.record` gives it as JSON has it.  All numbers stay numbers until then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
+
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import USUAL, Units
+from feeddrive.language.table import Grid, Table
+from feeddrive.language.text import resolve
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A picture that is computed when it is shown.
+
+    key      letters that name it in its report
+    caption  how to read it
+    alt      what it shows, for who does not see it
+    chart    computes it
+    """
+
+    key: str
+    title: str
+    caption: str
+    alt: str
+    chart: Callable[[], Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Marked:
+    """A table with marked cells or rows.
+
+    best   the row of the best cell, for each column after the first; None for none
+    alert  rows that need attention
+    text   True if most cells are sentences
+    """
+
+    table: Table
+    best: Sequence[int | None] = ()
+    alert: Sequence[int] = ()
+    text: bool = False
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Names and what is known of each, in order."""
+
+    pairs: tuple[tuple[str, str], ...]
+
+    def __init__(self, pairs: Mapping[str, str] | Iterable[tuple[str, str]]) -> None:
+        listed = pairs.items() if isinstance(pairs, Mapping) else pairs
+        object.__setattr__(self, "pairs", tuple((name, text) for name, text in listed))
+
+
+@dataclass(frozen=True)
+class Remarks:
+    """Sentences as a list under a head; nothing is shown if there are none.
+
+    warns  they must not be overlooked
+    """
+
+    sentences: tuple[str, ...]
+    head: str = "Remarks"
+    warns: bool = True
+
+    def __init__(self, sentences: Iterable[str], head: str = "Remarks", *, warns: bool = True) -> None:
+        object.__setattr__(self, "sentences", tuple(sentences))
+        object.__setattr__(self, "head", head)
+        object.__setattr__(self, "warns", warns)
+
+
+@dataclass(frozen=True)
+class Code:
+    """The text of a file, as it is written there."""
+
+    title: str
+    text: str
+
+
+Part: TypeAlias = Table | Grid | Marked | Picture | Facts | Remarks | Code | str
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """Parts under a headline.
+
+    key     letters that name it in its report
+    folded  a detail: shown on demand, and in print
+    file    a report beside this one to which the headline leads
+    """
+
+    key: str
+    title: str
+    parts: Sequence[Part]
+    folded: bool = False
+    file: str = ""
+
+    @property
+    def pictures(self) -> Iterator[Picture]:
+        """Its pictures, in order."""
+        return (part for part in self.parts if isinstance(part, Picture))
+
+    @property
+    def is_empty(self) -> bool:
+        """True if it has nothing to show."""
+        return all(part == "" or (isinstance(part, Facts) and not part.pairs)
+                   or (isinstance(part, Remarks) and not part.sentences) for part in self.parts)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What came out, in sentences, most important first.
+
+    good  whether the result may be used; None where there is nothing to decide
+    """
+
+    sentences: tuple[str, ...]
+    good: bool | None = None
+
+    def __init__(self, sentences: Iterable[str], good: bool | None = None) -> None:
+        object.__setattr__(self, "sentences", tuple(text for text in sentences if text))
+        object.__setattr__(self, "good", good)
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """What a person reads of a result: the verdict, the picture that shows it, tables, further pictures, details.
+
+    title     of the report
+    command   that makes it, as "feeddrive lobes"
+    verdict   what came out
+    sections  in order; empty ones are left out, folded ones come last
+    picture   the one that shows the verdict
+    rotary    it is about an axis that turns, and is read in rad, N m and kg m2
+    """
+
+    title: str
+    command: str
+    verdict: Verdict
+    sections: Sequence[Section] = ()
+    picture: Picture | None = None
+    rotary: bool = False
+
+    def __post_init__(self) -> None:
+        """Raise ParameterError for pictures of which none is that of the verdict, and for a key that is taken."""
+        shown = [section for section in self.sections if not section.is_empty]
+        object.__setattr__(self, "sections", tuple(sorted(shown, key=lambda section: section.folded)))
+        first = next((picture for section in self.sections for picture in section.pictures), None)
+        if first is not None and self.picture is None:
+            raise ParameterError(f"report '{self.title}': the picture '{first.key}' stands in a section, and none shows"
+                                 " the verdict: name one as `picture`")  # fmt: skip
+        keys = [section.key for section in self.sections]
+        pictures = [picture.key for picture in self.pictures]
+        for key in (*keys, *pictures):
+            if keys.count(key) > 1 or pictures.count(key) > 1:
+                raise ParameterError(f"report '{self.title}': the key '{key}' is used twice")
+
+    @property
+    def pictures(self) -> list[Picture]:
+        """All pictures, that of the verdict first."""
+        listed = [picture for section in self.sections for picture in section.pictures]
+        return listed if self.picture is None else [self.picture, *listed]
+
+    def record(self, units: Units = USUAL) -> dict[str, Any]:
+        """Return the report as JSON has it: tables in SI with units, sentences as texts, pictures by key.
+
+        units  of the sentences
+        """
+
+        def said(text: str) -> str:
+            return str(resolve(text, units))
+
+        return {
+            "title": said(self.title),
+            "command": self.command,
+            "verdict": {"sentences": [said(text) for text in self.verdict.sentences], "good": self.verdict.good},
+            "picture": None if self.picture is None else _recorded(self.picture, units),
+            "sections": [
+                {
+                    "key": section.key,
+                    "title": said(section.title),
+                    "folded": section.folded,
+                    "parts": [_recorded(part, units) for part in section.parts],
+                }
+                for section in self.sections
+            ],
+        }
+
+
+def _recorded(part: Part, units: Units) -> dict[str, Any]:
+    def said(text: str) -> str:
+        return str(resolve(text, units))
+
+    match part:
+        case Table():
+            return {"kind": "table", **part.record(units)}
+        case Grid():
+            return {"kind": "grid", **part.shown(units)._asdict()}
+        case Marked():
+            return {"kind": "table", **part.table.record(units), "best": list(part.best), "alert": list(part.alert)}
+        case Picture():
+            texts = {"title": said(part.title), "caption": said(part.caption), "alt": said(part.alt)}
+            return {"kind": "picture", "key": part.key, **texts}
+        case Facts():
+            return {"kind": "facts", "pairs": [[said(name), said(text)] for name, text in part.pairs]}
+        case Remarks():
+            sentences = [said(text) for text in part.sentences]
+            return {"kind": "remarks", "head": said(part.head), "warns": part.warns, "sentences": sentences}
+        case Code():
+            return {"kind": "code", "title": said(part.title), "text": part.text}
+        case str():
+            return {"kind": "text", "text": said(part)}
+
+
+def titled(table: Table, title: str) -> Table:
+    """Return a table under another title."""
+    return replace(table, title=title)
+
+
+def further(pictures: Iterable[Picture]) -> Section:
+    """Return the section of the pictures that follow the tables."""
+    return Section("pictures", "Pictures", tuple(pictures))
+
+
+def facts(title: str, pairs: Mapping[str, str] | Iterable[tuple[str, str]], *parts: Part) -> Section:
+    """Return the folded section on what was run, measured or designed."""
+    return Section("facts", title, (Facts(pairs), *parts), folded=True)

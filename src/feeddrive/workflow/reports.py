@@ -1,0 +1,43 @@
+"""Which function makes the report of a type of result: by name, so that nothing is imported before `result.report()`.
+
+The rooms of analysis know nothing of reports; a command adds what it alone knows, as where a log came from.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from feeddrive.language.table import report_of
+
+# module and class of a result -> the function that makes its report
+REPORTS = {
+    "benchmark.score:Benchmark": "benchmark.report:benchmark_report",
+    "certificate.certificate:Certificate": "workflow.certify:certificate_report",
+    "comparison.compare:Comparison": "comparison.report:comparison_report",
+    "identification.cogging:CoggingFit": "workflow.cogging:cogging_report",
+    "identification.excitation.frequency_estimate:FrequencyEstimate": "workflow.frf:estimate_report",
+    "identification.friction_curve:FrictionCurve": "workflow.friction:friction_report",
+    "identification.motion.identify:Identified": "workflow.identify:identified_report",
+    "identification.response.fit_axis:AxisFits": "workflow.identify_responses:fit_report",
+    "identification.response.modal_fit:ModalFit": "workflow.identify_responses:fit_report",
+    "machining.lobes:Lobes": "workflow.lobes:lobes_report",
+    "papers.claims:Experiment": "papers.claims:paper_report",
+    "path.planned:Planned": "report.plan_report:plan_report",
+    "study.answers.answers:Answers": "study.answers.page:study_report",
+    "tuning.tuned:Tuned": "workflow.tune_files:tuned_report",
+    "workflow.circle:MeasuredCircle": "workflow.circle:measured_circle_report",
+    "workflow.jobs:JobResult": "workflow.jobs:job_report",
+}
+
+
+def register_report(kind: type) -> None:
+    """Register what makes the report of a type of result, or of the nearest of its bases that is listed."""
+    for base in kind.__mro__:
+        name = f"{base.__module__.removeprefix('feeddrive.')}:{base.__qualname__}"
+        if name in REPORTS and base not in report_of.registry:
+            module, function = REPORTS[name].split(":")
+
+            def made(result: object, module: str = module, function: str = function) -> object:
+                return getattr(import_module(f"feeddrive.{module}"), function)(result)
+
+            report_of.register(base, made)
