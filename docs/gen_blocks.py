@@ -24,7 +24,8 @@ from mkdocs.structure.files import File
 import feeddrive
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.files.schema import job_schema, machine_schema
-from feeddrive.language.block import Block, Declaration, declarations
+from feeddrive.language.block import Block
+from feeddrive.language.declaration import Declaration, declarations
 from feeddrive.language.lazy_package import public_names
 
 ROOT = Path(__file__).parent.parent

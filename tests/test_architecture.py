@@ -237,7 +237,7 @@ def test_a_concrete_block_is_final(block: type[Block]):
 
 @pytest.mark.parametrize("block", concrete_blocks(), ids=lambda block: block.__name__)
 def test_a_block_says_what_it_is(block: type[Block]):
-    from feeddrive.language.block import declarations
+    from feeddrive.language.declaration import declarations
 
     assert block.__doc__, block.__name__
     for name, declared in declarations(block).items():

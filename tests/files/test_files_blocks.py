@@ -19,7 +19,8 @@ from feeddrive.files.blocks_from_toml import read_block
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.toml_file import parse_toml
 from feeddrive.language import tree, units
-from feeddrive.language.block import Block, choice, declarations, parameter, part, table
+from feeddrive.language.block import Block, choice, parameter, part, table
+from feeddrive.language.declaration import declarations
 from feeddrive.language.errors import FeeddriveError, ParameterError, StructureError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control

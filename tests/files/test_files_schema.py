@@ -22,7 +22,7 @@ from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import read_machine
 from feeddrive.files.schema import _SUFFIX, job_schema, machine_schema, write_schemas
-from feeddrive.language.block import declarations
+from feeddrive.language.declaration import declarations
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.units import _BASE, _OTHER, _PREFIX
 from feeddrive.testing.strategies import blocks_of

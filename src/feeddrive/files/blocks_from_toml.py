@@ -28,8 +28,8 @@ import numpy as np
 from feeddrive.blocks.catalogue import OPT_IN, RENAMED, catalogue
 from feeddrive.files.toml_file import Section
 from feeddrive.language import units
-from feeddrive.language.block import Block, checked, declarations
-from feeddrive.language.declaration import Declaration
+from feeddrive.language.block import Block, checked
+from feeddrive.language.declaration import Declaration, declarations
 from feeddrive.language.errors import ParameterError, StructureError, nearest, shown
 from feeddrive.language.quantity import Quantity
 

@@ -7,8 +7,8 @@ from typing import Any
 
 from feeddrive.files.blocks_from_toml import Hint, hints
 from feeddrive.files.toml_values import quoted
-from feeddrive.language.block import Block, declarations
-from feeddrive.language.declaration import Declaration
+from feeddrive.language.block import Block
+from feeddrive.language.declaration import Declaration, declarations
 from feeddrive.language.errors import StructureError
 
 _COMMENTS = 34  # column at which comments begin

@@ -24,8 +24,8 @@ from feeddrive.files.blocks_from_toml import Hint, defaults, hints, members, opt
 from feeddrive.files.columns import ROLES
 from feeddrive.files.job_cuts import CutSection
 from feeddrive.files.job_program import FILES
-from feeddrive.language.block import Block, declarations
-from feeddrive.language.declaration import Declaration
+from feeddrive.language.block import Block
+from feeddrive.language.declaration import Declaration, declarations
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop

@@ -21,7 +21,7 @@ from feeddrive.identification.estimate import LEAST_PULL, SHAFT, SIGNIFICANT
 from feeddrive.identification.friction_curve import Compared, FrictionCurve, fit_friction
 from feeddrive.identification.motion.known_axis import own_viscous
 from feeddrive.identification.steady_runs import LEAST_ROWS, SteadyRuns, steady_runs
-from feeddrive.language.block import declarations
+from feeddrive.language.declaration import declarations
 from feeddrive.language.errors import NotIdentifiableError, sentence
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress

@@ -25,7 +25,8 @@ from feeddrive.identification.estimate import Estimate
 from feeddrive.identification.motion.identify import Identified, identify_motion, swapped
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.language import tree
-from feeddrive.language.block import Block, declarations
+from feeddrive.language.block import Block
+from feeddrive.language.declaration import declarations
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError, sentence
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
