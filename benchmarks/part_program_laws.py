@@ -16,7 +16,7 @@ from pathlib import Path
 
 from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
 from feeddrive.comparison.compare import compare_laws
-from feeddrive.files.blocks_to_toml import to_toml
+from feeddrive.files.to_toml import to_toml
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import read_machine
 from feeddrive.loop.control import Control

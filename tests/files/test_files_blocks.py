@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.blocks.families import Force, Friction, Law, Plant, Reference
 from feeddrive.blocks.plant.two_mass import TwoMass
-from feeddrive.files.blocks_from_toml import read_block
-from feeddrive.files.blocks_to_toml import to_toml
+from feeddrive.files.from_toml import read_block
+from feeddrive.files.to_toml import to_toml
 from feeddrive.files.toml_file import parse_toml
 from feeddrive.language import tree, units
 from feeddrive.language.block import Block, choice, parameter, part, table

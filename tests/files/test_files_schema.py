@@ -18,7 +18,7 @@ from jsonschema import Draft202012Validator
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.files import job, machine
-from feeddrive.files.blocks_to_toml import to_toml
+from feeddrive.files.to_toml import to_toml
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import read_machine
 from feeddrive.files.schema import _SUFFIX, job_schema, machine_schema, write_schemas

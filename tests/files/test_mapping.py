@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from feeddrive.files.columns import OWN_UNIT, ROLES, Column
 from feeddrive.files.guess import guess_roles, write_roles
-from feeddrive.files.job_log import read_request
+from feeddrive.files.read_log import read_request
 from feeddrive.files.mapping import Mapping
 from feeddrive.files.read_log import read_log
 from feeddrive.language.errors import LogError, ParameterError

@@ -20,10 +20,10 @@ from feeddrive.blocks.coupling.geometry import Geometry
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.blocks.machine_families import Coupling, Cutter
 from feeddrive.files.atomic_io import write_whole
-from feeddrive.files.blocks_from_toml import Hint, defaults, hints, members, options_of_type
 from feeddrive.files.columns import ROLES
-from feeddrive.files.job_cuts import CutSection
-from feeddrive.files.job_program import FILES
+from feeddrive.files.cutting import CutSection
+from feeddrive.files.from_toml import Hint, defaults, hints, members, options_of_type
+from feeddrive.files.planned_program import FILES
 from feeddrive.language.block import Block
 from feeddrive.language.declaration import Declaration, declarations
 from feeddrive.loop.axis import Axis

@@ -64,11 +64,16 @@ def parameter(
     least: float | None = None,
     below: float | None = None,
     most: float | None = None,
+    infinite: bool = False,
 ) -> Any:
-    """Declare a leaf. A default of None makes it absent unless given; an absent leaf changes the graph."""
+    """Declare a leaf. A default of None makes it absent unless given; an absent leaf changes the graph.
+
+    infinite   it may be infinite, as a bound that holds nothing back
+    """
     declaration = Declaration(
-        role="parameter", unit=unit, meaning=meaning, above=above, least=least, below=below, most=most
-    )
+        role="parameter", unit=unit, meaning=meaning, above=above, least=least, below=below, most=most,
+        infinite=infinite,
+    )  # fmt: skip
     return field(default=default, metadata={"declaration": declaration})  # type: ignore[call-overload]
 
 

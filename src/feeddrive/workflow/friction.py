@@ -12,10 +12,10 @@ import numpy as np
 from feeddrive.blocks.families import Friction
 from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.files.atomic_io import new_directory
-from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile
+from feeddrive.files.to_toml import to_toml
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.identification.estimate import LEAST_PULL, SHAFT, SIGNIFICANT
 from feeddrive.identification.friction_curve import Compared, FrictionCurve, fit_friction

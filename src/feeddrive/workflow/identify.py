@@ -14,12 +14,12 @@ from feeddrive import plot
 from feeddrive.blocks.families import Law
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.files.atomic_io import new_directory
-from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.columns import Column
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.frf import read_frfs
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile, machine_toml, read_machine
+from feeddrive.files.to_toml import to_toml
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.identification.estimate import Estimate
 from feeddrive.identification.motion.identify import Identified, identify_motion, swapped
