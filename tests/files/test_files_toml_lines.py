@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from feeddrive.files.toml_file import Key, TomlTable, TomlFile, lines_of_keys, parse_toml, read_toml
+from feeddrive.files.toml_file import Key, TomlFile, TomlTable, lines_of_keys, parse_toml, read_toml
 from feeddrive.language.errors import FileError, ParameterError, plain, shown
 from fresh_draws import Seeded
 from slow_share import all_but

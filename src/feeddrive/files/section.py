@@ -18,7 +18,9 @@ A part is a block, a section, or a tuple of them (`[[law]]`).
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Collection, Mapping
 from dataclasses import MISSING, dataclass
+from types import MappingProxyType
 from typing import Any, ClassVar, dataclass_transform
 
 from feeddrive.files.toml_file import Key, TomlTable
@@ -85,6 +87,7 @@ class Section(Declared):
     shorthand  field that a plain text in place of the section stands for
     wanted     what may stand in place of a section with a shorthand, for messages
     needs_kind the key `kind` must be written, since another class of the family is taken without it
+    inlined    field in whose absence the keys of another section stand among its own
     is_open    keys that are not declared belong to others and are passed over
     read_from  the table that it was read from
     """
@@ -95,6 +98,7 @@ class Section(Declared):
     shorthand: ClassVar[str] = ""
     wanted: ClassVar[str] = ""
     needs_kind: ClassVar[bool] = False
+    inlined: ClassVar[Mapping[str, type[Section]]] = MappingProxyType({})
     is_open: ClassVar[bool] = False
     read_from: ClassVar[TomlTable | None] = None  # of an object the table; not a field, since it is no content
 
@@ -111,7 +115,8 @@ class Section(Declared):
         return cls
 
     def __post_init__(self) -> None:
-        wrong = self.refused_alternatives([name for name in declarations(type(self)) if getattr(self, name) is not None])
+        there = [name for name in declarations(type(self)) if getattr(self, name) is not None]
+        wrong = self.refused_alternatives(there)
         if wrong:
             raise self.error(wrong)
         super().__post_init__()
@@ -119,7 +124,8 @@ class Section(Declared):
     @classmethod
     def refused_alternatives(cls, names: Collection[str]) -> str:
         """Return what is wrong if these fields are there and the others are not; empty if nothing is."""
-        there = [next(filter(names.__contains__, fields)) for fields in cls.exactly if not set(fields).isdisjoint(names)]
+        first = [next((name for name in fields if name in names), None) for fields in cls.exactly]
+        there = [name for name in first if name is not None]
         if not cls.exactly or len(there) == 1:
             return ""
         written = " and ".join(f"[{name}]" if "[" in cls.needs else name for name in there)

@@ -4,7 +4,7 @@ title = "A series of ball-screw axes"
 job = "ball_screw"                 # a job file beside this one, or a bundled one; or all keys of a job here
 row = "today"                      # which of its laws
 sampler = "sobol"                  # grid, latin_hypercube, sobol, monte_carlo or saltelli
-count = 200                        # variants; of saltelli the points, each of which has k + 2 variants; none of a grid
+count = 200                        # variants; of saltelli points of k + 2 variants; none of a grid
 seed = 15
 measure = ["following_error_rms_m", "stiffness_least_N_per_m"]
 [specification]                    # what makes a good machine
@@ -50,6 +50,8 @@ MOST = 2**BITS  # variants: where the sequences of Sobol end
 
 class StudySection(Section):
     """A study: a job, what varies in it, and what is measured of every variant."""
+
+    inlined: ClassVar[Mapping[str, type[Section]]] = {"job": JobSection}
 
     title: str | None = text("of the report", default=None)
     job: str | None = file_name(
