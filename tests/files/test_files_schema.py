@@ -219,8 +219,11 @@ def sections() -> set[type[Section]]:
     return found
 
 
+FOLDERS = {"machine": "machines", "job": "jobs", "study": "studies"}
+
+
 def called(one: Sample) -> str:
-    return f"{one.kind}s.{one.name}"
+    return f"{FOLDERS.get(one.kind, one.kind)}.{one.name}"
 
 
 def test_the_schemas_are_schemas() -> None:

@@ -112,6 +112,8 @@ class _Definitions:
         if issubclass(kind, Section):
             needed += self._of_section(kind)
             found["additionalProperties"] = kind.is_open
+            if kind.is_open:  # its keys of other files are not looked at
+                del properties["kind"]
         found |= {"allOf": needed} if needed else {}
         return self._with_inlined(kind, found) if issubclass(kind, Section) and kind.inlined else found
 
