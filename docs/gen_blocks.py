@@ -23,7 +23,8 @@ from mkdocs.structure.files import File
 
 import feeddrive
 from feeddrive.blocks.catalogue import catalogue
-from feeddrive.files.from_toml import Hint, hints, members
+from feeddrive.files.from_toml import Hint, hints
+from feeddrive.files.from_toml import members as members_of
 from feeddrive.files.section import VARIED, Section
 from feeddrive.language.block import Block
 from feeddrive.language.declaration import Declaration, Declared, declarations, defaults
@@ -179,9 +180,8 @@ def keys_of(section: type[Section], key: str, shown: set[type[Section]], *, many
             yield row(section, name, declared)
         inner = key if declared.inline else ".".join(filter(None, (key, name)))
         inner += ".NAME" if declared.role == "named" else ""
-        for member in members(hint).values() if isinstance(hint, Hint) else ():
-            if issubclass(member, Section):
-                below.append((member, inner, hint.many))
+        held = members_of(hint).values() if isinstance(hint, Hint) else ()
+        below += [(member, inner, hint.many) for member in held if issubclass(member, Section)]
     yield ""
     for member, inner, is_list in below:
         if member not in shown:

@@ -4,7 +4,7 @@ title = "A series of ball-screw axes"
 job = "ball_screw"                 # a job file beside this one, or a bundled one; or all keys of a job here
 row = "today"                      # which of its laws
 sampler = "sobol"                  # grid, latin_hypercube, sobol, monte_carlo or saltelli
-count = 200                        # variants; of saltelli points of k + 2 variants; none of a grid
+count = 200                        # variants; of saltelli the points, each of which has k + 2 variants; none of a grid
 seed = 15
 measure = ["following_error_rms_m", "stiffness_least_N_per_m"]
 [specification]                    # what makes a good machine
@@ -60,9 +60,7 @@ class StudySection(Section):
     )
     row: str = text("which law of the job runs, where no choice says otherwise", default="today")
     sampler: str = choice("how variants are drawn", options=SAMPLERS, default="monte_carlo")
-    count: int | None = choice(
-        "variants; of saltelli the points, each of which has k + 2 variants; none of a grid", least=1, default=None
-    )
+    count: int | None = choice("variants; of saltelli points of k + 2 variants; none of a grid", least=1, default=None)
     chunk: int | None = choice("variants that are computed together", least=1, most=1_000_000, default=None)
     seed: int = choice("of the sampler", least=0, most=2**53 - 1, default=0)
     noise: str = choice(
