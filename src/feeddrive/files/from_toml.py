@@ -236,12 +236,14 @@ def _read(hint: Hint, table: TomlTable, around: _Around) -> Any:
     if wrong:
         raise table.error(f"{_prefix(table)}{wrong}")
     inline = _inline(kind)
-    of_inline: dict[str, Any] = {}
-    for key, value in table.values.items():
-        if key in around.besides or (key == "kind" and _names_kind(kind, value)):
-            continue
-        if inline and not _is_of(key, declared, inline):
-            of_inline[key] = value
+    values = {key: value for key, value in table.values.items() if key not in around.besides}
+    if inline:  # first, since what a section is about stands in it
+        own = {key for key in values if _is_of(key, declared, inline)}
+        others = {key: value for key, value in values.items() if key not in own}
+        found[inline] = _read(hints(kind)[inline], replace(table, values=others), _Around())
+        values = {key: value for key, value in values.items() if key in own}
+    for key, value in values.items():
+        if key == "kind" and _names_kind(kind, value):
             continue
         if issubclass(kind, Section) and kind.is_open and key not in declared:
             continue
@@ -252,8 +254,6 @@ def _read(hint: Hint, table: TomlTable, around: _Around) -> Any:
             )
         keys[name] = key
         found[name] = _value(kind, table, key, name, declared[name], factor, replace(around, besides=frozenset()))
-    if inline:
-        found[inline] = _read(hints(kind)[inline], replace(table, values=of_inline), _Around())
     missing = [name for name in declared if name not in found and name not in defaults(kind)]
     if missing:
         _refuse_missing(kind, table, missing)
