@@ -16,9 +16,9 @@ from pathlib import Path
 
 from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
 from feeddrive.comparison.compare import compare_laws
-from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import read_machine
+from feeddrive.files.to_toml import to_toml
 from feeddrive.loop.control import Control
 from feeddrive.tuning.iterative_feedforward import compensated
 from feeddrive.tuning.trials import iterate_trials

@@ -26,8 +26,8 @@ import rounds
 import workload
 from batch import BOUND, ByHand
 
-from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.machine import machine_toml
+from feeddrive.files.to_toml import to_toml
 from feeddrive.language import tree
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.runner import Prepared

@@ -2,7 +2,7 @@
 
 - one page a block, from its declarations: equations, and parameters with unit, meaning, bounds and default;
 - the page of the public functions and results, from their docstrings;
-- the JSON Schemas of machine and job files;
+- the page of the keys of files, from the declarations of their sections, and the JSON Schemas of the files;
 - GLOSSARY, DESIGN, CONTRIBUTING and CHANGELOG of the root, so that they stand once.
 """
 
@@ -13,7 +13,7 @@ import inspect
 import json
 import re
 from collections.abc import Iterator
-from dataclasses import MISSING, fields
+from dataclasses import replace
 from pathlib import Path
 from textwrap import indent
 from types import GenericAlias, UnionType
@@ -23,9 +23,13 @@ from mkdocs.structure.files import File
 
 import feeddrive
 from feeddrive.blocks.catalogue import catalogue
-from feeddrive.files.schema import job_schema, machine_schema
-from feeddrive.language.block import Block, Declaration, declarations
+from feeddrive.files.from_toml import Hint, hints
+from feeddrive.files.from_toml import members as members_of
+from feeddrive.files.section import VARIED, Section
+from feeddrive.language.block import Block
+from feeddrive.language.declaration import Declaration, Declared, declarations, defaults
 from feeddrive.language.lazy_package import public_names
+from feeddrive.workflow.schemas import FILES, schemas
 
 ROOT = Path(__file__).parent.parent
 WHOLE = ("GLOSSARY.md", "DESIGN.md", "CONTRIBUTING.md", "CHANGELOG.md")
@@ -49,7 +53,8 @@ def on_files(files: Any, config: Any) -> Any:
     for block in all_blocks():
         files.append(File.generated(config, place(block), content=page(block)))
     files.append(File.generated(config, "python.md", content=python()))
-    for name, schema in (("machine", machine_schema()), ("job", job_schema())):
+    files.append(File.generated(config, "keys.md", content=keys()))
+    for name, schema in schemas().items():
         files.append(File.generated(config, f"schema/{name}.schema.json", content=json.dumps(schema, indent=1)))
     return files
 
@@ -120,23 +125,67 @@ def page(block: type[Block]) -> str:
     return "\n".join([*lines, "", f"Source: `src/{source}`", ""])
 
 
-def row(block: type[Block], name: str, declared: Declaration) -> str:
+def row(kind: type[Declared], name: str, declared: Declaration) -> str:
     """One field in the table."""
+    unit = declared.unit or "1" if declared.role in ("parameter", "table") else ""
+    if declared.unit == VARIED:
+        unit, declared = "of what varies", replace(declared, unit="")
     allowed = ", ".join(f"`{option}`" for option in declared.options) or declared.bounds()
     role = "" if declared.role == "parameter" else f" ({declared.role})"
-    cells = (f"`{name}`{role}", declared.unit or "1" if declared.role in ("parameter", "table") else "",
-             declared.meaning, allowed, default(block, name))  # fmt: skip
+    cells = (f"`{name}`{role}", unit, declared.meaning, allowed, default(kind, name))
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
-def default(block: type[Block], name: str) -> str:
+def default(kind: type[Declared], name: str) -> str:
     """A default in words."""
-    value = next(spec.default for spec in fields(block) if spec.name == name)  # type: ignore[arg-type]
-    if value is MISSING:
+    if name not in defaults(kind):
         return "required"
-    if value is None or value == ():
+    value = defaults(kind)[name]
+    if value is None or value in ((), {}, ""):
         return "absent"
     return f"`{value.kind}`" if isinstance(value, Block) else f"`{value}`"
+
+
+def keys() -> str:
+    """The keys of all files."""
+    lines = [
+        "# Keys of files",
+        "",
+        "Every key, its unit, meaning and bounds, as the files are read. A number may be given in another unit of the "
+        "same dimension, which its key then names: `duration_min`. [Blocks](index.md) are chosen by `kind` and have "
+        "pages of their own; [Units and files](files.md) explains the files.",
+        "",
+    ]
+    for name, section in FILES.items():
+        lines += [f"## {name.capitalize()} file", "", *keys_of(section, "", set())]
+    return "\n".join(lines)
+
+
+def keys_of(section: type[Section], key: str, shown: set[type[Section]], *, many: bool = False) -> Iterator[str]:
+    """The keys of a section and of those in it, each of which is shown once in a file."""
+    shown.add(section)
+    if key:
+        yield from [f"### `[[{key}]]`" if many else f"### `[{key}]`", ""]
+    yield from [docstring(section), "", "| key | unit | meaning | bounds | default |", "|---|---|---|---|---|"]
+    if section.needs_kind:
+        yield f'| `kind` |  | `"{section.kind}"` |  | required |'
+    below: list[tuple[type[Section], str, bool]] = []
+    for name, declared in declarations(section).items():
+        hint = hints(section).get(name)
+        if declared.inline:
+            kind = hint.classes[0]
+            link = f"[{kind.__name__}]({place(kind)})" if issubclass(kind, Block) else kind.__name__
+            yield f"| those of {link} |  | {declared.meaning} |  |  |"
+        else:
+            yield row(section, name, declared)
+        inner = key if declared.inline else ".".join(filter(None, (key, name)))
+        inner += ".NAME" if declared.role == "named" else ""
+        held = members_of(hint).values() if isinstance(hint, Hint) else ()
+        below += [(member, inner, hint.many) for member in held if issubclass(member, Section)]
+    yield ""
+    for member, inner, is_list in below:
+        if member not in shown:
+            yield from keys_of(member, inner, shown, many=is_list)
 
 
 def python() -> str:

@@ -19,7 +19,7 @@ from slow_share import all_but
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
-GENERATED = {"docs/python.md"}  # pages that exist only in the built site
+GENERATED = {"docs/python.md", "docs/keys.md"}  # pages that exist only in the built site
 COMPILER = next((found for name in ("gcc", "cc", "clang") if (found := shutil.which(name))), None)
 COMMANDS = ("console", "sh", "text", "powershell")
 
@@ -192,6 +192,34 @@ def test_the_error_that_the_documentation_shows_is_the_one_that_comes(tmp_path: 
         read_machine(wrong)
     said = str(caught.value).replace(f"{wrong}", "my_mill.toml").replace(f"{tmp_path}/", "")
     assert said in page.read_text(encoding="utf-8")
+
+
+def test_the_page_of_the_keys_has_each_that_a_file_may_hold():
+    from feeddrive.files.from_toml import Hint, hints, members
+    from feeddrive.files.section import Section
+    from feeddrive.language.declaration import declarations
+    from feeddrive.workflow.schemas import FILES
+
+    spec = importlib.util.spec_from_file_location("gen_blocks", ROOT / "docs/gen_blocks.py")
+    assert spec is not None
+    assert spec.loader is not None
+    pages = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(pages)
+    parts = re.split(r"^## ", pages.keys(), flags=re.MULTILINE)[1:]
+    assert [part.split(" file\n")[0].lower() for part in parts] == list(FILES)
+
+    def check(section: type[Any], part: str) -> None:
+        assert section.__doc__.split("\n")[0] in part
+        for name, declared in declarations(section).items():
+            assert declared.inline or f"| `{name}`" in part, f"{section.__name__}.{name}"
+            assert declared.meaning in part, f"{section.__name__}.{name}"
+            hint = hints(section).get(name)
+            for inner in members(hint).values() if isinstance(hint, Hint) else ():
+                if issubclass(inner, Section):
+                    check(inner, part)
+
+    for section, part in zip(FILES.values(), parts, strict=True):
+        check(section, part)
 
 
 @pytest.mark.slow(reason="a page of commands is walked; every command and option of it is checked quickly")

@@ -12,8 +12,8 @@ import pytest
 
 import feeddrive.blocks
 import feeddrive.loop
-from feeddrive.language.block import Block, declarations
-from feeddrive.language.declaration import Declaration
+from feeddrive.language.block import Block
+from feeddrive.language.declaration import Declaration, declarations
 from feeddrive.language.units import factor, measure
 from feeddrive.loop.linearize import INPUT_UNITS
 from feeddrive.loop.loop import UNITS

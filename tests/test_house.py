@@ -105,7 +105,8 @@ _RECORDED = ["reading_load", "force"]
 
 
 def follow_a_law(_: Path) -> None:
-    from feeddrive.files.schema import machine_schema
+    from feeddrive.files.machine import MachineSection
+    from feeddrive.files.schema import schema_of
     from feeddrive.tuning.candidates import candidates
 
     loop = fd.read_machine("linear_motor").loop("x")
@@ -116,7 +117,7 @@ def follow_a_law(_: Path) -> None:
     fd.linearize(loop, ["cut"], ["force"])
     fd.gradient(loop, move, ["axis.x.control.law.Kv"])
     candidates(loop)
-    machine_schema()
+    schema_of(MachineSection, "machine")
 
 
 @pytest.mark.parametrize(

@@ -15,11 +15,13 @@ from hypothesis import strategies as st
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.blocks.families import Force, Friction, Law, Plant, Reference
 from feeddrive.blocks.plant.two_mass import TwoMass
-from feeddrive.files.blocks_from_toml import read_block
-from feeddrive.files.blocks_to_toml import to_toml
+from feeddrive.files.from_toml import read_block, read_section
+from feeddrive.files.section import Section, text
+from feeddrive.files.to_toml import to_toml
 from feeddrive.files.toml_file import parse_toml
 from feeddrive.language import tree, units
-from feeddrive.language.block import Block, choice, declarations, parameter, part, table
+from feeddrive.language.block import Block, choice, parameter, part, table
+from feeddrive.language.declaration import declarations
 from feeddrive.language.errors import FeeddriveError, ParameterError, StructureError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
@@ -262,8 +264,16 @@ def test_what_is_wrong_with_every_kind_of_field(text: str, message: str) -> None
 
 
 def test_keys_of_somebody_else_are_left_alone() -> None:
-    section = parse_toml(TWO_MASS + "note = 'x'\n", "m.toml").root()
-    assert read_block(Plant, section, besides=["note"]).mass_load == 350.0
+    class Bench(Section):
+        """A plant whose keys stand among those of a section."""
+
+        title: str = text("of the bench")
+        plant: Plant = part("the mechanics", inline=True)
+
+    table = parse_toml("title = 'a'\n" + TWO_MASS + "note = 'x'\n", "m.toml").root()
+    bench = read_section(Bench, table, besides=["note"])
+    assert isinstance(bench.plant, TwoMass)
+    assert (bench.title, bench.plant.mass_load) == ("a", 350.0)
 
 
 def test_the_text_explains_itself() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from feeddrive.files.toml_file import Key, Section, TomlFile, lines_of_keys, parse_toml, read_toml
+from feeddrive.files.toml_file import Key, TomlFile, TomlTable, lines_of_keys, parse_toml, read_toml
 from feeddrive.language.errors import FileError, ParameterError, plain, shown
 from fresh_draws import Seeded
 from slow_share import all_but
@@ -265,7 +265,7 @@ def test_the_largest_files_come_to_an_end(text: str, most: int) -> None:
     assert outcome(text[:most]) is not None
 
 
-def section(text: str) -> Section:
+def section(text: str) -> TomlTable:
     return parse_toml(text, "m.toml").root()
 
 

@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 
 from feeddrive.files.columns import OWN_UNIT, ROLES, Column
 from feeddrive.files.guess import guess_roles, write_roles
-from feeddrive.files.job_log import read_request
 from feeddrive.files.mapping import Mapping
-from feeddrive.files.read_log import read_log
+from feeddrive.files.read_log import read_log, read_request
 from feeddrive.language.errors import LogError, ParameterError
 
 # of each quantity, in the spelling of makers too
@@ -147,7 +146,10 @@ def test_the_axis_that_was_typed_is_in_the_file(tmp_path: Path) -> None:
     [
         ('force = { column = "f", factor = 0 }', r"roles\.toml:4: log\.channels\.force: .* that is not 0"),
         ('force = { column = "f", unit = "mm" }', r"roles\.toml:4: log\.channels\.force: unit 'mm' does not measure"),
-        ('force = { column = "f", reason = 1 }', r"roles\.toml:4: log\.channels\.force must be the name of a column"),
+        (
+            'force = { column = "f", reason = 1 }',
+            r"roles\.toml:4: log\.channels\.force\.reason must be a text in quotes",
+        ),
         ('force = { column = "f", why = "so" }', r"roles\.toml:4: key 'log\.channels\.force\.why' is not known"),
         ('push = "f"', r"roles\.toml:4: key 'log\.channels\.push' is not known"),
     ],

@@ -14,7 +14,7 @@ from feeddrive.comparison.figures import Duty
 from feeddrive.comparison.judge import sliding
 from feeddrive.comparison.tune_all import Rule
 from feeddrive.files.job import read_job
-from feeddrive.files.toml_file import Section, TomlFile, read_toml
+from feeddrive.files.toml_file import TomlFile, TomlTable, read_toml
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.loop.axis import Axis
@@ -145,7 +145,7 @@ def read_rules(version: int = VERSION) -> Rules:
     return Rules(version=root.values["version"], **numbers, plants={each.name: each for each in plants})
 
 
-def _plant(section: Section, jobs: Path, noise: float) -> Plant:
+def _plant(section: TomlTable, jobs: Path, noise: float) -> Plant:
     """A plant from its entry in the rules and its job: the move, and what cuts."""
     section.refuse_unknown(_PLANT)
     values = section.values

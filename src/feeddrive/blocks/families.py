@@ -27,7 +27,8 @@ from feeddrive.blocks.live_change import Retuned, RetunedUnprepared
 from feeddrive.blocks.reference.stretches import Stretch
 from feeddrive.blocks.signals import Estimate, Motion, Noise, Reading, Setpoint
 from feeddrive.language import matrix
-from feeddrive.language.block import Block, Number, Rule, declarations
+from feeddrive.language.block import Block, Number, Rule
+from feeddrive.language.declaration import declarations
 from feeddrive.language.matrix import Matrix, Row
 
 

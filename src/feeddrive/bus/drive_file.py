@@ -20,19 +20,19 @@ following_error_mm = 1
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 
-from feeddrive.files.blocks_from_toml import read_block
+from feeddrive.files.from_toml import read_section
+from feeddrive.files.section import Section, text
 from feeddrive.files.toml_file import read_toml
-from feeddrive.language.block import Block, Number, choice, parameter, part
+from feeddrive.language.block import Number, choice, parameter, part
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 
 MOST_WATCH = 6.5  # s that the registers of a watchdog hold
 
 
-class BusLimits(Block):
+class BusLimits(Section):
     """Limits at which a motion over the bus is aborted. Each must be stated, since none has a safe default.
 
     They are checked here in every cycle, and written into the drive as far as it has objects for them.
@@ -54,7 +54,7 @@ class BusLimits(Block):
     quick_stop_deceleration: Number = parameter("m/s2", "with which a quick stop brakes", above=0, default=2.0)
 
 
-class BusDrive(Block):
+class BusDrive(Section):
     """A CiA 402 drive on a bus, as a drive file describes it."""
 
     bus: str = choice("ethercat or canopen", options=("ethercat", "canopen"))
@@ -115,31 +115,25 @@ class BusDrive(Block):
         return (self.late_cycles + self.lost_frames) * self.cycle_time
 
 
-@dataclass(frozen=True)
-class DriveFile:
-    """The content of a drive file; `axis` is that of a plan which the drive moves, empty if none is named."""
+class DriveFile(Section):
+    """A drive on a bus, as a drive file describes it."""
 
-    name: str
-    interface: str
-    bitrate: int | None
-    drive: BusDrive
-    axis: str = ""
+    interface: str = text(
+        "interface of the bus; of canopen with its kind", shortest=1, example='"eth1" or "socketcan:can0"'
+    )
+    bitrate: int | None = choice("of canopen, bits per second; absent: as it is set", least=1, default=None)
+    axis: str = text("axis of a plan that the drive moves; empty if none is named", default="")
+    drive: BusDrive = part("the drive, whose keys stand here", inline=True)
+
+    @property
+    def name(self) -> str:
+        """The file that it was read from."""
+        return "" if self.read_from is None else self.read_from.file.name
 
 
 def read_drive(path: str | Path) -> DriveFile:
     """Read a drive file. Raises FileError and ParameterError with file and line."""
-    file = read_toml(path, "a drive file")
-    root = file.root()
-    drive = read_block(BusDrive, root, besides={"interface", "bitrate", "axis"})
-    interface, bitrate = root.values.get("interface"), root.values.get("bitrate")
-    if not isinstance(interface, str) or not interface:
-        raise root.error('interface is missing: name it as a text, as "eth1" or "socketcan:can0"', "interface")
-    if bitrate is not None and (isinstance(bitrate, bool) or not isinstance(bitrate, int) or bitrate <= 0):
-        raise root.error("bitrate must be a whole number of bits per second, as 1000000", "bitrate")
-    axis = root.values.get("axis", "")
-    if not isinstance(axis, str):
-        raise root.error('axis must be the name of an axis in quotes: axis = "x"', "axis")
-    return DriveFile(file.name, interface, bitrate, drive, axis)
+    return read_section(DriveFile, read_toml(path, "a drive file").root())
 
 
 def interpolation_time(cycle_time: float) -> tuple[int, int]:
@@ -149,7 +143,7 @@ def interpolation_time(cycle_time: float) -> tuple[int, int]:
     return min(fitting, key=lambda each: (round(abs(each[0] * 10.0 ** each[1] / cycle_time - 1.0), 6), each[1]))
 
 
-class DriveScaling(Block):
+class DriveScaling(Section):
     """Length of one increment, and force of one thousandth of the rated torque, at the table.
 
         increment = lead / (gear · counts_per_turn)                       of a motor that turns

@@ -14,7 +14,7 @@ from feeddrive.export.linuxcnc import component
 from feeddrive.export.manifest import readme, write_bundle
 from feeddrive.export.parameters.quantities import SAFETY, Cascade, LostPart, kv_lines, numbers, read_cascade
 from feeddrive.export.stock_pids import Difference, difference, left_out, require_stable_pids, stock_law, stock_loop
-from feeddrive.language.block import declarations
+from feeddrive.language.declaration import declarations
 from feeddrive.language.errors import ParameterError
 
 JOINTS = 16  # of a LinuxCNC

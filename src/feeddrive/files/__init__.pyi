@@ -1,6 +1,5 @@
 """Files people touch: TOML in and out, measured logs, runs, result directories."""
 
-from feeddrive.files.blocks_to_toml import to_toml as to_toml
 from feeddrive.files.columns import Column as Column
 from feeddrive.files.comp_file import comp_text as comp_text
 from feeddrive.files.comp_file import read_comp_file as read_comp_file
@@ -19,7 +18,6 @@ from feeddrive.files.handover import write_csv as write_csv
 from feeddrive.files.handover import write_mat as write_mat
 from feeddrive.files.job import Job as Job
 from feeddrive.files.job import read_job as read_job
-from feeddrive.files.job_log import read_request as read_request
 from feeddrive.files.log import Log as Log
 from feeddrive.files.log import write_log as write_log
 from feeddrive.files.machine import MachineFile as MachineFile
@@ -27,3 +25,5 @@ from feeddrive.files.machine import read_machine as read_machine
 from feeddrive.files.mapping import Mapping as Mapping
 from feeddrive.files.read_log import read_arrays as read_arrays
 from feeddrive.files.read_log import read_log as read_log
+from feeddrive.files.read_log import read_request as read_request
+from feeddrive.files.to_toml import to_toml as to_toml

@@ -31,42 +31,81 @@ from typing import Any, ClassVar, TypeAlias
 from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.blocks.machine_families import Coupling
-from feeddrive.files.blocks_from_toml import read_block
-from feeddrive.files.job_log import LogRequest, log_request, whole
-from feeddrive.files.job_program import PlannedProgram, read_planned
+from feeddrive.files.cutting import ProcessSection
+from feeddrive.files.from_toml import read_field, read_section
 from feeddrive.files.machine import MachineFile, found, read_machine
-from feeddrive.files.toml_file import Key, Section, TomlFile, read_toml
-from feeddrive.files.toml_values import optional_text
+from feeddrive.files.mapping import LogSection
+from feeddrive.files.planned_program import PlannedProgram, ProgramSection, planned_program
+from feeddrive.files.read_log import LogRequest, log_request
+from feeddrive.files.section import Section, file_name, named, numbers, text
+from feeddrive.files.toml_file import Key, TomlFile, TomlTable, read_toml
 from feeddrive.language import tree
+from feeddrive.language.block import Number, choice, parameter, part
+from feeddrive.language.declaration import declarations
 from feeddrive.language.errors import FeeddriveError, FileError, ParameterError, nearest, plain
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine, System
 
-KEYS = (
-    "title",
-    "machine",
-    "axis",
-    "seed",
-    "rule",
-    "duration",
-    "reference",
-    "load",
-    "others",
-    "law",
-    "log",
-    "program",
-    "process",
-)
 
-
-@dataclass(frozen=True)
-class Other:
+class Other(Section):
     """Motion and load of an axis other than that of the rows; without a reference it stands still."""
 
-    reference: Reference | None = None
-    load: Load | None = None
+    reference: Reference | None = part("its motion", default=None)
+    load: Load | None = part("a force on its table", default=None)
+
+
+class ControlOfAxis(Section):
+    """The control of another axis in a row."""
+
+    control: Control = part("all that runs on the controller")
+
+
+class LawSection(Section):
+    """A row of the comparison."""
+
+    exactly: ClassVar[tuple[tuple[str, ...], ...]] = (("set",), ("control", "axis"))
+    needs: ClassVar[str] = (
+        "a row needs either set = { ... } or sections: [law.control] for the axis of the rows, "
+        "[law.axis.NAME.control] for others"
+    )
+
+    name: str = text("of the row; not that of another row, and not 'today'", shortest=1, example='"half the gain"')
+    control: Control | None = part("control of the axis of the rows, in place of today's", default=None)
+    axis: Mapping[str, ControlOfAxis] | None = named(
+        "controls of axes by name: [law.axis.y.control]", least=1, absent=True
+    )
+    set: Mapping[str, float] | None = numbers(
+        'changes of today\'s control by path: { "axis.x.control.law.Kv" = 80 }', default=None,
+        example="choices need a whole [law.control]",
+    )  # fmt: skip
+
+
+class JobSection(Section):
+    """A job: a machine, its motion and loads, and the laws to compare on it."""
+
+    exactly: ClassVar[tuple[tuple[str, ...], ...]] = (("reference",), ("log",), ("program",))
+    needs: ClassVar[str] = "a job needs one of the sections [reference], [log] and [program]"
+
+    title: str | None = text("of the report", default=None)
+    machine: str = file_name("machine file beside the job, or the name of a bundled one", example='"file.toml"')
+    axis: str | None = text("name of the axis of the rows, if the machine has several", default=None)
+    seed: int = choice("of the noise", least=0, most=2**53 - 1, default=0)
+    rule: str = text("what makes the rows comparable; printed in the report", default="")
+    duration: Number | None = parameter("s", "of the runs", above=0, below=1e6, default=None)
+    reference: Reference | None = part("the motion", default=None)
+    load: Load | None = part("a force on the table", default=None)
+    others: Mapping[str, Other] = named("motions of the other axes: [others.y.reference]; axes without one stand still")
+    log: LogSection | None = part("a measured log, whose reference is replayed", default=None)
+    program: ProgramSection | None = part("a part program, planned, which moves all axes that it names", default=None)
+    process: ProcessSection | None = part("what the part program cuts", default=None)
+    law: tuple[LawSection, ...] = part("rows of the comparison after today's control", default=())
+
+    def check(self) -> None:
+        """A process is one of a part program."""
+        if self.process is not None and self.program is None:
+            raise self.error("[process] says what a part program cuts, and there is no [program]", "process")
 
 
 @dataclass(frozen=True, repr=False)
@@ -139,37 +178,32 @@ def job_of(
     Raises as `read_job`.
     """
     root = file.root()
-    root.refuse_unknown(KEYS)
+    root.refuse_unknown(declarations(JobSection))
     machine = _machine(root, place, values)
-    name = _axis(root, machine)
-    given = [each for each in ("reference", "log", "program") if root.optional(each) is not None]
-    if len(given) != 1:
-        told = f", not {' and '.join(f'[{each}]' for each in given)}: each gives the reference" if given else ""
-        raise root.error(f"a job needs one of the sections [reference], [log] and [program]{told}")
-    if root.optional("process") is not None and given[0] != "program":
-        raise root.error("[process] says what a part program cuts, and there is no [program]", "process")
-    others = _others(root, machine, name)
-    program, others = _program(root, place, machine, others, name)
-    root = replace(root, turning=machine.loops[name].axis.rotary)
-    together = machine.machine(*_cuts(root, program, machine)) if others or program or machine.coupled(name) else None
-    rows = _laws(root, machine.loops[name], together)
-    request = log_request(root, place, log)
-    if request is not None and together is not None:
-        raise root.error(
+    axis = _axis(root, machine)
+    section = read_section(JobSection, replace(root, turning=_turning(root, machine, axis)))
+    if log is not None and section.log is None:
+        raise section.error("a log was given, but the job has no section [log] that assigns its columns")
+    others = _others(section, machine, axis)
+    program, others = _program(section, place, machine, others, axis)
+    coupled = others or program or machine.coupled(axis)
+    together = machine.machine(*_cuts(section, program, machine)) if coupled else None
+    if section.log is not None and together is not None:
+        raise section.error(
             "log: a log is replayed on one axis alone, here several run together: give a [reference]", "log"
         )
-    load = root.optional("load")
+    rows = _laws(section, machine.loops[axis], together)
     return Job(
-        title=optional_text(root, "title") or place.stem,
-        rule=optional_text(root, "rule") or "",
+        title=section.title or place.stem,
+        rule=section.rule,
         machine=machine,
-        axis=name,
-        seed=whole(root, "seed", 0),
-        duration=_duration(root),
-        reference=_reference(root, program, name),
-        load=None if load is None else read_block(Load, load),  # type: ignore[type-abstract]
-        log=request,
-        loops={row: each.loops()[name] for row, each in rows.items()},
+        axis=axis,
+        seed=section.seed,
+        duration=section.duration,
+        reference=_reference(section, program, axis),
+        load=section.load,
+        log=None if section.log is None else log_request(section.log, place, log),
+        loops={row: each.loops()[axis] for row, each in rows.items()},
         file=file,
         others=others,
         machines={row: each for row, each in rows.items() if isinstance(each, Machine)},
@@ -177,10 +211,20 @@ def job_of(
     )
 
 
-def _axis(root: Section, machine: MachineFile) -> str:
+def _machine(root: TomlTable, place: Path, values: Mapping[Key, Any]) -> MachineFile:
+    """The machine that the job names."""
+    name = read_field(JobSection, root, "machine")
+    beside = place.parent / name
+    try:
+        return read_machine(beside if beside.exists() else name, quoting=False, values=values)
+    except FileError as error:
+        raise type(error)(f"{root.where('machine')}: machine: {error}") from None
+
+
+def _axis(root: TomlTable, machine: MachineFile) -> str:
     """The axis of the rows: the one that is named, the only one, or of a part program the first one."""
-    axis = optional_text(root, "axis")
-    if axis is None and root.optional("program") is not None:
+    axis = read_field(JobSection, root, "axis")
+    if axis is None and "program" in root.values:
         return next(iter(machine.loops))
     try:
         return machine.named(axis)
@@ -188,9 +232,20 @@ def _axis(root: Section, machine: MachineFile) -> str:
         raise root.error(f"axis: {error}", "axis") from None
 
 
-def _cuts(root: Section, program: PlannedProgram | None, machine: MachineFile) -> tuple[Coupling, ...]:
+def _turning(root: TomlTable, machine: MachineFile, axis: str) -> dict[Key, bool]:
+    """By the begin of a key whether its section is about an axis that turns."""
+    turns = {name: loop.axis.rotary for name, loop in machine.loops.items()}
+    found: dict[Key, bool] = dict.fromkeys((("reference",), ("load",), ("law",)), turns[axis])
+    found |= {("others", name): rotary for name, rotary in turns.items()}
+    laws = root.values.get("law")
+    for row in range(len(laws) if isinstance(laws, list) else 0):
+        found |= {("law", row, "axis", name): rotary for name, rotary in turns.items()}
+    return found
+
+
+def _cuts(section: JobSection, program: PlannedProgram | None, machine: MachineFile) -> tuple[Coupling, ...]:
     """The cuts of the process, as couplings of the machine."""
-    process = root.optional("process")
+    process = section.process
     if process is None or program is None:
         return ()
     own = next((i for i, each in enumerate(machine.couplings) if isinstance(each, MillingCut)), None)
@@ -206,147 +261,95 @@ def _cuts(root: Section, program: PlannedProgram | None, machine: MachineFile) -
         raise process.error(f"{error}") from None
 
 
-def _reference(root: Section, program: PlannedProgram | None, axis: str) -> Reference | None:
+def _reference(section: JobSection, program: PlannedProgram | None, axis: str) -> Reference | None:
     """The motion of the axis of the rows; None for that of a log."""
-    section = root.optional("reference")
     if program is None:
-        return None if section is None else read_block(Reference, section)  # type: ignore[type-abstract]
+        return section.reference
     if axis not in program.references:
-        raise root.error(
+        raise section.error(
             f"axis: a part program does not move axis '{axis}': name one of {', '.join(program.references)}", "axis"
         )
     return program.references[axis]
 
 
 def _program(
-    root: Section, place: Path, machine: MachineFile, others: dict[str, Other], axis: str
+    section: JobSection, place: Path, machine: MachineFile, others: dict[str, Other], axis: str
 ) -> tuple[PlannedProgram | None, dict[str, Other]]:
     """The planned program of a job, if it has one, and the motions of the other axes with those that it moves."""
-    section = root.optional("program")
-    if section is None:
+    if section.program is None:
         return None, others
     for name, other in others.items():
         if other.reference is not None and len(name) == 1:
-            raise root.error(f"others.{name}.reference: the program gives the motions of all axes: leave it out")
-    found = read_planned(section, place, machine, root.optional("process"))
-    moving = {name: each for name, each in found.references.items() if name != axis}
-    return found, {**others, **{name: Other(each, others.get(name, Other()).load) for name, each in moving.items()}}
+            raise section.error(f"others.{name}.reference: the program gives the motions of all axes: leave it out")
+    program = planned_program(section.program, place, machine, section.process)
+    moving = {
+        name: Other(reference=reference, load=others.get(name, Other()).load)
+        for name, reference in program.references.items()
+        if name != axis
+    }
+    return program, {**others, **moving}
 
 
-def _machine(root: Section, place: Path, values: Mapping[Key, Any]) -> MachineFile:
-    name = optional_text(root, "machine")
-    if name is None:
-        raise root.error('machine is missing: machine = "file.toml", or the name of a bundled machine')
-    beside = place.parent / name
-    try:
-        return read_machine(beside if beside.exists() else name, quoting=False, values=values)
-    except FileError as error:
-        raise type(error)(f"{root.where('machine')}: machine: {error}") from None
-
-
-def _others(root: Section, machine: MachineFile, axis: str) -> dict[str, Other]:
+def _others(section: JobSection, machine: MachineFile, axis: str) -> dict[str, Other]:
     """Motions and loads of the other axes."""
-    section = root.optional("others")
-    found: dict[str, Other] = {}
-    for name in () if section is None else section.values:
-        assert section is not None
-        if name not in machine.loops or name == axis:
-            there = [each for each in machine.loops if each != axis]
-            raise section.error(
-                f"{section.dotted(name)}: there is no other axis '{name}' beside '{axis}'{nearest(name, there)}", name
+    there = [name for name in machine.loops if name != axis]
+    for name, other in section.others.items():
+        if name not in there:
+            raise other.error(
+                f"{other.dotted()}: there is no other axis '{name}' beside '{axis}'{nearest(name, there)}"
             )
-        own = replace(section.section(name), turning=machine.loops[name].axis.rotary)
-        own.refuse_unknown(("reference", "load"))
-        reference, load = own.optional("reference"), own.optional("load")
-        found[name] = Other(
-            None if reference is None else read_block(Reference, reference),  # type: ignore[type-abstract]
-            None if load is None else read_block(Load, load),  # type: ignore[type-abstract]
-        )
-    return found
+    return dict(section.others)
 
 
-def _laws(root: Section, today: Loop, machine: Machine | None) -> dict[str, System]:
+def _laws(job: JobSection, today: Loop, machine: Machine | None) -> dict[str, System]:
     """The rows: the axis, or with a machine all its axes, under today's control and under the others."""
     whole: System = today if machine is None else machine
-    found = {"today": whole}
-    for section in root.listed("law"):
-        section.refuse_unknown(("name", "control", "axis", "set"))
-        name = optional_text(section, "name")
-        if not name or name in found:
-            raise section.error(
-                f"{section.dotted('name')} must be a text that no other row has, and not 'today'", "name"
-            )
-        controls, changes = _controls(section, today, machine), section.optional("set")
-        if bool(controls) == (changes is not None):
-            raise section.error(
-                f"row '{name}' needs either set = {{ ... }} or sections: [law.control] for the axis of the rows, "
-                "[law.axis.NAME.control] for others"
-            )
-        if changes is not None:
-            found[name] = _varied(section, changes, whole)
+    rows = {"today": whole}
+    for law in job.law:
+        if law.name in rows:
+            raise law.error(f"{law.dotted('name')} must be a text that no other row has, and not 'today'", "name")
+        if law.set is not None:
+            rows[law.name] = _varied(law, law.set, whole)
         else:
-            found[name] = controls[today.name] if machine is None else machine.with_loops(controls)
-    return found
+            controls = _controls(law, today, machine)
+            rows[law.name] = controls[today.name] if machine is None else machine.with_loops(controls)
+    return rows
 
 
-def _controls(section: Section, today: Loop, machine: Machine | None) -> dict[str, Loop]:
+def _controls(law: LawSection, today: Loop, machine: Machine | None) -> dict[str, Loop]:
     """The axes of a row that have a control of their own in it."""
     loops = {today.name: today} if machine is None else machine.loops()
-    control = section.optional("control")
-    found = {} if control is None else {today.name: _replaced(control, today)}
-    for name, axis in section.named("axis").items() if section.optional("axis") is not None else ():
+    controls = {} if law.control is None else {today.name: _replaced(law, law.dotted("control"), law.control, today)}
+    for name, axis in (law.axis or {}).items():
         if name not in loops:
-            raise section.error(f"{axis.dotted()}: there is no axis '{name}' in the rows{nearest(name, loops)}", "axis")
-        if name in found:
-            raise section.error(f"axis '{name}' is given twice: by [law.control] and by [{axis.dotted()}]", "axis")
-        axis.refuse_unknown(("control",))
-        found[name] = _replaced(replace(axis.section("control"), turning=loops[name].axis.rotary), loops[name])
-    return found
+            raise law.error(f"{axis.dotted()}: there is no axis '{name}' in the rows{nearest(name, loops)}", "axis")
+        if name in controls:
+            raise law.error(f"axis '{name}' is given twice: by [law.control] and by [{axis.dotted()}]", "axis")
+        controls[name] = _replaced(axis, axis.dotted("control"), axis.control, loops[name])
+    return controls
 
 
-def _replaced(section: Section, today: Loop) -> Loop:
+def _replaced(section: Section, place: str, control: Control, today: Loop) -> Loop:
     """The loop under another control; a row without guard or limit has those of today."""
-    control = read_block(Control, section)
     guard = today.control.guard if control.guard is None else control.guard
     limit = today.control.force_limit if control.force_limit is None else control.force_limit
     try:
         return replace(today, control=replace(control, guard=guard, force_limit=limit))
     except FeeddriveError as error:
-        raise section.error(f"{section.dotted()}: {error}") from None
+        raise section.error(f"{place}: {error}", "control") from None
 
 
-def _varied(section: Section, changes: Any, whole: System) -> System:
-    values = dict(_flat(changes.values))
-    places = [each.place_of("control") for each in whole.loops().values()]
+def _varied(law: LawSection, values: Mapping[str, float], whole: System) -> System:
+    """The axes of a row that changes numbers of today's control."""
+    places = [loop.place_of("control") for loop in whole.loops().values()]
     if isinstance(whole, Machine):
         places += [f"couplings.{i}" for i, each in enumerate(whole.couplings) if each.controls]
-    for name, value in values.items():
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise changes.error(f"'{name}' must be a number in SI, not {value!r}: choices need a whole [law.control]")
+    for name in values:
         if not name.startswith((*(f"{place}." for place in places), "control.")):
-            raise changes.error(
-                f"'{name}' is not part of the control: a row changes what is under {' or '.join(places)}", name
+            raise law.error(
+                f"'{name}' is not part of the control: a row changes what is under {' or '.join(places)}", "set"
             )
     try:
         return tree.vary(whole, values)
     except FeeddriveError as error:
-        raise changes.error(f"{section.dotted('set')}: {error}") from None
-
-
-def _flat(values: Mapping[str, Any], prefix: str = "") -> Any:
-    """Dotted names, whether they were written in quotes or as nested tables."""
-    for key, value in values.items():
-        name = f"{prefix}{key}"
-        if isinstance(value, dict):
-            yield from _flat(value, f"{name}.")
-        else:
-            yield name, value
-
-
-def _duration(root: Section) -> float | None:
-    value = root.values.get("duration")
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < float(value) < 1e6:
-        raise root.error("duration must be a time in s, > 0 s and < 1e6 s", "duration")
-    return float(value)
+        raise law.error(f"{law.dotted('set')}: {error}", "set") from None

@@ -28,10 +28,12 @@ from typing import Any, TypeAlias
 
 from feeddrive.blocks.coupling.geometry import Geometry
 from feeddrive.blocks.machine_families import Coupling
-from feeddrive.files.blocks_from_toml import read_block
-from feeddrive.files.blocks_to_toml import to_toml
-from feeddrive.files.toml_file import Key, Section, TomlFile, read_toml
+from feeddrive.files.from_toml import read_section
+from feeddrive.files.section import Section, named, text
+from feeddrive.files.to_toml import to_toml
+from feeddrive.files.toml_file import Key, TomlFile, read_toml
 from feeddrive.files.toml_values import quoted, with_values
+from feeddrive.language.block import Number, parameter, part
 from feeddrive.language.errors import FileError, ParameterError, StructureError, nearest, plain
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Column, Result, Table
@@ -43,7 +45,45 @@ from feeddrive.loop.machine import Machine
 from feeddrive.path.limits import LETTERS, ROTARY, AxisLimits, MachineLimits
 
 BUNDLED = Path(__file__).parent / "bundled"
-_TEXTS = ("name", "source", "remark")
+
+
+class AxisSection(Section):
+    """An axis: its physics, today's control, and what a planned motion keeps."""
+
+    physics: Axis = part("the physics, whose keys stand here", inline=True)
+    control: Control = part("today's control")
+    limits: AxisLimits | None = part("limits of planned motions", default=None)
+
+
+class MachineSection(Section, kind="loop"):  # which files have written as the kind of the whole
+    """A machine: axes with their physics and today's control."""
+
+    name: str = text("of the machine", default="")
+    source: str = text("where the numbers come from", default="")
+    remark: str = text("anything else", default="")
+    sample_time: Number = parameter("s", "time from sample to sample", above=0)
+    axis: Mapping[str, AxisSection] = named("axes by name: [axis.x]", least=1)
+    couplings: tuple[Coupling, ...] = part(
+        "interactions of the axes: structure modes that they share, a cut, a recorded force", default=()
+    )
+    geometry: Geometry | None = part("squareness, scales and straightness of the axes", default=None)
+
+    def check(self) -> None:
+        """The name stands in files of other programs."""
+        if not self.name.isprintable():
+            raise self.error("name must be one line of plain text: it is written into files of other programs", "name")
+
+
+class LimitsOfAxis(Section):
+    """An axis in a file of limits."""
+
+    limits: AxisLimits = part("limits of planned motions")
+
+
+class LimitsSection(Section):
+    """Limits of the axes that a part program moves."""
+
+    axis: Mapping[str, LimitsOfAxis] = named("axes by name: [axis.x.limits]", least=1)
 
 
 @dataclass(frozen=True, repr=False)
@@ -152,14 +192,12 @@ def read_machine(
         )
     file = read_toml(found(path, "machines"), "a machine file", quoting=quoting)
     file = with_values(file, values) if values else file
-    root = file.root()
-    text = {name: _text(root, name) for name in _TEXTS}
-    sections = root.named("axis")
-    loops = {name: _loop(root, name, section) for name, section in sections.items()}
-    couplings, limits = _couplings(root, loops), _limits(sections)
-    geometry = _geometry(root, loops)
-    name = text["name"] or Path(file.name).stem
-    return MachineFile(name, text["source"], text["remark"], loops, file, couplings, limits, geometry)
+    section = read_section(MachineSection, file.root())
+    loops = {name: _loop(section, name, axis) for name, axis in section.axis.items()}
+    _check_together(section, loops)
+    limits = {name: axis.limits for name, axis in section.axis.items() if axis.limits is not None}
+    name = section.name or Path(file.name).stem
+    return MachineFile(name, section.source, section.remark, loops, file, section.couplings, limits, section.geometry)
 
 
 def machine_toml(
@@ -173,7 +211,9 @@ def machine_toml(
 
     Raises StructureError for a machine that holds arrays of variants.
     """
-    texts = [f"{key} = {quoted(text)}" for key, text in zip(_TEXTS, (name, source, remark), strict=True) if text]
+    texts = [
+        f"{key} = {quoted(value)}" for key, value in (("name", name), ("source", source), ("remark", remark)) if value
+    ]
     parts = ["\n".join([*texts, f"sample_time = {float(machine.sample_time)!r}"]) + "\n"]
     for axis, each in machine.axes().items():
         parts += [
@@ -185,31 +225,28 @@ def machine_toml(
     return "\n".join([*parts, *([] if machine.geometry is None else [to_toml(machine.geometry, "geometry")])])
 
 
-def _couplings(root: Section, loops: Mapping[str, Loop]) -> tuple[Coupling, ...]:
-    """The couplings, each checked with the axes; an error names its line."""
-    found: tuple[Coupling, ...] = ()
-    for section in root.listed("couplings"):
-        found = (*found, read_block(Coupling, section))  # type: ignore[type-abstract]
-        try:
-            Machine.of(loops, found)
-        except (ParameterError, StructureError) as error:
-            text = Text(f"{error}")
-            place = "" if text.startswith(section.dotted()) else f"{section.dotted()}: "
-            raise type(error)(f"{section.where()}: {place}{text}") from None
-    return found
-
-
-def _geometry(root: Section, loops: Mapping[str, Loop]) -> Geometry | None:
-    """The geometry errors, checked with the axes."""
-    section = root.optional("geometry")
-    if section is None:
-        return None
-    geometry = read_block(Geometry, section)
+def _loop(machine: MachineSection, name: str, section: AxisSection) -> Loop:
+    """The loop of an axis."""
     try:
-        Machine.of(loops, (), geometry)
+        return Loop(axis=section.physics, control=section.control, sample_time=machine.sample_time, name=name)
     except (ParameterError, StructureError) as error:
-        raise type(error)(f"{section.where()}: {error}") from None
-    return geometry
+        raise machine.error(f"{error}", kind=type(error)) from None
+
+
+def _check_together(section: MachineSection, loops: Mapping[str, Loop]) -> None:
+    """Raise the error of the first coupling that does not suit the axes, or of the geometry, with its line."""
+    for k in range(len(section.couplings)):
+        try:
+            Machine.of(loops, section.couplings[: k + 1])
+        except (ParameterError, StructureError) as error:
+            message, place = Text(f"{error}"), f"couplings.{k}"
+            named = message if message.startswith(place) else f"{place}: {message}"
+            raise section.error(named, ("couplings", k), type(error)) from None
+    if section.geometry is not None:
+        try:
+            Machine.of(loops, (), section.geometry)
+        except (ParameterError, StructureError) as error:
+            raise section.error(f"{error}", "geometry", type(error)) from None
 
 
 def found(path: str | Path, folder: str) -> Path:
@@ -224,23 +261,6 @@ def found(path: str | Path, folder: str) -> Path:
     raise FileError(f"{given}: there is no such file, and no bundled one of that name{nearest(given.name, names)}")
 
 
-def _loop(root: Section, name: str, section: Section) -> Loop:
-    axis = read_block(Axis, section, besides={"control", "limits"})
-    control = read_block(Control, section.section("control"))
-    return read_block(
-        Loop,
-        root,
-        besides={"axis", "couplings", "geometry", *_TEXTS},
-        given={"axis": axis, "control": control, "name": name},
-    )
-
-
-def _limits(sections: Mapping[str, Section]) -> dict[str, AxisLimits]:
-    """The limits of planned motions, of those axes that have a section for them."""
-    given = {name: section.optional("limits") for name, section in sections.items()}
-    return {name: read_block(AxisLimits, section) for name, section in given.items() if section is not None}
-
-
 def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> MachineLimits:
     """Limits by letter of the axes that a part program moves: of a machine, of a file of limits, or of both.
 
@@ -251,17 +271,15 @@ def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> Ma
     given: dict[str, AxisLimits] = {}
     if limits is not None:
         file = read_toml(limits)
-        root = file.root()
-        root.refuse_unknown(("axis",))
-        sections = root.named("axis")
-        for name, section in sections.items():
-            section.refuse_unknown(("limits",))
-            section.section("limits")
+        turning: dict[Key, bool] = {("axis", name.lower()): True for name in ROTARY}
+        turning |= {("axis", name): True for name in ROTARY}
+        section = read_section(LimitsSection, replace(file.root(), turning=turning))
+        for name, axis in section.axis.items():
             if machine is not None and name not in machine.loops:
-                raise section.error(f"axis '{name}' is not in {machine.file.name}{nearest(name, machine.loops)}")
+                raise axis.error(f"axis '{name}' is not in {machine.file.name}{nearest(name, machine.loops)}")
             if len(name) != 1 or name.upper() not in LETTERS:
-                raise section.error(f"axis '{name}' is none that is planned: {', '.join(LETTERS.lower())}")
-        given = _limits({name: replace(each, turning=name.upper() in ROTARY) for name, each in sections.items()})
+                raise axis.error(f"axis '{name}' is none that is planned: {', '.join(LETTERS.lower())}")
+        given = {name: axis.limits for name, axis in section.axis.items()}
     if machine is None:
         return MachineLimits({name.upper(): each for name, each in given.items()})
     found: dict[str, AxisLimits] = {}
@@ -290,14 +308,3 @@ def _resolution(loop: Loop) -> float | None:
         if found is not None:
             return float(found)
     return None
-
-
-def _text(section: Section, name: str) -> str:
-    value = section.values.get(name, "")
-    if not isinstance(value, str):
-        raise section.error(f'{section.dotted(name)} must be a text in quotes ("...")', name)
-    if name == "name" and not value.isprintable():
-        raise section.error(
-            f"{section.dotted(name)} must be one line of plain text: it is written into files of other programs", name
-        )
-    return value

@@ -11,12 +11,14 @@ from collections import abc
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import ClassVar, TypeAlias
 
 from feeddrive.files.columns import ROLES, Column
-from feeddrive.files.toml_file import Section, parse_toml
-from feeddrive.files.toml_values import optional_text, quoted
-from feeddrive.language import units
+from feeddrive.files.from_toml import read_section
+from feeddrive.files.section import Section, file_name, named, text
+from feeddrive.files.toml_file import parse_toml
+from feeddrive.files.toml_values import quoted
+from feeddrive.language.block import Number, choice, parameter, part
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 
@@ -93,7 +95,7 @@ class Mapping(abc.Mapping[str, Column]):
 
         Raises FileError or ParameterError with file, line, key and what to do.
         """
-        return mapping_of(parse_toml(text, name).root().section("log"))
+        return read_section(LogSection, parse_toml(text, name).root().section("log"), besides=("file",)).mapping
 
 
 MappingLike: TypeAlias = Path | Mapping
@@ -112,63 +114,54 @@ def entry(role: str, column: Column, reason: str = "") -> str:
     return f"{role} = {{ {', '.join(words)} }}"
 
 
-def mapping_of(section: Section) -> Mapping:
-    """Return the mapping of a section [log]; its keys that are about the file of the log are left to others.
+class ColumnSection(Section):
+    """A column of a log, and how its numbers become those of its role."""
 
-    Raises ParameterError with file, line, key and what to do.
-    """
-    reasons: dict[str, str] = {}
-    columns, optional = (_columns(section, name, reasons) for name in ("channels", "optional"))
-    return Mapping(columns, optional, reasons, optional_text(section, "axis") or "", _sample_time(section))
+    shorthand: ClassVar[str] = "column"
+    wanted: ClassVar[str] = (
+        'the name of a column, or { column = "name", unit = "mm" }, or { column = "name", factor = 0.001 }'
+    )
 
+    column: str = text("name of the column")
+    unit: str = text("of the numbers; none: as the file states it, or SI", default="")
+    factor: Number | None = parameter(
+        "", "number · factor is in the unit, or without one in the SI unit of the role", default=None
+    )
+    reason: str = text("why the column has the role", default="")
 
-def keys_of(section: Section) -> tuple[str, ...]:
-    """Return the keys of a section [log] that `mapping_of` reads."""
-    return ("channels", "optional", "axis", "sample_time", *filter(_is_sample_time, section.values))
-
-
-def _is_sample_time(key: str) -> bool:
-    return key == "sample_time" or key.startswith("sample_time_")
-
-
-def _sample_time(section: Section) -> float | None:
-    """The sample time in s, or in the unit that the key names."""
-    key = next(filter(_is_sample_time, section.values), None)
-    if key is None:
-        return None
-    value = section.values[key]
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < _LONGEST:
-        raise section.error(f"{section.dotted(key)} must be a time > 0", key)
-    try:
-        return units.scaled(value, 1.0 if key == "sample_time" else units.factor(key.removeprefix("sample_time_"), "s"))
-    except ParameterError as error:
-        raise section.error(f"{section.dotted(key)}: {error}", key) from None
+    def of(self, role: str) -> Column:
+        """Return the column as one of a role. Raises ParameterError for a unit or factor that cannot be its own."""
+        try:
+            return Column(name=self.column, unit=self.unit, factor=self.factor).checked(role)
+        except ParameterError as error:
+            raise self.error(f"{self.dotted()}: {error}") from None
 
 
-def _columns(section: Section, name: str, reasons: dict[str, str]) -> dict[str, Column]:
-    """Columns by role; why they have them is put into `reasons`."""
-    channels = section.optional(name)
-    if channels is None:
-        return {}
-    channels.refuse_unknown(ROLES)
-    return {role: _column(channels, role, value, reasons) for role, value in channels.values.items()}
+class LogSection(Section):
+    """A measured log, and what each of its columns is."""
+
+    file: str | None = file_name("name of the log, beside this file", default=None, example='"run.csv"')
+    skip_samples: int = choice("samples at the start that do not count", least=0, most=2**53 - 1, default=0)
+    sample_time: Number | None = parameter(
+        "s", "of a log without a column of time, or whose stamps are rounded", above=0, below=_LONGEST, default=None
+    )
+    axis: str = text("of a log with several: that of the columns, as they name it", default="")
+    channels: abc.Mapping[str, ColumnSection] = named("columns by role", names=tuple(ROLES))
+    optional: abc.Mapping[str, ColumnSection] = named("the same for columns that may be missing", names=tuple(ROLES))
+
+    @property
+    def mapping(self) -> Mapping:
+        """What each column is. Raises ParameterError for a unit or a factor that its role cannot have."""
+        columns, optional = (
+            {role: column.of(role) for role, column in given.items()} for given in (self.channels, self.optional)
+        )
+        reasons = {role: column.reason for role, column in (*self.channels.items(), *self.optional.items())}
+        return Mapping(columns, optional, reasons, self.axis, self.sample_time)
 
 
-def _column(channels: Section, role: str, value: Any, reasons: dict[str, str]) -> Column:
-    """A column's name, or { column = "x", unit = "mm", factor = -1, reason = "..." }."""
-    if isinstance(value, str):
-        return Column(name=value)
-    wanted = 'must be the name of a column, or { column = "name", unit = "mm" }, or { column = "name", factor = 0.001 }'
-    if not isinstance(value, dict) or not isinstance(value.get("column"), str):
-        raise channels.error(f"{channels.dotted(role)} {wanted}", role)
-    channels.section(role).refuse_unknown(("column", "unit", "factor", "reason"))
-    unit, factor, reason = value.get("unit", ""), value.get("factor"), value.get("reason", "")
-    number = factor is None or (isinstance(factor, (int, float)) and not isinstance(factor, bool))
-    if not isinstance(unit, str) or not isinstance(reason, str) or not number:
-        raise channels.error(f"{channels.dotted(role)} {wanted}", role)
-    if reason:
-        reasons[role] = reason
-    try:
-        return Column(name=value["column"], unit=unit, factor=None if factor is None else float(factor)).checked(role)
-    except (ParameterError, OverflowError) as error:
-        raise channels.error(f"{channels.dotted(role)}: {error}", role) from None
+class ChannelsSection(Section, kind="channels"):
+    """What each column of a log is: a file that `feeddrive channels` writes, or a job with a log."""
+
+    is_open: ClassVar[bool] = True
+
+    log: LogSection = part("the log and its columns")

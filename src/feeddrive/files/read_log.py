@@ -14,10 +14,22 @@ from pathlib import Path
 import numpy as np
 
 from feeddrive.files.atomic_io import read_whole
-from feeddrive.files.columns import MOST_BYTES, OWN_UNIT, ROLES, Column, Columns, Named, factor_of, is_time
+from feeddrive.files.columns import (
+    MOST_BYTES,
+    OWN_UNIT,
+    ROLES,
+    Column,
+    Columns,
+    Named,
+    factor_of,
+    is_time,
+    unit_at_the_end,
+)
 from feeddrive.files.formats import OpenedFile, read_columns
+from feeddrive.files.from_toml import read_section
 from feeddrive.files.log import Log, write_log
-from feeddrive.files.mapping import Mapping
+from feeddrive.files.mapping import ChannelsSection, LogSection, Mapping
+from feeddrive.files.toml_file import read_toml
 from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError, nearest, plain
 from feeddrive.language.quantity import Quantity
@@ -372,3 +384,53 @@ def _decimal(mean: float, time: np.ndarray) -> float:
         if abs(near - mean) * (n - 1) <= scatter + 1e-9 * mean * n:
             return near
     return units.decimal(mean)
+
+
+@dataclass(frozen=True)
+class LogRequest:
+    """The log to read, what its columns are, and how many samples at its start do not count."""
+
+    path: Path
+    mapping: Mapping
+    skip_samples: int = 0
+
+    def read(self) -> Log:
+        """The log, with those optional channels that it has.
+
+        Raises FileError or LogError as `read_log`, and for an injected force without a unit.
+        """
+        file = OpenedFile(self.path)
+        log = read_log(file, self.mapping)
+        named = self.named("load_force")
+        told = named is None or named.unit or named.factor is not None or file.columns.units.get(named.name)
+        if named is None or told or "load_force" not in log.channels or unit_at_the_end(named.name, "load_force"):
+            return log
+        raise LogError(
+            f"{self.path}: '{named.name}' (load_force) states no unit, and injected signals are logged in N, in V or "
+            f"in percent: state it, as load_force = {{ column = '{named.name}', unit = 'N' }}, or give factor = the N "
+            f"at the table for each unit of it; a signal that is added to the drive's command, in the command's unit, "
+            f"is excitation = '{named.name}'"
+        )
+
+    def named(self, role: str) -> Column | None:
+        """The column that has a role."""
+        return self.mapping.get(role) or self.mapping.optional.get(role)
+
+
+def read_request(path: str | Path, log: str | Path | None = None) -> LogRequest:
+    """The section [log] of a TOML file, that of a job or one that `Guess.toml` wrote: the roles of a log's columns.
+
+    `log` replaces the log's file.  Raises FileError or ParameterError with file, line, key and what to do.
+    """
+    root = read_toml(path).root()
+    if root.optional("log") is None:
+        raise root.error("section [log] is missing; print(guess_roles(read_log(file)).toml()) shows one")
+    return log_request(read_section(ChannelsSection, root).log, Path(path), log)
+
+
+def log_request(section: LogSection, place: Path, log: str | Path | None) -> LogRequest:
+    """The log that a section of a file at `place` asks for; `log` replaces the log's file."""
+    if log is None and section.file is None:
+        raise section.error('log.file is missing: file = "run.csv", or give the log on the command line')
+    path = Path(log) if log is not None else place.parent / str(section.file)
+    return LogRequest(path, section.mapping, section.skip_samples)

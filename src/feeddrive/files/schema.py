@@ -1,35 +1,20 @@
-"""JSON Schema of machine and job files, from the declarations of the blocks; an editor completes and checks with it.
+"""JSON Schema of a file that people write, from the declarations of its sections and blocks.
 
-    python -m feeddrive.files.schema docs/schema
-
-The schema admits every file that feeddrive reads.  It does not have the checks between parameters of a block, the
-bounds of a number in another unit than the declared one, or the rule that a parameter must not be given twice in two
-units.
+An editor completes and checks keys with it.  The schema admits every file that feeddrive reads.  It does not have the
+checks between parameters of a block, the bounds of a number in another unit than the declared one, or the rule that a
+parameter must not be given twice in two units.  `workflow/schemas.py` lists the kinds of files and writes the schemas.
 """
 
 from __future__ import annotations
 
-import json
-import sys
 import typing
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any, TypeAlias
 
-from feeddrive.blocks.coupling.geometry import Geometry
-from feeddrive.blocks.families import Load, Reference
-from feeddrive.blocks.machine_families import Coupling, Cutter
-from feeddrive.files.atomic_io import write_whole
-from feeddrive.files.blocks_from_toml import Hint, defaults, hints, members, options_of_type
-from feeddrive.files.columns import ROLES
-from feeddrive.files.job_cuts import CutSection
-from feeddrive.files.job_program import FILES
-from feeddrive.language.block import Block, declarations
-from feeddrive.language.declaration import Declaration
-from feeddrive.loop.axis import Axis
-from feeddrive.loop.control import Control
-from feeddrive.loop.loop import Loop
-from feeddrive.path.limits import AxisLimits
+from feeddrive.files.from_toml import Hint, hints, members, options_of_type
+from feeddrive.files.section import VARIED, Section
+from feeddrive.language.block import Block
+from feeddrive.language.declaration import Declaration, declarations, defaults
 
 Schema: TypeAlias = dict[str, Any]
 
@@ -38,20 +23,36 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _WORD = "(?:[GMkcmun]?(?:m|g|s|A|rad|N|W|J|V|Hz)|kg|t|min|h|in|deg|mdeg|rev|U|rpm|percent|1|per)[0-9]?"
 _SUFFIX = f"(?:_{_WORD})+"
 _TEXT: Schema = {"type": "string"}
-_POSITIVE: Schema = {"type": "number", "exclusiveMinimum": 0}
-_WHOLE: Schema = {"type": "integer", "minimum": 0}
+_NUMBERS = "numbers_by_path"
+
+
+def schema_of(section: type[Section], name: str) -> Schema:
+    """Return the schema of a file whose content is a section; `name` says what the file is."""
+    definitions = _Definitions()
+    content = definitions.fields(section)
+    return {
+        "$schema": DIALECT,
+        "title": f"feeddrive {name} file",
+        **content,
+        "$defs": dict(sorted(definitions.found.items())),
+    }
 
 
 class _Definitions:
-    """The schemas of blocks by name, each written once; `$ref` points at them."""
+    """The schemas of blocks and sections by name, each written once; `$ref` points at them."""
 
     def __init__(self) -> None:
         self.found: dict[str, Schema] = {}
 
     def part(self, hint: Hint) -> Schema:
-        """One block that fits: by `kind` if there are several."""
+        """One block or section that fits: by `kind` if there are several blocks."""
+        first = hint.classes[0]
+        if issubclass(first, Section):
+            fitting = [self.reference(each) for each in members(hint).values()]
+            fitting += [_TEXT] if first.shorthand else []
+            return fitting[0] if len(fitting) == 1 else {"anyOf": fitting}
         if hint.single():
-            return self.block(hint.classes[0])
+            return self.reference(first)
         name = "any." + "_or_".join(family.kind for family in hint.classes)
         if name not in self.found:
             self.found[name] = {}  # a block may hold one of its own family
@@ -68,71 +69,136 @@ class _Definitions:
             "allOf": [
                 {
                     "if": {"properties": {"kind": {"const": kind}}, "required": ["kind"]},
-                    "then": self.block(block),
+                    "then": self.reference(block),
                 }
                 for kind, block in kinds.items()
             ],
         }
 
-    def block(self, block: type[Block]) -> Schema:
-        """A reference to the schema of a block."""
-        name = f"{block.__module__.split('.')[-2]}.{block.kind}"
+    def reference(self, kind: type[Block] | type[Section]) -> Schema:
+        """A reference to the schema of a block or section."""
+        name = f"{kind.__module__.split('.')[-2]}.{kind.kind}"
         if name not in self.found:
             self.found[name] = {}
-            self.found[name] = self.fields(block)
+            self.found[name] = self.fields(kind)
         return {"$ref": f"#/$defs/{name}"}
 
-    def fields(
-        self, block: type[Block], others: Mapping[str, Schema] | None = None, without: Sequence[str] = ()
-    ) -> Schema:
-        """The schema of a table with the fields of a block, and other keys that are read elsewhere."""
-        properties: dict[str, Schema] = {"kind": {"const": block.kind}, **(others or {})}
+    def fields(self, kind: type[Block] | type[Section]) -> Schema:
+        """The schema of a table with the fields of a block or section."""
+        properties: dict[str, Schema] = {"kind": {"const": kind.kind}}
         patterns: dict[str, Schema] = {}
         needed: list[Schema] = []
-        for name, declared in declarations(block).items():
-            if name in without or declared.role == "label":
+        for name, declared in declarations(kind).items():
+            if declared.role == "label":
                 continue
-            properties[name] = self.field(block, name, declared)
-            required = name not in defaults(block)
+            if issubclass(kind, Section) and declared.inline:
+                inner = self.fields(hints(kind)[name].classes[0])
+                properties = {**inner["properties"], **properties, "kind": inner["properties"]["kind"]}
+                patterns |= inner["patternProperties"]
+                needed += inner.get("allOf", [])
+                continue
+            properties[name] = self.field(kind, name, declared)
             if declared.role in ("parameter", "table"):
                 patterns[f"^{name}{_SUFFIX}$"] = _number_elsewhere(declared)
-                if required:  # under one of its names: not all names are others
-                    other = {"not": {"pattern": f"^{name}(?:{_SUFFIX})?$"}}
-                    needed.append({"not": {"propertyNames": other}})
-            elif required:
-                needed.append({"required": [name]})
+            if name not in defaults(kind):
+                needed.append(_needed(name, declared))
         found: Schema = {
             "type": "object",
-            "description": (block.__doc__ or "").strip().split("\n")[0],
+            "description": (kind.__doc__ or "").strip().split("\n")[0],
             "properties": properties,
             "patternProperties": patterns,
             "additionalProperties": False,
         }
-        return found | ({"allOf": needed} if needed else {})
+        if issubclass(kind, Section):
+            needed += self._of_section(kind)
+            found["additionalProperties"] = kind.is_open
+            if kind.is_open:  # its keys of other files are not looked at
+                del properties["kind"]
+        found |= {"allOf": needed} if needed else {}
+        return self._with_inlined(kind, found) if issubclass(kind, Section) and kind.inlined else found
 
-    def field(self, block: type[Block], name: str, declared: Declaration) -> Schema:
+    def _of_section(self, section: type[Section]) -> list[Schema]:
+        """What must be there beside the required fields."""
+        needed: list[Schema] = [{"required": ["kind"]}] if section.needs_kind else []
+        if section.exactly:
+            alternatives = [{"anyOf": [{"required": [name]} for name in names]} for names in section.exactly]
+            needed.append({"oneOf": alternatives})
+        return needed
+
+    def _with_inlined(self, section: type[Section], own: Schema) -> Schema:
+        """A section that holds the keys of another one where a field of its own is absent.
+
+        A key of these may be missing here: a study writes it by a choice.
+        """
+        ((name, other),) = section.inlined.items()
+        inner = self.fields(other)
+        properties = {**inner["properties"], **own["properties"]}
+        whole = {**own, "properties": properties, "patternProperties": inner["patternProperties"]}
+        own = {key: value for key, value in own.items() if key not in ("type", "description")}
+        return {
+            "type": "object",
+            "description": whole.pop("description"),
+            "properties": properties,  # for an editor, which completes from these
+            "if": {"required": [name]},
+            "then": own,
+            "else": whole,
+        }
+
+    def field(self, kind: type[Block] | type[Section], name: str, declared: Declaration) -> Schema:
         """The schema of one key in its declared unit."""
         described: Schema = {"description": _description(declared)}
-        default = defaults(block).get(name)
-        if isinstance(default, bool | int | float | str):
+        default = defaults(kind).get(name)
+        if isinstance(default, bool | int | float | str) and default not in ("", float("inf")):
             described["default"] = default
         match declared.role:
             case "parameter":
                 return {"type": "number", **described, **_bounds(declared)}
             case "table":
-                return {"type": "array", "items": {"type": "number"}, "minItems": 2, **described}
+                return {"type": "array", "items": {"type": "number"}, "minItems": declared.shortest, **described}
             case "choice":
                 options = [option for option in declared.options if option is not None]
-                kind = {"enum": options} if options else _choice_type(hints(block)[name])
-                return {**kind, **described, **({} if options else _bounds(declared))}
+                allowed = {"enum": options} if options else _choice_type(hints(kind)[name])
+                return {**allowed, **described, **({} if options else _bounds(declared))}
+            case "text" | "file":
+                return {**_TEXT, **({"minLength": declared.shortest} if declared.shortest else {}), **described}
+            case "named":
+                return {**self._under_names(declared, hints(kind)[name]), **described}
+            case "numbers":
+                self.found[_NUMBERS] = {
+                    "type": "object",
+                    "additionalProperties": {"anyOf": [{"type": "number"}, {"$ref": f"#/$defs/{_NUMBERS}"}]},
+                }
+                return {"$ref": f"#/$defs/{_NUMBERS}", **described}
             case _:
-                hint: Hint = hints(block)[name]
+                hint: Hint = hints(kind)[name]
                 inner = self.part(hint)
                 return {"type": "array", "items": inner, **described} if hint.many else {**inner, **described}
 
+    def _under_names(self, declared: Declaration, hint: Any) -> Schema:
+        """Sections or values by their names."""
+        inner = self.part(hint) if isinstance(hint, Hint) else _choice_type(hint)
+        least = {"minProperties": declared.shortest} if declared.shortest else {}
+        if declared.options:
+            return {
+                "type": "object", "properties": dict.fromkeys(declared.options, inner), "additionalProperties": False,
+                **least,
+            }  # fmt: skip
+        if declared.pattern:
+            patterns = {f"^(?:{declared.pattern})$": inner}
+            return {"type": "object", "patternProperties": patterns, "additionalProperties": False, **least}
+        return {"type": "object", "additionalProperties": inner, **least}
+
+
+def _needed(name: str, declared: Declaration) -> Schema:
+    """That a required field is there; a number under one of its names: not all names are others."""
+    if declared.role not in ("parameter", "table"):
+        return {"required": [name]}
+    return {"not": {"propertyNames": {"not": {"pattern": f"^{name}(?:{_SUFFIX})?$"}}}}
+
 
 def _description(declared: Declaration) -> str:
-    return f"{declared.meaning}, {declared.unit}" if declared.unit else declared.meaning
+    unit = "in the unit of what it is about" if declared.unit == VARIED else declared.unit
+    return f"{declared.meaning}, {unit}" if unit else declared.meaning
 
 
 def _bounds(declared: Declaration) -> Schema:
@@ -163,189 +229,5 @@ def _number_elsewhere(declared: Declaration) -> Schema:
     """The same parameter in another unit: its bounds are checked when it is read."""
     described = {"description": f"{declared.meaning}, in the unit that the key names"}
     if declared.role == "table":
-        return {"type": "array", "items": {"type": "number"}, "minItems": 2, **described}
+        return {"type": "array", "items": {"type": "number"}, "minItems": declared.shortest, **described}
     return {"type": "number", **described}
-
-
-def machine_schema() -> Schema:
-    """The schema of a machine file."""
-    blocks = _Definitions()
-    control = blocks.block(Control)
-    axis = blocks.fields(Axis, {"control": control, "limits": blocks.block(AxisLimits)})
-    axis["required"] = ["control"]
-    texts = {
-        "name": {**_TEXT, "description": "of the machine"},
-        "source": {**_TEXT, "description": "where the numbers come from"},
-        "remark": {**_TEXT, "description": "anything else"},
-    }
-    axes: Schema = {
-        "type": "object",
-        "minProperties": 1,
-        "additionalProperties": axis,
-        "description": "axes by name: [axis.x]",
-    }
-    couplings: Schema = {
-        "type": "array",
-        "items": blocks.part(Hint((Coupling,))),
-        "description": "interactions of the axes: structure modes that they share, a cut, a recorded force",
-    }
-    more = {"axis": axes, "couplings": couplings, "geometry": blocks.block(Geometry)}
-    root = blocks.fields(Loop, {**texts, **more}, without=("axis", "control"))
-    root["required"] = ["axis"]
-    return _file("machine", "A machine: axes with their physics and today's control", root, blocks)
-
-
-def job_schema() -> Schema:
-    """The schema of a job file."""
-    blocks = _Definitions()
-    column: Schema = {
-        "oneOf": [
-            _TEXT,
-            {
-                "type": "object",
-                "required": ["column"],
-                "properties": {
-                    "column": _TEXT,
-                    "unit": _TEXT,
-                    "factor": {"type": "number", "description": "number · factor is in the unit, or in SI without one"},
-                    "reason": {**_TEXT, "description": "why the column has the role"},
-                },
-                "additionalProperties": False,
-            },
-        ]
-    }
-    channels: Schema = {
-        "type": "object",
-        "properties": {
-            role: {**column, "description": f"column that holds it, {unit or 'unit of the drive'}"}
-            for role, unit in ROLES.items()
-        },
-        "additionalProperties": False,
-    }
-    log: Schema = {
-        "type": "object",
-        "description": "a measured log, whose reference is replayed",
-        "properties": {
-            "file": {**_TEXT, "description": "name of the log, beside the job"},
-            "skip_samples": {**_WHOLE, "description": "samples at the start that do not count", "default": 0},
-            "sample_time": {"type": "number", "exclusiveMinimum": 0, "description": "of a log without time, s"},
-            "axis": {**_TEXT, "description": "of a log with several: that of the columns, as they name it"},
-            "channels": {**channels, "description": "roles of columns"},
-            "optional": {**channels, "description": "the same for columns that may be missing"},
-        },
-        "patternProperties": {f"^sample_time{_SUFFIX}$": {"type": "number", "exclusiveMinimum": 0}},
-        "additionalProperties": False,
-    }
-    program: Schema = {
-        "type": "object",
-        "description": "a part program, planned, which moves all axes that it names",
-        "oneOf": [{"required": ["file"]}, {"required": ["recorded", "columns"]}],
-        "properties": {
-            **dict.fromkeys(FILES, _TEXT),
-            "columns": {
-                "type": "object",
-                "additionalProperties": _TEXT,
-                "description": "of recorded setpoints by axis",
-            },
-            "tables_inch": {"type": "boolean", "description": "tools and offsets are in inches"},
-            "skip_deleted": {"type": "boolean", "description": "leave out lines that begin with /"},
-        },
-        "patternProperties": {f"^(sample_time|average)({_SUFFIX})?$": _POSITIVE},
-        "additionalProperties": False,
-    }
-    process: Schema = {
-        "type": "object",
-        "description": "what the part program cuts",
-        "required": ["tool"],
-        "properties": {
-            "tool": {
-                "type": "object",
-                "description": "tools by their numbers in the program: [process.tool.1]",
-                "patternProperties": {"^[0-9]+$": blocks.part(Hint((Cutter,)))},
-                "additionalProperties": False,
-            },
-            "section": {
-                "type": "array",
-                "items": blocks.block(CutSection),
-                "description": "what lines cut, over what comments say: (ap=4 ae=0.3 down)",
-            },
-        },
-        "additionalProperties": False,
-    }
-    law: Schema = {
-        "type": "object",
-        "required": ["name"],
-        "oneOf": [{"anyOf": [{"required": ["control"]}, {"required": ["axis"]}]}, {"required": ["set"]}],
-        "properties": {
-            "name": {**_TEXT, "minLength": 1, "description": "of the row"},
-            "control": blocks.block(Control),
-            "axis": {
-                "type": "object",
-                "description": "controls of axes by name: [law.axis.y.control]",
-                "additionalProperties": {
-                    "type": "object",
-                    "required": ["control"],
-                    "properties": {"control": blocks.block(Control)},
-                    "additionalProperties": False,
-                },
-            },
-            "set": {
-                "type": "object",
-                "description": 'changes of today\'s control by path: { "axis.x.control.law.Kv" = 80 }',
-            },
-        },
-        "additionalProperties": False,
-    }
-    root: Schema = {
-        "type": "object",
-        "required": ["machine"],
-        "oneOf": [{"required": ["reference"]}, {"required": ["log"]}, {"required": ["program"]}],
-        "properties": {
-            "title": {**_TEXT, "description": "of the report"},
-            "machine": {**_TEXT, "description": "machine file beside the job, or the name of a bundled one"},
-            "axis": {**_TEXT, "description": "name of the axis, if the machine has several"},
-            "seed": {**_WHOLE, "description": "of the noise", "default": 0},
-            "rule": {**_TEXT, "description": "what makes the rows comparable; printed in the report"},
-            "duration": {"type": "number", "exclusiveMinimum": 0, "description": "of the runs, s"},
-            "reference": {**blocks.part(Hint((Reference,))), "description": "the motion"},
-            "load": {**blocks.part(Hint((Load,))), "description": "a force on the table"},
-            "others": {
-                "type": "object",
-                "description": "motions of the other axes: [others.y.reference]; axes without one stand still",
-                "additionalProperties": {
-                    "type": "object",
-                    "properties": {"reference": blocks.part(Hint((Reference,))), "load": blocks.part(Hint((Load,)))},
-                    "additionalProperties": False,
-                },
-            },
-            "log": log,
-            "program": program,
-            "process": process,
-            "law": {"type": "array", "items": law, "description": "rows of the comparison after today's control"},
-        },
-        "additionalProperties": False,
-    }
-    return _file("job", "A job: a machine, its motion and loads, and the laws to compare on it", root, blocks)
-
-
-def _file(name: str, title: str, root: Schema, blocks: _Definitions) -> Schema:
-    return {
-        "$schema": DIALECT,
-        "title": f"feeddrive {name} file",
-        **root,
-        "description": title,
-        "$defs": dict(sorted(blocks.found.items())),
-    }
-
-
-def write_schemas(folder: str | Path) -> list[Path]:
-    """Write `machine.schema.json` and `job.schema.json` into a folder. Raises FileError if it cannot be written."""
-    found: list[Path] = []
-    for name, schema in (("machine", machine_schema()), ("job", job_schema())):
-        found.append(Path(folder) / f"{name}.schema.json")
-        write_whole(found[-1], json.dumps(schema, indent=2, ensure_ascii=False) + "\n")
-    return found
-
-
-if __name__ == "__main__":
-    write_schemas(sys.argv[1])

@@ -10,12 +10,12 @@ import re
 import tomllib
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from feeddrive.files.atomic_io import read_whole
-from feeddrive.language.errors import FileError, ParameterError, nearest, plain, shown
+from feeddrive.language.errors import FeeddriveError, FileError, ParameterError, nearest, plain, shown
 
 # ("axis", "x", "forces", 0, "amplitude"): names of tables, and places in an array of tables
 Key: TypeAlias = tuple[str | int, ...]
@@ -208,74 +208,80 @@ class TomlFile:
                 return f"{self.name}:{self.lines[key[:end]]}"
         return self.name
 
-    def root(self) -> Section:
+    def root(self) -> TomlTable:
         """The whole file as one section."""
-        return Section(self, (), self.content)
+        return TomlTable(self, (), self.content)
 
 
 Value: TypeAlias = Any
 
 
 @dataclass(frozen=True)
-class Section:
+class TomlTable:
     """A table in a TOML file, with the lines of its keys.
 
-    turning  it belongs to an axis of another file that turns, as the motion of a job does
+    turning  by the begin of a key whether what stands there belongs to an axis of another file that turns, as the
+             motion of a job does; the longest begin counts
     """
 
     file: TomlFile
     key: Key
     values: Mapping[str, Value]
-    turning: bool = False
+    turning: Mapping[Key, bool] = field(default_factory=dict[Key, bool])
 
     @property
     def rotary(self) -> bool:
-        """Whether this belongs to an axis that turns, as what stands under `[axis.c]` with `rotary = true`."""
-        return self.turning or is_rotary(self.file.content, self.key)
+        """True if this belongs to an axis that turns, as what stands under `[axis.c]` with `rotary = true`."""
+        begins = (self.key[:end] for end in range(len(self.key), -1, -1))
+        turning = next((self.turning[begin] for begin in begins if begin in self.turning), False)
+        return turning or is_rotary(self.file.content, self.key)
 
-    def dotted(self, name: str | int | None = None) -> str:
+    def dotted(self, name: str | Key = ()) -> str:
         """The dotted name of a key: `axis.x.plant.mass`."""
-        return ".".join(map(str, self.key if name is None else (*self.key, name)))
+        return ".".join(map(str, self._key(name)))
 
-    def where(self, name: str | int | None = None) -> str:
+    def where(self, name: str | Key = ()) -> str:
         """`machine.toml:12` for this section or a key in it."""
-        return self.file.where(self.key if name is None else (*self.key, name))
+        return self.file.where(self._key(name))
 
-    def error(self, message: str, name: str | int | None = None) -> ParameterError:
-        """The ParameterError `file:line: message` for this section or a key in it."""
-        return ParameterError(plain(f"{self.where(name)}: {message}"))
+    def _key(self, name: str | Key) -> Key:
+        return (*self.key, name) if isinstance(name, str) else (*self.key, *name)
 
-    def section(self, name: str) -> Section:
+    def error(self, message: str, name: str | Key = (), kind: type[FeeddriveError] = ParameterError) -> FeeddriveError:
+        """The error `file:line: message` for this section or a key in it."""
+        return kind(plain(f"{self.where(name)}: {message}"))
+
+    def section(self, name: str) -> TomlTable:
         """The table of that name. Raises ParameterError if it is missing or not a table."""
         found = self.optional(name)
         if found is None:
             raise self.error(f"section [{self.dotted(name)}] is missing")
         return found
 
-    def optional(self, name: str) -> Section | None:
+    def optional(self, name: str) -> TomlTable | None:
         """The table of that name, or None. Raises ParameterError for anything else."""
         value = self.values.get(name)
         if value is None:
             return None
         if not isinstance(value, dict):
             raise self.error(f"{self.dotted(name)} = {shown(value)} must be a section [{self.dotted(name)}]", name)
-        return Section(self.file, (*self.key, name), value, self.turning)
+        return TomlTable(self.file, (*self.key, name), value, self.turning)
 
-    def named(self, name: str) -> dict[str, Section]:
+    def named(self, name: str) -> dict[str, TomlTable]:
         """The tables `[name.NAME]` by their own names. Raises ParameterError if there is none."""
         group = self.optional(name)
         if group is None or not group.values:
             raise self.error(f"there must be at least one section [{self.dotted(name)}.NAME]")
         return {each: group.section(each) for each in group.values}
 
-    def listed(self, name: str) -> tuple[Section, ...]:
+    def listed(self, name: str) -> tuple[TomlTable, ...]:
         """The tables `[[name]]` in their order. Raises ParameterError for anything else."""
         value = self.values.get(name, [])
         if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
             raise self.error(
                 f"{self.dotted(name)} must be a list of sections, each under [[{self.dotted(name)}]]", name
             )
-        return tuple(Section(self.file, (*self.key, name, k), item, self.turning) for k, item in enumerate(value))
+        return tuple(TomlTable(self.file, (*self.key, name, k), item, self.turning) for k, item in enumerate(value))
 
     def refuse_unknown(self, known: Iterable[str]) -> None:
         """Raise ParameterError at the first key that is not known, with those that are near."""

@@ -8,7 +8,7 @@ from copy import deepcopy
 from dataclasses import replace
 from typing import Any
 
-from feeddrive.files.toml_file import Key, Section, TomlFile
+from feeddrive.files.toml_file import Key, TomlFile
 from feeddrive.language.errors import ParameterError
 
 
@@ -16,14 +16,6 @@ def quoted(text: str) -> str:
     """Return a text as a basic string of TOML; no character of it is lost."""
     # JSON's escapes are TOML's, but JSON leaves DEL as it is, which TOML forbids
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
-
-
-def optional_text(section: Section, name: str) -> str | None:
-    """A text under a key, if it is there."""
-    value = section.values.get(name)
-    if value is not None and not isinstance(value, str):
-        raise section.error(f'{section.dotted(name)} must be a text in quotes ("...")', name)
-    return value
 
 
 def with_values(file: TomlFile, values: Mapping[Key, Any]) -> TomlFile:

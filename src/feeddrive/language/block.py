@@ -14,10 +14,6 @@ A field is one of
     part()       a nested block, a tuple of blocks, or None
     label()      a text that names the block; it has no effect on the graph
 A block class is abstract or final: a method with a body is never overridden.
-
-The declaration of a field: unit, meaning, bounds, options; and the check of a value against it.
-
-Blocks (`language/block.py`) and requests (`workflow/request.py`) declare their fields in this way.
 """
 
 from __future__ import annotations
@@ -26,13 +22,13 @@ import dataclasses
 import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import MISSING, dataclass, field
-from functools import cache, wraps
+from functools import wraps
 from itertools import islice
 from typing import Any, ClassVar, NamedTuple, TypeAlias, dataclass_transform
 
 import numpy as np
 
-from feeddrive.language.declaration import Declaration, check_bounds, check_choice
+from feeddrive.language.declaration import Declaration, Declared, check_bounds, check_choice, declarations
 from feeddrive.language.errors import ParameterError, StructureError, nearest
 from feeddrive.language.graph import Symbol
 from feeddrive.language.quantity import Quantity, unit_name
@@ -68,11 +64,16 @@ def parameter(
     least: float | None = None,
     below: float | None = None,
     most: float | None = None,
+    infinite: bool = False,
 ) -> Any:
-    """Declare a leaf. A default of None makes it absent unless given; an absent leaf changes the graph."""
+    """Declare a leaf. A default of None makes it absent unless given; an absent leaf changes the graph.
+
+    infinite   it may be infinite, as a bound that holds nothing back
+    """
     declaration = Declaration(
-        role="parameter", unit=unit, meaning=meaning, above=above, least=least, below=below, most=most
-    )
+        role="parameter", unit=unit, meaning=meaning, above=above, least=least, below=below, most=most,
+        infinite=infinite,
+    )  # fmt: skip
     return field(default=default, metadata={"declaration": declaration})  # type: ignore[call-overload]
 
 
@@ -91,11 +92,11 @@ def choice(
 
 def table(
     unit: str, meaning: str, *, default: Any = MISSING, above: float | None = None, least: float | None = None,
-    below: float | None = None, most: float | None = None,
+    below: float | None = None, most: float | None = None, shortest: int = 2,
 ) -> Any:  # fmt: skip
-    """Declare a row of numbers, held as a float64 array of one dimension; each keeps the bounds."""
+    """Declare a row of `shortest` numbers or more, held as a float64 array of one dimension; each keeps the bounds."""
     declaration = Declaration(
-        role="table", unit=unit, meaning=meaning, above=above, least=least, below=below, most=most
+        role="table", unit=unit, meaning=meaning, above=above, least=least, below=below, most=most, shortest=shortest
     )
     return field(default=default, metadata={"declaration": declaration})
 
@@ -125,7 +126,7 @@ def snake_case(name: str) -> str:
     eq_default=False,
     field_specifiers=(parameter, choice, table, part, label),
 )
-class Block:
+class Block(Declared):
     """Base of all blocks. Subclasses become frozen, keyword-only dataclasses that check themselves."""
 
     kind: ClassVar[str] = ""
@@ -140,14 +141,8 @@ class Block:
                     f"{cls.__name__}.{spec.name} must be declared by parameter, choice, table, part or label"
                 )
 
-    def __post_init__(self) -> None:
-        for name, declaration in declarations(type(self)).items():
-            value = getattr(self, name)
-            object.__setattr__(self, name, checked(self.kind, name, declaration, value))
-        self.require()
-
-    def check(self) -> None:
-        """Raise an error where parts or choices do not fit each other (empty hook)."""
+    def _checked(self, name: str, declaration: Declaration, value: Any) -> Any:
+        return checked(self.kind, name, declaration, value)
 
     def rules(self) -> Iterator[Rule]:
         """What must hold between the parameters (empty hook)."""
@@ -313,12 +308,6 @@ def _plain(block: Block, variant: int | None = None) -> Block | None:
     return made
 
 
-@cache
-def declarations(block: type[Block]) -> dict[str, Declaration]:
-    """The declarations of a block's fields by name, in the order of the class; not to be changed."""
-    return {spec.name: spec.metadata["declaration"] for spec in dataclasses.fields(block)}  # type: ignore[arg-type]
-
-
 def may_be_absent(block: type[Block], name: str) -> bool:
     """True if the field's default is None."""
     return next(spec.default is None for spec in dataclasses.fields(block) if spec.name == name)  # type: ignore[arg-type]
@@ -342,7 +331,7 @@ def checked(kind: str, name: str, declaration: Declaration, value: Any) -> Any:
         case _:
             parts = value if isinstance(value, tuple) else (value,)
             for item in parts:
-                if item is not None and not isinstance(item, Block):
+                if item is not None and not isinstance(item, Declared):
                     raise ParameterError(f"{where} must be a block ({declaration.meaning}), not {item!r}")
             return value
 
@@ -367,8 +356,9 @@ def _checked_number(where: str, declaration: Declaration, value: Any) -> Any:
 
 def _checked_table(where: str, declaration: Declaration, value: Any) -> np.ndarray:
     row = np.array(value, dtype=np.float64)
-    if row.ndim != 1 or row.size < 2:
-        raise ParameterError(f"{where} ({declaration.meaning}) must be a row of at least two numbers")
+    if row.ndim != 1 or row.size < declaration.shortest:
+        least = "two numbers" if declaration.shortest == 2 else "one number"
+        raise ParameterError(f"{where} ({declaration.meaning}) must be a row of at least {least}")
     if not np.all(np.isfinite(row)):
         raise ParameterError(f"{where} ({declaration.meaning}) holds a number that is not finite")
     if declaration.bounds():

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from feeddrive.files.blocks_to_toml import to_toml
+from feeddrive.files.to_toml import to_toml
 from feeddrive.files.toml_values import quoted
 from feeddrive.tuning.filter_pack import difference
 

@@ -42,7 +42,7 @@ class Base:
     @property
     def moved(self) -> dict[str, Other]:
         """Motion and load by axis."""
-        return {self.axis: Other(self.job.reference, self.job.load), **self.job.others}
+        return {self.axis: Other(reference=self.job.reference, load=self.job.load), **self.job.others}
 
     def references(self, changed: dict[str, Other] | None = None) -> Reference | dict[str, Reference]:
         """The motion as `simulate` takes it; axes without one stand still."""

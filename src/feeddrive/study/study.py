@@ -10,7 +10,7 @@ measure = ["following_error_rms_m", "stiffness_least_N_per_m"]
 [specification]                    # what makes a good machine
 following_error_peak_m = { most_um = 8 }
 sensitivity_peak = { most = 2 }
-[[vary]]                           # see `vary_section.py`
+[[vary]]                           # see `vary_sections.py`
 parameter = "axis.x.plant.mass_load"
 tolerance_percent = 10
 """
@@ -18,7 +18,7 @@ tolerance_percent = 10
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -27,26 +27,53 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 
 from feeddrive.figures.figure import Figure
-from feeddrive.files.job import KEYS as JOB_KEYS
-from feeddrive.files.job import Job
-from feeddrive.files.job_log import optional_text, whole
+from feeddrive.files.from_toml import read_field, read_section
+from feeddrive.files.job import Job, JobSection
 from feeddrive.files.machine import found
-from feeddrive.files.toml_file import Section, TomlFile, read_toml
+from feeddrive.files.section import Section, file_name, named, text
+from feeddrive.files.toml_file import TomlFile, TomlTable, read_toml
 from feeddrive.language import tree
-from feeddrive.language.declaration import Declaration
-from feeddrive.language.errors import ParameterError, plain, shown
+from feeddrive.language.block import choice, part
+from feeddrive.language.declaration import Declaration, declarations
+from feeddrive.language.errors import ParameterError, plain
 from feeddrive.language.table import Result, Table
 from feeddrive.study.base import Base
-from feeddrive.study.jobs import STUDY_KEYS, check_rows, read_jobs
+from feeddrive.study.jobs_of_choices import check_rows, choices_in, read_jobs
 from feeddrive.study.points import BITS
-from feeddrive.study.specification import Bound, read_measure, read_specification
+from feeddrive.study.specification import Bound, BoundSection, bounds_of, figures_of, unit_bounded
 from feeddrive.study.vary import Choice, Varied
-from feeddrive.study.vary_section import read_varied
+from feeddrive.study.vary_sections import VaryChoice, VarySection, unit_varied, varied
 
 SAMPLERS = ("grid", "latin_hypercube", "sobol", "monte_carlo", "saltelli")
 MOST = 2**BITS  # variants: where the sequences of Sobol end
-_COMMON_KEYS = ("title", "seed")
-_NOISE = ("same", "each")
+
+
+class StudySection(Section):
+    """A study: a job, what varies in it, and what is measured of every variant."""
+
+    inlined: ClassVar[Mapping[str, type[Section]]] = {"job": JobSection}
+
+    title: str | None = text("of the report", default=None)
+    job: str | None = file_name(
+        "job file beside this one, or the name of a bundled one; absent: the keys of a job stand in this file",
+        default=None,
+    )
+    row: str = text("which law of the job runs, where no choice says otherwise", default="today")
+    sampler: str = choice("how variants are drawn", options=SAMPLERS, default="monte_carlo")
+    count: int | None = choice("variants; of saltelli points of k + 2 variants; none of a grid", least=1, default=None)
+    chunk: int | None = choice("variants that are computed together", least=1, most=1_000_000, default=None)
+    seed: int = choice("of the sampler", least=0, most=2**53 - 1, default=0)
+    noise: str = choice(
+        '"same": all variants have the noise of one seed; "each": every one its own', options=("same", "each"),
+        default="same",
+    )  # fmt: skip
+    measure: tuple[str, ...] = choice("figures to measure", default=())
+    specification: Mapping[str, BoundSection] = named("what a good machine keeps, by figure")
+    vary: tuple[VarySection, ...] = part("what differs from variant to variant", default=())
+
+
+_COMMON = ("title", "seed")  # keys of study and job
+_OF_STUDY = tuple(name for name in declarations(StudySection) if name not in _COMMON)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -149,112 +176,108 @@ def read_study(path: StudyLike, allow: Sequence[str] = ()) -> Study:
     place = found(path, "studies")
     file = read_toml(place, "a study")
     root = file.root()
-    inline = root.values.get("job") is None
-    root.refuse_unknown((*STUDY_KEYS, *_COMMON_KEYS, *(JOB_KEYS if inline else ())))
-    sampler = root.values.get("sampler", "monte_carlo")
-    if sampler not in SAMPLERS:
-        raise root.error(f"sampler = {shown(sampler)} must be one of {', '.join(SAMPLERS)}", "sampler")
-    jobs = read_jobs(root, place, inline)
-    row = root.values.get("row", "today")
-    check_rows(root, jobs, row)
-    made = Study(
-        title=optional_text(root, "title") or place.stem,
+    job = read_field(StudySection, root, "job")
+    of_job = () if job is not None else tuple(name for name in declarations(JobSection) if name not in _COMMON)
+    root.refuse_unknown((*declarations(StudySection), *of_job))
+    choices = choices_in(root)
+    jobs = read_jobs(root, place, job, _OF_STUDY, choices)
+    row = read_field(StudySection, root, "row")
+    check_rows(root, jobs, row, choices)
+    declared, nominal = _paths(jobs, row, choices)
+
+    def unit_of(table: TomlTable) -> str:
+        return unit_varied(table, declared) if table.key[0] == "vary" else unit_bounded(table, allow)
+
+    section = read_section(StudySection, root, besides=of_job, unit_of=unit_of)
+    vary = _vary(section, declared, nominal)
+    points, count = _counts(section, vary)
+    bounds = bounds_of(section.specification, allow)
+    study = Study(
+        title=section.title or place.stem,
         file=file,
-        sampler=sampler,
-        seed=whole(root, "seed", 0),
-        points=0,
-        count=0,
-        chunk=0,
+        sampler=section.sampler,
+        seed=section.seed,
+        points=points,
+        count=count,
+        chunk=_chunk(section, count),
         row=row,
-        noise=_noise(root),
-        vary=(),
-        measure=(),
-        specification=(),
+        noise=section.noise,
+        vary=vary,
+        measure=figures_of(section, section.measure, allow, bounds),
+        specification=bounds,
         jobs=jobs,
         digest="",
     )
-    made = replace(made, vary=_vary(root, made))
-    points, count = _counts(root, made)
-    bounds = read_specification(root, allow)
-    measured = read_measure(root, allow, bounds)
-    made = replace(made, points=points, count=count, chunk=_chunk(root, count), measure=measured, specification=bounds)
-    return replace(made, digest=_digest(made))
+    return replace(study, digest=_digest(study))
 
 
-def _noise(root: Section) -> str:
-    noise = root.values.get("noise", "same")
-    if noise not in _NOISE:
-        raise root.error(f"noise = {shown(noise)} must be one of {', '.join(_NOISE)}", "noise")
-    return noise
-
-
-def _vary(root: Section, study: Study) -> tuple[Varied, ...]:
-    sections = root.listed("vary")
-    if not sections:
-        raise root.error("a study needs a section [[vary]]: what differs from variant to variant")
-    # the rows are known, but not yet which of them vary
-    rows = [value for each in sections if each.values.get("choice") == "row" for value in each.values.get("values", ())]
-    bases = [Base(job, row) for job in study.jobs.values() for row in rows or [study.row]]
+def _paths(
+    jobs: Mapping[tuple[Any, ...], Job], row: str, choices: Sequence[VaryChoice]
+) -> tuple[Callable[[str], Declaration], Callable[[str], float]]:
+    """Declaration and nominal value of a path, which must be there in all jobs and all of their rows that run."""
+    rows = [value for each in choices if each.choice == "row" for value in each.values]
+    bases = [Base(job, str(name)) for job in jobs.values() for name in rows or [row]]
 
     def declared(path: str) -> Declaration:
         found = [base.declaration(path) for base in bases]  # it must be there in all of them
         return found[0]
 
-    made: list[Varied] = []
-    for section in sections:
-        each = read_varied(section, declared, bases[0].nominal, study.sampler == "grid")
-        before = {name for other in made for name in (*other.columns, *other.paths)}
+    return declared, bases[0].nominal
+
+
+def _vary(
+    study: StudySection, declared: Callable[[str], Declaration], nominal: Callable[[str], float]
+) -> tuple[Varied, ...]:
+    if not study.vary:
+        raise study.error("a study needs a section [[vary]]: what differs from variant to variant")
+    found: list[Varied] = []
+    for section in study.vary:
+        each = varied(section, declared, nominal, study.sampler == "grid")
+        before = {name for other in found for name in (*other.columns, *other.paths)}
         twice = sorted(before & {*each.columns, *each.paths})
         if twice:
             raise section.error(f"'{twice[0]}' varies twice: by {section.dotted()} and by a section before it")
-        made.append(each)
-    return tuple(made)
+        found.append(each)
+    return tuple(found)
 
 
-def _counts(root: Section, study: Study) -> tuple[int, int]:
+def _counts(study: StudySection, vary: tuple[Varied, ...]) -> tuple[int, int]:
     """Points of the sampler and variants in all."""
-    given = root.values.get("count")
+    key = "count"
     if study.sampler == "grid":
-        if given is not None:
-            raise root.error(
+        if study.count is not None:
+            raise study.error(
                 "count does not go with a grid, whose variants are all combinations of its values", "count"
             )
-        points = 1
-        for each in study.vary:
+        points, key = 1, "vary"
+        for each in vary:
             levels = each.levels
             assert levels is not None
             points *= len(levels)
-        key = "vary"
+        if points < 1:
+            raise study.error("the grid has no variants: a study has at least one", key)
+    elif study.count is None:
+        raise study.error("count is missing: how many variants there are")
     else:
-        if isinstance(given, bool) or not isinstance(given, int):
-            raise root.error("count must be a whole number: how many variants there are", "count")
-        points, key = given, "count"
-    each = len(study.vary) + 2 if study.sampler == "saltelli" else 1
-    count = points * each
-    if points < 1:
-        raise root.error(f"count = {points} must be >= 1: a study has at least one variant", key)
+        points = study.count
+    count = points * (len(vary) + 2 if study.sampler == "saltelli" else 1)
     if count > MOST:
-        raise root.error(
+        raise study.error(
             f"these are {count:,} variants, more than {MOST:,} (2^{BITS}), where the sequences of the samplers end: "
             "take fewer; a yield from a million variants has an error below 0.1 %",
             key,
         )
     if study.sampler == "saltelli" and points & (points - 1):
         near = 1 << points.bit_length()
-        raise root.error(
+        raise study.error(
             f"count = {points} points of the sampler saltelli must be a power of 2, such as {near // 2} or {near}", key
         )
     return points, count
 
 
-def _chunk(root: Section, count: int) -> int:
+def _chunk(study: StudySection, count: int) -> int:
     """Variants of a chunk: multiples of 16, so that vectors are full, and some 16 chunks or more."""
-    given = root.values.get("chunk")
-    if given is None:
-        return max(16, min(1024, 16 * -(-count // 256)))
-    if isinstance(given, bool) or not isinstance(given, int) or not 1 <= given <= 1_000_000:
-        raise root.error(f"chunk = {shown(given)} must be a whole number of variants, 1 to 1,000,000", "chunk")
-    return given
+    return max(16, min(1024, 16 * -(-count // 256))) if study.chunk is None else study.chunk
 
 
 def _digest(study: Study) -> str:

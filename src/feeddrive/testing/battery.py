@@ -31,7 +31,8 @@ except ImportError as absent:
 from feeddrive.blocks.catalogue import catalogue, family_of, required
 from feeddrive.blocks.families import Law
 from feeddrive.language import tree
-from feeddrive.language.block import Block, declarations
+from feeddrive.language.block import Block
+from feeddrive.language.declaration import declarations
 from feeddrive.language.graph import Graph, reachable
 from feeddrive.language.ring import Ring
 from feeddrive.language.units import measure

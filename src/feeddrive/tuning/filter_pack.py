@@ -12,7 +12,8 @@ from feeddrive.analysis.margins import Margins
 from feeddrive.blocks.catalogue import find, members
 from feeddrive.blocks.families import Filter
 from feeddrive.language import tree
-from feeddrive.language.block import Block, declarations
+from feeddrive.language.block import Block
+from feeddrive.language.declaration import declarations
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.loop.control import Control
 from feeddrive.tuning.tunables import HIGHEST_FILTER

@@ -14,7 +14,7 @@ from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.identification.regression import solve, standard_errors
 from feeddrive.language import tree
-from feeddrive.language.block import declarations
+from feeddrive.language.declaration import declarations
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError, StructureError
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import UNIT, Column, Result, Table

@@ -16,7 +16,8 @@ from feeddrive.blocks.controller.lqg import LQG
 from feeddrive.blocks.controller.pole_placement import PolePlacement
 from feeddrive.blocks.observer.gpi_observer import GpiObserver
 from feeddrive.language import tree
-from feeddrive.language.block import Block, declarations
+from feeddrive.language.block import Block
+from feeddrive.language.declaration import declarations
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.loop.control import Control
 

@@ -15,10 +15,9 @@ from feeddrive.files.columns import Column, check_sign, unit_of
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.frf import write_frf
 from feeddrive.files.guess import guess_roles, unit_in_name
-from feeddrive.files.job_log import LogRequest
 from feeddrive.files.log import Log, LogLike
 from feeddrive.files.mapping import MappingLike
-from feeddrive.files.read_log import read_log
+from feeddrive.files.read_log import LogRequest, read_log
 from feeddrive.identification.excitation.estimate_frf import estimate_frf
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
 from feeddrive.identification.excitation.record import Record

@@ -12,16 +12,16 @@ import numpy as np
 
 from feeddrive.blocks.families import Friction
 from feeddrive.blocks.force.gravity import Gravity
-from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile
+from feeddrive.files.to_toml import to_toml
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.identification.estimate import LEAST_PULL, SHAFT, SIGNIFICANT
 from feeddrive.identification.friction_curve import Compared, FrictionCurve, fit_friction
 from feeddrive.identification.motion.known_axis import own_viscous
 from feeddrive.identification.steady_runs import LEAST_ROWS, SteadyRuns, steady_runs
-from feeddrive.language.block import declarations
+from feeddrive.language.declaration import declarations
 from feeddrive.language.errors import NotIdentifiableError, sentence
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress

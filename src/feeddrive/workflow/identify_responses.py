@@ -14,13 +14,13 @@ from feeddrive import plot
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.families import Plant
 from feeddrive.blocks.plant.two_mass import TwoMass
-from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.columns import unit_of
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.frf import encoders, names_frequency, read_frfs
 from feeddrive.files.log import LogLike
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.files.mapping import MappingLike
+from feeddrive.files.to_toml import to_toml
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.identification.estimate import lever
 from feeddrive.identification.motion.motion_log import MotionLog

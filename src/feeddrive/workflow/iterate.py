@@ -10,12 +10,12 @@ from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceComp
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.files.atomic_io import write_whole
-from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.job import Job, JobLike, read_job
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.files.mapping import MappingLike
+from feeddrive.files.to_toml import to_toml
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity

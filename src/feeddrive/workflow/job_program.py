@@ -13,9 +13,9 @@ from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.cutting.engagement import arc
 from feeddrive.blocks.families import Observer
 from feeddrive.blocks.machine_families import Cutter
+from feeddrive.files.cutting import Cut
 from feeddrive.files.job import Job
-from feeddrive.files.job_cuts import Cut
-from feeddrive.files.job_program import PlannedProgram
+from feeddrive.files.planned_program import PlannedProgram
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Cell, Column, Table

@@ -299,7 +299,7 @@ def _simulated(job: Job, loop: Loop, name: str, progress: Progress) -> Run:
 def _together(job: Job, machine: Machine, axis: str, name: str, progress: Progress) -> Run:
     """All axes in one run: the one of the rows along the job's reference, the others along theirs or at rest."""
     assert job.reference is not None
-    given = {axis: Other(job.reference, job.load), **job.others}
+    given = {axis: Other(reference=job.reference, load=job.load), **job.others}
     still = LinearMove(distance=0.0, travel_time=max(job.reference.duration, machine.sample_time))
     references = {each: given[each].reference or still if each in given else still for each in machine.axes()}
     loads = {each: load for each, what in given.items() if (load := what.load) is not None}

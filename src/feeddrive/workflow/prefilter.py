@@ -7,12 +7,12 @@ from pathlib import Path
 from feeddrive.blocks.families import Reference
 from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.files.atomic_io import write_whole
-from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.job import JobLike, read_job
 from feeddrive.files.log import LogLike
 from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.files.mapping import MappingLike
+from feeddrive.files.to_toml import to_toml
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.loop import Loop

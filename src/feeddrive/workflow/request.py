@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any, Literal, dataclass_transform
 
 from feeddrive.language import units
-from feeddrive.language.declaration import Declaration, check_bounds, check_choice
+from feeddrive.language.declaration import Declaration, Declared, check_bounds, check_choice
 from feeddrive.language.errors import ParameterError
 
 OUT = "Directory to write; one that feeddrive wrote before is replaced"
@@ -118,7 +118,7 @@ def argument(
 ) -> Any:
     """Declare what has a place and no name on the command line: the file or the machine that it is about."""
     declared = Declaration(role="argument", unit="", meaning=meaning, options=options)
-    metadata = {"declared": declared, "unit": "", "short": "", "flag": ""}
+    metadata = {"declaration": declared, "unit": "", "short": "", "flag": ""}
     return dataclasses.field(default=default, kw_only=kw_only, metadata=metadata)
 
 
@@ -140,12 +140,12 @@ def option(
     """Declare an option; without a default it must be given."""
     declared = Declaration(role="option", unit=entered or unit, meaning=meaning, above=above, least=least, below=below,
                            most=most, options=options)  # fmt: skip
-    metadata = {"declared": declared, "unit": unit, "short": short, "flag": flag}
+    metadata = {"declaration": declared, "unit": unit, "short": short, "flag": flag}
     return dataclasses.field(default=default, kw_only=kw_only, metadata=metadata)
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(argument, option))
-class Request:
+class Request(Declared):
     """Base of all requests. Subclasses become frozen dataclasses that check themselves."""
 
     def __init_subclass__(cls, more: Mapping[str, tuple[str, Any]] | None = None, after: str = "") -> None:
@@ -160,13 +160,8 @@ class Request:
                 setattr(cls, name, field)
         dataclass(frozen=True)(cls)
 
-    def __post_init__(self) -> None:
-        for field in fields_of(type(self)):
-            object.__setattr__(self, field.name, field.checked(getattr(self, field.name)))
-        self.check()
-
-    def check(self) -> None:
-        """Raise ParameterError for fields that do not fit each other; a request overrides this empty one."""
+    def _checked(self, name: str, declaration: Declaration, value: Any) -> Any:
+        return _by_name(type(self))[name].checked(value)
 
     def command_line(self, name: str) -> str:
         """What asks for the same on the command line."""
@@ -204,14 +199,18 @@ def fields_of(request: type[Request]) -> tuple[Field, ...]:
     for spec in dataclasses.fields(request):  # type: ignore[arg-type]
         kinds, many = _kind(hints[spec.name])
         given = spec.metadata
-        positional = given["declared"].role == "argument"
+        declared = given["declaration"]
+        positional = declared.role == "argument"
         flag = "" if positional else given["flag"] or f"--{spec.name.replace('_', '-')}"
         found.append(
-            Field(
-                spec.name, kinds[0], kinds, many, spec.default, given["unit"], given["declared"], flag, given["short"]
-            )
+            Field(spec.name, kinds[0], kinds, many, spec.default, given["unit"], declared, flag, given["short"])
         )
     return tuple(found)
+
+
+@cache
+def _by_name(request: type[Request]) -> dict[str, Field]:
+    return {field.name: field for field in fields_of(request)}
 
 
 def called(source: Any) -> str:

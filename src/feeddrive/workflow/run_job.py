@@ -18,8 +18,8 @@ import numpy as np
 
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.job import Job, JobLike, read_job
-from feeddrive.files.job_program import FILES
 from feeddrive.files.log import write_log
+from feeddrive.files.planned_program import FILES
 from feeddrive.files.run_files import file_names, summary_text, write_run_csv, write_run_parquet
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.language import tree

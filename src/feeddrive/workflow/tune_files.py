@@ -16,9 +16,9 @@ from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.certificate.certificate import Certificate
 from feeddrive.comparison.figures import duty_of
 from feeddrive.files.atomic_io import new_directory
-from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.run_files import summary_text
+from feeddrive.files.to_toml import to_toml
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.language import tree, units
 from feeddrive.language.block import Block

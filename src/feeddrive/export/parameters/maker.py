@@ -12,7 +12,8 @@ from typing import NamedTuple
 from feeddrive.blocks.families import Filter
 from feeddrive.export.parameters.quantities import QUANTITIES, Cascade, DriveTrain, LostPart, at_shaft
 from feeddrive.language import tree, units
-from feeddrive.language.block import Block, declarations
+from feeddrive.language.block import Block
+from feeddrive.language.declaration import declarations
 
 NOT_CHECKED = "NOT CHECKED against a manual: name and unit are those in common use"
 

@@ -9,7 +9,7 @@ from typing import Any
 from feeddrive.export.targets import TARGETS
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.language import units
-from feeddrive.language.block import declarations
+from feeddrive.language.declaration import declarations
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.guard import Guard

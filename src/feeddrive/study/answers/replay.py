@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from feeddrive.blocks.families import Load, Reference
-from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.job import Job
-from feeddrive.files.job_program import FILES
 from feeddrive.files.machine import machine_toml
+from feeddrive.files.planned_program import FILES
+from feeddrive.files.to_toml import to_toml
 from feeddrive.loop.machine import Machine
 from feeddrive.study.cases import Case, cases
 from feeddrive.study.study import Study

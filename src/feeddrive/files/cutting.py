@@ -1,4 +1,4 @@
-"""The section [process] of a job with a part program: which tool cuts how deep and how wide, and how fast it turns.
+"""What a part program cuts: the section [process] of a job says which tool cuts how deep and wide, how fast it turns.
 
 [process.tool.1]                   # of `T1 M6` in the program; a program without T uses the only one
 kind = "mechanistic_cutter"
@@ -38,9 +38,8 @@ from feeddrive.blocks.coupling.cut_sections import CutSections
 from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.cutting.engagement import arc
 from feeddrive.blocks.machine_families import Cutter
-from feeddrive.files.blocks_from_toml import read_block
-from feeddrive.files.toml_file import Section
-from feeddrive.language.block import Block, Number, Rule, choice, parameter
+from feeddrive.files.section import Section, named
+from feeddrive.language.block import Number, choice, parameter, part
 from feeddrive.language.errors import ParameterError, ProgramError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
@@ -55,7 +54,7 @@ _MM = 1e-3
 _SURFACES = 3  # that a tooth may meet
 
 
-class CutSection(Block):
+class CutSection(Section, kind="cut_section"):
     """Lines of a part program that cut, and how."""
 
     first_line: int = choice("first line of the part program", least=1, most=10**9)
@@ -69,13 +68,33 @@ class CutSection(Block):
         "rpm", "turns of the spindle; absent: S of the program", above=0, default=None
     )
 
-    def rules(self) -> Iterator[Rule]:
+    def check(self) -> None:
         """The last line is not before the first."""
-        yield Rule(
-            self.last_line >= self.first_line,
-            "the last line is not before the first",
-            lambda: f"section.last_line = {self.last_line} must be >= section.first_line = {self.first_line}",
-        )
+        if self.last_line < self.first_line:
+            raise self.error(
+                f"{self.dotted()}: section.last_line = {self.last_line} must be >= section.first_line = "
+                f"{self.first_line}"
+            )
+
+
+class ProcessSection(Section):
+    """What the part program cuts."""
+
+    tool: Mapping[str, Cutter] = named(
+        "tools by their numbers in the program: [process.tool.1]", least=1, pattern="0*[1-9][0-9]{0,5}",
+        example="a tool has a number of the program, as [process.tool.1]",
+    )  # fmt: skip
+    section: tuple[CutSection, ...] = part("what lines cut, over what comments say: (ap=4 ae=0.3 down)", default=())
+
+    def check(self) -> None:
+        """No line belongs to two sections."""
+        ordered = sorted(self.section, key=lambda each: each.first_line)
+        for one, other in pairwise(ordered):
+            if other.first_line <= one.last_line:
+                raise self.error(
+                    f"two of [[process.section]] hold line {other.first_line}: lines {one.first_line} to "
+                    f"{one.last_line} and {other.first_line} to {other.last_line}", "section"
+                )  # fmt: skip
 
 
 class Cut(NamedTuple):
@@ -95,12 +114,11 @@ _AIR = (0.0, None, "up")
 
 @dataclass(frozen=True)
 class Process:
-    """The section [process] and what the comments of the program say.
+    """What the section [process] and the comments of the program say.
 
     comments  depth, width and side from a line on, in order
     """
 
-    section: Section
     program: str
     tools: Mapping[int, Cutter]
     sections: tuple[CutSection, ...]
@@ -231,33 +249,10 @@ class SpindleOfLines:
         return self._found.get(line, (0.0, 0))
 
 
-def read_process(section: Section | None, program: Path) -> Process | None:
-    """The section [process] of a job, if it has one, with the comments of its program.
-
-    Raises ParameterError for keys, ProgramError at a comment that cannot be meant.
-    """
-    if section is None:
-        return None
-    section.refuse_unknown(("tool", "section"))
-    tools: dict[int, Cutter] = {}
-    for name, each in section.named("tool").items():
-        if not name.isdecimal() or not 0 < int(name) < 10**6:
-            raise section.error(f"process.tool.{name}: a tool has a number of the program, as [process.tool.1]", "tool")
-        tools[int(name)] = read_block(Cutter, each)  # type: ignore[type-abstract]
-    sections = tuple(read_block(CutSection, each) for each in section.listed("section"))
-    _apart(section, sections)
-    return Process(section, program.name, tools, sections, tuple(_comments(program)), SpindleOfLines())
-
-
-def _apart(section: Section, sections: Sequence[CutSection]) -> None:
-    """No line belongs to two sections."""
-    ordered = sorted(sections, key=lambda each: each.first_line)
-    for one, other in pairwise(ordered):
-        if other.first_line <= one.last_line:
-            raise section.error(
-                f"two of [[process.section]] hold line {other.first_line}: lines {one.first_line} to {one.last_line} "
-                f"and {other.first_line} to {other.last_line}", "section"
-            )  # fmt: skip
+def process_of(section: ProcessSection, program: Path) -> Process:
+    """The process of a section, with the comments of its program. Raises ProgramError at a comment without meaning."""
+    tools = {int(name): cutter for name, cutter in section.tool.items()}
+    return Process(program.name, tools, section.section, tuple(_comments(program)), SpindleOfLines())
 
 
 def _comments(program: Path) -> Iterator[tuple[int, tuple[float, float | None, str]]]:

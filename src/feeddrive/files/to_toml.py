@@ -1,14 +1,14 @@
-"""A block as TOML text that `blocks_from_toml.py` reads back bit for bit; every key with unit and meaning."""
+"""A block as TOML text that `from_toml.py` reads back bit for bit; every key with unit and meaning."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import Any
 
-from feeddrive.files.blocks_from_toml import Hint, hints
+from feeddrive.files.from_toml import Hint, hints
 from feeddrive.files.toml_values import quoted
-from feeddrive.language.block import Block, declarations
-from feeddrive.language.declaration import Declaration
+from feeddrive.language.block import Block
+from feeddrive.language.declaration import Declaration, declarations
 from feeddrive.language.errors import StructureError
 
 _COMMENTS = 34  # column at which comments begin

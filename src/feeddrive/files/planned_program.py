@@ -26,13 +26,15 @@ import numpy as np
 from feeddrive.blocks.machine_families import Coupling
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.files.columns import Column
+from feeddrive.files.cutting import Cut, Process, ProcessSection, process_of
 from feeddrive.files.formats import OpenedFile
-from feeddrive.files.job_cuts import Cut, Process, read_process
 from feeddrive.files.machine import BUNDLED, MachineFile, planned_limits
 from feeddrive.files.read_log import read_log
-from feeddrive.files.toml_file import Section
-from feeddrive.language import units
-from feeddrive.language.errors import FeeddriveError, NotPlannedError, ParameterError
+from feeddrive.files.section import Section, file_name, named
+from feeddrive.files.toml_file import TomlTable
+from feeddrive.language.block import Number, choice, parameter
+from feeddrive.language.declaration import declarations
+from feeddrive.language.errors import FeeddriveError, NotPlannedError, nearest
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 from feeddrive.loop.simulate import samples
@@ -41,11 +43,46 @@ from feeddrive.path.program.reading import read_program
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
 from feeddrive.path.smoothing import reach, smoothed
 
-FILES = ("file", "tools", "offsets", "limits", "recorded")
-_FLAGS = ("tables_inch", "skip_deleted")
-_AVERAGE = 4e-3  # s, if nothing is said
 MOST = 4_000_000
 """Samples of a program that a job runs: a row of each of its signals is held in memory."""
+
+
+class ProgramSection(Section):
+    """A part program, planned, as the reference of all axes that it moves; or setpoints that were recorded."""
+
+    @classmethod
+    def choose(cls, table: TomlTable) -> type[Section]:
+        """By the key that names the file."""
+        return RecordedSection if "recorded" in table.values else PartProgramSection
+
+
+class PartProgramSection(ProgramSection):
+    """A part program, planned, which moves all axes that it names."""
+
+    file: str = file_name("the part program, beside the job or a bundled one", example='"part.ngc"')
+    tools: str | None = file_name("table of tools", default=None)
+    offsets: str | None = file_name("table of offsets", default=None)
+    limits: str | None = file_name("limits of the axes in place of those of the machine file", default=None)
+    tables_inch: bool = choice("tools and offsets are in inches", default=False)
+    skip_deleted: bool = choice("leave out lines that begin with /", default=False)
+
+
+class RecordedSection(ProgramSection):
+    """Setpoints of another planner, smoothed by four averages."""
+
+    recorded: str = file_name("log of the setpoints, beside the job or a bundled one")
+    columns: Mapping[str, str] = named("names of the columns by axis", least=1)
+    sample_time: Number | None = parameter("s", "of a log without a column of time", above=0, below=1e9, default=None)
+    average: Number = parameter("s", "length of one of the four averages", above=0, below=1e9, default=4e-3)
+
+
+FILES = tuple(
+    name
+    for section in (PartProgramSection, RecordedSection)
+    for name, declared in declarations(section).items()
+    if declared.role == "file"
+)
+"""Keys of [program] that name a file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,50 +112,54 @@ class PlannedProgram:
         return () if self.process is None else self.process.couplings(self.cuts, tuple(self.references), substep)
 
 
-def read_planned(section: Section, place: Path, machine: MachineFile, process: Section | None = None) -> PlannedProgram:
+def planned_program(
+    section: ProgramSection, place: Path, machine: MachineFile, process: ProcessSection | None = None
+) -> PlannedProgram:
     """The program of a section, planned within the limits of the machine and proven, with what it cuts.
 
-    Raises ParameterError or FileError as the sections and their files are wrong, ProgramError at a line of the program,
+    Raises ParameterError or FileError as the files of the section are wrong, ProgramError at a line of the program,
     NotPlannedError if it is too long or its proof does not hold.
     """
-    if "recorded" in section.values:
+    if isinstance(section, RecordedSection):
         if process is not None:
             raise process.error("[process] goes with a part program, whose lines it speaks of, not with recorded = ...")
         return _recorded(section, place, machine)
-    section.refuse_unknown((*FILES, *_FLAGS))
-    files = {name: _file(section, place, name) for name in FILES}
-    inch, skip = (_flag(section, name) for name in _FLAGS)
-    program = files["file"]
-    if program is None:
-        raise section.error('program.file is missing: file = "part.ngc"')
+    assert isinstance(section, PartProgramSection)
+    program = _path(section, place, "file")
+    tools, offsets, own_limits = (
+        None if getattr(section, name) is None else _path(section, place, name)
+        for name in ("tools", "offsets", "limits")
+    )
     try:
-        limits = planned_limits(machine, files["limits"])
+        limits = planned_limits(machine, own_limits)
     except FeeddriveError as error:
-        raise type(error)(f"{section.where()}: {error}") from None
+        raise section.error(f"{error}", kind=type(error)) from None
     T = float(next(iter(machine.loops.values())).sample_time)
     kept: list[np.ndarray] = []
     lines: list[np.ndarray] = []
     moves = read_program(
-        program, axes=limits.travel, tools=files["tools"], offsets=files["offsets"], tables_inch=inch, skip_deleted=skip
-    )
+        program, axes=limits.travel, tools=tools, offsets=offsets, tables_inch=section.tables_inch,
+        skip_deleted=section.skip_deleted,
+    )  # fmt: skip
     with closing(moves):
-        said = read_process(process, program)
+        said = None if process is None else process_of(process, program)
         setpoints = Setpoints(moves if said is None else said.spindle.noted(moves), limits, T)
 
         def keep(samples: Samples, _: Sequence[Standstill]) -> None:
             kept.append(samples.values)
             lines.append(np.where(np.isinf(samples.feed), -samples.line, samples.line).astype(np.int32))
             if setpoints.samples > MOST:
-                raise NotPlannedError(
-                    f"{section.where()}: {program.name} lasts longer than {Quantity(MOST * T, 's'):6 SI}, {MOST:,} "
-                    "samples, which a job does not hold in memory: cut the program, or take feeddrive plan for its "
-                    "setpoints"
+                raise section.error(
+                    f"{program.name} lasts longer than {Quantity(MOST * T, 's'):6 SI}, {MOST:,} samples, which a job "
+                    "does not hold in memory: cut the program, or take feeddrive plan for its setpoints",
+                    kind=NotPlannedError,
                 )
             if not samples.proven:
-                raise NotPlannedError(
-                    f"{section.where()}: {program.name}: the motion could not be proven to keep its limits: "
+                raise section.error(
+                    f"{program.name}: the motion could not be proven to keep its limits: "
                     f"{limits.named(str(setpoints.prover.proof().faults[0]))}. This is a fault of feeddrive, not of "
-                    "the program"
+                    "the program",
+                    kind=NotPlannedError,
                 )
 
         planned = planned_of(setpoints, program.name, machine.name, keep)
@@ -151,23 +192,21 @@ def _reference(rows: np.ndarray, T: float) -> Recorded:
     )
 
 
-def _recorded(section: Section, place: Path, machine: MachineFile) -> PlannedProgram:
+def _recorded(section: RecordedSection, place: Path, machine: MachineFile) -> PlannedProgram:
     """Setpoints that another planner has recorded, of the axes that have a column."""
-    times = {name: key for name in ("sample_time", "average") for key in section.values if key.startswith(name)}
-    section.refuse_unknown(("recorded", "columns", *times.values()))
-    path = _file(section, place, "recorded")
-    assert path is not None
-    columns = section.section("columns")
-    columns.refuse_unknown(machine.loops)
-    file, step = OpenedFile(path), _time(section, times.get("sample_time", ""))
+    path = _path(section, place, "recorded")
+    file = OpenedFile(path)
+    unknown = next((name for name in section.columns if name not in machine.loops), None)
+    if unknown is not None:
+        raise section.error(
+            f"key '{section.dotted('columns')}.{unknown}' is not known{nearest(unknown, machine.loops)}", "columns"
+        )
     T = float(next(iter(machine.loops.values())).sample_time)
     references: dict[str, Recorded] = {}
     farthest, rows = 0.0, 0
-    for axis, name in columns.values.items():
-        if not isinstance(name, str):
-            raise columns.error(f"{columns.dotted(axis)} must be the name of a column in quotes", axis)
-        log = read_log(file, {"setpoint_position": Column(name=name)}, sample_time=step)
-        average = max(1, round((_time(section, times.get("average", "")) or _AVERAGE) / log.sample_time))
+    for axis, name in section.columns.items():
+        log = read_log(file, {"setpoint_position": Column(name=name)}, sample_time=section.sample_time)
+        average = max(1, round(section.average / log.sample_time))
         early = reach(average) * log.sample_time  # from rest to rest
         ends = log.sample_time * (len(log) - 1)
         instants = np.arange(samples(ends + 2.0 * early, T)) * T - early
@@ -175,8 +214,6 @@ def _recorded(section: Section, place: Path, machine: MachineFile) -> PlannedPro
         references[axis] = _reference(smooth, T)
         recorded = np.interp(instants, np.arange(len(log)) * log.sample_time, log["setpoint_position"])
         farthest, rows = max(farthest, float(np.max(np.abs(smooth[:, 0] - recorded)))), average
-    if not references:
-        raise columns.error(f"{columns.dotted()} names no axis")
     return PlannedProgram(
         references,
         Text(
@@ -186,36 +223,12 @@ def _recorded(section: Section, place: Path, machine: MachineFile) -> PlannedPro
     )
 
 
-def _time(section: Section, key: str) -> float | None:
-    """A time in s, or in the unit that its key names; None without a key."""
-    if not key:
-        return None
-    value = section.values[key]
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < 1e9:
-        raise section.error(f"{section.dotted(key)} must be a time > 0", key)
-    unit = key.removeprefix("sample_time").removeprefix("average").lstrip("_")
-    try:
-        return units.scaled(value, units.factor(unit, "s") if unit else 1.0)
-    except ParameterError as error:
-        raise section.error(f"{section.dotted(key)}: {error}", key) from None
-
-
-def _file(section: Section, place: Path, name: str) -> Path | None:
-    value = section.values.get(name)
-    if value is not None and not isinstance(value, str):
-        raise section.error(f'{section.dotted(name)} must be a text in quotes ("...")', name)
-    if value is None:
-        return None
+def _path(section: ProgramSection, place: Path, name: str) -> Path:
+    """The file that a key names: beside the job, or a bundled one."""
+    value = str(getattr(section, name))
     beside, bundled = place.parent / value, BUNDLED / "programs" / value
     if beside.exists():
         return beside
     if not bundled.is_file():
         raise section.error(f"{section.dotted(name)} = {value!r}: there is no such file beside the job", name)
     return bundled
-
-
-def _flag(section: Section, name: str) -> bool:
-    value = section.values.get(name, False)
-    if not isinstance(value, bool):
-        raise section.error(f"{section.dotted(name)} must be true or false", name)
-    return value

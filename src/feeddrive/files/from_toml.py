@@ -1,0 +1,507 @@
+"""A block or a section from a TOML table, read by the declarations and type annotations of its fields.
+
+    [axis.x.plant]
+    kind = "two_mass"            # selects the block of the family; not needed where only one block fits
+    mass_load = 350.0            # a parameter in the unit of its declaration
+    stiffness_N_per_um = 180     # or in another unit of the same dimension, appended to the key
+    [[axis.x.forces]]            # a part is a section, a tuple of parts a list of sections
+    kind = "cogging"
+
+Every error is one sentence: file and line, key, value, bound, unit, what to do.  `to_toml.py` is the inverse of blocks.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+import re
+import types
+import typing
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Any, TypeAlias, TypeVar
+
+import numpy as np
+
+from feeddrive.blocks.catalogue import OPT_IN, RENAMED, catalogue
+from feeddrive.files.section import VARIED, Section
+from feeddrive.files.toml_file import TomlTable
+from feeddrive.language import units
+from feeddrive.language.block import Block, checked
+from feeddrive.language.declaration import Declaration, Declared, declarations, defaults
+from feeddrive.language.errors import ParameterError, StructureError, nearest, shown
+from feeddrive.language.quantity import Quantity
+
+Choice: TypeAlias = Any  # the type of a choice: int, str, bool, float, tuple[...] or a union of them
+
+
+@dataclass(frozen=True)
+class Hint:
+    """The type of a part: blocks or sections of these families or classes.
+
+    many      a list of them
+    optional  may be absent
+    """
+
+    classes: tuple[type[Any], ...]
+    many: bool = False
+    optional: bool = False
+
+    def single(self) -> bool:
+        """True if only one class fits, so that `kind` need not be written."""
+        return len(self.classes) == 1 and not inspect.isabstract(self.classes[0])
+
+
+@cache
+def hints(kind: type[Declared]) -> Mapping[str, Any]:
+    """By name the Hint of every part, the type of every choice, and either of them of what stands under names."""
+    resolved = typing.get_type_hints(kind)
+    found: dict[str, Any] = {}
+    for name, declared in declarations(kind).items():
+        if declared.role == "part":
+            found[name] = part_hint(resolved[name])
+        elif declared.role == "choice":
+            found[name] = resolved[name]
+        elif declared.role == "named":
+            value = typing.get_args(options_of_type(resolved[name])[0])[1]
+            found[name] = part_hint(value) if inspect.isclass(value) and issubclass(value, Declared) else value
+    return found
+
+
+def part_hint(annotation: Any) -> Hint:
+    """The Hint of `Plant`, `Friction | None` or `tuple[Force, ...]`."""
+    if typing.get_origin(annotation) is tuple:
+        inner = part_hint(typing.get_args(annotation)[0])
+        return Hint(inner.classes, many=True)
+    if _is_union(annotation):
+        inner = [part_hint(each) for each in options_of_type(annotation)]
+        return Hint(
+            tuple(found for each in inner for found in each.classes),
+            many=any(each.many for each in inner),
+            optional=types.NoneType in typing.get_args(annotation),
+        )
+    return Hint((annotation,))
+
+
+def _is_union(annotation: Any) -> bool:
+    return typing.get_origin(annotation) in (typing.Union, types.UnionType)
+
+
+def options_of_type(annotation: Choice) -> tuple[Choice, ...]:
+    """The types of a union but None, or the only type."""
+    if not _is_union(annotation):
+        return (annotation,)
+    return tuple(each for each in typing.get_args(annotation) if each is not types.NoneType)
+
+
+def members(hint: Hint) -> dict[str, type[Any]]:
+    """Kind -> class of every block or section that fits."""
+    found: dict[str, type[Any]] = {}
+    for family in hint.classes:
+        if issubclass(family, Section):
+            found.update({each.kind: each for each in _members_of(family)})
+            continue
+        found.update({family.kind: family} if not inspect.isabstract(family) else catalogue().get(family, {}))
+    return found
+
+
+def _members_of(family: type[Section]) -> Iterator[type[Section]]:
+    """The classes of a family of sections: itself, if it has no others."""
+    below = family.__subclasses__()
+    if not below:
+        yield family
+    for each in below:
+        yield from _members_of(each)
+
+
+def choice_value(table: TomlTable, key: str, declared: Declaration, annotation: Choice, value: Any) -> Any:
+    """The value of a choice in its own type. Raises ParameterError that names what is allowed."""
+    held = _in_type(annotation, value)
+    where = f"{table.dotted(key)} = {shown(value)} ({declared.meaning})"
+    if declared.options:
+        allowed = [option for option in declared.options if type(option) is type(held) and option == held]
+        if not allowed:
+            listed = ", ".join(_as_text(option) for option in declared.options if option is not None)
+            raise table.error(f"{where} must be one of {listed}", key)
+        return allowed[0]
+    if held is None:
+        raise table.error(f"{where} must be {type_as_text(annotation)}", key)
+    if declared.least is not None and held < declared.least:
+        raise table.error(f"{where} must be >= {Quantity(declared.least):6}", key)
+    if declared.most is not None and held > declared.most:
+        raise table.error(f"{where} must be <= {Quantity(declared.most):6}", key)
+    return held
+
+
+def _as_text(option: Any) -> str:
+    if isinstance(option, bool):
+        return "true" if option else "false"
+    return f'"{option}"' if isinstance(option, str) else str(option)
+
+
+def _in_type(annotation: Choice, value: Any) -> Any:
+    """The value if it is of the type, lists as tuples; None if it is not."""
+    if _is_union(annotation):
+        tried = (_in_type(each, value) for each in options_of_type(annotation))
+        return next((found for found in tried if found is not None), None)
+    if typing.get_origin(annotation) is tuple:
+        return _tuple_in_type(typing.get_args(annotation), value)
+    if annotation is float and type(value) is int:
+        return float(value)
+    return value if type(value) is annotation else None
+
+
+def _tuple_in_type(inner: tuple[Any, ...], value: Any) -> tuple[Any, ...] | None:
+    if not isinstance(value, list):
+        return None
+    expected = [inner[0]] * len(value) if inner[1:] == (Ellipsis,) else list(inner)
+    if len(expected) != len(value):
+        return None
+    held = tuple(_in_type(each, item) for each, item in zip(expected, value, strict=True))
+    return None if None in held else held
+
+
+_TYPES = {int: "a whole number", str: 'text in quotes ("...")', bool: "true or false", float: "a number"}
+
+
+def type_as_text(annotation: Choice) -> str:
+    """A type in words: `a whole number`."""
+    if _is_union(annotation):
+        return " or ".join(map(type_as_text, options_of_type(annotation)))
+    if typing.get_origin(annotation) is tuple:
+        return f"a list, each entry {type_as_text(typing.get_args(annotation)[0])}"
+    return _TYPES.get(annotation, str(annotation))
+
+
+B = TypeVar("B", bound=Block)
+S = TypeVar("S", bound=Section)
+UnitOf: TypeAlias = Callable[[TomlTable], str]
+"""Gives the unit of a section's fields that are declared in `VARIED`."""
+_A_PROGRAM = (
+    "an FMU is a program with no linear model, and nothing that a file names is executed; give the plant that it "
+    "resembles, for margins and tuning, and run the FMU by  feeddrive cosimulate JOB FMU"
+)
+
+
+@dataclass(frozen=True)
+class _Around:
+    """What the reader of a table knows beside its keys.
+
+    besides   keys that are read elsewhere
+    unit_of   of sections that declare a field in `VARIED`
+    """
+
+    besides: frozenset[str] = field(default_factory=frozenset[str])
+    unit_of: UnitOf | None = None
+
+
+def read_block(family: type[B], table: TomlTable) -> B:
+    """The block of a family that a table describes.
+
+    Raises ParameterError (a key is unknown, missing, given twice, of another type, not finite or out of bounds) or
+    StructureError (parts that do not fit each other), both with file and line.
+    """
+    return _read(Hint((family,)), table, _Around())
+
+
+def read_section(
+    section: type[S], table: TomlTable, *, besides: Iterable[str] = (), unit_of: UnitOf | None = None
+) -> S:
+    """The section that a table holds; its own family chooses the class.
+
+    besides   keys that are read elsewhere
+    unit_of   the unit of fields that are declared in `VARIED`, of a table of such a section
+
+    Raises as `read_block`.
+    """
+    return _read(Hint((section,)), table, _Around(frozenset(besides), unit_of))
+
+
+def read_field(section: type[Section], table: TomlTable, name: str) -> Any:
+    """One field of a section alone, before the others can be read. Raises as `read_section`."""
+    if name not in table.values:
+        if name not in defaults(section):
+            _refuse_missing(section, table, [name])
+        return defaults(section)[name]
+    return _value(section, table, name, name, declarations(section)[name], 1.0, _Around())
+
+
+def _read(hint: Hint, table: TomlTable, around: _Around) -> Any:
+    kind = _kind(hint, table)
+    declared = _declared(kind, table, around)
+    found: dict[str, Any] = {}
+    keys: dict[str, str] = {}
+    wrong = kind.refused_alternatives(table.values) if issubclass(kind, Section) else ""
+    if wrong:
+        raise table.error(f"{_prefix(table)}{wrong}")
+    inline = _inline(kind)
+    values = {key: value for key, value in table.values.items() if key not in around.besides}
+    if inline:  # first, since what a section is about stands in it
+        own = {key for key in values if _is_of(key, declared, inline)}
+        others = {key: value for key, value in values.items() if key not in own}
+        found[inline] = _read(hints(kind)[inline], replace(table, values=others), _Around())
+        values = {key: value for key, value in values.items() if key in own}
+    for key, value in values.items():
+        if key == "kind" and _names_kind(kind, value):
+            continue
+        if issubclass(kind, Section) and kind.is_open and key not in declared:
+            continue
+        name, factor = _named(kind, key, table, declared)
+        if name in keys:
+            raise table.error(
+                f"{table.dotted(name)} is given twice, as {keys[name]} and as {key}; remove one of them", key
+            )
+        keys[name] = key
+        found[name] = _value(kind, table, key, name, declared[name], factor, replace(around, besides=frozenset()))
+    missing = [name for name in declared if name not in found and name not in defaults(kind)]
+    if missing:
+        _refuse_missing(kind, table, missing)
+    return _made(kind, table, found)
+
+
+def _declared(kind: type[Declared], table: TomlTable, around: _Around) -> dict[str, Declaration]:
+    """The declarations of a kind as they hold in this table: of an axis that turns, or in the unit that varies."""
+    declared = {name: each.of_axis(table.rotary) for name, each in declarations(kind).items()}
+    if all(each.unit != VARIED for each in declared.values()):
+        return declared
+    assert around.unit_of is not None, f"{kind.__name__} has a unit that its reader must be told"
+    unit = around.unit_of(table)
+    return {name: replace(each, unit=unit) if each.unit == VARIED else each for name, each in declared.items()}
+
+
+def _inline(kind: type[Declared]) -> str:
+    """The part of a section whose keys stand among its own; empty if there is none, as in every block."""
+    if not issubclass(kind, Section):
+        return ""
+    return next((name for name, each in declarations(kind).items() if each.inline), "")
+
+
+def _is_of(key: str, declared: Mapping[str, Declaration], inline: str) -> bool:
+    """True if a key is one of the section itself, and not of its inline part."""
+    return any(
+        key == name or (each.role in ("parameter", "table") and key.startswith(f"{name}_"))
+        for name, each in declared.items()
+        if name != inline
+    )
+
+
+def _names_kind(kind: type[Declared], value: Any) -> bool:
+    """True if a key `kind` only says what this is."""
+    return issubclass(kind, Block) or ("kind" not in declarations(kind) and value == getattr(kind, "kind", ""))
+
+
+def _value(
+    kind: type[Declared], table: TomlTable, key: str, name: str, declared: Declaration, factor: float, around: _Around
+) -> Any:
+    """The value of a field from the value of a key."""
+    value = table.values[key]
+    match declared.role:
+        case "parameter":
+            return _number(table, key, name, declared, value, factor)
+        case "table":
+            return _row(table, key, name, declared, value, factor)
+        case "choice":
+            return choice_value(table, key, declared, hints(kind)[name], value)
+        case "text" | "file":
+            return _text(table, key, declared, value)
+        case "named":
+            return _under_names(table, key, declared, hints(kind)[name], around)
+        case "numbers":
+            return _by_path(table, key, declared)
+        case _:
+            return _part(table, key, hints(kind)[name], around)
+
+
+def _made(kind: type[Declared], table: TomlTable, found: dict[str, Any]) -> Any:
+    """The value of its fields; errors of its check get file and line."""
+    try:
+        with np.errstate(all="ignore"):  # a value near 1e308 overflows in a check, which then refuses it
+            if not issubclass(kind, Section):
+                return kind(**found)
+            made = object.__new__(kind)
+            object.__setattr__(made, "read_from", table)  # before the check, whose errors name file and line
+            kind.__init__(made, **found)
+            return made
+    except (ParameterError, StructureError) as error:
+        if issubclass(kind, Section) and str(error).startswith(table.file.name):
+            raise
+        raise type(error)(f"{table.where()}: {_prefix(table)}{error}") from None
+    except ArithmeticError:
+        called = getattr(kind, "kind", "")
+        raise table.error(f"{_prefix(table)}{called} has a value too small or too large to compute with") from None
+
+
+def _prefix(table: TomlTable) -> str:
+    return f"{table.dotted()}: " if table.key else ""
+
+
+def _kind(hint: Hint, table: TomlTable) -> type[Declared]:
+    """The class that `kind` names, or the only one that fits; a family of sections chooses by its keys."""
+    first = hint.classes[0]
+    if issubclass(first, Section):
+        return first.choose(table)
+    fitting = members(hint)
+    given = table.values.get("kind")
+    if given is None:
+        if hint.single():
+            return first
+        raise table.error(f"{_prefix(table)}kind is missing; there are: {', '.join(fitting) or 'none'}")
+    if given == "fmu":
+        raise table.error(f"{table.dotted('kind')} = 'fmu': {_A_PROGRAM}", "kind")
+    if isinstance(given, str) and RENAMED.get(given) in fitting:
+        raise table.error(f"{table.dotted('kind')} = {shown(given)} is now called '{RENAMED[given]}'", "kind")
+    if not isinstance(given, str) or given not in fitting:
+        raise table.error(
+            f"{table.dotted('kind')} = {shown(given)} is not known{nearest(str(given), fitting)}; {OPT_IN}", "kind"
+        )
+    return fitting[given]
+
+
+def _named(kind: type[Declared], key: str, table: TomlTable, declared: Mapping[str, Declaration]) -> tuple[str, float]:
+    """The field that a key means, and the factor to its unit."""
+    declared = {name: each for name, each in declared.items() if each.role != "label"}
+    if key in declared:
+        return key, 1.0
+    wrong = ""
+    for name in sorted(declared, key=len, reverse=True):
+        if not key.startswith(f"{name}_") or declared[name].role not in ("parameter", "table"):
+            continue
+        unit = key[len(name) + 1 :]
+        try:
+            return name, units.factor(unit, declared[name].unit)
+        except ParameterError as error:
+            wrong = wrong or f"; if {name} is meant: {error}, it is declared in '{declared[name].unit or '1'}'"
+    to = f" to {kind.kind}" if issubclass(kind, Block) else ""
+    raise table.error(f"key '{table.dotted(key)}' is not known{to}{wrong or nearest(key, declared)}", key)
+
+
+def _number(table: TomlTable, key: str, name: str, declared: Declaration, value: Any, factor: float) -> float:
+    if isinstance(value, str):
+        raise table.error(
+            f"{table.dotted(key)} = {shown(value)} ({declared.meaning}) must be a number without quotes; "
+            f"another unit than {declared.unit or '1'} is named in the key, as in stiffness_N_per_um",
+            key,
+        )
+    try:
+        whole = isinstance(value, int | float) and not isinstance(value, bool)
+        number = units.scaled(_float(value), factor) if whole else value
+        return checked("", table.dotted(name), declared, number)
+    except ParameterError as error:
+        given = "" if key == name else f" (given as {key} = {shown(value)})"
+        raise table.error(f"{error}{given}", key) from None
+
+
+def _float(value: int | float) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
+
+
+def _row(table: TomlTable, key: str, name: str, declared: Declaration, value: Any, factor: float) -> Any:
+    if not isinstance(value, list):
+        raise table.error(f"{table.dotted(key)} ({declared.meaning}) must be a list of numbers: [1.0, 2.0]", key)
+    row: list[float] = []
+    for place, item in enumerate(value):
+        if isinstance(item, bool) or not isinstance(item, int | float) or not math.isfinite(_float(item)):
+            entry = f"entry {place + 1} = {shown(item)}"
+            raise table.error(f"{table.dotted(key)}: {entry} ({declared.meaning}) must be a finite number", key)
+        row.append(units.scaled(_float(item), factor))
+    try:
+        return checked("", table.dotted(name), declared, row)
+    except ParameterError as error:
+        raise table.error(f"{error}", key) from None
+
+
+def _text(table: TomlTable, key: str, declared: Declaration, value: Any) -> str:
+    example = f", such as {key} = {declared.example}" if declared.example else ""
+    if not isinstance(value, str):
+        raise table.error(f'{table.dotted(key)} must be a text in quotes ("..."){example}', key)
+    if len(value) < declared.shortest:
+        raise table.error(f"{table.dotted(key)} ({declared.meaning}) must not be empty{example}", key)
+    return value
+
+
+def _under_names(table: TomlTable, key: str, declared: Declaration, hint: Any, around: _Around) -> dict[str, Any]:
+    """Sections or values by their names."""
+    group = table.optional(key)
+    assert group is not None
+    if len(group.values) < declared.shortest:
+        raise group.error(_too_few(group.dotted(), declared, hint))
+    found: dict[str, Any] = {}
+    for name, value in group.values.items():
+        if declared.options and name not in declared.options:
+            raise group.error(f"key '{group.dotted(name)}' is not known{nearest(name, declared.options)}", name)
+        if declared.pattern and not re.fullmatch(declared.pattern, name):
+            raise group.error(f"{group.dotted(name)}: {declared.example}", name)
+        found[name] = (
+            _part(group, name, hint, around)
+            if isinstance(hint, Hint)
+            else choice_value(group, name, declared=replace(declared, options=()), annotation=hint, value=value)
+        )
+    return found
+
+
+def _too_few(place: str, declared: Declaration, hint: Any) -> str:
+    if isinstance(hint, Hint):
+        return f"there must be at least one section [{place}.NAME]"
+    return f"section [{place}] is missing or empty ({declared.meaning})"
+
+
+def _by_path(table: TomlTable, key: str, declared: Declaration) -> dict[str, float]:
+    """Numbers by path, whether they were written in quotes or as nested tables."""
+    group = table.optional(key)
+    assert group is not None
+    found: dict[str, float] = {}
+    for path, value in _flat(group.values):
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            remedy = f": {declared.example}" if declared.example else ""
+            raise group.error(f"'{path}' must be a number in SI, not {value!r}{remedy}", path)
+        found[path] = _float(value)
+    return found
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in values.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def _part(table: TomlTable, key: str, hint: Hint, around: _Around) -> Any:
+    if hint.many:
+        return tuple(_read(hint, each, around) for each in table.listed(key))
+    value, first = table.values[key], hint.classes[0]
+    if issubclass(first, Section) and first.shorthand:
+        if isinstance(value, str):
+            return _read(hint, replace(table, key=(*table.key, key), values={first.shorthand: value}), around)
+        if not isinstance(value, dict) or not isinstance(value.get(first.shorthand), str):
+            raise table.error(f"{table.dotted(key)} must be {first.wanted}", key)
+    return _read(hint, table.section(key), around)
+
+
+def _refuse_missing(kind: type[Declared], table: TomlTable, missing: list[str]) -> None:
+    declared = {name: declarations(kind)[name].of_axis(table.rotary) for name in missing}
+    if issubclass(kind, Block):
+        described = ", ".join(f"{name} ({', '.join(filter(None, _described(declared[name])))})" for name in missing)
+        raise table.error(f"{_prefix(table)}{kind.kind} needs {described}")
+    name, first = next(iter(declared.items()))
+    if first.role == "named":
+        raise table.error(_too_few(table.dotted(name), first, hints(kind)[name]))
+    if first.role == "part":
+        raise table.error(f"section [{table.dotted(name)}] is missing ({first.meaning})")
+    values = {
+        table.dotted(name): ", ".join(filter(None, _described(each)))
+        for name, each in declared.items()
+        if each.role not in ("named", "part")
+    }
+    if len(values) > 1:
+        raise table.error(f"{', '.join(f'{place} ({what})' for place, what in values.items())} are missing")
+    example = f": {name} = {first.example}" if first.example else ""
+    raise table.error(f"{table.dotted(name)} is missing ({values[table.dotted(name)]}){example}")
+
+
+def _described(declared: Declaration) -> tuple[str, ...]:
+    return "" if declared.unit == VARIED else declared.unit, declared.meaning, str(declared.bounds())

@@ -1,0 +1,48 @@
+"""The kinds of files that people write, by the section that each holds, and their JSON Schemas.
+
+python -m feeddrive.workflow.schemas docs/schema
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from feeddrive.bus.drive_file import DriveFile
+from feeddrive.files.atomic_io import write_whole
+from feeddrive.files.job import JobSection
+from feeddrive.files.machine import LimitsSection, MachineSection
+from feeddrive.files.mapping import ChannelsSection
+from feeddrive.files.schema import Schema, schema_of
+from feeddrive.files.section import Section
+from feeddrive.study.study import StudySection
+
+FILES: Mapping[str, type[Section]] = {
+    "machine": MachineSection,
+    "job": JobSection,
+    "study": StudySection,
+    "channels": ChannelsSection,
+    "drive": DriveFile,
+    "limits": LimitsSection,
+}
+"""The section that is the content of a file, by what people call the file."""
+
+
+def schemas() -> dict[str, Schema]:
+    """Return the schema of each kind of file by its name."""
+    return {name: schema_of(section, name) for name, section in FILES.items()}
+
+
+def write_schemas(folder: str | Path) -> list[Path]:
+    """Write `machine.schema.json` and the others into a folder. Raise FileError if it cannot be written."""
+    written: list[Path] = []
+    for name, schema in schemas().items():
+        written.append(Path(folder) / f"{name}.schema.json")
+        write_whole(written[-1], json.dumps(schema, indent=2, ensure_ascii=False) + "\n")
+    return written
+
+
+if __name__ == "__main__":
+    write_schemas(sys.argv[1])
