@@ -235,8 +235,8 @@ def _skipped(words: str) -> bool:
 
 
 # states, tuples and places; and the `output` of a filter that only a live change of it reads
-_NO_NUMBERS = {"state", "after", "bodies", "middle", "lead", "positions", "interpolator", "held", "made", "reading",
-               "prepared.section[0]", "delayed", "self.Lead", "output", "state.z", "row", "moved", "names", "n",
+_NO_NUMBERS = {"state", "after", "bodies", "middle", "lead", "positions", "interpolator", "model", "held", "made",
+               "reading", "prepared.section[0]", "delayed", "self.Lead", "output", "state.z", "row", "moved", "names", "n",
                "columns.shape[1]", "whole.sample_time"}  # fmt: skip
 
 
