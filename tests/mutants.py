@@ -236,8 +236,8 @@ def _skipped(words: str) -> bool:
 
 # states, tuples and places; and the `output` of a filter that only a live change of it reads
 _NO_NUMBERS = {"state", "after", "bodies", "middle", "lead", "positions", "interpolator", "model", "held", "made",
-               "reading", "prepared.section[0]", "delayed", "self.Lead", "output", "state.z", "row", "moved", "names", "n",
-               "columns.shape[1]", "whole.sample_time"}  # fmt: skip
+               "reading", "prepared.section[0]", "delayed", "self.Lead", "output", "state.z", "row", "moved", "names",
+               "n", "columns.shape[1]", "whole.sample_time"}  # fmt: skip
 
 
 def mutants(place: Place) -> list[Mutant]:
