@@ -2,4 +2,21 @@
 
 from feeddrive.language.lazy_package import make_lazy
 
-make_lazy(__name__)
+make_lazy(
+    __name__,
+    {
+        "blocks_to_toml": "to_toml",
+        "columns": "Column",
+        "comp_file": "comp_text read_comp_file write_comp_file",
+        "frf": "encoders read_controllers read_frf read_frfs write_frf",
+        "growing": "GrowingFile GrowingTable",
+        "guess": "Guess guess_roles write_roles",
+        "handover": "write_csv write_mat",
+        "job": "Job read_job",
+        "job_log": "read_request",
+        "log": "Log write_log",
+        "machine": "MachineFile read_machine",
+        "mapping": "Mapping",
+        "read_log": "read_arrays read_log",
+    },
+)

@@ -2,4 +2,12 @@
 
 from feeddrive.language.lazy_package import make_lazy
 
-make_lazy(__name__)
+make_lazy(
+    __name__,
+    {
+        "circle_page": "build_circle",
+        "laws_page": "build",
+        "page": "Entry LawsReport",
+        "plan_page": "build_plan",
+    },
+)

@@ -1,4 +1,6 @@
-"""Reports as HTML pages; editors read this file, and the package loads the names on first use."""
+"""The report about laws over the same work: one self-contained HTML page. `build(contents)` returns its text."""
+
+# written by `make stubs`
 
 from feeddrive.report.circle_page import build_circle as build_circle
 from feeddrive.report.laws_page import build as build

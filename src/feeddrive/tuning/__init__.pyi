@@ -1,4 +1,6 @@
-"""Gains: tuned, by rules, learned; and the laws that can be tuned."""
+"""Tuning of controls: optimization within robustness limits, tuning rules, and iterative learning."""
+
+# written by `make stubs`
 
 from feeddrive.tuning.delay_map import DelayMap as DelayMap
 from feeddrive.tuning.delay_map import delay_map as delay_map
