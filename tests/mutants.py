@@ -120,11 +120,11 @@ PLACES = (
            "found['snap_feedforward']", "0.5 * T", "-0.5 * T"),
     _place("wu2017", "compensator (6), (7)", f"{FEEDFORWARD}.disturbance_compensator", "DisturbanceCompensator.step",
            "total"),
-    _place("wu2017", "error model, model-free", "feeddrive.tuning.error_model", "_inverse", "inverse through return"),
-    _place("wu2017", "error model, model-free", "feeddrive.tuning.error_model", "filtered", "state output",
+    _place("wu2017", "error model, model-free", "feeddrive.learning.error_model", "_inverse", "inverse through return"),
+    _place("wu2017", "error model, model-free", "feeddrive.learning.error_model", "filtered", "state output",
            "+ row * samples", "+ columns[max(k - 1, 0)] * samples"),
-    _place("wu2017", "update", "feeddrive.tuning.iterative_feedforward", "next_iteration", "changed"),
-    _place("wu2017", "convergence", "feeddrive.tuning.trials", "convergence", "return"),
+    _place("wu2017", "update", "feeddrive.learning.iterative_feedforward", "next_iteration", "changed"),
+    _place("wu2017", "convergence", "feeddrive.learning.iterative_feedforward", "convergence", "return"),
 )  # fmt: skip
 
 

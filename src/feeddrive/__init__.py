@@ -65,7 +65,7 @@ make_lazy(
     {
         "": (
             "analysis benchmark blocks bus certificate comparison cosimulation export figures files "
-            "identification loop machining path plot study testing tuning workflow"
+            "identification learning loop machining path plot study testing tuning workflow"
         ),
         "analysis.margins": "margins",
         "analysis.measured_loop": "measured_loop",

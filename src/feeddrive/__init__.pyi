@@ -13,6 +13,7 @@ from feeddrive import export as export
 from feeddrive import figures as figures
 from feeddrive import files as files
 from feeddrive import identification as identification
+from feeddrive import learning as learning
 from feeddrive import loop as loop
 from feeddrive import machining as machining
 from feeddrive import path as path
