@@ -6,13 +6,13 @@ make_lazy(
     __name__,
     {
         "program.commands": "Command canonical_text",
+        "program.expressions": "read_offsets",
         "program.lines": "Line",
         "program.moves": (
-            "Arc Dwell End Feed Message Move Offsets PathMode Point Spindle Spline Stop Straight "
-            "Switch Synchronized ToolChange"
+            "Arc Dwell End Feed Message Move Offsets PathMode "
+            "Point Spindle Spline Stop Straight Switch Synchronized ToolChange"
         ),
-        "program.parameters": "read_offsets",
         "program.reading": "read_commands read_program",
-        "program.tools": "Tool read_tools",
+        "program.state": "Tool read_tools",
     },
 )
