@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test page studio wheel types tests slow slow-share fresh mutate bench docs format clean
+.PHONY: help demo test page studio wheel types tests slow slow-share fresh mutate bench docs format stubs clean
 
 help:
 	@echo "make demo    install into $(VENV), run the bundled job, name the report to open"
@@ -18,13 +18,13 @@ help:
 	@echo "make mutate  change each equation of the shipped laws a little: a claim of its paper must break (docs/mutants.md); halve and double thresholds"
 	@echo "make bench   all benchmarks; they print their tables (needs gcc, takes long)"
 	@echo "make docs    build the documentation into site/"
-	@echo "make format  let ruff format and mend the sources"
+	@echo "make format  let ruff format and mend the sources, and write the stubs"
 	@echo "make clean   remove $(VENV), site and caches"
 
 demo: $(VENV)/installed
 	$(BIN)/feeddrive demo
 
-test: $(VENV)/installed-dev
+test: stubs
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 # workers and the commands that tests start read modules that are compiled, also where containers forbid to write them
@@ -76,7 +76,11 @@ bench: $(VENV)/installed-dev
 docs: $(VENV)/installed-docs
 	$(BIN)/mkdocs build --strict
 
-format: $(VENV)/installed-dev
+# the public names of packages for editors and type checkers
+stubs: $(VENV)/installed-dev
+	$(BIN)/python tests/stubs.py
+
+format: stubs
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 

@@ -19,9 +19,9 @@ from feeddrive.comparison.compare import compare_laws
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import read_machine
 from feeddrive.files.to_toml import to_toml
+from feeddrive.learning.iterative_feedforward import compensated
+from feeddrive.learning.trials import iterate_trials
 from feeddrive.loop.control import Control
-from feeddrive.tuning.iterative_feedforward import compensated
-from feeddrive.tuning.trials import iterate_trials
 
 LAWS = ("P-PI", "GPI, 3 Taylor states", "DADSC", "pole placement")
 LEARNED = "P-PI, learned feedforward"

@@ -10,9 +10,9 @@ from typing import Any
 
 import matplotlib as mpl
 
+from feeddrive.learning.trials import iterate_trials
 from feeddrive.papers.wu2017.testbed import SAME, SETS, TRIALS, noise, table_axis
 from feeddrive.plot.tuning import errors_and_parameters
-from feeddrive.tuning.trials import iterate_trials
 
 TARGET = Path(__file__).parent / "images" / "iterative-feedforward.svg"
 

@@ -20,15 +20,15 @@ def force_noise(trial: int) -> fd.blocks.RecordedForce:
 
 here = move(0.1, 0.25)
 moves = (here, move(0.06, 0.15), move(0.2, 0.4), here)
-print(fd.tuning.convergence(machine, here))
+print(fd.learning.convergence(machine, here))
 
 for name, columns in (
     ("mass and viscous friction", {"mass": 45.0, "viscous": 0.0}),
     ("and Coulomb levels", {"mass": 45.0, "viscous": 0.0, "coulomb_positive": 0.0, "coulomb_negative": 0.0}),
 ):
-    loop = fd.tuning.compensated(machine, fd.blocks.DisturbanceCompensator(**columns))
-    same = fd.tuning.iterate_trials(loop, here, 4, load=force_noise)
-    turns = fd.tuning.iterate_trials(loop, moves, 4, load=force_noise)
+    loop = fd.learning.compensated(machine, fd.blocks.DisturbanceCompensator(**columns))
+    same = fd.learning.iterate_trials(loop, here, 4, load=force_noise)
+    turns = fd.learning.iterate_trials(loop, moves, 4, load=force_noise)
     print(f"{name:26s} same move {same.rms[0] * 1e6:5.2f} -> {same.rms[-1] * 1e6:5.2f} um, ", end="")
     print(f"changing moves -> {turns.rms[-1] * 1e6:5.2f} um")
 
@@ -36,5 +36,5 @@ step = turns.iterations[-1]
 print(step)
 print(f"predicted {1e6 * step.predicted_rms:.2f} um for the same move again")
 
-signal = fd.tuning.learn_signal(fd.tuning.begin_compensation(machine), moves, 4, load=force_noise)
+signal = fd.learning.learn_signal(fd.learning.begin_compensation(machine), moves, 4, load=force_noise)
 print(f"a learned signal, changing moves: {signal.rms[0] * 1e6:.2f} -> {signal.rms[-1] * 1e6:.2f} um")

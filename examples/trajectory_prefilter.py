@@ -20,11 +20,11 @@ def behind(prefilter: fd.blocks.TrajectoryPrefilter) -> fd.Loop:
     return dataclasses.replace(smooth, control=dataclasses.replace(smooth.control, prefilter=prefilter))
 
 
-fit = fd.tuning.fit_prefilter(fd.simulate(smooth, move), move)
+fit = fd.learning.fit_prefilter(fd.simulate(smooth, move), move)
 print(fit)
 print(f"this move:  {error(smooth, move):.3f} -> {error(behind(fit.prefilter), move):.3f} um RMS")
 print(f"other move: {error(smooth, other):.3f} -> {error(behind(fit.prefilter), other):.3f} um RMS")
-even = fd.tuning.fit_prefilter(fd.simulate(smooth, move), move, regressors=("acceleration", "snap"))
+even = fd.learning.fit_prefilter(fd.simulate(smooth, move), move, regressors=("acceleration", "snap"))
 print(f"acceleration and snap only: {error(behind(even.prefilter), move):.3f} um RMS")
 f = np.array([10.0, 20.0])
 for name, loop in (("without", smooth), ("with", behind(fit.prefilter))):

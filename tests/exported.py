@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 
 import feeddrive as fd
-from feeddrive.blocks.families import Feedforward
+from feeddrive.blocks.catalogue import members
+from feeddrive.blocks.families import Feedforward, Law
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.block import Number, parameter
 from feeddrive.language.ring import History
+from feeddrive.tuning.candidates import control_with
 
 T = 1e-4
 MASS, VISCOUS = 163.0, 1520.0
@@ -251,3 +253,7 @@ LOOPS: dict[str, fd.Loop] = {
         ),
     ),
 }  # fmt: skip
+# a law that stands in none of them is exported with its start values: a new law needs its own file only
+for kind in sorted(set(members(Law)) - {each.control.law.kind for each in LOOPS.values()}):
+    begun = control_with(LOOPS["cascade_ppi, plain"], kind).law
+    LOOPS[kind] = loop(TWO if begun.positions() == 2 else ONE, begun)

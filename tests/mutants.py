@@ -61,8 +61,7 @@ PLACES = (
            "velocity force", "commands[-1]", "(state.pending[-1] if state.pending else 0.0)"),
     _place("altintas2009", "recovery, one pole", f"{OBSERVER}.disturbance_recovery", "DisturbanceRecovery.prepare",
            "return"),
-    _place("altintas2009", "recovery, Butterworth", f"{OBSERVER}.disturbance_recovery", "DisturbanceRecovery.prepare",
-           "w made"),
+    _place("altintas2009", "recovery, Butterworth", "feeddrive.blocks.filter.biquad", "low_pass_section", "w return"),
     _place("altintas2009", "Kalman recovery", f"{OBSERVER}.kalman_recovery", "KalmanRecovery.step",
            "force position velocity missed disturbance", "prepared.gain[2] * missed",
            "prepared.gain[2] * (state.position - position)"),
@@ -121,11 +120,11 @@ PLACES = (
            "found['snap_feedforward']", "0.5 * T", "-0.5 * T"),
     _place("wu2017", "compensator (6), (7)", f"{FEEDFORWARD}.disturbance_compensator", "DisturbanceCompensator.step",
            "total"),
-    _place("wu2017", "error model, model-free", "feeddrive.tuning.error_model", "_inverse", "inverse through return"),
-    _place("wu2017", "error model, model-free", "feeddrive.tuning.error_model", "filtered", "state output",
+    _place("wu2017", "error model, model-free", "feeddrive.learning.error_model", "_inverse", "inverse through return"),
+    _place("wu2017", "error model, model-free", "feeddrive.learning.error_model", "filtered", "state output",
            "+ row * samples", "+ columns[max(k - 1, 0)] * samples"),
-    _place("wu2017", "update", "feeddrive.tuning.iterative_feedforward", "next_iteration", "changed"),
-    _place("wu2017", "convergence", "feeddrive.tuning.trials", "convergence", "return"),
+    _place("wu2017", "update", "feeddrive.learning.iterative_feedforward", "next_iteration", "changed"),
+    _place("wu2017", "convergence", "feeddrive.learning.iterative_feedforward", "convergence", "return"),
 )  # fmt: skip
 
 
@@ -236,9 +235,9 @@ def _skipped(words: str) -> bool:
 
 
 # states, tuples and places; and the `output` of a filter that only a live change of it reads
-_NO_NUMBERS = {"state", "after", "bodies", "middle", "lead", "positions", "interpolator", "held", "made", "reading",
-               "prepared.section[0]", "delayed", "self.Lead", "output", "state.z", "row", "moved", "names", "n",
-               "columns.shape[1]", "whole.sample_time"}  # fmt: skip
+_NO_NUMBERS = {"state", "after", "bodies", "middle", "lead", "positions", "interpolator", "model", "held", "made",
+               "reading", "prepared.section[0]", "delayed", "self.Lead", "output", "state.z", "row", "moved", "names",
+               "n", "columns.shape[1]", "whole.sample_time"}  # fmt: skip
 
 
 def mutants(place: Place) -> list[Mutant]:

@@ -24,6 +24,7 @@ from feeddrive.comparison.figures import Duty, beats, duty_of, ranks
 from feeddrive.figures.of_loops import ROPE_SNAP
 from feeddrive.identification.estimate import TABLE
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
+from feeddrive.learning.trajectory_prefilter import PrefilterFit
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
@@ -31,7 +32,6 @@ from feeddrive.loop.guard import TRIP_FOLLOWING_ERROR, Guard
 from feeddrive.loop.loop import Loop
 from feeddrive.machining.chatter_signs import chatter_signs
 from feeddrive.tuning.criteria import require_covered, require_good
-from feeddrive.tuning.trajectory_prefilter import PrefilterFit
 from feeddrive.workflow.friction import kept_away
 
 # chatter: four teeth at 3000 rpm pass at 200 Hz; one sample a tooth at the phase of `start` sees a line beside them

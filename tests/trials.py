@@ -13,11 +13,11 @@ from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceComp
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
+from feeddrive.learning.trial import Trial, simulated_trial
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import samples, simulate
-from feeddrive.tuning.trial import Trial, simulated_trial
 
 T = 2.5e-4
 MASS, VISCOUS, POSITIVE, NEGATIVE = 120.0, 400.0, 95.0, 80.0

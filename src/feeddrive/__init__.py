@@ -46,7 +46,7 @@ def _moved(name: str) -> Any:
     for room in [room for room, place in here.items() if place == __name__]:
         if name in public_names(f"{__name__}.{room}"):
             raise AttributeError(f"fd.{name} is now fd.{room}.{name}")
-    if name[:1].isupper():  # a block that no stub lists
+    if name[:1].isupper():  # a block, of which no room lists the names
         from feeddrive import blocks
 
         if hasattr(blocks, name):
@@ -62,4 +62,43 @@ def _moved(name: str) -> Any:
 
 
 views_from(_load_views)
-make_lazy(__name__, _moved)
+make_lazy(
+    __name__,
+    {
+        "": (
+            "analysis benchmark blocks bus certificate comparison cosimulation export figures files "
+            "identification learning loop machining path plot study testing tuning workflow"
+        ),
+        "analysis.margins": "margins",
+        "analysis.measured_loop": "measured_loop",
+        "analysis.stability": "stability",
+        "analysis.stiffness": "stiffness",
+        "export.targets": "write_export",
+        "files.frf": "read_frf write_frf",
+        "files.job": "read_job",
+        "files.log": "Log",
+        "files.machine": "read_machine",
+        "files.read_log": "read_log",
+        "identification.excitation.estimate_frf": "estimate_frf",
+        "language.errors": "FeeddriveError",
+        "language.tree": "parameters vary",
+        "loop.axis": "Axis",
+        "loop.control": "Control",
+        "loop.frequency_response": "FRF",
+        "loop.gradient": "gradient",
+        "loop.guard": "Guard",
+        "loop.lifting": "compliance loop_gain tracking",
+        "loop.linearize": "linearize",
+        "loop.loop": "Loop",
+        "loop.machine": "Machine",
+        "loop.simulate": "simulate simulate_batch stream",
+        "version": "__version__",
+        "workflow.certify": "certify read_certificate write_certificate",
+        "workflow.compare": "compare",
+        "workflow.identify": "identify",
+        "workflow.run_job": "run",
+        "workflow.tune": "tune",
+        "workflow.verify": "verify",
+    },
+    _moved,
+)

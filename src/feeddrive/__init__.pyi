@@ -1,4 +1,6 @@
-"""The public names of the package and the modules they stand in, for editors, type checkers and `__init__.py`."""
+"""feeddrive: the servo loop of a machine-tool feed drive, from a measured log or a machine file to a proven loop."""
+
+# written by `make stubs`
 
 from feeddrive import analysis as analysis
 from feeddrive import benchmark as benchmark
@@ -11,6 +13,7 @@ from feeddrive import export as export
 from feeddrive import figures as figures
 from feeddrive import files as files
 from feeddrive import identification as identification
+from feeddrive import learning as learning
 from feeddrive import loop as loop
 from feeddrive import machining as machining
 from feeddrive import path as path

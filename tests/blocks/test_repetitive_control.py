@@ -13,6 +13,7 @@ from feeddrive.blocks.compensation.repetitive_control import taps
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language.errors import ParameterError, StructureError, UnstableError
+from feeddrive.learning.repetitive import shift_response, tune_repetitive
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.guard import Guard
@@ -20,7 +21,6 @@ from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.routine_trace import controller_routine
 from feeddrive.loop.simulate import simulate
-from feeddrive.tuning.repetitive import shift_response, tune_repetitive
 from field_laws import R, T, loop
 from fresh_draws import Seeded
 

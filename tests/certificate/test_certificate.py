@@ -387,7 +387,7 @@ def test_laws_of_the_field_are_certified() -> None:
     loop, blocks = fd.read_machine("linear_motor").loop("x"), fd.blocks
     observer = blocks.DisturbanceRecovery(mass=40.0, viscous=60.0, form="two_poles", frequency=200.0, delay_samples=2)
     stops = blocks.FrictionStops(width=np.array([1e-6, 1e-5]), stiffness=np.array([1e7, 2e6]))
-    repeats = fd.tuning.tune_repetitive(loop, 14 * loop.sample_time, passes=3).block
+    repeats = fd.learning.tune_repetitive(loop, 14 * loop.sample_time, passes=3).block
     rejection = blocks.DisturbanceRejection(observer=observer)
     for change, states in (
         ({"law": blocks.CascadePPI(Kv=300.0, Kp=12e3), "compensation": (rejection,)}, 8),

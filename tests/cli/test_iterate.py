@@ -55,8 +55,8 @@ def test_a_log_gives_the_parameters_of_the_run(call, tmp_path: Path) -> None:
     assert code == 0
     assert "standard error" in out
     assert "predicted" in out
-    expected = fd.tuning.next_iteration(
-        fd.read_machine("xy_table").loop("x"), fd.tuning.simulated_trial(run, MOVE)
+    expected = fd.learning.next_iteration(
+        fd.read_machine("xy_table").loop("x"), fd.learning.simulated_trial(run, MOVE)
     ).after.parameters()
     for name, value in section(tmp_path / "next.toml").parameters().items():
         # the log has twelve digits or so, and differences for derivatives
@@ -114,12 +114,12 @@ def test_a_machine_runs_simulated_trials(call, tmp_path: Path) -> None:
     assert code == 0
     assert "3 trials" in out
     assert "100 mm out and back" in out
-    loop = fd.tuning.begin_compensation(
+    loop = fd.learning.begin_compensation(
         fd.read_machine("xy_table").loop("x"),
         ("mass", "viscous", "coulomb_positive", "coulomb_negative", "stribeck"),
         stribeck_velocity=0.006,
     )
-    found = fd.tuning.iterate_trials(loop, MOVE, 3)
+    found = fd.learning.iterate_trials(loop, MOVE, 3)
     expected = found.parameters()
     assert section(tmp_path / "next.toml").parameters() == {name: values[-1] for name, values in expected.items()}
 
@@ -144,8 +144,8 @@ def test_columns_are_named_and_have_units(call, tmp_path: Path) -> None:
     assert "--set-position" in errors
     code, _, _ = call("own.csv", *AXIS, "--set-position", "soll:mm", "--position", "ist:mm", "--out", "next.toml")
     assert code == 0
-    expected = fd.tuning.next_iteration(
-        fd.read_machine("xy_table").loop("x"), fd.tuning.simulated_trial(run, MOVE)
+    expected = fd.learning.next_iteration(
+        fd.read_machine("xy_table").loop("x"), fd.learning.simulated_trial(run, MOVE)
     ).after
     assert section(tmp_path / "next.toml").mass == pytest.approx(float(expected.mass or 0.0), rel=0.02)
 

@@ -42,7 +42,7 @@ def test_the_section_is_the_fit_of_the_run(call, tmp_path: Path) -> None:
     assert "central differences" in out
     section = read_toml(tmp_path / "section.toml").root().section("axis").section("x")
     made = read_block(Prefilter, section.section("control").section("prefilter"))  # type: ignore[type-abstract]
-    fit = fd.tuning.fit_prefilter(fd.simulate(placed(), LONG), LONG)
+    fit = fd.learning.fit_prefilter(fd.simulate(placed(), LONG), LONG)
     assert isinstance(made, fd.blocks.TrajectoryPrefilter)
     for number, regressor in enumerate(("velocity", "acceleration", "jerk", "snap"), start=1):
         # differences of the set position for its exact derivatives: they matter less than what the run tells of them

@@ -316,7 +316,6 @@ FOREIGN = {
     "export/linuxcnc/component.py": "--install",
     "export/linuxcnc/session.py": "--install --user --map-user --ipc --mount --net --pid --fork --kill-child "
     "--mount-proc --map-root-user",  # of halcompile and unshare
-    "export/verify.py": "--install",  # of halcompile
     "report/page.py": "--ink --muted --paper --alert --font --curve-",  # variables of the style sheet
 }
 

@@ -1,7 +1,8 @@
 // Curves, marks and limits of one panel on a canvas, within its axes.
 
+import { pixel, pixels, type Axis } from "./axis";
 import { heated, spread } from "./heat";
-import type { Look } from "./look";
+import { color, type Look } from "./look";
 import { names } from "./names";
 import type { Band, Curve, Disc, Mark, Panel } from "../wire";
 
@@ -18,33 +19,6 @@ const SHAPES: ((path: Path2D, x: number, y: number, r: number) => void)[] = [
   (path, x, y, r) => polygon(path, x, y, r * 1.1, 5),
   (path, x, y, r) => polygon(path, x, y, r * 1.1, 6),
 ];
-
-// Where a value stands on an axis: `low` at the pixel `from`, `high` at `to`.
-export interface Axis {
-  low: number;
-  high: number;
-  log: boolean;
-  from: number;
-  to: number;
-}
-
-// A value in pixels of the canvas.
-export function pixel(axis: Axis, value: number): number {
-  const { low, high, from, to } = axis;
-  const share = axis.log ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low);
-  return from + share * (to - from);
-}
-
-// The value at a pixel of the canvas.
-export function value(axis: Axis, at: number): number {
-  const share = (at - axis.from) / (axis.to - axis.from);
-  return axis.log ? axis.low * (axis.high / axis.low) ** share : axis.low + share * (axis.high - axis.low);
-}
-
-export function color(number: number, look: Look): string {
-  if (number === -2) return look.alert;
-  return number < 0 ? look.muted : look.curves[number % look.curves.length]!;
-}
 
 // The content of a panel; `ratio` is the number of pixels of the canvas for one of CSS.
 export function paint(
@@ -220,19 +194,6 @@ function mark(ctx: CanvasRenderingContext2D, mark: Mark, x: Axis, y: Axis, look:
   ctx.strokeStyle = color(mark.number, look);
   ctx.fill(path);
   ctx.stroke(path);
-}
-
-// Values in pixels of the canvas; what has no place on a logarithmic axis, or none at all, is NaN. Far outside they are
-// cut, since a canvas draws nothing of a line that reaches beyond what it can count.
-function pixels(axis: Axis, values: Float32Array): Float64Array {
-  const found = new Float64Array(values.length);
-  const factor = (axis.to - axis.from) / (axis.log ? Math.log(axis.high / axis.low) : axis.high - axis.low);
-  for (let i = 0; i < values.length; i++) {
-    const each = values[i]!;
-    const at = axis.from + factor * (axis.log ? (each > 0 ? Math.log(each / axis.low) : NaN) : each - axis.low);
-    found[i] = at > 1e5 ? 1e5 : at < -1e5 ? -1e5 : at;
-  }
-  return found;
 }
 
 function scaled(number: number, ratio: number): number[] {

@@ -38,3 +38,9 @@ export function paint(dark: boolean): void {
   document.getElementById("dark")?.setAttribute("aria-pressed", String(dark));
   for (const act of painted) act();
 }
+
+// The color of a curve by its number: -1 is muted, -2 is an alert.
+export function color(number: number, look: Look): string {
+  if (number === -2) return look.alert;
+  return number < 0 ? look.muted : look.curves[number % look.curves.length]!;
+}

@@ -1,7 +1,7 @@
 // Names beside marks, each where it covers neither a mark nor another name, as in the reports (plot/mark_names.py).
 
-import { color, pixel, type Axis } from "./drawing";
-import type { Look } from "./look";
+import { pixel, type Axis } from "./axis";
+import { color, type Look } from "./look";
 import type { Mark } from "../wire";
 
 const [STEP, TALL, AROUND] = [11, 13, 6]; // CSS pixels: of a spot, of a line, half of a mark

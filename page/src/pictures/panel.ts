@@ -2,7 +2,8 @@
 
 import uPlot from "uplot";
 
-import { paint, pixel, value, type Axis } from "./drawing";
+import { pixel, value, type Axis } from "./axis";
+import { paint } from "./drawing";
 import type { Look } from "./look";
 import { pointed } from "./names";
 import { plain, ticks, type Ticks } from "./ticks";

@@ -1,8 +1,8 @@
 // A chart of the server: panels below each other over the same x, with a legend that tells the figures of each curve.
 
-import { color, DASHES } from "./drawing";
+import { DASHES } from "./drawing";
 import { scaled_bar } from "./heat";
-import { look as chosen, type Look } from "./look";
+import { color, look as chosen, type Look } from "./look";
 import { Panel, type Drawn, type Range } from "./panel";
 import { pinch } from "./pinch";
 import { button } from "../parts";

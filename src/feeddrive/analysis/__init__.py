@@ -2,4 +2,22 @@
 
 from feeddrive.language.lazy_package import make_lazy
 
-make_lazy(__name__)
+make_lazy(
+    __name__,
+    {
+        "contour_control": "ContourGain MatchedDynamics contour_gain contour_gains matched_dynamics",
+        "conversion": "as_frf",
+        "coprime_margin": "coprime_margin",
+        "friction_map": "FrictionMap friction_map",
+        "margin_intervals": "MarginIntervals margin_intervals",
+        "margins": "Margins complementary_sensitivity margins sensitivity",
+        "measured_loop": "MeasuredLoop measured_loop",
+        "oscilloscope": "Oscilloscope readout",
+        "replay": "Observation Replay observe replay",
+        "spectrum": "Spectrum spectrum",
+        "stability": "Encirclement Stability encirclement stability",
+        "step_response": "StepResponse step_response",
+        "stiffness": "Stiffness stiffness",
+        "trigger": "Trigger",
+    },
+)

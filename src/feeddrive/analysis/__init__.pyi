@@ -1,5 +1,7 @@
 """Analysis of loops and signals: margins, sensitivity, stiffness, spectrum, stability, friction map."""
 
+# written by `make stubs`
+
 from feeddrive.analysis.contour_control import ContourGain as ContourGain
 from feeddrive.analysis.contour_control import MatchedDynamics as MatchedDynamics
 from feeddrive.analysis.contour_control import contour_gain as contour_gain

@@ -67,14 +67,14 @@ def commanded(
     rows = np.column_stack([np.broadcast_to(row, reading.size) for row in (*path, motor, reading, acted)])
     system = concrete(OnLog(control=replace(control, guard=None), sample_time=float(T)))
     with np.errstate(all="ignore"):
-        made = system.control.prepare(T)
+        prepared = system.control.prepare(T)
         begun = system.control.start(
-            made, Setpoint(*map(np.float64, rows[0, : len(SETPOINT)])), np.float64(motor[0] - velocity * T),
+            prepared, Setpoint(*map(np.float64, rows[0, : len(SETPOINT)])), np.float64(motor[0] - velocity * T),
             np.float64(reading[0] - velocity * T), np.float64(velocity),
         )  # fmt: skip
-    key = tuple(tree.structure(each) for each in (system, made, begun))
+    key = tuple(tree.structure(each) for each in (system, prepared, begun))
     return _ran(
-        _compiled.get(key, lambda: native(plan(trace(system, made, begun, _INPUTS)))), system, made, begun, rows
+        _compiled.get(key, lambda: native(plan(trace(system, prepared, begun, _INPUTS)))), system, prepared, begun, rows
     )
 
 
@@ -82,7 +82,7 @@ def _ran(compiled: Native, system: OnLog, made: Any, begun: Any, rows: np.ndarra
     """All rows by machine code."""
     steps, held = compiled.plan, dict(tree.leaves(begun))
     values = {**dict(tree.leaves(system)), **dict(numbers(made, "prepared")), "seed": 0.0}
-    states = [np.float64(held[each.name]) for each in steps.states]
+    states = [np.float64(held[state.name]) for state in steps.states]
     for name, _, length in steps.rings:
         ring = held[name.removeprefix("state.")]
         states += [0.0] * length if not isinstance(ring, Ring) or ring.cells is None else list(ring.cells)

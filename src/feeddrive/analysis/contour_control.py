@@ -48,7 +48,7 @@ class MatchedDynamics(Result):
 
     def remarks(self) -> list[str]:
         """A sentence for each pair whose difference is worth saying."""
-        found = []
+        remarks = []
         for a, b in combinations(self.lag, 2):
             off = self.line(a, b)
             if off <= _WORTH_SAYING:
@@ -57,13 +57,13 @@ class MatchedDynamics(Result):
             named = f"{a} lags {Quantity(self.lag[a], 's')}, {b} {Quantity(self.lag[b], 's')}"
             if first is not None and second is not None and first != second:
                 named = f"{a} Kv {Quantity(first, '1/s', bare=True):6}, {b} {Quantity(second, '1/s', bare=True):6}"
-            found.append(
+            remarks.append(
                 Text(
                     f"{named}: {Quantity(off, 'm'):.1f} off a 45 deg line at {Quantity(self.feed, 'm/s'):6}: give both "
                     "axes the same position gain and feedforward, that of the slower one"
                 )
             )
-        return found
+        return remarks
 
     def table(self) -> Table:
         """One row for each pair of axes."""
@@ -91,7 +91,7 @@ def matched_dynamics(
         raise ParameterError(
             f"feed = {Quantity(feed, 'm/s'):6 SI} and radius = {Quantity(radius, 'm'):6 SI} must be > 0"
         )
-    names = [name for name, each in machine.axes().items() if not each.axis.rotary] if axes is None else list(axes)
+    names = [name for name, loop in machine.axes().items() if not loop.axis.rotary] if axes is None else list(axes)
     loops = {name: machine.loop(name) for name in names}
     circle = feed / (2.0 * np.pi * radius)
     answers = {name: tracking(loop, np.array([_SLOW, circle])).response for name, loop in loops.items()}
@@ -99,9 +99,9 @@ def matched_dynamics(
     return MatchedDynamics(
         feed,
         radius,
-        {name: float(-np.angle(each[0]) / (2.0 * np.pi * _SLOW)) for name, each in answers.items()},
+        {name: float(-np.angle(response[0]) / (2.0 * np.pi * _SLOW)) for name, response in answers.items()},
         {name: None if gain is None else float(gain) for name, gain in gains.items()},
-        {name: complex(each[1]) for name, each in answers.items()},
+        {name: complex(response[1]) for name, response in answers.items()},
     )
 
 
@@ -134,9 +134,9 @@ class ContourGain(Result):
     def sentence(self) -> str:
         """The verdict in words."""
         along = ", ".join(f"{name} {Quantity(share):.3f}" for name, share in self.direction.items())
-        said = "stable" if self.stable else "unstable"
+        verdict = "stable" if self.stable else "unstable"
         return Text(
-            f"{self.place}.contour_gain = {Quantity(self.given, '1/s')} is {said}: at most "
+            f"{self.place}.contour_gain = {Quantity(self.given, '1/s')} is {verdict}: at most "
             f"{Quantity(self.largest, '1/s')}, along the direction {along}"
         )
 
@@ -180,15 +180,15 @@ def contour_gain(machine: Machine, place: int = 0, *, directions: int = 72) -> C
 
     given = float(coupling.contour_gain)
     loop = given * _responses(model) / gains
-    found: list[tuple[float, np.ndarray]] = []
+    crossings: list[tuple[float, np.ndarray]] = []
     peak = 1.0
     for tangent in _directions(len(names), directions):
         frame = np.eye(len(names)) - np.outer(tangent, tangent)
-        found.append((_largest(lambda gain, frame=frame: stable(gain, frame)), tangent))
+        crossings.append((_largest(lambda gain, frame=frame: stable(gain, frame)), tangent))
         across = np.linalg.svd(frame)[0][:, :-1]
         opened = np.eye(len(names) - 1) + across.T @ loop @ across
         peak = max(peak, float(1.0 / np.min(np.linalg.svd(opened, compute_uv=False))))
-    largest, worst = min(found, key=lambda each: each[0])
+    largest, worst = min(crossings, key=lambda each: each[0])
     shares = dict(zip(names, map(float, worst), strict=True))
     return ContourGain(f"couplings.{place}", largest, shares, given, peak)
 
@@ -221,7 +221,7 @@ def _directions(axes: int, count: int) -> list[np.ndarray]:
     """Unit vectors, one of each pair that differ in sign: over half a circle, or half a sphere and its edges."""
     if axes == 2:
         angle = np.pi * np.arange(count) / count
-        return [np.array([np.cos(each), np.sin(each)]) for each in angle]
+        return [np.array([np.cos(component), np.sin(component)]) for component in angle]
     i = np.arange(count)
     height = (i + 0.5) / count
     turn = np.pi * (1.0 + np.sqrt(5.0)) * i  # a spiral of equal areas
@@ -232,5 +232,5 @@ def _directions(axes: int, count: int) -> list[np.ndarray]:
 
 def contour_gains(machine: Machine) -> list[ContourGain]:
     """The largest gain of each cross-coupled control of a machine."""
-    there = (i for i, each in enumerate(machine.couplings) if isinstance(each, CrossCoupled))
+    there = (i for i, coupling in enumerate(machine.couplings) if isinstance(coupling, CrossCoupled))
     return [contour_gain(machine, place) for place in there]

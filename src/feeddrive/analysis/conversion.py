@@ -78,10 +78,10 @@ def _from_control(source: Any, lines: np.ndarray | None, unit: str) -> FRF:
         values = np.asarray(source.frdata if hasattr(source, "frdata") else source.fresp).reshape(-1)
         order = np.argsort(omega)
         order = order[omega[order] != 0.0]  # a line at zero has no place on a logarithmic axis
-        found = _named(FRF(omega[order] / (2.0 * np.pi), values[order], unit=unit, sample_time=sampled), source)
-        if lines is not None and (lines.shape != found.frequency.shape or not np.allclose(lines, found.frequency)):
+        frf = _named(FRF(omega[order] / (2.0 * np.pi), values[order], unit=unit, sample_time=sampled), source)
+        if lines is not None and (lines.shape != frf.frequency.shape or not np.allclose(lines, frf.frequency)):
             raise ParameterError("an FRD already has frequencies: leave `frequency` out")
-        return found
+        return frf
     lines = _required(lines, "a transfer function")
     if sampled is not None and lines.size and lines.max() > 0.5 / sampled * (1.0 + 1e-9):
         raise ParameterError(

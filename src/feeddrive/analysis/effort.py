@@ -42,16 +42,16 @@ def effort(loop: Loop) -> Effort:
     It depends on the law's text alone, so the figure is the same on every computer; times are in docs/speed.md.
     """
     plain = concrete(replace(loop, control=replace(loop.control, guard=None)))
-    made = plain.control.prepare(plain.sample_time)
+    prepared = plain.control.prepare(plain.sample_time)
     zero = np.float64(0.0)
-    begun = plain.control.start(made, Setpoint(*[zero] * len(Setpoint._fields)), zero, zero)  # type: ignore[arg-type]
+    begun = plain.control.start(prepared, Setpoint(*[zero] * len(Setpoint._fields)), zero, zero)  # type: ignore[arg-type]
     graph = Graph()
     rows = {name: graph.table(name, len(row)) for name, row in tree.tables(plain.control)}
     control = tree.rebuild(plain.control, (graph.input(name) for name, _ in tree.leaves(plain.control)))
     control = tree.with_tables(control, rows)
     # a number that stands in the text of `prepare` stays part of the graph, as it does when it is compiled
     held = tree.rebuild(
-        made, (v if type(v) is float else graph.input(name) for name, v in tree.leaves(made, "prepared"))
+        prepared, (v if type(v) is float else graph.input(name) for name, v in tree.leaves(prepared, "prepared"))
     )
     moving: set[int] = set()
 

@@ -92,9 +92,9 @@ class Window(NamedTuple):
 
 def set_velocity(run: Run) -> np.ndarray:
     """The set velocity in m/s; differenced from the set position where the reference (a log) states none."""
-    given = run["set_velocity"]
-    if np.any(given) or run.time.size < 2:
-        return given
+    recorded = run["set_velocity"]
+    if np.any(recorded) or run.time.size < 2:
+        return recorded
     return np.gradient(run["set_position"], run.sample_time)
 
 

@@ -36,8 +36,8 @@ class LoopModel:
         """Frequencies in Hz up to Nyquist, spread evenly over ln f and denser around each resonance."""
         nyquist = 0.5 / self.open.sample_time
         spread = np.geomspace(_LOWEST * nyquist, nyquist, round(-np.log10(_LOWEST) * per_decade))
-        one = [each if isinstance(each, StateSpace) else each.samples[-1] for each in (self.open, self.closed)]
-        poles = np.concatenate([each.poles() for each in one])
+        one = [model if isinstance(model, StateSpace) else model.samples[-1] for model in (self.open, self.closed)]
+        poles = np.concatenate([model.poles() for model in one])
         poles = poles[(np.abs(poles) > 0.1) & (np.abs(poles.imag) > 0.0)]
         s = np.log(poles) / self.open.sample_time
         beside = np.abs(s.imag)[:, None] + np.abs(s.real)[:, None] * _BESIDE
@@ -66,7 +66,7 @@ def loop_model(loop: Loop, *, velocity: float = 0.05) -> LoopModel:
     inputs = ("cut", "load_force", "reading_motor", "reading_load")
     if loop.control.law.period() > 1:
         samples = lifted(loop, inputs, ("force", "position_load"), velocity=velocity)
-        return LoopModel(samples, Lifted(tuple(close(each) for each in samples.samples)))
+        return LoopModel(samples, Lifted(tuple(close(sample) for sample in samples.samples)))
     model = linearize(loop, inputs, ("force", "position_load"), velocity=velocity)
     return LoopModel(model, close(model))
 
@@ -99,7 +99,7 @@ def gain_edge(model: Lifted) -> float | None:
     """
 
     def stable(gain: float) -> bool:
-        return abs(Lifted(tuple(close(each, gain) for each in model.samples)).poles()[0]) < 1.0
+        return abs(Lifted(tuple(close(sample, gain) for sample in model.samples)).poles()[0]) < 1.0
 
     steps = np.geomspace(1.0, _HIGHEST, _STEPS)
     first = next((i for i, gain in enumerate(steps) if i > 0 and not stable(gain)), None)
@@ -122,10 +122,10 @@ def delay_edge(model: Lifted) -> int | None:
     for count in range(1, _LATEST + 1):
         product = np.eye(n + count)
         for k in range(N):  # the forces on their way, the oldest first
-            each, step = model.samples[k], np.zeros((n + count, n + count))
-            step[:n, :n], step[:n, n] = each.A, each.B[:, place]
+            sample, step = model.samples[k], np.zeros((n + count, n + count))
+            step[:n, :n], step[:n, n] = sample.A, sample.B[:, place]
             step[n:-1, n + 1 :] = np.eye(count - 1)
-            step[-1, :n], step[-1, n] = each.C[row], each.D[row, place]
+            step[-1, :n], step[-1, n] = sample.C[row], sample.D[row, place]
             product = step @ product
         if np.max(np.abs(np.linalg.eigvals(product))) >= 1.0:
             return count - 1

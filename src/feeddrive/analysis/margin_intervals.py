@@ -73,13 +73,13 @@ def smoothers(frf: FRF) -> tuple[Smoother, Smoother]:
         unsure = variance[places]
         unsure = np.maximum(unsure, _EXACT * np.max(unsure, axis=1, keepdims=True))
         heavy = columns / unsure[:, :, None]
-        made = np.linalg.solve(np.swapaxes(columns, 1, 2) @ heavy, np.swapaxes(heavy, 1, 2))
-        fitted = np.squeeze(columns @ (made @ frf.response[places][:, :, None]), axis=2)
+        weights = np.linalg.solve(np.swapaxes(columns, 1, 2) @ heavy, np.swapaxes(heavy, 1, 2))
+        fitted = np.squeeze(columns @ (weights @ frf.response[places][:, :, None]), axis=2)
         misfit = np.sum(np.abs(frf.response[places] - fitted) ** 2 / unsure, axis=1)
         # |r|²/variance has mean 1 with two real degrees of freedom, and the parabola uses three complex ones
         growing &= 2.0 * misfit <= chdtri(2 * (width - 3), 1.0 - _LEVEL)
         reach[growing] = i
-        maps.append((start, made[:, 0, :]))
+        maps.append((start, weights[:, 0, :]))
     return _smoother(n, maps, reach - _CENTER), _smoother(n, maps, reach - _SPREAD)
 
 
@@ -149,10 +149,10 @@ class MarginIntervals(Result):
             [
                 name,
                 UNIT,
-                *(Quantity(number, each.unit) for number in (each.value, each.low, each.high)),
-                "" if each.sure else "not sure",
+                *(Quantity(number, interval.unit) for number in (interval.value, interval.low, interval.high)),
+                "" if interval.sure else "not sure",
             ]
-            for name, each in self.intervals.items()
+            for name, interval in self.intervals.items()
         ]
         title = Text(f"margins with {Quantity(self.level, 'share'):6} intervals ({self.draws} draws, seed {self.seed})")
         return Table(title, ["figure", "unit", "value", "from", "to", ""], rows)
@@ -182,7 +182,7 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
     center_by, spread_by = smoothers(L)
     assert L.variance is not None
     center = center_by(L.response)
-    found = margins(replace(L, response=center, variance=None))
+    margins_ = margins(replace(L, response=center, variance=None))
     random = np.random.default_rng(seed)
     size = np.sqrt(0.5 * L.variance)
     noise = random.standard_normal((2, draws, L.frequency.size)) * size
@@ -192,7 +192,7 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
     reach = _two_sided(level)
     intervals: dict[str, Interval] = {}
     for name, (unit, figure) in FIGURES.items():
-        value = figure(found)
+        value = figure(margins_)
         if value is None:
             continue
         others = np.array([other for m in drawn if (other := figure(m)) is not None and np.isfinite(other)])
@@ -217,7 +217,7 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
     intervals["sensitivity_peak"] = Interval(
         1.0 / max(distance.value, 1e-300), 1.0 / max(distance.high, 1e-300), peak, "", distance.sure
     )
-    return MarginIntervals(found, intervals, level, draws, seed)
+    return MarginIntervals(margins_, intervals, level, draws, seed)
 
 
 def _settled(drawn: np.ndarray) -> bool:

@@ -83,11 +83,11 @@ def gain_crossings(lines: Logarithms) -> list[tuple[int, float, GainCrossover]]:
 def phase_crossings(lines: Logarithms) -> list[tuple[int, float, PhaseCrossover]]:
     """Where L is real and negative: the interval between two lines, the part of it, and the gain margin there."""
     x, level, lead, turn = lines
-    found: list[tuple[int, float, PhaseCrossover]] = []
+    crossings: list[tuple[int, float, PhaseCrossover]] = []
     for i, part in _crossings(lead[:-1], _snapped(lead[:-1] + turn)):
         gain = -20.0 / np.log(10.0) * (level[i] + part * (level[i + 1] - level[i]))
-        found.append((i, part, PhaseCrossover(float(np.exp(x[i] + part * (x[i + 1] - x[i]))), float(gain) + 0.0)))
-    return found
+        crossings.append((i, part, PhaseCrossover(float(np.exp(x[i] + part * (x[i + 1] - x[i]))), float(gain) + 0.0)))
+    return crossings
 
 
 def _snapped(values: np.ndarray) -> np.ndarray:
@@ -96,9 +96,9 @@ def _snapped(values: np.ndarray) -> np.ndarray:
 
 def _crossings(a: np.ndarray, b: np.ndarray) -> list[tuple[int, float]]:
     """Interval and part of it where a straight line from a[i] to b[i] is zero; one that stays zero counts once."""
-    found = (a * b < 0.0) | ((b == 0.0) & (a != 0.0))
-    found[0] |= bool(a[0] == 0.0 and b[0] != 0.0)
-    return [(int(i), float(a[i] / (a[i] - b[i]))) for i in np.flatnonzero(found)]
+    crosses = (a * b < 0.0) | ((b == 0.0) & (a != 0.0))
+    crosses[0] |= bool(a[0] == 0.0 and b[0] != 0.0)
+    return [(int(i), float(a[i] / (a[i] - b[i]))) for i in np.flatnonzero(crosses)]
 
 
 def _gain_crossover(frequency: float, lead: float) -> GainCrossover:
@@ -230,8 +230,8 @@ def margins(loop_gain: FRF | Loop | Any, frequency: np.ndarray | None = None) ->
         raise ParameterError(f"margins need at least two lines of the loop gain, not {L.frequency.size}")
     response = _real_at_nyquist(L)
     lines = logarithms(L.frequency, response)
-    gains = tuple(each for _, _, each in gain_crossings(lines))
-    phases = tuple(each for _, _, each in phase_crossings(lines))
+    gains = tuple(crossover for _, _, crossover in gain_crossings(lines))
+    phases = tuple(crossover for _, _, crossover in phase_crossings(lines))
     # squared, since a straight piece of curve passes -1 at a distance whose square is a parabola
     place, squared = least(lines.x, np.abs(1.0 + response) ** 2)
     return Margins(L, gains, phases, float(np.sqrt(max(squared, 0.0))), float(np.exp(place)))
@@ -294,19 +294,19 @@ def bandwidth(frequency: np.ndarray, loop_gain: np.ndarray) -> float | None:
     frequency, loop_gain  Hz and L, both of shape (n,); None where |S| does not cross it between two lines.
     Source: Skogestad & Postlethwaite, Multivariable Feedback Control, section 2.4.5.
     """
-    found = bandwidth_crossing(loop_gain)
-    if found is None:
+    crossing = bandwidth_crossing(loop_gain)
+    if crossing is None:
         return None
-    i, part = found
+    i, part = crossing
     return float(frequency[i] * (frequency[i + 1] / frequency[i]) ** part)
 
 
 def tracking_bandwidth(response: FRF) -> float | None:
     """The frequency in Hz at which the response to the setpoint first falls through -3 dB, √½; None if it does not."""
-    found = _first_rise(np.log(_HALF_POWER) - np.log(np.maximum(response.magnitude, np.finfo(float).tiny)))
-    if found is None:
+    rise = _first_rise(np.log(_HALF_POWER) - np.log(np.maximum(response.magnitude, np.finfo(float).tiny)))
+    if rise is None:
         return None
-    i, part = found
+    i, part = rise
     x = np.log(response.frequency[i : i + 2])
     return float(np.exp(x[0] + part * (x[1] - x[0])))
 

@@ -66,12 +66,12 @@ class MeasuredLoop(Result):
 
     def table(self) -> Table:
         """The margins, and the least stiffness."""
-        found = self.margins.table()
-        rows = [list(row) for row in found.rows]
+        table = self.margins.table()
+        rows = [list(row) for row in table.rows]
         if self.compliance is not None:
             least = self.stiffness
             rows.append(["least stiffness", least.minimum_frequency, Quantity(least.minimum, "N/m")])
-        return Table("control on a measured axis", found.columns, rows)
+        return Table("control on a measured axis", table.columns, rows)
 
 
 def measured_loop(
@@ -125,7 +125,7 @@ def measured_loop(
     L = FRF(lines, gain.response, "cut", "force", "N/N", sample_time, coherence, variance)
     if disturbance is None:
         return MeasuredLoop(L, None)
-    free, free_motor = (None if each is None else as_frf(each, lines) for each in disturbance)
+    free, free_motor = (None if record is None else as_frf(record, lines) for record in disturbance)
     assert free is not None
     back = (load * answered(free, free_motor).response).delayed(delay)
     closed = free + back.response / (1.0 + L.response)

@@ -245,7 +245,7 @@ class Oscilloscope:
     def feed(self, source: LiveSource) -> int:
         """Take what has come; how many rows."""
         rows = source.take()
-        of, known = ([*each.items()] for each in (source.channels, self.channels))  # their order counts
+        of, known = ([*channels.items()] for channels in (source.channels, self.channels))  # their order counts
         if of != known or source.clock != self.clock:
             self.channels, self.clock = dict(source.channels), source.clock
             self._forget()

@@ -103,7 +103,7 @@ def replay(loop: Loop, measured: Mapping[str, np.ndarray], *, skip: int = 0, nam
     if "force" in measured:
         own = measured["force"]
         bare = own - sum(injected.values(), np.zeros(own.size))
-        apart = [float(np.mean((run["force"] - each)[skip:] ** 2)) for each in (own, bare)]
+        apart = [float(np.mean((run["force"] - loop_)[skip:] ** 2)) for loop_ in (own, bare)]
         contained = apart[1] < apart[0]
         signals["force"] = bare if contained else own
     return Replay(run, signals, skip, contained)
@@ -227,11 +227,11 @@ def observe(
     last = x[0] - velocity * T
     first = Reading(last, last, np.float64(before), np.float64(before), np.float64(velocity))
     with np.errstate(all="ignore"):
-        made = plain.prepare(T)
-        begun = plain.start(made, first)
-    program = _program(observer, made, begun)
+        prepared = plain.prepare(T)
+        begun = plain.start(prepared, first)
+    program = _program(observer, prepared, begun)
     compiled = native(plan(program))
-    values = {**dict(tree.leaves(plain)), **dict(numbers(made, "prepared")), "T": T}
+    values = {**dict(tree.leaves(plain)), **dict(numbers(prepared, "prepared")), "T": T}
     constants = np.array([[values[name]] for name, _ in compiled.plan.constants]).reshape(-1, 1)
     held = dict(tree.leaves(begun))
     states = np.array([[held[state.name]] for state in compiled.plan.states], dtype=np.float64).reshape(-1, 1)
@@ -239,9 +239,9 @@ def observe(
     inputs = np.column_stack([rows[name] for name, _ in compiled.plan.inputs])
     outputs = np.empty((x.size, len(compiled.plan.outputs), 1))
     compiled.run(x.size, 0, constants, np.ascontiguousarray(inputs), states, outputs, [])
-    found = {name: outputs[:, i, 0].copy() for i, (name, _) in enumerate(compiled.plan.outputs)}
-    lag = float(plain.lag(made, T))
-    return Observation(observer.kind, np.arange(x.size) * float(T), **found, sample_time=float(T), lag=lag)
+    signals = {name: outputs[:, i, 0].copy() for i, (name, _) in enumerate(compiled.plan.outputs)}
+    lag = float(plain.lag(prepared, T))
+    return Observation(observer.kind, np.arange(x.size) * float(T), **signals, sample_time=float(T), lag=lag)
 
 
 def _program(observer: Observer, made: Any, begun: Any) -> Program:

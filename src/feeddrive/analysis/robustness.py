@@ -35,8 +35,8 @@ def robustness(loop: Loop, *, velocity: float = 0.05, per_decade: int = 40) -> R
     growth = float(abs(poles[0])) if poles.size else 0.0
     if not Robustness(growth).stable:
         return Robustness(growth)
-    found = margins(both.loop_gain(both.lines(per_decade)))
-    if not np.isfinite(found.sensitivity_peak):
+    margins_ = margins(both.loop_gain(both.lines(per_decade)))
+    if not np.isfinite(margins_.sensitivity_peak):
         return Robustness(np.inf)  # the parameters are so extreme that rounding leaves no digits
-    delay = found.delay_margin_samples
-    return Robustness(growth, found.sensitivity_peak, np.inf if delay is None else delay, rope_snap(both.closed))
+    delay = margins_.delay_margin_samples
+    return Robustness(growth, margins_.sensitivity_peak, np.inf if delay is None else delay, rope_snap(both.closed))

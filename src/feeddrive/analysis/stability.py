@@ -82,8 +82,8 @@ def stability(system: StateSpace | System, *, velocity: float = 0.05) -> Stabili
     else:
         check_system(system)
         inputs, outputs = ("set_position", "load_force"), ("position_motor", "position_load", "force")
-        given, seen = ([f"{port}{name}" for port in system.ports() for name in names] for names in (inputs, outputs))
-        model = linearize(system, given, seen, velocity=velocity)
+        excited, seen = ([f"{port}{name}" for port in system.ports() for name in names] for names in (inputs, outputs))
+        model = linearize(system, excited, seen, velocity=velocity)
     poles = model.poles()
     return Stability(model, complex(poles[0]) if poles.size else 0j)
 
@@ -95,20 +95,20 @@ def require_stable(system: StateSpace | System, *, velocity: float = 0.05, where
 
     `where` names the loop in the message.
     """
-    found = stability(system, velocity=velocity)
-    if found.stable:
-        for each in contour_gains(system) if isinstance(system, Machine) else ():
-            if not each.stable:
+    verdict = stability(system, velocity=velocity)
+    if verdict.stable:
+        for gain in contour_gains(system) if isinstance(system, Machine) else ():
+            if not gain.stable:
                 raise UnstableError(
-                    f"{where + ': ' if where else ''}{each.sentence()}: lower it, to half of that at most"
+                    f"{where + ': ' if where else ''}{gain.sentence()}: lower it, to half of that at most"
                 )
-        return found
+        return verdict
     law = system.control.law if isinstance(system, Loop) else None
-    nyquist = 0.5 / found.model.sample_time
+    nyquist = 0.5 / verdict.model.sample_time
     tunables = "Kp and Kv, or lengthen Tn" if law is None else _slower(law)
-    if found.frequency == 0.0:
+    if verdict.frequency == 0.0:
         remedy = "check the signs of the gains and that the position loop is closed"
-    elif found.frequency > 0.45 * nyquist:
+    elif verdict.frequency > 0.45 * nyquist:
         remedy = Text(
             f"this is close to Nyquist ({Quantity(nyquist, 'Hz'):6}), so the gain is too high for the mass and the "
             f"sample time: lower {tunables.split(',')[0]}, or sample faster"
@@ -116,11 +116,11 @@ def require_stable(system: StateSpace | System, *, velocity: float = 0.05, where
     else:
         remedy = Text(
             f"lower {tunables}; shorten dead time and filters; if the axis has a resonance there, put a notch at "
-            f"{Quantity(found.frequency, 'Hz')}"
+            f"{Quantity(verdict.frequency, 'Hz')}"
         )
     nearest = _nearest_stable(system, velocity) if isinstance(system, Loop) else ""
     raise UnstableError(
-        f"{where + ': ' if where else ''}{found.sentence()} (|z| = {Quantity(found.growth):7}, must be < 1): "
+        f"{where + ': ' if where else ''}{verdict.sentence()} (|z| = {Quantity(verdict.growth):7}, must be < 1): "
         f"{remedy}{nearest}"
     )
 
@@ -200,11 +200,11 @@ class Encirclement(Result):
 
     def sentence(self) -> str:
         """The verdict in words."""
-        said = "stable" if self.stable else f"unstable, with {self.unstable} growing poles"
+        verdict = "stable" if self.stable else f"unstable, with {self.unstable} growing poles"
         if self.unstable < 0:
-            said = "not possible: it turns more often than the open loop has unstable poles"
+            verdict = "not possible: it turns more often than the open loop has unstable poles"
         open_loop = f"{self.unstable_poles} unstable poles" if self.unstable_poles else "no unstable pole"
-        return f"the closed loop is {said}: L turns {self.turns} times round -1, the open loop has {open_loop}"
+        return f"the closed loop is {verdict}: L turns {self.turns} times round -1, the open loop has {open_loop}"
 
     def table(self) -> Table:
         """The count and its doubts."""

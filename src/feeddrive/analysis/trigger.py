@@ -76,8 +76,8 @@ class Crossings:
         index = np.maximum.accumulate(index)
         below = np.where(index >= 0, low[index], self._armed)
         below[0] = self._armed
-        found = np.flatnonzero(high[1:] & below[:-1] & ~gap[:-1]) + 1
+        crossings = np.flatnonzero(high[1:] & below[:-1] & ~gap[:-1]) + 1
         self._last = float(t[-1]), float(y[-1])
         self._armed = bool(below[-1])
-        a, b = y[found - 1], y[found]
-        return t[found - 1] + (t[found] - t[found - 1]) * (self._level - a) / (b - a)
+        a, b = y[crossings - 1], y[crossings]
+        return t[crossings - 1] + (t[crossings] - t[crossings - 1]) * (self._level - a) / (b - a)

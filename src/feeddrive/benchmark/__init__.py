@@ -2,4 +2,13 @@
 
 from feeddrive.language.lazy_package import make_lazy
 
-make_lazy(__name__)
+make_lazy(
+    __name__,
+    {
+        "designs": "Design Designs",
+        "retune": "search",
+        "rules": "Plant Rules read_rules",
+        "score": "Benchmark score",
+        "work": "Row",
+    },
+)

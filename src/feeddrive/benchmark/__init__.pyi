@@ -1,4 +1,6 @@
-"""The benchmark of the field; editors read this file, and the package loads the names on first use."""
+"""The benchmark of the field: fixed plants, rules with a version, stored designs, one table."""
+
+# written by `make stubs`
 
 from feeddrive.benchmark.designs import Design as Design
 from feeddrive.benchmark.designs import Designs as Designs

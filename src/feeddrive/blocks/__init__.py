@@ -1,42 +1,45 @@
-"""The blocks: plants, friction, actuators, control laws, filters, encoders, references; one law per file."""
+"""The blocks: plants, friction, actuators, control laws, filters, encoders, references; one law per file.
+
+A block is found by the name of its file, `SmithLaw` in `controller/smith_law.py`: no list names it.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from functools import cache
 from importlib import import_module
 from pkgutil import get_data
 from typing import Any
 
 from feeddrive.language.errors import nearest
-from feeddrive.language.lazy_package import make_lazy, modules_below, public_names
+from feeddrive.language.lazy_package import modules_below
 
 _RENAMED = {"Shaped": "InputShaped"}  # until 1.0, as the kinds in catalogue.py
 
 
-def _unlisted(name: str) -> Any:
-    """A block that the stub does not list, found by the name of its module: `SmithLaw` in `smith_law.py`."""
+@cache
+def by_file() -> Mapping[str, str]:
+    """Class -> module of every block, read from the texts of the files, so that none is imported."""
     from feeddrive.language.block import snake_case
 
-    file = f".{snake_case(name)}"
-    for module in modules_below(__name__) if name[:1].isupper() else ():
-        if module.endswith(file):
-            return getattr(import_module(module), name)
+    places = {"Setpoint": f"{__name__}.signals"}  # users give it to references and prefilters
+    for module in modules_below(__name__):
+        package, _, stem = module.rpartition(".")
+        text = (get_data(package, f"{stem}.py") or b"").decode()
+        places |= {name: module for name in re.findall(r"(?m)^class (\w+)\(", text) if snake_case(name) == stem}
+    return places
+
+
+def __getattr__(name: str) -> Any:
+    if name.startswith("__"):  # what importlib and pickle look for
+        raise AttributeError(name)
+    if name in by_file():
+        return getattr(import_module(by_file()[name]), name)
     if name in _RENAMED:
         raise AttributeError(f"fd.blocks.{name} is now fd.blocks.{_RENAMED[name]}")
-    raise AttributeError(f"fd.blocks has no name '{name}'{nearest(name, [*public_names(__name__), *_all_unlisted()])}")
+    raise AttributeError(f"fd.blocks has no name '{name}'{nearest(name, by_file())}")
 
 
-def _all_unlisted() -> list[str]:
-    """The blocks of the files that the stub does not name, found without importing them."""
-    from feeddrive.language.block import snake_case
-
-    listed, found = set(public_names(__name__).values()), list[str]()
-    for module in modules_below(__name__):
-        if module not in listed:
-            package, _, stem = module.rpartition(".")
-            text = (get_data(package, f"{stem}.py") or b"").decode()
-            found += [name for name in re.findall(r"(?m)^class (\w+)\(", text) if snake_case(name) == stem]
-    return found
-
-
-make_lazy(__name__, _unlisted, _all_unlisted)
+def __dir__() -> list[str]:
+    return sorted(by_file())

@@ -1,4 +1,6 @@
-"""Floor 1, the blocks: one law a file, named as its paper names it. `families.py` says what each kind must answer."""
+"""The blocks: plants, friction, actuators, control laws, filters, encoders, references; one law per file."""
+
+# written by `make stubs`
 
 from feeddrive.blocks.actuator.actuator import Actuator as Actuator
 from feeddrive.blocks.actuator.direct import Direct as Direct

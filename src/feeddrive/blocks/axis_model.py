@@ -73,7 +73,9 @@ class AxisModel:
 
     def dry_friction(self, velocity: float) -> float:
         """Friction force in N at a constant velocity (m/s), without the viscous part."""
-        return sum(float(each.steady(velocity)) - float(each.linear()) * velocity for each in self.frictions)
+        return sum(
+            float(friction.steady(velocity)) - float(friction.linear()) * velocity for friction in self.frictions
+        )
 
     def sentence(self) -> str:
         """The model in words."""

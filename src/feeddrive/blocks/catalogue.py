@@ -39,11 +39,11 @@ OPT_IN = f"a block of your own is found by --blocks FILE.py, by {OWN}, or once i
 @cache
 def shipped() -> Mapping[type[Block], Mapping[str, type[Block]]]:
     """Family -> kind -> class, in the order of the folders; the first call imports every block."""
-    found: dict[type[Block], dict[str, type[Block]]] = {}
+    families: dict[type[Block], dict[str, type[Block]]] = {}
     for module in modules():
         for block in blocks_of(module):
-            found.setdefault(family_of(block), {})[block.kind] = block
-    return MappingProxyType({family: MappingProxyType(members) for family, members in found.items()})
+            families.setdefault(family_of(block), {})[block.kind] = block
+    return MappingProxyType({family: MappingProxyType(members) for family, members in families.items()})
 
 
 def catalogue() -> Mapping[type[Block], Mapping[str, type[Block]]]:
@@ -57,16 +57,16 @@ def catalogue() -> Mapping[type[Block], Mapping[str, type[Block]]]:
 
 @cache
 def _with_own(places: str) -> Mapping[type[Block], Mapping[str, type[Block]]]:
-    found = {family: dict(members) for family, members in shipped().items()}
+    families = {family: dict(members) for family, members in shipped().items()}
     for origin, block in (*_installed(), *_of_places(places)):
-        members = found.setdefault(family_of(block), {})
+        members = families.setdefault(family_of(block), {})
         other = members.setdefault(block.kind, block)
         if other is not block:
             raise StructureError(
                 f"{origin}: the kind '{block.kind}' is that of {other.__module__}:{other.__qualname__} already: give "
                 f"the class {block.__qualname__} another name"
             )
-    return MappingProxyType({family: MappingProxyType(members) for family, members in found.items()})
+    return MappingProxyType({family: MappingProxyType(members) for family, members in families.items()})
 
 
 def _installed() -> Iterator[tuple[str, type[Block]]]:
@@ -89,28 +89,28 @@ def _held(origin: str, place: str) -> list[type[Block]]:
     """The concrete blocks at a place: those that a module and the modules below it define, or a class."""
     try:
         module, name = module_at(place)
-        found = [getattr(module, name)] if name else _own_blocks(module)
+        blocks = [getattr(module, name)] if name else _own_blocks(module)
     except FeeddriveError as error:
         raise type(error)(f"{origin}: {error}") from None
     except Exception as error:
         line = error.lineno if isinstance(error, SyntaxError) else _line_in(error)
         at = f", line {line}" if line else ""
         raise ParameterError(f"{origin}: it cannot be imported: {type(error).__name__}: {error}{at}") from None
-    wrong = [each for each in found if not _is_concrete(each)]
-    if wrong or not found:
+    wrong = [each for each in blocks if not _is_concrete(each)]
+    if wrong or not blocks:
         raise ParameterError(f"{origin}: it holds no concrete block{f': {wrong[0]!r}' if wrong else ''}")
-    return found
+    return blocks
 
 
 def _line_in(error: BaseException) -> str:
     """The last line of the text that was being imported."""
-    trace, found = error.__traceback__, ""
+    trace, place = error.__traceback__, ""
     while trace is not None:
         code = trace.tb_frame.f_code
         if not code.co_filename.startswith("<") and "feeddrive" not in trace.tb_frame.f_globals.get("__name__", ""):
-            found = f"{trace.tb_lineno} of {os.path.basename(code.co_filename)}"
+            place = f"{trace.tb_lineno} of {os.path.basename(code.co_filename)}"
         trace = trace.tb_next
-    return found
+    return place
 
 
 def module_at(place: str) -> tuple[ModuleType, str]:
@@ -168,8 +168,8 @@ def _own_blocks(module: ModuleType) -> list[type[Block]]:
     """The concrete blocks that a module shows and it or a module below it defines."""
     below = f"{module.__name__}."
     return [
-        each for each in vars(module).values()
-        if _is_concrete(each) and f"{each.__module__}.".startswith(below)
+        member for member in vars(module).values()
+        if _is_concrete(member) and f"{member.__module__}.".startswith(below)
     ]  # fmt: skip
 
 
@@ -180,15 +180,15 @@ def with_blocks(places: Sequence[str]) -> Generator[None]:
     Raises as `catalogue`.
     """
     before = os.environ.get(OWN)
-    made = [str(Path(each).resolve()) if each.endswith(".py") else each for each in places]
-    if made:
-        os.environ[OWN] = ",".join([*filter(None, [before]), *made])
+    resolved = [str(Path(place).resolve()) if place.endswith(".py") else place for place in places]
+    if resolved:
+        os.environ[OWN] = ",".join([*filter(None, [before]), *resolved])
     try:
-        if made:
+        if resolved:
             catalogue()
         yield
     finally:
-        if made:
+        if resolved:
             os.environ.pop(OWN)
             if before is not None:
                 os.environ[OWN] = before
@@ -206,8 +206,8 @@ def modules() -> Iterator[str]:
 
 def blocks_of(module: str) -> list[type[Block]]:
     """The concrete blocks defined in a module; imported ones do not count."""
-    found = vars(importlib.import_module(module)).values()
-    return [each for each in found if _is_concrete(each) and each.__module__ == module]
+    values = vars(importlib.import_module(module)).values()
+    return [each for each in values if _is_concrete(each) and each.__module__ == module]
 
 
 def imported(family: type[B], place: str) -> type[B]:

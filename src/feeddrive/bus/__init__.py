@@ -2,4 +2,13 @@
 
 from feeddrive.language.lazy_package import make_lazy
 
-make_lazy(__name__)
+make_lazy(
+    __name__,
+    {
+        "client": "DriveClient transport_of",
+        "drive_file": "BusDrive BusLimits DriveScaling read_drive",
+        "play": "play_profile",
+        "profile": "read_profile",
+        "sampling": "DriveSamples",
+    },
+)

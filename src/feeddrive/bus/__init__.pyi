@@ -1,4 +1,6 @@
-"""Drives on a field bus by CiA 402: what to send, what comes back, and a virtual drive to try it on."""
+"""CiA 402 drives on a field bus: setpoints, logs, commissioning checks, and a virtual drive for tests."""
+
+# written by `make stubs`
 
 from feeddrive.bus.client import DriveClient as DriveClient
 from feeddrive.bus.client import transport_of as transport_of

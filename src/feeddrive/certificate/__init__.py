@@ -2,4 +2,10 @@
 
 from feeddrive.language.lazy_package import make_lazy
 
-make_lazy(__name__)
+make_lazy(
+    __name__,
+    {
+        "certificate": "Certificate",
+        "certify": "certify_loop",
+    },
+)

@@ -1,4 +1,6 @@
-"""Certificates: a loop proven stable and robust for a list of plants, in a file that anybody can check."""
+"""Certificates: a proof that a loop is stable and robust for a list of plants, in a file that anyone can check."""
+
+# written by `make stubs`
 
 from feeddrive.certificate.certificate import Certificate as Certificate
 from feeddrive.certificate.certify import certify_loop as certify_loop

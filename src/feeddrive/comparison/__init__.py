@@ -2,4 +2,10 @@
 
 from feeddrive.language.lazy_package import make_lazy
 
-make_lazy(__name__)
+make_lazy(
+    __name__,
+    {
+        "compare": "Comparison compare_laws",
+        "report": "write_comparison",
+    },
+)

@@ -1,4 +1,6 @@
-"""All laws on one axis, over the same work, at equal robustness."""
+"""Comparison of all laws on one axis, with the same motions and loads, at equal robustness."""
+
+# written by `make stubs`
 
 from feeddrive.comparison.compare import Comparison as Comparison
 from feeddrive.comparison.compare import compare_laws as compare_laws

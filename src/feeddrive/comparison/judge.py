@@ -15,13 +15,13 @@ from feeddrive.comparison.tune_all import Rule
 from feeddrive.figures.of_runs import CUTTING_RMS, SNAP_PEAK, SNAP_SETTLING, STEP_PEAK, STEP_SETTLING
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.text import Text
+from feeddrive.learning.stops import learn_stops
+from feeddrive.learning.trajectory_prefilter import tune_prefilter
+from feeddrive.learning.trials import iterate_trials
 from feeddrive.loop.lifting import MOST
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.tuning.candidates import Candidate
-from feeddrive.tuning.stops import learn_stops
-from feeddrive.tuning.trajectory_prefilter import tune_prefilter
-from feeddrive.tuning.trials import iterate_trials
 from feeddrive.tuning.tuned import Tuned
 
 _TRIALS = 6  # in which a compensator learns

@@ -2,4 +2,9 @@
 
 from feeddrive.language.lazy_package import make_lazy
 
-make_lazy(__name__)
+make_lazy(
+    __name__,
+    {
+        "simulate_with_fmu": "simulate_with_fmu",
+    },
+)

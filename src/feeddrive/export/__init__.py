@@ -2,4 +2,11 @@
 
 from feeddrive.language.lazy_package import make_lazy
 
-make_lazy(__name__, no_function="fd.export is now fd.write_export; feeddrive.export is the room that it stands in")
+make_lazy(
+    __name__,
+    {
+        "targets": "write_export",
+        "verify": "Verified verify_export",
+    },
+    no_function="fd.export is now fd.write_export; feeddrive.export is the room that it stands in",
+)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.export.design import Design
+from feeddrive.export.trial import Answers, Trial
 from feeddrive.language.errors import FeeddriveError, MissingProgramError, ParameterError
 from feeddrive.language.quantity import Quantity
 
@@ -307,3 +308,9 @@ def _made(bundle: Path, *targets: str, given: Mapping[str, bytes] | None = None,
         if done.returncode != 0:
             raise EmulatorError(f"{bundle}: `{' '.join(command)}` failed:\n{done.stdout}{done.stderr}")
         return done.stdout, (folder / read).read_bytes() if read else b""
+
+
+def prove(directory: Path, design: Design, tried: Trial) -> Answers:
+    """Build the bundle and run a trial on an emulated core. Raises as `answers`."""
+    outputs = answers(directory, design, tried.inputs, tried.changes)
+    return Answers(outputs.astype(np.float64), "arm-none-eabi-gcc, qemu-system-arm", "the Makefile of the bundle")

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from feeddrive.export.c.arithmetic import rules
 from feeddrive.export.design import CONTROL, MACHINE_FILE, Design
+from feeddrive.export.targets import TARGETS
 from feeddrive.files.atomic_io import new_directory, read_whole
 from feeddrive.language.errors import FileError
 from feeddrive.loop.guard import TRIPS
@@ -49,12 +50,9 @@ class Manifest:
     files: Mapping[str, str]
 
 
-_OF_C = ("c", "cortex-m", "fmu2", "fmu3", "linuxcnc")  # targets whose code is exported C
-
-
 def manifest_text(design: Design, target: str, files: Mapping[str, bytes | str], **options: Any) -> str:
     """The text of `export.json` for an export of these files; `options` are the target's own."""
-    told = rules(design.routine) if target in _OF_C else design.routine.sentences
+    told = rules(design.routine) if TARGETS[target].in_c else design.routine.sentences
     content = {
         "export": {
             "target": target, "axis": design.axis, "what": design.what, "name": design.name,

@@ -1,8 +1,8 @@
-"""The export targets by name, and the function that writes any of them."""
+"""The export targets by name: one entry says how a target is written and proven; and what writes any of them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -12,16 +12,44 @@ from typing import Any
 
 from feeddrive.analysis.stability import require_stable
 from feeddrive.export.design import CONTROL, PLANT, Design, read_design
+from feeddrive.export.trial import Answers, Trial
 from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.language.errors import NoSlopeError, ParameterError, nearest
+
+_HERE = __name__.rpartition(".")[0]
+
+
+@dataclass(frozen=True)
+class Proof:
+    """How `verify` runs an export: the function `prove` of a module, and the length of its trial.
+
+    samples    that take some seconds
+    changes    live changes of parameters in the trial; 0 if the program cannot take them
+    own_build  the export builds itself, so that a compiler and its flags cannot be chosen
+    """
+
+    module: str
+    samples: int
+    changes: int = 50
+    own_build: bool = True
+
+    def answers(
+        self, directory: Path, design: Design, tried: Trial, flags: Sequence[str], command: str | None
+    ) -> Answers:
+        """Run the export in a directory and return its outputs. Raises as the function `prove` of the module."""
+        compiler = () if self.own_build else (flags, command)
+        return import_module(f"{_HERE}.{self.module}").prove(directory, design, tried, *compiler)
 
 
 @dataclass(frozen=True)
 class Target:
-    """A target: the function that writes it, its options, and its precisions; the first one is the default.
+    """A target: the function that writes it, what that can hold, and how its export is proven equal.
 
-    together  it can hold the controls of several axes as one
-    linear  for axes that move along a line only: it uses mm, or the units of a motor with its lead
+    precisions  the first one is the default
+    together    it can hold the controls of several axes as one
+    linear      for axes that move along a line only: it uses mm, or the units of a motor with its lead
+    in_c        its code is that of the target c, whose `configure` returns the codes of broken rules
+    proof       absent if the export cannot run on this computer; `unproven` then says why
     """
 
     module: str
@@ -32,20 +60,44 @@ class Target:
     together: bool = False
     fixed: Mapping[str, Any] = field(default_factory=dict[str, Any])
     linear: bool = False
+    in_c: bool = False
+    proof: Proof | None = None
+    unproven: str = ""
 
 
-_HERE = __name__.rpartition(".")[0]
 _BOTH = ("double", "float")
 TARGETS: dict[str, Target] = {
-    "c": Target("c.bundle", "write_c", ("single_header",), _BOTH, plants=True, together=True),
-    "linuxcnc": Target("linuxcnc.bundle", "write_linuxcnc", ("joint",), linear=True),
-    "linuxcnc-pid": Target("linuxcnc_pid", "write_linuxcnc_pid", ("joint", "route", "units"), linear=True),
-    "fmu2": Target("fmu.fmu", "write_fmu", plants=True, fixed={"version": 2}),
-    "fmu3": Target("fmu.fmu", "write_fmu", plants=True, fixed={"version": 3}),
-    "cortex-m": Target("cortex_m", "write_cortex_m", ("core",), ("float", "double"), together=True),
-    "st": Target("structured_text.bundle", "write_structured_text", precisions=_BOTH),
-    "parameters": Target("parameters.bundle", "write_parameters", ("makers", "lead", "gear"), linear=True),
-}
+    "c": Target(
+        "c.bundle", "write_c", ("single_header",), _BOTH, plants=True, together=True, in_c=True,
+        proof=Proof("c.programs", 1_000_000, own_build=False),
+    ),
+    "linuxcnc": Target(
+        "linuxcnc.bundle", "write_linuxcnc", ("joint",), linear=True, in_c=True,
+        proof=Proof("linuxcnc.session", 50_000, changes=0),
+    ),
+    "linuxcnc-pid": Target(
+        "linuxcnc_pid", "write_linuxcnc_pid", ("joint", "route", "units"), linear=True,
+        unproven="is numbers for LinuxCNC's own pid, which computes something else; see its README",
+    ),
+    "fmu2": Target(
+        "fmu.fmu", "write_fmu", plants=True, fixed={"version": 2}, in_c=True, proof=Proof("fmu.fmu", 50_000)
+    ),
+    "fmu3": Target(
+        "fmu.fmu", "write_fmu", plants=True, fixed={"version": 3}, in_c=True, proof=Proof("fmu.fmu", 50_000)
+    ),
+    "cortex-m": Target(
+        "cortex_m", "write_cortex_m", ("core",), ("float", "double"), together=True, in_c=True,
+        proof=Proof("cortex_m_builds", 2_000, changes=8),
+    ),
+    "st": Target(
+        "structured_text.bundle", "write_structured_text", precisions=_BOTH,
+        unproven="runs on a PLC: {name}_check.st, in the same directory, makes the same comparison there",
+    ),
+    "parameters": Target(
+        "parameters.bundle", "write_parameters", ("makers", "lead", "gear"), linear=True,
+        unproven="is numbers for a person to check; there is nothing to run",
+    ),
+}  # fmt: skip
 
 
 def write_export(

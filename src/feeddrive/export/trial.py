@@ -26,6 +26,15 @@ class Trial:
     changes: Mapping[int, Mapping[str, float]]
 
 
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """The outputs of an exported program in a trial, shape (n, outputs), and how it was built and run."""
+
+    outputs: np.ndarray
+    program: str
+    how: str
+
+
 def trial(routine: Routine, count: int, seed: int = 0, *, changes: int = 50, broken: float = 2e-4) -> Trial:
     """`count` samples of a wandering axis under a wandering set motion, from a seed.
 

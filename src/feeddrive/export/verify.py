@@ -5,17 +5,17 @@ from __future__ import annotations
 import platform
 import re
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from feeddrive.export.c.programs import FLAGS, stepped, streamed
+from feeddrive.export.c.programs import stepped
 from feeddrive.export.design import CONTROL, MACHINE_FILE, Design, read_design
 from feeddrive.export.manifest import FILE, MOST_BYTES, NEW, Manifest, changed_files, read_manifest
-from feeddrive.export.targets import write_again
-from feeddrive.export.trial import Trial, trial
+from feeddrive.export.targets import TARGETS, Proof, write_again
+from feeddrive.export.trial import Answers, Trial, trial
 from feeddrive.files.atomic_io import files_of, read_whole
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.quantity import Quantity
@@ -120,10 +120,11 @@ def verify_export(
     """
     directory = Path(directory)
     manifest = read_manifest(directory)
-    if manifest.target not in PROOFS:
-        why = WITHOUT.get(manifest.target, "is of a target unknown to this version of feeddrive")
+    target = TARGETS.get(manifest.target)
+    if target is None or target.proof is None:
+        why = "is of a target unknown to this version of feeddrive" if target is None else target.unproven
         raise ParameterError(f"{directory}: what the target {manifest.target} writes {why.format(name=manifest.name)}")
-    proof = PROOFS[manifest.target]
+    proof = target.proof
     design = _design(directory, manifest)
     with tempfile.TemporaryDirectory(prefix="feeddrive-") as folder:
         fresh = Path(folder) / "export"
@@ -185,7 +186,11 @@ def _proven(
     single = design.layout.precision == "float"
     count = samples or (min(SINGLE, proof.samples) if single else proof.samples)
     tried = trial(design.routine, count, seed, changes=proof.changes, broken=max(2e-4, 10.0 / count))
-    answers = proof.answer(directory, design, tried, flags, command)
+    if proof.own_build and (flags or command):
+        raise ParameterError(
+            f"--compiler and --flag mean nothing for the target {manifest.target}, which has its own build"
+        )
+    answers = proof.answers(directory, design, tried, flags, command)
     wanted = stepped(design.layout, tried) if single else run(design.routine, tried.inputs, tried.changes)
     return _compared(design, manifest, altered, tried, seed, answers, wanted)
 
@@ -238,77 +243,3 @@ def _compared(
         against="the simulator" if double else "the same operations in Python, in single precision", altered=altered,
         written_by=manifest.version,
     )  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
-class Answers:
-    """Outputs, shape (n, outputs), and by which program they were computed."""
-
-    outputs: np.ndarray
-    program: str
-    how: str
-
-
-@dataclass(frozen=True)
-class Proof:
-    """How a target runs samples, how many take some seconds, and whether it allows parameter changes."""
-
-    answer: Callable[[Path, Design, Trial, Sequence[str], str | None], Answers]
-    samples: int
-    changes: int = 50
-
-
-def _c(directory: Path, design: Design, tried: Trial, flags: Sequence[str], command: str | None) -> Answers:
-    P = design.name
-    names = [name for name in (f"{P}.h", f"{P}.c", f"{P}_configure.c") if (directory / name).is_file()]
-    if f"{P}.h" not in names:
-        raise FileError(f"{directory / f'{P}.h'}: is missing; export again")
-    files = {name: (directory / name).read_text(encoding="utf-8") for name in names}
-    found = streamed(design.layout, files, tried, flags=(*FLAGS, *flags), command=command)
-    return Answers(found.outputs, found.compiler, " ".join(found.flags))
-
-
-def _linuxcnc(directory: Path, design: Design, tried: Trial, flags: Sequence[str], command: str | None) -> Answers:
-    from feeddrive.export.linuxcnc.session import answers
-
-    _own_build("linuxcnc", flags, command)
-    with tempfile.TemporaryDirectory(prefix="feeddrive-") as folder:
-        found = answers(design.routine, directory.resolve(), Path(folder), tried.inputs)
-    return Answers(found.rows[:, : len(design.routine.outputs)], "LinuxCNC, halrun", "halcompile --install")
-
-
-def _fmu(directory: Path, design: Design, tried: Trial, flags: Sequence[str], command: str | None) -> Answers:
-    from feeddrive.export.fmu.fmu import answers
-
-    _own_build("fmu", flags, command)
-    found = answers(directory / f"{design.name}.fmu", design.routine, tried)
-    import fmpy
-
-    return Answers(found, f"FMPy {fmpy.__version__}", "the library in the FMU")
-
-
-def _cortex_m(directory: Path, design: Design, tried: Trial, flags: Sequence[str], command: str | None) -> Answers:
-    from feeddrive.export.cortex_m_builds import answers
-
-    _own_build("cortex-m", flags, command)
-    found = answers(directory, design, tried.inputs, tried.changes)
-    return Answers(found.astype(np.float64), "arm-none-eabi-gcc, qemu-system-arm", "the Makefile of the bundle")
-
-
-def _own_build(target: str, flags: Sequence[str], command: str | None) -> None:
-    if flags or command:
-        raise ParameterError(f"--compiler and --flag mean nothing for the target {target}, which has its own build")
-
-
-PROOFS: dict[str, Proof] = {
-    "c": Proof(_c, 1_000_000),
-    "linuxcnc": Proof(_linuxcnc, 50_000, changes=0),
-    "fmu2": Proof(_fmu, 50_000),
-    "fmu3": Proof(_fmu, 50_000),
-    "cortex-m": Proof(_cortex_m, 2_000, changes=8),
-}
-WITHOUT = {
-    "st": "runs on a PLC: {name}_check.st, in the same directory, makes the same comparison there",
-    "linuxcnc-pid": "is numbers for LinuxCNC's own pid, which computes something else; see its README",
-    "parameters": "is numbers for a person to check; there is nothing to run",
-}

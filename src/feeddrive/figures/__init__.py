@@ -2,4 +2,12 @@
 
 from feeddrive.language.lazy_package import make_lazy
 
-make_lazy(__name__)
+make_lazy(
+    __name__,
+    {
+        "catalogue": "figure figures goals limitable",
+        "figure": "Figure Goal Limit Limitable Statistics",
+        "linear_loop": "LinearLoop",
+        "slopes": "Slope",
+    },
+)

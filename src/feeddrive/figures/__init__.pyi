@@ -1,5 +1,7 @@
 """What a loop, a run or a machine is judged by: one catalogue of figures, with the goals and the limits of a tuning."""
 
+# written by `make stubs`
+
 from feeddrive.figures.catalogue import figure as figure
 from feeddrive.figures.catalogue import figures as figures
 from feeddrive.figures.catalogue import goals as goals

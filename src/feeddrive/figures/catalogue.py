@@ -48,22 +48,22 @@ def measurable(allow: Sequence[str] = ()) -> Mapping[str, Figure]:
 def figure(name: str, allow: Sequence[str] = ()) -> Figure:
     """Return the figure that a study measures under a name. Raises ParameterError with near names."""
     known = measurable(allow)
-    found = known.get(name) or at_frequency(name)
-    if found is None:
+    figure_ = known.get(name) or at_frequency(name)
+    if figure_ is None:
         raise ParameterError(
             f"there is no figure '{name}'{nearest(name, known)}; stiffness_F_Hz_N_per_m is there for every frequency "
             "F; one of your own is found by --allow MODULE, or once its package is installed"
         )
-    return found
+    return figure_
 
 
 @cache
 def _with_own(allow: tuple[str, ...]) -> Mapping[str, Figure]:
-    found = {each.key: each for each in (*OF_RUNS, *OF_LOOPS)}
-    for origin, each in (*_installed(), *_allowed(allow)):
-        if found.setdefault(each.key, each) is not each:
-            raise ParameterError(f"{origin}: there is a figure '{each.key}' already: give it another name")
-    return found
+    by_key = {shipped.key: shipped for shipped in (*OF_RUNS, *OF_LOOPS)}
+    for origin, own in (*_installed(), *_allowed(allow)):
+        if by_key.setdefault(own.key, own) is not own:
+            raise ParameterError(f"{origin}: there is a figure '{own.key}' already: give it another name")
+    return by_key
 
 
 def _installed() -> Iterator[tuple[str, Figure]]:
@@ -72,24 +72,26 @@ def _installed() -> Iterator[tuple[str, Figure]]:
     for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda point: (point.name, point.value)):
         package = point.dist.name if point.dist is not None else point.name
         origin = f"the installed package '{package}' (mend or uninstall it)"
-        for each in _held(origin, point.value):
-            yield origin, each
+        for member in _held(origin, point.value):
+            yield origin, member
 
 
 def _allowed(places: Iterable[str]) -> Iterator[tuple[str, Figure]]:
     for place in places:
-        for each in _held(f"--allow names '{place}'", place):
-            yield f"--allow {place}", each
+        for member in _held(f"--allow names '{place}'", place):
+            yield f"--allow {place}", member
 
 
 def _held(origin: str, place: str) -> list[Figure]:
     """The figures at a place: a module, FILE.py, or MODULE:NAME of a figure or a list of them."""
     try:
         held, name = module_at(place)
-        found = getattr(held, name) if name else [each for each in vars(held).values() if isinstance(each, Figure)]
+        members = getattr(held, name) if name else [value for value in vars(held).values() if isinstance(value, Figure)]
     except Exception as error:
         raise ParameterError(f"{origin}: it cannot be imported: {type(error).__name__}: {error}") from None
-    made: list[Any] = [found] if isinstance(found, Figure) else list(found) if isinstance(found, Iterable) else []
-    if not made or not all(isinstance(each, Figure) for each in made):
+    listed: list[Any] = (
+        [members] if isinstance(members, Figure) else list(members) if isinstance(members, Iterable) else []
+    )
+    if not listed or not all(isinstance(figure, Figure) for figure in listed):
         raise ParameterError(f"{origin}: it holds no feeddrive.figures.Figure, or not only such")
-    return made
+    return listed

@@ -151,8 +151,8 @@ class Figure:
 
     def value(self, source: Any) -> Any:
         """Return the value of a loop or a run; `absent` if it has none."""
-        found = self.read(source)
-        return self.absent if found is None else found
+        value = self.read(source)
+        return self.absent if value is None else value
 
     def quantity(self, value: float | None) -> Quantity | None:
         """Return a value with its unit; None for none."""

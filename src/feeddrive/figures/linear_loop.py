@@ -44,11 +44,11 @@ class LinearLoop:
         """The model opened at the actuator, and closed."""
         if self.known is not None:
             return self.known
-        made = loop_model(self.loop, velocity=self.velocity)
-        largest = float(np.max(np.abs(made.closed.poles()), initial=0.0))
+        model = loop_model(self.loop, velocity=self.velocity)
+        largest = float(np.max(np.abs(model.closed.poles()), initial=0.0))
         if not largest < 1.0:
             raise UnstableError(f"the loop is not stable: its slowest pole has the absolute value {number(largest, 6)}")
-        return made
+        return model
 
     @cached_property
     def lines(self) -> np.ndarray:

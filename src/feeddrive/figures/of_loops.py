@@ -35,20 +35,20 @@ def _small_gain(loop: JudgedLoop) -> float | None:
 
 def _nearest_phase(loop: JudgedLoop) -> float | None:
     crossovers = loop.margins.gain_crossovers
-    found = min(crossovers, key=lambda crossover: abs(crossover.phase_margin_deg), default=None)
-    return None if found is None else found.frequency
+    nearest = min(crossovers, key=lambda crossover: abs(crossover.phase_margin_deg), default=None)
+    return None if nearest is None else nearest.frequency
 
 
 def _nearest_delay(loop: JudgedLoop) -> float | None:
     crossovers = loop.margins.gain_crossovers
-    found = min(crossovers, key=lambda crossover: crossover.delay_margin, default=None)
-    return None if found is None else found.frequency
+    nearest = min(crossovers, key=lambda crossover: crossover.delay_margin, default=None)
+    return None if nearest is None else nearest.frequency
 
 
 def _nearest_gain(loop: JudgedLoop) -> float | None:
     rising = (crossover for crossover in loop.margins.phase_crossovers if crossover.gain_margin_dB >= 0.0)
-    found = min(rising, key=lambda crossover: crossover.gain_margin_dB, default=None)
-    return None if found is None else found.frequency
+    nearest = min(rising, key=lambda crossover: crossover.gain_margin_dB, default=None)
+    return None if nearest is None else nearest.frequency
 
 
 def _sizes(loop: JudgedLoop, band: Band) -> tuple[np.ndarray, np.ndarray]:
@@ -249,6 +249,6 @@ OF_LOOPS = (
 
 def at_frequency(key: str) -> Figure | None:
     """Return the figure of a key such as stiffness_35_Hz_N_per_m or stiffness_2.5_Hz_N_per_m; None for any other."""
-    found = re.fullmatch(r"stiffness_(\d+(?:\.\d+)?)_Hz_N_per_m", key)
-    frequency = 0.0 if found is None else float(found[1])
+    match = re.fullmatch(r"stiffness_(\d+(?:\.\d+)?)_Hz_N_per_m", key)
+    frequency = 0.0 if match is None else float(match[1])
     return stiffness_at(frequency) if 0.0 < frequency < 1e6 and stiffness_at(frequency).key == key else None

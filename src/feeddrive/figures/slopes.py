@@ -194,10 +194,10 @@ def bandwidth_slope(loop: SlopedLoop, _: Band) -> Slope:
     """Return the slope of -ln of the frequency at which |S| first rises to -3 dB."""
     x = np.log(loop.frequency)
     tunables = loop.gain_slope.shape[1]
-    found = bandwidth_crossing(loop.gain)
-    if found is None:
+    crossing = bandwidth_crossing(loop.gain)
+    if crossing is None:
         return Slope(float(-x[0]), np.zeros(tunables), np.zeros((tunables, tunables)))
-    i, part = found
+    i, part = crossing
     level = -np.log(np.abs(1.0 + loop.gain[i : i + 2]))
     tilt = (level[1] - level[0]) / (x[i + 1] - x[i])
     pushed = -(loop.gain_slope / (1.0 + loop.gain)[:, None]).real
@@ -390,7 +390,7 @@ def _at_vertex(x: np.ndarray, slack: np.ndarray) -> np.ndarray:
 
 def _tilts(x: np.ndarray, level: np.ndarray, turn: np.ndarray, k: int) -> tuple[float, float]:
     """d ln|L|/d ln f and dφ/d ln f around a line: over a stretch, since two lines would show their noise."""
-    low, high = (int(each) for each in np.searchsorted(x, (x[k] - _STRETCH, x[k + 1] + _STRETCH)))
+    low, high = (int(end) for end in np.searchsorted(x, (x[k] - _STRETCH, x[k + 1] + _STRETCH)))
     low, high = min(low, k), max(high, k + 2)
     apart = x[low:high] - np.mean(x[low:high])
     phase = np.concatenate([[0.0], np.cumsum(turn[low : high - 1])])

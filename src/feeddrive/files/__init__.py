@@ -2,4 +2,20 @@
 
 from feeddrive.language.lazy_package import make_lazy
 
-make_lazy(__name__)
+make_lazy(
+    __name__,
+    {
+        "columns": "Column",
+        "comp_file": "comp_text read_comp_file write_comp_file",
+        "frf": "encoders read_controllers read_frf read_frfs write_frf",
+        "growing": "GrowingFile GrowingTable",
+        "guess": "Guess guess_roles write_roles",
+        "handover": "write_csv write_mat",
+        "job": "Job read_job",
+        "log": "Log write_log",
+        "machine": "MachineFile read_machine",
+        "mapping": "Mapping",
+        "read_log": "read_arrays read_log read_request",
+        "to_toml": "to_toml",
+    },
+)

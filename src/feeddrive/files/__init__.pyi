@@ -1,4 +1,6 @@
-"""Files people touch: TOML in and out, measured logs, runs, result directories."""
+"""User files: machine and job files in TOML, measured logs, recorded runs, result directories."""
+
+# written by `make stubs`
 
 from feeddrive.files.columns import Column as Column
 from feeddrive.files.comp_file import comp_text as comp_text

@@ -2,4 +2,28 @@
 
 from feeddrive.language.lazy_package import make_lazy
 
-make_lazy(__name__)
+make_lazy(
+    __name__,
+    {
+        "cogging": "CoggingFit CoggingRun cogging_passes identify_cogging",
+        "excitation.design": "design_excitation",
+        "excitation.estimate_frf": "estimate_frf",
+        "excitation.excitation": "Excitation",
+        "excitation.frequency_estimate": "FrequencyEstimate",
+        "excitation.record": "Record",
+        "friction_curve": "FrictionCurve fit_friction",
+        "friction_stops": "LearnedStops learned_stops stretches",
+        "motion.control_law": "ControlFit identify_control",
+        "motion.delay": "DelayFit find_delay",
+        "motion.identify": "Identified identify_motion",
+        "motion.motion_log": "MotionLog",
+        "motion.output_error": "Refinement refine",
+        "motion.preparation": "Preparation",
+        "motion.rigid": "RigidFit identify_rigid",
+        "pitch": "LearnedPitch learned_from learned_from_circles learned_pitch",
+        "response.fit_axis": "fit_axis",
+        "response.modal_fit": "fit_modes",
+        "response.two_mass_fit": "fit_modal_axis fit_plant fit_two_mass",
+        "steady_runs": "SteadyRuns runs_of steady_runs",
+    },
+)

@@ -1,4 +1,6 @@
-"""From measurements to models: motion logs, constant-speed runs and frequency responses, each with honest errors."""
+"""Identification: models with standard errors from motion logs, constant-speed runs and frequency responses."""
+
+# written by `make stubs`
 
 from feeddrive.identification.cogging import CoggingFit as CoggingFit
 from feeddrive.identification.cogging import CoggingRun as CoggingRun

@@ -285,7 +285,7 @@ def enforce(block: Block, rules: Callable[[Any], Iterable[Rule]]) -> None:
 
 def _plain(block: Block, variant: int | None = None) -> Block | None:
     """The same block with numpy's numbers for parameters, of one variant or of all; None if one of them is a symbol."""
-    made = object.__new__(type(block))
+    plain = object.__new__(type(block))
     for name, declared in declarations(type(block)).items():
         value = getattr(block, name)
         if value is not None and declared.role == "parameter":
@@ -304,8 +304,8 @@ def _plain(block: Block, variant: int | None = None) -> Block | None:
                 value = made_of(*parts) if hasattr(value, "_fields") else tuple(parts)
             else:
                 value = parts[0]
-        object.__setattr__(made, name, value)
-    return made
+        object.__setattr__(plain, name, value)
+    return plain
 
 
 def may_be_absent(block: type[Block], name: str) -> bool:

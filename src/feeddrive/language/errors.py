@@ -30,7 +30,7 @@ class FeeddriveError(Exception):
     exit_code: ClassVar[int] = 2
 
     def __init__(self, *args: object) -> None:
-        super().__init__(*(Text(each) if isinstance(each, str) else each for each in args))
+        super().__init__(*(Text(argument) if isinstance(argument, str) else argument for argument in args))
 
     def __format__(self, form: str) -> str:
         """The message, with its quantities in a text of feeddrive that quotes it."""

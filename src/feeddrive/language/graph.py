@@ -98,12 +98,12 @@ class Graph:
         self._index: dict[Node, int] = {}
 
     def _store(self, node: Node) -> int:
-        found = self._index.get(node)
-        if found is None:
-            found = len(self.nodes)
+        index = self._index.get(node)
+        if index is None:
+            index = len(self.nodes)
             self.nodes.append(node)
-            self._index[node] = found
-        return found
+            self._index[node] = index
+        return index
 
     def input(self, name: str) -> Symbol:
         """A leaf that is given at each call, such as a state, a parameter or a setpoint."""
@@ -264,7 +264,7 @@ class Symbol:
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **settings: Any) -> Symbol:
         """Arithmetic with a number of numpy, such as np.float64(2.0) * x; numpy's own functions are refused."""
         name = _OF_NUMPY.get(ufunc.__name__)
-        if name is None or method != "__call__" or settings or any(getattr(each, "ndim", 0) for each in inputs):
+        if name is None or method != "__call__" or settings or any(getattr(operand, "ndim", 0) for operand in inputs):
             if ufunc.__name__ in ("equal", "not_equal"):
                 raise _refused("a law compares with `ops.equal(a, b)`, not with ==")
             if name is not None:
@@ -334,21 +334,21 @@ def rebuilt(
     Leaves are copied. `compose` receives the new graph, the name of an operation and its new arguments, and returns the
     replacement.
     """
-    made = Graph()
+    copied = Graph()
     place: dict[int, Symbol] = {}
     for index in reachable(graph, roots):
         node = graph.nodes[index]
         match node[0]:
             case "const":
-                place[index] = made.constant(float.fromhex(node[1]))
+                place[index] = copied.constant(float.fromhex(node[1]))
             case "truth":
-                place[index] = made.constant(node[1])
+                place[index] = copied.constant(node[1])
             case "input":
-                place[index] = made.input(node[1])
+                place[index] = copied.input(node[1])
             case "table":
-                place[index] = made.table(node[1], node[2])
+                place[index] = copied.table(node[1], node[2])
             case "ring":
-                place[index] = made.ring(node[1], node[2])
+                place[index] = copied.ring(node[1], node[2])
             case name:
-                place[index] = made.symbol(compose(made, name, [place[i] for i in arguments(node)]))
-    return made, {old: symbol.index for old, symbol in place.items()}
+                place[index] = copied.symbol(compose(copied, name, [place[i] for i in arguments(node)]))
+    return copied, {old: symbol.index for old, symbol in place.items()}

@@ -1,33 +1,25 @@
-"""Packages whose public names are imported on first use, from the modules listed in their stub `__init__.pyi`.
+"""Packages whose public names are imported on first use.
 
-The stub is what editors and type checkers read.  A module often has the name of its function (`margins.margins`); the
-public name is the function, also after the module was imported.
+`make_lazy` holds the names of a package, once; the stub `__init__.pyi` that editors and type checkers read is written
+from them by `tests/stubs.py`.  A module often has the name of its function (`margins.margins`); the public name is the
+function, also after the module was imported.
 """
 
 from __future__ import annotations
 
 import pkgutil
-import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from functools import cache
 from importlib import import_module
 from types import ModuleType
 from typing import Any
 
 from feeddrive.language.errors import nearest
 
-_IMPORT = re.compile(r"(?m)^from (feeddrive[.\w]*) import \(?\s*(\w+)")
 
-
-@cache
 def public_names(package: str) -> Mapping[str, str]:
-    """Public name -> module that holds it, of a package of feeddrive; none for a package without a stub."""
-    try:
-        stub = (pkgutil.get_data(package, "__init__.pyi") or b"").decode()
-    except FileNotFoundError:
-        return {}
-    return {name: module for module, name in _IMPORT.findall(stub)}
+    """Public name -> module that holds it, of a package of feeddrive; empty for a package that is not lazy."""
+    return vars(import_module(package)).get("_public", {})
 
 
 def modules_below(package: str) -> Iterator[str]:
@@ -41,7 +33,7 @@ class LazyPackage(ModuleType):
     """A package that gives its public names; `dir` lists nothing else."""
 
     def __getattr__(self, name: str) -> Any:
-        place = public_names(self.__name__).get(name)
+        place = self.__dict__["_public"].get(name)
         if place is None:
             value = self.__dict__["_other"](name)
         elif place == self.__name__:
@@ -52,7 +44,7 @@ class LazyPackage(ModuleType):
         return value
 
     def __setattr__(self, name: str, value: Any) -> None:
-        place = public_names(self.__name__).get(name, self.__name__)
+        place = self.__dict__["_public"].get(name, self.__name__)
         if place == self.__name__ or not isinstance(value, ModuleType):  # an import may not hide the public name
             super().__setattr__(name, value)
 
@@ -61,19 +53,17 @@ class LazyPackage(ModuleType):
         raise TypeError(self.__dict__["_no_function"])
 
     def __dir__(self) -> list[str]:
-        return sorted({*public_names(self.__name__), *self.__dict__["_more"]()})
+        return sorted(self.__dict__["_public"])
 
 
 def make_lazy(
-    package: str,
-    other: Callable[[str], Any] | None = None,
-    more: Callable[[], list[str]] | None = None,
-    no_function: str = "",
+    package: str, names: Mapping[str, str], other: Callable[[str], Any] | None = None, no_function: str = ""
 ) -> None:
-    """Let a package load the names of its stub on first use; called at the end of its `__init__.py`.
+    """Let a package import its public names on first use; called at the end of its `__init__.py`.
 
-    other        gives names that the stub does not list, or raises AttributeError
-    more         further names for `dir`
+    names        by module, separated by blanks: a module relative to the package; "" for modules that are public
+                 themselves
+    other        gives names that are not public, or raises AttributeError
     no_function  what the error says if the package is called as a function
     """
 
@@ -81,7 +71,9 @@ def make_lazy(
         raise AttributeError(f"{package} has no name '{name}'{nearest(name, dir(sys.modules[package]))}")
 
     module = sys.modules[package]
+    module.__dict__["_public"] = {
+        name: f"{package}.{place}" if place else package for place, text in names.items() for name in text.split()
+    }
     module.__dict__["_other"] = other or missing
-    module.__dict__["_more"] = more or list[str]
     module.__dict__["_no_function"] = no_function or f"'{package}' is a package, not a function"
     module.__class__ = LazyPackage

@@ -83,13 +83,13 @@ def linked_code(
 
     key = _key(content, effort, passes)
     with _lock:
-        found = _stored(key)
-        if stored and found is None:
+        code = _stored(key)
+        if stored and code is None:
             return None
         for name, address in symbols.items():
             binding.add_symbol(name, address)
-        made = _made(key, found, source, names, effort, passes)
-    return made._replace(below=tuple(below))
+        compiled = _made(key, code, source, names, effort, passes)
+    return compiled._replace(below=tuple(below))
 
 
 def _key(content: str, effort: int, passes: Sequence[str]) -> str:
@@ -132,7 +132,7 @@ def _optimize(module: Any, machine: Any, passes: Sequence[str]) -> None:
 
 def _stubs(triple: str, names: Sequence[str]) -> str:
     """The module with nothing in its functions: enough when the code comes from the disk."""
-    return "\n".join([f'target triple = "{triple}"', *[f"define void @{each}() {{\n  ret void\n}}" for each in names]])
+    return "\n".join([f'target triple = "{triple}"', *[f"define void @{name}() {{\n  ret void\n}}" for name in names]])
 
 
 def cache_directory() -> Path | None:

@@ -224,12 +224,12 @@ def growth(a: Sequence[Sequence[Any]]) -> Any:
 
     Of numbers it is a float, of variants in lanes an array.  Infinite for a matrix with numbers that are not finite.
     """
-    made = _numbers(a)
-    each = np.moveaxis(made.reshape(len(a), len(a), -1), 2, 0)
+    matrices = _numbers(a)
+    each = np.moveaxis(matrices.reshape(len(a), len(a), -1), 2, 0)
     finite = np.all(np.isfinite(each), axis=(1, 2))
-    found = np.full(len(each), math.inf)
-    found[finite] = np.max(np.abs(np.linalg.eigvals(each[finite])), axis=1)
-    return found if made.ndim == 3 else float(found[0])
+    rates = np.full(len(each), math.inf)
+    rates[finite] = np.max(np.abs(np.linalg.eigvals(each[finite])), axis=1)
+    return rates if matrices.ndim == 3 else float(rates[0])
 
 
 def edge(holds: Callable[[Any], Any], values: Sequence[float]) -> float | None:
@@ -240,11 +240,11 @@ def edge(holds: Callable[[Any], Any], values: Sequence[float]) -> float | None:
     row, kept = np.array(values, dtype=np.float64), None
     for _ in range(5):
         with np.errstate(all="ignore"):
-            found = np.broadcast_to(holds(row), row.shape)
-        changed = np.flatnonzero(found != found[0])
+            holding = np.broadcast_to(holds(row), row.shape)
+        changed = np.flatnonzero(holding != holding[0])
         if not changed.size:
             return None
         first = int(changed[0])
-        kept = float(row[first - 1 if found[0] else first])
+        kept = float(row[first - 1 if holding[0] else first])
         row = np.geomspace(row[first - 1], row[first], 40)
     return kept

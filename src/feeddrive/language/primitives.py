@@ -143,8 +143,8 @@ def gather(row: Any, index: Any) -> Any:
         return symbol
     place = clip(index, 0.0, float(len(row) - 1))
     place = np.where(place == place, place, 0.0)  # a NaN index reads the first entry
-    found = row[np.asarray(place, dtype=np.int64)]
-    return found if isinstance(index, np.ndarray) else np.float64(found)
+    cells = row[np.asarray(place, dtype=np.int64)]
+    return cells if isinstance(index, np.ndarray) else np.float64(cells)
 
 
 def length(row: Any) -> int:

@@ -228,10 +228,10 @@ class Quantity:
 
     def record(self) -> dict[str, Any]:
         """Return it as JSON has it: value and error in SI, and the unit."""
-        found: dict[str, Any] = {"value": finite(float(self.value)), "unit": self.unit}
+        record: dict[str, Any] = {"value": finite(float(self.value)), "unit": self.unit}
         if self.error is not None:
-            found["error"] = finite(float(self.error))
-        return found
+            record["error"] = finite(float(self.error))
+        return record
 
 
 def finite(value: float) -> float | None:
@@ -269,7 +269,7 @@ def unit_name(si: str, shown: str = "", *, stays: bool = False) -> str:
 
 def quantities(text: str) -> tuple[Quantity, ...]:
     """Return the quantities in a text, in order."""
-    return tuple(_quantity(each) for each in marks(text) if each.value)
+    return tuple(_quantity(mark) for mark in marks(text) if mark.value)
 
 
 def _quantity(mark: Mark) -> Quantity:

@@ -30,9 +30,9 @@ class Recent(Generic[Value]):
             if key in self._held:
                 self._held.move_to_end(key)
                 return self._held[key]
-        made = make()
+        value = make()
         with self._lock:
-            found = self._held.setdefault(key, made)
+            found = self._held.setdefault(key, value)
             self._held.move_to_end(key)
             while len(self._held) > self.size:
                 self._held.popitem(last=False)

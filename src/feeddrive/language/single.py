@@ -196,21 +196,21 @@ def single_values(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any
     Constants and leaves are rounded to float first.  Raises KeyError for a leaf that is not given.
     """
     lowered, place = single_lowered(graph, outputs)
-    found: dict[int, Any] = {}
+    values_: dict[int, Any] = {}
     with np.errstate(all="ignore"):
         for index in reachable(lowered, [place[i] for i in outputs]):
             node = lowered.nodes[index]
             match node[0]:
                 case "const":
-                    found[index] = _flushed(np.float32(float.fromhex(node[1])))
+                    values_[index] = _flushed(np.float32(float.fromhex(node[1])))
                 case "truth":
-                    found[index] = np.bool_(node[1])
+                    values_[index] = np.bool_(node[1])
                 case "input" | "table":
-                    found[index] = _flushed(np.asarray(leaves[node[1]], dtype=np.float64).astype(np.float32))
+                    values_[index] = _flushed(np.asarray(leaves[node[1]], dtype=np.float64).astype(np.float32))
                 case name:
-                    value = _OPERATIONS[name](*(found[i] for i in arguments(node)))
-                    found[index] = _flushed(value) if np.asarray(value).dtype == np.float32 else value
-    return [np.asarray(found[place[i]]) for i in outputs]
+                    value = _OPERATIONS[name](*(values_[i] for i in arguments(node)))
+                    values_[index] = _flushed(value) if np.asarray(value).dtype == np.float32 else value
+    return [np.asarray(values_[place[i]]) for i in outputs]
 
 
 def _flushed(x: Any) -> Any:

@@ -97,7 +97,7 @@ class Grid(NamedTuple):
             return visible(resolve(text, units))
 
         rows = [[said(cell) for cell in row] for row in self.rows]
-        return Grid(said(self.title), [said(each) for each in self.heads], rows, self.sentences)
+        return Grid(said(self.title), [said(head) for head in self.heads], rows, self.sentences)
 
     def __str__(self) -> str:
         widths = [max(len(row[i]) for row in (self.heads, *self.rows)) for i in range(len(self.heads))]
@@ -153,7 +153,7 @@ class Table:
         """The table as texts with marks, for a page that is read in other units later."""
         columns = self.made_columns
         rows = [self._row(columns, row) for row in self.rows]
-        return Grid(marked(self.title), [each.named() for each in columns], rows, self.sentences)
+        return Grid(marked(self.title), [column.named() for column in columns], rows, self.sentences)
 
     def grid(self, units: Units = USUAL) -> Grid:
         """The table in the units of a reader."""
@@ -162,7 +162,7 @@ class Table:
     @property
     def made_columns(self) -> list[Column]:
         """The columns, none of them a mere head."""
-        return [Column(each) if isinstance(each, str) else each for each in self.columns]
+        return [Column(column) if isinstance(column, str) else column for column in self.columns]
 
     def _row(self, columns: Sequence[Column], row: Sequence[Cell]) -> list[str]:
         pairs = list(zip(columns, row, strict=True))

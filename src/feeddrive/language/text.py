@@ -62,7 +62,7 @@ class Reader(Protocol):
 
 def marks(text: str) -> list[Mark]:
     """Return the marks in a text, in order."""
-    return [each for found in _MARK.finditer(marked(text)) if (each := _mark(found[1]))]
+    return [each for mark in _MARK.finditer(marked(text)) if (each := _mark(mark[1]))]
 
 
 def _mark(content: str) -> Mark | None:
@@ -76,7 +76,7 @@ def _mark(content: str) -> Mark | None:
 def split(text: str) -> list[tuple[str, bool]]:
     """Return the pieces of a text in order, and whether each is a mark."""
     pieces = re.split(f"({_BEGIN}[^{_END}]*{_END})", text)
-    return [(each, each.startswith(_BEGIN)) for each in pieces if each]
+    return [(piece, piece.startswith(_BEGIN)) for piece in pieces if piece]
 
 
 def plain(text: str) -> str:

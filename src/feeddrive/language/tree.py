@@ -57,9 +57,9 @@ def _path(tree: Any, prefix: str, name: str) -> str:
 
 def leaves(tree: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Dotted name and value of every leaf, in a fixed order; None is no leaf."""
-    found: list[tuple[str, Any]] = []
-    _collect(tree, prefix, found)
-    return iter(found)
+    leaves_: list[tuple[str, Any]] = []
+    _collect(tree, prefix, leaves_)
+    return iter(leaves_)
 
 
 def _collect(tree: Any, prefix: str, found: list[tuple[str, Any]]) -> None:
@@ -145,8 +145,8 @@ def path_of(tree: Any, name: str) -> str:
 def in_paths(block: Block, text: str) -> str:
     """A sentence that names parts by fields, with their paths: `control.law.Kp / control.law.Tn`."""
     fields = [field for field in declarations(type(block)) if block.place_of(field) != field]
-    found = rf"(?<![\w.])({'|'.join(fields)})(?=\.\w)"
-    return re.sub(found, lambda part: block.place_of(part[1]), text) if fields else text
+    pattern = rf"(?<![\w.])({'|'.join(fields)})(?=\.\w)"
+    return re.sub(pattern, lambda part: block.place_of(part[1]), text) if fields else text
 
 
 def name_of(block: Any, path: str, names: Mapping[str, str] | None = None) -> str:
@@ -270,9 +270,9 @@ def blocks(tree: Any) -> Iterator[Block]:
 
 def tables(tree: Any, prefix: str = "") -> Iterator[tuple[str, np.ndarray]]:
     """Dotted name and values of every table of a tree."""
-    found: list[tuple[str, np.ndarray]] = []
-    _collect_tables(tree, prefix, found)
-    return iter(found)
+    rows: list[tuple[str, np.ndarray]] = []
+    _collect_tables(tree, prefix, rows)
+    return iter(rows)
 
 
 def _collect_tables(tree: Any, prefix: str, found: list[tuple[str, np.ndarray]]) -> None:
@@ -320,9 +320,9 @@ def structure_and_values(tree: Any) -> tuple[Any, list[Any]]:
     """
     kept = vars(tree).get(_KEPT) if isinstance(tree, Block) else None
     if kept is None:
-        found: list[Any] = []
-        shape = Shape((_shape(tree, found),))
-        kept = _shapes.get(shape, lambda: shape), found
+        values: list[Any] = []
+        shape = Shape((_shape(tree, values),))
+        kept = _shapes.get(shape, lambda: shape), values
         if isinstance(tree, Block):
             vars(tree)[_KEPT] = kept
     return kept

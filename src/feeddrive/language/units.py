@@ -126,11 +126,11 @@ def _quotient(unit: str, tokens: list[str], at: int, depth: int) -> tuple[float,
                 raise ParameterError(f"in the unit '{unit}' a parenthesis is not closed")
             at, exponent = at + 1, 1
         else:
-            found = re.fullmatch(r"([A-Za-z]+|1)([0-9]?)", token)
-            if found is None:
+            match = re.fullmatch(r"([A-Za-z]+|1)([0-9]?)", token)
+            if match is None:
                 raise ParameterError(f"'{token}' in the unit '{unit}' is not a unit")
-            part, dimension = _unit(found[1])
-            exponent = int(found[2] or 1)
+            part, dimension = _unit(match[1])
+            exponent = int(match[2] or 1)
         empty = False
         size *= part ** (sign * exponent)
         total = [t + sign * exponent * d for t, d in zip(total, dimension, strict=True)]

@@ -2,4 +2,18 @@
 
 from feeddrive.language.lazy_package import make_lazy
 
-make_lazy(__name__)
+make_lazy(
+    __name__,
+    {
+        "axis": "Axis",
+        "control": "Control",
+        "frequency_response": "FRF",
+        "gradient": "Gradient gradient",
+        "guard": "Guard",
+        "lifting": "compliance loop_gain tracking",
+        "linearize": "StateSpace linearize",
+        "loop": "Loop Signals",
+        "machine": "Machine",
+        "simulate": "Batch Run simulate simulate_batch stream",
+    },
+)

@@ -1,4 +1,6 @@
-"""Floor 2, the loop: one sample of one axis, and the engine that runs, linearises and differentiates it."""
+"""The loop: one sample of an axis or machine under its control, and the engine that simulates and linearizes it."""
+
+# written by `make stubs`
 
 from feeddrive.loop.axis import Axis as Axis
 from feeddrive.loop.control import Control as Control

@@ -115,12 +115,12 @@ def _by_python(system: Any, setpoint: Any, position: Any, velocity: Any, partial
     timing = system.timing(partial)
     plain = concrete(system)
     with np.errstate(all="ignore"):
-        made = _prepared(plain, timing)
-        begun = plain.start(made, timing, setpoint, position, velocity)
+        prepared = _prepared(plain, timing)
+        begun = plain.start(prepared, timing, setpoint, position, velocity)
     named = dict(tree.leaves(plain))
-    named.update(numbers(made, "prepared"))
+    named.update(numbers(prepared, "prepared"))
     first = {name: v for name, v in tree.leaves(begun) if not isinstance(v, Ring)}
-    trees = Trees(plain, made, begun)
+    trees = Trees(plain, prepared, begun)
     return Beginning(timing, named, first, dict(tree.tables(system)), tree.structure(system), lambda: trees)
 
 
@@ -130,10 +130,10 @@ def _prepared(plain: Any, timing: Any) -> Any:
         return plain.prepare(timing)
     axis, T = plain.axis, plain.sample_time
     core = (axis.plant, axis.actuator, axis.friction_motor, axis.friction_load)
-    found = key(core)
-    if found is None:
+    kept = key(core)
+    if kept is None:
         return plain.prepare(timing)
-    hold = _holds.get((found, axis.substeps, T, timing), lambda: axis.prepare(T, timing))
+    hold = _holds.get((kept, axis.substeps, T, timing), lambda: axis.prepare(T, timing))
     return plain.Prepared(plain.control.prepare(T), hold)
 
 
@@ -182,7 +182,7 @@ def traced_beginning(system: System, timing: Any, counted: Callable[[Symbol], fl
     rows = {name: graph.table(name, len(row)) for name, row in tree.tables(system)}
     leaves = (graph.input(name) for name, _ in tree.leaves(system))
     symbolic: Any = tree.with_tables(tree.rebuild(system, leaves), rows)
-    made = symbolic.prepare(timing)
+    prepared = symbolic.prepare(timing)
     at = {axis: [cast(Number, graph.input(f"{port}{name}")) for name in STARTS]
           for axis, port in zip(system.loops(), system.ports(), strict=True)}  # fmt: skip
     position, velocity, setpoint = (
@@ -191,8 +191,8 @@ def traced_beginning(system: System, timing: Any, counted: Callable[[Symbol], fl
     )
     if isinstance(system, Loop):
         setpoint, position, velocity = setpoint[system.name], position[system.name], velocity[system.name]
-    begun = symbolic.start(made, timing, setpoint, position, velocity)
-    constants = {name: graph.symbol(v).index for name, v in tree.leaves(made, "prepared") if isinstance(v, Symbol)}
+    begun = symbolic.start(prepared, timing, setpoint, position, velocity)
+    constants = {name: graph.symbol(v).index for name, v in tree.leaves(prepared, "prepared") if isinstance(v, Symbol)}
     states = {name: graph.symbol(v).index for name, v in tree.leaves(begun) if not isinstance(v, Ring)}
     return TracedBeginning(graph, constants, states)
 
@@ -227,11 +227,11 @@ class NativeBeginning:
 
     def run(self, row: np.ndarray) -> tuple[dict[str, Any], dict[str, Any]] | None:
         """Numbers and first states by name; None if a loop of a fixed count must go further than it was traced."""
-        found = np.empty((1, len(self._native.plan.outputs)))
-        self._native.run(1, 0, row, np.empty((1, 0)), np.empty(0), found, ())
+        outputs = np.empty((1, len(self._native.plan.outputs)))
+        self._native.run(1, 0, row, np.empty((1, 0)), np.empty(0), outputs, ())
         counts, prepared = len(self._counts), len(self._counts) + len(self._constants)
-        if not np.all(found[0, :counts] <= self._counts):
+        if not np.all(outputs[0, :counts] <= self._counts):
             return None
         values = dict(zip(self._leaves, row, strict=False))
-        values.update(zip(self._constants, found[0, counts:prepared], strict=True))
-        return values, dict(zip(self._states, found[0, prepared:], strict=True))
+        values.update(zip(self._constants, outputs[0, counts:prepared], strict=True))
+        return values, dict(zip(self._states, outputs[0, prepared:], strict=True))

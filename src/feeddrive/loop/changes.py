@@ -42,14 +42,14 @@ def changed_loops(loop: System, changes: Changes | None, count: int) -> list[tup
         if sample in placed:
             raise ParameterError(f"changes: there are two at sample {sample}, the second at {_shown(key)}; join them")
         placed[sample] = change
-    found = []
+    loops = []
     for sample in sorted(placed):
         try:
             loop = _changed(loop, placed[sample])
         except (ParameterError, StructureError) as error:
             raise type(error)(f"changes at sample {sample}: {error}") from None
-        found.append((sample, loop))
-    return found
+        loops.append((sample, loop))
+    return loops
 
 
 def _sample(key: int | float, T: float, count: int) -> int:
@@ -76,7 +76,7 @@ def _changed(loop: System, change: Any) -> System:
     if isinstance(change, Control):
         if not isinstance(loop, Loop):
             raise ParameterError("a machine changes by names such as axis.x.control.law.Kv, not by a whole Control")
-        found = dataclasses.replace(loop, control=change)
+        changed = dataclasses.replace(loop, control=change)
     elif isinstance(change, Mapping):
         for name, value in change.items():
             if not isinstance(name, str) or not _on_controller(loop, tree.name_of(loop, name)):
@@ -86,17 +86,17 @@ def _changed(loop: System, change: Any) -> System:
                 )
             if isinstance(value, (list, tuple, np.ndarray)):
                 raise ParameterError(f"{name} must be one number: a batch of variants cannot be changed live")
-        found = tree.vary(loop, change)
+        changed = tree.vary(loop, change)
     else:
         raise ParameterError(
             f"{change!r} must be a Control, or values by path, as in {{'axis.x.control.law.Kv': 80.0}}"
         )
     for name, before in loop.loops().items():
-        control = found.loops()[name].control
+        control = changed.loops()[name].control
         if any(isinstance(value, np.ndarray) for _, value in tree.leaves(control)):
             raise ParameterError("the control holds arrays of variants: a batch of variants cannot be changed live")
         control.check_live(before.control, before.place_of("control"))
-    return found
+    return changed
 
 
 def _on_controller(loop: System, name: str) -> bool:

@@ -32,11 +32,11 @@ class Controls:
     """
 
     def __init__(self, controls: Mapping[str, Control], couplings: Sequence[Coupling]) -> None:
-        self.controls, self.couplings = dict(controls), tuple(each for each in couplings if each.controls)
+        self.controls, self.couplings = dict(controls), tuple(coupling for coupling in couplings if coupling.controls)
 
     def listen(self, setpoints: Mapping[str, Setpoint]) -> tuple[Any, ...]:
         """The state of what runs between the controls."""
-        return tuple(each.listen(_of(each, setpoints)) for each in self.couplings)
+        return tuple(coupling.listen(_of(coupling, setpoints)) for coupling in self.couplings)
 
     def step(
         self, prepared: Sequence[Any], states: Mapping[str, Any], between: tuple[Any, ...],
@@ -163,7 +163,7 @@ class Controllers(Block):
 
     def prepare(self, T: Number) -> Any:
         """What depends on parameters only, by axis."""
-        return type(self.axis)(*(each.control.prepare(T) for each in self.axis))
+        return type(self.axis)(*(axis.control.prepare(T) for axis in self.axis))
 
     def start(self, prepared: Any, inputs: Mapping[str, Any]) -> State:
         """Where the axes are."""
@@ -213,8 +213,8 @@ def _given(inputs: Mapping[str, Any], port: str) -> Given:
 
 def _outputs(command: Control.Command, motor: Any, port: str) -> dict[str, Any]:
     scaled = {} if motor is None else {f"{port}command": command.applied / motor.force_per_unit()}
-    found = {f"{port}force": command.applied, **scaled}
-    return {**found, f"{port}trip": command.trip, f"{port}enabled": command.running}
+    outputs = {f"{port}force": command.applied, **scaled}
+    return {**outputs, f"{port}trip": command.trip, f"{port}enabled": command.running}
 
 
 def controller_of(loop: Loop) -> Controller:

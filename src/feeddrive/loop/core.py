@@ -319,14 +319,14 @@ def settle(
             mobility = matrix.dot(contact.row, contact.column[n : 2 * n])
             start = matrix.dot(contact.row, velocity)
             answers[i] = Answer(*contact.friction.contact(h, contact.state, start, end, mobility))
-    given = [answer for answer in answers if answer is not None]
+    known = [answer for answer in answers if answer is not None]
     after = list(free)
-    for contact, answer in zip(contacts, given, strict=True):
+    for contact, answer in zip(contacts, known, strict=True):
         after = [plus(x, column, answer.force) for x, column in zip(after, contact.column, strict=True)]
-    for contact, answer in zip(contacts, given, strict=True):
+    for contact, answer in zip(contacts, known, strict=True):
         if answer.stuck is not False:
             _stop(contact.row, answer.stuck, after, position, velocity, h)
-    return after, given
+    return after, known
 
 
 def plus(x: Any, column: Any, force: Any) -> Any:

@@ -38,8 +38,8 @@ def squared_error(signals: Any) -> Any:
     if isinstance(signals, Signals):
         return signals.tracking_error * signals.tracking_error
     total: Any = None
-    for each in signals.values():
-        square = each.tracking_error * each.tracking_error
+    for signal in signals.values():
+        square = signal.tracking_error * signal.tracking_error
         total = square if total is None else total + square
     return total
 
@@ -110,17 +110,17 @@ def gradient(
         varying = [f"d.{name}" for name in (*seeds, *first)]
         return native(plan(augmented, lanes=LANES, varying=varying, arithmetic=arithmetic))
 
-    made = _gradients.get(key, differentiated)
-    inputs, slopes, cost = work.inputs(made, 0, count), [], 0.0
+    derivative = _gradients.get(key, differentiated)
+    inputs, slopes, cost = work.inputs(derivative, 0, count), [], 0.0
     for begin in range(0, len(parameters), LANES):
         part = slice(begin, min(begin + LANES, len(parameters)))
         numbers = {**prepared.numbers, **{f"d.{name}": row for name, row in seeds.items()}}
         states = {**prepared.first, COST: 0.0, **{f"d.{name}": row for name, row in first.items()}}
-        constants = by_lane([name for name, _ in made.plan.constants], numbers, LANES, part)
-        carried = {name: states.get(name, 0.0) for name in made.plan.memory}
+        constants = by_lane([name for name, _ in derivative.plan.constants], numbers, LANES, part)
+        carried = {name: states.get(name, 0.0) for name in derivative.plan.memory}
         memory = by_lane(list(carried), carried, LANES, part)
-        made.run(count, 0, constants, inputs, memory, None, prepared.rows(made))
-        places = {state.name: i for i, state in enumerate(made.plan.states)}
+        derivative.run(count, 0, constants, inputs, memory, None, prepared.rows(derivative))
+        places = {state.name: i for i, state in enumerate(derivative.plan.states)}
         cost = float(memory[places[COST], 0]) / count
         row = memory[places[f"d.{COST}"]] if f"d.{COST}" in places else np.zeros(LANES)
         slopes.extend(row[: part.stop - part.start] / count)
@@ -131,8 +131,8 @@ def gradient(
             f"the cost of this run has no finite gradient: a root or logarithm came to 0 in it, where it has no finite "
             f"slope ({'; '.join(roots)}). Take differences of runs, or give it a finite slope at 0"
         )
-    given = {name: float(tree.get(loop, name)) for name in parameters}
-    return Gradient(cost, dict(zip(parameters, map(float, slopes), strict=True)), given)
+    values = {name: float(tree.get(loop, name)) for name in parameters}
+    return Gradient(cost, dict(zip(parameters, map(float, slopes), strict=True)), values)
 
 
 def _dead_times(loop: System) -> dict[str, str]:
@@ -232,11 +232,11 @@ def _row(tangent: Any, eye: np.ndarray) -> np.ndarray:
 
 def _dependent(graph: Graph, leaves: set[int]) -> set[int]:
     """The nodes that depend on some leaves."""
-    found = set(leaves)
+    dependent = set(leaves)
     for index, each in enumerate(graph.nodes):
-        if any(i in found for i in arguments(each)):
-            found.add(index)
-    return found
+        if any(i in dependent for i in arguments(each)):
+            dependent.add(index)
+    return dependent
 
 
 def _starts(setpoint: Any, start: Any) -> dict[str, Any]:

@@ -79,13 +79,13 @@ def grouped(
         return Groups(prepared, native(fitting[0]), variants)
     if work < TRIED or len(fitting) < 3:
         return Groups(prepared, native(fitting[min(1, len(fitting) - 1)]), variants)
-    made = [native(width) for width in fitting]
+    programs = [native(width) for width in fitting]
 
     def tried() -> int:
-        stretch = inputs(made[0])
-        return min(range(len(made)), key=lambda i: Groups(prepared, made[i], fitting[i]).trial(stretch))
+        stretch = inputs(programs[0])
+        return min(range(len(programs)), key=lambda i: Groups(prepared, programs[i], fitting[i]).trial(stretch))
 
-    return Groups(prepared, made[_fastest.get(made[0].key, tried)], variants)
+    return Groups(prepared, programs[_fastest.get(programs[0].key, tried)], variants)
 
 
 def _dealt(names: Sequence[str], values: Mapping[str, Any], lanes: int, variants: int) -> np.ndarray:

@@ -99,9 +99,9 @@ class Joint:
     def columns(self, prepared: Prepared) -> dict[str, Columns]:
         """What the forces of each axis do."""
         return {
-            name: each
+            name: axis
             for core, made in zip(self.cores, prepared.cores, strict=True)
-            for name, each in zip(core.axes, made.axes, strict=True)
+            for name, axis in zip(core.axes, made.axes, strict=True)
         }
 
     def advance(

@@ -60,8 +60,8 @@ class Lifted:
         product = np.eye(self.samples[0].A.shape[0])
         for each in self.samples:
             product = each.A @ product
-        found = np.linalg.eigvals(product)
-        return found[np.argsort(-np.abs(found))]
+        poles = np.linalg.eigvals(product)
+        return poles[np.argsort(-np.abs(poles))]
 
     def stacked(self, inputs: Sequence[str], outputs: Sequence[str]) -> tuple[np.ndarray, ...]:
         """A, B, C, D from period to period; of each input and output all samples follow each other."""
@@ -140,17 +140,17 @@ def lifted(
     Raises what `linearize` raises.
     """
     check_system(loop)
-    found = samples_of_a_period(loop, inputs, outputs, velocity=velocity, stored=stored)
-    n = len(found.names)
-    keep = kept_states(found.jacobians, n)
-    names = tuple(found.names[i] for i in keep)
+    samples = samples_of_a_period(loop, inputs, outputs, velocity=velocity, stored=stored)
+    n = len(samples.names)
+    keep = kept_states(samples.jacobians, n)
+    names = tuple(samples.names[i] for i in keep)
     return Lifted(
         tuple(
             StateSpace(
-                each[np.ix_(keep, keep)], each[keep, n:], each[n:, keep], each[n:, n:], found.sample_time, names,
+                each[np.ix_(keep, keep)], each[keep, n:], each[n:, keep], each[n:, n:], samples.sample_time, names,
                 tuple(inputs), tuple(outputs),
             )
-            for each in found.jacobians
+            for each in samples.jacobians
         )
     )  # fmt: skip
 

@@ -58,8 +58,8 @@ class StateSpace(Result):
 
     def poles(self) -> np.ndarray:
         """Eigenvalues of A, the largest first."""
-        found = np.linalg.eigvals(self.A)
-        return found[np.argsort(-np.abs(found))]
+        poles = np.linalg.eigvals(self.A)
+        return poles[np.argsort(-np.abs(poles))]
 
     def zeros(self, output: str | None = None, input: str | None = None) -> np.ndarray:  # noqa: A002
         """Finite zeros in z of the response from one input to one output (default: the first), see `zeros`."""
@@ -165,9 +165,9 @@ def samples_of_a_period(
 ) -> Samples:
     """Each sample of a period, linearized as in `linearize`, one after the other along constant velocity."""
     check_system(loop)
-    given = {axis: _unlimited(each) for axis, each in loop.loops().items()}
-    if any(given[axis] is not each for axis, each in loop.loops().items()) or isinstance(loop, Machine):
-        loop = loop.with_loops(given) if isinstance(loop, Machine) else given[loop.name]
+    unlimited = {axis: _unlimited(each) for axis, each in loop.loops().items()}
+    if any(unlimited[axis] is not each for axis, each in loop.loops().items()) or isinstance(loop, Machine):
+        loop = loop.with_loops(unlimited) if isinstance(loop, Machine) else unlimited[loop.name]
     for name in inputs:
         _place([f"{port}{each}" for port in loop.ports() for each in INPUT_UNITS], name, "input")
     if len(set(inputs)) < len(inputs):
@@ -194,7 +194,7 @@ def samples_of_a_period(
     eye, places = np.eye(n + m), list[str]()
     for state, size in zip(program.states, sizes, strict=True):
         places += [state.name] if size is None else [f"{state.name}[{i}]" for i in range(size)]
-    found: list[np.ndarray] = []
+    matrices: list[np.ndarray] = []
     for k in range(period):
         leaves = {
             **numbers,
@@ -230,9 +230,9 @@ def samples_of_a_period(
                 "the linear model of the loop holds numbers that are not finite: a parameter of axis or control is so "
                 "large or so small that it overflows; check masses, stiffnesses, gains and the sample time"
             )
-        found.append(jacobian)
+        matrices.append(jacobian)
         first = after
-    return Samples(found, places, T)
+    return Samples(matrices, places, T)
 
 
 def linearize(
@@ -265,18 +265,18 @@ def linearize(
     Raises ParameterError for a name that is not known, an input that is named twice, and parameters with which the
     model overflows; NoSlopeError, with the line, for a law without a finite slope there, such as √|s| at s = 0.
     """
-    found = samples_of_a_period(
+    samples = samples_of_a_period(
         loop, inputs, outputs, velocity=velocity, position=position, settle=settle, stored=stored
     )
-    n, T = len(found.names), found.sample_time
+    n, T = len(samples.names), samples.sample_time
     lifted = np.eye(n, n + len(inputs))
-    for jacobian in found.jacobians:
+    for jacobian in samples.jacobians:
         lifted = jacobian[:n, :n] @ lifted + np.hstack([np.zeros((n, n)), jacobian[:n, n:]])
-    first = found.jacobians[0]
-    period = len(found.jacobians)
-    if period > 1 and not any(_OF_MEMORY.match(found.names[i]) for i in kept_states(found.jacobians, n)):
+    first = samples.jacobians[0]
+    period = len(samples.jacobians)
+    if period > 1 and not any(_OF_MEMORY.match(samples.names[i]) for i in kept_states(samples.jacobians, n)):
         lifted, period = first[:n], 1
-    return _trimmed(np.vstack([lifted, first[n:]]), n, found.names, tuple(inputs), tuple(outputs), period * T)
+    return _trimmed(np.vstack([lifted, first[n:]]), n, samples.names, tuple(inputs), tuple(outputs), period * T)
 
 
 def _ages(state: Mapping[str, Any], name: str, size: int) -> np.ndarray:
@@ -318,37 +318,37 @@ def _unlimited(loop: Loop) -> Loop:
 
 def _everywhere(loop: System, position: Any, velocity: Any) -> dict[str, tuple[float, float]]:
     """Position and velocity of each axis, from one number for all or numbers by axis."""
-    found = {}
+    values = {}
     for axis in loop.loops():
         at, speed = (each.get(axis, 0.0) if isinstance(each, Mapping) else each for each in (position, velocity))
-        found[axis] = float(at), float(speed)
-    return found
+        values[axis] = float(at), float(speed)
+    return values
 
 
 def _setpoints(loop: System, at: Mapping[str, tuple[float, float]], time: float) -> Any:
     """Along constant velocities; of a machine by axis."""
-    found = {axis: Setpoint(*map(np.float64, (x + time * v, v, 0.0, 0.0, 0.0))) for axis, (x, v) in at.items()}
-    return found if isinstance(loop, Machine) else found[loop.name]
+    setpoints = {axis: Setpoint(*map(np.float64, (x + time * v, v, 0.0, 0.0, 0.0))) for axis, (x, v) in at.items()}
+    return setpoints if isinstance(loop, Machine) else setpoints[loop.name]
 
 
 def _inputs(loop: System, at: Mapping[str, tuple[float, float]], time: float) -> dict[str, Any]:
     """All inputs by name along constant velocities."""
-    found: dict[str, Any] = {}
+    inputs_: dict[str, Any] = {}
     for port, (x, v) in zip(loop.ports(), at.values(), strict=True):
         setpoint = map(np.float64, (x + time * v, v, 0.0, 0.0, 0.0))
-        found |= {f"{port}{name}": value for name, value in zip(SETPOINT, setpoint, strict=True)}
-        found[f"{port}load_force"] = np.float64(0.0)
-    return found
+        inputs_ |= {f"{port}{name}": value for name, value in zip(SETPOINT, setpoint, strict=True)}
+        inputs_[f"{port}load_force"] = np.float64(0.0)
+    return inputs_
 
 
 def _settled(loop: System, prepared: Prepared, at: Mapping[str, tuple[float, float]], count: int) -> dict[str, Any]:
     """The states after `count` samples along constant velocity."""
     program = prepared.program(load=False, enable=False)
-    made = prepared.native(program, record=())
-    rows = np.zeros((count, len(made.plan.inputs)))
+    compiled = prepared.native(program, record=())
+    rows = np.zeros((count, len(compiled.plan.inputs)))
     k = np.arange(count) - count
     ports = dict(zip(loop.ports(), at.values(), strict=True))
-    for column, (name, _) in enumerate(made.plan.inputs):
+    for column, (name, _) in enumerate(compiled.plan.inputs):
         what = quantity(name)
         position, velocity = ports[name.removesuffix(what)]
         if what == "set_position":
@@ -356,14 +356,14 @@ def _settled(loop: System, prepared: Prepared, at: Mapping[str, tuple[float, flo
         elif what == "set_velocity":
             rows[:, column] = velocity
     begun = Prepared(loop, _setpoints(loop, at, -count * float(loop.sample_time)))
-    states = begun.states(made)
-    made.run(count, 0, begun.constants(made), rows, states, None, begun.rows(made))
-    found: dict[str, Any] = {state.name: states[i, 0] for i, state in enumerate(made.plan.states)}
-    first = len(made.plan.states)
-    for name, _, length in made.plan.rings:
-        found[name.removeprefix("state.")] = Ring(length, states[first : first + length, 0].copy())
+    states = begun.states(compiled)
+    compiled.run(count, 0, begun.constants(compiled), rows, states, None, begun.rows(compiled))
+    settled: dict[str, Any] = {state.name: states[i, 0] for i, state in enumerate(compiled.plan.states)}
+    first = len(compiled.plan.states)
+    for name, _, length in compiled.plan.rings:
+        settled[name.removeprefix("state.")] = Ring(length, states[first : first + length, 0].copy())
         first += length
-    return found
+    return settled
 
 
 def _trimmed(

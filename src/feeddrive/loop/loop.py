@@ -142,8 +142,8 @@ class Loop(Block):
         """The delay structure of the dead time; with a fraction of a sample if the axis is in `partial`."""
         if not isinstance(self.sample_time, float):
             raise StructureError("loop.sample_time is a constant of the design: it cannot vary within a batch")
-        found = self.axis.timing(self.sample_time)
-        return found._replace(partial=True) if self.name in partial else found
+        timing = self.axis.timing(self.sample_time)
+        return timing._replace(partial=True) if self.name in partial else timing
 
     def prepare(self, timing: Timing) -> Prepared:
         """All work that depends on parameters only."""

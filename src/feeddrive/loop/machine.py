@@ -63,8 +63,8 @@ class Machine(Block):
 
     def __post_init__(self) -> None:
         if isinstance(self.axis, Mapping):
-            given: Mapping[str, DrivenAxis] = self.axis
-            object.__setattr__(self, "axis", named(given))
+            axes: Mapping[str, DrivenAxis] = self.axis
+            object.__setattr__(self, "axis", named(axes))
         super().__post_init__()
 
     @classmethod
@@ -103,7 +103,7 @@ class Machine(Block):
         axes = self.axes()
         if not axes:
             raise StructureError("a machine needs at least one axis")
-        substeps = {name: each.axis.substeps for name, each in axes.items()}
+        substeps = {name: axis.axis.substeps for name, axis in axes.items()}
         if len(set(substeps.values())) > 1:
             shown = ", ".join(f"{name}: {count}" for name, count in substeps.items())
             raise StructureError(
@@ -141,7 +141,7 @@ class Machine(Block):
 
     def joint(self) -> Joint:
         """The physics of all axes."""
-        return Joint({name: each.axis for name, each in self.axes().items()}, self.couplings)
+        return Joint({name: axis.axis for name, axis in self.axes().items()}, self.couplings)
 
     def ports(self) -> tuple[str, ...]:
         """The prefix of the names of inputs and signals of each axis."""
@@ -156,12 +156,12 @@ class Machine(Block):
         """The delay structure of the dead time of each axis, with a fraction of a sample for those named."""
         if not isinstance(self.sample_time, float):
             raise StructureError("machine.sample_time is a constant of the design: it cannot vary within a batch")
-        return named({name: each.timing(partial) for name, each in self.loops().items()})
+        return named({name: loop.timing(partial) for name, loop in self.loops().items()})
 
     def prepare(self, timing: Any) -> Prepared:
         """All work that depends on parameters only."""
         T, axes = self.sample_time, self.axes()
-        controls = named({name: each.control.prepare(T) for name, each in axes.items()})
+        controls = named({name: axis.control.prepare(T) for name, axis in axes.items()})
         return self.Prepared(controls, *self.joint().prepare(T, dict(zip(axes, timing, strict=True))))
 
     def start(self, prepared: Prepared, timing: Any, setpoint: Any, position: Any, velocity: Any) -> State:
@@ -178,7 +178,7 @@ class Machine(Block):
 
     def controls(self) -> Controls:
         """The controls of all axes and what runs between them."""
-        return Controls({name: each.control for name, each in self.axes().items()}, self.couplings)
+        return Controls({name: axis.control for name, axis in self.axes().items()}, self.couplings)
 
     def sample(
         self, prepared: Prepared, state: State, inputs: Mapping[str, Number], noise: Noise, time: Number

@@ -147,7 +147,7 @@ class Routine:
     @property
     def sentences(self) -> dict[int, str]:
         """What each code of a refusal says: the condition that is broken."""
-        return {code: each.sentence for code, each in enumerate(self.conditions, 1)}
+        return {code: condition.sentence for code, condition in enumerate(self.conditions, 1)}
 
     @property
     def loop(self) -> Loop:
@@ -163,14 +163,14 @@ class Routine:
 
 def off_outputs(routine: Routine) -> dict[str, float]:
     """The outputs of a control that has no parameters to run with: the safe force of the machine file, switched off."""
-    found: dict[str, float] = {}
+    outputs: dict[str, float] = {}
     for loop, port in zip(routine.origin.loops().values(), routine.origin.ports(), strict=True):
         guard, motor = loop.control.guard, loop.axis.actuator.motor
         held = 0.0 if guard is None else float(guard.safe_force)
         command = {} if motor is None else {"command": held / float(motor.force_per_unit())}
         off = {"force": held, **command, "trip": 0.0, "enabled": 0.0}
-        found |= {target_name(f"{port}{name}"): value for name, value in off.items()}
-    return found
+        outputs |= {target_name(f"{port}{name}"): value for name, value in off.items()}
+    return outputs
 
 
 def target_name(path: str) -> str:

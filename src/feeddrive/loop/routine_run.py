@@ -36,9 +36,9 @@ class ControllerRun:
         self.T = np.float64(routine.sample_time)
         self._both: Any = on_target(routine.origin)
         self._prepare()
-        given = dict(zip((v.path for v in routine.inputs), map(np.float64, first), strict=True))
+        first_inputs = dict(zip((v.path for v in routine.inputs), map(np.float64, first), strict=True))
         with np.errstate(all="ignore"):
-            self.state = self._plain.start(self._made, given)
+            self.state = self._plain.start(self._made, first_inputs)
         self._native = self._compiled()
         self._load()
 
@@ -89,7 +89,7 @@ class ControllerRun:
     def _load(self) -> None:
         """State, constants and tables in the order of the machine code, where steps find and leave them."""
         plan, values, rows = self._native.plan, dict(tree.leaves(self.state)), dict(tree.tables(self._both))
-        held = [np.float64(values[each.name]) for each in plan.states]
+        held = [np.float64(values[state.name]) for state in plan.states]
         for name, _, length in plan.rings:
             cells = values[name.removeprefix("state.")].cells
             held += [0.0] * length if cells is None else list(cells)
@@ -101,7 +101,7 @@ class ControllerRun:
         """The state as the blocks know it."""
         values = dict(tree.leaves(self.state))
         plan = self._native.plan
-        values |= {each.name: np.float64(self._states[i, 0]) for i, each in enumerate(plan.states)}
+        values |= {state.name: np.float64(self._states[i, 0]) for i, state in enumerate(plan.states)}
         first = len(plan.states)
         for name, _, length in plan.rings:
             values[name.removeprefix("state.")] = Ring(length, self._states[first : first + length, 0].copy())
@@ -110,9 +110,9 @@ class ControllerRun:
 
     def step(self, inputs: np.ndarray) -> np.ndarray:
         """The outputs of some samples: inputs (n, inputs), outputs (n, outputs), in the order of the routine."""
-        given = np.ascontiguousarray(inputs, dtype=np.float64)
-        out = np.empty((len(given), len(self.routine.outputs)))
-        self._native.run(len(given), 0, self._constants, given, self._states, out, self._rows)
+        row = np.ascontiguousarray(inputs, dtype=np.float64)
+        out = np.empty((len(row), len(self.routine.outputs)))
+        self._native.run(len(row), 0, self._constants, row, self._states, out, self._rows)
         return out
 
     def retune(self, changes: Mapping[str, float]) -> None:

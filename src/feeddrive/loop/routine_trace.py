@@ -112,20 +112,30 @@ def plant_routine(loop: Loop, name: str, seed: int = 0) -> Routine:
         return state, [motor, load, *motion]
 
     with traced.words:
-        made = axis.prepare(T, timing)
+        prepared = axis.prepare(T, timing)
         begun, at_start = seen(axis.start(cast(Number, inputs["start_position"]), zero, timing), zero)
         _check_rings(begun, name)
         names = [each for each, _ in spread(begun)]
         before = gathered(begun, (traced.graph.input(f"state.{each}") for each in names))
         sample = traced.graph.input("state.sample")
         force, load_force = cast(Number, inputs["force"]), cast(Number, inputs["load_force"])
-        moved, _ = advance(axis, made, before, force, load_force, cast(Number, sample * T), T)
+        moved, _ = advance(axis, prepared, before, force, load_force, cast(Number, sample * T), T)
         after, values = seen(moved, sample + 1.0)
     outputs = {each: (*MEANINGS[each], value) for each, value in zip(_SEEN, values, strict=True)}
     first: dict[str, Any] = dict(zip(_SEEN, at_start, strict=True))
     same = timing.unchanged(axis.actuator.dead_time, T), f"actuator dead_time has {timing.said()}"
     return traced.routine(
-        name, loop, made, inputs, [*names, "sample"], (begun, zero), (after, sample + 1.0), outputs, None, first, [same]
+        name,
+        loop,
+        prepared,
+        inputs,
+        [*names, "sample"],
+        (begun, zero),
+        (after, sample + 1.0),
+        outputs,
+        None,
+        first,
+        [same],
     )
 
 
@@ -199,7 +209,7 @@ class _Traced:
         self.turning = turning_ports(loop)
         self.units = Units(rotary=True) if self.turning else USUAL
         runs = isinstance(block, Controller | Controllers)  # its own text only hands on
-        self.words = Names(self.graph, {id(each): path for path, each in self.owners if path or not runs})
+        self.words = Names(self.graph, {id(owner): path for path, owner in self.owners if path or not runs})
 
     def given(self, name: str) -> Any:
         """An input."""
@@ -359,7 +369,7 @@ def _retune(block: Controller | Controllers, made: Any, begun: Any) -> Retune:
     old_made = tree.rebuild(made, symbols(made, "old_prepared"))
     new_made = tree.rebuild(made, symbols(made, "new_prepared"))
     state = gathered(begun, symbols(spread(begun), "state"))
-    names = Names(graph, {id(each): path for path, each in _owners(new) if path})
+    names = Names(graph, {id(owner): path for path, owner in _owners(new) if path})
     with names:
         after = new.retune(state, old, old_made, new_made)
     states = tuple(graph.symbol(value).index for _, value in spread(after))
@@ -386,7 +396,7 @@ def _said(values: Any, path: str = "", text: str = "") -> Iterator[tuple[str, st
     if isinstance(values, tuple):
         names = getattr(values, "_fields", None)
         text = inspect.getdoc(type(values)) or "" if names else text
-        for name, each in zip(names or map(str, range(len(values))), values, strict=True):
-            yield from _said(each, f"{path}.{name}" if path else name, text)
+        for name, value in zip(names or map(str, range(len(values))), values, strict=True):
+            yield from _said(value, f"{path}.{name}" if path else name, text)
     else:
         yield path, text

@@ -85,8 +85,8 @@ class Prepared:
 
     def varying(self) -> frozenset[str]:
         """Names of numbers and states that are arrays over lanes."""
-        found = self._begun.varying
-        return found | {"seed"} if isinstance(self.numbers["seed"], np.ndarray) else found
+        varying = self._begun.varying
+        return varying | {"seed"} if isinstance(self.numbers["seed"], np.ndarray) else varying
 
     def lanes(self) -> int:
         """How many variants there are; 1 for a single run."""
@@ -157,9 +157,9 @@ class Prepared:
 def by_lane(names: Sequence[str], values: Mapping[str, Any], lanes: int, chosen: slice | None) -> np.ndarray:
     """Numbers by name as rows; the lanes that a group has too many repeat its last variant."""
     if lanes == 1 and chosen is None:
-        found = [values[name] for name in names]
-        if np.ndarray not in map(type, found):
-            return np.array(found, dtype=np.float64).reshape(-1, 1)
+        columns = [values[name] for name in names]
+        if np.ndarray not in map(type, columns):
+            return np.array(columns, dtype=np.float64).reshape(-1, 1)
     out = np.empty((len(names), lanes))
     for row, name in zip(out, names, strict=True):
         value = values[name]

@@ -173,12 +173,12 @@ def simulate(
         start=start, seed=seed, record=record, arithmetic=arithmetic, bound=bound,
         chunk=None if progress is None else CHUNK, name=name, progress=progress,
     )  # fmt: skip
-    found = list(pieces)
-    first = found[0]
-    if len(found) == 1:
+    parts = list(pieces)
+    first = parts[0]
+    if len(parts) == 1:
         return first
     names = list(first.signals)
-    rows = np.concatenate([piece.signals.rows for piece in found if isinstance(piece.signals, Recorded)])
+    rows = np.concatenate([piece.signals.rows for piece in parts if isinstance(piece.signals, Recorded)])
     return Run(name, Recorded(names, rows), first.sample_time, len(rows), 0, first.turning)
 
 
@@ -350,15 +350,15 @@ def stream(
     probes = [f"{port}added_force" for axis, port in ports if axis in work.added_force]
     program = prepared.program(load=work.load, enable=work.enable, probes=probes)
     bounded = everywhere(loop, ["tracking_error"])
-    made = prepared.native(program, record=record, bounded=bounded, arithmetic=arithmetic)
-    states = prepared.states(made)
-    left = made.plan.memory.index(LEFT)
+    compiled = prepared.native(program, record=record, bounded=bounded, arithmetic=arithmetic)
+    states = prepared.states(compiled)
+    left = compiled.plan.memory.index(LEFT)
     later = changed_loops(loop, changes, count)
     course = Course(prepared, [(at, Prepared(changed, work.first(), start, seed, limit)) for at, changed in later])
     for first in range(0, count, chunk):
         size = min(chunk, count - first)
         if progress is not None:
             progress.step(f"{name}: seconds of the run", int(first * work.T), int(count * work.T))
-        rows = course.advance(made, work, states, first, size)
+        rows = course.advance(compiled, work, states, first, size)
         _check_inside(states[left, 0], limit, work.T)
         yield Run(name, Recorded(record, rows), work.T, size, first, turning_ports(loop))

@@ -166,25 +166,25 @@ def apply(name: str, *values: Any) -> Any:
 
 def node_values(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any]) -> dict[int, Any]:
     """The value of every node below the outputs, for inputs and tables by name, in plain Python."""
-    found: dict[int, Any] = {}
+    results: dict[int, Any] = {}
     with np.errstate(all="ignore"):
         for index in reachable(graph, outputs):
             node = graph.nodes[index]
             match node[0]:
                 case "const":
-                    found[index] = np.float64(float.fromhex(node[1]))
+                    results[index] = np.float64(float.fromhex(node[1]))
                 case "truth":
-                    found[index] = node[1]
+                    results[index] = node[1]
                 case "input" | "table":
-                    found[index] = leaves[node[1]]
+                    results[index] = leaves[node[1]]
                 case "ring":
-                    found[index] = leaves.get(node[1], Ring(node[2]))
+                    results[index] = leaves.get(node[1], Ring(node[2]))
                 case name:
-                    found[index] = apply(name, *(found[i] for i in arguments(node)))
-    return found
+                    results[index] = apply(name, *(results[i] for i in arguments(node)))
+    return results
 
 
 def evaluate(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any]) -> list[Any]:
     """The values of some nodes: the oracle of the native code."""
-    found = node_values(graph, outputs, leaves)
-    return [found[index] for index in outputs]
+    results = node_values(graph, outputs, leaves)
+    return [results[index] for index in outputs]

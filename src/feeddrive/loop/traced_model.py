@@ -47,16 +47,16 @@ class TracedModel:
     def at(self, values: Mapping[str, Any], names: Sequence[str] = ()) -> LinearModel:
         """The model at values of all leaves, with its slopes to the leaves in `names`."""
         nodes = [node for _, _, node in self.entries]
-        found = node_values(self.graph, nodes, values)
+        results = node_values(self.graph, nodes, values)
         places = [(i, j) for i, j, _ in self.entries]
         matrix, slopes = np.zeros(self.shape), np.zeros((len(places), len(names)))
         for (i, j), node in zip(places, nodes, strict=True):
-            matrix[i, j] = found[node]
+            matrix[i, j] = results[node]
         if names:
             eye = np.eye(len(names))
-            seeds = {self.leaves[name]: eye[i] for i, name in enumerate(names) if self.leaves.get(name) in found}
+            seeds = {self.leaves[name]: eye[i] for i, name in enumerate(names) if self.leaves.get(name) in results}
             with np.errstate(all="ignore"):
-                tangents = push(self.graph, nodes, found, seeds)
+                tangents = push(self.graph, nodes, results, seeds)
             for place, tangent in enumerate(tangents):
                 if tangent is not None:
                     slopes[place] = tangent
@@ -240,8 +240,8 @@ def push(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any], seeds:
     `values` holds the value of every node: numbers, or the nodes' own symbols, whose tangents are then symbols of the
     same graph.
     """
-    found = _tangents(graph, outputs, values, seeds)
-    return [found.get(index) for index in outputs]
+    tangents = _tangents(graph, outputs, values, seeds)
+    return [tangents.get(index) for index in outputs]
 
 
 def _tangents(
@@ -288,7 +288,7 @@ def require_slopes(
     if not zeros:
         return
     with np.errstate(all="ignore"):
-        found, outside = _tangents(graph, outputs, values, seeds), _tangents(graph, outputs, values, moving)
+        tangents, outside = _tangents(graph, outputs, values, seeds), _tangents(graph, outputs, values, moving)
     stack, seen = list(outputs), set(outputs)
     while stack:
         index = stack.pop()
@@ -301,7 +301,7 @@ def require_slopes(
         seen.update(new)
     for index in zeros:
         jumps = graph.name(index) == "select"
-        slopes = outside if jumps else found
+        slopes = outside if jumps else tangents
         moved = any(np.any(slopes.get(i, 0.0) != 0.0) for i in asked[index])  # NaN is not 0 either
         if index in seen and moved and (not jumps or _felt(graph, index, outputs, values)):
             raise NoSlopeError(_no_slope(graph.lines[index], graph.name(index)))
@@ -310,8 +310,8 @@ def require_slopes(
 def _felt(graph: Graph, index: int, outputs: Sequence[int], values: Mapping[int, Any]) -> bool:
     """Whether an output changes with a node."""
     with np.errstate(all="ignore"):
-        found = push(graph, outputs, values, {index: 1.0})
-    return any(np.any((each.cells if isinstance(each, Ring) else each) != 0.0) for each in found if each is not None)
+        tangents = push(graph, outputs, values, {index: 1.0})
+    return any(np.any((each.cells if isinstance(each, Ring) else each) != 0.0) for each in tangents if each is not None)
 
 
 def _asked(graph: Graph, index: int) -> tuple[int, ...]:
@@ -338,28 +338,28 @@ def _at_edge(
 
 def _rounding(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any]) -> dict[int, float]:
     """How far rounding may have moved each number below some nodes, to the count for readings; first order."""
-    unit, found = 2.0**-50, dict[int, float]()
+    unit, errors = 2.0**-50, dict[int, float]()
     for index in reachable(graph, outputs):
         node, own = graph.nodes[index], values[index]
         if isinstance(own, Ring | bool | np.bool_) or np.ndim(own):
-            found[index] = 0.0
+            errors[index] = 0.0
             continue
-        inner = [i for i in arguments(node) if i in found]
+        inner = [i for i in arguments(node) if i in errors]
         match node[0]:
             case "mul":
-                moved = abs(values[inner[0]]) * found[inner[1]] + abs(values[inner[1]]) * found[inner[0]]
+                moved = abs(values[inner[0]]) * errors[inner[1]] + abs(values[inner[1]]) * errors[inner[0]]
             case "div":
-                moved = (found[inner[0]] + abs(own) * found[inner[1]]) / abs(values[inner[1]])
+                moved = (errors[inner[0]] + abs(own) * errors[inner[1]]) / abs(values[inner[1]])
             case "select":
-                moved = found[inner[1] if values[inner[0]] else inner[2]]
+                moved = errors[inner[1] if values[inner[0]] else inner[2]]
             case "quantise":
-                moved = found[inner[0]] + abs(values[inner[1]])
+                moved = errors[inner[0]] + abs(values[inner[1]])
             case "add" | "sub" | "neg" | "abs":
-                moved = sum(found[i] for i in inner)
+                moved = sum(errors[i] for i in inner)
             case _:
                 moved = 0.0
-        found[index] = float(moved + unit * abs(float(own)))
-    return found
+        errors[index] = float(moved + unit * abs(float(own)))
+    return errors
 
 
 def _no_slope(line: Line, operation: str) -> str:

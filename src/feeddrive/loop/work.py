@@ -63,9 +63,9 @@ class Work:
         self.T = float(system.sample_time)
         self._single = isinstance(system, Loop)
         self._ports = dict(zip(system.loops(), system.ports(), strict=True))
-        given = [self._by_axis(each, what) for each, what in (
+        by_axis = [self._by_axis(each, what) for each, what in (
             (reference, "reference"), (load, "load"), (enable, "enable"), (added_force, "added_force"))]  # fmt: skip
-        self.reference, self.load, self.enable, self.added_force = given
+        self.reference, self.load, self.enable, self.added_force = by_axis
         missing = [axis for axis in self._ports if axis not in self.reference]
         if missing:
             raise ParameterError(f"reference: axis {', '.join(missing)} has none; one that stands is a move by 0 m")
@@ -99,8 +99,8 @@ class Work:
         """The setpoint at t = 0, as numbers; of a machine by axis."""
         if self._first != 0 or self._count == 0:
             self.sample(0, 1)
-        found = {axis: Setpoint(*path.rows[:, 0]) for axis, path in self._paths.items()}
-        return next(iter(found.values())) if self._single else found
+        setpoints = {axis: Setpoint(*path.rows[:, 0]) for axis, path in self._paths.items()}
+        return next(iter(setpoints.values())) if self._single else setpoints
 
     def travel(self, count: int, most: int) -> float:
         """The longest travel of an axis in m, seen at up to `most` samples, spread over the first `count`."""
@@ -132,10 +132,10 @@ class Work:
 
     def _along(self, reference: Reference, t: Callable[[], np.ndarray], first: int, count: int) -> Path:
         """The setpoints of a reference; those of a whole run are kept: the next one often follows the same path."""
-        found = key(reference) if first == 0 and 1 < count <= _KEPT else None
-        if found is None:
+        place = key(reference) if first == 0 and 1 < count <= _KEPT else None
+        if place is None:
             return self._fresh(reference, t, first, count)
-        return _references.get((found, count, self.T), lambda: self._fresh(reference, t, first, count))
+        return _references.get((place, count, self.T), lambda: self._fresh(reference, t, first, count))
 
     def _fresh(self, reference: Reference, t: Callable[[], np.ndarray], first: int, count: int) -> Path:
         """The setpoints of a reference, sampled."""
@@ -170,7 +170,7 @@ class Work:
 
 def _by_stretches(stretches: Sequence[Stretch], T: float, first: int, count: int) -> np.ndarray:
     """The setpoints of samples first .. first + count - 1 by machine code, the same bits as by numpy."""
-    made, out = _sampler(), np.empty((count, len(SETPOINT)))
+    sampler, out = _sampler(), np.empty((count, len(SETPOINT)))
     rows = np.array([(*way, *piece, T) for way, piece in stretches])
     way, piece = len(Way._fields), len(Way._fields) + len(Piece._fields)
     columns = rows.T[:, :, None]
@@ -187,7 +187,7 @@ def _by_stretches(stretches: Sequence[Stretch], T: float, first: int, count: int
             out[low:high, 0].fill(stretches[place].way.first)
         elif low < high:
             memory = constants + place * rows.strides[0], 0, 0, outputs + low * out.strides[0], 0
-            made.run_at(high - low, first + low, memory, (0, 0))
+            sampler.run_at(high - low, first + low, memory, (0, 0))
     return out.T
 
 

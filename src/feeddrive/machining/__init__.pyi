@@ -1,5 +1,7 @@
 """The machine that cuts: stability of the cut, contour error, circle test, reversal, load and surface."""
 
+# written by `make stubs`
+
 from feeddrive.machining.at_part import on_part as on_part
 from feeddrive.machining.chatter_signs import ChatterSigns as ChatterSigns
 from feeddrive.machining.chatter_signs import chatter_signs as chatter_signs

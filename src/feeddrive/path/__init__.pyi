@@ -1,5 +1,7 @@
 """From a part program to setpoints."""
 
+# written by `make stubs`
+
 from feeddrive.path.program.commands import Command as Command
 from feeddrive.path.program.commands import canonical_text as canonical_text
 from feeddrive.path.program.expressions import read_offsets as read_offsets

@@ -1,4 +1,6 @@
-"""Figures of results, drawn with matplotlib's object API: they show themselves in a notebook; `savefig` writes them."""
+"""Figures and DataFrames of results; `Result.plot()` and `.to_pandas()` find them in `registry.py` by type."""
+
+# written by `make stubs`
 
 from feeddrive.plot.certificate import certificate as certificate
 from feeddrive.plot.certificate import certificate_discs as certificate_discs

@@ -43,6 +43,10 @@ if TYPE_CHECKING:
     from feeddrive.identification.response.modal_fit import ModalFit
     from feeddrive.identification.response.plant_fit import PlantFit
     from feeddrive.identification.steady_runs import SteadyRuns
+    from feeddrive.learning.iterative_feedforward import Iteration
+    from feeddrive.learning.trajectory_prefilter import PrefilterFit
+    from feeddrive.learning.trial import Trial
+    from feeddrive.learning.trials import Trials
     from feeddrive.loop.frequency_response import FRF
     from feeddrive.loop.gradient import Gradient
     from feeddrive.loop.linearize import StateSpace
@@ -52,12 +56,8 @@ if TYPE_CHECKING:
     from feeddrive.machining.cutting_force import CuttingForces
     from feeddrive.machining.lobes import Lobes
     from feeddrive.tuning.delay_map import DelayMap
-    from feeddrive.tuning.iterative_feedforward import Iteration
     from feeddrive.tuning.placement import Placement
     from feeddrive.tuning.recipes import Recipe
-    from feeddrive.tuning.trajectory_prefilter import PrefilterFit
-    from feeddrive.tuning.trial import Trial
-    from feeddrive.tuning.trials import Trials
     from feeddrive.tuning.tuned import Tuned
 
 

@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from feeddrive.analysis.replay import Observation
+    from feeddrive.learning.iterative_feedforward import Iteration
+    from feeddrive.learning.trajectory_prefilter import PrefilterFit
+    from feeddrive.learning.trial import Trial
+    from feeddrive.learning.trials import Trials
     from feeddrive.tuning.delay_map import DelayMap
-    from feeddrive.tuning.iterative_feedforward import Iteration
-    from feeddrive.tuning.trajectory_prefilter import PrefilterFit
-    from feeddrive.tuning.trial import Trial
-    from feeddrive.tuning.trials import Trials
 
 _WORDS = {
     "mass": "mass", "viscous": "viscous", "coulomb_positive": "Coulomb +", "coulomb_negative": "Coulomb -",

@@ -1,4 +1,6 @@
-"""Reports as values and as HTML pages; editors read this file, and the package loads the names on first use."""
+"""Reports: a value of verdict, pictures, tables and texts, and its writer. `html(report)` returns a page."""
+
+# written by `make stubs`
 
 from feeddrive.report.circle_report import circle_report as circle_report
 from feeddrive.report.laws import Entry as Entry

@@ -2,4 +2,18 @@
 
 from feeddrive.language.lazy_package import make_lazy
 
-make_lazy(__name__)
+make_lazy(
+    __name__,
+    {
+        "answers.answers": "Answers answers_of",
+        "answers.page": "write_report",
+        "cases": "Case cases",
+        "chunk": "run_chunk",
+        "robust": "Robust tune_robust",
+        "specification": "Bound",
+        "store": "Manifest Store",
+        "study": "Study read_study",
+        "sweep": "Sweep",
+        "variants": "Variants variants",
+    },
+)

@@ -1,4 +1,6 @@
-"""Many variants of a job: what varies, what is measured of each, the sweep, and where its rows are kept."""
+"""Studies: many variants of a job, swept on the cores of this machine or on a cluster, and what follows from them."""
+
+# written by `make stubs`
 
 from feeddrive.study.answers.answers import Answers as Answers
 from feeddrive.study.answers.answers import answers_of as answers_of

@@ -1,3 +1,5 @@
-"""The battery of a block: rows that pytest collects."""
+"""The battery of a block: rows that pytest collects.  Needs pytest and hypothesis: `feeddrive[testing]`."""
+
+# written by `make stubs`
 
 from feeddrive.testing.battery import battery as battery

@@ -1,17 +1,10 @@
-"""Gains: tuned, by rules, learned; and the laws that can be tuned."""
+"""Tuning of controls: optimization within robustness limits, and tuning rules."""
+
+# written by `make stubs`
 
 from feeddrive.tuning.delay_map import DelayMap as DelayMap
 from feeddrive.tuning.delay_map import delay_map as delay_map
-from feeddrive.tuning.error_model import error_model as error_model
-from feeddrive.tuning.filtered_splines import filtered_splines as filtered_splines
-from feeddrive.tuning.iterative_feedforward import Iteration as Iteration
-from feeddrive.tuning.iterative_feedforward import begin_compensation as begin_compensation
-from feeddrive.tuning.iterative_feedforward import compensated as compensated
-from feeddrive.tuning.iterative_feedforward import next_iteration as next_iteration
 from feeddrive.tuning.limits import Limits as Limits
-from feeddrive.tuning.machine_trials import MachineTrials as MachineTrials
-from feeddrive.tuning.machine_trials import iterate_machine as iterate_machine
-from feeddrive.tuning.machine_trials import tune_prefilters as tune_prefilters
 from feeddrive.tuning.operating_point import OperatingPoint as OperatingPoint
 from feeddrive.tuning.operating_point import measured_point as measured_point
 from feeddrive.tuning.operating_point import modelled_point as modelled_point
@@ -23,25 +16,6 @@ from feeddrive.tuning.recipes import kv_rule as kv_rule
 from feeddrive.tuning.recipes import makers_rule as makers_rule
 from feeddrive.tuning.recipes import margin_goals as margin_goals
 from feeddrive.tuning.recipes import symmetric_optimum as symmetric_optimum
-from feeddrive.tuning.repetitive import RepetitiveDesign as RepetitiveDesign
-from feeddrive.tuning.repetitive import tune_repetitive as tune_repetitive
-from feeddrive.tuning.set_path import ChangedReference as ChangedReference
-from feeddrive.tuning.stops import learn_stops as learn_stops
-from feeddrive.tuning.trajectory_prefilter import PrefilterFit as PrefilterFit
-from feeddrive.tuning.trajectory_prefilter import fit_prefilter as fit_prefilter
-from feeddrive.tuning.trajectory_prefilter import fit_prefilter_to_log as fit_prefilter_to_log
-from feeddrive.tuning.trajectory_prefilter import tune_prefilter as tune_prefilter
-from feeddrive.tuning.trial import Trial as Trial
-from feeddrive.tuning.trial import measured_trial as measured_trial
-from feeddrive.tuning.trial import simulated_trial as simulated_trial
-from feeddrive.tuning.trials import Convergence as Convergence
-from feeddrive.tuning.trials import SignalTrials as SignalTrials
-from feeddrive.tuning.trials import Trials as Trials
-from feeddrive.tuning.trials import convergence as convergence
-from feeddrive.tuning.trials import iterate_trials as iterate_trials
-from feeddrive.tuning.trials import learn_signal as learn_signal
 from feeddrive.tuning.tune import assess as assess
 from feeddrive.tuning.tune import tune_control as tune_control
 from feeddrive.tuning.tuned import Tuned as Tuned
-from feeddrive.tuning.zero_phase import inverse_path as inverse_path
-from feeddrive.tuning.zero_phase import zero_phase as zero_phase

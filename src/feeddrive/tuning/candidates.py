@@ -22,9 +22,9 @@ from feeddrive.language import matrix, tree
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined
+from feeddrive.learning.iterative_feedforward import begin_compensation
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning.iterative_feedforward import begin_compensation
 
 PLAIN = CascadePPI.title  # the law with which all others are compared
 _MOTION = ("acceleration", "velocity")

@@ -2,4 +2,40 @@
 
 from feeddrive.language.lazy_package import make_lazy
 
-make_lazy(__name__)
+make_lazy(
+    __name__,
+    {
+        "adjust": "adjust",
+        "benchmark": "benchmark",
+        "certify": "certify read_certificate write_certificate",
+        "channels": "channels",
+        "check": "check",
+        "circle": "circle",
+        "cogging": "cogging",
+        "command": "Outcome",
+        "compare": "compare",
+        "cosimulate": "cosimulate",
+        "excite": "excite",
+        "export": "export",
+        "follow": "follow",
+        "force": "force",
+        "frf": "frf",
+        "friction": "friction",
+        "identify": "identify",
+        "iterate": "iterate",
+        "jobs": "JobResult",
+        "lobes": "lobes",
+        "new": "new",
+        "plan": "plan",
+        "play": "listen play",
+        "prefilter": "prefilter",
+        "reproduce": "reproduce",
+        "run_job": "demo run write_results",
+        "setpath": "setpath",
+        "sweep": "sweep",
+        "tour": "tour",
+        "tune": "tune",
+        "verify": "verify",
+        "virtual_drive": "virtual_drive",
+    },
+)

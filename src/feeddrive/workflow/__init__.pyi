@@ -1,4 +1,6 @@
-"""What each command does, as a function with a declared request, by the name of the command; and what they write."""
+"""The commands as functions with declared requests, one module each; `command.py` lists them."""
+
+# written by `make stubs`
 
 from feeddrive.workflow.adjust import adjust as adjust
 from feeddrive.workflow.benchmark import benchmark as benchmark

@@ -21,11 +21,10 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
 from feeddrive.language.text import Text, capitalized
+from feeddrive.learning.iterative_feedforward import Iteration, begin_compensation, next_iteration
+from feeddrive.learning.trial import Trial, measured_trial
+from feeddrive.learning.trials import MachineTrials, iterate_machine, iterate_trials, tune_prefilters
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning.iterative_feedforward import Iteration, begin_compensation, next_iteration
-from feeddrive.tuning.machine_trials import MachineTrials, iterate_machine, tune_prefilters
-from feeddrive.tuning.trial import Trial, measured_trial
-from feeddrive.tuning.trials import iterate_trials
 from feeddrive.workflow.channels import mapped
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import chosen, drive_with

@@ -15,8 +15,8 @@ from feeddrive.files.mapping import MappingLike
 from feeddrive.files.to_toml import to_toml
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
+from feeddrive.learning.trajectory_prefilter import REGRESSORS, PrefilterFit, fit_prefilter_to_log
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning.trajectory_prefilter import REGRESSORS, PrefilterFit, fit_prefilter_to_log
 from feeddrive.workflow.channels import mapped
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import chosen

@@ -15,11 +15,11 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Column, Table
 from feeddrive.language.text import Text
+from feeddrive.learning.filtered_splines import filtered_splines
+from feeddrive.learning.set_path import ChangedReference
+from feeddrive.learning.zero_phase import zero_phase
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
-from feeddrive.tuning.filtered_splines import filtered_splines
-from feeddrive.tuning.set_path import ChangedReference
-from feeddrive.tuning.zero_phase import zero_phase
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.iterate import MOVE
 from feeddrive.workflow.request import OUT_FILE, Request, argument, called, option

@@ -31,9 +31,9 @@ class MachineMode(Block):
     def check(self) -> None:
         """Either stiffness or mass."""
         if (self.stiffness is None) == (self.mass is None):
-            given = "both are" if self.mass is not None else "neither is"
+            which = "both are" if self.mass is not None else "neither is"
             raise ParameterError(
-                f"machine_mode: {given} given of stiffness and mass; give exactly one, the other follows"
+                f"machine_mode: {which} given of stiffness and mass; give exactly one, the other follows"
             )
 
     def omega(self) -> Number:

@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from feeddrive.blocks.axis_model import AxisModel, Start
+from feeddrive.blocks.controller.cascade_options import (
+    Interpolator,
+    ReferenceModel,
+    expected_velocity,
+    interpolated,
+    interpolator,
+    reference_model,
+)
 from feeddrive.blocks.families import Law
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import ops
@@ -23,19 +31,10 @@ class CascadePPI(Law):
     Anti-windup is by back-calculation: the force cut off by the limit in the last sample is subtracted from the
     integral one step later, as `requested` - `applied`.  This equals back-calculation within the step.
     With two encoders the position loop uses the load's encoder and the velocity loop the motor's.
-    With `position_every` = n the position loop runs every n-th sample, and the velocity command goes in n equal steps
-    from the last value to the new one, which it reaches one sample before the position loop runs again:
-
-        command(k + i) = last + (i + 1)/n · (new - last),   i = 0 .. n-1,   new = Kv (x_set - x_load) + feedforward at k
-
-    With `model_mass` = m the integral compares the velocity with what a P velocity loop would make of a free mass m
-    with `model_samples` = d of dead time, so that it does not wind up while the axis follows as it should:
-
-        force = Kp e + (Kp/Tn) Σ T (v_m - v),   u(k) = Kp (command - v_m(k)),   command = e + v
-        v_m(k+1) = v_m(k) + T (u(k-d) + u(k-d-1))/2m
-
-    The velocity loop keeps its loop gain and loses its overshoot without the lag of a set filter.  Closing the position
-    loop then includes the model's lag, so look at Ms again.  At the force limit the model is faster than the axis.
+    With `position_every` above 1 the position loop is slower, and an `Interpolator` is between the loops.  With
+    `model_mass` the integral compares v with the velocity of a `ReferenceModel` instead of the command: closing the
+    position loop then includes the lag of the model, so look at Ms again; at the force limit the model is faster than
+    the axis.
 
     With `viscous` the law compensates the viscous friction of the guideway by the measured velocity; the paper's closed
     form (7) is exact only then.  An `Inertia` in the same control then feeds the acceleration forward and keeps its own
@@ -103,29 +102,13 @@ class CascadePPI(Law):
 
         T: Number
 
-    class Interpolator(NamedTuple):
-        """Samples since the last run of the position loop, and the velocity commands before and after it (m/s)."""
-
-        passed: Number
-        last: Number
-        new: Number
-
-    class Model(NamedTuple):
-        """Velocity of the reference model one sample before (m/s), and its past forces, newest first (N)."""
-
-        velocity: Number
-        forces: tuple[Number, ...]
-
     class State(NamedTuple):
-        """Past positions, newest first (m), and the integral (N).
-
-        Also an interpolator if the position loop is slower, and the reference model of the integral if there is one.
-        """
+        """Past positions, newest first (m), the integral (N), and the memory of the options, empty without them."""
 
         positions: tuple[Number, ...]
         integral: Number
-        interpolator: tuple[Any, ...] = ()
-        model: tuple[Any, ...] = ()
+        interpolator: tuple[Interpolator, ...] = ()
+        model: tuple[ReferenceModel, ...] = ()
 
     def period(self) -> int:
         """`position_every` samples."""
@@ -145,11 +128,10 @@ class CascadePPI(Law):
         """
         position = self._position(reading)
         zero = ops.zero(position)
-        interpolator = () if self.position_every == 1 else (self.Interpolator(zero, zero, zero),)
         passed = prepared.T * reading.velocity
         positions = (position, *(position - float(i) * passed for i in range(1, self.velocity_samples)))
-        model = () if self.model_mass is None else (self.Model(reading.velocity, (zero,) * (self.model_samples + 2)),)
-        return self.State(positions, reading.applied, interpolator, model)
+        model = () if self.model_mass is None else (reference_model(self.model_samples, reading.velocity, zero),)
+        return self.State(positions, reading.applied, interpolator(self.position_every, zero), model)
 
     def _position(self, reading: Reading) -> Number:
         return reading.position_motor if self.velocity_encoder == "motor" else reading.position_load
@@ -162,14 +144,10 @@ class CascadePPI(Law):
         velocity = (position - state.positions[-1]) / (self.velocity_samples * T)
         wanted = self.Kv * (setpoint.position - reading.position_load)
         wanted = wanted + self.velocity_feedforward * setpoint.backward_velocity(T)
-        interpolator = state.interpolator
-        if interpolator:
-            interpolator, wanted = self._interpolated(interpolator[0], wanted)
-        e = missed = wanted - velocity
-        model = state.model
-        if model:
-            model, modelled = self._modelled(model[0], wanted, T)
-            missed = modelled - velocity
+        interpolator, wanted = interpolated(state.interpolator, wanted, self.position_every)
+        e = wanted - velocity
+        model, expected = expected_velocity(state.model, wanted, self.Kp, self.model_mass, T)
+        missed = expected - velocity
         positions = (position, *state.positions[:-1])
         force = self.Kp * e if self.viscous is None else self.Kp * e + self.viscous * velocity
         if self.Tn is None:
@@ -181,21 +159,6 @@ class CascadePPI(Law):
     def retune(self, state: State, old: CascadePPI, old_prepared: Prepared, prepared: Prepared) -> State:
         """Return the state as it is: positions, velocities, and an integral and forces in N."""
         return state
-
-    def _modelled(self, held: Model, wanted: Number, T: Number) -> tuple[tuple[Model, ...], Number]:
-        """The velocity that the P velocity loop of the reference model has now."""
-        assert self.model_mass is not None  # without one there is no model
-        velocity = held.velocity + (0.5 * T / self.model_mass) * (held.forces[-2] + held.forces[-1])
-        return (self.Model(velocity, (self.Kp * (wanted - velocity), *held.forces[:-1])),), velocity
-
-    def _interpolated(self, held: Interpolator, wanted: Number) -> tuple[tuple[Interpolator, ...], Number]:
-        """The velocity command of this sample, from the last and the new one of the position loop."""
-        runs = held.passed <= 0.0
-        last, new = ops.where(runs, held.new, held.last), ops.where(runs, wanted, held.new)
-        passed = held.passed + 1.0
-        command = last + (passed / float(self.position_every)) * (new - last)
-        after = ops.where(passed >= float(self.position_every), 0.0, passed)
-        return (self.Interpolator(after, last, new),), command
 
 
 def _observed(law: CascadePPI) -> Start:

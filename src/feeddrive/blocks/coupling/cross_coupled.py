@@ -80,12 +80,12 @@ class CrossCoupled(Coupling):
     ) -> tuple[State, dict[str, Number]]:
         """The equations above."""
         tangent, moves, squared = self._direction(state.direction, setpoints)
-        error = tuple(each.position - positions[name] for name, each in setpoints.items())
+        error = tuple(setpoint.position - positions[name] for name, setpoint in setpoints.items())
         along = _dot(tangent, error)
         known = _dot(tangent, tangent)  # 1, or 0 before the first motion
         normal = tuple(known * e - along * t for e, t in zip(error, tangent, strict=True))
         if self.estimate == "second_order":
-            gained = tuple(each.acceleration for each in setpoints.values())
+            gained = tuple(setpoint.acceleration for setpoint in setpoints.values())
             forward = _dot(tangent, gained)
             share = ops.where(moves, 0.5 * (along * along) / squared, 0.0)
             bend = (a - forward * t for a, t in zip(gained, tangent, strict=True))

@@ -39,7 +39,7 @@ class DynamometerForce(Coupling):
 
     def axes(self) -> tuple[str, ...]:
         """The axes with a component."""
-        return tuple(each.axis for each in self.components)
+        return tuple(component.axis for component in self.components)
 
     def step(
         self, prepared: Any, state: Any, motions: Mapping[str, Motion], time: Number, h: Number

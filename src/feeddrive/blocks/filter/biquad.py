@@ -1,11 +1,14 @@
-"""One second-order section: Tustin with prewarping, and its step in direct form II transposed."""
+"""Second-order sections (biquads): Tustin with prewarping, the step in direct form II transposed, their family."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
+from feeddrive.blocks.families import Filter
 from feeddrive.language import ops
-from feeddrive.language.block import Number, Rule
+from feeddrive.language.block import Number, Rule, declarations
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 
@@ -68,6 +71,12 @@ def notch_section(frequency: Number, damping_zero: Number, damping_pole: Number,
     return section(zeros, poles, 1.0)._replace(a1=None)
 
 
+def low_pass_section(frequency: Number, damping: Number, T: Number) -> Section:
+    """ω²/(s² + 2 damping ω s + ω²): after the transform its numerator is w² (1 + z⁻¹)²."""
+    w = prewarped(frequency, T)
+    return section(Polynomial(1.0, 2.0, 1.0), tustin(frequency, damping, T), w * w)
+
+
 def settled(made: Section, value: Number) -> Delayed:
     """The state after a constant input of a section with H(1) = 1."""
     return Delayed((1.0 - made.b0) * value, (made.b2 - made.a2) * value, value)
@@ -105,3 +114,29 @@ def below_nyquist(kind: str, name: str, frequency: Number, T: Number) -> Rule:
             f"{Quantity(0.5 / T, 'Hz'):6}: lower it, or leave the filter out"
         ),
     )
+
+
+class SecondOrderSection(Filter, ABC):
+    """The family of filters that are one section with H(1) = 1: such a filter is its parameters and its `prepare`.
+
+    Each parameter in Hz must lie below half the sample rate, where the prewarping ends.
+    Source of the form: Oppenheim & Schafer, Discrete-Time Signal Processing, section 6.3 (direct form II transposed).
+    """
+
+    @abstractmethod
+    def prepare(self, T: Number) -> Section:
+        """The coefficients at a sample time in s."""
+
+    def sampled_rules(self, T: Number) -> Iterator[Rule]:
+        for name, declared in declarations(type(self)).items():
+            if declared.unit == "Hz":
+                yield below_nyquist(self.kind, name, getattr(self, name), T)
+
+    def start(self, prepared: Section, value: Number) -> Delayed:
+        return settled(prepared, value)
+
+    def step(self, prepared: Section, state: Any, value: Number) -> tuple[Delayed, Number]:
+        return advance(prepared, state, value)
+
+    def retune(self, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Delayed:
+        return retuned(state, old_prepared, prepared)

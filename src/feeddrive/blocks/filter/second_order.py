@@ -2,25 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
-
-from feeddrive.blocks.families import Filter
-from feeddrive.blocks.filter.biquad import (
-    Delayed,
-    Section,
-    advance,
-    below_nyquist,
-    prewarped,
-    retuned,
-    section,
-    settled,
-    tustin,
-)
-from feeddrive.language.block import Number, Rule, parameter
+from feeddrive.blocks.filter.biquad import SecondOrderSection, Section, prewarped, section, tustin
+from feeddrive.language.block import Number, parameter
 
 
-class SecondOrder(Filter):
+class SecondOrder(SecondOrderSection):
     """Two zeros and two poles with unit gain at 0 Hz, each pair prewarped at its own frequency.
 
         H(s) = (s²/ωz² + 2 damping_zero s/ωz + 1) / (s²/ωp² + 2 damping_pole s/ωp + 1),   ω = 2π frequency
@@ -34,25 +20,7 @@ class SecondOrder(Filter):
     frequency_pole: Number = parameter("Hz", "natural frequency of the denominator", above=0)
     damping_pole: Number = parameter("", "damping ratio of the denominator", above=0, default=0.7)
 
-    def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Both frequencies lie below half the sample rate."""
-        yield below_nyquist(self.kind, "frequency_zero", self.frequency_zero, T)
-        yield below_nyquist(self.kind, "frequency_pole", self.frequency_pole, T)
-
     def prepare(self, T: Number) -> Section:
-        """The section's coefficients."""
         ratio = prewarped(self.frequency_pole, T) / prewarped(self.frequency_zero, T)
         zeros = tustin(self.frequency_zero, self.damping_zero, T)
         return section(zeros, tustin(self.frequency_pole, self.damping_pole, T), ratio * ratio)
-
-    def start(self, prepared: Any, value: Number) -> Delayed:
-        """At rest with output = input = value."""
-        return settled(prepared, value)
-
-    def step(self, prepared: Any, state: Any, value: Number) -> tuple[Delayed, Number]:
-        """One sample."""
-        return advance(prepared, state, value)
-
-    def retune(self, state: Any, old: SecondOrder, old_prepared: Any, prepared: Any) -> Delayed:
-        """The output is continuous."""
-        return retuned(state, old_prepared, prepared)

@@ -39,5 +39,5 @@ def levels(
 def check_pair(kind: str, first: str, one: Number | None, second: str, other: Number | None) -> None:
     """Raise ParameterError if one of two parameters is given without the other."""
     if (one is None) != (other is None):
-        given, missing = (first, second) if other is None else (second, first)
-        raise ParameterError(f"{kind}.{given} is given without {kind}.{missing}: give both or neither")
+        present, missing = (first, second) if other is None else (second, first)
+        raise ParameterError(f"{kind}.{present} is given without {kind}.{missing}: give both or neither")

@@ -9,15 +9,13 @@ from feeddrive.blocks.axis_model import AxisModel, begun
 from feeddrive.blocks.families import Observer
 from feeddrive.blocks.filter.biquad import (
     Delayed,
-    Polynomial,
     Section,
     advance,
     below_nyquist,
+    low_pass_section,
     prewarped,
     retuned,
-    section,
     settled,
-    tustin,
 )
 from feeddrive.blocks.signals import Estimate, Reading
 from feeddrive.language import ops
@@ -87,9 +85,7 @@ class DisturbanceRecovery(Observer):
         if self.form in ("one_pole", "two_poles"):
             return self.Prepared((ops.exp(-2.0 * ops.pi * self.frequency * T),), ())
         if self.form == "butterworth":
-            w = prewarped(self.frequency, T)
-            made = section(Polynomial(1.0, 2.0, 1.0), tustin(self.frequency, _BUTTERWORTH, T), w * w)
-            return self.Prepared((), (made,))
+            return self.Prepared((), (low_pass_section(self.frequency, _BUTTERWORTH, T),))
         return self.Prepared((), ())
 
     def start(self, prepared: Prepared, reading: Reading) -> State:

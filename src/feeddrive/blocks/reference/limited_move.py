@@ -43,9 +43,9 @@ class LimitedMove(Move, ABC):
 
     def stretches(self) -> tuple[Stretch, ...]:
         """The rests and the pieces of every leg."""
-        found = [rest(0.0, self.start)]
+        stretches = [rest(0.0, self.start)]
         for way, last in self.ways():
             if self.profile is not None:
-                found += [Stretch(way, piece) for piece in self.profile.pieces]
-            found.append(rest(way.ends(), last))
-        return tuple(found)
+                stretches += [Stretch(way, piece) for piece in self.profile.pieces]
+            stretches.append(rest(way.ends(), last))
+        return tuple(stretches)

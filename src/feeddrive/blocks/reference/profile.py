@@ -46,11 +46,11 @@ class Profile:
     @cached_property
     def peaks(self) -> tuple[float, ...]:
         """Largest velocity, acceleration, ... in SI, down to the derivative that is piecewise constant."""
-        found, height = [], self.distance
+        peaks, height = [], self.distance
         for length in reversed(self.lengths):
             height = height / length
-            found.append(height)
-        return tuple(found)
+            peaks.append(height)
+        return tuple(peaks)
 
     @cached_property
     def _pieces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -80,10 +80,10 @@ class Recorded(Reference):
         share = above - held  # 0 on a row, which is then taken as it stands
         rows: list[np.ndarray] = []
         for order, row in enumerate(self._rows):
-            found = row[above]
+            value = row[above]
             if self.between == "linear" and (order != 1 or self.velocity is not None):
-                found = np.where(share > 0.0, found + share * (row[below] - found), found)
-            rows.append(found if order == 0 else np.where(inside, found, 0.0))
+                value = np.where(share > 0.0, value + share * (row[below] - value), value)
+            rows.append(value if order == 0 else np.where(inside, value, 0.0))
         return Setpoint(*rows)  # type: ignore[arg-type]
 
     def _refuse(self, missed: np.ndarray) -> None:

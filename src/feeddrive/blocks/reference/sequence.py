@@ -35,7 +35,7 @@ class Sequence(Reference):
     @cached_property
     def _starts(self) -> np.ndarray:
         """When each begins, and the end of the last, s."""
-        return np.array(list(accumulate((each.duration for each in self.references), initial=0.0)))
+        return np.array(list(accumulate((reference.duration for reference in self.references), initial=0.0)))
 
     @cached_property
     def _offsets(self) -> np.ndarray:

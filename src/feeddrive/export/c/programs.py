@@ -15,9 +15,10 @@ import numpy as np
 
 from feeddrive.export.c.arithmetic import SENTENCE
 from feeddrive.export.c.statements import number
+from feeddrive.export.design import Design
 from feeddrive.export.layout import Layout
 from feeddrive.export.layout_run import LayoutRun
-from feeddrive.export.trial import Trial, trial
+from feeddrive.export.trial import Answers, Trial, trial
 from feeddrive.language.errors import FileError, MissingProgramError
 from feeddrive.loop.routine import Routine
 from feeddrive.loop.routine_run import run
@@ -356,3 +357,14 @@ def _run(words: Sequence[str], folder: Path) -> None:
         said = (done.stderr.strip() or "no message").splitlines()
         first = next((line for line in said if "error" in line), said[0])
         raise FileError(f"the C compiler {words[0]} refuses: {first}")
+
+
+def prove(directory: Path, design: Design, tried: Trial, flags: Sequence[str], command: str | None) -> Answers:
+    """Compile the exported C and run a trial. Raises FileError for a missing file, and as `streamed`."""
+    P = design.name
+    names = [name for name in (f"{P}.h", f"{P}.c", f"{P}_configure.c") if (directory / name).is_file()]
+    if f"{P}.h" not in names:
+        raise FileError(f"{directory / f'{P}.h'}: is missing; export again")
+    files = {name: (directory / name).read_text(encoding="utf-8") for name in names}
+    ran = streamed(design.layout, files, tried, flags=(*FLAGS, *flags), command=command)
+    return Answers(ran.outputs, ran.compiler, " ".join(ran.flags))

@@ -22,7 +22,7 @@ from feeddrive.export.design import Design
 from feeddrive.export.fmu.description import FmuVariable, build_description, model_description, model_header, variables
 from feeddrive.export.layout import Layout
 from feeddrive.export.manifest import readme, write_bundle
-from feeddrive.export.trial import Trial
+from feeddrive.export.trial import Answers, Trial
 from feeddrive.files.atomic_io import check_directory
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.loop.routine import Routine
@@ -244,3 +244,11 @@ def _access(archive: Archive, fmu: Any, verb: str, names: Sequence[str]) -> Call
         return row
 
     return access
+
+
+def prove(directory: Path, design: Design, tried: Trial) -> Answers:
+    """Run a trial in FMPy. Raises as `answers`."""
+    outputs = answers(directory / f"{design.name}.fmu", design.routine, tried)
+    import fmpy  # an extra: `answers` has said so if it is missing
+
+    return Answers(outputs, f"FMPy {fmpy.__version__}", "the library in the FMU")

@@ -13,14 +13,17 @@ import os
 import shutil
 import signal
 import subprocess
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from feeddrive.export.design import Design
 from feeddrive.export.linuxcnc import component
 from feeddrive.export.linuxcnc.component import hal
+from feeddrive.export.trial import Answers, Trial
 from feeddrive.language.errors import FeeddriveError, MissingProgramError, ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.loop.routine import Routine
@@ -313,3 +316,10 @@ def answers(
         "".join("b" if pin == "enable" or pin in (also or {}) else "f" for pin in pins),
         "".join(kind for _, kind in taken), meanwhile=meanwhile, at_end=at_end, paced=paced, patience=patience,
     )  # fmt: skip
+
+
+def prove(directory: Path, design: Design, tried: Trial) -> Answers:
+    """Build the component in a folder of its own and run a trial in halrun. Raises as `answers`."""
+    with tempfile.TemporaryDirectory(prefix="feeddrive-") as folder:
+        ran = answers(design.routine, directory.resolve(), Path(folder), tried.inputs)
+    return Answers(ran.rows[:, : len(design.routine.outputs)], "LinuxCNC, halrun", "halcompile --install")

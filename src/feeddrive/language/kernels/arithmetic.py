@@ -69,8 +69,8 @@ class Arithmetic(Text):
         called = source_of(remainder.floor_division if kind is ast.FloorDiv else remainder.modulo)
         assert called
         function = self.called(called)
-        made = self.emit(f"call {{ i64, double }} @{function.symbol}(double {a}, double {b})")
-        return Value(FLOAT, self.value(f"extractvalue {{ i64, double }} {made}, 1"))
+        result = self.emit(f"call {{ i64, double }} @{function.symbol}(double {a}, double {b})")
+        return Value(FLOAT, self.value(f"extractvalue {{ i64, double }} {result}, 1"))
 
     def overflowing(self, operation: str, a: str, b: str, node: ast.AST) -> Value:
         """+ - * on whole numbers of 64 bits."""
@@ -161,9 +161,9 @@ class Arithmetic(Text):
         better = order[kind]
         compare = "icmp" if one == INT else "fcmp"
         best = values[0].text
-        for each in values[1:]:
-            taken = self.value(f"{compare} {better} {one.llvm} {each.text}, {best}")
-            best = self.value(f"select i1 {taken}, {one.llvm} {each.text}, {one.llvm} {best}")
+        for value in values[1:]:
+            taken = self.value(f"{compare} {better} {one.llvm} {value.text}, {best}")
+            best = self.value(f"select i1 {taken}, {one.llvm} {value.text}, {one.llvm} {best}")
         return Value(one, best)
 
     def rounded(self, x: str, function: object, node: ast.AST) -> Value:

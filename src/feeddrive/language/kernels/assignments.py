@@ -75,7 +75,7 @@ class Assignments(Expressions):
     def values(self, node: ast.expr, counts: set[int], target: ast.AST) -> list[Value]:
         """The numbers of a tuple, of a kernel with several results, of a record or of a row."""
         if isinstance(node, ast.Tuple):
-            found = [self.expression(each) for each in node.elts]
+            found = [self.expression(element) for element in node.elts]
         elif isinstance(node, ast.Call):
             found, called = self.results(node), source_of(self.outside(node.func))
             if len(found) == 1 and found[0].parts and (called is None or called.signature.single):
@@ -144,11 +144,11 @@ class Assignments(Expressions):
     def local_array(self, node: ast.Assign, call: ast.Call) -> None:
         """Name = zeros(3, 2): memory of the function, made once a call."""
         (target, *more), sizes = node.targets, list[int]()
-        for each in call.args:
-            found = each.value if isinstance(each, ast.Constant) else self.outside(each)
-            if isinstance(found, bool) or not isinstance(found, int) or found < 1:
-                self.refuse(each, f"'{shown(each)}' is no fixed size", "write whole numbers, or give the array")
-            sizes.append(found)
+        for argument in call.args:
+            length = argument.value if isinstance(argument, ast.Constant) else self.outside(argument)
+            if isinstance(length, bool) or not isinstance(length, int) or length < 1:
+                self.refuse(argument, f"'{shown(argument)}' is no fixed size", "write whole numbers, or give the array")
+            sizes.append(length)
         count = 1
         for size in sizes:
             count *= size

@@ -64,8 +64,8 @@ class Elementary(NamedTuple):
                 called.append(next(each for each in FUNCTIONS if each.name == name))
                 text = f"call double {called[-1].symbol}(double {inner[0]})"
             lines.append(f"  %n{index} = {text}")
-        given = ", ".join(f"double %x{place}" for place in range(self.arity))
-        head = f"define internal double {self.symbol}({given}) #0 {{"
+        parameters = ", ".join(f"double %x{place}" for place in range(self.arity))
+        head = f"define internal double {self.symbol}({parameters}) #0 {{"
         return "\n".join([head, *lines, f"  ret double {held[result]}", "}", ""]), called
 
 

@@ -77,32 +77,32 @@ class Expressions(Names):
         after, before = self.label(), self.facts
         for place, (op, other) in enumerate(zip(node.ops, node.comparators, strict=True)):
             right = self.expression(other)
-            found = self.compared(op, left, right, node)
+            truth = self.compared(op, left, right, node)
             if place + 1 < len(node.ops):
                 onward = self.label()
                 ends.append(("false", self.block))
-                self.choose(found, onward, after)
+                self.choose(truth, onward, after)
                 before = dict(self.facts) if len(ends) == 1 else before
                 self.begin(onward)
                 left = right
             elif ends:
-                ends.append((found, self.block))
+                ends.append((truth, self.block))
                 self.jump(after)
                 self.begin(after)
                 self.facts = before
                 return Value(BOOL, self.phi("i1", ends))
             else:
-                return Value(BOOL, found)
+                return Value(BOOL, truth)
         raise AssertionError("a comparison has two sides")
 
     def logic(self, node: ast.BoolOp) -> Value:
         """And, or; what follows is not computed where the first decides."""
         ends, after, before = list[tuple[str, str]](), self.label(), self.facts
-        for each in node.values[:-1]:
-            found, onward = self.truth(each), self.label()
+        for value in node.values[:-1]:
+            truth, onward = self.truth(value), self.label()
             conjunction = isinstance(node.op, ast.And)
             ends.append(("false" if conjunction else "true", self.block))
-            self.choose(found, *((onward, after) if conjunction else (after, onward)))
+            self.choose(truth, *((onward, after) if conjunction else (after, onward)))
             before = dict(self.facts) if len(ends) == 1 else before
             self.begin(onward)
         ends.append((self.truth(node.values[-1]), self.block))
@@ -199,10 +199,10 @@ class Expressions(Names):
 
     def call(self, node: ast.Call) -> Value:
         """A call with one result."""
-        found = self.results(node)
-        if len(found) != 1:
-            self.refuse(node, f"'{shown(node)}' gives {len(found)} numbers", "assign them to as many names")
-        return found[0]
+        results = self.results(node)
+        if len(results) != 1:
+            self.refuse(node, f"'{shown(node)}' gives {len(results)} numbers", "assign them to as many names")
+        return results[0]
 
     def results(self, node: ast.Call) -> list[Value]:
         """A call of a kernel or of a function of the language."""
@@ -235,24 +235,24 @@ class Expressions(Names):
             numbers = f"{len(node.args)} arguments for {len(wanted.parameters)}"
             self.refuse(node, f"'{shown(node)}' has {numbers}", f"give ({', '.join(wanted.names)})")
         operands: list[str] = []
-        given = [self.expression(each) for each in node.args]
-        for value, name, kind in zip(given, wanted.names, wanted.parameters, strict=True):
+        arguments = [self.expression(each) for each in node.args]
+        for value, name, kind in zip(arguments, wanted.names, wanted.parameters, strict=True):
             if value.type != kind:
                 remedy = f"'{called.name}' takes {kind}: convert it by float(...) or int(...), or give another"
                 self.refuse(node, f"'{shown(node)}' gives {value.type} for '{name}'", remedy)
             operands += [f"{word} {operand}" for word, operand in value.operands]
         function = self.called(called)
-        leaves = [leaf for value in given for leaf in value.leaves]
+        leaves = [leaf for value in arguments for leaf in value.leaves]
         for place in function.written:
             self.stored.add(leaves[place].root)
         returned = struct(wanted.results)
-        made = self.emit(f"call {returned} @{function.symbol}({', '.join(operands)})")
+        result = self.emit(f"call {returned} @{function.symbol}({', '.join(operands)})")
         if function.fails:
-            status = self.value(f"extractvalue {returned} {made}, 0")
+            status = self.value(f"extractvalue {returned} {result}, 0")
             self.hand_up(status)
         kinds = [kind for each in wanted.results for _, kind in each.leaves("")]
         results = (
-            Value(kind, self.value(f"extractvalue {returned} {made}, {place}"))
+            Value(kind, self.value(f"extractvalue {returned} {result}, {place}"))
             for place, kind in enumerate(kinds, start=1)
         )
         return [assembled(kind, results) for kind in wanted.results]
@@ -261,9 +261,9 @@ class Expressions(Names):
         """A call of sin, cos, tan, atan or atan2."""
         if len(node.args) != function.arity:
             self.refuse(node, f"'{shown(node)}' has {len(node.args)} arguments", f"give {function.arity}")
-        given = ", ".join(f"double {self.as_float(self.number(each))}" for each in node.args)
+        arguments = ", ".join(f"double {self.as_float(self.number(argument))}" for argument in node.args)
         self.elementary.append(function)
-        return Value(FLOAT, self.emit(f"call double {function.symbol}({given})"))
+        return Value(FLOAT, self.emit(f"call double {function.symbol}({arguments})"))
 
     def one(self, node: ast.Call) -> ast.expr:
         """The only argument of a call."""

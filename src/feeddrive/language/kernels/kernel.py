@@ -127,7 +127,7 @@ class Kernel(Generic[_P, _R]):
         code, address = self.unit.entry(self.source)
         words = [_FORMATS[kind.element] if not kind.dimensions else _ADDRESS + _COUNT * kind.dimensions
                  for _, kind in self._leaves]  # fmt: skip
-        results = [_FORMATS[kind.element] for each in self.source.signature.results for _, kind in each.leaves("")]
+        results = [_FORMATS[kind.element] for result in self.source.signature.results for _, kind in result.leaves("")]
         call = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(address)
         given, returned = struct.Struct(f"@{''.join(words)}"), struct.Struct(f"@{''.join(results)}")
         size = max(given.size, returned.size, _WORD)
@@ -141,12 +141,12 @@ class Kernel(Generic[_P, _R]):
     def _counted(self) -> tuple[int, bool]:
         """How many arguments it takes, and whether there are records among them."""
         parameters = self.source.signature.parameters
-        return len(parameters), any(each.layout and not each.dimensions for each in parameters)
+        return len(parameters), any(parameter.layout and not parameter.dimensions for parameter in parameters)
 
     @cached_property
     def _plain(self) -> bool:
         """True if all results are numbers that ctypes returns as they are."""
-        return all(each in (FLOAT, INT) for each in self.source.signature.results)
+        return all(result in (FLOAT, INT) for result in self.source.signature.results)
 
     @cached_property
     def _written(self) -> frozenset[int]:
@@ -226,7 +226,7 @@ def _made(kind: Type, leaves: Iterator[Any]) -> Any:
         return Cells(value) if kind.dimensions else bool(value) if kind == BOOL else value
     if kind.dimensions:
         return Rows(next(leaves), kind.layout)
-    return kind.layout.python(*[_made(each, leaves) for each in kind.layout.fields.values()])
+    return kind.layout.python(*[_made(field, leaves) for field in kind.layout.fields.values()])
 
 
 def _address(array: np.ndarray) -> int:

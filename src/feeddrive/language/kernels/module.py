@@ -63,7 +63,7 @@ class Unit:
 
     def __init__(self, sources: Iterable[Source]) -> None:
         self.sources = tuple(sources)
-        self._places = {each: place for place, each in enumerate(self.sources)}
+        self._places = {source: place for place, source in enumerate(self.sources)}
         self._functions: dict[Source, Function] = {}
         self._code: MachineCode | None = None
         self._effort = QUICK
@@ -119,9 +119,9 @@ class Unit:
     def function(self, source: Source) -> Function:
         """The function of a kernel, printed when it is first asked for, after those that it calls."""
         with _lock:
-            found = self._functions.get(source)
-            if found is not None:
-                return found
+            known = self._functions.get(source)
+            if known is not None:
+                return known
             if source in _open:
                 names = " -> ".join(each.name for each in [*_open[_open.index(source) :], source])
                 remedy = "write a loop, with a stack in an array of the caller"
@@ -130,10 +130,10 @@ class Unit:
             try:
                 number = self.number << _KERNEL | self._places[source]
                 printer = Statements(source, lambda called: unit_of(called).function(called))
-                made = printer.function(self.symbol(source), number << _FAILURE)
+                printed = printer.function(self.symbol(source), number << _FAILURE)
             finally:
                 _open.pop()
-            return self._functions.setdefault(source, made)
+            return self._functions.setdefault(source, printed)
 
     def text(self, effort: Effort = QUICK) -> str:
         """The module, with its triple in the first line."""
@@ -172,9 +172,9 @@ class Unit:
         if self._code is None:
             with _lock:
                 if self._code is None:
-                    found = self._linked(THOROUGH, stored=True)
-                    self._effort = QUICK if found is None and Unit.spent <= _LONG else THOROUGH
-                    self._code = self._linked(self._effort) if found is None else found
+                    code = self._linked(THOROUGH, stored=True)
+                    self._effort = QUICK if code is None and Unit.spent <= _LONG else THOROUGH
+                    self._code = self._linked(self._effort) if code is None else code
                     _used.add(self)
         assert self._code
         return self._code
@@ -211,12 +211,12 @@ class Unit:
     @cached_property
     def units(self) -> tuple[Unit, ...]:
         """The files whose kernels it calls, each after those that it calls itself, and it as the last."""
-        found = dict[Unit, None]()
+        units = dict[Unit, None]()
         for source in self.sources:
-            for each in _kernels(source):
-                if each not in self._places:
-                    found |= dict.fromkeys(unit_of(each).units)
-        return *found, self
+            for kernel in _kernels(source):
+                if kernel not in self._places:
+                    units |= dict.fromkeys(unit_of(kernel).units)
+        return *units, self
 
     def failure(self, status: int) -> Failure:
         """The error of a status that is not 0."""
@@ -269,14 +269,14 @@ def _entry(place: int, source: Source, symbol: str) -> str:
 def unit_of(source: Source) -> Unit:
     """The file of a kernel, with all kernels that stand there when it is first asked for."""
     with _lock:
-        found = cast("Unit | None", source.unit)
-        if found is None:
+        unit = cast("Unit | None", source.unit)
+        if unit is None:
             names = source.python.__globals__
             beside = [each for each in map(source_of, names.values()) if each and each.python.__globals__ is names]
-            found = Unit(dict.fromkeys([*beside, source]))
-            for each in found.sources:
-                each.unit = found
-    return found
+            unit = Unit(dict.fromkeys([*beside, source]))
+            for each in unit.sources:
+                each.unit = unit
+    return unit
 
 
 def _kernels(source: Source) -> list[Source]:

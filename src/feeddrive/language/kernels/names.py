@@ -76,10 +76,10 @@ class Names(RecordArithmetic):
         """A local variable or a constant of the module, or a field inside; `whole` is then the text with the field."""
         whole = whole or node
         if node.id not in self.names:
-            found = self.outside(node)
-            if found is None:
+            value = self.outside(node)
+            if value is None:
                 self.refuse(node, f"'{node.id}' is not known", "assign it, or define it in the file")
-            return self.inside(self.constant(found, node), fields, whole)
+            return self.inside(self.constant(value, node), fields, whole)
         if self.assigned is not None and node.id not in self.assigned:
             self.refuse(node, f"'{node.id}' is read where a path has not assigned it", "assign it before")
         if node.id in self.given:
@@ -122,7 +122,7 @@ class Names(RecordArithmetic):
         known = self.outside(first) if first.id not in self.names else None
         if first.id in self.names or is_record(type(known)):
             return self.name(first, fields, node)
-        found = self.outside(node)
-        if found is None:
+        value = self.outside(node)
+        if value is None:
             self.refuse(node, f"'{shown(node)}' is not known", "import it, or define it")
-        return self.constant(found, node)
+        return self.constant(value, node)

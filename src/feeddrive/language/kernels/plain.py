@@ -26,8 +26,8 @@ class Cells:
         return len(self.held)
 
     def __getitem__(self, key: Any) -> Any:
-        found: Any = self.held[key]
-        return found.item() if isinstance(found, np.generic) else Cells(found)
+        cell: Any = self.held[key]
+        return cell.item() if isinstance(cell, np.generic) else Cells(cell)
 
     def __setitem__(self, key: Any, value: Any) -> None:
         if isinstance(value, tuple) and len(self.held[key]) != len(cast(tuple[Any, ...], value)):
@@ -47,8 +47,8 @@ class Rows:
         return len(self.held)
 
     def __getitem__(self, key: Any) -> Any:
-        found: np.ndarray = self.held[key]
-        return Rows(found, self.layout) if found.ndim > 1 else _record(self.layout, iter(found.tolist()))
+        row: np.ndarray = self.held[key]
+        return Rows(row, self.layout) if row.ndim > 1 else _record(self.layout, iter(row.tolist()))
 
     def __setitem__(self, key: Any, record: Any) -> None:
         self.held[key] = columns(record)

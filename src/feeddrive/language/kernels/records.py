@@ -85,14 +85,14 @@ class RecordArithmetic(Arithmetic):
         if len(node.args) > len(names):
             what = f"'{shown(node)}' has {len(node.args)} values for {len(names)} fields"
             self.refuse(node, what, f"give ({', '.join(names)})")
-        given = dict(zip(names, map(self.expression, node.args), strict=False))
-        given = self.named(layout, node, given)
+        fields = dict(zip(names, map(self.expression, node.args), strict=False))
+        fields = self.named(layout, node, fields)
         for name in names:
-            if name not in given:
+            if name not in fields:
                 if name not in layout.defaults:
                     self.refuse(node, f"'{shown(node)}' gives no '{name}'", f"give ({', '.join(names)})")
-                given[name] = self.fitting(layout, name, self.constant(layout.defaults[name], node), node)
-        return Value(Type("record", 0, layout), "", parts=tuple(given[name] for name in names))
+                fields[name] = self.fitting(layout, name, self.constant(layout.defaults[name], node), node)
+        return Value(Type("record", 0, layout), "", parts=tuple(fields[name] for name in names))
 
     def replaced(self, node: ast.Call, base: ast.expr) -> Value:
         """stretch._replace(peak=v): the same record but for the fields that are named."""

@@ -213,17 +213,17 @@ def _alone(lines: Sequence[str], first: int) -> ast.FunctionDef | None:
             break
         begun, last = begun or line.startswith("def "), last + 1
     try:
-        found = ast.parse("\n" * (first - 1) + "".join(lines[first - 1 : last])).body
+        body = ast.parse("\n" * (first - 1) + "".join(lines[first - 1 : last])).body
     except SyntaxError:
         return None
-    return found[0] if len(found) == 1 and isinstance(found[0], ast.FunctionDef) else None
+    return body[0] if len(body) == 1 and isinstance(body[0], ast.FunctionDef) else None
 
 
 @lru_cache(maxsize=64)
 def _functions(text: str) -> dict[tuple[str, int], ast.FunctionDef]:
     """The functions of a file at its top level, by name and first line (that of the decorator)."""
-    found = [node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef)]
-    return {(node.name, min([node.lineno, *[each.lineno for each in node.decorator_list]])): node for node in found}
+    functions = [node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef)]
+    return {(node.name, min([node.lineno, *[each.lineno for each in node.decorator_list]])): node for node in functions}
 
 
 @lru_cache(maxsize=1024)
@@ -256,8 +256,8 @@ class Source:
                 tree = _functions("".join(linecache.getlines(self.file))).get((self.name, code.co_firstlineno))
         except SyntaxError:
             tree = None
-        given = [each.arg for each in [*tree.args.posonlyargs, *tree.args.args]] if tree else []
-        if tree is None or (tree.name, given) != (self.name, [*code.co_varnames[: code.co_argcount]]):
+        names = [each.arg for each in [*tree.args.posonlyargs, *tree.args.args]] if tree else []
+        if tree is None or (tree.name, names) != (self.name, [*code.co_varnames[: code.co_argcount]]):
             self.refuse(place, "its text is not in the file", "start Python again if the file has changed")
         if len(tree.decorator_list) > 1:
             self.refuse(tree, "a second decorator", "leave it out: a kernel has @kernel alone")
@@ -272,11 +272,11 @@ class Source:
             self.refuse(self.tree, what, "write plain parameters and give all of them")
         names = code.co_varnames[: code.co_argcount]
         if not {*names, "return"} <= annotations.keys() or not all(isinstance(x, str) for x in annotations.values()):
-            return self._annotated([each.annotation for each in self.tree.args.args], self.tree.returns)
+            return self._annotated([argument.annotation for argument in self.tree.args.args], self.tree.returns)
         try:
             return self._annotated([_parsed(annotations[name]) for name in names], _parsed(annotations["return"]))
         except KernelError:  # the line is that of the file
-            return self._annotated([each.annotation for each in self.tree.args.args], self.tree.returns)
+            return self._annotated([argument.annotation for argument in self.tree.args.args], self.tree.returns)
 
     def _annotated(self, given: Sequence[ast.expr | None], returns: ast.expr | None) -> Signature:
         """Types of annotations."""
@@ -296,10 +296,10 @@ class Source:
             array, inner = self.lookup(node.value), self.lookup(node.slice)
             hint = cast(Any, array)[inner] if (array is Records or array is Records2) and is_record(inner) else None
         try:
-            found = type_of(hint)
+            type_ = type_of(hint)
         except UnfitError as error:
             self.refuse(node, *error.args)
-        return found or self.refuse(node, f"'{ast.unparse(node)}' is no type of a kernel", f"write {_KNOWN}")
+        return type_ or self.refuse(node, f"'{ast.unparse(node)}' is no type of a kernel", f"write {_KNOWN}")
 
     def layout(self, record: type, node: ast.AST) -> Layout:
         """The fields of a record that the function names."""
@@ -317,12 +317,12 @@ class Source:
         single = not (isinstance(node, ast.Subscript) and self.lookup(node.value) is tuple)
         if isinstance(node, ast.Subscript) and not single:
             inner = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
-            found = tuple(self._type(each) for each in inner)
+            types = tuple(self._type(each) for each in inner)
         else:
-            found = (self._type(node),)
-        if any(leaf.dimensions for each in found for _, leaf in each.leaves("")):
+            types = (self._type(node),)
+        if any(leaf.dimensions for each in types for _, leaf in each.leaves("")):
             self.refuse(node, "an array is returned", "let the caller give the array that is filled")
-        return found, single
+        return types, single
 
     def lookup(self, node: ast.expr) -> object:
         """What a name outside of the function stands for, also within a module; None if it is not there."""
@@ -340,16 +340,16 @@ class Source:
     def named(self) -> dict[str, object]:
         """What the names of its code stand for, those in modules too, when it is first asked: it stays so."""
         names = self.python.__code__.co_names
-        found = {each: self._outside(each) for each in names}
-        left, seen = list(found.values()), set[int]()
+        values = {name: self._outside(name) for name in names}
+        left, seen = list(values.values()), set[int]()
         while left:
             module = left.pop()
             if isinstance(module, ModuleType) and id(module) not in seen:
                 seen.add(id(module))
-                inner = {f"{module.__name__}.{each}": vars(module)[each] for each in names if each in vars(module)}
-                found |= inner
+                inner = {f"{module.__name__}.{name}": vars(module)[name] for name in names if name in vars(module)}
+                values |= inner
                 left += inner.values()
-        return found
+        return values
 
     def _outside(self, name: str) -> object:
         """What a name outside of the function stands for."""
@@ -375,5 +375,5 @@ def readable(function: _Python) -> _Python:
 
 def source_of(value: object) -> Source | None:
     """The source of a kernel; None for anything else."""
-    found = getattr(value, "source", None)
-    return found if isinstance(found, Source) else None
+    source = getattr(value, "source", None)
+    return source if isinstance(source, Source) else None

@@ -57,16 +57,16 @@ class Statements(Assignments):
                 self.begin(label)
                 status = self.phi("i64", ends)
                 status = self.emit(f"add i64 {status}, {added}") if added else status
-                made = self.emit(f"insertvalue {returned} poison, i64 {status}, 0")
-                self.add(f"ret {returned} {made}")
+                failed = self.emit(f"insertvalue {returned} poison, i64 {status}, 0")
+                self.add(f"ret {returned} {failed}")
         size, fails = len(self.lines) + self.size, bool(self.failed or self.handed)
         written, head = (
             self.written([leaf for leaf, _ in signature.leaves]),
             f"{returned} @{symbol}({', '.join(parameters)})",
         )
-        made = Function(symbol, head, "", written, self.failures, fails, size, [*self.kernels], self.elementary)
-        first = f"{head} #0{' alwaysinline' if made.small else ''} {{\nentry:"
-        return made._replace(text="\n".join([first, *self.memory, *self.lines, "}", ""]))
+        function = Function(symbol, head, "", written, self.failures, fails, size, [*self.kernels], self.elementary)
+        first = f"{head} #0{' alwaysinline' if function.small else ''} {{\nentry:"
+        return function._replace(text="\n".join([first, *self.memory, *self.lines, "}", ""]))
 
     def block_of(self, body: Iterable[ast.stmt]) -> None:
         """Statements one after the other."""
@@ -85,7 +85,7 @@ class Statements(Assignments):
 
     def merged(self, outcomes: Iterable[frozenset[str] | None]) -> frozenset[str] | None:
         """What is assigned on all of several ways."""
-        ways = [each for each in outcomes if each is not None]
+        ways = [outcome for outcome in outcomes if outcome is not None]
         return frozenset.intersection(*ways) if ways else None
 
     def reached(self) -> bool:
@@ -139,7 +139,7 @@ class Statements(Assignments):
             self.refuse(node, f"for over '{shown(call)}'", "loop over range(...)")
         if not isinstance(target, ast.Name) or not 1 <= len(call.args) <= 3:
             self.refuse(node, f"'for {shown(target)} in {shown(call)}'", "write  for i in range(n)")
-        limits = [self.whole(each) for each in call.args]
+        limits = [self.whole(argument) for argument in call.args]
         step = limits[2].literal if len(limits) == 3 else 1
         if not step:
             self.refuse(call.args[2], f"the step '{shown(call.args[2])}'", "write a whole number that is not 0")
@@ -229,11 +229,11 @@ class Statements(Assignments):
             values = self.values(node.value, {len(wanted)}, node)
         else:
             self.refuse(node, f"'{shown(node)}' is no tuple", "return the numbers one by one")
-        if [each.type for each in values] != [*wanted]:
-            given = ", ".join(str(each.type) for each in values) or "nothing"
+        if [value.type for value in values] != [*wanted]:
+            types = ", ".join(str(value.type) for value in values) or "nothing"
             names = ", ".join(map(str, wanted)) or "nothing"
             remedy = "write 0.0 for 0, float(...) or int(...)"
-            self.refuse(node, f"{given} is returned where the annotation has {names}", remedy)
+            self.refuse(node, f"{types} is returned where the annotation has {names}", remedy)
         self.leave(values)
         self.dead()
 
@@ -295,11 +295,11 @@ def assigned(tree: ast.FunctionDef | ast.While | ast.For) -> tuple[set[str], set
 
     As an index the latter need no test for it.
     """
-    found, others, left = set[str](), set[str](), list[ast.AST]([tree])
+    names, others, left = set[str](), set[str](), list[ast.AST]([tree])
     while left:
         node = left.pop()
         if isinstance(node, ast.For) and isinstance(node.target, ast.Name):
-            found.add(node.target.id)
+            names.add(node.target.id)
             if not _upward(node.iter):
                 others.add(node.target.id)
             left += node.body
@@ -314,7 +314,7 @@ def assigned(tree: ast.FunctionDef | ast.While | ast.For) -> tuple[set[str], set
             left += node.orelse
         elif isinstance(node, ast.FunctionDef):
             left += node.body
-    return found | others, found - others
+    return names | others, names - others
 
 
 def _upward(call: ast.expr) -> bool:

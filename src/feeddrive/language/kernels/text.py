@@ -76,7 +76,7 @@ def assembled(kind: Type, leaves: Iterator[Value]) -> Value:
     """Return a value of this type from its numbers and arrays, in order."""
     if kind.layout is None or kind.dimensions:
         return next(leaves)
-    parts = tuple(assembled(each, leaves) for each in kind.layout.fields.values())
+    parts = tuple(assembled(field, leaves) for field in kind.layout.fields.values())
     return Value(kind, "", parts=parts)
 
 
@@ -127,10 +127,10 @@ class Text:
 
     def called(self, source: Source) -> Function:
         """The function of a kernel that is called."""
-        found = self.callee(source)
+        function = self.callee(source)
         self.kernels[source] = None
-        self.size += found.size if found.small else 0
-        return found
+        self.size += function.size if function.small else 0
+        return function
 
     def emit(self, text: str) -> str:
         """A line that defines a new value."""
@@ -141,10 +141,10 @@ class Text:
 
     def value(self, text: str) -> str:
         """The value of an operation that gives the same wherever it stands: computed once on a path."""
-        found = self.facts.get(text)
-        if found is None:
-            found = self.facts[text] = self.emit(text)
-        return found
+        value = self.facts.get(text)
+        if value is None:
+            value = self.facts[text] = self.emit(text)
+        return value
 
     def add(self, text: str) -> None:
         """A line that defines nothing."""
@@ -215,7 +215,7 @@ class Text:
 
 def struct(results: Sequence[Type]) -> str:
     """What a kernel returns: its status and its results, of records their fields."""
-    leaves = [leaf.llvm for each in results for _, leaf in each.leaves("")]
+    leaves = [leaf.llvm for result in results for _, leaf in result.leaves("")]
     return f"{{ {', '.join(['i64', *leaves])} }}"
 
 

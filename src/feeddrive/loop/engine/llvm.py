@@ -215,8 +215,8 @@ class Printer:
         whole, kind = self.type(vector, "i64"), self.type(vector)
         bits = self.whole(0, vector)
         for value, stride in zip(values, STRIDES, strict=True):
-            given = self.emit(f"fptoui {kind} {value} to {whole}")
-            bits = self.emit(f"add {whole} {bits}, {given}")
+            seed = self.emit(f"fptoui {kind} {value} to {whole}")
+            bits = self.emit(f"add {whole} {bits}, {seed}")
             bits = self.emit(f"add {whole} {bits}, {self.whole(1, vector)}")
             bits = self.emit(f"mul {whole} {bits}, {self.whole(stride, vector)}")
             for shift, factor in zip((30, 27), MIX, strict=True):

@@ -105,7 +105,7 @@ def plan(program: Program, *, lanes: int = 1, varying: Collection[str] = (), ari
         [(state.before, state.after) for state in moved],
     )
     ends = [state.after for state in moved]
-    made = Plan(
+    unordered = Plan(
         graph=graph,
         constants=tuple((name, place[node]) for name, node in program.constants.items()),
         inputs=tuple((name, place[node]) for name, node in program.inputs.items()),
@@ -120,13 +120,13 @@ def plan(program: Program, *, lanes: int = 1, varying: Collection[str] = (), ari
         arithmetic=arithmetic,
         together=_together(graph, needed, kinds) if lanes == 1 else {},
     )
-    made = _in_order(made, needed, ends)
-    if made.together:
-        branches = {branch.select for branch in lazy_branches(made)}
-        worth = {index: group for index, group in made.together.items() if group[0] in branches}
-        if len(worth) < len(made.together):  # what is cheap is chosen where it was traced
-            made = _in_order(replace(made, together=worth), needed, ends)
-    return made
+    unordered = _in_order(unordered, needed, ends)
+    if unordered.together:
+        branches = {branch.select for branch in lazy_branches(unordered)}
+        worth = {index: group for index, group in unordered.together.items() if group[0] in branches}
+        if len(worth) < len(unordered.together):  # what is cheap is chosen where it was traced
+            unordered = _in_order(replace(unordered, together=worth), needed, ends)
+    return unordered
 
 
 def _in_order(made: Plan, needed: list[int], ends: list[int]) -> Plan:
@@ -328,8 +328,8 @@ def _common(branches: list[Branch | None], places: dict[int, Branch | None]) -> 
 
 def _around(branch: Branch | None, places: dict[int, Branch | None]) -> list[Branch]:
     """A branch and all branches around it, from the inside out."""
-    found: list[Branch] = []
+    branches: list[Branch] = []
     while branch is not None:
-        found.append(branch)
+        branches.append(branch)
         branch = places[branch.select]
-    return found
+    return branches

@@ -20,6 +20,7 @@ from feeddrive.language import tree
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import UNIT, Cell, Column, Table
 from feeddrive.language.text import Text
+from feeddrive.learning.trajectory_prefilter import tune_prefilter
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.lifting import compliance, loop_gain, tracking
 from feeddrive.loop.linearize import StateSpace, linearize
@@ -43,7 +44,6 @@ from feeddrive.papers.gordon2013.testbed import (
 )
 from feeddrive.plot import style
 from feeddrive.report.report import Picture
-from feeddrive.tuning.trajectory_prefilter import tune_prefilter
 
 LINES = np.geomspace(0.5, 10_000.0, 4000)
 SHOWN = np.geomspace(2.0, 2000.0, 1200)

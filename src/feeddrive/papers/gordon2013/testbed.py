@@ -16,11 +16,11 @@ from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.files.machine import read_machine
 from feeddrive.language.table import Table
 from feeddrive.language.text import Text
+from feeddrive.learning.trajectory_prefilter import PrefilterFit, tune_prefilter
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.papers.claims import Claim, stated
 from feeddrive.report.report import Picture
-from feeddrive.tuning.trajectory_prefilter import PrefilterFit, tune_prefilter
 
 MODEL = TwoMass(
     mass_motor=130.0, mass_load=33.0, stiffness=1.8e7, damping=700.0, viscous_motor=1500.0, viscous_load=20.0

@@ -18,6 +18,7 @@ from feeddrive.blocks.reference.circle import Circle
 from feeddrive.language.quantity import Quantity, number, unit_name
 from feeddrive.language.table import Column, Table
 from feeddrive.language.text import Text, joined
+from feeddrive.learning.trials import Trials, iterate_trials, learn_signal
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import simulate
@@ -37,7 +38,6 @@ from feeddrive.papers.wu2017.testbed import (
     table_axis,
 )
 from feeddrive.report.report import Picture
-from feeddrive.tuning.trials import Trials, iterate_trials, learn_signal
 
 # RMS in um after trials 1 to 6 as an independent program found them, and its last one with changing references
 EXPECTED = {

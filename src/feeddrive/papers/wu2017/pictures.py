@@ -9,11 +9,11 @@ import numpy as np
 
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text, joined
+from feeddrive.learning.trials import Trials
 from feeddrive.plot import style
 from feeddrive.plot.curves import Row, curves
 from feeddrive.plot.tuning import errors_and_parameters
 from feeddrive.report.report import Picture
-from feeddrive.tuning.trials import Trials
 
 RADIUS = 0.02  # m
 ZOOM = 400.0  # contour errors in polar pictures are drawn so many times larger

@@ -16,6 +16,9 @@ from feeddrive.language.errors import UnstableError
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Column, Table
 from feeddrive.language.text import Text
+from feeddrive.learning.error_model import filtered, true_error_model
+from feeddrive.learning.iterative_feedforward import compensated, compensator, convergence, next_iteration, regressors
+from feeddrive.learning.trial import simulated_trial
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, samples, simulate
 from feeddrive.papers.claims import Claim
@@ -28,10 +31,6 @@ from feeddrive.papers.wu2017.testbed import (
     table_axis,
 )
 from feeddrive.report.report import Picture
-from feeddrive.tuning.error_model import filtered, true_error_model
-from feeddrive.tuning.iterative_feedforward import compensated, compensator, next_iteration, regressors
-from feeddrive.tuning.trial import simulated_trial
-from feeddrive.tuning.trials import convergence
 
 TRUE = {"mass": 120.0, "viscous": 400.0, "coulomb_positive": 95.0, "coulomb_negative": 80.0}
 MASSES = (0.01, 0.1, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)

@@ -11,6 +11,9 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
 from feeddrive.language.quantity import number
+from feeddrive.learning.error_model import error_model, filtered
+from feeddrive.learning.iterative_feedforward import compensated, convergence, next_iteration
+from feeddrive.learning.trial import simulated_trial
 from feeddrive.loop.lifting import tracking
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
@@ -18,10 +21,6 @@ from feeddrive.papers.claims import Claim
 from feeddrive.papers.random_motion import RANDOM, SAMPLES, RandomMotion, misfit
 from feeddrive.papers.wu2017.rates import TRUE, ideal_axis, ideal_run
 from feeddrive.papers.wu2017.testbed import FORCE_CONSTANT, SAME, move
-from feeddrive.tuning.error_model import error_model, filtered
-from feeddrive.tuning.iterative_feedforward import compensated, next_iteration
-from feeddrive.tuning.trial import simulated_trial
-from feeddrive.tuning.trials import convergence
 
 T = 2.5e-4
 KV, KP, TN = 40.0, 150.0 * FORCE_CONSTANT, 15e-3  # 1/s, N s/m, s: the gains of the machine file

@@ -15,8 +15,8 @@ from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.files.machine import read_machine
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
+from feeddrive.learning.iterative_feedforward import compensated
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning.iterative_feedforward import compensated
 
 TRANSITION = 2e-4  # m/s, v_t of the tanh friction of the tables
 FORCE_CONSTANT = 300.0  # N/A

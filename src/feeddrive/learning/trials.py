@@ -1,99 +1,51 @@
-"""Iterative learning over trials: convergence, learned feedforward parameters, or a learned force signal."""
+"""Iterative learning over trials: feedforward parameters or a force signal of one loop, or all axes of a machine."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from feeddrive.blocks.compensation.learned_force import LearnedForce
 from feeddrive.blocks.families import Load, Plant, Reference
+from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.language import tree
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.block import Block
+from feeddrive.language.errors import FeeddriveError, ParameterError
+from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, form_unit, number, unit_name
 from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
+from feeddrive.learning.error_model import decay, error_model, true_error_model
+from feeddrive.learning.iterative_feedforward import (
+    Iteration,
+    begin_compensation,
+    compensated,
+    compensator,
+    next_iteration,
+)
+from feeddrive.learning.trajectory_prefilter import REGRESSORS, fit_prefilter
+from feeddrive.learning.trial import Trial, simulated_trial
 from feeddrive.loop.lifting import Lifted
 from feeddrive.loop.linearize import StateSpace
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.simulate import samples, simulate
-from feeddrive.tuning.error_model import condition, decay, error_model, filtered, true_error_model
-from feeddrive.tuning.iterative_feedforward import Iteration, compensated, compensator, next_iteration, regressors
-from feeddrive.tuning.trial import Trial, simulated_trial
+from feeddrive.loop.machine import Machine
+from feeddrive.loop.simulate import Run, simulate
+from feeddrive.machining.contour import contour_error
 
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Convergence(Result):
-    """What a trial does to the error of the parameters: θ_next - θ0 = (I - gamma Ψ̂⁺ Ψ)(θ - θ0) + noise.
-
-    matrix     I - gamma Ψ̂⁺ Ψ, in parameters that are scaled so that all columns have the same size
-    condition  condition number of the assumed columns
-    """
-
-    names: tuple[str, ...]
-    matrix: np.ndarray
-    condition: float
-    gamma: float
-
-    @property
-    def rate(self) -> float:
-        """ρ: the factor of the error of the parameters from trial to trial in the long run."""
-        return float(np.max(np.abs(np.linalg.eigvals(self.matrix)), initial=0.0))
-
-    @property
-    def converges(self) -> bool:
-        """Whether ρ < 1."""
-        return self.rate < 1.0
-
-    def table(self) -> Table:
-        """Rate, verdict and condition."""
-        verdict = "converges" if self.converges else "DIVERGES: lower gamma"
-        row = [", ".join(self.names), self.gamma, self.rate, self.condition, verdict]
-        columns = ["columns", "gamma", Column("rho", form=".3f"), Column("condition", form="3"), ""]
-        return Table("error of the parameters from trial to trial", columns, [row])
-
-
-def convergence(
-    loop: Loop,
-    reference: Reference,
-    *,
-    believed: Loop | None = None,
-    form: str = "model_free",
-    gamma: float = 1.0,
-    columns: Sequence[str] | None = None,
-    plant: Plant | None = None,
-    least_mass: float = 0.0,
-) -> Convergence:
-    """The rate at which `iterate` converges on a loop whose axis is known, with a tuner that assumes another axis.
-
-        Ψ = G_d φ of the loop,   Ψ̂ = Ĝ_d φ of the believed one,   ρ = largest |eigenvalue| of I - gamma Ψ̂⁺ Ψ
-
-    believed  the loop with the gains and parameters that the tuner takes for true; default: the loop itself
-
-    The other arguments are those of `iterate`.  Friction is taken as fed forward along the set velocity, so that a
-    slip of the real velocity is left out.
-    Raises UnstableError for a model loop that is not stable, and ParameterError for a column that is 0 all along.
-    Source: this library's, for the step of `iterate`; the text of Wu, Han, Xiong & Ding 2017 at hand ends at
-    eq. (10) and states no rate.
-    """
-    T = float(loop.sample_time)
-    setpoint = reference.at(np.arange(samples(reference.duration, T)) * T)
-    block = compensator(loop)
-    names, phi, _ = regressors(loop, block, setpoint, columns)
-    silent = [name for i, name in enumerate(names) if not np.any(phi[:, i])]
-    if silent:
-        raise ParameterError(f"columns: the reference does not excite {', '.join(silent)}: leave it out")
-    true = filtered(true_error_model(loop), phi)
-    guess = error_model(loop if believed is None else believed, form, plant=plant, least_mass=least_mass)
-    seen = filtered(guess, phi)
-    sizes = np.linalg.norm(seen, axis=0)
-    learned = np.linalg.lstsq(seen / sizes, true / sizes, rcond=None)[0]
-    return Convergence(tuple(names), np.eye(len(names)) - gamma * learned, condition(seen), gamma)
-
-
-_RECORDED = ("following_error", "tracking_error", "force", "requested", "trip")
+_RECORDED = (
+    "set_position",
+    "set_velocity",
+    "set_acceleration",
+    "position_load",
+    "following_error",
+    "requested",
+    "force",
+    "trip",
+)
+_STANDS = 1e-9  # m of travel
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -336,3 +288,137 @@ def _rate(model: StateSpace | Lifted, true: StateSpace | Lifted, gain: float, ba
     frequency = _lines(model, 1 << 14)
     left = _robust(frequency, bandwidth) * (1.0 - gain * _correction(model, frequency) * _response(true, frequency))
     return float(np.max(np.abs(left[frequency >= 1.0])))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MachineTrials(Result):
+    """Runs of the same motion, each with what was learned from the one before.
+
+    error    RMS of the following error of each run, m, by axis
+    contour  largest and RMS of the contour error of each run, m; empty if fewer than two axes move along lines
+    learned  the block of the last run by axis: a disturbance compensator or a trajectory prefilter
+    machine  of the last run
+    remarks  what was not learned, and why
+    """
+
+    error: Mapping[str, np.ndarray]
+    contour: tuple[tuple[float, float], ...]
+    learned: Mapping[str, Block]
+    machine: Machine
+    remarks: tuple[str, ...]
+
+    def table(self) -> Table:
+        """Errors, a column for each run."""
+        runs = len(next(iter(self.error.values())))
+        curves = {f"{axis}: error RMS": row for axis, row in self.error.items()}
+        if self.contour:
+            curves |= zip(("contour error, largest", "contour error, RMS"), np.transpose(self.contour), strict=True)
+        rows = [
+            [f"{name} {unit_name('m')}", *(Quantity(value, "m", bare=True) for value in values)]
+            for name, values in curves.items()
+        ]
+        heads = ["run", *(str(j + 1) for j in range(runs))]
+        return Table(f"{runs} runs of the same motion on {', '.join(self.error)}", heads, rows)
+
+
+def iterate_machine(
+    machine: Machine, references: Mapping[str, Reference], runs: int = 4, *, form: str = "model_free",
+    gamma: float = 1.0, columns: Sequence[str] | None = None, least_mass: float = 0.0, seed: int = 0,
+    progress: Progress | None = None,
+) -> MachineTrials:  # fmt: skip
+    """Feedforward parameters of all axes that move, from run to run (`next_iteration` has the law and its arguments).
+
+    Each axis learns from its own error; what couples it with others is seen as a disturbance that repeats.  An axis
+    whose run teaches nothing keeps what it has, with a remark.
+    Raises ParameterError for fewer than two runs, and as `simulate`.
+    """
+
+    def learned(loop: Loop, run: Run, reference: Reference) -> tuple[Loop, Block]:
+        trial = simulated_trial(run, reference)
+        found = next_iteration(loop, trial, form=form, gamma=gamma, columns=columns, least_mass=least_mass)
+        return compensated(loop, found.after), found.after
+
+    def begun(loop: Loop) -> Loop:
+        return begin_compensation(loop, columns)
+
+    return _repeated(machine, references, runs, begun, learned, compensator, seed, progress)
+
+
+def tune_prefilters(
+    machine: Machine, references: Mapping[str, Reference], runs: int = 3, *,
+    regressors: Sequence[str] = REGRESSORS, seed: int = 0, progress: Progress | None = None,
+) -> MachineTrials:  # fmt: skip
+    """Trajectory prefilters of all axes that move, from run to run (`fit_prefilter` has the law).
+
+    Raises ParameterError for fewer than two runs and for a prefilter of another kind, and as `simulate`.
+    """
+
+    def present(loop: Loop) -> TrajectoryPrefilter | None:
+        held = loop.control.prefilter
+        if held is not None and not isinstance(held, TrajectoryPrefilter):
+            raise ParameterError(
+                f"axis.{loop.name}.control.prefilter is a {held.kind}: take it out, or tune a trajectory_prefilter"
+            )
+        return held
+
+    def learned(loop: Loop, run: Run, reference: Reference) -> tuple[Loop, Block]:
+        found = fit_prefilter(run, reference, regressors=regressors, present=present(loop)).prefilter
+        return dataclasses.replace(loop, control=dataclasses.replace(loop.control, prefilter=found)), found
+
+    def begun(loop: Loop) -> Loop:
+        present(loop)
+        return loop
+
+    return _repeated(machine, references, runs, begun, learned, present, seed, progress)
+
+
+def _repeated(
+    machine: Machine, references: Mapping[str, Reference], runs: int, begun: Callable[[Loop], Loop],
+    learned: Callable[[Loop, Run, Reference], tuple[Loop, Block]], held: Callable[[Loop], Block | None], seed: int,
+    progress: Progress | None,
+) -> MachineTrials:  # fmt: skip
+    """Run after run, with what each axis learned from the one before."""
+    if runs < 2:
+        raise ParameterError(f"runs = {runs} must be >= 2: the first shows the error, the second what was learned")
+    moving = [name for name, each in references.items() if _moves(each, float(machine.sample_time))]
+    if not moving:
+        raise ParameterError("references: no axis moves, so that there is nothing to learn")
+    machine = machine.with_loops({name: begun(machine.loop(name)) for name in moving})
+    along = [name for name in moving if not machine.axes()[name].axis.rotary]
+    there = set(machine.signals())
+    record = [f"{name}.{each}" for name in machine.axes() for each in _RECORDED]
+    record += [each for each in ("tool.x", "tool.y", "tool.z") if each in there]
+    error: dict[str, list[float]] = {name: [] for name in moving}
+    contour: list[tuple[float, float]] = []
+    remarks: dict[str, str] = {}
+    for j in range(runs):
+        if progress is not None:
+            progress.step("runs", j + 1, runs)
+        run = simulate(machine, references, seed=seed + j, record=record, name=f"run {j + 1}")
+        for name in moving:
+            error[name].append(float(np.sqrt(np.mean(run[f"{name}.following_error"] ** 2))))
+        if 2 <= len(along) <= 3:
+            found = contour_error(run, axes=tuple(along), signal="position_load")
+            contour.append((float(found.largest), float(found.rms)))
+        if j == runs - 1:
+            break
+        loops: dict[str, Loop] = {}
+        for name in moving:
+            try:
+                loops[name], _ = learned(machine.loop(name), run.axis(name), references[name])
+            except FeeddriveError as wrong:
+                remarks[name] = f"axis {name} learned nothing from run {j + 1}: {wrong}"
+        machine = machine.with_loops(loops)
+    blocks = {name: held(machine.loop(name)) for name in moving}
+    return MachineTrials(
+        {name: np.array(row) for name, row in error.items()},
+        tuple(contour),
+        {name: each for name, each in blocks.items() if each is not None},
+        machine,
+        tuple(remarks.values()),
+    )
+
+
+def _moves(reference: Reference, T: float) -> bool:
+    t = T * np.unique(np.linspace(0.0, reference.duration / T, 1001).round())
+    return bool(np.ptp(np.asarray(reference.at(t).position)) > _STANDS)

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 import feeddrive as fd
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.learning.trajectory_prefilter import REGRESSORS
+from feeddrive.learning.trial import differenced
 from feeddrive.loop.loop import UNITS
-from feeddrive.tuning.trajectory_prefilter import REGRESSORS
-from feeddrive.tuning.trial import differenced
 
 T = 1e-4
 MOVE = fd.blocks.SnapLimitedMove(distance=0.1, velocity=0.5, acceleration=8.0, jerk=600.0, snap=6e4, dwell_after=0.05)
@@ -49,7 +49,7 @@ parts = st.tuples(*(st.floats(-1.0, 1.0) for _ in range(4))).map(np.array)
 @given(share=parts)
 @settings(max_examples=30, deadline=None)
 def test_an_error_of_derivatives_is_found_exactly(share: np.ndarray) -> None:
-    found = fd.tuning.fit_prefilter(synthetic(share * SIZES), MOVE)
+    found = fd.learning.fit_prefilter(synthetic(share * SIZES), MOVE)
     assert np.array(list(found.theta.values())) / SIZES == pytest.approx(share, abs=1e-9)
     assert found.rms(found.error - found.explained) < 1e-9 * np.linalg.norm(SIZES)
 
@@ -58,7 +58,7 @@ def test_an_error_of_derivatives_is_found_exactly(share: np.ndarray) -> None:
 def test_a_subset_of_regressors_is_the_least_squares_of_it(regressors: tuple[str, ...]) -> None:
     remainder = 1e-7 * np.sin(40.0 * TIME)
     run = synthetic(np.array([0.3, -0.5, 0.7, 0.2]) * SIZES, remainder)
-    found = fd.tuning.fit_prefilter(run, MOVE, regressors=regressors)
+    found = fd.learning.fit_prefilter(run, MOVE, regressors=regressors)
     assert set(found.theta) == set(regressors)
     columns = np.column_stack([getattr(MOVE.at(TIME), each) for each in REGRESSORS if each in regressors])
     left = (found.error - found.explained)[found.counted]
@@ -73,7 +73,7 @@ def test_the_exact_series_inverts(share: np.ndarray, present: np.ndarray) -> Non
     theta, before = 1e-3 ** np.arange(1, 5) * share, 1e-3 ** np.arange(1, 5) * present
     had = fd.blocks.TrajectoryPrefilter(**dict(zip(("theta1", "theta2", "theta3", "theta4"), before, strict=True)))
     found = dataclasses.replace(
-        fd.tuning.fit_prefilter(synthetic(SIZES), MOVE, present=had), theta=dict(zip(REGRESSORS, theta, strict=True))
+        fd.learning.fit_prefilter(synthetic(SIZES), MOVE, present=had), theta=dict(zip(REGRESSORS, theta, strict=True))
     )
     exact = found.exact
     product = np.convolve([1.0, *-theta], [1.0, exact.theta1, exact.theta2, exact.theta3, exact.theta4])[:5]
@@ -104,7 +104,7 @@ def test_what_is_left_is_of_second_order() -> None:
 
 def test_the_prefilter_widens_tracking_and_takes_its_phase_out() -> None:
     base = proportional(0.8)
-    fit = fd.tuning.tune_prefilter(base, MOVE, runs=2)[-1]
+    fit = fd.learning.tune_prefilter(base, MOVE, runs=2)[-1]
     held = dataclasses.replace(base, control=dataclasses.replace(base.control, prefilter=fit.prefilter))
     lines = np.array([0.5, 2.0, 4.0])
     before, after = fd.tracking(base, lines), fd.tracking(held, lines)
@@ -130,7 +130,7 @@ def test_standard_errors_are_those_of_repeated_runs() -> None:
         noise = np.zeros(TIME.size)
         for k, step in enumerate(rng.normal(size=TIME.size - 1), start=1):
             noise[k] = 0.98 * noise[k - 1] + 1e-8 * step
-        found = fd.tuning.fit_prefilter(synthetic(SIZES, noise), MOVE)
+        found = fd.learning.fit_prefilter(synthetic(SIZES, noise), MOVE)
         thetas.append(list(found.theta.values()))
         claimed.append(list(found.standard_error.values()))
     ratio = np.mean(claimed, axis=0) / np.std(thetas, axis=0)
@@ -147,12 +147,12 @@ def measured() -> fd.loop.Run:
 
 def test_a_log_gives_what_the_run_gives() -> None:
     run = measured()
-    by_run = fd.tuning.fit_prefilter(run, MOVE)
+    by_run = fd.learning.fit_prefilter(run, MOVE)
     arguments = (run.time + 5.0, run["set_position"], run["reading_load"], T)
-    exact = fd.tuning.fit_prefilter_to_log(*arguments, reference=MOVE)
+    exact = fd.learning.fit_prefilter_to_log(*arguments, reference=MOVE)
     assert list(exact.theta.values()) == pytest.approx(list(by_run.theta.values()), rel=0.01)  # steps of the snap
     # lie on samples, so that the rounding of a time that starts at 5 s moves a few of them by a sample
-    by_differences = fd.tuning.fit_prefilter_to_log(*arguments)
+    by_differences = fd.learning.fit_prefilter_to_log(*arguments)
     for name, value in by_run.theta.items():
         # central differences are those of a motion smoothed over two samples
         assert by_differences.theta[name] == pytest.approx(value, abs=2.0 * by_run.standard_error[name])
@@ -172,7 +172,7 @@ def test_differences_are_of_second_order() -> None:
 
 def test_a_prefilter_that_was_there_is_kept() -> None:
     had = fd.blocks.TrajectoryPrefilter(theta1=1e-4)
-    found = fd.tuning.fit_prefilter(synthetic(SIZES), MOVE, present=had)
+    found = fd.learning.fit_prefilter(synthetic(SIZES), MOVE, present=had)
     assert found.prefilter.theta1 == pytest.approx(1e-4 + 1e-5, rel=1e-9)
 
 
@@ -183,8 +183,8 @@ def test_a_motion_without_jerk_is_refused() -> None:
     move = fd.blocks.TrapezoidalMove(distance=0.1, velocity=0.1, acceleration=1.0)
     run = fd.simulate(loop(), move)
     with pytest.raises(LogError, match=r"no jerk .* only the regressors velocity, acceleration"):
-        fd.tuning.fit_prefilter(run, move)
-    assert set(fd.tuning.fit_prefilter(run, move, regressors=("velocity", "acceleration")).theta) == {
+        fd.learning.fit_prefilter(run, move)
+    assert set(fd.learning.fit_prefilter(run, move, regressors=("velocity", "acceleration")).theta) == {
         "velocity",
         "acceleration",
     }
@@ -194,16 +194,16 @@ def test_a_sine_cannot_tell_velocity_from_jerk() -> None:
     sine = fd.blocks.Sine(amplitude=0.01, frequency=5.0, cycles=5)
     run = fd.simulate(loop(force_limit=None), sine)
     with pytest.raises(LogError, match=r"(velocity and jerk|acceleration and snap) cannot be told apart"):
-        fd.tuning.fit_prefilter(run, sine)
+        fd.learning.fit_prefilter(run, sine)
 
 
 def test_saturation_is_refused() -> None:
     run = fd.simulate(fd.vary(loop(), {"axis.x.control.force_limit": 600.0}), MOVE)
     with pytest.raises(LogError, match=r"met its limit in \d+ samples"):
-        fd.tuning.fit_prefilter(run, MOVE)
+        fd.learning.fit_prefilter(run, MOVE)
     limited = fd.vary(loop(), {"axis.x.control.force_limit": 600.0})
     with pytest.raises(LogError, match="met its limit"):
-        fd.tuning.fit_prefilter_to_log(
+        fd.learning.fit_prefilter_to_log(
             run.time, run["set_position"], run["reading_load"], T, force=run["force"], control=limited
         )
 
@@ -211,7 +211,7 @@ def test_saturation_is_refused() -> None:
 def test_another_clock_is_refused_with_the_controllers() -> None:
     run = measured()
     with pytest.raises(LogError, match=r"0\.00012 s is not the controller's, 0\.0001 s: they differ by 20 %"):
-        fd.tuning.fit_prefilter_to_log(
+        fd.learning.fit_prefilter_to_log(
             1.2 * run.time, run["set_position"], run["reading_load"], 1.2 * T, control=loop()
         )
 
@@ -221,7 +221,7 @@ def test_too_short_a_motion_is_refused_with_the_least_length() -> None:
         distance=1e-9, velocity=0.5, acceleration=8.0, jerk=600.0, snap=6e4, dwell_after=0.05
     )
     with pytest.raises(LogError, match="need at least 100"):
-        fd.tuning.fit_prefilter(fd.simulate(loop(), move), move)
+        fd.learning.fit_prefilter(fd.simulate(loop(), move), move)
 
 
 @pytest.mark.parametrize("read", ["dead encoder", "another unit", "another axis' zero"])
@@ -232,13 +232,13 @@ def test_a_position_that_does_not_follow_is_refused(read: str) -> None:
     with pytest.raises(
         LogError, match=r"away from the set position, less than half the travel, 0\.[0-9]+ m, is allowed"
     ):
-        fd.tuning.fit_prefilter_to_log(run.time, run["set_position"], position, T)
+        fd.learning.fit_prefilter_to_log(run.time, run["set_position"], position, T)
 
 
 def test_another_reference_is_refused() -> None:
     run = measured()
     with pytest.raises(LogError, match="differ by up to"):
-        fd.tuning.fit_prefilter_to_log(
+        fd.learning.fit_prefilter_to_log(
             run.time, run["set_position"], run["reading_load"], T, reference=dataclasses.replace(MOVE, jerk=500.0)
         )
 
@@ -248,19 +248,19 @@ def test_rounded_set_positions_are_refused_where_rounding_is_the_derivative(coun
     run = measured()
     rounded = count * np.round(run["set_position"] / count)
     with pytest.raises(LogError, match=f"of their {refused} by differences") as error:
-        fd.tuning.fit_prefilter_to_log(run.time, rounded, run["reading_load"], T)
+        fd.learning.fit_prefilter_to_log(run.time, rounded, run["reading_load"], T)
     assert "at most 5 % is admitted" in str(error.value)
     # the reference in closed form has derivatives whatever the log's rounding
-    fd.tuning.fit_prefilter_to_log(run.time, rounded, run["reading_load"], T, reference=MOVE)
+    fd.learning.fit_prefilter_to_log(run.time, rounded, run["reading_load"], T, reference=MOVE)
 
 
 def test_unknown_regressors_are_refused() -> None:
     with pytest.raises(ParameterError, match="there are velocity, acceleration, jerk, snap"):
-        fd.tuning.fit_prefilter(synthetic(SIZES), MOVE, regressors=("crackle",))
+        fd.learning.fit_prefilter(synthetic(SIZES), MOVE, regressors=("crackle",))
 
 
 def test_the_result_shows_itself() -> None:
-    found = fd.tuning.fit_prefilter(synthetic(SIZES), MOVE)
+    found = fd.learning.fit_prefilter(synthetic(SIZES), MOVE)
     assert "velocity" in str(found)
     assert found.to_pandas().shape == (TIME.size, 3)
     assert len(found.plot().axes) == 2

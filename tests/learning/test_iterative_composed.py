@@ -21,14 +21,14 @@ from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.language import tree
 from feeddrive.language.errors import StructureError
+from feeddrive.learning.error_model import filtered, true_error_model
+from feeddrive.learning.iterative_feedforward import begin_compensation, compensator, next_iteration, regressors
+from feeddrive.learning.trial import simulated_trial
+from feeddrive.learning.trials import iterate_trials
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
-from feeddrive.tuning.error_model import filtered, true_error_model
-from feeddrive.tuning.iterative_feedforward import begin_compensation, compensator, next_iteration, regressors
-from feeddrive.tuning.trial import simulated_trial
-from feeddrive.tuning.trials import iterate_trials
 from trials import MOVE, OUT_AND_BACK, START, along, linear_loop
 
 T = 1e-4

@@ -8,8 +8,8 @@ import numpy as np
 
 from feeddrive.blocks.families import Reference
 from feeddrive.language.errors import ParameterError
+from feeddrive.learning.set_path import ChangedReference, SetPath, changed, sampled, set_path
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning.set_path import ChangedReference, SetPath, changed, sampled, set_path
 
 _SETTLED = 1e-9  # of its peak: below it the answer of a spline has ended
 _LONGEST = 40_000  # samples that an answer may take

@@ -14,9 +14,9 @@ from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.files.machine import read_machine
 from feeddrive.files.read_log import read_log
 from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.learning.iterative_feedforward import begin_compensation, next_iteration
+from feeddrive.learning.trial import measured_trial, simulated_trial
 from feeddrive.loop.simulate import simulate
-from feeddrive.tuning.iterative_feedforward import begin_compensation, next_iteration
-from feeddrive.tuning.trial import measured_trial, simulated_trial
 from trials import MOVE, RECORD, START, T, along, linear_loop, trial_with_friction
 
 LOG = Path(__file__).parents[3] / "shared" / "data" / "emps" / "DATA_EMPS.mat"

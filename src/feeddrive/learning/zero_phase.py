@@ -9,8 +9,8 @@ import numpy as np
 from feeddrive.blocks.families import Reference
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.quantity import Quantity, number
+from feeddrive.learning.set_path import ChangedReference, SetPath, changed, sampled, set_path
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning.set_path import ChangedReference, SetPath, changed, sampled, set_path
 
 _ORIGIN = 1e-6  # of |z|: poles below are delays
 _LEFT = 0.6  # |z| from which a zero left of the imaginary axis would ring: it is not inverted

@@ -10,8 +10,8 @@ import pytest
 import feeddrive as fd
 from feeddrive.comparison.figures import duty_of
 from feeddrive.comparison.judge import alike
+from feeddrive.learning.stops import learn_stops
 from feeddrive.tuning.candidates import candidates
-from feeddrive.tuning.stops import learn_stops
 
 FRICTION = fd.blocks.GeneralizedMaxwellSlip(
     coulomb=30.0, breakaway=30.0, stribeck_velocity=4e-3, stiffness=np.array([2e6, 1e6, 5e5]),

@@ -19,17 +19,18 @@ from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import tree
 from feeddrive.language.errors import LogError, ParameterError, StructureError, UnstableError
-from feeddrive.loop.lifting import Lifted
-from feeddrive.loop.linearize import StateSpace
-from feeddrive.tuning.error_model import error_model, filtered, true_error_model
-from feeddrive.tuning.iterative_feedforward import (
+from feeddrive.learning.error_model import error_model, filtered, true_error_model
+from feeddrive.learning.iterative_feedforward import (
     begin_compensation,
     compensated,
     compensator,
+    convergence,
     next_iteration,
     regressors,
 )
-from feeddrive.tuning.trials import convergence, iterate_trials
+from feeddrive.learning.trials import iterate_trials
+from feeddrive.loop.lifting import Lifted
+from feeddrive.loop.linearize import StateSpace
 from trials import (
     MOVE,
     OUT_AND_BACK,

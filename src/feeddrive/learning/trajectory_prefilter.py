@@ -15,9 +15,9 @@ from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import UNIT, Column, Result, Table
 from feeddrive.language.text import Text
+from feeddrive.learning.trial import differenced
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
-from feeddrive.tuning.trial import differenced
 
 REGRESSORS = ("velocity", "acceleration", "jerk", "snap")
 _UNITS = ("s", "s2", "s3", "s4")

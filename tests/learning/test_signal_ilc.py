@@ -9,8 +9,8 @@ from feeddrive.blocks.compensation.learned_force import LearnedForce
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.language.errors import ParameterError
+from feeddrive.learning.trials import iterate_trials, learn_signal
 from feeddrive.loop.simulate import simulate
-from feeddrive.tuning.trials import iterate_trials, learn_signal
 from trials import MOVE, OUT_AND_BACK, START, T, along, linear_loop
 
 OTHER = SnapLimitedMove(distance=0.05, **{**OUT_AND_BACK, "velocity": 0.15})

@@ -13,9 +13,9 @@ from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.files.machine import read_machine
 from feeddrive.language.errors import ParameterError
+from feeddrive.learning.trials import iterate_machine, tune_prefilters
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import simulate
-from feeddrive.tuning.machine_trials import iterate_machine, tune_prefilters
 from feeddrive.workflow import iterate
 from feeddrive.workflow.iterate import IterateRequest
 

@@ -1,0 +1,76 @@
+"""The two options of the P-PI cascade that have a memory: a slower position loop, and a reference model."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from feeddrive.language import ops
+from feeddrive.language.block import Number
+
+
+class Interpolator(NamedTuple):
+    """The velocity command between two runs of a position loop that runs every n-th sample.
+
+        command(k + i) = last + (i + 1)/n · (new - last),   i = 0 .. n-1,   new: the command of the position loop at k
+
+    It goes in n equal steps and reaches `new` one sample before the position loop runs again.
+
+    passed     samples since the last run
+    last, new  velocity commands before and after the last run, m/s
+    """
+
+    passed: Number
+    last: Number
+    new: Number
+
+
+def interpolator(every: int, zero: Number) -> tuple[Interpolator, ...]:
+    """The state at rest, in which the position loop runs at once; empty if it runs in every sample."""
+    return () if every == 1 else (Interpolator(zero, zero, zero),)
+
+
+def interpolated(
+    state: tuple[Interpolator, ...], wanted: Number, every: int
+) -> tuple[tuple[Interpolator, ...], Number]:
+    """The velocity command of this sample in m/s, from what the position loop would command now."""
+    if not state:
+        return (), wanted
+    before = state[0]
+    runs = before.passed <= 0.0
+    last, new = ops.where(runs, before.new, before.last), ops.where(runs, wanted, before.new)
+    passed = before.passed + 1.0
+    command = last + (passed / float(every)) * (new - last)
+    after = ops.where(passed >= float(every), 0.0, passed)
+    return (Interpolator(after, last, new),), command
+
+
+class ReferenceModel(NamedTuple):
+    """A free mass m with d samples of dead time under a P velocity loop: the velocity that the integral expects.
+
+        u(k) = Kp (command - v_m(k)),   v_m(k+1) = v_m(k) + T (u(k-d) + u(k-d-1))/2m
+
+    The integral then does not wind up while the axis follows as it should: the velocity loop keeps its loop gain and
+    loses its overshoot, without the lag of a set filter.
+
+    velocity  v_m one sample before, m/s
+    forces    past u, newest first, N
+    """
+
+    velocity: Number
+    forces: tuple[Number, ...]
+
+
+def reference_model(samples: int, velocity: Number, zero: Number) -> ReferenceModel:
+    """The state at a constant velocity in m/s, for a dead time in samples."""
+    return ReferenceModel(velocity, (zero,) * (samples + 2))
+
+
+def expected_velocity(
+    state: tuple[ReferenceModel, ...], wanted: Number, Kp: Number, mass: Number | None, T: Number
+) -> tuple[tuple[ReferenceModel, ...], Number]:
+    """The velocity in m/s with which the integral compares the measured one: the command itself without a model."""
+    if not state or mass is None:
+        return (), wanted
+    before = state[0]
+    velocity = before.velocity + (0.5 * T / mass) * (before.forces[-2] + before.forces[-1])
+    return (ReferenceModel(velocity, (Kp * (wanted - velocity), *before.forces[:-1])),), velocity
