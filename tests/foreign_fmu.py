@@ -12,7 +12,7 @@ import zipfile
 from pathlib import Path
 
 import feeddrive
-from feeddrive.export.c.programs import compiler
+from feeddrive.export.c_bundle import compiler
 
 DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="slide" guid="{a-foreign-guid}" variableNamingConvention="structured">

@@ -20,11 +20,11 @@ from blark.parse import parse_source_code
 
 import feeddrive as fd
 from exported import LAWS, LOOPS, T
-from feeddrive.export.c.programs import stepped
+from feeddrive.export.c_bundle import stepped
 from feeddrive.export.design import read_design
 from feeddrive.export.layout import layout
-from feeddrive.export.structured_text.bundle import NAMESPACE, structured_text_files, write_structured_text
-from feeddrive.export.structured_text.controller import Program, program
+from feeddrive.export.structured_text import NAMESPACE, structured_text_files, write_structured_text
+from feeddrive.export.structured_text_control import Program, program
 from feeddrive.export.trial import Trial, trial
 from feeddrive.language.errors import FileError, ParameterError, StructureError
 from feeddrive.loop.guard import TRIP_READING

@@ -18,8 +18,7 @@ import numpy as np
 
 from feeddrive.analysis.oscilloscope import Rows
 from feeddrive.bus.cia402 import TOLD, VIRTUAL, Layout, state_of
-from feeddrive.bus.client import transport_of
-from feeddrive.bus.commissioning import check_scaling, identify
+from feeddrive.bus.client import check_scaling, identify, transport_of
 from feeddrive.bus.drive_file import BusDrive, DriveFile, DriveScaling
 from feeddrive.bus.pace import Pace
 from feeddrive.bus.transport import Transport, has_object

@@ -12,7 +12,7 @@ from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.plant.modal import Modal
 from feeddrive.blocks.plant.mode import Mode
 from feeddrive.certificate.deployed import READINGS
-from feeddrive.identification.response.modal_response import common_poles
+from feeddrive.identification.response.modal_fit import common_poles
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.loop.axis import Axis

@@ -11,10 +11,9 @@ import numpy as np
 from feeddrive.analysis.contour_control import matched_dynamics
 from feeddrive.analysis.margins import margins
 from feeddrive.blocks.force.gravity import Gravity
-from feeddrive.export.c.statements import CALLS, FUNCTIONS, INFIX
+from feeddrive.export.c_code import CALLS, FUNCTIONS, INFIX
 from feeddrive.export.identifiers import check_name
-from feeddrive.export.layout import Field, Layout, layout
-from feeddrive.export.layout_run import LayoutRun
+from feeddrive.export.layout import Field, Layout, LayoutRun, layout
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.block import Number
 from feeddrive.language.errors import NoSlopeError, ParameterError, StructureError

@@ -17,7 +17,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from feeddrive.export.c.arithmetic import rules
+from feeddrive.export.c_code import rules
 from feeddrive.export.design import CONTROL, MACHINE_FILE, Design
 from feeddrive.files.atomic_io import new_directory, read_whole
 from feeddrive.language.errors import FileError

@@ -37,14 +37,14 @@ class Target:
 _HERE = __name__.rpartition(".")[0]
 _BOTH = ("double", "float")
 TARGETS: dict[str, Target] = {
-    "c": Target("c.bundle", "write_c", ("single_header",), _BOTH, plants=True, together=True),
-    "linuxcnc": Target("linuxcnc.bundle", "write_linuxcnc", ("joint",), linear=True),
+    "c": Target("c_bundle", "write_c", ("single_header",), _BOTH, plants=True, together=True),
+    "linuxcnc": Target("linuxcnc", "write_linuxcnc", ("joint",), linear=True),
     "linuxcnc-pid": Target("linuxcnc_pid", "write_linuxcnc_pid", ("joint", "route", "units"), linear=True),
-    "fmu2": Target("fmu.fmu", "write_fmu", plants=True, fixed={"version": 2}),
-    "fmu3": Target("fmu.fmu", "write_fmu", plants=True, fixed={"version": 3}),
+    "fmu2": Target("fmu", "write_fmu", plants=True, fixed={"version": 2}),
+    "fmu3": Target("fmu", "write_fmu", plants=True, fixed={"version": 3}),
     "cortex-m": Target("cortex_m", "write_cortex_m", ("core",), ("float", "double"), together=True),
-    "st": Target("structured_text.bundle", "write_structured_text", precisions=_BOTH),
-    "parameters": Target("parameters.bundle", "write_parameters", ("makers", "lead", "gear"), linear=True),
+    "st": Target("structured_text", "write_structured_text", precisions=_BOTH),
+    "parameters": Target("parameters", "write_parameters", ("makers", "lead", "gear"), linear=True),
 }
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from feeddrive.export.c.programs import FLAGS, stepped, streamed
+from feeddrive.export.c_bundle import FLAGS, stepped, streamed
 from feeddrive.export.design import CONTROL, MACHINE_FILE, Design, read_design
 from feeddrive.export.manifest import FILE, MOST_BYTES, NEW, Manifest, changed_files, read_manifest
 from feeddrive.export.targets import write_again
@@ -269,7 +269,7 @@ def _c(directory: Path, design: Design, tried: Trial, flags: Sequence[str], comm
 
 
 def _linuxcnc(directory: Path, design: Design, tried: Trial, flags: Sequence[str], command: str | None) -> Answers:
-    from feeddrive.export.linuxcnc.session import answers
+    from feeddrive.export.linuxcnc_session import answers
 
     _own_build("linuxcnc", flags, command)
     with tempfile.TemporaryDirectory(prefix="feeddrive-") as folder:
@@ -278,7 +278,7 @@ def _linuxcnc(directory: Path, design: Design, tried: Trial, flags: Sequence[str
 
 
 def _fmu(directory: Path, design: Design, tried: Trial, flags: Sequence[str], command: str | None) -> Answers:
-    from feeddrive.export.fmu.fmu import answers
+    from feeddrive.export.fmu import answers
 
     _own_build("fmu", flags, command)
     found = answers(directory / f"{design.name}.fmu", design.routine, tried)
@@ -288,7 +288,7 @@ def _fmu(directory: Path, design: Design, tried: Trial, flags: Sequence[str], co
 
 
 def _cortex_m(directory: Path, design: Design, tried: Trial, flags: Sequence[str], command: str | None) -> Answers:
-    from feeddrive.export.cortex_m_builds import answers
+    from feeddrive.export.cortex_m import answers
 
     _own_build("cortex-m", flags, command)
     found = answers(directory, design, tried.inputs, tried.changes)

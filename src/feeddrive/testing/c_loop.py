@@ -20,7 +20,7 @@ from pathlib import Path
 
 import pytest
 
-from feeddrive.export.c.statements import CALLS, FLUSH, FUNCTIONS, RESERVED, WIDTH, expression, number
+from feeddrive.export.c_code import CALLS, FLUSH, FUNCTIONS, RESERVED, WIDTH, expression, number
 from feeddrive.export.identifiers import bare
 from feeddrive.language.graph import arguments
 from feeddrive.loop.engine.plan import Plan

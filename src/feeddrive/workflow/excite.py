@@ -13,9 +13,8 @@ import numpy as np
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.files.run_files import write_run_csv, write_run_parquet
-from feeddrive.identification.excitation.design import design_excitation
 from feeddrive.identification.excitation.estimate_frf import estimate_frf
-from feeddrive.identification.excitation.excitation import Excitation, said
+from feeddrive.identification.excitation.excitation import Excitation, design_excitation, said
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, number

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -9,26 +10,259 @@ from typing import Any
 import numpy as np
 
 from feeddrive.analysis.friction_map import FrictionMap, friction_map
-from feeddrive.blocks.families import Law
+from feeddrive.blocks.families import Force, Friction, Law
+from feeddrive.blocks.force.gravity import Gravity
+from feeddrive.blocks.friction.coulomb import Coulomb
+from feeddrive.blocks.friction.directional import Directional
+from feeddrive.blocks.friction.viscous import Viscous
+from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.identification.estimate import SHAFT
-from feeddrive.identification.motion.contradiction import agreed, better, beyond, with_counts
-from feeddrive.identification.motion.control_law import ControlFit, identify_control
+from feeddrive.identification.motion.control_law import (
+    MOST_OFF,
+    SURE,
+    ControlFit,
+    LawCheck,
+    check_law,
+    identify_control,
+)
 from feeddrive.identification.motion.delay import DelayFit, find_delay
-from feeddrive.identification.motion.known_axis import axis_remarks, is_richer, refined_names, with_rigid
-from feeddrive.identification.motion.law_check import MOST_OFF, LawCheck, check_law
-from feeddrive.identification.motion.motion_log import MotionLog, checked
-from feeddrive.identification.motion.output_error import Refinement, later, refine
-from feeddrive.identification.motion.preparation import HOLD, Preparation
+from feeddrive.identification.motion.motion_log import MotionLog, checked, count_of, drawn
+from feeddrive.identification.motion.output_error import Refinement, dead_time, later, refine
+from feeddrive.identification.motion.preparation import HOLD, Preparation, prepare
 from feeddrive.identification.motion.rigid import RigidFit, identify_rigid
 from feeddrive.identification.plausibility import outside, remedy, said, sizes
-from feeddrive.language.errors import FeeddriveError
+from feeddrive.language import tree
+from feeddrive.language.errors import DivergedError, FeeddriveError, LogError, NotIdentifiableError
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
+
+# What a log of a motion changes in an axis that is known: mass, friction and constant force; the rest is kept.
+
+_PLAIN = (Coulomb, Directional, Viscous)  # friction models whose parameters the inverse dynamics identify completely
+_FAR = 0.05  # share by which the sum of the masses may differ without a remark
+
+
+def with_rigid(axis: Axis, rigid: RigidFit, *, richer: bool = False) -> Axis:
+    """The axis with the identified mass, friction and constant force: an axis without one gets it if it is pulled.
+
+    A plant with several bodies keeps its own masses and dampers, which a rigid fit cannot tell apart, and friction on
+    both bodies is not changed. With `richer`, a friction model with more than Coulomb levels keeps its shape.
+    """
+    if not isinstance(axis.plant, Rigid) and axis.friction_motor is not None:
+        return axis
+    plant = rigid.plant() if isinstance(axis.plant, Rigid) else axis.plant
+    friction = _without(rigid.friction_block(), 0.0 if isinstance(axis.plant, Rigid) else own_viscous(axis))
+    if richer and axis.friction_load is not None:
+        friction = _scaled(axis.friction_load, friction)
+    others: tuple[Force, ...] = tuple(each for each in axis.forces if not isinstance(each, Gravity))
+    gravity = rigid.gravity() if rigid.is_pulled or len(others) < len(axis.forces) else None
+    forces = others if gravity is None else (*others, gravity)
+    return replace(axis, plant=plant, friction_load=friction, forces=forces)
+
+
+def is_richer(axis: Axis) -> bool:
+    """Whether the friction model has more than levels and slopes: a Stribeck curve, presliding, a table."""
+    return axis.friction_load is not None and not isinstance(axis.friction_load, _PLAIN)
+
+
+def own_viscous(axis: Axis) -> float:
+    """Viscous friction of the plant itself in N s/m, when all bodies move as one: eᵀ C e."""
+    made = axis.plant.mechanics()
+    e = [float(share) for share in made.rigid_motion()]
+    return sum(e[i] * float(made.damping[i][j]) * e[j] for i in range(len(e)) for j in range(len(e)))
+
+
+def refined_names(loop: Loop) -> tuple[str, ...] | None:
+    """What output error may fit: None for all physics of a rigid axis, else friction and forces that are not 0.
+
+    Of a richer friction model only levels and slopes are fitted; its parameters near standstill are kept.
+    """
+    if isinstance(loop.axis.plant, Rigid) and not is_richer(loop.axis):
+        return None
+    ends = ("coulomb", "coulomb_positive", "coulomb_negative", "viscous", "viscous_positive", "viscous_negative")
+    own = loop.place_of("axis")
+    names = [
+        name
+        for name, value in tree.parameters(loop).items()
+        if isinstance(value, float)
+        and value != 0.0
+        and (
+            name == f"{own}.plant.mass"
+            or (name.startswith(f"{own}.friction_load.") and name.endswith(ends))
+            or (name.startswith(f"{own}.forces.") and name.endswith(".force"))
+        )
+    ]
+    return tuple(name for name in names if isinstance(loop.axis.plant, Rigid) or name != f"{own}.plant.mass")
+
+
+def axis_remarks(axis: Axis, rigid: RigidFit) -> list[Text]:
+    """Remarks on a plant with several bodies, whose masses are not changed."""
+    if isinstance(axis.plant, Rigid):
+        return []
+    found, own = rigid["mass"], float(axis.plant.rigid_mass())
+    off = found.value - own
+    remarks = [
+        Text(
+            f"the axis is a {axis.plant.kind}: a log of a motion shows the sum of its masses, {found.quantity}, but "
+            "not each of them; its masses, springs and dampers stay as they are"
+        )
+    ]
+    if abs(off) > max(3.0 * found.error, _FAR * own):
+        remarks[0] += Text(
+            f". Their sum, {Quantity(own, found.unit):5}, is off by {Quantity(off / own, 'share'):+.2g}: measure a "
+            "frequency response (feeddrive excite, frf) and identify that"
+        )
+    if axis.friction_motor is not None:
+        levels = joined(", ", (f"{e.name} {Quantity(e.value, e.unit)}" for e in rigid.estimates if e.name != "mass"))
+        remarks.append(
+            Text(f"friction acts on both bodies, and the log shows only its sum ({levels}): both stay as they are")
+        )
+    return remarks
+
+
+def _without(friction: Friction, viscous: float) -> Friction:
+    """The friction without the part of the plant's own dampers."""
+    if isinstance(friction, Coulomb):
+        return replace(friction, viscous=max(0.0, float(friction.viscous) - viscous))
+    if isinstance(friction, Directional):
+        return replace(
+            friction,
+            viscous_positive=max(0.0, float(friction.viscous_positive) - viscous),
+            viscous_negative=max(0.0, float(friction.viscous_negative) - viscous),
+        )
+    return friction
+
+
+def _scaled(known: Friction, found: Friction) -> Friction:
+    """A richer friction with the identified levels at speed; its excess at low speed is scaled in proportion."""
+    leaves = dict(tree.leaves(found))
+    level = [float(value) for name, value in leaves.items() if name.startswith("coulomb")]
+    slope = [float(value) for name, value in leaves.items() if name.startswith("viscous")]
+    sides = {"positive": 0, "negative": -1}
+    changes: dict[str, float] = {}
+    old = dict(tree.leaves(known))
+    for name in old:
+        head, _, side = name.partition("_")
+        if head in ("coulomb", "viscous", "breakaway") and side in ("", "positive", "negative"):
+            which = level if head != "viscous" else slope
+            mean = which[sides[side]] if side else sum(which) / len(which)
+            if head == "breakaway":
+                before = float(old.get(name.replace("breakaway", "coulomb"), 0.0) or 0.0)
+                changes[name] = mean * (float(old[name]) / before if before > 0.0 else 1.0)
+            else:
+                changes[name] = mean
+    least = {"coulomb": 1e-9, "breakaway": 1e-9}
+    return tree.vary(known, {name: max(value, least.get(name, 0.0)) for name, value in changes.items()})
+
+
+# Inverse dynamics and closed loop on the same log: which one is taken where they contradict each other.
+
+_RUNS = 16  # of the closed loop with its counts: one log in 17 leaves more than the worst of them by chance
+
+
+def agreed(
+    log: MotionLog, loop: Loop, found: Refinement, delay: DelayFit, known: float, remarks: list[str]
+) -> Refinement:
+    """Return the closed loop with the dead time to be taken: its own, unless the inverse dynamics speak more clearly.
+
+    Each has a dead time that leaves it least: the inverse dynamics of the force, the closed loop of the position.
+    Where they differ, and the inverse dynamics leave a tenth more of the force with that of the closed loop, the one
+    is taken whose residual grows more with the dead time of the other.
+    """
+    own = beyond(delay, known)
+    grows = delay.left(known + found.delay) / delay.left(known + own)
+    if own == found.delay or not delay.tells(known + own, known + found.delay):
+        return found
+    try:
+        other = refine(loop, log, tuple(each.name for each in found.estimates), delays=[own])
+        value, error = dead_time(other, log)
+    except DivergedError:  # a loop near its limit, which is no loop that ran
+        return found
+    left, without = other.by_delay[own], found.by_delay[found.delay]
+    apart = abs(delay.dead_time - known - value)
+    joint = SURE * math.hypot(error, delay.error)
+    first = grows > left / without
+    ways = delay.left(known + own), delay.left(known + found.delay)
+    remarks.append(
+        Text(
+            "dead time in samples beyond the stated one: the inverse dynamics say "
+            f"{Quantity(delay.dead_time - known, error=delay.error)} and leave {Quantity(ways[0], 'share'):3} of the "
+            f"force with {own}, {Quantity(ways[1], 'share'):3} with {found.delay}; the closed loop says "
+            f"{Quantity(value, error=error)} and leaves {log.distance(left)} of the position with {own}, "
+            f"{log.distance(without)} with {found.delay}. They "
+            f"{'contradict each other' if apart > joint else 'agree within three errors'}; that of the "
+            f"{'inverse dynamics' if first else 'closed loop'} is taken, whose residual grows more with the other one"
+        )
+    )
+    return other if first else found
+
+
+def better(
+    log: MotionLog, rigid: RigidFit, found: Refinement, how: Preparation, remarks: list[str]
+) -> Refinement | None:
+    """Return the output-error fit, or None if its mass contradicts the inverse dynamics and they leave less force.
+
+    Both are compared in the same rows, those of the inverse dynamics, and contradict each other beyond three joint
+    standard errors.
+    """
+    mass = next((each for each in found.estimates if each.name.endswith("plant.mass")), None)
+    own = rigid["mass"]
+    if mass is None or abs(mass.value - own.value) < SURE * math.hypot(mass.error, own.error):
+        return found
+    rows = prepare(log, how)
+    residual = log.force - found.replay.run["force"][: log.force.size]
+    left = float(np.linalg.norm(rows.force_with(residual, how.delay)) / np.linalg.norm(rows.force))
+    first = rigid.residuals.relative < left
+    remarks.append(
+        Text(
+            f"the inverse dynamics say a mass of {own.quantity} and leave "
+            f"{Quantity(rigid.residuals.relative, 'share'):3} of the force in motion, the closed loop says "
+            f"{Quantity(mass.value, own.unit, mass.error)} and leaves {Quantity(left, 'share'):3} of it: they "
+            "contradict each other, as where a force acts that the model lacks; the "
+            f"{'inverse dynamics' if first else 'closed loop'}, which leave{'' if first else 's'} less, "
+            f"{'are' if first else 'is'} taken"
+        )
+    )
+    return None if first else found
+
+
+def with_counts(log: MotionLog, rigid: RigidFit, found: Refinement, how: Preparation) -> RigidFit:
+    """Return the inverse dynamics with what counts make of their residual, from runs of the closed loop that has them.
+
+    Through a velocity gain coarse counts shake the axis, and its readings do not show it: more than the errors of
+    readings alone make of a residual.  Runs of the fitted loop with the counts of the log leave as much, the
+    worst of them, if they are the reason.
+    """
+    count = count_of(log.position)
+    if count == 0.0:
+        return rigid
+    used, unused = [], []
+    for position, force in drawn(found.loop, log, 0, count, _RUNS, seed=3):
+        try:
+            run = identify_rigid(
+                MotionLog(name=log.name, position=position, force=force, sample_time=log.sample_time),
+                friction=rigid.friction,
+                how=how,
+            )
+        except (LogError, NotIdentifiableError):
+            return rigid
+        used.append(run.residuals.relative)
+        unused.append(run.validation.relative)
+    return replace(rigid, counts=(max(rigid.counts[0], *used), max(rigid.counts[1], *unused)))
+
+
+def beyond(delay: DelayFit, known: float) -> int:
+    """Return the whole samples of dead time beyond a known one that the inverse dynamics clearly ask for, or 0."""
+    own = max(0, round(delay.dead_time - known))
+    return own if delay.tells(known + own, known) else 0
+
+
+# Complete identification of one log: inverse dynamics, dead time, control law, output error, recommendation.
 
 _PLACE = "control"  # of a law that no machine file states
 _CLEARLY = 1.02  # times the position residual of plain friction up to which the machine's own kind is kept

@@ -21,8 +21,7 @@ from feeddrive.identification.estimate import (
     pulls,
     require_table,
 )
-from feeddrive.identification.motion.counts import count_of
-from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.motion.motion_log import MotionLog, count_of
 from feeddrive.identification.motion.preparation import Preparation, Prepared, prepare
 from feeddrive.identification.regression import (
     Residuals,

@@ -11,8 +11,7 @@ import numpy as np
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.families import Plant
 from feeddrive.blocks.plant.rigid import Rigid
-from feeddrive.identification.response.plant_fit import PlantFit
-from feeddrive.identification.response.two_mass_fit import fit_modal_axis, fit_plant, fit_two_mass
+from feeddrive.identification.response.plant_fit import PlantFit, fit_modal_axis, fit_plant, fit_two_mass
 from feeddrive.identification.response.units import taken
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, ParameterError, WrongSignError

@@ -9,10 +9,7 @@ from typing import NamedTuple, TypeVar
 
 from feeddrive.analysis.stability import stability
 from feeddrive.export.design import Design
-from feeddrive.export.linuxcnc_pid import COEFFICIENTS, GAINS
-from feeddrive.export.manifest import readme, write_bundle
-from feeddrive.export.parameters.maker import NOT_CHECKED, ODRIVE, Line, Maker, csv_text, lines_of
-from feeddrive.export.parameters.quantities import (
+from feeddrive.export.drive_quantities import (
     SAFETY,
     Cascade,
     DriveTrain,
@@ -23,9 +20,9 @@ from feeddrive.export.parameters.quantities import (
     numbers,
     read_cascade,
 )
-from feeddrive.export.parameters.sinumerik import SINUMERIK
-from feeddrive.export.parameters.twincat import TWINCAT
-from feeddrive.export.stock_pids import left_out, period, stock_law, stock_loop
+from feeddrive.export.linuxcnc_pid import COEFFICIENTS, GAINS, left_out, period, stock_law, stock_loop
+from feeddrive.export.makers import NOT_CHECKED, ODRIVE, SINUMERIK, TWINCAT, Line, Maker, csv_text, lines_of
+from feeddrive.export.manifest import readme, write_bundle
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.loop import Loop

@@ -12,13 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from feeddrive.export.c.programs import stepped
+from feeddrive.export.c_bundle import stepped
 from feeddrive.export.design import CONTROL, Design
 from feeddrive.export.identifiers import bare
 from feeddrive.export.layout import Layout
 from feeddrive.export.manifest import readme, write_bundle
-from feeddrive.export.structured_text.controller import Program, program
-from feeddrive.export.structured_text.units import (
+from feeddrive.export.structured_text_code import (
     CONSTANTS,
     INDENT,
     INPUTS,
@@ -31,6 +30,7 @@ from feeddrive.export.structured_text.units import (
     decimal,
     literal,
 )
+from feeddrive.export.structured_text_control import Program, program
 from feeddrive.export.trial import Trial, trial
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.routine_run import run

@@ -19,8 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from feeddrive.export.linuxcnc import component
-from feeddrive.export.linuxcnc.component import hal
+from feeddrive.export.linuxcnc import hal, input_pin, servo_period
 from feeddrive.language.errors import FeeddriveError, MissingProgramError, ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.loop.routine import Routine
@@ -292,7 +291,7 @@ def answers(
     Raises MissingProgramError and HalError as `halrun`.
     """
     name = hal(routine.name)
-    pins = [*(component.input_pin(v.name) for v in routine.inputs), *(also or {})]
+    pins = [*(input_pin(v.name) for v in routine.inputs), *(also or {})]
     taken = [OUTPUTS[v.name] for v in routine.outputs] + list(more)
     wiring = [
         f"loadrt {routine.name}", f"addf {name} servo-thread",
@@ -309,7 +308,7 @@ def answers(
             rows[:, i] *= units_per_m
     rows = np.column_stack([rows, *(also or {}).values()])
     return halrun(
-        [directory / f"{routine.name}.comp"], folder, period or component.period(routine), wiring, rows,
+        [directory / f"{routine.name}.comp"], folder, period or servo_period(routine), wiring, rows,
         "".join("b" if pin == "enable" or pin in (also or {}) else "f" for pin in pins),
         "".join(kind for _, kind in taken), meanwhile=meanwhile, at_end=at_end, paced=paced, patience=patience,
     )  # fmt: skip
