@@ -46,9 +46,11 @@ class BusLimits(Block):
         "kg", "largest mass that the axis moves, workpiece included; needed in cst", above=0, default=None
     )
     breakaway_force: Number | None = parameter(
-        "N", "largest force against which the axis may stand, friction and weight together; needed in cst", least=0,
+        "N",
+        "largest force against which the axis may stand, friction and weight together; needed in cst",
+        least=0,
         default=None,
-    )  # fmt: skip
+    )
     position_least: Number | None = parameter("m", "lowest position in the drive's own count", default=None)
     position_most: Number | None = parameter("m", "highest position in the drive's own count", default=None)
     quick_stop_deceleration: Number = parameter("m/s2", "with which a quick stop brakes", above=0, default=2.0)

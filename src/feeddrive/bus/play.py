@@ -120,9 +120,12 @@ def play_together(
         lost = rows.client.lost - before
         remarks = [*rows.client.remarks, *_remarks(rows.client, lost, permitted, lateness)]
         log = rows.log(
-            profile, name or profile.name, min(profile.excitation.size, max(0, len(rows.told) - rows.client.drive.lag)),
-            end, lateness,
-        )  # fmt: skip
+            profile,
+            name or profile.name,
+            min(profile.excitation.size, max(0, len(rows.told) - rows.client.drive.lag)),
+            end,
+            lateness,
+        )
         played.append(Played(log, end or None, lost, lateness, tuple(remarks)))
     return played
 
@@ -266,11 +269,17 @@ class _Rows:
             channels["lost"] = self.lost[lag : lag + rows]
         units = {"set_position": "m", "excitation": profile.unit, "force": "N", "velocity_load": "m/s", "lost": ""}
         provenance: dict[str, object] = {
-            "written_by": "feeddrive play", "bus": client.transport.where, "mode": client.drive.mode,
-            "drive": dict(client.identity), "profile": profile.name, "profile_sha256": profile.sha256,
-            "increment_m": client.scaling.metre, "newton_per_mille": client.scaling.newton, "lag": lag,
+            "written_by": "feeddrive play",
+            "bus": client.transport.where,
+            "mode": client.drive.mode,
+            "drive": dict(client.identity),
+            "profile": profile.name,
+            "profile_sha256": profile.sha256,
+            "increment_m": client.scaling.metre,
+            "newton_per_mille": client.scaling.newton,
+            "lag": lag,
             "began_at_m": self.start,
-        }  # fmt: skip
+        }
         if aborted:
             provenance["aborted"] = str(aborted)
         constants = {"lost_frames": float(sum(self.lost))}
@@ -278,8 +287,11 @@ class _Rows:
             constants |= {f"late_{key}_s": value for key, value in lateness._asdict().items() if key != "missed"}
             constants["late_cycles"] = float(lateness.missed)
         return Log(
-            name=name, time=np.arange(rows) * T,
+            name=name,
+            time=np.arange(rows) * T,
             channels={key: np.array(values) for key, values in channels.items()},
-            units={key: units.get(key, "m") for key in channels}, sample_time=T, constants=constants,
+            units={key: units.get(key, "m") for key in channels},
+            sample_time=T,
+            constants=constants,
             provenance=provenance,
-        )  # fmt: skip
+        )

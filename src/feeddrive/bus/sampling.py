@@ -34,10 +34,13 @@ _END = 3.0  # s in which the process ends by itself
 
 # channels, the objects that they are made of, and their units
 _CHANNELS: Mapping[str, tuple[str, str]] = {
-    "position": ("position", "m"), "velocity": ("velocity", "m/s"), "force": ("torque", "N"),
-    "following_error": ("following_error", "m"), "position_second": ("second_position", "m"),
+    "position": ("position", "m"),
+    "velocity": ("velocity", "m/s"),
+    "force": ("torque", "N"),
+    "following_error": ("following_error", "m"),
+    "position_second": ("second_position", "m"),
     "status": ("statusword", ""),
-}  # fmt: skip
+}
 _NEEDED = ("position", "torque", "statusword")
 
 

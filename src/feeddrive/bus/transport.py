@@ -13,12 +13,21 @@ from feeddrive.bus.cia402 import OBJECTS, Layout
 from feeddrive.language.errors import BusError
 
 _REASONS = {
-    0x05040000: "no answer", 0x05040001: "command not known", 0x06010002: "read only", 0x06020000: "no such object",
-    0x06040041: "cannot be mapped", 0x06040042: "too long a mapping", 0x06070010: "of another length",
-    0x06090011: "no such subindex", 0x06090030: "value out of range", 0x06090031: "value too large",
-    0x06090032: "value too small", 0x08000020: "cannot be stored", 0x08000021: "local control",
+    0x05040000: "no answer",
+    0x05040001: "command not known",
+    0x06010002: "read only",
+    0x06020000: "no such object",
+    0x06040041: "cannot be mapped",
+    0x06040042: "too long a mapping",
+    0x06070010: "of another length",
+    0x06090011: "no such subindex",
+    0x06090030: "value out of range",
+    0x06090031: "value too large",
+    0x06090032: "value too small",
+    0x08000020: "cannot be stored",
+    0x08000021: "local control",
     0x08000022: "not in this state of the drive",
-}  # fmt: skip
+}
 
 
 class RefusedError(BusError):

@@ -231,9 +231,7 @@ class Watch:
             or self._frozen(state.cycle, answer, same, renewal)
             or self._contradiction(state.cycle, answer, gap, speed)
         )
-        after = State(
-            state.cycle + 1, state.start, tuple(sent), 0.0, answer, anchor, push, same, renewal, gap, speed
-        )  # fmt: skip
+        after = State(state.cycle + 1, state.start, tuple(sent), 0.0, answer, anchor, push, same, renewal, gap, speed)
         return after, fault
 
     def _beyond(self, state: State, answer: Answer, lead: float, silent: float) -> Fault | None:

@@ -173,21 +173,27 @@ def _function(command: Command[Any, Any, Any]) -> Any:
 
 
 _BLOCKS = inspect.Parameter(
-    "blocks", inspect.Parameter.KEYWORD_ONLY, default=None,
+    "blocks",
+    inspect.Parameter.KEYWORD_ONLY,
+    default=None,
     annotation=Annotated[
         list[str] | None, typer.Option("--blocks", help=BLOCKS, metavar="<place>", show_default=False)
     ],
-)  # fmt: skip
+)
 _VERBOSE = inspect.Parameter(
-    "verbose", inspect.Parameter.KEYWORD_ONLY, default=False,
+    "verbose",
+    inspect.Parameter.KEYWORD_ONLY,
+    default=False,
     annotation=Annotated[bool, typer.Option("--verbose", help="Show the details too.", show_default=False)],
-)  # fmt: skip
+)
 _JSON = inspect.Parameter(
-    "json", inspect.Parameter.KEYWORD_ONLY, default=False,
+    "json",
+    inspect.Parameter.KEYWORD_ONLY,
+    default=False,
     annotation=Annotated[
         bool, typer.Option(JSON, help="Print one JSON object: tables in SI, sentences, files.", show_default=False)
     ],
-)  # fmt: skip
+)
 
 
 def _opted_in(places: Sequence[str]) -> AbstractContextManager[None]:

@@ -119,9 +119,17 @@ def _first_line(error: Exception) -> str:
 # signals from the loop to an FMU, and from an FMU to the loop
 GIVEN = ("force", "command", "load_force", "start_position")
 TAKEN = (
-    "reading", "reading_motor", "reading_load", "position_motor", "position_load", "velocity_motor", "velocity_load",
-    "drive_force", "friction_motor", "friction_load",
-)  # fmt: skip
+    "reading",
+    "reading_motor",
+    "reading_load",
+    "position_motor",
+    "position_load",
+    "velocity_motor",
+    "velocity_load",
+    "drive_force",
+    "friction_motor",
+    "friction_load",
+)
 _BASE = ("m", "kg", "s", "A", "rad")  # in the order of `units.Dimension`
 _REALS = ("Real", "Float64")
 
@@ -221,8 +229,14 @@ def needed(found: Mapping[str, Port], signals: Iterable[str], archive: Archive, 
     )
 
 
-_SETTERS = {"Real": "setReal", "Float64": "setFloat64", "Integer": "setInteger", "Int32": "setInt32",
-            "Int64": "setInt64", "Boolean": "setBoolean"}  # fmt: skip
+_SETTERS = {
+    "Real": "setReal",
+    "Float64": "setFloat64",
+    "Integer": "setInteger",
+    "Int32": "setInt32",
+    "Int64": "setInt64",
+    "Boolean": "setBoolean",
+}
 _STATUS = {2: "refused the step (Discard)", 3: "failed (Error)", 4: "is beyond repair (Fatal)"}
 
 
@@ -243,9 +257,12 @@ class Instance:
         try:
             with contextlib.chdir(archive.folder):  # FMPy changes the folder, and stays there if it fails
                 self.fmu: Any = kind(
-                    guid=archive.description.guid, modelIdentifier=archive.model, unzipDirectory=str(archive.folder),
-                    instanceName="plant", libraryPath=str(archive.library),
-                )  # fmt: skip
+                    guid=archive.description.guid,
+                    modelIdentifier=archive.model,
+                    unzipDirectory=str(archive.folder),
+                    instanceName="plant",
+                    libraryPath=str(archive.library),
+                )
             if archive.three:
                 self.fmu.instantiate(loggingOn=True, logMessage=self._heard3)
             else:

@@ -239,9 +239,16 @@ def cosimulate(
             progress.step(name)
         try:
             run = simulate_with_fmu(
-                loop, fmu, job.reference, names=names, parameters=parameters, load=job.load, duration=job.duration,
-                dead_time=dead_time, name=name,
-            )  # fmt: skip
+                loop,
+                fmu,
+                job.reference,
+                names=names,
+                parameters=parameters,
+                load=job.load,
+                duration=job.duration,
+                dead_time=dead_time,
+                name=name,
+            )
         except FeeddriveError as error:
             raise type(error)(f"{job.file.name}: law '{name}': {error}") from None
         rows.append(Row(name, run))

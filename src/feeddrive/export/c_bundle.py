@@ -39,21 +39,31 @@ def self_test(layout: Layout, seed: int = 0) -> tuple[str, str]:
     expected = run(routine, tried.inputs, tried.changes) if double else stepped(layout, tried)
     retuned = _parameter_rows(layout, tried)
     program = _PROGRAM.format(
-        P=P, real=layout.precision, inputs=filled(routine),
+        P=P,
+        real=layout.precision,
+        inputs=filled(routine),
         outputs=_compared([v.name for v in routine.outputs]),
         parameters="\n".join(
             f"            parameters.{v.name} = changes[change].parameters[{i}];"
             for i, v in enumerate(routine.parameters)
         ),
-    )  # fmt: skip
+    )
     vectors = _VECTORS.format(
-        P=P.upper(), real=layout.precision, bits=f"uint{64 if double else 32}_t", count=len(tried.inputs),
-        inputs=len(routine.inputs), seed=seed,
-        outputs=len(routine.outputs), parameters=len(routine.parameters), changes=max(1, len(retuned)),
-        held=len(retuned), samples=_rows(tried.inputs, layout.precision), expected=_rows(expected, layout.precision),
+        P=P.upper(),
+        real=layout.precision,
+        bits=f"uint{64 if double else 32}_t",
+        count=len(tried.inputs),
+        inputs=len(routine.inputs),
+        seed=seed,
+        outputs=len(routine.outputs),
+        parameters=len(routine.parameters),
+        changes=max(1, len(retuned)),
+        held=len(retuned),
+        samples=_rows(tried.inputs, layout.precision),
+        expected=_rows(expected, layout.precision),
         rows=",\n".join(f"    {{{k}, {{{', '.join(map(number, values))}}}}}" for k, values in retuned)
         or "    {0, {0.0}}",
-    )  # fmt: skip
+    )
     return program, vectors
 
 
@@ -206,12 +216,16 @@ def streamed(
     """
     routine, P = layout.routine, layout.routine.name
     program = _STREAM_PROGRAM.format(
-        P=P, real=layout.precision, inputs=len(routine.inputs), outputs=len(routine.outputs),
+        P=P,
+        real=layout.precision,
+        inputs=len(routine.inputs),
+        outputs=len(routine.outputs),
         parameters=max(1, len(routine.parameters)),
         filled=_stream_filled("inputs", [v.name for v in routine.inputs], "row", f"({layout.precision})"),
         retuned=_stream_filled("parameters", [v.name for v in routine.parameters], "values", ""),
-        answered=_answered([v.name for v in routine.outputs]), refused=_REFUSED,
-    )  # fmt: skip
+        answered=_answered([v.name for v in routine.outputs]),
+        refused=_REFUSED,
+    )
     with tempfile.TemporaryDirectory(prefix="feeddrive-") as folder:
         place = Path(folder)
         for name, text in {**files, f"{P}_stream.c": program}.items():

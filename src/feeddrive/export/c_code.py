@@ -386,8 +386,9 @@ STRICT = (
     # 16: the half precision of ARM is not widened, and nothing else is
     "#if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD != 0) && (FLT_EVAL_METHOD != 16)",
     '#error "FLT_EVAL_METHOD is not 0, as on an x87: compile for SSE2, as with -msse2 -mfpmath=sse"',
-    "#endif", "",
-)  # fmt: skip
+    "#endif",
+    "",
+)
 CODE = -1
 """What `P_broken_rule` says if the check at start fails, whatever the parameters are."""
 SENTENCE = (
@@ -455,13 +456,23 @@ def header(layout: Layout, title: str, made_by: str) -> str:
     reset_outputs = f", {P}_outputs *outputs" if layout.reset.outputs else ""
     lines = [
         *comment(f"{title}\n\n{made_by}\n\n{_USE.format(P=P, held=held)}"),
-        f"#ifndef {guard}", f"#define {guard}", "",
-        "#include <float.h>", "#include <stdbool.h>", "#include <stdint.h>", "",
-        "#ifdef __cplusplus", 'extern "C" {', "#endif", "",
+        f"#ifndef {guard}",
+        f"#define {guard}",
+        "",
+        "#include <float.h>",
+        "#include <stdbool.h>",
+        "#include <stdint.h>",
+        "",
+        "#ifdef __cplusplus",
+        'extern "C" {',
+        "#endif",
+        "",
         *STRICT,
-        f"#define {P.upper()}_SAMPLE_TIME {routine.sample_time!r} /* s, {routine.sample_time.hex()} */", "",
+        f"#define {P.upper()}_SAMPLE_TIME {routine.sample_time!r} /* s, {routine.sample_time.hex()} */",
+        "",
         "/* Value of `configured` after a successful configure; uninitialized memory has another one. */",
-        f"#define {mark(P)} UINT32_C(0x00C500C5)", "",
+        f"#define {mark(P)} UINT32_C(0x00C500C5)",
+        "",
         *_trips(layout),
         "/* Parameters; see configure and retune. */",
         *_struct(f"{P}_parameters", [("double", v.name, _meaning(v)) for v in routine.parameters]),
@@ -475,35 +486,49 @@ def header(layout: Layout, title: str, made_by: str) -> str:
         *_grouped(f"{P}_state", [(real, v.name, routine.said.get(v.path, "")) for v in routine.states]),
         f"/* All of a {held}: plain data, which may be copied. */",
         "typedef struct {",
-        f"    {P}_design design;", f"    {P}_state state;", f"    {P}_parameters parameters;",
+        f"    {P}_design design;",
+        f"    {P}_state state;",
+        f"    {P}_parameters parameters;",
         f"    uint32_t configured; /* {mark(P)} after a successful configure */",
-        f"}} {P}_{held};", "",
+        f"}} {P}_{held};",
+        "",
         "/* The values of the machine file. */",
-        f"void {P}_defaults({P}_parameters *parameters);", "",
+        f"void {P}_defaults({P}_parameters *parameters);",
+        "",
         "/* Does this compiler round as the simulation does? configure and broken_rule ask it. */",
-        f"bool {P}_exact(void);", "",
+        f"bool {P}_exact(void);",
+        "",
         "/* 0, or the code of the first rule that the parameters break: README.md and export.json explain it.",
         f"   {CODE} if this compiler rounds otherwise than the simulation: then configure refuses, too. */",
-        f"int {P}_broken_rule(const {P}_parameters *parameters);", "",
+        f"int {P}_broken_rule(const {P}_parameters *parameters);",
+        "",
         "/* All work that depends on parameters only: once, outside the interrupt. The state is left alone.",
         f"   False if a rule is broken, or {P}_exact is false: {_OFF[held]}. */",
-        f"bool {P}_configure({arguments}, const {P}_parameters *parameters);", "",
+        f"bool {P}_configure({arguments}, const {P}_parameters *parameters);",
+        "",
         "/* The state where the axis is: off, without a trip. Once before the first step, after configure. */",
-        f"void {P}_reset({arguments}, const {P}_inputs *inputs{reset_outputs});", "",
+        f"void {P}_reset({arguments}, const {P}_inputs *inputs{reset_outputs});",
+        "",
         "/* One sample. */",
-        f"void {P}_step({arguments}, const {P}_inputs *inputs, {P}_outputs *outputs);", "",
-    ]  # fmt: skip
+        f"void {P}_step({arguments}, const {P}_inputs *inputs, {P}_outputs *outputs);",
+        "",
+    ]
     if routine.retune is not None:
         lines += [
             "/* Other parameters between two samples: the state follows, so that the command has no bump.",
             "   False, and the old parameters go on, if a rule is broken. */",
-            f"bool {P}_retune({arguments}, const {P}_parameters *parameters);", "",
-        ]  # fmt: skip
+            f"bool {P}_retune({arguments}, const {P}_parameters *parameters);",
+            "",
+        ]
     lines += [
         "/* Between these two calls numbers below the normal ones count as zero, as they do in the simulator. */",
         *_flushes(P),
-        "#ifdef __cplusplus", "}", "#endif", "", f"#endif /* {guard} */",
-    ]  # fmt: skip
+        "#ifdef __cplusplus",
+        "}",
+        "#endif",
+        "",
+        f"#endif /* {guard} */",
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -670,19 +695,24 @@ def _configure(layout: Layout, title: str, made_by: str) -> str:
         _function(f"void {P}_defaults({P}_parameters *parameters)", [], defaults or ["(void)parameters;"]),
         designed,
         _function(
-            f"int {P}_broken_rule(const {P}_parameters *parameters)", [],
+            f"int {P}_broken_rule(const {P}_parameters *parameters)",
+            [],
             [f"{P}_design design;", f"return ({both}) ? designed(&design, parameters) : {CODE};"],
         ),
         _function(
-            f"bool {P}_configure({P}_{held} *{held}, const {P}_parameters *parameters)", [],
+            f"bool {P}_configure({P}_{held} *{held}, const {P}_parameters *parameters)",
+            [],
             [
                 f"{held}->configured = 0U;",
                 *wrapped(f"if (!({both}) || (designed(&{held}->design, parameters) != 0)) {{"),
-                "    return false;", "}",
-                f"{held}->parameters = *parameters;", f"{held}->configured = {mark(P)};", "return true;",
+                "    return false;",
+                "}",
+                f"{held}->parameters = *parameters;",
+                f"{held}->configured = {mark(P)};",
+                "return true;",
             ],
         ),
-    ]  # fmt: skip
+    ]
     if routine.retune is not None:
         text, more = _retune(layout)
         functions.append(text)
@@ -804,8 +834,10 @@ def _leaves(layout: Layout, prefixes: Mapping[str, str], tables: str = "") -> di
     """The text of what is there already: members of structs, tables, the sample time."""
     routine = layout.routine
     members: Mapping[str, Sequence[Variable]] = {
-        "parameter": routine.parameters, "input": routine.inputs, "state": routine.states
-    }  # fmt: skip
+        "parameter": routine.parameters,
+        "input": routine.inputs,
+        "state": routine.states,
+    }
     found: dict[int, str] = {}
     for node, (kind, i) in layout.leaves.items():
         if kind == "table":

@@ -281,9 +281,12 @@ def answers(
             pieces.append(b"\0\0\0\0")
         pieces.append(row.tobytes())
     _, found = _made(
-        bundle, f"OPTIMISE_CONFIGURE={optimise_configure}", "answers.bin",
-        given={"samples.bin": b"".join(pieces)}, read="answers.bin",
-    )  # fmt: skip
+        bundle,
+        f"OPTIMISE_CONFIGURE={optimise_configure}",
+        "answers.bin",
+        given={"samples.bin": b"".join(pieces)},
+        read="answers.bin",
+    )
     return np.frombuffer(found, dtype=real).reshape(len(rows), len(design.routine.outputs))
 
 
@@ -359,12 +362,19 @@ def write_cortex_m(design: Design, out: Path, *, core: str | None = None) -> Pat
 def _readme(design: Design, core: Core) -> str:
     routine = design.routine
     return readme(
-        "cortex_m.md.j2", design, core=core, flags=f"{core.flags} -mthumb -mfloat-abi=hard {FLAGS}",
-        rate=f"{1.0 / routine.sample_time:g}", period=f"{1e6 * routine.sample_time:g}",
-        packages=" ".join(PACKAGES.values()), real=design.layout.precision, act=_act(design),
+        "cortex_m.md.j2",
+        design,
+        core=core,
+        flags=f"{core.flags} -mthumb -mfloat-abi=hard {FLAGS}",
+        rate=f"{1.0 / routine.sample_time:g}",
+        period=f"{1e6 * routine.sample_time:g}",
+        packages=" ".join(PACKAGES.values()),
+        real=design.layout.precision,
+        act=_act(design),
         off=" || ".join(f"outputs.{target_name(f'{port}enabled')} < 0.5f" for port in routine.origin.ports()),
-        given=_named(routine.inputs), taken=_named(routine.outputs),
-    )  # fmt: skip
+        given=_named(routine.inputs),
+        taken=_named(routine.outputs),
+    )
 
 
 def _named(variables: Sequence[Variable]) -> str:
@@ -583,7 +593,7 @@ def prepared_files(layout: Layout) -> dict[str, str]:
         f"    controller->configured = {P}_exact() ? {mark(P)} : 0U;",
         "}",
         "",
-    ]  # fmt: skip
+    ]
     header = _HEADER.format(P=P, guard=f"{P.upper()}_PREPARED_H")
     return {f"{P}_prepared.h": header, f"{P}_prepared.c": "\n".join(source)}
 

@@ -166,9 +166,14 @@ class Design:
 
 
 def read_design(
-    source: MachineLike, axis: str | None = None, *, name: str | None = None, what: str = CONTROL,
-    precision: str = "double", together: bool = False,
-) -> Design:  # fmt: skip
+    source: MachineLike,
+    axis: str | None = None,
+    *,
+    name: str | None = None,
+    what: str = CONTROL,
+    precision: str = "double",
+    together: bool = False,
+) -> Design:
     """The design of a machine file, or of a bundled machine.
 
     name  prefix of all names on the target; absent: `axis_x`, or `plant_x` for an axis

@@ -395,10 +395,27 @@ _SOURCES = Path(__file__).parent / "fmi"
 _SHARED = ("fmu_instance.h", "fmu_functions.h")
 # files beside which the model's own stand, and headers of the C library that they would hide
 _TAKEN = (
-    "fmu_model", "fmu_instance", "fmu_functions", "fmi2", "fmi3", "fmi2functions", "fmi2functiontypes",
-    "fmi2typesplatform", "fmi3functions", "fmi3functiontypes", "fmi3platformtypes", "math", "stdarg", "stdbool",
-    "stddef", "stdint", "stdio", "stdlib", "string", "xmmintrin",
-)  # fmt: skip
+    "fmu_model",
+    "fmu_instance",
+    "fmu_functions",
+    "fmi2",
+    "fmi3",
+    "fmi2functions",
+    "fmi2functiontypes",
+    "fmi2typesplatform",
+    "fmi3functions",
+    "fmi3functiontypes",
+    "fmi3platformtypes",
+    "math",
+    "stdarg",
+    "stdbool",
+    "stddef",
+    "stdint",
+    "stdio",
+    "stdlib",
+    "string",
+    "xmmintrin",
+)
 
 
 # for any compiler and any processor
@@ -489,17 +506,22 @@ def write_fmu(design: Design, out: Path, *, version: int = 2, binary: bool = Tru
     check_directory(out)
     content = fmu(design.layout, version, title=design.title, made_by=design.made_by, binary=binary)
     files: dict[str, bytes | str] = {
-        f"{design.name}.fmu": content, "README.md": _readme(design, version, binary),
-    }  # fmt: skip
+        f"{design.name}.fmu": content,
+        "README.md": _readme(design, version, binary),
+    }
     return write_bundle(design, f"fmu{version}", out, files, binary=binary)
 
 
 def _readme(design: Design, version: int, binary: bool) -> str:
     return readme(
-        "fmu.md.j2", design, file=f"{design.name}.fmu", version=version, binary=binary,
+        "fmu.md.j2",
+        design,
+        file=f"{design.name}.fmu",
+        version=version,
+        binary=binary,
         T=f"{1e6 * design.routine.sample_time:g}",
         rows=[(each, _what(each), _start(each)) for each in variables(design.routine) if each.group != "time"],
-    )  # fmt: skip
+    )
 
 
 def _what(variable: FmuVariable) -> str:
@@ -513,8 +535,12 @@ def _start(variable: FmuVariable) -> str:
 
 
 _FLAGS = (
-    "-std=c99", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-fno-sanitize=undefined",
-)  # fmt: skip
+    "-std=c99",
+    "-ffp-contract=off",
+    "-fno-math-errno",
+    "-fvisibility=hidden",
+    "-fno-sanitize=undefined",
+)
 
 
 def library_place(version: int) -> str:
@@ -558,8 +584,12 @@ def _run(words: Sequence[str], folder: str) -> None:
 
 
 _ACCESS = {
-    "Real": "Real", "Float64": "Float64", "Boolean": "Boolean", "Enumeration": "Integer", "Enumeration 3": "Int64"
-}  # fmt: skip
+    "Real": "Real",
+    "Float64": "Float64",
+    "Boolean": "Boolean",
+    "Enumeration": "Integer",
+    "Enumeration 3": "Int64",
+}
 
 
 def answers(path: Path, routine: Routine, tried: Trial) -> np.ndarray:

@@ -93,9 +93,13 @@ def layout(routine: Routine, precision: str = "double") -> Layout:
     roots = [
         *(v.node for v in (*routine.parameters, *routine.inputs, *routine.states)),
         *(node for _, node, _ in routine.tables),
-        *routine.reset.states, *routine.reset.outputs, *routine.step.states, *routine.step.outputs,
-        *(node for _, node in routine.prepared), *(each.node for each in routine.conditions),
-    ]  # fmt: skip
+        *routine.reset.states,
+        *routine.reset.outputs,
+        *routine.step.states,
+        *routine.step.outputs,
+        *(node for _, node in routine.prepared),
+        *(each.node for each in routine.conditions),
+    ]
     given = {routine.sample_time_node: ("sample_time", 0)}
     for kind, nodes in (
         ("parameter", [v.node for v in routine.parameters]),
@@ -121,11 +125,22 @@ def layout(routine: Routine, precision: str = "double") -> Layout:
     design = _fields(routine, graph, kept, leaves, {n: t for t, n in reversed(prepared)}, names, truth, moving)
     retune = None if routine.retune is None else _lowered_retune(routine.retune)
     return Layout(
-        routine=routine, precision=precision, graph=graph, leaves=leaves, moving=moving, truth=truth, design=design,
-        names=names, makers=makers, reset=reset, step=step, prepared=prepared, retune=retune,
+        routine=routine,
+        precision=precision,
+        graph=graph,
+        leaves=leaves,
+        moving=moving,
+        truth=truth,
+        design=design,
+        names=names,
+        makers=makers,
+        reset=reset,
+        step=step,
+        prepared=prepared,
+        retune=retune,
         conditions=tuple(place[each.node] for each in routine.conditions),
         retune_truth=[] if retune is None else truths(retune.graph),
-    )  # fmt: skip
+    )
 
 
 def _lowered_retune(retune: Retune) -> Retune:

@@ -95,12 +95,17 @@ def settings(routine: Routine) -> dict[Item, float]:
     """Parameters of the component itself, and their values."""
     T = servo_period(routine)
     return {
-        Item("units-per-m", "float", "rw", "length units of the machine in a metre: 1000 for mm, "
-             "39.37007874015748 for inch; read at the first call"): 1000.0,
-        Item("period-tolerance", "u32", "rw", f"largest deviation of the period of the thread from {T} ns, in ns"):
-             tolerance(routine),
+        Item(
+            "units-per-m",
+            "float",
+            "rw",
+            "length units of the machine in a metre: 1000 for mm, 39.37007874015748 for inch; read at the first call",
+        ): 1000.0,
+        Item(
+            "period-tolerance", "u32", "rw", f"largest deviation of the period of the thread from {T} ns, in ns"
+        ): tolerance(routine),
         Item("late-limit", "u32", "rw", "longest time from call to call, ns; 0: not watched"): LATE * T,
-    }  # fmt: skip
+    }
 
 
 def tolerance(routine: Routine) -> int:
@@ -405,13 +410,22 @@ def _readme(design: Design, plant: Routine, joint: int, limit: Limits) -> str:
     period = servo_period(routine)
     tuned = {parameter(v): v.value for v in routine.parameters}
     return readme(
-        "linuxcnc.md.j2", design, plant=plant.name, hal=hal(routine.name), joint=joint,
-        period=period, tolerance=tolerance(routine), late=LATE * period,
-        velocity=f"{1e3 * limit.velocity:.9g}", acceleration=f"{1e3 * limit.acceleration:.9g}",
-        ferror=f"{1e3 * limit.following_error:.9g}", pins=dict.fromkeys(pins(routine)),
-        parameters=settings(routine) | tuned, faults=FAULTS,
+        "linuxcnc.md.j2",
+        design,
+        plant=plant.name,
+        hal=hal(routine.name),
+        joint=joint,
+        period=period,
+        tolerance=tolerance(routine),
+        late=LATE * period,
+        velocity=f"{1e3 * limit.velocity:.9g}",
+        acceleration=f"{1e3 * limit.acceleration:.9g}",
+        ferror=f"{1e3 * limit.following_error:.9g}",
+        pins=dict.fromkeys(pins(routine)),
+        parameters=settings(routine) | tuned,
+        faults=FAULTS,
         rules={code: plain(text) for code, text in rules(routine).items()},
-    )  # fmt: skip
+    )
 
 
 LETTERS = "XYZABCUVW"
@@ -426,40 +440,54 @@ def axis_hal(routine: Routine, joint: int, title: str, made_by: str) -> str:
     drive = any(v.name == "command" for v in routine.outputs)
     unit = next((v.meaning.rsplit(" ", 1)[-1] for v in routine.outputs if v.name == "command"), "")
     lines = [
-        f"# {plain(title)}", f"# {plain(made_by)}", "#",
+        f"# {plain(title)}",
+        f"# {plain(made_by)}",
+        "#",
         f"# Joint {joint} of LinuxCNC. Load this file behind the one that loads motmod and the driver of your card.",
-        f"# Once before:  sudo halcompile --install {P}.comp", "",
+        f"# Once before:  sudo halcompile --install {P}.comp",
+        "",
         f"loadrt {P}",
         "# Order in the thread: card read, motion-command-handler, motion-controller, this, card write.",
-        f"addf {name} servo-thread", "",
+        f"addf {name} servo-thread",
+        "",
         "# Commands of the planner. LinuxCNC 2.9 gives no jerk and no snap: their pins stay 0. With LinuxCNC 2.10:",
         f"#   net {x}-jerk-cmd joint.{joint}.jerk-cmd => {name}.jerk-cmd",
         f"net {x}-position-cmd joint.{joint}.motor-pos-cmd => {name}.position-cmd",
         f"net {x}-velocity-cmd joint.{joint}.vel-cmd => {name}.velocity-cmd",
-        f"net {x}-acceleration-cmd joint.{joint}.acc-cmd => {name}.acceleration-cmd", "",
+        f"net {x}-acceleration-cmd joint.{joint}.acc-cmd => {name}.acceleration-cmd",
+        "",
         "# Positions of the encoders, in machine units.",
         f"net {x}-{reading} => {name}.{reading} joint.{joint}.motor-pos-fb",
-        *([f"net {x}-motor-position-fb => {name}.motor-position-fb"] if two else []), "",
+        *([f"net {x}-motor-position-fb => {name}.motor-position-fb"] if two else []),
+        "",
         "# Enable and fault: a trip switches the machine off, and the next F2 clears it.",
         f"net {x}-enable joint.{joint}.amp-enable-out => {name}.enable",
         f"net {x}-fault {name}.fault => joint.{joint}.amp-fault-in",
         f"net {x}-ok {name}.ok",
         f"net {x}-heartbeat {name}.heartbeat",
-        f"net {x}-running {name}.running", "",
+        f"net {x}-running {name}.running",
+        "",
         "# Command to the drive.",
         f"net {x}-force-cmd {name}.force-cmd",
-        *([f"net {x}-drive-cmd {name}.drive-cmd"] if drive else []), "",
+        *([f"net {x}-drive-cmd {name}.drive-cmd"] if drive else []),
+        "",
         "# Your card: put its pins in and uncomment the lines. Try signs and scales with the motor uncoupled.",
         f"#   net {x}-{reading} <= CARD.encoder.0.position",
         *([f"#   net {x}-motor-position-fb <= CARD.encoder.1.position"] if two else []),
         f"# The command is in {unit or 'N'}; the heartbeat is for a charge pump or a watchdog.",
         f"#   net {x}-{'drive' if drive else 'force'}-cmd => CARD.analogout.0.value",
         f"#   net {x}-running => CARD.analogout.0.enable",
-        f"#   net {x}-heartbeat => CARD.charge-pump", "",
+        f"#   net {x}-heartbeat => CARD.charge-pump",
+        "",
         "# Parameters, in SI units as in the machine file; they may be changed while the axis runs.",
-        *(line for v in routine.parameters if ".control." in v.path for item in [parameter(v)]
-          for line in (f"# {item.meaning}", f"#   setp {name}.{item.name} {float(v.value)!r}")),
-    ]  # fmt: skip
+        *(
+            line
+            for v in routine.parameters
+            if ".control." in v.path
+            for item in [parameter(v)]
+            for line in (f"# {item.meaning}", f"#   setp {name}.{item.name} {float(v.value)!r}")
+        ),
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -471,18 +499,31 @@ def axis_ini(routine: Routine, joint: int, letter: str, limit: Limits, title: st
     ends = [f"MIN_LIMIT = {1e3 * limit.least + room:.9g}", f"MAX_LIMIT = {1e3 * limit.most - room:.9g}"]
     moves = [f"MAX_VELOCITY = {velocity:.9g}", f"MAX_ACCELERATION = {acceleration:.9g}"]
     lines = [
-        f"# {plain(title)}", f"# {plain(made_by)}", "#",
+        f"# {plain(title)}",
+        f"# {plain(made_by)}",
+        "#",
         "# In your .ini these must stand as well:",
         "#   [TRAJ]   LINEAR_UNITS = mm",
-        f"#   [EMCMOT] SERVO_PERIOD = {servo_period(routine)}", "",
-        *_unknown(limit), f"[AXIS_{letter}]", *moves, *ends, "",
-        f"[JOINT_{joint}]", "TYPE = LINEAR", *moves, *ends,
+        f"#   [EMCMOT] SERVO_PERIOD = {servo_period(routine)}",
+        "",
+        *_unknown(limit),
+        f"[AXIS_{letter}]",
+        *moves,
+        *ends,
+        "",
+        f"[JOINT_{joint}]",
+        "TYPE = LINEAR",
+        *moves,
+        *ends,
         f"# In a simulated move within these limits the following error was at most {1e3 * limit.peak_error:.3g} mm,",
         f"# the force {limit.peak_force:.3g} N. MIN_FERROR is as large: the error of a servo loop outlasts the motion.",
-        f"FERROR = {error:.9g}", f"MIN_FERROR = {error:.9g}",
+        f"FERROR = {error:.9g}",
+        f"MIN_FERROR = {error:.9g}",
         "# Homing at the present position; enter your switch or index.",
-        "HOME_SEARCH_VEL = 0", "HOME_LATCH_VEL = 0", "HOME_SEQUENCE = 0",
-    ]  # fmt: skip
+        "HOME_SEARCH_VEL = 0",
+        "HOME_LATCH_VEL = 0",
+        "HOME_SEQUENCE = 0",
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -504,19 +545,25 @@ def desk_hal(routine: Routine, plant: Routine, joint: int) -> str:
         "# The axis on the desk: its physics in place of drive, motor and encoders. Nothing moves.",
         "loadrt [KINS]KINEMATICS",
         "loadrt [EMCMOT]EMCMOT servo_period_nsec=[EMCMOT]SERVO_PERIOD num_joints=[KINS]JOINTS",
-        f"loadrt {plant.name}", "",
+        f"loadrt {plant.name}",
+        "",
         f"addf {p}.read servo-thread",
-        "addf motion-command-handler servo-thread", "addf motion-controller servo-thread",
-        f"source {routine.name}.hal", f"addf {p}.write servo-thread", "",
+        "addf motion-command-handler servo-thread",
+        "addf motion-controller servo-thread",
+        f"source {routine.name}.hal",
+        f"addf {p}.write servo-thread",
+        "",
         *(f"net {x}-{r} <= {p}.{'load-position-fb' if r == 'position-fb' else r}" for r in readings),
-        f"net {x}-force-cmd => {p}.force", "",
+        f"net {x}-force-cmd => {p}.force",
+        "",
         "# A desk has no real-time kernel: a late call is no fault here. On a machine it is.",
-        f"setp {name}.late-limit 0", "",
+        f"setp {name}.late-limit 0",
+        "",
         *(f"net joint-{i}-loop joint.{i}.motor-pos-cmd => joint.{i}.motor-pos-fb" for i in range(joint)),
         "net estop-loop iocontrol.0.user-enable-out iocontrol.0.emc-enable-in",
         "net tool-prepared iocontrol.0.tool-prepare iocontrol.0.tool-prepared",
         "net tool-changed iocontrol.0.tool-change iocontrol.0.tool-changed",
-    ]  # fmt: skip
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -525,9 +572,13 @@ def desk_ini(routine: Routine, joint: int, letter: str) -> str:
     others = [each for each in LETTERS if each != letter][:joint]
     ideal = "".join(_IDEAL.format(letter=each, joint=i) for i, each in enumerate(others))
     return filled(
-        "desk.ini", name=routine.name, period=servo_period(routine), coordinates="".join([*others, letter]),
-        joints=joint + 1, ideal=ideal,
-    )  # fmt: skip
+        "desk.ini",
+        name=routine.name,
+        period=servo_period(routine),
+        coordinates="".join([*others, letter]),
+        joints=joint + 1,
+        ideal=ideal,
+    )
 
 
 def _prefix(routine: Routine) -> str:

@@ -267,10 +267,11 @@ def difference(cascade: Cascade, stock: Loop) -> Difference:
         figures += _along("a move beyond the force limit", *both)
         figures.append(
             Figure(
-                "largest following error after that move has ended", "um",
+                "largest following error after that move has ended",
+                "um",
                 *(_after(run, saturating) for run in both),
             )
-        )  # fmt: skip
+        )
     return Difference(tuple(figures), move, saturating)
 
 
@@ -415,9 +416,15 @@ def _readme(
     pids = "one `pid`" if law.velocity is None else "two `pid`s in cascade, `ddt` for the motor's velocity"
     pids += f", a `biquad` for each of the {len(law.filters)} filter(s)" if law.filters else ""
     return readme(
-        "linuxcnc_pid.md.j2", design, name=name, pids=pids, safety=SAFETY, differs=differs, lost=lost,
+        "linuxcnc_pid.md.j2",
+        design,
+        name=name,
+        pids=pids,
+        safety=SAFETY,
+        differs=differs,
+        lost=lost,
         kv=kv_lines(gain),
-    )  # fmt: skip
+    )
 
 
 COEFFICIENTS = tuple(declarations(StockBiquad))

@@ -103,9 +103,16 @@ def session(folder: Path, components: Sequence[Path], run: str, patience: float 
 def _ran(script: Path, patience: float) -> tuple[int, str]:
     """Status and output of a session's script."""
     program = subprocess.Popen(
-        [*_alone(), "bash", script.name], cwd=script.parent, text=True, encoding="utf-8", errors="replace",
-        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True,
-    )  # fmt: skip
+        [*_alone(), "bash", script.name],
+        cwd=script.parent,
+        text=True,
+        encoding="utf-8",
+        errors="replace",
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        start_new_session=True,
+    )
     try:
         printed, _ = program.communicate(timeout=patience)
     except BaseException as error:
@@ -191,12 +198,16 @@ def halrun(
         f"loadrt threads name1=servo-thread period1={period}",
         f"loadrt streamer depth={len(given) + 2} cfg={types}b",
         f"loadrt sampler depth={len(given) + 2} cfg={taken}",
-        "addf streamer.0 servo-thread", *wiring, "addf sampler.0 servo-thread",
+        "addf streamer.0 servo-thread",
+        *wiring,
+        "addf sampler.0 servo-thread",
         f"net valid streamer.0.pin.{len(types)} => sampler.0.enable",
         "loadusr -w halstreamer in.txt",
-        "start", *meanwhile,
-        f"loadusr -w /usr/bin/python3 drain.py {len(given)} {patience}", *at_end,
-    ]  # fmt: skip
+        "start",
+        *meanwhile,
+        f"loadusr -w /usr/bin/python3 drain.py {len(given)} {patience}",
+        *at_end,
+    ]
     (folder / "run.hal").write_text("\n".join(lines) + "\n", encoding="utf-8")
     unpaced = "gcc -shared -fPIC -O1 -o unpaced.so unpaced.c; LD_PRELOAD=$PWD/unpaced.so "
     printed = session(folder, components, f"{'' if paced else unpaced}halrun -f run.hal", patience)
@@ -294,12 +305,14 @@ def answers(
     pins = [*(input_pin(v.name) for v in routine.inputs), *(also or {})]
     taken = [OUTPUTS[v.name] for v in routine.outputs] + list(more)
     wiring = [
-        f"loadrt {routine.name}", f"addf {name} servo-thread",
+        f"loadrt {routine.name}",
+        f"addf {name} servo-thread",
         f"setp {name}.units-per-m {units_per_m!r}",
-        f"setp {name}.late-limit 0", *setup,  # not in real time here
+        f"setp {name}.late-limit 0",
+        *setup,  # not in real time here
         *(f"net in-{i} streamer.0.pin.{i} => {name}.{pin}" for i, pin in enumerate(pins)),
         *(f"net out-{i} {name}.{pin} => sampler.0.pin.{i}" for i, (pin, _) in enumerate(taken)),
-    ]  # fmt: skip
+    ]
     rows = np.array(inputs, dtype=float)
     for i, variable in enumerate(routine.inputs):
         if variable.name == "enable":
@@ -308,7 +321,15 @@ def answers(
             rows[:, i] *= units_per_m
     rows = np.column_stack([rows, *(also or {}).values()])
     return halrun(
-        [directory / f"{routine.name}.comp"], folder, period or servo_period(routine), wiring, rows,
+        [directory / f"{routine.name}.comp"],
+        folder,
+        period or servo_period(routine),
+        wiring,
+        rows,
         "".join("b" if pin == "enable" or pin in (also or {}) else "f" for pin in pins),
-        "".join(kind for _, kind in taken), meanwhile=meanwhile, at_end=at_end, paced=paced, patience=patience,
-    )  # fmt: skip
+        "".join(kind for _, kind in taken),
+        meanwhile=meanwhile,
+        at_end=at_end,
+        paced=paced,
+        patience=patience,
+    )

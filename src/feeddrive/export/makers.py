@@ -146,11 +146,22 @@ ODRIVE_ROWS = (
     Row(f"{_CONFIG}.vel_gain", "Kp", "Nm/(turn/s)", "N m s/rev", "velocity gain", _SOURCE),
     Row(f"{_CONFIG}.vel_integrator_gain", "Kp/Tn", "Nm/(turn/s * s)", "N m/rev", "Kp/Tn", _SOURCE),
     Row(f"{_CONFIG}.vel_limit", "velocity_limit", "turn/s", "rev/s", "speed limit of the velocity command"),
-    Row("odrv0.axis0.motor.config.torque_lim", "force_limit", "Nm", "N m",
-        "torque limit; firmware 0.6: odrv0.axis0.config.torque_soft_max"),
-    Row(f"{_CONFIG}.inertia", "mass", "Nm/(turn/s^2)", "kg m2",
-        "inertia, used by the input modes that make an acceleration themselves", scale=2.0 * math.pi),
-)  # fmt: skip
+    Row(
+        "odrv0.axis0.motor.config.torque_lim",
+        "force_limit",
+        "Nm",
+        "N m",
+        "torque limit; firmware 0.6: odrv0.axis0.config.torque_soft_max",
+    ),
+    Row(
+        f"{_CONFIG}.inertia",
+        "mass",
+        "Nm/(turn/s^2)",
+        "kg m2",
+        "inertia, used by the input modes that make an acceleration themselves",
+        scale=2.0 * math.pi,
+    ),
+)
 
 
 ODRIVE = Maker(
@@ -182,15 +193,19 @@ ODRIVE = Maker(
     ),
     always=(
         LostPart(
-            "control.law.velocity_feedforward", "", "the sender must supply the set velocity: input_vel",
+            "control.law.velocity_feedforward",
+            "",
+            "the sender must supply the set velocity: input_vel",
             "without it the following error is v/Kv",
         ),
         LostPart(
-            "sample_time", "", "its loop runs at 8 kHz, the encoder is observed with encoder.config.bandwidth",
+            "sample_time",
+            "",
+            "its loop runs at 8 kHz, the encoder is observed with encoder.config.bandwidth",
             "that bandwidth is a delay in the velocity loop that this design does not include",
         ),
     ),
-)  # fmt: skip
+)
 
 
 HEAD = ("name", "value", "unit", "meaning", "SI value", "SI unit")
@@ -274,17 +289,24 @@ SINUMERIK_ROWS = (
     Row("MD31030 $MA_LEADSCREW_PITCH", "lead", "mm/rev", "mm", "lead of the screw; must be there already", _PITCH),
     Row("MD32200 $MA_POSCTRL_GAIN[0]", "Kv", "1000/min = (m/min)/mm", "m_per_min_per_mm", "servo gain Kv", _GAIN),
     Row("MD32610 $MA_VELO_FFW_WEIGHT[0]", "velocity_feedforward", "1 = 100 %", "", "share of the set velocity", _SETS),
-    Row("MD32650 $MA_AX_INERTIA", "mass", "kg m2", "kg m2", "inertia at the motor for torque precontrol",
-        linear=("MD32652 $MA_AX_MASS", "kg", "kg")),
+    Row(
+        "MD32650 $MA_AX_INERTIA",
+        "mass",
+        "kg m2",
+        "kg m2",
+        "inertia at the motor for torque precontrol",
+        linear=("MD32652 $MA_AX_MASS", "kg", "kg"),
+    ),
     Row("MD36200 $MA_AX_VELO_LIMIT[0]", "table_velocity_limit", "mm/min", "mm_per_min", "speed that trips", _SETS),
     Row("MD36100 $MA_POS_LIMIT_MINUS", "travel_least", "mm", "mm", "software limit", _ENDS),
     Row("MD36110 $MA_POS_LIMIT_PLUS", "travel_most", "mm", "mm", "software limit", _ENDS),
-    Row("p1460[0]", "Kp", "Nms/rad", "N m s/rad", "P gain of the speed controller",
-        linear=("p1460[0]", "Ns/m", "N s/m")),
+    Row(
+        "p1460[0]", "Kp", "Nms/rad", "N m s/rad", "P gain of the speed controller", linear=("p1460[0]", "Ns/m", "N s/m")
+    ),
     Row("p1462[0]", "Tn", "ms", "ms", "integral time of the speed controller"),
     Row("p1520[0]", "force_limit", "Nm", "N m", "upper torque limit", linear=("p1520[0]", "N", "N")),
     Row("p1521[0]", "force_limit", "Nm", "N m", "lower torque limit", linear=("p1521[0]", "N", "N"), scale=-1.0),
-)  # fmt: skip
+)
 
 FILTERS = 4  # current setpoint filters of a drive
 PT2, GENERAL = 1, 2  # types of p1657
@@ -311,9 +333,7 @@ def sinumerik_filters(block: Filter, place: int) -> Filtered:
 def _filter(place: int, kind: int, path: str, numbers: tuple[float, ...], keys: tuple[str, ...]) -> Iterator[Line]:
     base = _FIRST + _STEP * place
     what = "PT2 low pass" if kind == PT2 else "general second order"
-    yield Line(
-        f"p1656[0].{place}", "1", "bit", f"switches current setpoint filter {place + 1} on", path, "on", _FORM
-    )  # fmt: skip
+    yield Line(f"p1656[0].{place}", "1", "bit", f"switches current setpoint filter {place + 1} on", path, "on", _FORM)
     yield Line(f"p{base}[0]", str(kind), "type", what, path, what, _FORM)
     meanings = (
         ("Hz", "natural frequency of the denominator"),
@@ -359,15 +379,19 @@ SINUMERIK = Maker(
     ),
     always=(
         LostPart(
-            "sample_time", "", "position control runs in the control's cycle, the speed loop in the drive's",
+            "sample_time",
+            "",
+            "position control runs in the control's cycle, the speed loop in the drive's",
             "the margins hold for these delays only: check them with the control's frequency response",
         ),
         LostPart(
-            "control.filters", "", "current setpoint filters stand behind the sum of feedback and precontrol",
+            "control.filters",
+            "",
+            "current setpoint filters stand behind the sum of feedback and precontrol",
             "the feedforward passes the filters and is delayed by them",
         ),
     ),
-)  # fmt: skip
+)
 
 # Parameters of TwinCAT NC axes with AX5000 or AX8000 drives.
 #
@@ -465,12 +489,16 @@ TWINCAT = Maker(
     ),
     always=(
         LostPart(
-            "sample_time", "", "the NC task and the drive have their own cycles",
+            "sample_time",
+            "",
+            "the NC task and the drive have their own cycles",
             "the margins hold for these delays only: with Kv in the NC the bus delay is in the position loop",
         ),
         LostPart(
-            "AX8000: position gain", "", "its object was not found in the manual",
+            "AX8000: position gain",
+            "",
+            "its object was not found in the manual",
             "set Kv of an AX8000 that follows a position in its Drive Manager, by the units shown there",
         ),
     ),
-)  # fmt: skip
+)

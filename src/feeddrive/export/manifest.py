@@ -57,17 +57,23 @@ def manifest_text(design: Design, target: str, files: Mapping[str, bytes | str],
     told = rules(design.routine) if target in _OF_C else design.routine.sentences
     content = {
         "export": {
-            "target": target, "axis": design.axis, "what": design.what, "name": design.name,
-            "precision": design.layout.precision, "options": options,
+            "target": target,
+            "axis": design.axis,
+            "what": design.what,
+            "name": design.name,
+            "precision": design.layout.precision,
+            "options": options,
         },
         "machine": {
-            "name": design.machine.name, "file": MACHINE_FILE, "source": Path(design.machine.file.name).name,
+            "name": design.machine.name,
+            "file": MACHINE_FILE,
+            "source": Path(design.machine.file.name).name,
             "sha256": design.digest,
         },
         "rules": {str(code): sentence for code, sentence in told.items()},
         "made_by": f"feeddrive {__version__}",
         "files": {name: _digest(content) for name, content in sorted(files.items())},
-    }  # fmt: skip
+    }
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
 
 
@@ -123,11 +129,18 @@ def read_manifest(directory: Path) -> Manifest:
         found = json.loads(read_whole(file, MOST_BYTES))
         said, machine = found["export"], found["machine"]
         manifest = Manifest(
-            target=_text(said["target"]), axis=_text(said["axis"]), what=_text(said["what"]), name=_text(said["name"]),
-            precision=_text(said["precision"]), machine=_text(machine["name"]), source=_text(machine["source"]),
-            digest=_text(machine["sha256"]), version=_text(found["made_by"]), options=dict(said["options"]),
+            target=_text(said["target"]),
+            axis=_text(said["axis"]),
+            what=_text(said["what"]),
+            name=_text(said["name"]),
+            precision=_text(said["precision"]),
+            machine=_text(machine["name"]),
+            source=_text(machine["source"]),
+            digest=_text(machine["sha256"]),
+            version=_text(found["made_by"]),
+            options=dict(said["options"]),
             files={_text(name): _text(digest) for name, digest in found["files"].items()},
-        )  # fmt: skip
+        )
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise FileError(f"{file}: is not what `feeddrive export` writes ({error}): export again") from None
     return manifest

@@ -110,9 +110,12 @@ def write_parameters(
         else:
             files["parameters.csv"] = csv_text(cascade, train, _head(design, cascade, train))
     files["README.md"] = readme(
-        "parameters.md.j2", design, head=_head(design, cascade, train), parts=parts,
+        "parameters.md.j2",
+        design,
+        head=_head(design, cascade, train),
+        parts=parts,
         not_checked=NOT_CHECKED.split(":")[0],
-    )  # fmt: skip
+    )
     return write_bundle(design, "parameters", out, files, makers=wanted, lead=lead, gear=gear)
 
 

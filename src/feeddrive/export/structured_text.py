@@ -83,10 +83,15 @@ def header(design: Design) -> str:
 
 def _readme(design: Design, printed: Program) -> str:
     return readme(
-        "structured_text.md.j2", design, time=_time(design), samples=SAMPLES,
-        inputs=printed.block.sections[INPUTS], outputs=printed.block.sections[OUTPUTS],
-        fields=printed.names, fixed=printed.fixed.parameters,
-    )  # fmt: skip
+        "structured_text.md.j2",
+        design,
+        time=_time(design),
+        samples=SAMPLES,
+        inputs=printed.block.sections[INPUTS],
+        outputs=printed.block.sections[OUTPUTS],
+        fields=printed.names,
+        fixed=printed.fixed.parameters,
+    )
 
 
 def _time(design: Design) -> str:
@@ -106,9 +111,13 @@ def plcopen(name: str, parts: Iterable[Structure | Unit]) -> str:
     parts = list(parts)
     project = ET.Element("project", {"xmlns": NAMESPACE})
     ET.SubElement(
-        project, "fileHeader", companyName="", productName="feeddrive", productVersion=__version__,
+        project,
+        "fileHeader",
+        companyName="",
+        productName="feeddrive",
+        productVersion=__version__,
         creationDateTime=_WHEN,
-    )  # fmt: skip
+    )
     header = ET.SubElement(project, "contentHeader", name=name)
     scales = ET.SubElement(header, "coordinateInfo")
     for language in ("fbd", "ld", "sfc"):
@@ -244,19 +253,23 @@ def check(layout: Layout, program: Program, seed: int = 0) -> Unit:
         "END_IF;",
     ]
     return Unit(
-        f"{name}_check", _SAID.format(name=name, samples=SAMPLES),
+        f"{name}_check",
+        _SAID.format(name=name, samples=SAMPLES),
         sections={
             OUTPUTS: [
-                Declared("done", "BOOL", "FALSE"), Declared("wrong", "DINT", "0", "samples that differ"),
+                Declared("done", "BOOL", "FALSE"),
+                Declared("wrong", "DINT", "0", "samples that differ"),
                 Declared("first_wrong", "DINT", "-1"),
             ],
             VARIABLES: [
-                Declared("tried", name), Declared("parameters", f"{name}_parameters"), Declared("k", "DINT", "0")
+                Declared("tried", name),
+                Declared("parameters", f"{name}_parameters"),
+                Declared("k", "DINT", "0"),
             ],
             CONSTANTS: constants,
         },
         body=body,
-    )  # fmt: skip
+    )
 
 
 def _changes(changes: dict[int, dict[str, float]], program: Program) -> list[str]:

@@ -609,12 +609,17 @@ def _decays(size: int, name: str, real: str) -> Unit:
         {
             INPUTS: [Declared("matrix", array)],
             VARIABLES: [
-                Declared("now", array), Declared("next", array), Declared("norm", real), Declared("sum", real),
-                Declared("done", "BOOL"), Declared("broken", "BOOL"), *counts,
+                Declared("now", array),
+                Declared("next", array),
+                Declared("norm", real),
+                Declared("sum", real),
+                Declared("done", "BOOL"),
+                Declared("broken", "BOOL"),
+                *counts,
             ],
         },
         _DECAYS.format(name=name, n=n, last=n - 1, most=SQUARINGS, **numbers).split("\n"),
-    )  # fmt: skip
+    )
 
 
 _DECAYS = """\

@@ -164,13 +164,14 @@ def configure(printer: Printing) -> Unit:
         sections={
             INPUTS: [Declared("parameters", f"{printer.name}_parameters")],
             OUTPUTS: [
-                Declared("design", f"{printer.name}_design"), Declared("rule", "DINT", "0", "0, or the broken rule")
+                Declared("design", f"{printer.name}_design"),
+                Declared("rule", "DINT", "0", "0, or the broken rule"),
             ],
             VARIABLES: section.variables,
             CONSTANTS: section.constants(),
         },
         body=lines,
-    )  # fmt: skip
+    )
 
 
 def _is_tunable(printer: Printing, node: int) -> bool:
@@ -308,17 +309,16 @@ class Printer:
         lines += section.assign(self._targets(self.layout.reset.states))
         words = set(re.findall(r"\w+", "\n".join(lines)))
         return Unit(
-            f"{self.name}_reset", "The state of a loop that is off and has no trip, where the axis is.",
+            f"{self.name}_reset",
+            "The state of a loop that is off and has no trip, where the axis is.",
             sections={
-                INPUTS: [
-                    Declared("design", f"{self.name}_design"), *(each for each in inputs if each.name in words)
-                ],
+                INPUTS: [Declared("design", f"{self.name}_design"), *(each for each in inputs if each.name in words)],
                 OUTPUTS: [Declared("state", f"{self.name}_state")],
                 VARIABLES: section.variables,
                 CONSTANTS: section.constants(),
             },
             body=lines,
-        )  # fmt: skip
+        )
 
     def _retune(self) -> Unit:
         """In long reals, as configure."""
@@ -347,14 +347,15 @@ class Printer:
             lines += Assignment(place, self.narrow(section.statements.texts[node])).lines()
         structs = {"before": "parameters", "after": "parameters", "design_before": "design", "design_after": "design"}
         return Unit(
-            f"{self.name}_retune", "The state after a live change: forces and estimates go on without a jump.",
+            f"{self.name}_retune",
+            "The state after a live change: forces and estimates go on without a jump.",
             sections={
                 INPUTS: [Declared(n, f"{self.name}_{kind}") for n, kind in (structs | {"state": "state"}).items()],
                 OUTPUTS: [Declared("retuned", f"{self.name}_state")],
                 VARIABLES: section.variables,
             },
             body=lines,
-        )  # fmt: skip
+        )
 
     def _prepared(self, struct: str, made: int) -> str:
         """A prepared number: a constant, or a variable of the design; none if it is never read."""
@@ -367,24 +368,31 @@ class Printer:
     def _step(self, reset_inputs: list[Declared]) -> Unit:
         inputs, T = self._inputs(), self.routine.sample_time
         more = [
-            Declared("cycle_time", self.real, decimal(T, self.real),
-                     "s: cycle of the calling task; the loop stays off unless it is the sample time"),
+            Declared(
+                "cycle_time",
+                self.real,
+                decimal(T, self.real),
+                "s: cycle of the calling task; the loop stays off unless it is the sample time",
+            ),
             Declared("reset", "BOOL", "FALSE", "TRUE: start anew where the axis is, off and without a trip"),
             Declared("retune", "BOOL", "FALSE", "rising edge: take the parameters over while the loop runs"),
             Declared("parameters", f"{self.name}_parameters", "", "read in the first cycle, at a reset and a retune"),
-        ]  # fmt: skip
+        ]
         outputs = [self._output(v) for v in self.routine.outputs]
         outputs.append(Declared("cycle_wrong", "BOOL", "", "TRUE: the cycle of the task is not the sample time"))
         outputs.append(Declared("broken_rule", "DINT", "0", "0, or the rule that refused parameters break: see README"))
         own = [
             Declared("started", "BOOL", "FALSE", "whether there is a state"),
             Declared("retuned", "BOOL", "FALSE", "retune in the cycle before"),
-            Declared("fresh", "BOOL"), Declared("switched_on", "BOOL"),
+            Declared("fresh", "BOOL"),
+            Declared("switched_on", "BOOL"),
             Declared("active", f"{self.name}_parameters", "", "parameters in use"),
-            Declared("design", f"{self.name}_design"), Declared("state", f"{self.name}_state"),
-            Declared("configuring", f"{self.name}_configure"), Declared("resetting", f"{self.name}_reset"),
+            Declared("design", f"{self.name}_design"),
+            Declared("state", f"{self.name}_state"),
+            Declared("configuring", f"{self.name}_configure"),
+            Declared("resetting", f"{self.name}_reset"),
             Declared("retuning", f"{self.name}_retune"),
-        ]  # fmt: skip
+        ]
         section = self._sampled([each.name for each in (*inputs, *more, *outputs, *own)])
         step = self.layout.step
         lines = self.computed(section, [*step.states, *step.outputs])
@@ -394,17 +402,28 @@ class Printer:
         lines += section.assign(self._targets(step.states))
         first = _FIRST.format(
             inputs="".join(f",\n            {each.name} := {each.name}" for each in reset_inputs),
-            T=literal(T, self.real), tolerance=literal(CYCLE_TOLERANCE * T, self.real),
-        )  # fmt: skip
+            T=literal(T, self.real),
+            tolerance=literal(CYCLE_TOLERANCE * T, self.real),
+        )
         return Unit(
-            self.name, self.said,
+            self.name,
+            self.said,
             sections={
-                INPUTS: [*inputs, *more], OUTPUTS: outputs,
-                VARIABLES: [*own, *section.variables], CONSTANTS: section.constants(),
+                INPUTS: [*inputs, *more],
+                OUTPUTS: outputs,
+                VARIABLES: [*own, *section.variables],
+                CONSTANTS: section.constants(),
             },
-            body=[*first.splitlines(), "", "IF started THEN", *(f"{INDENT}{line}".rstrip() for line in lines),
-                  "ELSE", *(INDENT + line for line in self._off()), "END_IF;"],
-        )  # fmt: skip
+            body=[
+                *first.splitlines(),
+                "",
+                "IF started THEN",
+                *(f"{INDENT}{line}".rstrip() for line in lines),
+                "ELSE",
+                *(INDENT + line for line in self._off()),
+                "END_IF;",
+            ],
+        )
 
     def _off(self) -> list[str]:
         """The outputs without valid parameters: the safe force of the machine file."""

@@ -99,8 +99,19 @@ def write_all(
     axes = list(machine.loops)
     together = together or (axis is None and not plant and any(each.controls for each in machine.couplings))
     if axis is not None or plant or together or len(axes) == 1:
-        return [write_export(source, target, out, axis=axis, name=name, precision=precision, plant=plant,
-                             together=together, **options)]  # fmt: skip
+        return [
+            write_export(
+                source,
+                target,
+                out,
+                axis=axis,
+                name=name,
+                precision=precision,
+                plant=plant,
+                together=together,
+                **options,
+            )
+        ]
     if options.get("joint") is not None:
         raise ParameterError("--joint belongs to one axis: name the axis by --axis, or leave both out")
     planned = []
@@ -124,9 +135,16 @@ def write_again(design: Design, target: str, out: Path, options: Mapping[str, An
 
 
 def _planned(
-    source: MachineLike, target: str, out: str | Path | None, axis: str | None, name: str | None, precision: str | None,
-    plant: bool, together: bool, options: Mapping[str, Any],
-) -> tuple[Design, Path, Callable[[Design, Path], Path]]:  # fmt: skip
+    source: MachineLike,
+    target: str,
+    out: str | Path | None,
+    axis: str | None,
+    name: str | None,
+    precision: str | None,
+    plant: bool,
+    together: bool,
+    options: Mapping[str, Any],
+) -> tuple[Design, Path, Callable[[Design, Path], Path]]:
     """A checked design, where it goes, and the function that writes it."""
     chosen = _chosen(target)
     given = {key: value for key, value in options.items() if value not in (None, False, ())}
@@ -152,8 +170,9 @@ def _planned(
     if precision is not None and precision not in chosen.precisions:
         raise ParameterError(f"--precision = '{precision}': the target {target} has {', '.join(chosen.precisions)}")
     what = PLANT if plant else CONTROL
-    design = read_design(source, axis, name=name, what=what, precision=precision or chosen.precisions[0],
-                         together=together)  # fmt: skip
+    design = read_design(
+        source, axis, name=name, what=what, precision=precision or chosen.precisions[0], together=together
+    )
     if chosen.linear and any(loop.axis.rotary for loop in design.system.loops().values()):
         fits = ", ".join(each for each, found in TARGETS.items() if not found.linear)
         raise ParameterError(

@@ -178,9 +178,16 @@ _NOT_RUN = (".md", ".hal", ".ini", NEW)  # texts for people, and what they wire 
 
 
 def _proven(
-    directory: Path, design: Design, manifest: Manifest, altered: list[str], proof: Proof, samples: int | None,
-    seed: int, flags: Sequence[str], command: str | None,
-) -> Verified:  # fmt: skip
+    directory: Path,
+    design: Design,
+    manifest: Manifest,
+    altered: list[str],
+    proof: Proof,
+    samples: int | None,
+    seed: int,
+    flags: Sequence[str],
+    command: str | None,
+) -> Verified:
     """Run the fresh export, whose bytes equal those of the directory, so that no file can change in between."""
     single = design.layout.precision == "float"
     count = samples or (min(SINGLE, proof.samples) if single else proof.samples)
@@ -231,13 +238,24 @@ def _compared(
         limited += 0 if limit is None else int(np.sum(np.abs(force) >= 0.75 * float(limit)))
     double = design.layout.precision == "double"
     return Verified(
-        name=design.name, target=manifest.target, precision=design.layout.precision, machine=design.machine.name,
-        digest=design.digest, program=answers.program, how=answers.how, samples=len(found),
-        changes=len(tried.changes), trips=trips, limited=limited, seed=seed,
-        differing=int(bits.sum()), worst=dict(zip(names, apart.tolist(), strict=True)),
-        against="the simulator" if double else "the same operations in Python, in single precision", altered=altered,
+        name=design.name,
+        target=manifest.target,
+        precision=design.layout.precision,
+        machine=design.machine.name,
+        digest=design.digest,
+        program=answers.program,
+        how=answers.how,
+        samples=len(found),
+        changes=len(tried.changes),
+        trips=trips,
+        limited=limited,
+        seed=seed,
+        differing=int(bits.sum()),
+        worst=dict(zip(names, apart.tolist(), strict=True)),
+        against="the simulator" if double else "the same operations in Python, in single precision",
+        altered=altered,
         written_by=manifest.version,
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -191,9 +191,13 @@ def _side(runs: Sequence[CoggingRun], orders: Sequence[int]) -> _Side | None:
         for group in groups
     ]
     return _Side(
-        float(mean[0]), float(spreads[0][0, 0]), mean[1:].reshape(-1, 2), np.array(spreads[1:]),
-        np.concatenate([fit[2] for fit in fits]), sum(fit[2].size - values.shape[1] for fit in fits),
-    )  # fmt: skip
+        float(mean[0]),
+        float(spreads[0][0, 0]),
+        mean[1:].reshape(-1, 2),
+        np.array(spreads[1:]),
+        np.concatenate([fit[2] for fit in fits]),
+        sum(fit[2].size - values.shape[1] for fit in fits),
+    )
 
 
 def _alone(run: CoggingRun, orders: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -262,9 +266,12 @@ def _remarks(found: Sequence[CoggingOrder], both: bool) -> tuple[str, ...]:
     flipped = [
         each.order
         for each in found
-        if each.significant and each.even is not None and each.odd is not None and each.odd.value > each.even.value
+        if each.significant
+        and each.even is not None
+        and each.odd is not None
+        and each.odd.value > each.even.value
         and each.amplitude > 0.05 * found[0].amplitude
-    ]  # fmt: skip
+    ]
     if not flipped:
         return ()
     listed = ", ".join(map(str, flipped))

@@ -120,9 +120,13 @@ def estimates_table(title: str, estimates: tuple[Estimate, ...]) -> Table:
 
 
 ESTIMATE_COLUMNS = (
-    "parameter", "unit", Column("value", form="6"), Column("standard error", form="3"), Column("ols", form="3"),
+    "parameter",
+    "unit",
+    Column("value", form="6"),
+    Column("standard error", form="3"),
+    Column("ols", form="3"),
     "95 % interval",
-)  # fmt: skip
+)
 
 
 def estimate_row(estimate: Estimate) -> list[Cell]:

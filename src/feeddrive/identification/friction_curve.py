@@ -83,9 +83,11 @@ class SteadyRuns(Result):
         columns = zip(self.velocity, self.force, self.error, self.rows, strict=True)
         rows = [[v, Quantity(f, self.frame.force, e, form="5"), e, int(n)] for v, f, e, n in columns]
         heads = [
-            Column("velocity", self.frame.velocity, "5"), Column("force", self.frame.force, "5"),
-            Column("standard error", self.frame.force, "2"), "rows",
-        ]  # fmt: skip
+            Column("velocity", self.frame.velocity, "5"),
+            Column("force", self.frame.force, "5"),
+            Column("standard error", self.frame.force, "2"),
+            "rows",
+        ]
         return Table(f"{self.velocity.size} constant-speed runs", heads, rows)
 
     def at_table(self, lead: float, gear: float = 1.0) -> SteadyRuns:
@@ -355,9 +357,12 @@ class FrictionCurve(Result):
             for model in self.compared
         ]
         heads = [
-            "model", "parameters", Column("RMS", self.frame.force), Column("criterion", form=".1f"),
+            "model",
+            "parameters",
+            Column("RMS", self.frame.force),
+            Column("criterion", form=".1f"),
             Column("worse by", form=".1f"),
-        ]  # fmt: skip
+        ]
         return Table("models of friction; a criterion worse by 6 is strong evidence against a model", heads, rows)
 
     def at_table(self, lead: float, gear: float = 1.0) -> FrictionCurve:

@@ -160,9 +160,13 @@ def _with_bells(
     columns = np.exp(-0.5 * ((v[:, None] - places) / wide) ** 2)
     heights = np.linalg.solve(columns.T @ columns + _RIDGE * v.size * np.eye(count), columns.T @ left)
     return FrictionStops(
-        width=stops.width, stiffness=stops.stiffness, residual_velocity=places, residual_force=heights,
-        residual_width=wide, residual_limit=float(np.max(np.abs(left))),
-    )  # fmt: skip
+        width=stops.width,
+        stiffness=stops.stiffness,
+        residual_velocity=places,
+        residual_force=heights,
+        residual_width=wide,
+        residual_limit=float(np.max(np.abs(left))),
+    )
 
 
 def _bell_force(stops: FrictionStops, velocity: np.ndarray) -> np.ndarray:
@@ -170,9 +174,13 @@ def _bell_force(stops: FrictionStops, velocity: np.ndarray) -> np.ndarray:
 
 
 def _estimates(
-    columns: np.ndarray, residual: np.ndarray, counts: np.ndarray, found: np.ndarray, widths: Sequence[float],
+    columns: np.ndarray,
+    residual: np.ndarray,
+    counts: np.ndarray,
+    found: np.ndarray,
+    widths: Sequence[float],
     names: list[str],
-) -> tuple[Estimate, ...]:  # fmt: skip
+) -> tuple[Estimate, ...]:
     """Sums over the columns that count, with the errors of these sums."""
     scale, n = np.sqrt(np.mean(columns * columns, axis=0)), len(widths)
     sums = [

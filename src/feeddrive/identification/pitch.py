@@ -175,7 +175,10 @@ def learned_from_circles(
             raise ParameterError(f"travel: axis '{axis}' needs its two ends in m, the lower one first")
         ends, gap = np.array(travel[axis], dtype=np.float64), causes[f"backlash {axis}"].value
         found[axis] = PitchCompensation(
-            forward=-scale * ends + 0.5 * gap, backward=-scale * ends - 0.5 * gap, table_start=float(ends[0]),
-            spacing=float(ends[1] - ends[0]), reversal_distance=reversal_distance,
-        )  # fmt: skip
+            forward=-scale * ends + 0.5 * gap,
+            backward=-scale * ends - 0.5 * gap,
+            table_start=float(ends[0]),
+            spacing=float(ends[1] - ends[0]),
+            reversal_distance=reversal_distance,
+        )
     return found

@@ -179,8 +179,11 @@ class Bench:
 
 
 def bench_of(
-    machine: MachineLike, axis: str | None = None, limits: Limits | None = None, at: Sequence[MachineLike] = (),
-) -> Bench:  # fmt: skip
+    machine: MachineLike,
+    axis: str | None = None,
+    limits: Limits | None = None,
+    at: Sequence[MachineLike] = (),
+) -> Bench:
     """The bench of an axis of a machine file.
 
     at  the same axis at other positions or loads, in machine files of their own
@@ -203,10 +206,17 @@ def bench_of(
 
 
 def bench_of_responses(
-    source: FrfLike, *, at: Sequence[FrfLike] = (), motor: str | None = None, baseline: MachineLike | None = None,
-    axis: str | None = None, unit: str | None = None, sample_time: float | None = None, delay: float = 0.0,
+    source: FrfLike,
+    *,
+    at: Sequence[FrfLike] = (),
+    motor: str | None = None,
+    baseline: MachineLike | None = None,
+    axis: str | None = None,
+    unit: str | None = None,
+    sample_time: float | None = None,
+    delay: float = 0.0,
     limits: Limits | None = None,
-) -> Bench:  # fmt: skip
+) -> Bench:
     """The bench of measured responses: today's control of a machine file, or a P-PI by robust margins to begin with.
 
     Raises ParameterError for what does not fit, with what to do.

@@ -294,9 +294,13 @@ class Desk:
         if not any(fields.values()):
             return None
         return AdjustRequest(
-            self.base, set=fields["set"], add=fields["add"], remove=fields["remove"], axis=bench.axis,
+            self.base,
+            set=fields["set"],
+            add=fields["add"],
+            remove=fields["remove"],
+            axis=bench.axis,
             out=self.folder / "machine.toml",
-        )  # fmt: skip
+        )
 
     def machine_path(self) -> str | Path:
         """A machine file with the control of now: that to begin with, or one that is written into the folder.
@@ -344,9 +348,13 @@ class Desk:
             raise ParameterError(f"{self.job.state.what} is running: wait for its end, or cancel it")
 
     def start(
-        self, room: str, what: str, work: Callable[[Progress], T], then: Callable[[T], None],
+        self,
+        room: str,
+        what: str,
+        work: Callable[[Progress], T],
+        then: Callable[[T], None],
         found: Callable[[Found], None] = lambda _: None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Begin a long work in a process of its own: `work` and what it gives can be pickled.
 
         `then(result)` and `found(report)` are called in the session; after each the room is shown again. Raises

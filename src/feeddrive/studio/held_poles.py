@@ -113,9 +113,14 @@ def _grip(name: str, label: str, s: complex, nyquist: float, units: Units) -> di
     hertz, ratio = abs(s) / (2.0 * np.pi), -s.real / abs(s)
     text = Text(f"{Quantity(hertz, 'Hz')}, damping ratio {number(ratio, 3)}").shown(units)
     return {
-        "name": name, "label": label, "text": text, "low": -nyquist, "high": nyquist, "x": s.real / (2.0 * np.pi),
+        "name": name,
+        "label": label,
+        "text": text,
+        "low": -nyquist,
+        "high": nyquist,
+        "x": s.real / (2.0 * np.pi),
         "y": factor * s.imag / (2.0 * np.pi),
-    }  # fmt: skip
+    }
 
 
 def _distance(poles: Sequence[LoopPole], s: complex) -> float:

@@ -93,9 +93,14 @@ class Job:
     """
 
     def __init__(
-        self, room: str, what: str, work: Work, heard: Callable[[JobState], None], found: Callable[[Found], None],
+        self,
+        room: str,
+        what: str,
+        work: Work,
+        heard: Callable[[JobState], None],
+        found: Callable[[Found], None],
         ended: Callable[[Any], None],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.state = JobState(room, what)
         self._work, self._heard, self._found, self._ended = work, heard, found, ended
         self._stop = threading.Event()  # of this process: one that is killed may leave a shared one locked

@@ -135,9 +135,12 @@ USUAL = tuple(name for name, each in PICTURES.items() if each.usual)
 
 
 def charts(
-    bench: Bench, looks: Mapping[str, Look], parts: Mapping[str, Parts] | None = None, names: Iterable[str] = USUAL,
+    bench: Bench,
+    looks: Mapping[str, Look],
+    parts: Mapping[str, Parts] | None = None,
+    names: Iterable[str] = USUAL,
     units: Units = DRAWN,
-) -> dict[str, Chart]:  # fmt: skip
+) -> dict[str, Chart]:
     """The pictures that are named, as far as there is something to draw; nothing is computed for the others."""
     units = replace(units, rotary=bench.rotary)
     view = View(bench, looks, parts or {}, units)
@@ -157,11 +160,15 @@ def numbered(chart: Chart) -> Chart:
 
     panels = (
         replace(
-            each, curves=changed(each.curves), marks=changed(each.marks), discs=changed(each.discs),
-            notes=changed(each.notes), bands=changed(each.bands),
+            each,
+            curves=changed(each.curves),
+            marks=changed(each.marks),
+            discs=changed(each.discs),
+            notes=changed(each.notes),
+            bands=changed(each.bands),
         )
         for each in chart.panels
-    )  # fmt: skip
+    )
     return replace(chart, panels=tuple(panels))
 
 
@@ -169,7 +176,11 @@ def choices(bench: Bench, chosen: Iterable[str]) -> list[dict[str, object]]:
     """For the page: each picture, whether it is chosen, and why it cannot be drawn of this axis."""
     known = set(chosen)
     return [
-        {"name": name, "title": each.title, "chosen": name in known,
-         "why": _NO_MACHINE if each.of_machine and bench.loop is None else ""}
+        {
+            "name": name,
+            "title": each.title,
+            "chosen": name in known,
+            "why": _NO_MACHINE if each.of_machine and bench.loop is None else "",
+        }
         for name, each in PICTURES.items()
-    ]  # fmt: skip
+    ]

@@ -32,9 +32,15 @@ _WHOLE = re.compile(r"[0-9]{1,18}")
 
 
 def make_app(
-    bench: Bench | None, door: Door, folder: Path, page: Path = PAGE,
-    brought: tuple[Path, ...] = (), live: Followable | None = None, *, tour: bool = False,
-) -> App:  # fmt: skip
+    bench: Bench | None,
+    door: Door,
+    folder: Path,
+    page: Path = PAGE,
+    brought: tuple[Path, ...] = (),
+    live: Followable | None = None,
+    *,
+    tour: bool = False,
+) -> App:
     """The ASGI app for pages that begin with one bench, or with none, behind its checks.
 
     door     who is let in
@@ -124,9 +130,12 @@ def make_app(
                 leave()
 
     routes = [
-        Route("/", file), Route("/upload", upload, methods=["POST"]), Route("/file/{name}", result),
-        Route("/{name}", file), WebSocketRoute("/talk", talk),
-    ]  # fmt: skip
+        Route("/", file),
+        Route("/upload", upload, methods=["POST"]),
+        Route("/file/{name}", result),
+        Route("/{name}", file),
+        WebSocketRoute("/talk", talk),
+    ]
     return Protected(Starlette(routes=routes), door)
 
 
@@ -218,8 +227,15 @@ def serve(app: App, listening: socket.socket, ready: Callable[[], None]) -> None
                 ready()
 
     config = uvicorn.Config(
-        app, log_level="error", access_log=False, ws="websockets-sansio", ws_max_size=_LARGEST,
+        app,
+        log_level="error",
+        access_log=False,
+        ws="websockets-sansio",
+        ws_max_size=_LARGEST,
         ws_per_message_deflate=False,  # numbers hardly shrink, and it took 10 ms of the 40
-        lifespan="off", server_header=False, date_header=False, timeout_graceful_shutdown=1,
-    )  # fmt: skip
+        lifespan="off",
+        server_header=False,
+        date_header=False,
+        timeout_graceful_shutdown=1,
+    )
     Server(config).run(sockets=[listening])

@@ -23,10 +23,16 @@ from feeddrive.studio.wire import Window, message
 
 # labels of fields on the page, by the options that errors of the commands name
 FIELDS = {
-    "--sample-time": "Sample time", "--baseline": "Today's machine", "--unit": "Unit", "--delay": "Dead time",
-    "--machine": "Machine file to start from", "--lead": "Lead of the screw", "--load": "Response of the table",
-    "--motor": "Response of the motor's encoder", "--force-constant": "N per unit of the command",
-}  # fmt: skip
+    "--sample-time": "Sample time",
+    "--baseline": "Today's machine",
+    "--unit": "Unit",
+    "--delay": "Dead time",
+    "--machine": "Machine file to start from",
+    "--lead": "Lead of the screw",
+    "--load": "Response of the table",
+    "--motor": "Response of the motor's encoder",
+    "--force-constant": "N per unit of the command",
+}
 Push = Callable[[str, bytes], None]
 _WINDOWS = 50  # parts of x that are looked at: labels come from the page
 
@@ -41,9 +47,14 @@ class Session:
     """
 
     def __init__(
-        self, folder: Path, bench: Bench | None = None, brought: tuple[Path, ...] = (), live: Followable | None = None,
-        *, tour: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        folder: Path,
+        bench: Bench | None = None,
+        brought: tuple[Path, ...] = (),
+        live: Followable | None = None,
+        *,
+        tour: bool = False,
+    ) -> None:
         self.desk = Desk(folder, brought, live)
         self.desk.changed, self.desk.tell, self.desk.begun = self._another, self.push, self._start
         self.rooms: dict[str, Room] = {each.name: each(self.desk) for each in ROOMS}
@@ -161,9 +172,13 @@ class Session:
     def _message(self, number: int, room: str, said: Said, job: JobState | None = None) -> bytes:
         bench = self.desk.bench
         words: dict[str, Any] = {
-            "number": number, "room": room, "epoch": self.desk.epoch, "title": "" if bench is None else bench.title,
-            "tour": self._tour.words, **said.words,
-        }  # fmt: skip
+            "number": number,
+            "room": room,
+            "epoch": self.desk.epoch,
+            "title": "" if bench is None else bench.title,
+            "tour": self._tour.words,
+            **said.words,
+        }
         state = job or self.desk.job_state()
         if state is not None:
             words["job"] = {**asdict(state), "error": self._plain(state.error)}

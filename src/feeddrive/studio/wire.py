@@ -40,23 +40,33 @@ def message(
 
 def _chart(chart: Chart, numbers: list[np.ndarray], window: Window | None) -> dict[str, Any]:
     return {
-        "label": chart.label, "scale": chart.scale, "low": chart.low, "high": chart.high, "square": chart.square,
-        "bare": chart.bare, "factor": chart.factor,
+        "label": chart.label,
+        "scale": chart.scale,
+        "low": chart.low,
+        "high": chart.high,
+        "square": chart.square,
+        "bare": chart.bare,
+        "factor": chart.factor,
         "panels": [_panel(each, numbers, chart, window) for each in chart.panels],
-    }  # fmt: skip
+    }
 
 
 def _panel(panel: Panel, numbers: list[np.ndarray], chart: Chart, window: Window | None) -> dict[str, Any]:
     return {
-        "label": panel.label, "scale": panel.scale, "low": panel.low, "high": panel.high, "share": panel.share,
+        "label": panel.label,
+        "scale": panel.scale,
+        "low": panel.low,
+        "high": panel.high,
+        "share": panel.share,
         "curves": [_curve(each, numbers, chart, panel, window) for each in panel.curves],
         "marks": [vars(each) for each in panel.marks],
         "levels": [vars(each) for each in panel.levels],
         "discs": [vars(each) for each in panel.discs],
         "notes": [vars(each) for each in panel.notes],
         "bands": [_band(each, numbers) for each in panel.bands],
-        "said": panel.said, "heat": panel.heat and vars(panel.heat),
-    }  # fmt: skip
+        "said": panel.said,
+        "heat": panel.heat and vars(panel.heat),
+    }
 
 
 def _curve(
@@ -68,9 +78,15 @@ def _curve(
         x, y = _thinned(x, y, chart, panel, window)
     at = _put((x, y, *each_point), numbers)
     return {
-        "name": curve.name, "number": curve.number, "look": curve.look, "said": curve.said, "at": at, "n": x.size,
-        "heat": curve.heat is not None, "reach": curve.reach is not None,
-    }  # fmt: skip
+        "name": curve.name,
+        "number": curve.number,
+        "look": curve.look,
+        "said": curve.said,
+        "at": at,
+        "n": x.size,
+        "heat": curve.heat is not None,
+        "reach": curve.reach is not None,
+    }
 
 
 def _put(rows: Sequence[np.ndarray], numbers: list[np.ndarray]) -> int:

@@ -178,9 +178,12 @@ def _without_denormal(values: Sequence[Any] | np.ndarray) -> list[float]:
 
 _BETWEEN = 0.6180339887498949  # of the step of a difference: steps of whole periods of a ripple show no slope
 _UNHURRIED = (
-    HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much, HealthCheck.large_base_example,
+    HealthCheck.too_slow,
+    HealthCheck.data_too_large,
+    HealthCheck.filter_too_much,
+    HealthCheck.large_base_example,
     HealthCheck.differing_executors,
-)  # fmt: skip
+)
 # no search for a smaller example: it takes minutes, and the numbers are ordinary ones already
 _PHASES = (Phase.explicit, Phase.reuse, Phase.generate)
 # compiling takes long: the simplest example and one more

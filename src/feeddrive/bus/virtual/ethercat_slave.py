@@ -375,9 +375,12 @@ def eeprom(vendor: int, product: int, revision: int, serial: int, name: str) -> 
     sync = b"".join(
         struct.pack("<HHBBBB", start, length, control, 0, 1, kind)
         for (start, length), control, kind in (
-            (MAILBOX_OUT, 0x26, 1), (MAILBOX_IN, 0x22, 2), ((OUTPUTS[0], 0), 0x64, 3), ((INPUTS[0], 0), 0x20, 4),
+            (MAILBOX_OUT, 0x26, 1),
+            (MAILBOX_IN, 0x22, 2),
+            ((OUTPUTS[0], 0), 0x64, 3),
+            ((INPUTS[0], 0), 0x20, 4),
         )
-    )  # fmt: skip
+    )
     categories = (
         (_STRINGS, strings),
         (_GENERAL, bytes(general)),

@@ -154,9 +154,11 @@ def scaling_of(loop: Loop) -> DriveScaling:
     lead, gear = float(motor.lead), float(motor.gear)
     torque = rated * float(motor.torque_constant) / float(motor.force_per_unit())
     return DriveScaling(
-        counts_per_turn=float(max(1, round(lead / (gear * increment)))), lead=lead, gear=gear,
+        counts_per_turn=float(max(1, round(lead / (gear * increment)))),
+        lead=lead,
+        gear=gear,
         rated_torque=max(1e-3, round(torque, 3)),
-    )  # fmt: skip
+    )
 
 
 _HELD_UP = 0.02  # s by which an ordinary computer may be late
@@ -180,10 +182,14 @@ def drive_text(loop: Loop, scaling: DriveScaling, bus: str, interface: str, stat
     following = None if guard is None else guard.following_error_limit
     force = 1000.0 * 3.0 * scaling.newton if limits is None else float(limits)
     resistance = _resistance(loop.axis)
-    axis = "" if resistance is None else (
-        f"largest_mass = {_RESERVE * float(loop.axis.plant.rigid_mass()):.4g}   # kg, for mode = \"cst\"\n"
-        f"breakaway_force = {_RESERVE * resistance:.4g}   # N, likewise\n"
-    )  # fmt: skip
+    axis = (
+        ""
+        if resistance is None
+        else (
+            f'largest_mass = {_RESERVE * float(loop.axis.plant.rigid_mass()):.4g}   # kg, for mode = "cst"\n'
+            f"breakaway_force = {_RESERVE * resistance:.4g}   # N, likewise\n"
+        )
+    )
     if scaling.turns:
         units = (
             f"counts_per_turn = {scaling.counts_per_turn:.0f}\nlead = {scaling.lead!r}\ngear = {scaling.gear!r}\n"
@@ -216,9 +222,12 @@ def drive_text(loop: Loop, scaling: DriveScaling, bus: str, interface: str, stat
 
 VENDOR, PRODUCT, REVISION = 0, 0x66656564, 1  # vendor 0: not assigned
 _TRIPPED = {
-    TRIP_READING: 0x7305, TRIP_FOLLOWING_ERROR: 0x8611, TRIP_VELOCITY: 0x8400, TRIP_TRAVEL: 0x8612,
+    TRIP_READING: 0x7305,
+    TRIP_FOLLOWING_ERROR: 0x8611,
+    TRIP_VELOCITY: 0x8400,
+    TRIP_TRAVEL: 0x8612,
     TRIP_COMMAND: 0xFF01,
-}  # fmt: skip
+}
 _NO_WINDOW = 0xFFFFFFFF
 _STANDSTILL = 0.2  # s that a quick stop holds the axis after its ramp
 _WRITABLE = {
@@ -229,8 +238,13 @@ _WRITABLE = {
 
 # abort codes of SDO
 READ_ONLY, NO_OBJECT, NO_SUBINDEX, WRONG_LENGTH, TOO_LARGE, WRONG_STATE = (
-    0x06010002, 0x06020000, 0x06090011, 0x06070010, 0x06090030, 0x08000022,
-)  # fmt: skip
+    0x06010002,
+    0x06020000,
+    0x06090011,
+    0x06070010,
+    0x06090030,
+    0x08000022,
+)
 
 
 class SdoAbortError(Exception):
@@ -281,14 +295,23 @@ class Firmware:
         values = dict.fromkeys(OBJECTS, 0)
         window = None if guard is None or guard.following_error_limit is None else guard.following_error_limit
         values |= {
-            "device_type": 0x00020192, "vendor": VENDOR, "product": PRODUCT, "revision": REVISION, "serial": 1,
-            "connection_option": 1, "quick_stop_option": 2, "max_torque": 0xFFFF, "rated_torque": scaling.rated_milli,
+            "device_type": 0x00020192,
+            "vendor": VENDOR,
+            "product": PRODUCT,
+            "revision": REVISION,
+            "serial": 1,
+            "connection_option": 1,
+            "quick_stop_option": 2,
+            "max_torque": 0xFFFF,
+            "rated_torque": scaling.rated_milli,
             "following_error_window": _NO_WINDOW if window is None else scaling.increments(window),
-            "position_least": -(1 << 31), "position_most": (1 << 31) - 1,
+            "position_least": -(1 << 31),
+            "position_most": (1 << 31) - 1,
             "quick_stop_deceleration": min(scaling.increments(5.0), _NO_WINDOW),
             "supported_modes": 1 << (CSP - 1) | 1 << (CST - 1) | (1 << (CSV - 1) if velocity else 0),
-            "cycle_value": cycle_value, "cycle_exponent": cycle_exponent,
-        }  # fmt: skip
+            "cycle_value": cycle_value,
+            "cycle_exponent": cycle_exponent,
+        }
         if scaling.turns:
             assert scaling.counts_per_turn is not None
             values |= {"encoder_increments": round(scaling.counts_per_turn), "encoder_turns": 1}
@@ -472,8 +495,12 @@ class Firmware:
 
     def _show(self, position: float, second: float, speed: float, per_mille: int) -> None:
         metre = self.scaling.metre
-        shown = {"position": round(position / metre), "second_position": round(second / metre),
-                 "velocity": round(speed / metre), "torque": per_mille}  # fmt: skip
+        shown = {
+            "position": round(position / metre),
+            "second_position": round(second / metre),
+            "velocity": round(speed / metre),
+            "torque": per_mille,
+        }
         for name, value in shown.items():
             self.values[name] = _within(name, value)
         self.values["statusword"] = self._status()

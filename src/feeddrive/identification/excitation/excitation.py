@@ -301,9 +301,20 @@ def design_excitation(
 
     def drawn(height: float) -> Excitation:
         return _drawn(
-            loop, band, height, where, resolution, periods, realisations, grid, flat, offset_velocity,
-            (travel, speed, force), seed, name,
-        )  # fmt: skip
+            loop,
+            band,
+            height,
+            where,
+            resolution,
+            periods,
+            realisations,
+            grid,
+            flat,
+            offset_velocity,
+            (travel, speed, force),
+            seed,
+            name,
+        )
 
     found = drawn(amplitude)
     if all(limit.holds for limit in found.limits):
@@ -312,10 +323,20 @@ def design_excitation(
 
 
 def _drawn(
-    loop: Loop, band: tuple[float, float], amplitude: float, where: str, resolution: float, periods: int,
-    realisations: int, grid: str, flat: str, offset_velocity: float | None,
-    stated: tuple[float | None, float | None, float | None], seed: int, name: str,
-) -> Excitation:  # fmt: skip
+    loop: Loop,
+    band: tuple[float, float],
+    amplitude: float,
+    where: str,
+    resolution: float,
+    periods: int,
+    realisations: int,
+    grid: str,
+    flat: str,
+    offset_velocity: float | None,
+    stated: tuple[float | None, float | None, float | None],
+    seed: int,
+    name: str,
+) -> Excitation:
     """The excitation with its simulations, also if limits are exceeded."""
     T = float(loop.sample_time)
     period = max(round(1.0 / (resolution * T)), 16)
@@ -342,15 +363,36 @@ def _drawn(
             "partly that of the stuck axis; give a larger offset velocity"
         )
     return Excitation(
-        name, where, amplitude, crest, T, period, periods, fade, times.first, lines, grid, offset, least,
-        tuple(drawings), tuple(checked), tuple(remarks), loop.axis.rotary,
-    )  # fmt: skip
+        name,
+        where,
+        amplitude,
+        crest,
+        T,
+        period,
+        periods,
+        fade,
+        times.first,
+        lines,
+        grid,
+        offset,
+        least,
+        tuple(drawings),
+        tuple(checked),
+        tuple(remarks),
+        loop.axis.rotary,
+    )
 
 
 def _check(
-    loop: Loop, band: tuple[float, float], amplitude: float, where: str, resolution: float, periods: int, drawn: int,
+    loop: Loop,
+    band: tuple[float, float],
+    amplitude: float,
+    where: str,
+    resolution: float,
+    periods: int,
+    drawn: int,
     flat: str,
-) -> None:  # fmt: skip
+) -> None:
     nyquist = 0.5 / float(loop.sample_time)
     if not 0.0 < band[0] <= band[1] < nyquist:
         raise ParameterError(
@@ -400,9 +442,14 @@ def _scaled(lines: np.ndarray, sizes: np.ndarray, phases: np.ndarray, amplitude:
 
 
 def _offset(
-    loop: Loop, where: str, lines: np.ndarray, sizes: np.ndarray, phases: list[np.ndarray], waves: list[float],
+    loop: Loop,
+    where: str,
+    lines: np.ndarray,
+    sizes: np.ndarray,
+    phases: list[np.ndarray],
+    waves: list[float],
     period: int,
-) -> float:  # fmt: skip
+) -> float:
     """Speed at which the excited motion, by the linear model, does not reverse and stays above the Stribeck range."""
     source = "added_force" if where == "force" else "set_position"
     model = linearize(loop, [source], ["velocity_load", "velocity_motor"])
@@ -420,9 +467,15 @@ def _offset(
 
 
 def _simulated(
-    loop: Loop, where: str, times: _Timeline, lines: np.ndarray, sizes: np.ndarray, phases: np.ndarray, offset: float,
+    loop: Loop,
+    where: str,
+    times: _Timeline,
+    lines: np.ndarray,
+    sizes: np.ndarray,
+    phases: np.ndarray,
+    offset: float,
     seed: int,
-) -> Drawing:  # fmt: skip
+) -> Drawing:
     """One realization of the excitation, and the simulated response of the loop."""
     T = float(loop.sample_time)
     t = np.arange(times.samples) * T

@@ -64,8 +64,13 @@ class FrequencyEstimate(Result):
         def of(values: np.ndarray | None) -> np.ndarray | None:
             return None if values is None else values[kept]
 
-        frf = replace(f, frequency=f.frequency[kept], response=f.response[kept], coherence=of(f.coherence),
-                      variance=of(f.variance))  # fmt: skip
+        frf = replace(
+            f,
+            frequency=f.frequency[kept],
+            response=f.response[kept],
+            coherence=of(f.coherence),
+            variance=of(f.variance),
+        )
         return replace(
             self, frf=frf, freedom=self.freedom[kept], noise=self.noise[kept], remarks=(*self.remarks, *remarks)
         )
@@ -118,9 +123,13 @@ class FrequencyEstimate(Result):
         )
         rows = values[np.unique(np.linspace(0, n - 1, 12).astype(int))].tolist()
         columns = [
-            Column("frequency", "Hz", "5"), Column("magnitude", frf.unit or "1"), Column("phase", "rad", ".1f deg"),
-            Column("deviation", "share", "3"), Column("by noise", "share", "3"), Column("coherence", form=".4f"),
-        ]  # fmt: skip
+            Column("frequency", "Hz", "5"),
+            Column("magnitude", frf.unit or "1"),
+            Column("phase", "rad", ".1f deg"),
+            Column("deviation", "share", "3"),
+            Column("by noise", "share", "3"),
+            Column("coherence", form=".4f"),
+        ]
         return Table(f"{frf.output} / {frf.input}, {n} lines; {self.method}", columns, rows)
 
 

@@ -187,8 +187,16 @@ def impacts(records: Sequence[Record]) -> FrequencyEstimate:
             variance, spread = floor * more, spread * more
         if sigma:
             response, variance = value, spread
-    frf = FRF(frequency, response, first.input_name, first.output_name, first.unit, first.sample_time,
-              coherence_of(response, variance, freedom), variance)  # fmt: skip
+    frf = FRF(
+        frequency,
+        response,
+        first.input_name,
+        first.output_name,
+        first.unit,
+        first.sample_time,
+        coherence_of(response, variance, freedom),
+        variance,
+    )
     window = (
         Text(f"exponential window of {Quantity(sigma, '1/s')}, corrected")
         if sigma
@@ -197,9 +205,14 @@ def impacts(records: Sequence[Record]) -> FrequencyEstimate:
     text = Text(f"{count} blow{'s' if count > 1 else ''} of {length} samples, force window, {window}")
     remarks += _remarks(stretches, frequency, power, sigma)
     estimate = FrequencyEstimate(
-        frf, text, np.full(frequency.size, freedom), variance, total=count > 1, counts={"blows": count},
+        frf,
+        text,
+        np.full(frequency.size, freedom),
+        variance,
+        total=count > 1,
+        counts={"blows": count},
         remarks=(*_saturation(stretches), *remarks),
-    )  # fmt: skip
+    )
     return estimate.where_told(noise / power)
 
 

@@ -120,8 +120,16 @@ def averaged(
             share = 0.5 * (1.0 + coherence) * share
         variance = np.abs(response) ** 2 * share
     first = records[0]
-    frf = FRF(found.frequency, response, first.input_name, first.output_name, first.unit, first.sample_time,
-              coherence, variance)  # fmt: skip
+    frf = FRF(
+        found.frequency,
+        response,
+        first.input_name,
+        first.output_name,
+        first.unit,
+        first.sample_time,
+        coherence,
+        variance,
+    )
     length = 1.0 / (found.frequency[0] * first.sample_time)
     text = Text(
         f"{method}: {u.shape[0]} stretches of {round(length)} samples, Hann window, {Quantity(overlap, 'share'):6} "
@@ -201,8 +209,16 @@ def local_polynomial(
     response = np.sum(weights * responses, axis=0) / np.sum(weights, axis=0)
     variance = np.mean(noises, axis=0) / np.sum(weights, axis=0)
     nu = float((2 * half + 1 - 2 * (ORDER + 1)) * len(records))
-    frf = FRF(frequency, response, first.input_name, first.output_name, first.unit, first.sample_time,
-              coherence_of(response, variance, nu), variance)  # fmt: skip
+    frf = FRF(
+        frequency,
+        response,
+        first.input_name,
+        first.output_name,
+        first.unit,
+        first.sample_time,
+        coherence_of(response, variance, nu),
+        variance,
+    )
     text = Text(
         f"local polynomials of order {ORDER} over {2 * half + 1} lines of "
         f"{Quantity(1 / (len(first) * first.sample_time), 'Hz')}"

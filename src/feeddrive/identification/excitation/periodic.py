@@ -209,12 +209,21 @@ def periodic(
             "still exceeds the noise; if the deviation is too large, measure more periods, or wait longer before "
             "recording"
         )
-    frf = FRF(frequency[lines], response, first.input_name, first.output_name, first.unit, first.sample_time,
-              coherence_of(response, noise, freedom), variance)  # fmt: skip
+    frf = FRF(
+        frequency[lines],
+        response,
+        first.input_name,
+        first.output_name,
+        first.unit,
+        first.sample_time,
+        coherence_of(response, noise, freedom),
+        variance,
+    )
     counts = {
-        "realisations": len(drawn), "periods": sum(each.periods for each in drawn),
+        "realisations": len(drawn),
+        "periods": sum(each.periods for each in drawn),
         "dropped": sum(each.dropped for each in drawn),
-    }  # fmt: skip
+    }
     text = (
         f"periods of {period} samples: {counts['periods']} averaged, {counts['dropped']} dropped, "
         f"{len(drawn)} realisation{'s' if len(drawn) > 1 else ''}; variance by {rule}"

@@ -259,9 +259,11 @@ class LawCheck:
             f"counts make {Quantity(self.counts, 'share'):3}"
         )
         columns = [
-            "parameter", Column("stated", form="5"), Column("the log needs", form="5"),
+            "parameter",
+            Column("stated", form="5"),
+            Column("the log needs", form="5"),
             Column("standard error", form="2"),
-        ]  # fmt: skip
+        ]
         return Table(title, columns, rows)
 
 

@@ -131,9 +131,7 @@ def prepare(log: MotionLog, how: Preparation) -> Prepared:
         )
     channels = np.array([velocity, acceleration, np.ones_like(velocity), delayed(log.force, how.delay)])
     slow, changes, constant, applied = _reduced(channels, stretches, places, factor)
-    return Prepared(
-        places * T, slow, changes, constant, applied, velocity, factor, places, stretches, cutoff, T, how
-    )  # fmt: skip
+    return Prepared(places * T, slow, changes, constant, applied, velocity, factor, places, stretches, cutoff, T, how)
 
 
 def _differenced(values: np.ndarray, cutoff: float, T: float, how: Preparation) -> tuple[np.ndarray, np.ndarray]:

@@ -115,9 +115,12 @@ class RigidFit(Result):
             self.residuals, values=self.residuals.values / r, measured=self.residuals.measured / r, unit="N"
         )
         return replace(
-            self, estimates=found, covariance=self.covariance * np.outer(factors, factors), residuals=residuals,
+            self,
+            estimates=found,
+            covariance=self.covariance * np.outer(factors, factors),
+            residuals=residuals,
             frame=TABLE,
-        )  # fmt: skip
+        )
 
     def plant(self) -> Rigid:
         """The moving mass as a plant."""

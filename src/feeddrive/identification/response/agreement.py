@@ -178,9 +178,14 @@ def predicted(
     for fold in range(_FOLDS):
         out = [np.arange(frf.frequency.size) % _FOLDS == fold for frf in responses]
         part = refine(
-            model, unknowns, responses, use=[~each for each in out], start=found.values, steps=_FEW,
+            model,
+            unknowns,
+            responses,
+            use=[~each for each in out],
+            start=found.values,
+            steps=_FEW,
             model_error=found.model_error,
-        )  # fmt: skip
+        )
         for (response, _), frf, left in zip(model(part.values), responses, out, strict=True):
             apart, known = np.abs(np.log(response / frf.response)) ** 2, _known(frf)
             other.append(apart[left & known])

@@ -47,14 +47,23 @@ class AxisFits(Result):
     def table(self) -> Table:
         """One row a structure: parameters, error on unused lines in dB RMS, correlation of residuals."""
         rows: list[Sequence[Cell]] = [
-            [name, len(fit.estimates), _DECIBEL * fit.agreement.unused, fit.agreement.autocorrelation(),
-             "taken" if name == self.chosen else ""]
+            [
+                name,
+                len(fit.estimates),
+                _DECIBEL * fit.agreement.unused,
+                fit.agreement.autocorrelation(),
+                "taken" if name == self.chosen else "",
+            ]
             for name, fit in self.fits.items()
-        ]  # fmt: skip
+        ]
         rows += [[name, "", "", "", why] for name, why in self.refused.items()]
         heads = [
-            "structure", "parameters", Column("unused lines", "dB", ".3f"), Column("from line to line", form=".2f"), "",
-        ]  # fmt: skip
+            "structure",
+            "parameters",
+            Column("unused lines", "dB", ".3f"),
+            Column("from line to line", form=".2f"),
+            "",
+        ]
         return Table("structures: the fewest parameters among those that predict unused lines best", heads, rows)
 
 
@@ -131,9 +140,13 @@ def _ways(
     """The fits that are possible with these known parameters, in the order in which they are tried."""
     corner = None if actuator is None else actuator.current_loop
     common: dict[str, Any] = {
-        "held": held, "band": band, "force_per_unit": force_per_unit, "travel_per_unit": travel_per_unit,
-        "current_loop": None if corner is None else float(corner), "find_current_loop": corner is not None,
-    }  # fmt: skip
+        "held": held,
+        "band": band,
+        "force_per_unit": force_per_unit,
+        "travel_per_unit": travel_per_unit,
+        "current_loop": None if corner is None else float(corner),
+        "find_current_loop": corner is not None,
+    }
 
     def rigid() -> PlantFit:
         responses, units = taken({"motor": motor, "load": load}, band, force_per_unit, travel_per_unit)

@@ -145,8 +145,11 @@ class ModalResponse:
         """Response and slopes of each output."""
         k, n = self.modes, self.common
         omega, ratio, corner, late = (
-            2.0 * np.pi * parameters[:k], parameters[k : 2 * k], parameters[2 * k], parameters[2 * k + 1],
-        )  # fmt: skip
+            2.0 * np.pi * parameters[:k],
+            parameters[k : 2 * k],
+            parameters[2 * k],
+            parameters[2 * k + 1],
+        )
         found: list[tuple[np.ndarray, np.ndarray]] = []
         for i, s in enumerate(self.s):
             place = n + i * self.own
@@ -314,14 +317,24 @@ class ModalFit(Result):
     def table(self) -> Table:
         """One row a mode."""
         heads = [
-            "mode", Column("frequency", "Hz", "5"), Column("error", "Hz", "2"), Column("damping ratio", form=".4f"),
-            Column("error", form="2"), *(Column(f"|residue| {name}") for name in self.outputs),
-        ]  # fmt: skip
+            "mode",
+            Column("frequency", "Hz", "5"),
+            Column("error", "Hz", "2"),
+            Column("damping ratio", form=".4f"),
+            Column("error", form="2"),
+            *(Column(f"|residue| {name}") for name in self.outputs),
+        ]
         rows = [
-            [i, replace(mode.frequency.quantity, form="5"), mode.frequency.error,
-             replace(mode.damping_ratio.quantity, form=".4f"), mode.damping_ratio.error, *map(abs, mode.residues)]
+            [
+                i,
+                replace(mode.frequency.quantity, form="5"),
+                mode.frequency.error,
+                replace(mode.damping_ratio.quantity, form=".4f"),
+                mode.damping_ratio.error,
+                *map(abs, mode.residues),
+            ]
             for i, mode in enumerate(self.modes, start=1)
-        ]  # fmt: skip
+        ]
         fit = self.agreement
         title = Text(
             f"{len(self.modes)} modes; unused lines are predicted within {Quantity(8.686 * fit.unused, 'dB'):.2f} RMS"

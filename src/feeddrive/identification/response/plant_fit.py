@@ -250,9 +250,13 @@ def _covariance(
     every = [*names, *gone]
     at = np.concatenate([found.values, [*gone.values()]])
     both = covariances_at(
-        task.model(every), task.unknowns(every), task.frfs, at,
-        logarithmic=not weighted, model_error=found.model_error,
-    )  # fmt: skip
+        task.model(every),
+        task.unknowns(every),
+        task.frfs,
+        at,
+        logarithmic=not weighted,
+        model_error=found.model_error,
+    )
     n = len(names)
     return both[0][:n, :n], both[1][:n, :n]
 
@@ -589,8 +593,9 @@ def fit_modal_axis(
         parts.append(Mode(frequency=mode.frequency.value, damping_ratio=ratio, mass=1.0 / drive, motor=1.0, load=shape))
     corner = float(values[2 * model.modes])
     plant = Modal(mass=1.0 / free, viscous=corner / free, modes=tuple(parts))
-    actuator = Actuator(dead_time=max(modal["dead_time"].value, 0.0) if dead_time is None else dead_time,
-                        current_loop=current_loop)  # fmt: skip
+    actuator = Actuator(
+        dead_time=max(modal["dead_time"].value, 0.0) if dead_time is None else dead_time, current_loop=current_loop
+    )
     names = [name for name, _ in tree.leaves(plant) if name not in fixed]
     names += [each for each, wanted in zip(DRIVE, (dead_time is None, find_current_loop), strict=True) if wanted]
     return finished(Task(plant, actuator, {}, responses, units, held), names, ("viscous",))

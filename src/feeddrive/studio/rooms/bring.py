@@ -52,9 +52,12 @@ class Bring(Room):
         words: dict[str, Any] = {
             "bundled": _bundled(),
             "files": [self._file(each) for each in self.files.values()],
-            "open": self.open, "made": {}, "roles": dict(ROLES), "start_from": self.start_from,
+            "open": self.open,
+            "made": {},
+            "roles": dict(ROLES),
+            "start_from": self.start_from,
             "offers_tour": not self.files and self.desk.bench is None,
-        }  # fmt: skip
+        }
         charts = dict[str, Chart]()
         found = self.files.get(self.open)
         if found is not None and found.guess is not None:
@@ -137,12 +140,19 @@ class Bring(Room):
         path, out = self._path(found.name), self._free(f"identified_{stem_of(found.name)}")
         unit = asked.text_or_none("unit")
         request = IdentifyRequest(
-            path, channels=self._roles(found) if found.kind == LOG else None, out=out, machine=self._machine(asked),
-            axis=asked.text_or_none("axis"), motor=asked.text_or_none("motor"), load=asked.text_or_none("load"),
-            lead=asked.number_or_none("lead"), force_constant=asked.number_or_none("force_constant"),
-            sample_time=asked.number_or_none("sample_time"), law=asked.text_or_none("law"),
+            path,
+            channels=self._roles(found) if found.kind == LOG else None,
+            out=out,
+            machine=self._machine(asked),
+            axis=asked.text_or_none("axis"),
+            motor=asked.text_or_none("motor"),
+            load=asked.text_or_none("load"),
+            lead=asked.number_or_none("lead"),
+            force_constant=asked.number_or_none("force_constant"),
+            sample_time=asked.number_or_none("sample_time"),
+            law=asked.text_or_none("law"),
             unit=() if unit is None else (unit,),
-        )  # fmt: skip
+        )
         self._start("identify", found.name, f"identify {found.name}", request)
 
     @act
@@ -168,10 +178,14 @@ class Bring(Room):
             raise ParameterError(f"{found.name} holds no frequency responses")
         places = [self._path(each) for each in asked.texts("at")]
         bench = bench_of_responses(
-            self._chosen(found, asked), at=places, baseline=self._machine(asked),
-            axis=asked.text_or_none("axis"), unit=asked.text_or_none("unit"),
-            sample_time=asked.number_or_none("sample_time"), delay=asked.number_or_none("delay") or 0.0,
-        )  # fmt: skip
+            self._chosen(found, asked),
+            at=places,
+            baseline=self._machine(asked),
+            axis=asked.text_or_none("axis"),
+            unit=asked.text_or_none("unit"),
+            sample_time=asked.number_or_none("sample_time"),
+            delay=asked.number_or_none("delay") or 0.0,
+        )
         self.desk.put(bench)
         return self._on("tune")
 
@@ -291,19 +305,28 @@ class Bring(Room):
             why = found.guess.mapping.reasons.get(role, "") if role else found.guess.unused.get(name, "")
             if name in needs and not role:
                 why = f"may be {needs[name][0]}: needs a factor, {needs[name][1]}"
-            shown.append({
-                "column": name, "role": role, "unit": "" if column is None else column.unit,
-                "factor": None if column is None else column.factor, "stated": found.units.get(name, ""), "why": why,
-            })  # fmt: skip
+            shown.append(
+                {
+                    "column": name,
+                    "role": role,
+                    "unit": "" if column is None else column.unit,
+                    "factor": None if column is None else column.factor,
+                    "stated": found.units.get(name, ""),
+                    "why": why,
+                }
+            )
         return shown
 
     @staticmethod
     def _file(found: Understood) -> dict[str, Any]:
         return {
-            "name": found.name, "kind": found.kind, "axes": list(found.axes), "wrong": found.wrong,
+            "name": found.name,
+            "kind": found.kind,
+            "axes": list(found.axes),
+            "wrong": found.wrong,
             "responses": list(found.responses),
             "tables": [tabled(each) for each in found.tables],
-        }  # fmt: skip
+        }
 
 
 def _bundled() -> list[str]:

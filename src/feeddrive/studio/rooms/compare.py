@@ -75,9 +75,12 @@ class Compare(Room):
         wanted = tuple(each for each in names if each not in self.left_out)
         machine = self.desk.machine()
         request = CompareRequest(
-            self.desk.machine_path(), axis=bench.axis, law=wanted if self.left_out else (),
-            starts=int(asked.number("starts")), keep=self.desk.folder / "compared_laws",
-        )  # fmt: skip
+            self.desk.machine_path(),
+            axis=bench.axis,
+            law=wanted if self.left_out else (),
+            starts=int(asked.number("starts")),
+            keep=self.desk.folder / "compared_laws",
+        )
 
         def then(found: Shown) -> None:
             self.desk.did("compare", request)

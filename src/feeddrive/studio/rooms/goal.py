@@ -168,9 +168,14 @@ class Goal(Room):
             return TuneRequest(self.desk.machine_path(), **given)
         baseline = None if bench.machine is None else self.desk.machine_path()
         return TuneRequest(
-            source.source, baseline=baseline, motor=tuple(source.motor), unit=source.unit,
-            sample_time=source.sample_time, delay=source.delay, **given,
-        )  # fmt: skip
+            source.source,
+            baseline=baseline,
+            motor=tuple(source.motor),
+            unit=source.unit,
+            sample_time=source.sample_time,
+            delay=source.delay,
+            **given,
+        )
 
     def _begins(self) -> str:
         """What a person should know before the search; empty if there is nothing."""
@@ -207,10 +212,13 @@ class Goal(Room):
             shown = number(value / field.factor, 6)
         declared = field.declared.of_axis(self.desk.bench is not None and self.desk.bench.rotary)
         return {
-            "name": field.name, "label": field.flag.removeprefix("--").replace("-", " "), "meaning": declared.meaning,
-            "unit": declared.unit if field.kind is float else "", "options": list(declared.options or ()),
+            "name": field.name,
+            "label": field.flag.removeprefix("--").replace("-", " "),
+            "meaning": declared.meaning,
+            "unit": declared.unit if field.kind is float else "",
+            "options": list(declared.options or ()),
             "value": shown,
-        }  # fmt: skip
+        }
 
     def _levels(self, drawn: Mapping[str, Chart]) -> list[dict[str, Any]]:
         """Limits that can be dragged in a picture: which field, and at which height."""

@@ -40,9 +40,11 @@ class Prove(Room):
         axes = [] if bench is None or bench.machine is None else list(bench.machine.loops)
         programs = [*_bundled(), *self.desk.programs]
         words = {
-            "ready": bool(axes), "axes": axes, "programs": programs,
+            "ready": bool(axes),
+            "axes": axes,
+            "programs": programs,
             "shown": {name: self.desk.said_of(held, each.words) for name, (held, each) in self.shown.items()},
-        }  # fmt: skip
+        }
         charts = {f"{name}.{key}": chart for name, (_, of) in self.shown.items() for key, chart in of.charts.items()}
         return Said(words, charts)
 
@@ -90,9 +92,16 @@ class Prove(Room):
         source = self.desk.programs.get(name) or BUNDLED / "programs" / name
         part = self.desk.keep(Path(name).name, source.read_bytes(), _PROGRAM)
         machine = quoted(whole(self.desk.machine_path()))
-        text = [f"title = {quoted(f'{name} on {bench.title}')}", f"machine = {machine}",
-                f"axis = {quoted(bench.axis)}", f"rule = {quoted(_RULE)}", "", "[program]",
-                f"file = {quoted(part.name)}", ""]  # fmt: skip
+        text = [
+            f"title = {quoted(f'{name} on {bench.title}')}",
+            f"machine = {machine}",
+            f"axis = {quoted(bench.axis)}",
+            f"rule = {quoted(_RULE)}",
+            "",
+            "[program]",
+            f"file = {quoted(part.name)}",
+            "",
+        ]
         job = self.desk.keep("job.toml", "\n".join(text).encode(), f"the job of {part.name}, which stands beside it")
         request = RunRequest(str(job), out=free_name(self.desk.folder, "run"))
         held = self.desk.held()

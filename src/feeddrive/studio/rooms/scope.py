@@ -69,14 +69,20 @@ class Scope(Room):
         channels = self._units()
         return Said(
             {
-                **frame.words, "live": False,
+                **frame.words,
+                "live": False,
                 "sources": [{"name": name, "kind": each.kind} for name, each in self.desk.live.offered().items()],
-                "hint": self.desk.live.hint, "chosen": self.chosen, "fields": [self._field(name) for name in _SHOWN],
-                "mode": self.mode, "modes": dict(MODES), "trigger": self.trigger, "saved": self.saved,
+                "hint": self.desk.live.hint,
+                "chosen": self.chosen,
+                "fields": [self._field(name) for name in _SHOWN],
+                "mode": self.mode,
+                "modes": dict(MODES),
+                "trigger": self.trigger,
+                "saved": self.saved,
                 "channels": [self._channel(name) for name in channels],
             },
             frame.charts,
-        )  # fmt: skip
+        )
 
     @act
     def frame(self, _: Asked) -> Said:
@@ -295,13 +301,17 @@ class Scope(Room):
             shown = self.scope.shown() if self.held is None else self.held
             look, channels = self._looking(shown), dict(self.scope.channels)
         words: dict[str, Any] = {
-            "live": True, "following": following is not None and following.going,
+            "live": True,
+            "following": following is not None and following.going,
             "state": "" if following is None else following.state(),
             "failed": following is not None and bool(following.failed),
             "rate": 0.0 if following is None else following.rate,
-            "held": self.held is not None, "of": [f"{name} {unit}" for name, unit in channels.items()], "look": look,
-            "readout": [], "cursors": None,
-        }  # fmt: skip
+            "held": self.held is not None,
+            "of": [f"{name} {unit}" for name, unit in channels.items()],
+            "look": look,
+            "readout": [],
+            "cursors": None,
+        }
         of = {} if shown is None else shown.channels
         drawn = [Channel(name, [*of].index(name), *self._factor(name, of)) for name in self._drawn(of)]
         if shown is None or not drawn:
@@ -355,18 +365,25 @@ class Scope(Room):
         value = self.given.get(name, field.default)
         text = "" if value is None else number(factor * value, 6) if isinstance(value, float) else str(value)
         return {
-            "name": name, "label": name.replace("_", " "), "meaning": field.declared.meaning,
-            "unit": written(unit) if field.kind is float else "", "options": list(field.declared.options or ()),
+            "name": name,
+            "label": name.replace("_", " "),
+            "meaning": field.declared.meaning,
+            "unit": written(unit) if field.kind is float else "",
+            "options": list(field.declared.options or ()),
             "value": text,
-        }  # fmt: skip
+        }
 
     def _channel(self, name: str) -> dict[str, Any]:
         known = self.scope.channels.get(name, "")
         unit = known or self.stated.get(name, "")
         return {
-            "name": name, "shown": name in self._drawn(), "states": bool(known), "unit": unit,
-            "in_unit": self._factor(name)[0], "units": _choices(unit),
-        }  # fmt: skip
+            "name": name,
+            "shown": name in self._drawn(),
+            "states": bool(known),
+            "unit": unit,
+            "in_unit": self._factor(name)[0],
+            "units": _choices(unit),
+        }
 
 
 def _choices(unit: str) -> list[str]:

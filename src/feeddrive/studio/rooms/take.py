@@ -45,13 +45,16 @@ class Take(Room):
         bench = self.desk.bench
         found = recipe_of(self.desk)
         words = {
-            "ready": bench is not None and bench.machine is not None, "targets": list(TARGETS),
+            "ready": bench is not None and bench.machine is not None,
+            "targets": list(TARGETS),
             "results": [{"name": name, "said": said} for name, said in self.desk.results().items()],
             "exports": {name: self.desk.said_of(held, each.words) for name, (held, each) in self.exports.items()},
             "verified": self.verified,
             "bounds": self._bounds(),
-            "commands": found.commands, "python": found.python, "job_file": found.job,
-        }  # fmt: skip
+            "commands": found.commands,
+            "python": found.python,
+            "job_file": found.job,
+        }
         return Said(words)
 
     @act
@@ -69,9 +72,10 @@ class Take(Room):
         """Commands, Python or job as a file."""
         found = recipe_of(self.desk)
         texts = {
-            "commands": ("commands.sh", found.commands), "python": ("recipe.py", found.python),
+            "commands": ("commands.sh", found.commands),
+            "python": ("recipe.py", found.python),
             "job": ("before_and_after.toml", found.job),
-        }  # fmt: skip
+        }
         name, text = texts[asked.choice("kind", texts)]
         if not text:
             raise ParameterError("a job needs a machine: measured responses alone move no axis")

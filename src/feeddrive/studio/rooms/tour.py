@@ -135,9 +135,15 @@ class Tour(Room):
             return None
         step = STEPS[self.at]
         return {
-            "label": TITLE, "number": self.at + 1, "of": len(STEPS), "title": step.title, "text": step.text,
-            "room": step.room, "marked": step.marked, "next": "Next" if self.at + 1 < len(STEPS) else "End",
-        }  # fmt: skip
+            "label": TITLE,
+            "number": self.at + 1,
+            "of": len(STEPS),
+            "title": step.title,
+            "text": step.text,
+            "room": step.room,
+            "marked": step.marked,
+            "next": "Next" if self.at + 1 < len(STEPS) else "End",
+        }
 
     def heard(self, act: str) -> None:
         """An act of the page was done: begin with the first step, or end a step."""

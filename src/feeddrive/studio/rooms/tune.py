@@ -240,8 +240,10 @@ class Tune(Room):
     def _pictures(self) -> Said:
         bench, values = self.desk.needed, self.desk.values
         found = {TODAY: self._look(TODAY, bench.before, bench.before.values)}
-        found |= {letter: self._look(letter, kept.bench.by_hand, kept.values)
-                  for letter, kept in sorted(self.snapshots.items())}  # fmt: skip
+        found |= {
+            letter: self._look(letter, kept.bench.by_hand, kept.values)
+            for letter, kept in sorted(self.snapshots.items())
+        }
         found[NOW] = self._look(NOW, bench.by_hand, values)
         now, limits = found[NOW].look, self.desk.limits
         looks, parts = ({name: getattr(each, what) for name, each in found.items()} for what in ("look", "parts"))
@@ -253,16 +255,26 @@ class Tune(Room):
             "judged": verdict_words(now, limits, units),
             "figures": figure_words(now, units),
             "grips": self._grips(margins),
-            "speed": margins.crossover, "remarks": bench.remarks, "places": len(bench.by_hand.points),
-            "leading": now.leading.point, "stable": now.stable, "values": values,
-            "undo": len(self.desk.undo), "redo": len(self.desk.redo),
+            "speed": margins.crossover,
+            "remarks": bench.remarks,
+            "places": len(bench.by_hand.points),
+            "leading": now.leading.point,
+            "stable": now.stable,
+            "values": values,
+            "undo": len(self.desk.undo),
+            "redo": len(self.desk.redo),
             "kept": sorted(self.snapshots),
-        }  # fmt: skip
+        }
         if "poles" in drawn:
             said |= dict(zip(("poles", "poles_said"), self._poles.shown(self.units), strict=True))
         if self._told is not bench.by_hand:
-            said |= {"knobs": self._knobs(), "kinds": filter_kinds(), "faster": self._faster(),
-                     "pictures": choices(bench, self.chosen), "units": self._units()}  # fmt: skip
+            said |= {
+                "knobs": self._knobs(),
+                "kinds": filter_kinds(),
+                "faster": self._faster(),
+                "pictures": choices(bench, self.chosen),
+                "units": self._units(),
+            }
             self._told = bench.by_hand
         return Said(said, drawn)
 
@@ -286,10 +298,13 @@ class Tune(Room):
         """For each kind of quantity the units that a person can choose."""
         rotary = self.desk.needed.rotary
         return [
-            {"kind": kind, "chosen": getattr(self.units, kind),
-             "among": [[each, turning(each) if rotary else each] for each in among]}
+            {
+                "kind": kind,
+                "chosen": getattr(self.units, kind),
+                "among": [[each, turning(each) if rotary else each] for each in among],
+            }
             for kind, among in CHOICES.items()
-        ]  # fmt: skip
+        ]
 
     @property
     def _sample_time(self) -> float:
@@ -315,9 +330,18 @@ class Tune(Room):
             declared = each.declared.of_axis(bench.rotary)
             unit, factor = units.of(each.declared.unit)
             dragged = each.declared.unit == "Hz" and each.name.startswith("filters.")
-            found.append({
-                "name": each.name, "block": each.block, "unit": unit, "factor": factor, "low": each.low,
-                "high": each.high, "logarithmic": each.logarithmic, "meaning": declared.meaning, "today": each.value,
-                "dragged": dragged,
-            })  # fmt: skip
+            found.append(
+                {
+                    "name": each.name,
+                    "block": each.block,
+                    "unit": unit,
+                    "factor": factor,
+                    "low": each.low,
+                    "high": each.high,
+                    "logarithmic": each.logarithmic,
+                    "meaning": declared.meaning,
+                    "today": each.value,
+                    "dragged": dragged,
+                }
+            )
         return found
