@@ -16,9 +16,9 @@ import feeddrive
 from feeddrive import simulate
 from feeddrive.blocks import SnapLimitedMove
 from feeddrive.export import c_bundle
+from feeddrive.export import fmu as binary
 from feeddrive.export.design import CONTROL, PLANT, read_design
 from feeddrive.export.fmu import fmu, write_fmu
-from feeddrive.export.fmu import fmu as binary
 from feeddrive.export.layout import layout
 from feeddrive.export.trial import trial
 from feeddrive.export.verify import verify_export

@@ -68,19 +68,19 @@ def self_test(layout: Layout, seed: int = 0) -> tuple[str, str]:
 
 
 def stepped(layout: Layout, tried: Trial) -> np.ndarray:
-    """The outputs of a trial by the layout's own operations in Python."""
+    """Return the outputs of a trial, computed by the layout's own operations in Python."""
     held = LayoutRun(layout)
     held.reset(tried.inputs[0])
-    found = []
+    outputs = []
     for k, inputs in enumerate(tried.inputs):
         if k in tried.changes:
             held.retune(tried.changes[k])
-        found.append([float(x) for x in held.step(inputs)])
-    return np.array(found)
+        outputs.append([float(x) for x in held.step(inputs)])
+    return np.array(outputs)
 
 
 def _parameter_rows(layout: Layout, tried: Trial) -> list[tuple[int, list[float]]]:
-    """All parameters after each change."""
+    """Return all parameters after each change."""
     values = {v.path: v.value for v in layout.routine.parameters}
     rows = []
     for sample in sorted(tried.changes):
@@ -90,16 +90,16 @@ def _parameter_rows(layout: Layout, tried: Trial) -> list[tuple[int, list[float]
 
 
 def _rows(values: np.ndarray, real: str) -> str:
-    """Numbers by their bits: not every compiler takes NaN and infinity for constants."""
+    """Return numbers by their bits: not every compiler accepts NaN and infinity as constants."""
     with np.errstate(over="ignore"):
         held = np.ascontiguousarray(values, np.float64 if real == "double" else np.float32)
     digits = 2 * held.itemsize
     bits = held.view(f"u{held.itemsize}")
-    return ",\n".join(f"    {{{', '.join(f'0x{int(each):0{digits}X}' for each in row)}}}" for row in bits)
+    return ",\n".join(f"    {{{', '.join(f'0x{int(word):0{digits}X}' for word in row)}}}" for row in bits)
 
 
 def filled(routine: Routine) -> str:
-    """The lines that take the inputs of a stored sample k."""
+    """Return the lines that copy the inputs of stored sample k."""
     return "\n".join(f"        inputs.{v.name} = value(samples[k][{i}]);" for i, v in enumerate(routine.inputs))
 
 
@@ -233,21 +233,21 @@ def streamed(
         sources = [f"{P}_stream.c", *(name for name in (f"{P}.c", f"{P}_configure.c") if name in files)]
         binary = compiled(place, sources, flags, command)
         (place / "in").write_bytes(_packed(layout, tried))
-        with open(place / "in", "rb") as given, open(place / "out", "wb") as answers:
-            done = subprocess.run([str(binary)], stdin=given, stdout=answers, check=False)
+        with open(place / "in", "rb") as samples, open(place / "out", "wb") as answers:
+            done = subprocess.run([str(binary)], stdin=samples, stdout=answers, check=False)
         if done.returncode == _REFUSED:
             words = " ".join([*compiler(command), *flags])
             raise FileError(f"{P}: what {words} makes of it refuses to run: not {SENTENCE}")
         if done.returncode != 0:
             raise FileError(f"{P}: the compiled program ended with status {done.returncode}")
-        found = np.fromfile(place / "out", dtype=np.float64).reshape(-1, len(routine.outputs))
-    if len(found) != len(tried.inputs):
-        raise FileError(f"{P}: the compiled program answered {len(found)} of {len(tried.inputs)} samples")
-    return Streamed(found, version(command), tuple(flags))
+        outputs = np.fromfile(place / "out", dtype=np.float64).reshape(-1, len(routine.outputs))
+    if len(outputs) != len(tried.inputs):
+        raise FileError(f"{P}: the compiled program answered {len(outputs)} of {len(tried.inputs)} samples")
+    return Streamed(outputs, version(command), tuple(flags))
 
 
 def _packed(layout: Layout, tried: Trial) -> bytes:
-    """The input of the program: pieces of samples, and between them all parameters."""
+    """Return the input of the program: blocks of samples, with all parameters between them."""
     values = {v.path: v.value for v in layout.routine.parameters}
     pieces, start = [], 0
     for place in [*sorted(tried.changes), len(tried.inputs)]:
@@ -321,14 +321,14 @@ int main(void)
 
 
 def compiler(command: str | None = None) -> list[str]:
-    """The words that start the C compiler: the one named, else gcc, cc or clang, else that of the package ziglang.
+    """Return the command that starts the C compiler: the one named, else gcc, cc or clang, else the package ziglang.
 
     Raises MissingProgramError if there is none.
     """
     for name in (command,) if command else ("gcc", "cc", "clang"):
-        found = shutil.which(name)
-        if found is not None:
-            return [found]
+        path = shutil.which(name)
+        if path is not None:
+            return [path]
     if command is None and importlib.util.find_spec("ziglang") is not None:
         return [sys.executable, "-m", "ziglang", "cc"]
     raise MissingProgramError(command or "gcc", "gcc libc6-dev", "compiling exported C")
@@ -349,7 +349,7 @@ def version(command: str | None = None) -> str:
 
 
 def compiled(folder: Path, sources: Sequence[str], flags: Sequence[str], command: str | None = None) -> Path:
-    """The program made of some C files of a folder.
+    """Compile C files of a folder into a program and return its path.
 
     The code that runs once, `*_configure.c`, is compiled without optimization, which would take seconds.
     Raises MissingProgramError without a compiler and FileError with its first message if it refuses.
@@ -369,8 +369,8 @@ def _run(words: Sequence[str], folder: Path) -> None:
         words, cwd=folder, capture_output=True, text=True, encoding="utf-8", errors="replace", check=False
     )
     if done.returncode != 0:
-        said = (done.stderr.strip() or "no message").splitlines()
-        first = next((line for line in said if "error" in line), said[0])
+        messages = (done.stderr.strip() or "no message").splitlines()
+        first = next((line for line in messages if "error" in line), messages[0])
         raise FileError(f"the C compiler {words[0]} refuses: {first}")
 
 
@@ -381,13 +381,13 @@ WARNINGS = "-Wall -Wextra -Wconversion -Wdouble-promotion"
 
 
 def c_files(design: Design, *, single_header: bool = False) -> dict[str, str]:
-    """The files of the export by name, without machine file and manifest."""
+    """Return the files of the export by name, without machine file and manifest."""
     P = design.name
-    made = texts(design.layout, design.title, design.made_by)
+    written = texts(design.layout, design.title, design.made_by)
     if single_header:
-        files = {f"{P}.h": header_only(P, made)}
+        files = {f"{P}.h": header_only(P, written)}
     else:
-        files = {f"{P}.h": made.header, f"{P}.c": made.source, f"{P}_configure.c": made.configure}
+        files = {f"{P}.h": written.header, f"{P}.c": written.source, f"{P}_configure.c": written.configure}
     sources = [name for name in files if name.endswith(".c")]
     if design.what == CONTROL:
         files[f"{P}_selftest.c"], files[f"{P}_vectors.h"] = self_test(design.layout)
@@ -398,7 +398,7 @@ def c_files(design: Design, *, single_header: bool = False) -> dict[str, str]:
 
 
 def write_c(design: Design, out: str | Path, *, single_header: bool = False) -> Path:
-    """Write the export, completely or not at all; returns the README. Raises FileError as `new_directory`."""
+    """Write the export, completely or not at all, and return the README. Raises FileError as `new_directory`."""
     files = c_files(design, single_header=single_header)
     return write_bundle(design, "c", Path(out), files, single_header=single_header)
 

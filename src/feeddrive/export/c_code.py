@@ -67,7 +67,7 @@ class Body:
         self._counts: Counter[int] = Counter()
 
     def text(self, index: int) -> str:
-        """The text of a node: what stands for it, or a constant."""
+        """Return the C text of a node: the leaf or variable that holds it, or a constant."""
         node = self.graph.nodes[index]
         if index not in self.texts and node[0] == "const":
             self.texts[index] = number(float.fromhex(node[1]), self.real)
@@ -76,7 +76,7 @@ class Body:
         return self.texts[index]
 
     def compute(self, order: Iterable[int], kept: Iterable[int]) -> None:
-        """Statements for the nodes of an order; those that are kept, or used more than once, get a name."""
+        """Emit statements for the nodes of an order; nodes that are kept, or used more than once, get a name."""
         order = [index for index in order if index not in self.texts]
         self._counts = Counter(i for index in order for i in arguments(self.graph.nodes[index]))
         self._counts.update(2 * list(kept))
@@ -103,7 +103,7 @@ class Body:
                 self.texts[index] = text
 
     def _matrix(self, index: int, values: list[str]) -> None:
-        """Whether the powers of a matrix decay, in a block of its own, so that its numbers are soon forgotten."""
+        """Test if the powers of a matrix decay, in a block of its own so that its numbers leave the stack early."""
         size = math.isqrt(len(values))
         self._unnamed += 1
         self.texts[index] = f"v{self._unnamed}"
@@ -124,7 +124,7 @@ class Body:
         self.lines += wrapped(line)
 
     def assign(self, targets: Iterable[tuple[str, int]], cast: str = "") -> None:
-        """`place = number;` for each, at once: what is overwritten and still wanted is taken first."""
+        """Emit all assignments as if simultaneous: save values that are overwritten before they are read."""
         moved = [(place, self.text(index)) for place, index in targets if self.text(index) != place]
         places = {place for place, _ in moved}
         held: dict[str, str] = {}
@@ -136,21 +136,21 @@ class Body:
 
 
 def wrapped(line: str) -> list[str]:
-    """A statement in lines of a readable length; one that chooses among several has a line for each."""
+    """Break a statement into lines of a readable length; a chain of choices gets a line for each case."""
     if len(line) <= _LINE:
         return [line]
     head, assigned, value = line.partition(" = ")
     pieces = _choices(value.removesuffix(";")) if assigned else []
     if len(pieces) < 3:
         return textwrap.wrap(line, _LINE, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False)
-    rows = [f"{head} = {pieces[0]}", *(f"    : ({each}" for each in pieces[1:-1]), f"    : {pieces[-1]}"]
+    rows = [f"{head} = {pieces[0]}", *(f"    : ({piece}" for piece in pieces[1:-1]), f"    : {pieces[-1]}"]
     rows[-1] += ")" * (len(pieces) - 2) + ";"
     fill = textwrap.TextWrapper(_LINE, subsequent_indent=" " * 8, break_long_words=False, break_on_hyphens=False)
     return [text for row in rows for text in fill.wrap(row) or [row]]
 
 
 def _choices(text: str) -> list[str]:
-    """`a ? b : (c ? d : e)` -> `a ? b`, `c ? d`, `e`: what is asked one after the other."""
+    """Split `a ? b : (c ? d : e)` into `a ? b`, `c ? d`, `e`, in the order of evaluation."""
     depth, asked = 0, False
     for place, letter in enumerate(text):
         depth += (letter == "(") - (letter == ")")
@@ -175,7 +175,7 @@ _SAID = {
 
 
 def helpers(used: set[str], real: str) -> list[str]:
-    """The functions that statements need, those first that others need; `used` is told of what these need in turn."""
+    """Return the functions that statements need, dependencies first; adds the operations that they use to `used`."""
     suffix = "f" if real == "float" else ""
     wanted = [name for name in sorted(ELEMENTARY) if name in used]
     texts = []
@@ -192,11 +192,11 @@ def helpers(used: set[str], real: str) -> list[str]:
 
 @cache
 def _printed(name: str, real: str) -> tuple[str, frozenset[str]]:
-    """One function, and the operations that it uses."""
+    """Return the text of a function, and the operations that it uses."""
     graph = Graph()
-    given = graph.input("x")
-    result = graph.symbol(getattr(_module(real), name)(given)).index
-    body = Body(graph, truths(graph), {given.index: "x"}, {}, {}, real, str)
+    argument = graph.input("x")
+    result = graph.symbol(getattr(_module(real), name)(argument)).index
+    body = Body(graph, truths(graph), {argument.index: "x"}, {}, {}, real, str)
     body.compute([i for i in reachable(graph, [result]) if graph.nodes[i][0] not in ("const", "truth")], ())
     lines = "".join(f"    {line}\n" for line in [*body.lines, f"return {bare(body.text(result))};"])
     suffix = "f" if real == "float" else ""
@@ -223,7 +223,9 @@ RESERVED = re.findall(
 
 
 def _bits(real: str, bits: int, place: int, suffix: str) -> dict[str, str]:
-    """Functions on the exponent of a number of so many bits, which stands from `place` on: by memcpy, as C has it."""
+    """Return functions on the exponent field of a number of so many bits, which starts at bit `place`; by memcpy, the
+    only way that C defines.
+    """
     exponents = (1 << (bits - 1 - place)) - 1
     bias, whole = exponents // 2, f"{1.5 * 2.0**place:.1f}{suffix}"
     return {
@@ -336,7 +338,7 @@ static void restore(uint64_t mode) { (void)mode; }
 
 
 def number(value: float, real: str = "double") -> str:
-    """A number as C writes it: short decimals that are exact as such, all others by their bits."""
+    """Return a number as C source: a short decimal if it is exact, else the hexadecimal form with all bits."""
     suffix = "f" if real == "float" else ""
     value = float(np.float32(value)) if real == "float" else value
     if value in (float("inf"), float("-inf")):
@@ -351,7 +353,7 @@ def number(value: float, real: str = "double") -> str:
 
 
 def expression(name: str, values: list[str], real: str = "double") -> str:
-    """An operation as text, in parentheses where it has an operator."""
+    """Return an operation as C text, in parentheses where it has an operator."""
     suffix = "f" if real == "float" else ""
     if name in INFIX:
         return f"({values[0]} {INFIX[name]} {values[1]})"
@@ -398,7 +400,9 @@ SENTENCE = (
 
 
 def rules(routine: Routine) -> dict[int, str]:
-    """What `P_broken_rule` says of exported C, by its code: the check at start, then the rules of the parameters."""
+    """Return the meaning of each code of `P_broken_rule`: the check of the arithmetic, then the rules of the
+    parameters.
+    """
     return {CODE: SENTENCE, **routine.sentences}
 
 
@@ -411,7 +415,7 @@ _DIVISOR = {_DOUBLE: 49.0, _FLOAT: 41.0}
 
 
 def exact(signature: str, real: str) -> str:
-    """A function that is true if sums, products and quotients are rounded as the simulation rounds them.
+    """Return a C function that is true if sums, products and quotients are rounded as in the simulation.
 
     The numbers are read from volatile memory, so that a compiler cannot compute the answer itself.
     """
@@ -448,7 +452,7 @@ _FLUSHES = re.compile(r"\b(flush|restore)\b")
 
 
 def header(layout: Layout, title: str, made_by: str) -> str:
-    """The text of P.h; `title` says what it is, `made_by` which program made it from which file."""
+    """Return the text of P.h; `title` describes the design, `made_by` names the program and the machine file."""
     routine, real, P = layout.routine, layout.precision, layout.routine.name
     held = routine.memory
     guard = f"{P.upper()}_H"
@@ -533,7 +537,7 @@ def header(layout: Layout, title: str, made_by: str) -> str:
 
 
 def mark(P: str) -> str:
-    """The name for the value of `configured` after a successful configure."""
+    """Return the macro that `configured` equals after a successful configure."""
     return f"{P.upper()}_CONFIGURED"
 
 
@@ -554,28 +558,30 @@ simulation."""
 
 
 def _trips(layout: Layout) -> list[str]:
-    """Names for the codes of `trip`."""
+    """Return macros for the codes of `trip`."""
     if layout.routine.memory != "controller":
         return []
     codes = [(name, value) for name, value in vars(guards).items() if name.startswith("TRIP_")]
     P = layout.routine.name.upper()
     wide = max(len(name) for name, _ in codes)
-    said = {0.0: "nothing", **guards.TRIPS}
-    lines = [f"#define {P}_{name:<{wide}} {int(code)} /* {said[code]} */" for name, code in codes]
+    reasons = {0.0: "nothing", **guards.TRIPS}
+    lines = [f"#define {P}_{name:<{wide}} {int(code)} /* {reasons[code]} */" for name, code in codes]
     return ["/* What outputs.trip says: tripped by ... */", *lines, ""]
 
 
 def _designed_struct(name: str, layout: Layout) -> list[str]:
-    """The struct of design numbers: parameters with unit and meaning, prepared ones under what their block says."""
-    prepared = {node: each for each, node in reversed(layout.prepared)}
+    """Return the struct of design numbers: parameters with unit and meaning, prepared numbers grouped by their
+    block.
+    """
+    prepared = {node: path for path, node in reversed(layout.prepared)}
     lines, group = [], ""
     wide = max((len(field.name) for field in layout.design), default=0) + len(layout.precision) + 2
     for field in layout.design:
         kind, place = layout.leaves.get(field.node, ("", 0))
-        said = layout.routine.said.get(prepared.get(field.node, ""), "") if kind == "" else ""
-        if said != group:
-            group = said
-            lines += [f"    {line}".rstrip() for line in comment(said)] if said else [""]
+        heading = layout.routine.said.get(prepared.get(field.node, ""), "") if kind == "" else ""
+        if heading != group:
+            group = heading
+            lines += [f"    {line}".rstrip() for line in comment(heading)] if heading else [""]
         member = f"{'bool' if field.truth else layout.precision} {field.name};"
         beside = _meaning(layout.routine.parameters[place]) if kind == "parameter" else "s" if kind else ""
         lines.append(f"    {member:<{wide}} /* {beside} */" if beside else f"    {member}")
@@ -591,27 +597,29 @@ def _meaning(variable: Variable) -> str:
 
 
 def _struct(name: str, members: Sequence[tuple[str, str, str]]) -> list[str]:
-    """A struct with what each member is; C has no empty one."""
+    """Return a struct with the meaning of each member; C allows no empty struct."""
     members = members or [("char", "none", "nothing is kept here")]
     lines = [f"    {kind} {member};" for kind, member, _ in members]
     wide = max(len(line) for line in lines)
-    said = [f"{line:<{wide}} /* {text} */" if text else line for line, (_, _, text) in zip(lines, members, strict=True)]
-    return ["typedef struct {", *said, f"}} {name};", ""]
+    commented = [
+        f"{line:<{wide}} /* {text} */" if text else line for line, (_, _, text) in zip(lines, members, strict=True)
+    ]
+    return ["typedef struct {", *commented, f"}} {name};", ""]
 
 
 def _grouped(name: str, members: Sequence[tuple[str, str, str]]) -> list[str]:
-    """A struct with members in groups, each under its comment."""
+    """Return a struct with members in groups, a comment above each group."""
     lines, group = [], ""
-    for kind, member, said in members or [("char", "none", "")]:
-        if said != group:
-            group = said
-            lines += [f"    {line}".rstrip() for line in comment(said)] if said else []
+    for kind, member, heading in members or [("char", "none", "")]:
+        if heading != group:
+            group = heading
+            lines += [f"    {line}".rstrip() for line in comment(heading)] if heading else []
         lines.append(f"    {kind} {member};")
     return ["typedef struct {", *lines, f"}} {name};", ""]
 
 
 def comment(text: str) -> list[str]:
-    """A comment of one line or several; what could end it is taken apart."""
+    """Return a comment of one or more lines; `*/` within the text is broken up."""
     lines = [""]
     for line in text.replace("*/", "* /").replace("/*", "/ *").split("\n"):
         lines += textwrap.wrap(line, _WIDTH, subsequent_indent=" " * (len(line) - len(line.lstrip()))) or [""]
@@ -621,7 +629,7 @@ def comment(text: str) -> list[str]:
 
 
 def _flushes(P: str) -> list[str]:
-    text = _FLUSHES.sub(lambda found: f"{P}_flush_{'begin' if found[0] == 'flush' else 'end'}", FLUSH)
+    text = _FLUSHES.sub(lambda match: f"{P}_flush_{'begin' if match[0] == 'flush' else 'end'}", FLUSH)
     return [text.replace("static ", "static inline ")]
 
 
@@ -646,9 +654,9 @@ class Texts:
 
 
 def texts(layout: Layout, title: str, made_by: str) -> Texts:
-    """The C text of a routine; `title` says what it is, `made_by` which program made it from which file."""
-    made = (header(layout, title, made_by), _source(layout, title, made_by), _configure(layout, title, made_by))
-    return Texts(*map(ascii_text, made))
+    """Return the C files of a routine; `title` describes it, `made_by` names the program and the machine file."""
+    files = (header(layout, title, made_by), _source(layout, title, made_by), _configure(layout, title, made_by))
+    return Texts(*map(ascii_text, files))
 
 
 def _source(layout: Layout, title: str, made_by: str) -> str:
@@ -679,9 +687,9 @@ def _source(layout: Layout, title: str, made_by: str) -> str:
         signature = f"void {P}_{name}({P}_{held} *{held}, const {P}_inputs *inputs{more})"
         functions.append(_function(signature, [line for line, needed in wanted if needed], body.lines))
     tables = _tables(routine, functions, real)
-    said = comment(f"{title}: reset and step.\n\n{made_by}\n\n{_laws(routine)}")
+    heading = comment(f"{title}: reset and step.\n\n{made_by}\n\n{_laws(routine)}")
     check = exact(f"bool {P}_exact(void)", real)
-    return _joined([*said, f'#include "{P}.h"', "", *_needed(used, real), *tables, check, *functions])
+    return _joined([*heading, f'#include "{P}.h"', "", *_needed(used, real), *tables, check, *functions])
 
 
 def _configure(layout: Layout, title: str, made_by: str) -> str:
@@ -717,13 +725,15 @@ def _configure(layout: Layout, title: str, made_by: str) -> str:
         text, more = _retune(layout)
         functions.append(text)
         used |= more
-    said = comment(f"{title}: what is done once, and outside the interrupt.\n\n{made_by}")
+    heading = comment(f"{title}: what is done once, and outside the interrupt.\n\n{made_by}")
     includes = [f'#include "{P}.h"', "", *_needed(used, "double")]
-    return _joined([*said, *includes, *_tables(routine, functions, "double", _DESIGN), *functions])
+    return _joined([*heading, *includes, *_tables(routine, functions, "double", _DESIGN), *functions])
 
 
 def _off(layout: Layout, answers: bool) -> str:
-    """The outputs after a refused configure: the safe force of the machine file for a control, nothing for an axis."""
+    """Return the outputs after a refused configure: the safe force of the machine file for a control, none for
+    an axis.
+    """
     routine = layout.routine
     if routine.memory != "controller" or not answers:
         return ""
@@ -733,37 +743,39 @@ def _off(layout: Layout, answers: bool) -> str:
 
 
 def _designed(layout: Layout) -> tuple[str, set[str]]:
-    """The design that parameters make, if they keep all conditions; and the operations that this takes."""
+    """Return the function that computes the design from the parameters if all conditions hold, and its operations."""
     routine, P = layout.routine, layout.routine.name
     leaves = _leaves(layout, {"parameter": "parameters->"}, _DESIGN)
     for index, node in enumerate(layout.graph.nodes):
         if node == ("const", LARGEST.hex()) or node == ("const", (-LARGEST).hex()):
             leaves[index] = "DBL_MAX" if node[1] == LARGEST.hex() else "-DBL_MAX"
     body = Body(layout.graph, layout.truth, leaves, layout.names, layout.makers, "double", _titles(routine))
-    said, bounds = routine.sentences, len(routine.parameters)
+    sentences, bounds = routine.sentences, len(routine.parameters)
     lines: list[str] = []
     for code, node in enumerate(layout.conditions[:bounds], 1):
-        lines += _refused(_inline(layout, node, body), code, said[code])
+        lines += _refused(_inline(layout, node, body), code, sentences[code])
     rules = layout.conditions[bounds:]
     nodes = [*rules, *(field.node for field in layout.design)]
     body.compute(layout.order(nodes, moving=False), nodes)
     lines += body.lines
     for code, node in enumerate(rules, bounds + 1):
-        lines += _refused(bare(body.text(node)), code, said[code])
+        lines += _refused(bare(body.text(node)), code, sentences[code])
     for field in layout.design:
         cast = "(float)" if layout.precision == "float" and not field.truth else ""
         lines.append(f"design->{field.name} = {cast}{body.text(field.node)};")
     text = "\n".join(lines)
     first = [f"(void){name};" for name in ("design", "parameters") if f"{name}->" not in text]
-    said = "/* What is computed once, and 0; or the code of the first rule that the parameters break, and nothing. */\n"
+    heading = (
+        "/* What is computed once, and 0; or the code of the first rule that the parameters break, and nothing. */\n"
+    )
     function = _function(
         f"static int designed({P}_design *design, const {P}_parameters *parameters)", first, [*lines, "return 0;"]
     )
-    return said + function, body.used
+    return heading + function, body.used
 
 
 def _inline(layout: Layout, index: int, body: Body) -> str:
-    """The comparisons of a bound in a line."""
+    """Return the comparisons of a bound as one expression."""
     name, *values = layout.graph.nodes[index]
     if name == "and":
         return " && ".join(_inline(layout, i, body) for i in values)
@@ -771,18 +783,18 @@ def _inline(layout: Layout, index: int, body: Body) -> str:
 
 
 def _refused(holds: str, code: int, sentence: str) -> list[str]:
-    """Return the code of a condition that does not hold."""
+    """Return the lines that return the code of a condition that does not hold."""
     return [*comment(sentence), *wrapped(f"if (!({holds})) {{"), f"    return {code};", "}"]
 
 
 def _assigned(place: str, value: float) -> str:
-    """`place = number;`, with the number as people write it where its bits hide it."""
+    """Return `place = number;`, with the decimal value in a comment where the number is printed by its bits."""
     text = number(value)
     return f"{place} = {text};" + (f" /* {value!r} */" if "0x" in text else "")
 
 
 def _retune(layout: Layout) -> tuple[str, set[str]]:
-    """The state follows the parameters: `retune` of the blocks, between the design before and after; in double."""
+    """Return the function that converts the state to new parameters: `retune` of the blocks, in double precision."""
     routine, P, real = layout.routine, layout.routine.name, layout.precision
     assert layout.retune is not None
     graph, truth = layout.retune.graph, layout.retune_truth
@@ -796,10 +808,10 @@ def _retune(layout: Layout) -> tuple[str, set[str]]:
             name = routine.parameters[i].name
             leaves[node] = f"before.parameters.{name}" if kind == "old" else f"parameters->{name}"
         else:
-            made = layout.prepared[routine.prepared_leaves.index(i)][1]
+            source = layout.prepared[routine.prepared_leaves.index(i)][1]
             held = "before.design." if kind == "old_prepared" else "controller->design."
-            constant = graph_constant(layout, made)
-            leaves[node] = constant if constant is not None else f"{wide}{held}{fields[made]}"
+            constant = graph_constant(layout, source)
+            leaves[node] = constant if constant is not None else f"{wide}{held}{fields[source]}"
     body = Body(graph, truth, leaves, layout.retune.names, layout.retune.makers, "double", _titles(routine))
     pairs = zip((f"state->{v.name}" for v in routine.states), layout.retune.states, strict=True)
     targets = [(place, i) for place, i in pairs if body.texts.get(i) != f"{wide}{place}"]
@@ -822,7 +834,7 @@ def _retune(layout: Layout) -> tuple[str, set[str]]:
 
 
 def graph_constant(layout: Layout, index: int) -> str | None:
-    """The text of a node that is a number of the law's text; None for any other."""
+    """Return the text of a node that is a constant of the law; None for any other node."""
     node = layout.graph.nodes[index]
     return number(float.fromhex(node[1])) if node[0] == "const" else None
 
@@ -831,22 +843,22 @@ _DESIGN = "DESIGN_"  # tables of `configure`, which are in double where those of
 
 
 def _leaves(layout: Layout, prefixes: Mapping[str, str], tables: str = "") -> dict[int, str]:
-    """The text of what is there already: members of structs, tables, the sample time."""
+    """Return the text of values that exist before the statements: members of structs, tables, the sample time."""
     routine = layout.routine
     members: Mapping[str, Sequence[Variable]] = {
         "parameter": routine.parameters,
         "input": routine.inputs,
         "state": routine.states,
     }
-    found: dict[int, str] = {}
+    texts_by_node: dict[int, str] = {}
     for node, (kind, i) in layout.leaves.items():
         if kind == "table":
-            found[node] = _table(routine.tables[i][0], tables)
+            texts_by_node[node] = _table(routine.tables[i][0], tables)
         elif kind == "sample_time":
-            found[node] = f"{routine.name.upper()}_SAMPLE_TIME"
+            texts_by_node[node] = f"{routine.name.upper()}_SAMPLE_TIME"
         elif kind in prefixes:
-            found[node] = f"{prefixes[kind]}{members[kind][i].name}"
-    return found
+            texts_by_node[node] = f"{prefixes[kind]}{members[kind][i].name}"
+    return texts_by_node
 
 
 def _table(name: str, of: str = "") -> str:
@@ -854,11 +866,11 @@ def _table(name: str, of: str = "") -> str:
 
 
 def _tables(routine: Routine, functions: Sequence[str], real: str, of: str = "") -> list[str]:
-    """The tables that functions of a file read."""
+    """Return the tables that the functions of a file read."""
     return [
         f"static const {real} {_table(name, of)}[{len(row)}] = {{{', '.join(number(float(x), real) for x in row)}}};"
         for name, _, row in routine.tables
-        if any(f"{_table(name, of)}[" in each for each in functions)
+        if any(f"{_table(name, of)}[" in function for function in functions)
     ]
 
 
@@ -868,7 +880,7 @@ def _function(signature: str, first: Iterable[str], lines: Iterable[str]) -> str
 
 
 def _laws(routine: Routine) -> str:
-    """The docstrings of the blocks."""
+    """Return the docstrings of the blocks."""
     parts = []
     for path, block in routine.blocks:
         if path and inspect.getdoc(type(block)):
@@ -877,7 +889,7 @@ def _laws(routine: Routine) -> str:
 
 
 def _titles(routine: Routine) -> Callable[[str], str]:
-    """The title of the statements of a block."""
+    """Return a function that gives the heading above the statements of a block."""
     kinds: dict[str, Block] = dict(routine.blocks)
 
     def title(owner: str) -> str:
@@ -892,11 +904,11 @@ def _titles(routine: Routine) -> Callable[[str], str]:
 
 
 def _needed(used: set[str], real: str) -> list[str]:
-    """What a file includes, and the functions that its statements call."""
+    """Return the includes of a file, and the functions that its statements call."""
     functions = helpers(used, real)
-    found = ["#include <math.h>"] if used & {"abs", "sqrt", "floor"} else []
-    found += ["#include <string.h>"] if used & set(FUNCTIONS) else []
-    return [*found, "", *functions] if found else functions
+    lines = ["#include <math.h>"] if used & {"abs", "sqrt", "floor"} else []
+    lines += ["#include <string.h>"] if used & set(FUNCTIONS) else []
+    return [*lines, "", *functions] if lines else functions
 
 
 def _joined(lines: Iterable[str]) -> str:
@@ -906,16 +918,16 @@ def _joined(lines: Iterable[str]) -> str:
 _SHARED = re.compile(r"\b(designed|designs_exactly|decays|exact_\w+|power_of_twof?|exponentf?|uniform)(?=\()")
 
 
-def header_only(P: str, made: Texts) -> str:
-    """Declarations and bodies in one file, to be included where the step is called."""
+def header_only(P: str, files: Texts) -> str:
+    """Return declarations and bodies in one file, to be included where the step is called."""
     close = f"#ifdef __cplusplus\n}}\n#endif\n\n#endif /* {P.upper()}_H */\n"
-    header = made.header.removesuffix(close)
-    assert header != made.header, "the header ends otherwise than expected"
+    header = files.header.removesuffix(close)
+    assert header != files.header, "the header ends otherwise than expected"
     header = header.replace("#include <stdbool.h>", "#include <math.h>\n#include <stdbool.h>", 1)
     header = header.replace("#include <stdint.h>", "#include <stdint.h>\n#include <string.h>", 1)
     header = re.sub(rf"^(void|bool|int) {P}_", rf"static inline \1 {P}_", header, flags=re.MULTILINE)
     bodies, seen = [], set[str]()
-    for text in (made.configure, made.source):
+    for text in (files.configure, files.source):
         for piece in _pieces(text, P):
             if piece not in seen:
                 bodies.append(piece)
@@ -924,13 +936,13 @@ def header_only(P: str, made: Texts) -> str:
 
 
 def _own(P: str, text: str) -> str:
-    """Names of functions and tables with the prefix of the axis, so that two axes fit in one program."""
-    text = _SHARED.sub(lambda found: f"{P}_{found[0]}", text)
+    """Prefix functions and tables with the name of the axis, so that two axes fit in one program."""
+    text = _SHARED.sub(lambda match: f"{P}_{match[0]}", text)
     return re.sub(r"\bTABLE_", f"{P.upper()}_TABLE_", text)
 
 
 def _pieces(text: str, P: str) -> list[str]:
-    """The comment on top, and each function with its comment; without includes."""
+    """Split a file into the comment at its top and its functions with their comments; includes are dropped."""
     lines = [line for line in text.splitlines() if not line.startswith("#include")]
     body = re.sub(rf"^(void|bool|int) {P}_", rf"static inline \1 {P}_", "\n".join(lines), flags=re.MULTILINE)
     top, rest = body.split("*/\n", 1)

@@ -35,15 +35,15 @@ PACKAGES = {
 
 
 def makefile(P: str, core: Core) -> str:
-    """Targets: the library, the self-test in the emulator, size, instruction count, and both as a report."""
-    others = [each for each in CORES.values() if each.precision == core.precision]
-    flags = "\n".join(f"FLAGS_{each.name} := {each.flags}" for each in others)
-    machines = "\n".join(f"MACHINE_{each.name} := {each.machine}" for each in others)
+    """Return the makefile: library, self-test in the emulator, size, instruction count, and a report of both."""
+    others = [other for other in CORES.values() if other.precision == core.precision]
+    flags = "\n".join(f"FLAGS_{other.name} := {other.flags}" for other in others)
+    machines = "\n".join(f"MACHINE_{other.name} := {other.machine}" for other in others)
     return f"""\
 # make            lib{P}.a for your project
 # make selftest   runs the stored samples on an emulated core and compares every output, bit for bit
 # make report     REPORT.md: memory, and executed instructions of a step
-# CORE = {" or ".join(each.name for each in others)}
+# CORE = {" or ".join(other.name for other in others)}
 CORE ?= {core.name}
 {flags}
 {machines}
@@ -122,7 +122,7 @@ emulator:
 
 
 def cmake_lists(P: str) -> str:
-    """The library for a project with CMake."""
+    """Return a CMakeLists.txt for the library."""
     return f"""\
 cmake_minimum_required(VERSION 3.13)
 project({P} C)
@@ -136,9 +136,9 @@ target_compile_options({P} PRIVATE -ffp-contract=off -fno-math-errno)
 
 
 def toolchain(core: Core) -> str:
-    """A toolchain file for CMake."""
+    """Return a toolchain file for CMake."""
     return f"""\
-# {core.said}:  cmake -B build -DCMAKE_TOOLCHAIN_FILE=cortex-m.cmake -DCMAKE_BUILD_TYPE=Release
+# {core.title}:  cmake -B build -DCMAKE_TOOLCHAIN_FILE=cortex-m.cmake -DCMAKE_BUILD_TYPE=Release
 set(CMAKE_SYSTEM_NAME Generic)
 set(CMAKE_SYSTEM_PROCESSOR arm)
 set(CMAKE_TRY_COMPILE_TARGET_TYPE STATIC_LIBRARY)
@@ -157,14 +157,14 @@ class Core(NamedTuple):
     precision  that of its floating-point unit
     flags      of gcc
     machine    of qemu, a board with this core
-    said       in words
+    title      full name of the core
     """
 
     name: str
     precision: str
     flags: str
     machine: str
-    said: str
+    title: str
 
 
 CORES = {
@@ -178,12 +178,12 @@ CORES = {
 
 
 def cores_for(precision: str) -> tuple[Core, ...]:
-    """The cores that compute with this precision in hardware, the usual one first."""
+    """Return the cores with floating-point hardware of this precision, the default first."""
     return tuple(core for core in CORES.values() if core.precision == precision)
 
 
 def find_core(name: str | None, precision: str) -> Core:
-    """The core of a name; absent: the usual one of the precision.
+    """Return the core of a name; without a name the default core of the precision.
 
     Raises ParameterError for a name that is not known, and for a core that would emulate each operation.
     """
@@ -193,7 +193,7 @@ def find_core(name: str | None, precision: str) -> Core:
         raise ParameterError(f"core = '{name}' is not known: take one of {', '.join(CORES)}")
     core = CORES[name]
     if core.precision != precision:
-        fit = " or ".join(each.name for each in cores_for(precision))
+        fit = " or ".join(fitting.name for fitting in cores_for(precision))
         raise ParameterError(
             f"core = '{name}' computes with {core.precision}, not with {precision}, which it would have to emulate at "
             f"some forty times the cost: export with --precision {core.precision}, or take {fit}"
@@ -236,14 +236,14 @@ def check_programs() -> None:
 
 
 def self_test(bundle: Path) -> str:
-    """The output of a bundle's self-test. Raises MissingProgramError, or EmulatorError if it does not pass."""
+    """Return the output of a bundle's self-test. Raises MissingProgramError, or EmulatorError if it does not pass."""
     return _made(bundle, "selftest")[0]
 
 
 def step_cost(bundle: Path, optimise: str = "-O2") -> Cost:
-    """Size and instruction count of a bundle. Raises as `self_test`."""
-    _, found = _made(bundle, f"OPTIMISE={optimise}", "REPORT.md", read="REPORT.md")
-    report = found.decode()
+    """Measure size and instruction count of a bundle. Raises as `self_test`."""
+    _, content = _made(bundle, f"OPTIMISE={optimise}", "REPORT.md", read="REPORT.md")
+    report = content.decode()
     counts = re.search(r"step: (\d+) to (\d+) over", report)
     memory = re.search(r"controller: (\d+) bytes", report)
     sizes = re.findall(r"^ +(\d+)\t +(\d+)\t +(\d+)\t", report, re.MULTILINE)
@@ -261,7 +261,7 @@ def answers(
     *,
     optimise_configure: str = "-Os",
 ) -> np.ndarray:
-    """The outputs of an emulated core, shape (n, outputs), for inputs of shape (n, inputs), from a reset on.
+    """Run an emulated core from a reset on; returns the outputs, shape (n, outputs), for inputs of shape (n, inputs).
 
     changes             other parameters, by sample and dotted name
     optimise_configure  compiler option for the code that runs once; it changes the compile time, not the results
@@ -280,23 +280,25 @@ def answers(
         else:
             pieces.append(b"\0\0\0\0")
         pieces.append(row.tobytes())
-    _, found = _made(
+    _, content = _made(
         bundle,
         f"OPTIMISE_CONFIGURE={optimise_configure}",
         "answers.bin",
-        given={"samples.bin": b"".join(pieces)},
+        extra_files={"samples.bin": b"".join(pieces)},
         read="answers.bin",
     )
-    return np.frombuffer(found, dtype=real).reshape(len(rows), len(design.routine.outputs))
+    return np.frombuffer(content, dtype=real).reshape(len(rows), len(design.routine.outputs))
 
 
-def _made(bundle: Path, *targets: str, given: Mapping[str, bytes] | None = None, read: str = "") -> tuple[str, bytes]:
-    """The output of `make` in a copy of the bundle, and one of the files that it builds."""
+def _made(
+    bundle: Path, *targets: str, extra_files: Mapping[str, bytes] | None = None, read: str = ""
+) -> tuple[str, bytes]:
+    """Run `make` in a copy of the bundle; return its output and the content of one of the built files."""
     check_programs()
     with tempfile.TemporaryDirectory(prefix="feeddrive-cortex-m-") as name:
         folder = Path(name) / "bundle"
         shutil.copytree(bundle, folder, ignore=shutil.ignore_patterns("*.o", "*.a", "*.elf", "*.d"))
-        for file, content in (given or {}).items():
+        for file, content in (extra_files or {}).items():
             (folder / file).write_bytes(content)
         command = ["make", "-s", *targets]
         try:
@@ -323,7 +325,7 @@ def _made(bundle: Path, *targets: str, given: Mapping[str, bytes] | None = None,
 
 
 def cortex_m_files(design: Design, core: Core) -> dict[str, str]:
-    """The files of the bundle by name, without machine file and manifest."""
+    """Return the files of the bundle by name, without machine file and manifest."""
     P = design.name
     files = c_files(design)
     return {
@@ -345,7 +347,7 @@ def cortex_m_files(design: Design, core: Core) -> dict[str, str]:
 
 
 def write_cortex_m(design: Design, out: Path, *, core: str | None = None) -> Path:
-    """Write the bundle, completely or not at all; returns its README.
+    """Write the bundle, completely or not at all, and return its README.
 
     core  `m4f` or `m7` in single precision, `m7dp` in double; absent: the first that computes with the precision
 
@@ -382,7 +384,7 @@ def _named(variables: Sequence[Variable]) -> str:
 
 
 def _act(design: Design) -> str:
-    """The C lines that pass the commands to the drives, in the drive's unit if the machine file has a motor."""
+    """Return the C lines that pass the commands to the drives, in the drive's unit if the machine file has a motor."""
     units, lines = {v.path: v.unit for v in design.routine.outputs}, list[str]()
     for port in design.routine.origin.ports():
         path = f"{port}command" if f"{port}command" in units else f"{port}force"
@@ -392,7 +394,7 @@ def _act(design: Design) -> str:
 
 
 def count_program(layout: Layout) -> str:
-    """A program that runs each stored step between two marks, for counting its instructions."""
+    """Return a program that runs each stored step between two marks, to count its instructions."""
     P = layout.routine.name
     return f"""\
 /* Runs the stored samples between two marks, so that the instructions of each step can be counted in the emulator. */
@@ -435,7 +437,7 @@ int main(void)
 
 
 def answer_program(layout: Layout) -> str:
-    """Reads samples from `samples.bin` on the host and writes the outputs to `answers.bin`.
+    """Return a program that reads samples from `samples.bin` on the host and writes the outputs to `answers.bin`.
 
     A sample is a 32-bit flag (1: all parameters follow, as doubles), then the inputs.
     """
@@ -543,7 +545,9 @@ static void stop(void)
 
 
 def linker_script(P: str) -> str:
-    """Linker script of the emulated boards; section `core` has the step and its functions, to be counted."""
+    """Return the linker script of the emulated boards; section `core` holds the step and its functions, to be
+    counted.
+    """
     return f"""\
 /* The boards mps2-an386 and mps2-an500 of qemu, for the self-test only. */
 ENTRY(reset)
@@ -576,7 +580,7 @@ SECTIONS
 
 
 def prepared_files(layout: Layout) -> dict[str, str]:
-    """`P_prepared.h` and `P_prepared.c`; they replace configure, which then need not be linked."""
+    """Return `P_prepared.h` and `P_prepared.c`; they replace configure, which then need not be linked."""
     P, run = layout.routine.name, LayoutRun(layout)
     numbers = [f"        .{field.name} = {_text(run.design[field.node], layout.precision)}," for field in layout.design]
     parameters = [f"        .{v.name} = {number(v.value)}," for v in layout.routine.parameters]

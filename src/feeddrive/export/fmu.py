@@ -62,7 +62,7 @@ def model_description(
     variables: Sequence[FmuVariable],
     sources: Sequence[str],
 ) -> bytes:
-    """modelDescription.xml of FMI 2.0 or 3.0; `sources` are the files to compile."""
+    """Return modelDescription.xml of FMI 2.0 or 3.0; `sources` are the files to compile."""
     three = version == 3
     root = Element("fmiModelDescription", fmiVersion="3.0" if three else "2.0", modelName=name)
     root.set("instantiationToken" if three else "guid", token)
@@ -80,10 +80,10 @@ def model_description(
         simulated.set("canNotUseMemoryManagementFunctions", "true")
         simulated.set("providesDirectionalDerivative", "false")
         files = SubElement(simulated, "SourceFiles")
-        for each in sources:
-            SubElement(files, "File", name=each)
+        for source in sources:
+            SubElement(files, "File", name=source)
     _units(root, variables)
-    if any(each.kind == "enumeration" for each in variables):
+    if any(variable.kind == "enumeration" for variable in variables):
         _trip(root, three)
     categories = SubElement(root, "LogCategories")
     for category, meaning in _CATEGORIES.items():
@@ -95,18 +95,18 @@ def model_description(
 
 
 def build_description(name: str, sources: Sequence[str]) -> bytes:
-    """sources/buildDescription.xml of FMI 3.0."""
+    """Return sources/buildDescription.xml of FMI 3.0."""
     root = Element("fmiBuildDescription", fmiVersion="3.0")
     configuration = SubElement(root, "BuildConfiguration", modelIdentifier=name)
     files = SubElement(configuration, "SourceFileSet", language="C99")
     files.set("compilerOptions", "-ffp-contract=off")
-    for each in sources:
-        SubElement(files, "SourceFile", name=each)
+    for source in sources:
+        SubElement(files, "SourceFile", name=source)
     return _written(root)
 
 
 def _text(text: str) -> str:
-    """Text without the characters that no XML document may hold."""
+    """Remove the characters that XML forbids."""
     return _NOT_XML.sub(" ", text)
 
 
@@ -116,10 +116,10 @@ def _written(root: Element) -> bytes:
 
 
 def _units(root: Element, variables: Sequence[FmuVariable]) -> None:
-    """Every unit with the powers of its base units; those of angle too, so that Hz is not 1/s."""
-    found = sorted({each.unit for each in variables if each.unit})
+    """Add every unit with the exponents of its base units; angle is one of them, so that Hz and 1/s stay different."""
+    units = sorted({variable.unit for variable in variables if variable.unit})
     definitions = SubElement(root, "UnitDefinitions")
-    for name in found:
+    for name in units:
         unit = SubElement(definitions, "Unit", name=name)
         with contextlib.suppress(ParameterError):  # a drive's own unit, "A or V", has no base units
             factor, dimension = measure(name)
@@ -131,7 +131,7 @@ def _units(root: Element, variables: Sequence[FmuVariable]) -> None:
 
 
 def _trip(root: Element, three: bool) -> None:
-    """The codes of the guard as an enumeration."""
+    """Add the codes of the guard as an enumeration."""
     types = SubElement(root, "TypeDefinitions")
     if three:
         kind = SubElement(types, "EnumerationType", name="Trip")
@@ -142,37 +142,39 @@ def _trip(root: Element, three: bool) -> None:
 
 
 def _variables(parent: Element, three: bool, variables: Sequence[FmuVariable]) -> None:
-    for reference, each in enumerate(variables):
-        tag = _TAGS[each.kind][three]
-        outer = SubElement(parent, tag if three else "ScalarVariable", name=each.name, valueReference=str(reference))
-        outer.set("causality", _CAUSALITY.get(each.group, each.group))
-        outer.set("variability", _variability(each))
-        if each.group != "time":
-            if each.group == "output":
+    for reference, variable in enumerate(variables):
+        tag = _TAGS[variable.kind][three]
+        outer = SubElement(
+            parent, tag if three else "ScalarVariable", name=variable.name, valueReference=str(reference)
+        )
+        outer.set("causality", _CAUSALITY.get(variable.group, variable.group))
+        outer.set("variability", _variability(variable))
+        if variable.group != "time":
+            if variable.group == "output":
                 outer.set("initial", "calculated")
-            elif each.group != "input":
+            elif variable.group != "input":
                 outer.set("initial", "exact")
-        outer.set("description", _text(each.meaning))
+        outer.set("description", _text(variable.meaning))
         inner = outer if three else SubElement(outer, tag)
-        if each.kind == "enumeration":
+        if variable.kind == "enumeration":
             inner.set("declaredType", "Trip")
-        if each.unit:
-            inner.set("unit", each.unit)
-        if each.least > float("-inf"):
-            inner.set("min", _bound(each.least))
-        if each.most < float("inf"):
-            inner.set("max", _bound(each.most))
-        if each.start is not None:
-            inner.set("start", repr(each.start) if each.kind == "number" else "false")
+        if variable.unit:
+            inner.set("unit", variable.unit)
+        if variable.least > float("-inf"):
+            inner.set("min", _bound(variable.least))
+        if variable.most < float("inf"):
+            inner.set("max", _bound(variable.most))
+        if variable.start is not None:
+            inner.set("start", repr(variable.start) if variable.kind == "number" else "false")
 
 
 def _bound(value: float) -> str:
-    """A bound as text; the smallest normal number means "above zero" and is written as 0."""
+    """Return a bound as text; the smallest normal number means "above zero" and is written as 0."""
     return repr(0.0 if abs(value) == sys.float_info.min else value)
 
 
 def _variability(variable: FmuVariable) -> str:
-    """Inputs and outputs are discrete: held from sample to sample, never interpolated."""
+    """Return the variability: inputs and outputs are discrete, held from sample to sample and never interpolated."""
     if variable.group == "time":
         return "continuous"
     if variable.group in ("input", "output"):
@@ -181,8 +183,8 @@ def _variability(variable: FmuVariable) -> str:
 
 
 def _structure(parent: Element, three: bool, variables: Sequence[FmuVariable]) -> None:
-    """Outputs are those of the last step, so that none depends on an input of the same instant."""
-    outputs = [i for i, each in enumerate(variables) if each.group == "output"]
+    """Add the model structure: outputs are those of the last step, so none depends on an input of the same instant."""
+    outputs = [i for i, variable in enumerate(variables) if variable.group == "output"]
     if three:
         for i in outputs:
             SubElement(parent, "Output", valueReference=str(i), dependencies="")
@@ -200,7 +202,7 @@ _TRUTHS = ("enable", "enabled")
 
 
 class FmuVariable(NamedTuple):
-    """One variable; its place in the tuple of all is its value reference.
+    """A variable; its index in the tuple of all variables is its value reference.
 
     group        "time", "sample_time", "parameter", "start" (a fixed parameter where the model begins), "input" or
                  "output"
@@ -221,41 +223,41 @@ class FmuVariable(NamedTuple):
 
 
 def is_plant(routine: Routine) -> bool:
-    """Whether the routine is the axis and not its control."""
+    """True if the routine is the axis and not its control."""
     return routine.memory == "plant"
 
 
 def variables(routine: Routine) -> tuple[FmuVariable, ...]:
-    """All variables, in the order of their value references."""
+    """Return all variables, in the order of their value references."""
     T = routine.sample_time
-    found = [
+    scalars = [
         FmuVariable("time", "time", "number", "s", "simulated time", None),
         FmuVariable("sample_time", "sample_time", "number", "s", "from sample to sample; fixed", T, least=T, most=T),
     ]
-    for each in routine.parameters:
-        least, most = _bounds(each.declared)
-        found.append(
+    for parameter in routine.parameters:
+        least, most = _bounds(parameter.declared)
+        scalars.append(
             FmuVariable(
-                each.name,
+                parameter.name,
                 "parameter",
                 "number",
-                each.unit,
-                each.meaning,
-                each.value,
+                parameter.unit,
+                parameter.meaning,
+                parameter.value,
                 not is_plant(routine),
                 least,
                 most,
             )
         )
-    found += [
+    scalars += [
         FmuVariable(
             i.name, "start" if quantity(i.path).startswith("start_") else "input", _kind(i.name), i.unit, i.meaning, 0.0
         )
         for i in routine.inputs
     ]
-    for each in routine.outputs:
-        found.append(FmuVariable(each.name, "output", _kind(each.name), each.unit, each.meaning, None))
-    return tuple(found)
+    for output in routine.outputs:
+        scalars.append(FmuVariable(output.name, "output", _kind(output.name), output.unit, output.meaning, None))
+    return tuple(scalars)
 
 
 def _kind(name: str) -> str:
@@ -263,7 +265,7 @@ def _kind(name: str) -> str:
 
 
 def _bounds(declared: Declaration | None) -> tuple[float, float]:
-    """Smallest and largest admissible value; a bound that is itself excluded gives the number next to it."""
+    """Return the smallest and largest admissible value; for an excluded bound, the number next to it."""
     if declared is None:
         return -math.inf, math.inf
     least = -math.inf if declared.least is None else declared.least
@@ -276,7 +278,7 @@ def _bounds(declared: Declaration | None) -> tuple[float, float]:
 
 
 def _beside(bound: float, towards: float) -> float:
-    """The next number; next to zero the smallest normal one, as tools may take subnormal numbers as zero."""
+    """Return the next number; next to zero the smallest normal one, as tools may treat subnormal numbers as zero."""
     return math.copysign(sys.float_info.min, towards) if bound == 0.0 else math.nextafter(bound, towards)
 
 
@@ -361,10 +363,10 @@ static int model_trip(const MODEL(outputs) *outputs)
 
 
 def model_header(routine: Routine, token: str, variables: Sequence[FmuVariable]) -> str:
-    """The text of fmu_model.h."""
+    """Return the text of fmu_model.h."""
     P = routine.name
     head = _HEAD.format(P=P, P_upper=P.upper(), held=routine.memory, token=token)
-    rows = ",\n".join(f"    {_row(each)}" for each in variables)
+    rows = ",\n".join(f"    {_row(variable)}" for variable in variables)
     names = ", ".join(json.dumps(text) for text in TRIP_NAMES.values())
     rules = ",\n        ".join(json.dumps(ascii_text(text)) for text in routine.sentences.values()) or '""'
     arithmetic = f"code == {CODE} ? {json.dumps(SENTENCE)} : "
@@ -433,7 +435,7 @@ _EXACT = """\
 
 
 def fmu(layout: Layout, version: int, *, title: str, made_by: str, binary: bool = True) -> bytes:
-    """The FMU of a laid-out routine, for co-simulation by FMI 2.0 or 3.0; the same routine gives the same bytes.
+    """Return the FMU of a laid-out routine, for co-simulation by FMI 2.0 or 3.0; the same routine gives the same bytes.
 
     title, made_by   what it is, and which program made it from which file; both stand in its texts
     binary           with a library for this machine; without one, tools compile it from the sources that it holds
@@ -477,19 +479,19 @@ def _read(folder: str, name: str) -> str:
 
 
 def _token(parts: list[bytes]) -> str:
-    """A digest of the complete model, in the form of a GUID."""
+    """Return a digest of the complete model, in the form of a GUID."""
     digest = hashlib.sha256()
-    for each in parts:
-        digest.update(len(each).to_bytes(8, "little") + each)
+    for part in parts:
+        digest.update(len(part).to_bytes(8, "little") + part)
     text = digest.hexdigest()
     return f"{{{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:32]}}}"
 
 
 def _packed(entries: dict[str, bytes]) -> bytes:
-    """A ZIP archive without time stamps and owners."""
+    """Return a ZIP archive without time stamps and owners, so that equal content gives equal bytes."""
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, content in sorted(entries.items(), key=lambda each: (each[0] != "modelDescription.xml", each[0])):
+        for name, content in sorted(entries.items(), key=lambda entry: (entry[0] != "modelDescription.xml", entry[0])):
             information = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
             information.compress_type = zipfile.ZIP_DEFLATED
             executable = name.startswith("binaries/")
@@ -499,7 +501,7 @@ def _packed(entries: dict[str, bytes]) -> bytes:
 
 
 def write_fmu(design: Design, out: Path, *, version: int = 2, binary: bool = True) -> Path:
-    """Write the export, completely or not at all; returns the README.
+    """Write the export, completely or not at all, and return the README.
 
     Raises FileError as `new_directory` and what `fmu` raises.
     """
@@ -520,7 +522,11 @@ def _readme(design: Design, version: int, binary: bool) -> str:
         version=version,
         binary=binary,
         T=f"{1e6 * design.routine.sample_time:g}",
-        rows=[(each, _what(each), _start(each)) for each in variables(design.routine) if each.group != "time"],
+        rows=[
+            (variable, _what(variable), _start(variable))
+            for variable in variables(design.routine)
+            if variable.group != "time"
+        ],
     )
 
 
@@ -544,7 +550,7 @@ _FLAGS = (
 
 
 def library_place(version: int) -> str:
-    """The folder of the FMU in which a tool on this machine looks, and the ending of a library: `linux64/*.so`."""
+    """Return folder and file extension of the library that a tool on this machine loads: `linux64/*.so`."""
     system = {"Linux": "linux", "Darwin": "darwin", "Windows": "windows"}.get(platform.system(), "linux")
     wide = sys.maxsize > 2**32
     ending = {"linux": "so", "darwin": "dylib", "windows": "dll"}[system]
@@ -555,7 +561,7 @@ def library_place(version: int) -> str:
 
 
 def compiled(files: Mapping[str, str], sources: Sequence[str]) -> bytes:
-    """The shared library made of some of the files.
+    """Compile some of the files into a shared library and return its bytes.
 
     The code that runs once, `*_configure.c`, is compiled without optimization, which would take seconds.
 
@@ -567,9 +573,9 @@ def compiled(files: Mapping[str, str], sources: Sequence[str]) -> bytes:
         for name, text in files.items():
             (Path(folder) / name).write_text(text, encoding="utf-8")
         objects = [f"{name}.o" for name in sources]
-        for name, made in zip(sources, objects, strict=True):
+        for name, object_file in zip(sources, objects, strict=True):
             effort = "-O0" if name.endswith("_configure.c") else "-O2"
-            _run([*words, *flags, effort, "-c", name, "-o", made], folder)
+            _run([*words, *flags, effort, "-c", name, "-o", object_file], folder)
         _run([*words, "-shared", "-s", "-o", "library", *objects, "-lm"], folder)
         return (Path(folder) / "library").read_bytes()
 
@@ -593,13 +599,14 @@ _ACCESS = {
 
 
 def answers(path: Path, routine: Routine, tried: Trial) -> np.ndarray:
-    """The outputs of a controller's FMU, shape (n, outputs), sample by sample, parameters changed between steps.
+    """Return the outputs of a controller's FMU, shape (n, outputs), sample by sample, with parameter changes between
+    steps.
 
     Raises FmuError for an FMU that cannot be opened or fails, and MissingExtraError without FMPy.
     """
     parameters = {v.path: v.name for v in routine.parameters}
     T = routine.sample_time
-    found = np.empty((len(tried.inputs), len(routine.outputs)))
+    outputs = np.empty((len(tried.inputs), len(routine.outputs)))
     with opened(path) as archive, Instance(archive) as held:
         give = _access(archive, held.fmu, "set", [v.name for v in routine.inputs])
         take = _access(archive, held.fmu, "get", [v.name for v in routine.outputs])
@@ -609,13 +616,13 @@ def answers(path: Path, routine: Routine, tried: Trial) -> np.ndarray:
                 _access(archive, held.fmu, "set", [parameters[name]])([value])
             give(row.tolist())
             held.step(k * T, T)
-            found[k] = take(None)
-    return found
+            outputs[k] = take(None)
+    return outputs
 
 
 def _access(archive: Archive, fmu: Any, verb: str, names: Sequence[str]) -> Callable[[Sequence[float] | None], Any]:
-    """Sets or gets variables by name, each by the function of its type, those of one type in one call."""
-    known = {each.name: each for each in archive.description.modelVariables}
+    """Return a function that sets or gets variables by name; variables of one type go in one call."""
+    known = {variable.name: variable for variable in archive.description.modelVariables}
     groups: dict[str, list[int]] = {}
     for i, name in enumerate(names):
         kind = known[name].type

@@ -51,34 +51,34 @@ _UNITS = {"m": "mm", "m/s": "mm/s", "m/s2": "mm/s2", "m/s3": "mm/s3", "m/s4": "m
 
 
 def input_pin(name: str) -> str:
-    """The pin of an input of the routine."""
+    """Return the pin of an input of the routine."""
     return "enable" if name == "enable" else _INPUTS[name][0]
 
 
 def reading_pin(routine: Routine) -> str:
-    """The pin of the position that is controlled."""
+    """Return the pin of the controlled position."""
     return _INPUTS["reading_load" if any(v.name == "reading_load" for v in routine.inputs) else "reading"][0]
 
 
 def pins(routine: Routine) -> list[Item]:
-    """All pins."""
+    """Return all pins."""
     codes = "; ".join(f"{code} {word}" for code, word in FAULTS.items())
     outputs = {v.name: v for v in routine.outputs}
-    found = [
+    items = [
         pin(_INPUTS[v.name][0], "float", "in", f"{_INPUTS[v.name][1]}, {_UNITS[v.unit]} (units-per-m)")
         for v in routine.inputs
         if v.name in _INPUTS
     ]
-    found += [
+    items += [
         pin("enable", "bit", "in", "the loop runs while it is on; a rising edge starts anew and clears a fault"),
         pin("reset", "bit", "in", "a rising edge clears a fault while enable is off"),
         pin("hold-parameters", "bit", "in", "while on, changed parameters wait; they act together when it goes off"),
         pin("force-cmd", "float", "out", f"{outputs['force'].meaning}, N"),
     ]
     if "command" in outputs:
-        found.append(pin("drive-cmd", "float", "out", outputs["command"].meaning))
+        items.append(pin("drive-cmd", "float", "out", outputs["command"].meaning))
     return [
-        *found,
+        *items,
         pin("running", "bit", "out", "on while the loop runs: enabled, without trip or fault"),
         pin("trip-code", "s32", "out", "trip of the guard now, 0 none; it ends when enable goes off"),
         pin("fault", "bit", "out", "on from a trip or fault until the next rising edge of enable or reset"),
@@ -92,7 +92,7 @@ def pins(routine: Routine) -> list[Item]:
 
 
 def settings(routine: Routine) -> dict[Item, float]:
-    """Parameters of the component itself, and their values."""
+    """Return the parameters of the component itself, with their values."""
     T = servo_period(routine)
     return {
         Item(
@@ -109,12 +109,12 @@ def settings(routine: Routine) -> dict[Item, float]:
 
 
 def tolerance(routine: Routine) -> int:
-    """By how much the period of the thread may differ from the sample time, ns."""
+    """Return the largest deviation of the thread's period from the sample time, ns."""
     return max(servo_period(routine) // 1000, 1)
 
 
 def controller_comp(routine: Routine, title: str, made_by: str) -> str:
-    """The text of the .comp file, which includes P.h.
+    """Return the text of the controller's .comp file, which includes P.h.
 
     Raises ParameterError and StructureError for names and sample times that LinuxCNC cannot have.
     """
@@ -133,7 +133,7 @@ def controller_comp(routine: Routine, title: str, made_by: str) -> str:
             hal=hal(routine.name),
             period=servo_period(routine),
             wanted=numbers([item.c for item in tuned]),
-            inputs=numbers([_given(v.name) for v in routine.inputs]),
+            inputs=numbers([_input_expression(v.name) for v in routine.inputs]),
             drive=where(any(v.name == "command" for v in routine.outputs), "    drive_cmd = result.command;\n"),
             period_fault=FAULT_PERIOD,
             late_fault=FAULT_LATE,
@@ -142,8 +142,8 @@ def controller_comp(routine: Routine, title: str, made_by: str) -> str:
     )
 
 
-def _given(name: str) -> str:
-    """A C expression for an input of the law."""
+def _input_expression(name: str) -> str:
+    """Return a C expression for an input of the law."""
     return "on ? 1.0 : 0.0" if name == "enable" else f"{pin(_INPUTS[name][0], '', '', '').c} / scale"
 
 
@@ -163,7 +163,8 @@ _PLANT_INPUTS = {
 
 
 def plant_comp(routine: Routine, title: str, made_by: str) -> str:
-    """The text of the .comp file, which includes P.h; `read` and `write` replace those of a card.
+    """Return the text of the simulated axis's .comp file, which includes P.h; `read` and `write` replace those of a
+    card.
 
     Raises ParameterError and StructureError for names and sample times that LinuxCNC cannot have.
     """
@@ -180,8 +181,8 @@ def plant_comp(routine: Routine, title: str, made_by: str) -> str:
     }
     physics = {parameter(v): v.value for v in routine.parameters}
     check_component(routine.name, FUNCTIONS, [*pins, *own, *physics])
-    given = {name: pin(place, "", "", "").c for name, (place, _) in _PLANT_INPUTS.items()}
-    given["start_position"] = "start_position / scale"
+    pin_names = {name: pin(place, "", "", "").c for name, (place, _) in _PLANT_INPUTS.items()}
+    pin_names["start_position"] = "start_position / scale"
     return component_text(
         routine.name,
         f"{title}. {made_by} For the desk only: call read before and write after the controller, every {T} ns. "
@@ -193,7 +194,7 @@ def plant_comp(routine: Routine, title: str, made_by: str) -> str:
             "plant.c",
             P=routine.name,
             wanted=numbers([item.c for item in physics]),
-            inputs=numbers([given[v.name] for v in routine.inputs]),
+            inputs=numbers([pin_names[v.name] for v in routine.inputs]),
             outputs="\n".join(
                 f"    {pin(_OUTPUTS[v.name][0], '', '', '').c} = now.{v.name} * scale;" for v in routine.outputs
             ),
@@ -202,12 +203,12 @@ def plant_comp(routine: Routine, title: str, made_by: str) -> str:
 
 
 def text(name: str) -> str:
-    """One of the files in `texts/`."""
+    """Return a file of `templates/linuxcnc/`."""
     return (Path(__file__).parent / "templates" / "linuxcnc" / name).read_text(encoding="utf-8")
 
 
 def filled(name: str, /, **values: object) -> str:
-    """One of the texts, with the values in their places."""
+    """Return a file of `templates/linuxcnc/` with the values filled in."""
     return Template(text(name)).substitute({key: str(value) for key, value in values.items()})
 
 
@@ -255,29 +256,29 @@ def check_component(name: str, functions: Sequence[str], items: Iterable[Item]) 
             f"take another, such as axis_{name}"
         )
     seen: dict[str, str] = {}
-    measured = [".".join((*filter(None, (each,)), last)) for each in functions for last in MEASURED]
-    for each in (*(item.name for item in items), *measured):
-        whole = f"{hal(name)}.{each}"
+    measured = [".".join((*filter(None, (function,)), last)) for function in functions for last in MEASURED]
+    for entry in (*(item.name for item in items), *measured):
+        whole = f"{hal(name)}.{entry}"
         if len(whole) > HAL_LENGTH:
             raise ParameterError(
                 f"'{whole}' has {len(whole)} characters, {len(whole) - HAL_LENGTH} more than the {HAL_LENGTH} of a "
                 f"name in LinuxCNC's HAL; take a shorter name than '{name}'"
             )
-        key = re.sub("[-._]+", "_", each)
+        key = re.sub("[-._]+", "_", entry)
         if key in seen:
             raise StructureError(f"'{hal(name)}.{seen[key]}' and '{whole}' are one name in LinuxCNC's HAL")
-        seen[key] = each
+        seen[key] = entry
 
 
 def plain(words: str) -> str:
-    """Text that halcompile and its manual pages take: ASCII, without quotes and backslashes."""
+    """Return text that halcompile and its manual pages accept: ASCII, without quotes and backslashes."""
     words = words.replace("²", "2").replace("³", "3").replace("µ", "u").replace("·", " ").replace("−", "-")
     words = words.replace('"', "'").replace("\\", "/").replace("\n", " ")
     return words.encode("ascii", "replace").decode()
 
 
 def servo_period(routine: Routine) -> int:
-    """The sample time in ns. Raises ParameterError for one that no servo thread of LinuxCNC can have."""
+    """Return the sample time in ns. Raises ParameterError for one that no servo thread of LinuxCNC can have."""
     exact = routine.sample_time * 1e9
     whole = round(exact)
     if abs(exact - whole) > 1e-3:
@@ -303,7 +304,7 @@ _AS_IT_STANDS = """\
 
 
 def core(name: str, parts: Texts) -> str:
-    """The header that a component includes: the complete routine.
+    """Return the header that a component includes: the complete routine.
 
     Code that runs once or at a change of parameters may have thousands of lines: it is compiled without optimization,
     in a tenth of the time.
@@ -312,7 +313,7 @@ def core(name: str, parts: Texts) -> str:
         rf"^static (?:inline bool {name}_retune|int {name}_designed)\([^;{{]*\)\n\{{.*?^\}}\n", re.DOTALL | re.MULTILINE
     )
     whole = header_only(name, parts)
-    return _EXACT + once.sub(lambda found: f"{_AS_IT_STANDS}{found[0]}#pragma GCC pop_options\n", whole)
+    return _EXACT + once.sub(lambda match: f"{_AS_IT_STANDS}{match[0]}#pragma GCC pop_options\n", whole)
 
 
 def component_text(
@@ -323,16 +324,16 @@ def component_text(
     functions: Sequence[str],
     body: str,
 ) -> str:
-    """The text of a .comp file that includes `name`.h, for `halcompile --install`."""
+    """Return the text of a .comp file that includes `name`.h, for `halcompile --install`."""
     lines = [f'component {name} "{plain(description)}";', ""]
-    lines += [f'pin {each.direction} {_TYPES[each.type]} {each.name} "{each.meaning}";' for each in pins]
+    lines += [f'pin {item.direction} {_TYPES[item.type]} {item.name} "{item.meaning}";' for item in pins]
     lines.append("")
     lines += [
-        f'param rw {_TYPES[each.type]} {each.name} = {_number(each, value)} "{each.meaning}";'
-        for each, value in parameters.items()
+        f'param rw {_TYPES[item.type]} {item.name} = {_number(item, value)} "{item.meaning}";'
+        for item, value in parameters.items()
     ]
     lines.append("")
-    lines += [f"function {each} fp;" for each in functions]
+    lines += [f"function {function} fp;" for function in functions]
     lines += ["option singleton yes;", f'include "{name}.h";', 'license "MIT";', 'author "feeddrive";', "", ";;"]
     return "\n".join(lines) + f"\n{body}"
 
@@ -341,22 +342,22 @@ _TYPES = {"float": "float", "bit": "bit", "s32": "signed", "u32": "unsigned"}
 
 
 def _number(item: Item, value: float) -> str:
-    """A default as halcompile reads it: without the `+` of an exponent."""
+    """Return a default as halcompile reads it: without the `+` of an exponent."""
     return repr(float(value)).replace("e+", "e") if item.type == "float" else str(int(value))
 
 
 def numbers(texts: Iterable[str]) -> str:
-    """A C initialiser, broken into lines."""
+    """Return a C initializer, broken into lines."""
     lines = [""]
-    for each in texts:
-        if len(lines[-1]) + len(each) > 90:
+    for number_text in texts:
+        if len(lines[-1]) + len(number_text) > 90:
             lines.append("")
-        lines[-1] += f" {each},"
+        lines[-1] += f" {number_text},"
     return "\n        ".join(line.strip() for line in lines).rstrip(",")
 
 
 def where(wanted: bool, text: str) -> str:
-    """The text if it is wanted, else an empty one."""
+    """Return the text if `wanted`, else an empty text."""
     return text if wanted else ""
 
 
@@ -364,7 +365,7 @@ def where(wanted: bool, text: str) -> str:
 
 
 def write_linuxcnc(design: Design, out: str | Path, *, joint: int | None = None) -> Path:
-    """The control of a design as a component of LinuxCNC, with all that is needed to run it.
+    """Write the control of a design as a component of LinuxCNC, with the files that run it.
 
     joint  number of the joint in LinuxCNC; absent: the place of the axis in the machine file
 
@@ -432,7 +433,9 @@ LETTERS = "XYZABCUVW"
 
 
 def axis_hal(routine: Routine, joint: int, title: str, made_by: str) -> str:
-    """Wiring of the controller: from the joint's commands to the force, without the lines of the I/O card."""
+    """Return the wiring of the controller: from the joint's commands to the force, without the lines of the I/O
+    card.
+    """
     name, P = hal(routine.name), routine.name
     x = _prefix(routine)
     reading = reading_pin(routine)
@@ -492,7 +495,7 @@ def axis_hal(routine: Routine, joint: int, title: str, made_by: str) -> str:
 
 
 def axis_ini(routine: Routine, joint: int, letter: str, limit: Limits, title: str, made_by: str) -> str:
-    """Sections of the joint and of the axis; in mm, as LINEAR_UNITS of the desk."""
+    """Return the sections of the joint and of the axis; in mm, the LINEAR_UNITS of the desk."""
     velocity, acceleration, error = 1e3 * limit.velocity, 1e3 * limit.acceleration, 1e3 * limit.following_error
     # inside the guard's travel: at its very end the smallest overshoot would trip
     room = error if limit.travel_known else 0.0
@@ -528,7 +531,7 @@ def axis_ini(routine: Routine, joint: int, letter: str, limit: Limits, title: st
 
 
 def _unknown(limit: Limits) -> list[str]:
-    """Settings that the machine file does not contain and that must not be assumed."""
+    """Return settings that the machine file does not contain and that must not be assumed."""
     if limit.travel_known:
         return []
     return [
@@ -538,7 +541,7 @@ def _unknown(limit: Limits) -> list[str]:
 
 
 def desk_hal(routine: Routine, plant: Routine, joint: int) -> str:
-    """The HAL file for a desk: the planner, the controller of this axis, and its physics in place of a card."""
+    """Return the HAL file for a desk: the planner, the controller of this axis, and its physics in place of a card."""
     x, p, name = _prefix(routine), hal(plant.name), hal(routine.name)
     readings = [r for r in ("motor-position-fb", "load-position-fb", "position-fb") if _has(routine, r)]
     lines = [
@@ -568,9 +571,11 @@ def desk_hal(routine: Routine, plant: Routine, joint: int) -> str:
 
 
 def desk_ini(routine: Routine, joint: int, letter: str) -> str:
-    """A LinuxCNC configuration with this axis, for `linuxcnc desk.ini`; joints before it follow their commands."""
-    others = [each for each in LETTERS if each != letter][:joint]
-    ideal = "".join(_IDEAL.format(letter=each, joint=i) for i, each in enumerate(others))
+    """Return a LinuxCNC configuration with this axis, for `linuxcnc desk.ini`; joints before it follow their
+    commands.
+    """
+    others = [other for other in LETTERS if other != letter][:joint]
+    ideal = "".join(_IDEAL.format(letter=other, joint=i) for i, other in enumerate(others))
     return filled(
         "desk.ini",
         name=routine.name,
@@ -582,7 +587,7 @@ def desk_ini(routine: Routine, joint: int, letter: str) -> str:
 
 
 def _prefix(routine: Routine) -> str:
-    """Prefix of the signals, different for each axis."""
+    """Return the prefix of the signals, different for each axis."""
     return hal(routine.name)
 
 
@@ -630,28 +635,28 @@ class Limits:
 
 
 def limits(loop: Loop) -> Limits:
-    """The fastest of some moves that leave a margin of 30 % to the limits of the control and of the motor.
+    """Return the fastest of some moves that keep a margin of 30 % to the limits of the control and of the motor.
 
     The move is LinuxCNC's own, a trapezoid of velocity.  Its following error is counted as LinuxCNC does, against the
     reading of one period later.  Raises ParameterError if even the slowest move is too much.
     """
     least, most = _travel(loop)
-    found = None
+    tried = None
     for velocity in _VELOCITIES:
-        found = _tried(loop, velocity, least, most)
-        if found is not None:
+        tried = _tried(loop, velocity, least, most)
+        if tried is not None:
             break
-    if found is None:
+    if tried is None:
         raise ParameterError(
             f"the axis cannot be moved at {Quantity(_VELOCITIES[-1], 'm/s'):6 SI} within 70 % of its limits of force, "
             "following error and speed: LinuxCNC would switch it off at once; look at the simulation of this loop "
             "first"
         )
-    return found
+    return tried
 
 
 def _travel(loop: Loop) -> tuple[float, float]:
-    """Ends of the travel in m: those of the guard, else half a metre either way."""
+    """Return the ends of the travel in m: those of the guard, else half a metre to either side."""
     guard = loop.control.guard
     least, most = (None, None) if guard is None else (guard.travel_least, guard.travel_most)
     if least is not None and most is not None:
@@ -664,7 +669,7 @@ def _travel(loop: Loop) -> tuple[float, float]:
 
 
 def _tried(loop: Loop, velocity: float, least: float, most: float) -> Limits | None:
-    """The limits, or None if this move is too fast or too long."""
+    """Simulate a move and return its limits; None if it is too fast or too long."""
     acceleration = velocity / _RAMP
     distance = 2.0 * _RAMP * velocity
     if distance > most - least:
@@ -684,7 +689,7 @@ def _tried(loop: Loop, velocity: float, least: float, most: float) -> Limits | N
     speed = float(np.max(np.abs(run["velocity_load"])))
     guard, motor = loop.control.guard, loop.axis.actuator.motor
     forces = [loop.control.force_limit, None if motor is None else motor.limits()[0]]
-    bounds = [(force, each) for each in forces]
+    bounds = [(force, limit) for limit in forces]
     bounds.append((speed, None if motor is None else motor.velocity_limit()))
     if guard is not None:
         bounds += [(error, guard.following_error_limit), (speed, guard.velocity_limit)]
@@ -695,7 +700,7 @@ def _tried(loop: Loop, velocity: float, least: float, most: float) -> Limits | N
 
 
 def _rounded_up(value: float) -> float:
-    """To 1, 2 or 5 times a power of ten, in m, and at least 10 um."""
+    """Round up to 1, 2 or 5 times a power of ten, in m, and to at least 10 um."""
     value = max(value, 1e-5)
     power = 10.0 ** math.floor(math.log10(value))
     return next(round(step * power, 9) for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value * (1.0 - 1e-9))

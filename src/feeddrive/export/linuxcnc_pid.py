@@ -92,7 +92,7 @@ _LATE = (
 
 
 def stock_law(cascade: Cascade, *, route: str = "two", units: float = 1000.0) -> LinuxcncPid:
-    """The pids of a design.
+    """Return the pids of a design.
 
     route  "two" pids in cascade or "one"
     units  machine units in a meter: 1000 for mm, 1/0.0254 for inches
@@ -155,19 +155,25 @@ def stock_law(cascade: Cascade, *, route: str = "two", units: float = 1000.0) ->
 
 
 def biquad(block: Filter, T: float) -> StockBiquad:
-    """A filter of the design as coefficients of LinuxCNC's biquad, at a period of T s."""
-    made = block.prepare(T)
-    if isinstance(made, Section):
-        return StockBiquad(n0=made.b0, n1=made.b1, n2=made.b2, d1=made.b1 if made.a1 is None else made.a1, d2=made.a2)
-    if isinstance(made, LowPass.Prepared):
-        return StockBiquad(n0=made.b, n1=made.b, d1=made.a)
+    """Return a filter of the design as coefficients of LinuxCNC's biquad, at a period of T s."""
+    prepared = block.prepare(T)
+    if isinstance(prepared, Section):
+        return StockBiquad(
+            n0=prepared.b0,
+            n1=prepared.b1,
+            n2=prepared.b2,
+            d1=prepared.b1 if prepared.a1 is None else prepared.a1,
+            d2=prepared.a2,
+        )
+    if isinstance(prepared, LowPass.Prepared):
+        return StockBiquad(n0=prepared.b, n1=prepared.b, d1=prepared.a)
     raise StructureError(
         f"control.filters: {block.kind} cannot be represented by a biquad of LinuxCNC; take the target linuxcnc"
     )
 
 
 def period(loop: Loop) -> float:
-    """The sample time in HAL, s: whole nanoseconds times 1e-9."""
+    """Return the sample time in HAL, s: whole nanoseconds times 1e-9."""
     return round(loop.sample_time * 1e9) * 1e-9
 
 
@@ -187,7 +193,7 @@ def _check_one(cascade: Cascade) -> None:
 
 
 def stock_loop(cascade: Cascade, law: LinuxcncPid) -> Loop:
-    """The loop with LinuxCNC's pids instead of its control, on the same axis at HAL's period.
+    """Return the loop with LinuxCNC's pids instead of its control, on the same axis at HAL's period.
 
     Its guard stays, except that the force of a disabled axis is 0, as a disabled pid gives 0.
     """
@@ -197,7 +203,7 @@ def stock_loop(cascade: Cascade, law: LinuxcncPid) -> Loop:
 
 
 def left_out(cascade: Cascade, route: str = "two") -> tuple[LostPart, ...]:
-    """The parts of a design that LinuxCNC's pids cannot represent."""
+    """Return the parts of a design that LinuxCNC's pids cannot represent."""
     late = route == "one" and not cascade.loop.control.filters
     outside = OUTSIDE | {"half_sample": _LATE} if late else OUTSIDE
     return tuple(row._replace(path=tree.in_paths(cascade.loop, row.path)) for row in lost(cascade, HELD, outside))
@@ -208,7 +214,7 @@ _DWELL = 0.3  # s after a move, in which overshoot shows
 
 
 class Figure(NamedTuple):
-    """One figure of both controls; None where it does not exist."""
+    """A figure of both controls; None where it does not exist."""
 
     what: str
     unit: str
@@ -218,7 +224,7 @@ class Figure(NamedTuple):
 
 @dataclass(frozen=True)
 class Difference:
-    """The figures, and the two moves by which they were made."""
+    """The figures of both controls, and the two moves that they come from."""
 
     figures: tuple[Figure, ...]
     move: JerkLimitedMove
@@ -226,10 +232,10 @@ class Difference:
 
 
 def require_stable_pids(cascade: Cascade, stock: Loop, route: str, units: float) -> None:
-    """Raise UnstableError, with stable gains if there are any, if the loop with the pids is unstable."""
+    """Raise UnstableError, with stable gains if any exist, if the loop with the pids is unstable."""
     require_stable(cascade.loop, where="the design")
-    found = stability(stock)
-    if found.stable:
+    verdict = stability(stock)
+    if verdict.stable:
         return
     hint = ""
     for share in np.linspace(0.95, 0.05, 19):
@@ -251,13 +257,13 @@ def require_stable_pids(cascade: Cascade, stock: Loop, route: str, units: float)
             )
             break
     raise UnstableError(
-        f"this axis is unstable with LinuxCNC's pid, but not with the design: {found.sentence()}{hint}; see which "
+        f"this axis is unstable with LinuxCNC's pid, but not with the design: {verdict.sentence()}{hint}; see which "
         "parts it cannot represent, or export with the target linuxcnc, which computes the design itself"
     )
 
 
 def difference(cascade: Cascade, stock: Loop) -> Difference:
-    """The figures of both controls on the same axis, along the same moves."""
+    """Compare both controls on the same axis, along the same moves."""
     move, saturating = moves(cascade.loop)
     figures = [*_margins(cascade.loop, stock)]
     designed, by_pid = (_run(loop, move) for loop in (cascade.loop, stock))
@@ -276,7 +282,7 @@ def difference(cascade: Cascade, stock: Loop) -> Difference:
 
 
 def moves(loop: Loop) -> tuple[JerkLimitedMove, JerkLimitedMove | None]:
-    """A move at 40 % of the force limit, and one at 150 % where there is a limit.
+    """Return a move at 40 % of the force limit, and one at 150 % where there is a limit.
 
     Half the velocity limit, at most 0.3 m/s; the acceleration is reached in 20 ms, or in 5 ms beyond the limit; within
     the travel.
@@ -311,7 +317,7 @@ def moves(loop: Loop) -> tuple[JerkLimitedMove, JerkLimitedMove | None]:
 
 
 def _free(loop: Loop) -> Loop:
-    """Without the limits of the guard, on which a saturated axis would trip."""
+    """Return the loop without the limits of the guard, on which a saturated axis would trip."""
     guard = loop.control.guard
     if guard is None:
         return loop
@@ -319,7 +325,7 @@ def _free(loop: Loop) -> Loop:
 
 
 def _run(loop: Loop, move: JerkLimitedMove) -> Run | None:
-    """The run, or None if it diverges."""
+    """Simulate a move; None if the run diverges."""
     try:
         return simulate(loop, move, record=("set_velocity", "following_error", "force"))
     except DivergedError:
@@ -327,7 +333,7 @@ def _run(loop: Loop, move: JerkLimitedMove) -> Run | None:
 
 
 def _along(what: str, *runs: Run | None) -> list[Figure]:
-    """Following error and force of both runs along a move."""
+    """Return following error and force of both runs along a move."""
     errors = [None if run is None else run["following_error"] for run in runs]
     peaks = [None if e is None else 1e6 * float(np.max(np.abs(e))) for e in errors]
     means = [None if e is None else 1e6 * float(np.sqrt(np.mean(e * e))) for e in errors]
@@ -347,14 +353,14 @@ def _after(run: Run | None, move: JerkLimitedMove) -> float | None:
 
 
 def _margins(*loops: Loop) -> list[Figure]:
-    """Crossover and margins of the loop opened at the actuator, sliding."""
-    found = []
+    """Return crossover and margins of the loop opened at the actuator, sliding."""
+    figures = []
     for loop in loops:
         frequency = np.geomspace(1.0, 0.5 / loop.sample_time, LINES)
-        made = margins(loop_gain(loop, frequency))
-        found.append((made.crossover, made.phase_margin_deg, made.gain_increase_dB, made.sensitivity_peak))
+        result = margins(loop_gain(loop, frequency))
+        figures.append((result.crossover, result.phase_margin_deg, result.gain_increase_dB, result.sensitivity_peak))
     names = (("crossover", "Hz"), ("phase margin", "degrees"), ("gain may rise by", "dB"), ("Ms", "1"))
-    return [Figure(name, unit, *pair) for (name, unit), pair in zip(names, zip(*found, strict=True), strict=True)]
+    return [Figure(name, unit, *pair) for (name, unit), pair in zip(names, zip(*figures, strict=True), strict=True)]
 
 
 # Files of the target `linuxcnc-pid`: .hal and .ini fragments, and a README with the expected differences.
@@ -364,7 +370,7 @@ _LONGEST = ".velocity.do-pid-calcs.tmax-increased"  # name behind the axis's
 
 
 def write_linuxcnc_pid(design: Design, out: Path, *, route: str = "two", units: float = 1000.0, joint: int = 0) -> Path:
-    """Write the fragments, completely or not at all; returns the README.
+    """Write the fragments, completely or not at all, and return the README.
 
     route  "two" pids in cascade, or "one"
     units  machine units in a meter: 1000 for mm
@@ -400,7 +406,7 @@ def write_linuxcnc_pid(design: Design, out: Path, *, route: str = "two", units: 
 
 
 def _checked(name: str) -> str:
-    """The name itself. Raises ParameterError if a HAL name that begins with it is too long."""
+    """Return the name. Raises ParameterError if a HAL name that begins with it is too long."""
     most = HAL_LENGTH - len(_LONGEST)
     if len(name) > most:
         raise ParameterError(
@@ -432,7 +438,7 @@ GAINS = tuple(name for name in declarations(StockPid) if name not in ("error_pre
 
 
 def ini_fragment(cascade: Cascade, law: LinuxcncPid, joint: int, head: Sequence[str]) -> str:
-    """Gains, limits and following error of a joint, for its .ini file."""
+    """Return gains, limits and following error of a joint, for its .ini file."""
     guard, units = cascade.loop.control.guard, float(law.units)
     lines = [*(f"# {line}".rstrip() for line in head), "", f"[JOINT_{joint}]"]
     if guard is not None and guard.following_error_limit is not None:
@@ -464,7 +470,7 @@ def ini_fragment(cascade: Cascade, law: LinuxcncPid, joint: int, head: Sequence[
 
 
 def hal_fragment(cascade: Cascade, law: LinuxcncPid, name: str, joint: int, head: Sequence[str]) -> str:
-    """The components of an axis, their wiring and settings; the user connects the pins of the drive."""
+    """Return the components of an axis, their wiring and settings; the user connects the pins of the drive."""
     two, encoders = law.velocity is not None, cascade.loop.axis.encoders()
     pids = [f"{name}.position", *[f"{name}.velocity"] * two]
     motor = cascade.loop.axis.actuator.motor
@@ -499,7 +505,10 @@ def hal_fragment(cascade: Cascade, law: LinuxcncPid, name: str, joint: int, head
         *([f"addf {name}.speed servo-thread"] if two else []),
         f"addf {name}.forward servo-thread",
         *(f"addf {pid}.do-pid-calcs servo-thread" for pid in pids),
-        *(f"addf {each} servo-thread" for each in (sums[1:2] + filters + sums[2:] + [f"{name}.limit"] * bool(filters))),
+        *(
+            f"addf {function} servo-thread"
+            for function in (sums[1:2] + filters + sums[2:] + [f"{name}.limit"] * bool(filters))
+        ),
         "",
         *(wire for wire in wires if wire),
         "",
@@ -517,7 +526,7 @@ def hal_fragment(cascade: Cascade, law: LinuxcncPid, name: str, joint: int, head
 
 
 def _filter_wires(law: LinuxcncPid, name: str, last: str) -> Iterator[str]:
-    """The output of the last pid without feedforward goes through the filters; then the feedforward is added."""
+    """Yield the wires from the last pid without feedforward through the filters, and the sum with the feedforward."""
     if not law.filters:
         return
     ends = [f"{name}.feedback.out", *(f"{name}.filter{i}.out" for i in range(len(law.filters)))]
@@ -531,14 +540,14 @@ def _filter_wires(law: LinuxcncPid, name: str, last: str) -> Iterator[str]:
 
 
 def _pids(law: LinuxcncPid) -> Iterator[tuple[str, StockPid]]:
-    """Prefix of the keys in the .ini file, and the pid."""
+    """Yield the prefix of the keys in the .ini file, and the pid."""
     yield "POSITION", law.position
     if law.velocity is not None:
         yield "VELOCITY", law.velocity
 
 
 def _settings(law: LinuxcncPid, name: str, joint: int) -> Iterator[str]:
-    """The lines that give the pids their numbers."""
+    """Yield the lines that set the parameters of the pids."""
     for prefix, pid in _pids(law):
         whole = f"{name}.{prefix.lower()}"
         yield from (f"setp {whole}.{gain} [JOINT_{joint}]{prefix}_{gain.upper()}" for gain in GAINS)
@@ -550,7 +559,10 @@ def _settings(law: LinuxcncPid, name: str, joint: int) -> Iterator[str]:
     for i in range(len(law.filters)):
         filter_ = f"{name}.filter{i}"
         yield f"setp {filter_}.type 0"
-        yield from (f"setp {filter_}.{each} [JOINT_{joint}]FILTER_{i}_{each.upper()}" for each in COEFFICIENTS)
+        yield from (
+            f"setp {filter_}.{coefficient} [JOINT_{joint}]FILTER_{i}_{coefficient.upper()}"
+            for coefficient in COEFFICIENTS
+        )
         yield f"setp {filter_}.enable 1"
     if law.filters:
         yield f"setp {name}.feedback.gain1 -1"

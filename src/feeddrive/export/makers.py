@@ -46,7 +46,7 @@ class Row(NamedTuple):
 
 
 class Line(NamedTuple):
-    """A number as a file has it, with its path in the machine file and its value in SI."""
+    """A number as a file holds it, with its path in the machine file and its value in SI."""
 
     name: str
     text: str
@@ -58,7 +58,7 @@ class Line(NamedTuple):
 
 
 class Filtered(NamedTuple):
-    """The lines of a filter, or why the maker has none like it."""
+    """The lines of a filter, or the reason why the maker has no such filter."""
 
     lines: tuple[Line, ...] = ()
     why: str = ""
@@ -66,7 +66,7 @@ class Filtered(NamedTuple):
 
 @dataclass(frozen=True)
 class Maker:
-    """A control or drive: its rows, its filters, and how its files are written.
+    """A control or drive of a maker: its rows, its filters, and how its files are written.
 
     notes    lines at the head of its file: which loop is meant, how the integral is switched off, and the like
     rotary   whether it supports rotary motors only
@@ -87,7 +87,7 @@ class Maker:
 
 
 def lines_of(maker: Maker, cascade: Cascade, train: DriveTrain) -> tuple[list[Line], list[LostPart]]:
-    """The numbers that a maker's file holds, and those that it cannot take."""
+    """Return the numbers that a maker's file holds, and the parts that it cannot represent."""
     lines: list[Line] = []
     lost: list[LostPart] = []
     for row in maker.rows:
@@ -108,7 +108,7 @@ def lines_of(maker: Maker, cascade: Cascade, train: DriveTrain) -> tuple[list[Li
 
 
 def _problem(row: Row, value: float, text: str) -> tuple[str, str] | None:
-    """Why a value cannot be entered, and what happens; None if it can."""
+    """Return why a value cannot be entered, and the consequence; None if it can."""
     if row.most is not None and abs(value) > row.most:
         return f"{row.name} takes at most {row.most:g}", "the loop cannot be set up there: the gain stays lower"
     if value != 0.0 and abs(float(text) - value) > 0.01 * abs(value):
@@ -117,12 +117,12 @@ def _problem(row: Row, value: float, text: str) -> tuple[str, str] | None:
 
 
 def number(value: float, decimals: int | None = None) -> str:
-    """Six significant digits, or the decimals that a control keeps."""
+    """Return a number with six significant digits, or with the decimals that a control keeps."""
     return f"{value:.6g}" if decimals is None else f"{value:.{decimals}f}"
 
 
 def in_si(cascade: Cascade, train: DriveTrain, quantity: str) -> str:
-    """A quantity in SI at the table, to the last digit."""
+    """Return a quantity in SI at the table, to the last digit."""
     own = {"lead": train.lead, "gear": train.gear}
     value = own[quantity] if quantity in own else cascade.values[quantity]
     return f"{value!r} {QUANTITIES[quantity].table}".rstrip()
@@ -131,7 +131,7 @@ def in_si(cascade: Cascade, train: DriveTrain, quantity: str) -> str:
 def filter_line(
     name: str, value: float, unit: str, meaning: str, path: str, source: str, decimals: int | None = None
 ) -> Line:
-    """A number of a filter."""
+    """Return the line of a filter's number."""
     return Line(
         name, number(value, decimals), unit, meaning, path, f"{float(value)!r} {unit}".rstrip(), source or NOT_CHECKED
     )
@@ -238,7 +238,7 @@ _AT_SHAFT = {"velocity_limit": ("rpm",)}
 
 
 def csv_text(cascade: Cascade, train: DriveTrain | None, head: list[str]) -> str:
-    """The file: comment lines with `#`, then a head and a row for each number."""
+    """Return the CSV file: comment lines with `#`, then a head and a row for each number."""
     out = io.StringIO()
     for line in head:
         out.write(f"# {line}".rstrip() + "\n")
@@ -314,7 +314,9 @@ _FIRST, _STEP = 1657, 5  # p1657 .. p1661 are the first filter, p1662 .. p1666 t
 
 
 def sinumerik_filters(block: Filter, place: int) -> Filtered:
-    """A current setpoint filter: PT2 or general second order, as natural frequencies and dampings."""
+    """Return the lines of a current setpoint filter: PT2 or general second order, as natural
+    frequencies and dampings.
+    """
     if place >= FILTERS:
         return Filtered(why=f"a drive has {FILTERS} current setpoint filters")
     path = f"control.filters.{place}"
@@ -432,7 +434,7 @@ LOW_PASS_1, LOW_PASS_2 = 1, 3  # filter types, the same numbers in both drives
 
 
 def twincat_filters(block: Filter, place: int) -> Filtered:
-    """Low passes of both drives; how their notch uses its four numbers is not documented, so it is drawn by hand."""
+    """Return the low passes of both drives; a notch is refused, since the use of its four numbers is not documented."""
     if place >= len(_AX5_FILTERS):
         return Filtered(why=f"a drive has {len(_AX5_FILTERS)} current command filters")
     if not isinstance(block, LowPass | LowPass2):
@@ -447,7 +449,7 @@ def twincat_filters(block: Filter, place: int) -> Filtered:
         ("AX8000", _AX8_FILTERS[place], _AX8.format("3163"), ":0{}"),
     ):
         fields = ("Filter type", "Low pass frequency", "Low pass damping") if drive == "AX5000" else ("5", "1", "2")
-        named = [base + join.format(each) for each in fields]
+        named = [base + join.format(field) for field in fields]
         lines.append(Line(named[0], str(kind), "type", f"{drive}: {what}", path, what, source))
         lines.append(filter_line(named[1], block.frequency, "Hz", f"{drive}: its corner", f"{path}.frequency", source))
         if isinstance(block, LowPass2):

@@ -48,17 +48,17 @@ class Structure:
     """A data type with fields."""
 
     name: str
-    said: str
+    comment: str
     fields: Sequence[Declared]
 
     def declared(self) -> Sequence[Declared]:
-        """Its fields; a structure without any is not legal, so it gets one."""
+        """The fields; a structure without fields is not legal, so it gets one."""
         return self.fields or [Declared("none", "BOOL", "", "nothing is kept here")]
 
     def text(self) -> str:
-        """As it stands in a source file."""
+        """Return the declaration as it stands in a source file."""
         lines = [f"TYPE {self.name} :", "STRUCT", *_declared(self.declared()), "END_STRUCT;", "END_TYPE"]
-        return _joined([*comment(self.said), *lines])
+        return _joined([*comment(self.comment), *lines])
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Unit:
     """A function (`result` is its type) or a function block."""
 
     name: str
-    said: str
+    comment: str
     result: str = ""
     sections: dict[str, list[Declared]] = field(default_factory=dict)
     body: Sequence[str] = ()
@@ -77,42 +77,42 @@ class Unit:
         return "FUNCTION" if self.result else "FUNCTION_BLOCK"
 
     def declaration(self) -> str:
-        """The upper part, without its end."""
+        """Return the head with the variables, without END_FUNCTION or END_FUNCTION_BLOCK."""
         head = f"{self.keyword} {self.name}{' : ' + self.result if self.result else ''}"
-        lines = [*comment(self.said), head]
+        lines = [*comment(self.comment), head]
         for section in SECTIONS:
             if self.sections.get(section):
                 lines += [section, *_declared(self.sections[section]), "END_VAR"]
         return _joined(lines)
 
     def implementation(self) -> str:
-        """The statements; an empty one where there is nothing to do."""
+        """Return the statements; an empty statement if there are none."""
         return _joined(self.body or [";"])
 
     def text(self) -> str:
-        """As it stands in a source file."""
+        """Return the unit as it stands in a source file."""
         return f"{self.declaration()}\n{self.implementation()}END_{self.keyword}\n"
 
 
 def _declared(variables: Iterable[Declared]) -> list[str]:
-    """One line each, with the meanings below one another where that leaves the lines short."""
+    """Return one line per variable, meanings aligned where that keeps the lines short."""
     variables = list(variables)
     lines = [f"{INDENT}{v.name} : {v.kind}{' := ' + v.value if v.value else ''};" for v in variables]
     wide = min(44, max((len(line) for line, v in zip(lines, variables, strict=True) if v.meaning), default=0))
-    found: list[str] = []
+    lines_: list[str] = []
     for line, variable in zip(lines, variables, strict=True):
-        found += [f"{INDENT}{text}".rstrip() for text in comment(variable.above)]
+        lines_ += [f"{INDENT}{text}".rstrip() for text in comment(variable.above)]
         if len(line) > WIDTH:  # a row of first values
-            found += textwrap.wrap(
+            lines_ += textwrap.wrap(
                 line.strip(), WIDTH, initial_indent=INDENT, subsequent_indent=2 * INDENT, break_on_hyphens=False
             )
         else:
-            found.append(f"{line:<{wide}} (* {plain(variable.meaning)} *)" if variable.meaning else line)
-    return found
+            lines_.append(f"{line:<{wide}} (* {plain(variable.meaning)} *)" if variable.meaning else line)
+    return lines_
 
 
 def comment(text: str) -> list[str]:
-    """A comment of one or more lines; none for an empty text."""
+    """Return a comment of one or more lines; none for an empty text."""
     if not text.strip():
         return []
     first, *others = plain(text).strip("\n").split("\n")
@@ -121,7 +121,7 @@ def comment(text: str) -> list[str]:
 
 
 def plain(text: str) -> str:
-    """Text that cannot begin or end a comment."""
+    """Return text that can neither begin nor end a comment."""
     return text.replace("(*", "( *").replace("*)", "* )")
 
 
@@ -130,7 +130,7 @@ def _joined(lines: Iterable[str]) -> str:
 
 
 def huge(real: str) -> Declared:
-    """The variable whose square is infinite."""
+    """Return the variable whose square is infinite."""
     return Declared(HUGE, real, "1.0E300" if real == "LREAL" else "1.0E30", "its square is infinite")
 
 
@@ -141,7 +141,8 @@ OWN = frozenset({"floor", "power_of_two", "exponent"}) | ELEMENTARY  # functions
 
 
 def literal(value: float, real: str = "LREAL") -> str:
-    """A number within an expression, as text that reads back to the same bits: `0.5`, `LREAL#0.1`, `(-LREAL#1.0E-7)`.
+    """Return a number within an expression, as text that reads back to the same bits: `0.5`, `LREAL#0.1`,
+    `(-LREAL#1.0E-7)`.
 
     The type stands in front of a number that a short and a long real round differently, since compilers do not agree on
     what a plain 0.1 is.
@@ -156,19 +157,21 @@ def literal(value: float, real: str = "LREAL") -> str:
 
 
 def decimal(value: float, real: str = "LREAL") -> str:
-    """The shortest decimal number that reads back to the same bits; in a declaration the type is given separately."""
+    """Return the shortest decimal number that reads back to the same bits; in a declaration the type stands apart."""
     mantissa, _, power = str(np.float32(value) if real == "REAL" else float(value)).partition("e")
     return f"{mantissa if '.' in mantissa else mantissa + '.0'}{f'E{int(power)}' if power else ''}"
 
 
 def short(value: float) -> float:
-    """Rounded to 32 bits."""
+    """Round to 32 bits."""
     with np.errstate(over="ignore", under="ignore"):
         return float(np.float32(value))
 
 
 def expression(name: str, values: list[str], prefix: str, real: str = "LREAL") -> str:
-    """An operation as text, in parentheses where it has an operator; `prefix` is that of the block's own functions."""
+    """Return an operation as text, in parentheses where it has an operator; `prefix` is that of the block's own
+    functions.
+    """
     if name in INFIX:
         return f"({values[0]} {INFIX[name]} {values[1]})"
     if name == "neg":
@@ -185,7 +188,9 @@ def expression(name: str, values: list[str], prefix: str, real: str = "LREAL") -
 
 
 def own(prefix: str, name: str, real: str) -> str:
-    """The name of a function that is printed with the block: `axis_x_exp`, or `axis_x_exp_real` for short reals."""
+    """Return the name of a function that is printed with the block: `axis_x_exp`, or
+    `axis_x_exp_real` for short reals.
+    """
     return f"{prefix}_{name}{'' if real == 'LREAL' else '_real'}"
 
 
@@ -208,13 +213,13 @@ class Assignment:
     owner: str | None = None  # the block in whose text it stands
 
     def lines(self) -> list[str]:
-        """As text."""
+        """Return the statement as text."""
         return [f"{self.target} := {bare(self.text)};"]
 
 
 @dataclass
 class Choice:
-    """IF condition THEN ... ELSE ... END_IF; of assignments and of choices inside."""
+    """An IF statement with assignments and choices in its branches."""
 
     condition: str
     then: list[Assignment | Choice]
@@ -224,30 +229,30 @@ class Choice:
     makes: set[int] = field(default_factory=set)
 
     def lines(self) -> list[str]:
-        """As text; a choice alone in the other branch becomes ELSIF."""
-        found = [f"IF {bare(self.condition)} THEN", *_indented(self.then)]
+        """Return the statement as text; a choice alone in the other branch becomes ELSIF."""
+        lines_ = [f"IF {bare(self.condition)} THEN", *_indented(self.then)]
         rest = self.otherwise
         while len(rest) == 1 and isinstance(rest[0], Choice):
             inner = rest[0]
-            found += [f"ELSIF {bare(inner.condition)} THEN", *_indented(inner.then)]
+            lines_ += [f"ELSIF {bare(inner.condition)} THEN", *_indented(inner.then)]
             rest = inner.otherwise
-        return [*found, "ELSE", *_indented(rest), "END_IF;"]
+        return [*lines_, "ELSE", *_indented(rest), "END_IF;"]
 
 
 def _indented(statements: Iterable[Assignment | Choice]) -> list[str]:
     return [INDENT + line for statement in statements for line in statement.lines()]
 
 
-def _append(done: list[Assignment | Choice], made: Assignment | Choice) -> None:
-    """Append; a choice is merged with the one before if both have the same condition."""
+def _append(done: list[Assignment | Choice], new: Assignment | Choice) -> None:
+    """Append a statement; a choice is merged with the one before if both have the same condition."""
     last = done[-1] if done else None
-    if isinstance(last, Choice) and isinstance(made, Choice) and last.condition == made.condition:
-        for branch, more in ((last.then, made.then), (last.otherwise, made.otherwise)):
+    if isinstance(last, Choice) and isinstance(new, Choice) and last.condition == new.condition:
+        for branch, more in ((last.then, new.then), (last.otherwise, new.otherwise)):
             for statement in more:
                 _append(branch, statement)
-        last.needs |= made.needs
+        last.needs |= new.needs
     else:
-        done.append(made)
+        done.append(new)
 
 
 def _no_array(size: int) -> str:
@@ -287,7 +292,7 @@ class Statements:
         self._inside: set[int] = set()  # choices that stand inside another choice
 
     def compute(self, roots: Iterable[int], held: Iterable[int] = ()) -> list[Assignment | Choice]:
-        """The statements for some nodes in the order of the law's text; those in `held` get a variable in any case."""
+        """Return the statements for some nodes in the order of the law; those in `held` always get a variable."""
         roots, self._held = list(roots), set(held)
         order = self._needed(roots)
         uses = Counter(i for index in order for i in arguments(self.graph.nodes[index]))
@@ -307,15 +312,15 @@ class Statements:
         return self.done
 
     def _needed(self, roots: list[int]) -> list[int]:
-        """What is computed here, each node after its arguments."""
-        found: set[int] = set()
+        """Return the nodes to compute here, each after its arguments."""
+        needed: set[int] = set()
         waiting = list(roots)
         while waiting:
             index = waiting.pop()
-            if index not in found and index not in self.texts:
-                found.add(index)
+            if index not in needed and index not in self.texts:
+                needed.add(index)
                 waiting.extend(arguments(self.graph.nodes[index]))
-        return sorted(found)
+        return sorted(needed)
 
     def _node(self, index: int, alone: bool) -> None:
         node = self.graph.nodes[index]
@@ -366,7 +371,9 @@ class Statements:
         return frozenset().union(*(self._reads.get(i, frozenset({i})) for i in values))
 
     def _add(self, statement: Assignment) -> None:
-        """Append after the present statements, or before an independent choice at their end, to merge choices."""
+        """Append after the present statements, or before an independent choice at their end, so
+        that choices can merge.
+        """
         last = self.done[-1] if self.done else None
         place = (
             len(self.done) - 1 if isinstance(last, Choice) and not (statement.needs & last.makes) else len(self.done)
@@ -374,13 +381,13 @@ class Statements:
         self.done.insert(place, statement)
 
     def _choice(self, index: int) -> None:
-        """A choice, or two more assignments in the one before on the same condition."""
-        made = self._branches(index, self._variable(index, self._kind(index)))
-        _append(self.done, made)
+        """Add a choice, or two more assignments to the choice before if its condition is the same."""
+        choice = self._branches(index, self._variable(index, self._kind(index)))
+        _append(self.done, choice)
         cast(Choice, self.done[-1]).makes.add(index)
 
     def _kind(self, index: int) -> str:
-        """BOOL for a choice between truth values."""
+        """Return BOOL for a choice between truth values, else the real type."""
         name, *values = self.graph.nodes[index]
         if name == "select":
             return self._kind(values[1])
@@ -432,7 +439,7 @@ class Section:
         return name
 
     def _wanted(self, index: int) -> str:
-        """The variable name in the law; that of the state for one that may have been reset; else a number."""
+        """Return the variable's name in the law; that of the state if it may have been reset; else a number."""
         if index in self.names:
             return word(self.names[index])
         node = self.graph.nodes[index]
@@ -440,13 +447,13 @@ class Section:
         return kept.removeprefix("state.") if kept.startswith("state.") else f"v{len(self.variables) + 1}"
 
     def array(self, size: int) -> str:
-        """A variable for a row of numbers."""
+        """Declare an array and return its name."""
         name = identifier("matrix", self._taken, ST_WORDS)
         self.variables.append(Declared(name, f"ARRAY[0..{size - 1}] OF {self.real}"))
         return name
 
     def table(self, node: int, path: str, row: list[float]) -> None:
-        """A table as an array that is constant."""
+        """Declare a table as a constant array."""
         if len(row) > MOST_ENTRIES:
             raise StructureError(
                 f"{path} has {len(row)} entries, more than the {MOST_ENTRIES} that fit into a Structured Text array; "
@@ -458,35 +465,39 @@ class Section:
         self.statements.texts[node] = name
 
     def switch(self, node: int) -> None:
-        """Enable is a BOOL, which replaces its comparison with one half."""
-        for index, each in enumerate(self.graph.nodes):
-            if each[0] == "lt" and each[2] == node and self.graph.nodes[each[1]] == ("const", (0.5).hex()):
+        """Read the enable input as a BOOL, which replaces its comparison with one half."""
+        for index, operation in enumerate(self.graph.nodes):
+            if (
+                operation[0] == "lt"
+                and operation[2] == node
+                and self.graph.nodes[operation[1]] == ("const", (0.5).hex())
+            ):
                 self.statements.texts[index] = "switched_on"
 
     def compute(self, nodes: Iterable[int]) -> list[str]:
-        """Statements for some nodes, under the names of the blocks in whose text they stand."""
+        """Return the statements for some nodes, under the names of the blocks in whose text they stand."""
         nodes = list(nodes)
         self.statements.done = []
-        found = self.statements.compute(nodes, nodes)
+        statements = self.statements.compute(nodes, nodes)
         self._lines = []
         owner = None
-        for each in found:
-            if each.owner is not None and each.owner != owner:
-                owner = each.owner
+        for statement in statements:
+            if statement.owner is not None and statement.owner != owner:
+                owner = statement.owner
                 kind = self.blocks[owner].kind if owner in self.blocks else ""
                 shown = owner if not kind or owner.endswith(kind) else f"{owner}: {kind}"
                 self._lines += [*([""] if self._lines else []), f"(* {shown or 'the loop'} *)"]
-            self._lines += each.lines()
+            self._lines += statement.lines()
         if any(HUGE in line for line in self._lines):
             self.variables.append(huge(self.real))
         return self._lines
 
     def constants(self) -> list[Declared]:
-        """The tables that the statements read."""
-        return [each for name, each in self._tables.items() if any(f"{name}[" in line for line in self._lines)]
+        """Return the tables that the statements read."""
+        return [array for name, array in self._tables.items() if any(f"{name}[" in line for line in self._lines)]
 
     def assign(self, targets: Iterable[tuple[str, int]]) -> list[str]:
-        """`place := number;` for each, at once: what is overwritten and still wanted is taken first."""
+        """Emit all assignments as if simultaneous: save values that are overwritten before they are read."""
         moved = [(place, self.statements.texts[index]) for place, index in targets]
         moved = [(place, text) for place, text in moved if place != text]
         places = {place for place, _ in moved}
@@ -588,20 +599,20 @@ _RANGE = {  # of a real: digits of its fraction, its exponents, its largest numb
 
 
 def functions(used: Iterable[str], prefix: str, real: str = "LREAL") -> list[Unit]:
-    """The functions that some operations need, each behind those that it calls itself."""
-    found: dict[str, Unit] = {}
+    """Return the functions that some operations need, each after those that it calls."""
+    units: dict[str, Unit] = {}
     for name in sorted(set(used) & OWN):
-        _add(found, name, prefix, real)
-    for name in sorted(each for each in used if each.startswith("decays_")):
-        found[name] = _decays(int(name.removeprefix("decays_")), own(prefix, name, real), real)
-    return list(found.values())
+        _add(units, name, prefix, real)
+    for name in sorted(operation for operation in used if operation.startswith("decays_")):
+        units[name] = _decays(int(name.removeprefix("decays_")), own(prefix, name, real), real)
+    return list(units.values())
 
 
 def _decays(size: int, name: str, real: str) -> Unit:
-    """Whether the powers of a matrix fall towards 0."""
+    """Return the function that tests if the powers of a matrix tend to 0."""
     n, array = math.isqrt(size), f"ARRAY[0..{size - 1}] OF {real}"
     numbers = {"one": literal(1.0, real), "large": literal(TOO_LARGE, real)}
-    counts = [Declared(each, "DINT") for each in ("squaring", "i", "j", "k")]
+    counts = [Declared(counter, "DINT") for counter in ("squaring", "i", "j", "k")]
     return Unit(
         name,
         f"Whether the powers of a matrix of {n} rows, which stand one behind the other, fall towards 0.",
@@ -656,19 +667,19 @@ END_WHILE;
 {name} := {name} AND (NOT broken);"""
 
 
-def _add(found: dict[str, Unit], name: str, prefix: str, real: str) -> None:
-    if name in found:
+def _add(units: dict[str, Unit], name: str, prefix: str, real: str) -> None:
+    if name in units:
         return
     if name in ELEMENTARY:
         graph = Graph()
         root = getattr(_module(real), name)(graph.input("x")).index
         for inner in sorted({graph.name(index) for index in reachable(graph, [root])} & OWN):
-            _add(found, inner, prefix, real)
-        found[name] = _elementary(name, graph, root, prefix, real)
+            _add(units, inner, prefix, real)
+        units[name] = _elementary(name, graph, root, prefix, real)
         return
     if name == "exponent":
-        _add(found, "power_of_two", prefix, real)
-    found[name] = _plain(name, prefix, real)
+        _add(units, "power_of_two", prefix, real)
+    units[name] = _plain(name, prefix, real)
 
 
 def _module(real: str) -> object:
@@ -678,18 +689,22 @@ def _module(real: str) -> object:
 def _plain(name: str, prefix: str, real: str) -> Unit:
     numbers = {"point": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, **_RANGE[real]}
     texts = {key: bare(literal(value, real)) for key, value in numbers.items()}
-    given, variables = _VARIABLES[name]
+    argument, variables = _VARIABLES[name]
     names = {"real": real, "name": own(prefix, name, real), "power": own(prefix, "power_of_two", real)}
     body = _BODIES[name].format(**names, **texts)
-    said = _SAID[name].format(**{key: f"{value:.0f}" for key, value in numbers.items() if abs(value) < 1e17})
-    declared = [Declared(each, kind.format(real=real)) for each, kind in variables.items()]
+    meaning = _SAID[name].format(**{key: f"{value:.0f}" for key, value in numbers.items() if abs(value) < 1e17})
+    declared = [Declared(variable, kind.format(real=real)) for variable, kind in variables.items()]
     return Unit(
-        own(prefix, name, real), said, real, {INPUTS: [Declared(given, real)], VARIABLES: declared}, body.split("\n")
+        own(prefix, name, real),
+        meaning,
+        real,
+        {INPUTS: [Declared(argument, real)], VARIABLES: declared},
+        body.split("\n"),
     )
 
 
 def _elementary(name: str, graph: Graph, root: int, prefix: str, real: str) -> Unit:
-    """A function whose body is the plain arithmetic of the simulator."""
+    """Return a function whose body is the plain arithmetic of the simulator."""
     function = own(prefix, name, real)
     taken = {"x", HUGE, function}
     variables: list[Declared] = []

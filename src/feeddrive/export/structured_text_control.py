@@ -53,7 +53,7 @@ class Fixed:
 
 
 def fixed(layout: Layout) -> Fixed:
-    """The design numbers that take too many operations, and what depends on the same parameters alone."""
+    """Return the design numbers that take too many operations, and those that depend on the same parameters alone."""
     leaves = layout.leaves
     held: set[int] = set()
     below = {field.name: set(reachable(layout.graph, [field.node])) for field in layout.design}
@@ -61,19 +61,19 @@ def fixed(layout: Layout) -> Fixed:
         if len(nodes) > MOST_OPERATIONS:
             held |= {node for node in nodes if leaves.get(node, ("", 0))[0] == "parameter"}
     values = LayoutRun(layout).design
-    found: dict[str, float] = {}
+    constants: dict[str, float] = {}
     for field in layout.design:
-        given = {node for node in below[field.name] if leaves.get(node, ("", 0))[0] == "parameter"}
-        if given and given <= held:
-            found[field.name] = float(values[field.node])
+        behind = {node for node in below[field.name] if leaves.get(node, ("", 0))[0] == "parameter"}
+        if behind and behind <= held:
+            constants[field.name] = float(values[field.node])
     routine = layout.routine
     return Fixed(
-        found, tuple(routine.parameters[leaves[node][1]] for node in sorted(held)), _read_by_rules(layout, held)
+        constants, tuple(routine.parameters[leaves[node][1]] for node in sorted(held)), _read_by_rules(layout, held)
     )
 
 
 def _read_by_rules(layout: Layout, held: set[int]) -> dict[int, float]:
-    """Operations on fixed parameters that rules on other parameters read, with their values."""
+    """Return operations on fixed parameters that rules on other parameters read, with their values."""
     graph, leaves = layout.graph, layout.leaves
     moves = _depending(graph, {node for node, (kind, _) in leaves.items() if kind == "parameter"} - held)
     stands = _depending(graph, held)
@@ -85,15 +85,15 @@ def _read_by_rules(layout: Layout, held: set[int]) -> dict[int, float]:
 
 
 def _depending(graph: Graph, others: set[int]) -> list[bool]:
-    """Of each node whether it is one of some others or depends on one."""
-    found: list[bool] = []
+    """True for each node that is one of `others` or depends on one."""
+    depends: list[bool] = []
     for index, node in enumerate(graph.nodes):
-        found.append(index in others or any(found[i] for i in arguments(node)))
-    return found
+        depends.append(index in others or any(depends[i] for i in arguments(node)))
+    return depends
 
 
 class Printing(Protocol):
-    """The printer of the other blocks: its layout, legal names and statements."""
+    """The interface of the printer that `configure` uses: its layout, legal names and statements."""
 
     layout: Layout
     fixed: Fixed
@@ -103,24 +103,24 @@ class Printing(Protocol):
     design: dict[str, str]
 
     def section(self, leaves: Mapping[int, str], taken: Iterable[str], real: str) -> Section:
-        """Where statements are collected, with the texts of what is there already and the names that are taken."""
+        """Start a section of statements, with the texts of existing values and the names that are taken."""
         ...
 
     def computed(self, section: Section, nodes: Iterable[int]) -> list[str]:
-        """The statements for some nodes."""
+        """Return the statements for some nodes."""
         ...
 
     def parameter(self, struct: str, i: int) -> str:
-        """The text of a parameter."""
+        """Return the text of a parameter."""
         ...
 
     def narrow(self, text: str) -> str:
-        """A long real where it is stored."""
+        """Convert a long real to the stored type."""
         ...
 
 
 def configure(printer: Printing) -> Unit:
-    """Always in long reals: the design has the best numbers that a short one can store.
+    """Return the function block that computes the design, always in long reals, then rounded once for storage.
 
     Bounds are checked first, then the rules between parameters, then the design is computed, each only if all before
     hold: what is refused divides nothing by zero.
@@ -175,7 +175,7 @@ def configure(printer: Printing) -> Unit:
 
 
 def _is_tunable(printer: Printing, node: int) -> bool:
-    """Whether a node depends on a parameter that can be changed on the PLC."""
+    """True if a node depends on a parameter that can be changed on the PLC."""
     for i in reachable(printer.layout.graph, [node]):
         kind, place = printer.layout.leaves.get(i, ("", 0))
         if kind == "parameter" and printer.layout.routine.parameters[place].path in printer.parameters:
@@ -184,7 +184,7 @@ def _is_tunable(printer: Printing, node: int) -> bool:
 
 
 def _inline(layout: Layout, node: int, section: Section, prefix: str) -> str:
-    """The comparisons of a bound, in one expression."""
+    """Return the comparisons of a bound, in one expression."""
     name, *values = layout.graph.nodes[node]
     if name == "and":
         return f"({' AND '.join(_inline(layout, i, section, prefix) for i in values)})"
@@ -193,13 +193,13 @@ def _inline(layout: Layout, node: int, section: Section, prefix: str) -> str:
 
 
 def _refused(layout: Layout, holds: str, code: int) -> list[str]:
-    """Keep the code of the first condition that does not hold."""
-    said = plain(ascii_text(layout.routine.sentences[code]))
-    return [f"(* {code}: {said} *)", f"IF (rule = 0) AND (NOT {holds}) THEN", f"{INDENT}rule := {code};", "END_IF;"]
+    """Return lines that keep the code of the first condition that does not hold."""
+    sentence = plain(ascii_text(layout.routine.sentences[code]))
+    return [f"(* {code}: {sentence} *)", f"IF (rule = 0) AND (NOT {holds}) THEN", f"{INDENT}rule := {code};", "END_IF;"]
 
 
 def _unless_broken(lines: list[str]) -> list[str]:
-    """Lines for parameters that break no rule so far."""
+    """Return the lines guarded by the test that no rule is broken so far."""
     return ["IF rule = 0 THEN", *(f"{INDENT}{line}".rstrip() for line in lines), "END_IF;"] if lines else []
 
 
@@ -228,23 +228,23 @@ class Program:
         return self.units[-1]
 
     def text(self) -> str:
-        """As one source file."""
-        return "\n".join(each.text() for each in (*self.structures, *self.units))
+        """Return the program as one source file."""
+        return "\n".join(part.text() for part in (*self.structures, *self.units))
 
 
-def program(layout: Layout, said: str) -> Program:
-    """The program of a controller; `said` is the comment above its function block.
+def program(layout: Layout, heading: str) -> Program:
+    """Return the program of a controller; `heading` is the comment above its function block.
 
     Raises StructureError for a table with too many entries.
     """
-    return Printer(layout, said).program()
+    return Printer(layout, heading).program()
 
 
 class Printer:
     """Prints a layout; names of fields are made legal once, and used everywhere."""
 
-    def __init__(self, layout: Layout, said: str) -> None:
-        self.layout, self.said = layout, said
+    def __init__(self, layout: Layout, heading: str) -> None:
+        self.layout, self.heading = layout, heading
         self.routine, self.name = layout.routine, layout.routine.name
         self.real = "LREAL" if layout.precision == "double" else "REAL"
         self.fixed = fixed(layout)
@@ -255,7 +255,7 @@ class Printer:
         self.used: dict[str, set[str]] = {"LREAL": set(), "REAL": set()}
 
     def program(self) -> Program:
-        """Structures, functions and function blocks."""
+        """Return structures, functions and function blocks."""
         reset = self._reset()
         blocks = [configure(self), reset, self._retune(), self._step(reset.sections[INPUTS][1:])]
         own = [unit for real, used in self.used.items() for unit in functions(used, self.name, real)]
@@ -268,20 +268,23 @@ class Printer:
             if v.path in self.parameters
         ]
         prepared = {node: path for path, node in self.layout.prepared if node not in self.layout.leaves}
-        said = self.routine.said
+        meanings = self.routine.said
         design = [
-            (Declared(self.design[f.name], self._kind(f), self._fixed_value(f)), said.get(prepared.get(f.node, ""), ""))
+            (
+                Declared(self.design[f.name], self._kind(f), self._fixed_value(f)),
+                meanings.get(prepared.get(f.node, ""), ""),
+            )
             for f in self.layout.design
         ]
-        states = [(Declared(self.states[v.path], self.real), said.get(v.path, "")) for v in self.routine.states]
+        states = [(Declared(self.states[v.path], self.real), meanings.get(v.path, "")) for v in self.routine.states]
         return (
             Structure(f"{self.name}_parameters", "What can be changed while the loop runs, by retune.", parameters),
-            Structure(f"{self.name}_design", self._said_of_design(), _grouped(design)),
+            Structure(f"{self.name}_design", self._design_comment(), _grouped(design)),
             Structure(f"{self.name}_state", "State from sample to sample.", _grouped(states)),
         )
 
-    def _said_of_design(self) -> str:
-        """The comment on the design numbers: the parameters that are fixed by the export."""
+    def _design_comment(self) -> str:
+        """Return the comment on the design numbers: the parameters that are fixed by the export."""
         lines = ["Numbers that depend on parameters only."]
         if self.fixed.parameters:
             lines += ["", "Those with a value are fixed by the export. They were computed for these parameters:"]
@@ -298,13 +301,13 @@ class Printer:
         return ("TRUE" if value else "FALSE") if field.truth else decimal(value, self.real)
 
     def parameter(self, struct: str, i: int) -> str:
-        """The field of a parameter, or its number if it is fixed."""
+        """Return the field of a parameter, or its value if it is fixed."""
         path = self.routine.parameters[i].path
         return literal(self.values[path]) if path in self.values else f"{struct}.{self.parameters[path]}"
 
     def _reset(self) -> Unit:
         inputs = self._inputs()
-        section = self._sampled([each.name for each in inputs])
+        section = self._sampled([variable.name for variable in inputs])
         lines = self.computed(section, self.layout.reset.states)
         lines += section.assign(self._targets(self.layout.reset.states))
         words = set(re.findall(r"\w+", "\n".join(lines)))
@@ -312,7 +315,10 @@ class Printer:
             f"{self.name}_reset",
             "The state of a loop that is off and has no trip, where the axis is.",
             sections={
-                INPUTS: [Declared("design", f"{self.name}_design"), *(each for each in inputs if each.name in words)],
+                INPUTS: [
+                    Declared("design", f"{self.name}_design"),
+                    *(variable for variable in inputs if variable.name in words),
+                ],
                 OUTPUTS: [Declared("state", f"{self.name}_state")],
                 VARIABLES: section.variables,
                 CONSTANTS: section.constants(),
@@ -321,7 +327,7 @@ class Printer:
         )
 
     def _retune(self) -> Unit:
-        """In long reals, as configure."""
+        """Return the live change, in long reals like configure."""
         retune = self.layout.retune
         assert retune is not None, "a control can be retuned, an axis is not printed"
         states = [f"state.{self.states[v.path]}" for v in self.routine.states]
@@ -332,8 +338,8 @@ class Printer:
             elif kind in ("old", "new"):
                 leaves[node] = self.parameter("before" if kind == "old" else "after", i)
             elif i in self.routine.prepared_leaves:
-                made = self.layout.prepared[self.routine.prepared_leaves.index(i)][1]
-                leaves[node] = self._prepared("design_before" if kind == "old_prepared" else "design_after", made)
+                source = self.layout.prepared[self.routine.prepared_leaves.index(i)][1]
+                leaves[node] = self._prepared("design_before" if kind == "old_prepared" else "design_after", source)
         taken = ["before", "after", "design_before", "design_after", "state", "retuned"]
         section = self.section(leaves, taken, "LREAL", (retune.graph, retune.names, retune.makers))
         changed = [
@@ -357,12 +363,12 @@ class Printer:
             body=lines,
         )
 
-    def _prepared(self, struct: str, made: int) -> str:
-        """A prepared number: a constant, or a variable of the design; none if it is never read."""
-        constant = self.layout.graph.nodes[made]
+    def _prepared(self, struct: str, node: int) -> str:
+        """Return a prepared number: a constant, or a variable of the design; none if it is never read."""
+        constant = self.layout.graph.nodes[node]
         if constant[0] == "const":
             return literal(float.fromhex(constant[1]))
-        name = next((field.name for field in self.layout.design if field.node == made), None)
+        name = next((field.name for field in self.layout.design if field.node == node), None)
         return "" if name is None else self._wide(f"{struct}.{self.design[name]}")
 
     def _step(self, reset_inputs: list[Declared]) -> Unit:
@@ -393,7 +399,7 @@ class Printer:
             Declared("resetting", f"{self.name}_reset"),
             Declared("retuning", f"{self.name}_retune"),
         ]
-        section = self._sampled([each.name for each in (*inputs, *more, *outputs, *own)])
+        section = self._sampled([declared.name for declared in (*inputs, *more, *outputs, *own)])
         step = self.layout.step
         lines = self.computed(section, [*step.states, *step.outputs])
         lines += ["", "(* the outputs, and the state for the next sample *)"]
@@ -401,13 +407,13 @@ class Printer:
             lines += self._put(variable.name, section.statements.texts[node])
         lines += section.assign(self._targets(step.states))
         first = _FIRST.format(
-            inputs="".join(f",\n            {each.name} := {each.name}" for each in reset_inputs),
+            inputs="".join(f",\n            {declared.name} := {declared.name}" for declared in reset_inputs),
             T=literal(T, self.real),
             tolerance=literal(CYCLE_TOLERANCE * T, self.real),
         )
         return Unit(
             self.name,
-            self.said,
+            self.heading,
             sections={
                 INPUTS: [*inputs, *more],
                 OUTPUTS: outputs,
@@ -426,12 +432,12 @@ class Printer:
         )
 
     def _off(self) -> list[str]:
-        """The outputs without valid parameters: the safe force of the machine file."""
-        found: list[str] = []
+        """Return the outputs without valid parameters: the safe force of the machine file."""
+        lines_: list[str] = []
         for name, value in off_outputs(self.routine).items():
             text = {"trip": "INT#0", "enabled": "FALSE"}.get(name) or bare(literal(value, self.real))
-            found.append(f"{name} := {text};")
-        return found
+            lines_.append(f"{name} := {text};")
+        return lines_
 
     def _inputs(self) -> list[Declared]:
         special = {"enable": Declared("enable", "BOOL", "FALSE", "TRUE: the loop shall run")}
@@ -447,7 +453,7 @@ class Printer:
         return Declared(variable.name, kind, "", meaning)
 
     def _put(self, name: str, text: str) -> list[str]:
-        """An output, as the type that a PLC's program expects."""
+        """Assign an output, in the type that a PLC program expects."""
         if name == "trip":
             return [f"trip := {self.real}_TO_INT({text});"]
         if name == "enabled":
@@ -455,21 +461,21 @@ class Printer:
         return Assignment(name, text).lines()
 
     def _wide(self, text: str) -> str:
-        """A stored number where long reals are computed."""
+        """Convert a stored number to a long real."""
         return text if self.real == "LREAL" else f"REAL_TO_LREAL({text})"
 
     def narrow(self, text: str) -> str:
-        """A long real where it is stored."""
+        """Convert a long real to the stored type."""
         return text if self.real == "LREAL" else f"LREAL_TO_REAL({text})"
 
     def computed(self, section: Section, nodes: Iterable[int]) -> list[str]:
-        """Statements for some nodes; their functions are printed as well."""
+        """Return statements for some nodes, and register the functions that they call."""
         lines = section.compute(nodes)
         self.used[section.real] |= section.statements.used
         return lines
 
     def _sampled(self, taken: Iterable[str]) -> Section:
-        """A section that reads inputs, state and design."""
+        """Return a section that reads inputs, state and design."""
         layout, routine = self.layout, self.routine
         fields = {field.node: f"design.{self.design[field.name]}" for field in layout.design}
         leaves: dict[int, str] = {}
@@ -494,7 +500,7 @@ class Printer:
         real: str,
         traced: tuple[Graph, Mapping[int, Name], Mapping[int, str]] | None = None,
     ) -> Section:
-        """Where the statements of one block are collected."""
+        """Start a section for the statements of one block."""
         layout = self.layout
         graph, names, makers = traced or (layout.graph, layout.names, layout.makers)
         return Section(self.name, dict(self.routine.blocks), graph, leaves, names, makers, real, taken)
@@ -540,22 +546,22 @@ switched_on := enable AND (NOT cycle_wrong);
 
 
 def _legal(names: Iterable[tuple[str, str]]) -> dict[str, str]:
-    """By key a name that is legal in Structured Text."""
+    """Return, by key, a name that is legal in Structured Text."""
     taken: set[str] = set()
     return {key: identifier(name, taken, ST_WORDS) for key, name in names}
 
 
 def _grouped(fields: Iterable[tuple[Declared, str]]) -> list[Declared]:
-    """Fields, with a comment on several in a row above the first of them."""
-    found: list[Declared] = []
+    """Return fields, with a comment above the first of several that share it."""
+    grouped: list[Declared] = []
     last = ""
-    for field, said in fields:
-        found.append(field._replace(above=said if said != last else ""))
-        last = said
-    return found
+    for field, meaning in fields:
+        grouped.append(field._replace(above=meaning if meaning != last else ""))
+        last = meaning
+    return grouped
 
 
 def _meaning(variable: Variable) -> str:
-    """Unit and meaning, without the remark on an absent parameter."""
-    said = re.sub(r"; absent[^;]*$", "", variable.meaning)
-    return f"{variable.unit}: {said}" if variable.unit else said
+    """Return unit and meaning, without the remark on an absent parameter."""
+    meaning = re.sub(r"; absent[^;]*$", "", variable.meaning)
+    return f"{variable.unit}: {meaning}" if variable.unit else meaning

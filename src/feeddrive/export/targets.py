@@ -18,7 +18,7 @@ from feeddrive.language.errors import NoSlopeError, ParameterError, nearest
 
 @dataclass(frozen=True)
 class Target:
-    """A target: the function that writes it, its options, and its precisions; the first one is the default.
+    """An export target: the function that writes it, its options, and its precisions; the first one is the default.
 
     together  it can hold the controls of several axes as one
     linear  for axes that move along a line only: it uses mm, or the units of a motor with its lead
@@ -60,7 +60,7 @@ def write_export(
     together: bool = False,
     **options: Any,
 ) -> tuple[Design, Path]:
-    """Write the control of an axis, or with `plant` the axis, for a target; returns design and README.
+    """Write the control of an axis, or with `plant` the axis, for a target; return design and README.
 
     source     a machine file, or the name of a bundled machine; `axis` if it has several
     plant      without an `axis` all axes of the file, with their couplings, are one plant
@@ -89,7 +89,7 @@ def write_all(
     together: bool = False,
     **options: Any,
 ) -> list[tuple[Design, Path]]:
-    """As `write_export`; without an `axis` the controls of all axes of a machine file that has several.
+    """Write the controls of all axes; with an `axis`, as `write_export`.
 
     With `together`, or if a coupling runs between the controls, they are one.  Else each has a directory of its own,
     `out`/AXIS, and with a `name` the prefix NAME_AXIS.  All are checked before
@@ -97,7 +97,7 @@ def write_all(
     """
     machine = read_machine(source)
     axes = list(machine.loops)
-    together = together or (axis is None and not plant and any(each.controls for each in machine.couplings))
+    together = together or (axis is None and not plant and any(coupling.controls for coupling in machine.couplings))
     if axis is not None or plant or together or len(axes) == 1:
         return [
             write_export(
@@ -115,12 +115,12 @@ def write_all(
     if options.get("joint") is not None:
         raise ParameterError("--joint belongs to one axis: name the axis by --axis, or leave both out")
     planned = []
-    for i, own in enumerate(axes):
-        place = None if out is None else Path(out) / own
+    for i, axis_name in enumerate(axes):
+        place = None if out is None else Path(out) / axis_name
         if "joint" in _chosen(target).options:
             options["joint"] = i
-        prefix = None if name is None else f"{name}_{own}"
-        planned.append(_planned(source, target, place, own, prefix, precision, False, False, options))
+        prefix = None if name is None else f"{name}_{axis_name}"
+        planned.append(_planned(source, target, place, axis_name, prefix, precision, False, False, options))
     return [(design, write(design, place)) for design, place, write in planned]
 
 
@@ -145,24 +145,24 @@ def _planned(
     together: bool,
     options: Mapping[str, Any],
 ) -> tuple[Design, Path, Callable[[Design, Path], Path]]:
-    """A checked design, where it goes, and the function that writes it."""
+    """Return a checked design, its directory, and the function that writes it."""
     chosen = _chosen(target)
-    given = {key: value for key, value in options.items() if value not in (None, False, ())}
-    for option in given:
+    chosen_options = {key: value for key, value in options.items() if value not in (None, False, ())}
+    for option in chosen_options:
         if option not in chosen.options:
-            raise ParameterError(f"{_said(option)} means nothing for the target {target}{_instead(option)}")
+            raise ParameterError(f"{_flag(option)} means nothing for the target {target}{_instead(option)}")
     for option, kind in (("joint", int), ("units", float), ("lead", float), ("gear", float)):
-        value = given.get(option)
+        value = chosen_options.get(option)
         if value is not None and (isinstance(value, bool) or not isinstance(value, int | kind)):
             wanted = "a whole number" if kind is int else "a number"
-            raise ParameterError(f"{_said(option)} = {value!r} must be {wanted}")
+            raise ParameterError(f"{_flag(option)} = {value!r} must be {wanted}")
     if plant and not chosen.plants:
-        fits = ", ".join(each for each, found in TARGETS.items() if found.plants)
+        fits = ", ".join(key for key, other in TARGETS.items() if other.plants)
         raise ParameterError(f"--plant means nothing for the target {target}; an axis can be exported to {fits}")
     if together and (axis is not None or plant):
         raise ParameterError("--together is for the controls of all axes: leave out --axis and --plant")
     if together and not chosen.together:
-        fits = ", ".join(each for each, found in TARGETS.items() if found.together)
+        fits = ", ".join(key for key, other in TARGETS.items() if other.together)
         raise ParameterError(
             f"--target = '{target}' holds the control of one axis; the controls of several axes as one, as a contour "
             f"control between them needs it, can be exported to {fits}"
@@ -174,7 +174,7 @@ def _planned(
         source, axis, name=name, what=what, precision=precision or chosen.precisions[0], together=together
     )
     if chosen.linear and any(loop.axis.rotary for loop in design.system.loops().values()):
-        fits = ", ".join(each for each, found in TARGETS.items() if not found.linear)
+        fits = ", ".join(key for key, other in TARGETS.items() if not other.linear)
         raise ParameterError(
             f"--target = '{target}': axis {design.axis} turns, and this target is written for axes that move along, in "
             f"mm or with a lead; {fits} are in rad and N m"
@@ -182,10 +182,10 @@ def _planned(
     if not plant:
         with suppress(NoSlopeError):  # an export needs no slope; the remarks of the design say that nothing is proven
             require_stable(design.system)
-    stem, said = Path(design.machine.file.name).stem, "all" if design.together else design.axis
-    place = Path("results") / f"export_{stem}_{said}_{target}" if out is None else Path(out)
+    stem, subject = Path(design.machine.file.name).stem, "all" if design.together else design.axis
+    place = Path("results") / f"export_{stem}_{subject}_{target}" if out is None else Path(out)
     write = getattr(import_module(f"{_HERE}.{chosen.module}"), chosen.function)
-    return design, place, partial(write, **chosen.fixed, **given)
+    return design, place, partial(write, **chosen.fixed, **chosen_options)
 
 
 def _chosen(target: str) -> Target:
@@ -194,12 +194,12 @@ def _chosen(target: str) -> Target:
     return TARGETS[target]
 
 
-def _said(option: str) -> str:
-    """An option as the command line has it."""
+def _flag(option: str) -> str:
+    """Return an option as the command line spells it."""
     flags = {"single_header": "--header-only", "makers": "--maker"}
     return flags.get(option, f"--{option}")
 
 
 def _instead(option: str) -> str:
-    fits = [name for name, found in TARGETS.items() if option in found.options]
+    fits = [name for name, entry in TARGETS.items() if option in entry.options]
     return f"; it belongs to {', '.join(fits)}" if fits else ""

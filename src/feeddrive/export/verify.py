@@ -61,7 +61,7 @@ class Verified(Result):
 
     @property
     def holds(self) -> bool:
-        """All bits agree, and no file was altered."""
+        """True if all bits agree and no file was altered."""
         return self.differing == 0 and not self.altered
 
     def _result(self) -> str:
@@ -70,13 +70,13 @@ class Verified(Result):
         return "EQUAL, bit for bit" if self.holds else "EQUAL, bit for bit, but CHANGED SINCE THE EXPORT"
 
     def sentences(self) -> str:
-        """The certificate as text."""
+        """Return the certificate as text."""
         table = self.table().grid()
         wide = max(len(row[0]) for row in table.rows)
         return "\n".join([table.title, *(f"  {row[0]:<{wide}}  {row[1]}" for row in table.rows)])
 
     def table(self) -> Table:
-        """The certificate."""
+        """Return the certificate as a table."""
         worst = joined(", ", (f"{name} {Quantity(value):3}" for name, value in self.worst.items()))
         rows: list[list[str | int]] = [
             ["export", f"{self.name}, target {self.target}, {self.precision} precision"],
@@ -105,7 +105,7 @@ def verify_export(
     flags: Sequence[str] = (),
     command: str | None = None,
 ) -> Verified:
-    """Run the equality proof of an export on this machine.
+    """Prove on this machine that an export computes the same bits as the simulator.
 
     samples  of the trial; absent: as many as take some seconds, a million for C in double precision
     flags    for the compiler of C besides -std=c99 -O2 -ffp-contract=off; `command` names another compiler
@@ -129,8 +129,8 @@ def verify_export(
         fresh = Path(folder) / "export"
         _write_fresh(fresh, directory, manifest, design)
         altered = _altered(directory, manifest, fresh)
-        found = _proven(fresh, design, manifest, altered, proof, samples, seed, flags, command)
-        return replace(found, other_files=[name for name in files_of(directory) if not (fresh / name).exists()])
+        result = _proven(fresh, design, manifest, altered, proof, samples, seed, flags, command)
+        return replace(result, other_files=[name for name in files_of(directory) if not (fresh / name).exists()])
 
 
 def _write_fresh(fresh: Path, directory: Path, manifest: Manifest, design: Design) -> None:
@@ -141,11 +141,11 @@ def _write_fresh(fresh: Path, directory: Path, manifest: Manifest, design: Desig
 
 
 def _altered(directory: Path, manifest: Manifest, fresh: Path) -> list[str]:
-    """Files that are not those of a fresh export, in words; FileError for one that would be compiled or run.
+    """Name the files that differ from a fresh export; raise FileError for one that would be compiled or run.
 
     The digests in `export.json` can be renewed with a file; an export of the same machine file has the same bytes.
     """
-    changed, said, run = set(changed_files(directory, manifest)), list[str](), list[str]()
+    changed, findings, run = set(changed_files(directory, manifest)), list[str](), list[str]()
     wanted = {name: (fresh / name).read_bytes() for name in files_of(fresh) if name != FILE}
     for name in files_of(directory):
         file = directory / name
@@ -154,14 +154,14 @@ def _altered(directory: Path, manifest: Manifest, fresh: Path) -> list[str]:
         if name not in wanted:
             continue
         if file.is_symlink():
-            said.append(f"{name} (a symbolic link)")
+            findings.append(f"{name} (a symbolic link)")
         elif read_whole(file, MOST_BYTES) != wanted.pop(name):
-            said.append(f"{name} ({'edited' if name in changed else 'not what this feeddrive writes'})")
+            findings.append(f"{name} ({'edited' if name in changed else 'not what this feeddrive writes'})")
         else:
             continue
         if not name.endswith(_NOT_RUN):
-            run.append(said[-1])
-    said += [f"{name} (missing)" for name in wanted if not (directory / name).exists()]
+            run.append(findings[-1])
+    findings += [f"{name} (missing)" for name in wanted if not (directory / name).exists()]
     run += [f"{name} (missing)" for name in wanted if not (directory / name).exists() and not name.endswith(_NOT_RUN)]
     here = f"feeddrive {__version__}"
     if run:
@@ -170,7 +170,7 @@ def _altered(directory: Path, manifest: Manifest, fresh: Path) -> list[str]:
             f"{directory}: {', '.join(run)}: altered since the export, or another state of feeddrive wrote it. Nothing "
             f"was compiled or run. It was written by {manifest.version}{other or '; export again'}"
         )
-    return said
+    return findings
 
 
 _PLAIN = re.compile(r"""[^\x00-\x1f*"\\/]+""")
@@ -198,7 +198,7 @@ def _proven(
 
 
 def _design(directory: Path, manifest: Manifest) -> Design:
-    """The design that the manifest names."""
+    """Return the design that the manifest names."""
     if manifest.what != CONTROL:
         raise ParameterError(f"{directory}: is the export of an axis; compare its run with one of `simulate`")
     file = directory / MACHINE_FILE
@@ -206,13 +206,13 @@ def _design(directory: Path, manifest: Manifest) -> Design:
         raise FileError(f"{file}: is missing; export again")
     together = "," in manifest.axis
     axis = None if together else manifest.axis
-    found = read_design(file, axis, name=manifest.name, precision=manifest.precision, together=together)
+    design = read_design(file, axis, name=manifest.name, precision=manifest.precision, together=together)
     if not _PLAIN.fullmatch(manifest.source):  # it is printed in comments of the code
         raise FileError(f"{directory / FILE}: the machine file cannot have been '{manifest.source!r}': export again")
-    text = found.machine.file
-    called = found.machine.name if text.root().values.get("name") else Path(manifest.source).stem  # as `read_machine`
-    named = replace(found.machine, file=replace(text, name=manifest.source), name=called)
-    return replace(found, machine=named)
+    text = design.machine.file
+    called = design.machine.name if text.root().values.get("name") else Path(manifest.source).stem  # as `read_machine`
+    named = replace(design.machine, file=replace(text, name=manifest.source), name=called)
+    return replace(design, machine=named)
 
 
 def _compared(
@@ -225,11 +225,11 @@ def _compared(
     wanted: np.ndarray,
 ) -> Verified:
     names = [variable.name for variable in design.routine.outputs]
-    found = answers.outputs
-    bits = np.ascontiguousarray(found).view(np.uint64) != np.ascontiguousarray(wanted).view(np.uint64)
-    bits &= ~(np.isnan(found) & np.isnan(wanted))
+    outputs = answers.outputs
+    bits = np.ascontiguousarray(outputs).view(np.uint64) != np.ascontiguousarray(wanted).view(np.uint64)
+    bits &= ~(np.isnan(outputs) & np.isnan(wanted))
     with np.errstate(invalid="ignore"):
-        apart = np.where(bits, np.abs(found - wanted), 0.0).max(axis=0)
+        apart = np.where(bits, np.abs(outputs - wanted), 0.0).max(axis=0)
     trips = limited = 0
     for port, loop in zip(design.routine.origin.ports(), design.routine.origin.loops().values(), strict=True):
         trip, force = (wanted[:, names.index(target_name(f"{port}{name}"))] for name in ("trip", "force"))
@@ -245,7 +245,7 @@ def _compared(
         digest=design.digest,
         program=answers.program,
         how=answers.how,
-        samples=len(found),
+        samples=len(outputs),
         changes=len(tried.changes),
         trips=trips,
         limited=limited,
@@ -260,7 +260,7 @@ def _compared(
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """Outputs, shape (n, outputs), and by which program they were computed."""
+    """Outputs, shape (n, outputs), with the program that computed them."""
 
     outputs: np.ndarray
     program: str
@@ -269,7 +269,7 @@ class Answers:
 
 @dataclass(frozen=True)
 class Proof:
-    """How a target runs samples, how many take some seconds, and whether it allows parameter changes."""
+    """How a target runs samples, how many samples take some seconds, and if parameters may change."""
 
     answer: Callable[[Path, Design, Trial, Sequence[str], str | None], Answers]
     samples: int
@@ -282,8 +282,8 @@ def _c(directory: Path, design: Design, tried: Trial, flags: Sequence[str], comm
     if f"{P}.h" not in names:
         raise FileError(f"{directory / f'{P}.h'}: is missing; export again")
     files = {name: (directory / name).read_text(encoding="utf-8") for name in names}
-    found = streamed(design.layout, files, tried, flags=(*FLAGS, *flags), command=command)
-    return Answers(found.outputs, found.compiler, " ".join(found.flags))
+    result = streamed(design.layout, files, tried, flags=(*FLAGS, *flags), command=command)
+    return Answers(result.outputs, result.compiler, " ".join(result.flags))
 
 
 def _linuxcnc(directory: Path, design: Design, tried: Trial, flags: Sequence[str], command: str | None) -> Answers:
@@ -291,26 +291,26 @@ def _linuxcnc(directory: Path, design: Design, tried: Trial, flags: Sequence[str
 
     _own_build("linuxcnc", flags, command)
     with tempfile.TemporaryDirectory(prefix="feeddrive-") as folder:
-        found = answers(design.routine, directory.resolve(), Path(folder), tried.inputs)
-    return Answers(found.rows[:, : len(design.routine.outputs)], "LinuxCNC, halrun", "halcompile --install")
+        outputs = answers(design.routine, directory.resolve(), Path(folder), tried.inputs)
+    return Answers(outputs.rows[:, : len(design.routine.outputs)], "LinuxCNC, halrun", "halcompile --install")
 
 
 def _fmu(directory: Path, design: Design, tried: Trial, flags: Sequence[str], command: str | None) -> Answers:
     from feeddrive.export.fmu import answers
 
     _own_build("fmu", flags, command)
-    found = answers(directory / f"{design.name}.fmu", design.routine, tried)
+    outputs = answers(directory / f"{design.name}.fmu", design.routine, tried)
     import fmpy
 
-    return Answers(found, f"FMPy {fmpy.__version__}", "the library in the FMU")
+    return Answers(outputs, f"FMPy {fmpy.__version__}", "the library in the FMU")
 
 
 def _cortex_m(directory: Path, design: Design, tried: Trial, flags: Sequence[str], command: str | None) -> Answers:
     from feeddrive.export.cortex_m import answers
 
     _own_build("cortex-m", flags, command)
-    found = answers(directory, design, tried.inputs, tried.changes)
-    return Answers(found.astype(np.float64), "arm-none-eabi-gcc, qemu-system-arm", "the Makefile of the bundle")
+    outputs = answers(directory, design, tried.inputs, tried.changes)
+    return Answers(outputs.astype(np.float64), "arm-none-eabi-gcc, qemu-system-arm", "the Makefile of the bundle")
 
 
 def _own_build(target: str, flags: Sequence[str], command: str | None) -> None:
