@@ -187,7 +187,7 @@ def test_what_is_too_much_for_a_plc_is_fixed_and_said_so() -> None:
         made.program.names
     )
     (design,) = (each for each in made.program.structures if each.name == "axis_x_design")
-    assert "axis.x.control.law.observer.omega_o = 150.0 rad/s" in design.said
+    assert "axis.x.control.law.observer.omega_o = 150.0 rad/s" in design.comment
     assert not exported("cascade_ppi").program.fixed.parameters
 
 

@@ -34,15 +34,15 @@ _TRIALS = 5  # simulations to find an amplitude that keeps the limits
 _HOPELESS = 100.0  # times the limit: an amplitude that keeps such a limit is too small to measure with
 
 
-def said(value: float, unit: str) -> Quantity:
-    """Return a figure in the unit that people read: lengths from 1 mm on in mm, angles in urad."""
+def readable(value: float, unit: str) -> Quantity:
+    """Return a figure in its usual unit: lengths from 1 mm on in mm, angles in urad."""
     shown = {"m": "mm" if abs(value) >= 1e-3 else "um", "rad": "urad", "rad/s": "mrad/s"}.get(unit, "")
     return Quantity(value, unit, form=shown)
 
 
 @dataclass(frozen=True)
 class Limit:
-    """One limit and the peak in the simulation; `most` is None if no limit was stated."""
+    """A limit and the peak in the simulation; `most` is None if no limit was stated."""
 
     what: str
     got: float
@@ -51,19 +51,19 @@ class Limit:
 
     @property
     def holds(self) -> bool:
-        """Whether the limit is kept; True if none was stated."""
+        """True if the limit is kept, or if none was stated."""
         return self.most is None or self.got <= self.most
 
     def cells(self) -> list[Cell]:
         """Return name, value, limit and verdict."""
-        limit = "not stated" if self.most is None else said(self.most, self.unit)
+        limit = "not stated" if self.most is None else readable(self.most, self.unit)
         verdict = "–" if self.most is None else "holds" if self.holds else "BROKEN"
-        return [self.what, said(self.got, self.unit), limit, verdict]
+        return [self.what, readable(self.got, self.unit), limit, verdict]
 
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """One realization: the excitation to send, and the signals of its simulation, all of shape (n,).
+    """A realization: the excitation to send, and the signals of its simulation, all of shape (n,).
 
     excitation    N or m, added to the force command or to the set position
     set_position  m, of the motion underneath, without excitation
@@ -109,22 +109,24 @@ class Excitation(Result):
 
     @property
     def rotary(self) -> bool:
-        """Whether the axis turns."""
+        """True if the axis turns."""
         return self.turns
 
     @property
     def frequency(self) -> np.ndarray:
-        """Of the excited lines, Hz."""
+        """The frequencies of the excited lines, Hz."""
         return self.lines / (self.period * self.sample_time)
 
     @property
     def unit(self) -> str:
-        """Of the excitation."""
+        """The unit of the excitation."""
         unit = "N" if self.where == "force" else "m"
         return turning(unit) if self.turns else unit
 
     def records(self, output: str = "reading_load") -> list[Record]:
-        """The simulated measurements, cut to whole periods: `estimate_frf` of them predicts the measured result."""
+        """Return the simulated measurements, cut to whole periods: `estimate_frf` of them predicts
+        the measured result.
+        """
         if output not in OUTPUTS:
             raise ParameterError(f"output = {output!r} must be one of {', '.join(OUTPUTS)}")
         kept = slice(self.first, self.first + self.periods * self.period)
@@ -143,10 +145,10 @@ class Excitation(Result):
         ]
 
     def table(self) -> Table:
-        """The limits, and the peaks in the simulation."""
+        """Return the limits and the peaks in the simulation."""
         title = Text(
             f"{self.name}: {self.lines.size} lines {Quantity(self.frequency[0], 'Hz', bare=True)} .. "
-            f"{Quantity(self.frequency[-1], 'Hz')} on {self.where}, peak {said(self.amplitude, self.unit)}, crest "
+            f"{Quantity(self.frequency[-1], 'Hz')} on {self.where}, peak {readable(self.amplitude, self.unit)}, crest "
             f"factor {Quantity(self.crest):.3f}, {self.periods} periods of "
             f"{Quantity(self.period * self.sample_time, 's'):SI}, {len(self.drawings)} realisation(s)"
         )
@@ -156,11 +158,11 @@ class Excitation(Result):
 def limits(
     loop: Loop, drawings: list[Drawing], travel: float | None, speed: float | None, force: float | None
 ) -> list[Limit]:
-    """Peaks over all realizations against the requested limits, or those of guard, control and motor."""
+    """Compare the peaks over all realizations with the requested limits, or those of guard, control and motor."""
     guard, motor = loop.control.guard, loop.axis.actuator.motor
     peak, continuous = (None, None) if motor is None else motor.limits()
     if force is None:
-        stated = [float(each) for each in (loop.control.force_limit, peak) if each is not None]
+        stated = [float(bound) for bound in (loop.control.force_limit, peak) if bound is not None]
         force = min(stated) if stated else None
     if guard is not None:
         speed = guard.velocity_limit if speed is None else speed
@@ -169,27 +171,27 @@ def limits(
     forces = [drawn.signals["force"] for drawn in drawings]
     speeds = [np.abs(drawn.signals[name]) for drawn in drawings for name in ("velocity_load", "velocity_motor")]
     stroke = max(float(np.ptp(drawn.signals["reading_load"])) for drawn in drawings)
-    rms = max(float(np.sqrt(np.mean(each**2))) for each in forces)
+    rms = max(float(np.sqrt(np.mean(signal**2))) for signal in forces)
     return [
         Limit("travel", stroke, travel, "m"),
-        Limit("speed, peak", max(float(np.max(each)) for each in speeds), speed, "m/s"),
-        Limit("force, peak", max(float(np.max(np.abs(each))) for each in forces), force, "N"),
+        Limit("speed, peak", max(float(np.max(signal)) for signal in speeds), speed, "m/s"),
+        Limit("force, peak", max(float(np.max(np.abs(signal))) for signal in forces), force, "N"),
         Limit("force, RMS", rms, None if continuous is None else float(continuous), "N"),
     ]
 
 
-def _worst(found: Excitation) -> tuple[Limit, float]:
-    """The limit that is exceeded most, and by what factor."""
-    shares = {limit: limit.got / limit.most if limit.most else np.inf for limit in found.limits if not limit.holds}
+def _worst(excitation: Excitation) -> tuple[Limit, float]:
+    """Return the limit that is exceeded most, and the factor."""
+    shares = {limit: limit.got / limit.most if limit.most else np.inf for limit in excitation.limits if not limit.holds}
     worst = max(shares, key=lambda limit: shares[limit])
     return worst, shares[worst]
 
 
-def broken(found: Excitation) -> str:
-    """The limit that is exceeded most, as the beginning of a sentence."""
-    worst, share = _worst(found)
+def broken(excitation: Excitation) -> str:
+    """Name the limit that is exceeded most, as the beginning of a sentence."""
+    worst, share = _worst(excitation)
     assert worst.most is not None
-    got, may = said(worst.got, worst.unit), said(worst.most, worst.unit)
+    got, may = readable(worst.got, worst.unit), readable(worst.most, worst.unit)
     text = Text(f"{worst.what} reaches {got} in the simulation, the limit is {may}")
     if not np.isfinite(share):
         return text
@@ -200,21 +202,21 @@ def broken(found: Excitation) -> str:
     )
 
 
-def advice(found: Excitation, drawn: Callable[[float], Excitation]) -> str:
-    """An amplitude that was simulated and keeps all limits, or what else to change."""
+def advice(excitation: Excitation, drawn: Callable[[float], Excitation]) -> str:
+    """Return an amplitude that was simulated and keeps all limits, or what else to change."""
     other = ""
-    worst, share = _worst(found)
-    if worst.what == "travel" and found.offset_velocity:
-        fitting = int(found.periods / share)
+    worst, share = _worst(excitation)
+    if worst.what == "travel" and excitation.offset_velocity:
+        fitting = int(excitation.periods / share)
         other = f"{fitting} periods" if fitting >= 2 else "a smaller offset velocity"
-    tried = found
+    tried = excitation
     for _ in range(_TRIALS):
         _, share = _worst(tried)
         if share > _HOPELESS:
             break
         tried = drawn(0.98 * tried.amplitude / share)
         if all(limit.holds for limit in tried.limits):
-            keeps = Text(f"an amplitude of {said(tried.amplitude, found.unit)} keeps it")
+            keeps = Text(f"an amplitude of {readable(tried.amplitude, excitation.unit)} keeps it")
             return Text(f"{keeps}, or {other}") if other else keeps
     return f"take {other}" if other else "no amplitude keeps it; check the underlying motion and the limits"
 
@@ -274,7 +276,7 @@ def design_excitation(
     seed: int = 0,
     name: str = "excitation",
 ) -> Excitation:
-    """A multisine that keeps travel, speed and force within their limits in a simulation of the whole loop.
+    """Design a multisine that keeps travel, speed and force within their limits in a simulation of the whole loop.
 
         x(t) = Σ aₖ cos(2π k t/period + φₖ),   max |x| = amplitude,   φ clipped from Schroeder's or random phases
 
@@ -316,10 +318,10 @@ def design_excitation(
             name,
         )
 
-    found = drawn(amplitude)
-    if all(limit.holds for limit in found.limits):
-        return found
-    raise ParameterError(f"{broken(found)}: {advice(found, drawn)}")
+    excitation = drawn(amplitude)
+    if all(limit.holds for limit in excitation.limits):
+        return excitation
+    raise ParameterError(f"{broken(excitation)}: {advice(excitation, drawn)}")
 
 
 def _drawn(
@@ -337,14 +339,14 @@ def _drawn(
     seed: int,
     name: str,
 ) -> Excitation:
-    """The excitation with its simulations, also if limits are exceeded."""
+    """Return the excitation with its simulations, even if limits are exceeded."""
     T = float(loop.sample_time)
     period = max(round(1.0 / (resolution * T)), 16)
     lines = grid_lines(*band, period * T, grid, seed)
     powers = FLAT.index(flat) if where == "setpoint" else 0
     sizes = (lines / lines[0]) ** -float(powers)
     phases = _phases(lines, sizes, realisations, seed)
-    waves = [_scaled(lines, sizes, each, amplitude) for each in phases]
+    waves = [_scaled(lines, sizes, start_phases, amplitude) for start_phases in phases]
     offset = _offset(loop, where, lines, sizes, phases, waves, period) if offset_velocity is None else offset_velocity
     fade = int(min(period, max(round(_LONGEST_FADE / T), 1)))
     times = _Timeline(max(round(2.0 * _RAMP / T), 1) if offset else 0, fade, period, periods)
@@ -353,7 +355,7 @@ def _drawn(
         way = offset if i % 2 == 0 else -offset
         drawings.append(_simulated(loop, where, times, lines, scale * sizes, phase, way, seed + i))
     kept = slice(times.first, times.first + periods * period)
-    crest = max(crest_factor(each.excitation[kept]) for each in drawings)
+    crest = max(crest_factor(drawing.excitation[kept]) for drawing in drawings)
     least = _least(drawings, kept)
     checked = limits(loop, drawings, *stated)
     remarks: list[str] = []
@@ -428,15 +430,15 @@ def _check(
 
 
 def _phases(lines: np.ndarray, sizes: np.ndarray, count: int, seed: int) -> list[np.ndarray]:
-    """The first from Schroeder's, all others from random ones: realisations must not resemble each other."""
+    """Start from Schroeder's phases, then from random ones: realizations must not resemble each other."""
     rng = np.random.default_rng(seed)
     starts = [schroeder_phases(lines, sizes)]
     starts += [2.0 * np.pi * rng.random(lines.size) for _ in range(count - 1)]
-    return [low_crest_phases(lines, sizes, each) for each in starts]
+    return [low_crest_phases(lines, sizes, start) for start in starts]
 
 
 def _scaled(lines: np.ndarray, sizes: np.ndarray, phases: np.ndarray, amplitude: float) -> float:
-    """Factor that scales the sum to that peak, on a grid of 16 points per shortest wave."""
+    """Return the factor that scales the sum to that peak, on a grid of 16 points per shortest wave."""
     count = int(2 ** np.ceil(np.log2(16 * (lines[-1] + 1))))
     return amplitude / float(np.max(np.abs(summed(lines, sizes, phases, count))))
 
@@ -450,7 +452,9 @@ def _offset(
     waves: list[float],
     period: int,
 ) -> float:
-    """Speed at which the excited motion, by the linear model, does not reverse and stays above the Stribeck range."""
+    """Return the speed at which the excited motion, by the linear model, does not reverse and stays above the Stribeck
+    range.
+    """
     source = "added_force" if where == "force" else "set_position"
     model = linearize(loop, [source], ["velocity_load", "velocity_motor"])
     frequency = lines / (period * float(loop.sample_time))
@@ -462,7 +466,9 @@ def _offset(
             peak = max(peak, float(np.max(np.abs(wave))))
     axis = loop.axis
     frictions = (axis.friction_motor, axis.friction_load)
-    slow = [float(v) for each in frictions for name, v in tree.leaves(each) if name.endswith("stribeck_velocity")]
+    slow = [
+        float(v) for friction in frictions for name, v in tree.leaves(friction) if name.endswith("stribeck_velocity")
+    ]
     return max(_CLEAR * peak, peak + _SLIDING * max(slow, default=0.0))
 
 
@@ -476,7 +482,7 @@ def _simulated(
     offset: float,
     seed: int,
 ) -> Drawing:
-    """One realization of the excitation, and the simulated response of the loop."""
+    """Simulate one realization of the excitation."""
     T = float(loop.sample_time)
     t = np.arange(times.samples) * T
     under = _underneath(times, offset, T).at(t)
@@ -490,11 +496,11 @@ def _simulated(
     span = times.moving * T
     swelling = window(np.clip(tau, 0.0, span), span, times.fade * T)
     inside = (tau >= 0.0) & (tau <= span)
-    wave = [np.where(inside, each, 0.0) for each in product(swelling, turns)]
-    rows: list[Any] = [np.asarray(each) for each in under]
+    wave = [np.where(inside, wave_row, 0.0) for wave_row in product(swelling, turns)]
+    rows: list[Any] = [np.asarray(wave_row) for wave_row in under]
     added = None
     if where == "setpoint":
-        rows = [row + each for row, each in zip(rows, wave, strict=True)]
+        rows = [row + wave_row for row, wave_row in zip(rows, wave, strict=True)]
     else:
         added = RecordedForce(force=wave[0], sample_time=T)
     names = ("position", "velocity", "acceleration", "jerk", "snap")
@@ -517,7 +523,7 @@ def _simulated(
 
 
 def _underneath(times: _Timeline, offset: float, T: float) -> Reference:
-    """The underlying motion: run-up, constant speed during the excitation, and stop."""
+    """Return the underlying motion: run-up, constant speed during the excitation, and stop."""
     if offset == 0.0:
         return Recorded(position=np.zeros(times.samples), sample_time=T)
     ramp, span = times.ramp * T, times.moving * T
@@ -529,7 +535,7 @@ def _underneath(times: _Timeline, offset: float, T: float) -> Reference:
 
 
 def _least(drawings: list[Drawing], kept: slice) -> float:
-    """Smallest speed in the direction of the underlying motion."""
+    """Return the smallest speed in the direction of the underlying motion."""
     least = np.inf
     for drawn in drawings:
         way = np.sign(drawn.set_position[-1] - drawn.set_position[0])
@@ -539,7 +545,7 @@ def _least(drawings: list[Drawing], kept: slice) -> float:
 
 
 def grid_lines(lowest: float, highest: float, period: float, grid: str = "random_odd", seed: int = 0) -> np.ndarray:
-    """Numbers k of the lines k/period in the band that carry excitation.
+    """Return the numbers k of the lines k/period in the band that carry excitation.
 
         full        all: most power, no empty lines in the band
         odd         1, 3, 5 ...: even distortion shows on the even lines
@@ -573,7 +579,7 @@ def grid_lines(lowest: float, highest: float, period: float, grid: str = "random
 
 
 def schroeder_phases(lines: np.ndarray, amplitudes: np.ndarray) -> np.ndarray:
-    """φₖ = -2π Σ over the lines i below of (k - i) pᵢ / d, with shares of power p (Schroeder 1970).
+    """Return φₖ = -2π Σ over the lines i below of (k - i) pᵢ / d, with shares of power p (Schroeder 1970).
 
     d is the usual distance of two lines: the sum of every d-th line repeats itself d times in a period, except for a
     phase, and the sweep of Schroeder's phases must fit into one such part.
@@ -586,12 +592,12 @@ def schroeder_phases(lines: np.ndarray, amplitudes: np.ndarray) -> np.ndarray:
 
 
 def crest_factor(values: np.ndarray) -> float:
-    """Peak over RMS."""
+    """Return peak over RMS."""
     return float(np.max(np.abs(values)) / np.sqrt(np.mean(values**2)))
 
 
 def low_crest_phases(lines: np.ndarray, amplitudes: np.ndarray, phases: np.ndarray) -> np.ndarray:
-    """Phases with a lower peak: the sum is clipped, its phases are kept, its amplitudes put back, again and again.
+    """Return phases with a lower peak: clip the sum, keep its phases, restore its amplitudes, and repeat.
 
     The clipping level rises from 75 to 99 % of the peak over 300 rounds; the best phases on the way are returned. The
     crest factor is about 1.45 for hundreds of lines, where Schroeder's phases give 1.7 and random ones 3 to 4.
@@ -610,7 +616,9 @@ def low_crest_phases(lines: np.ndarray, amplitudes: np.ndarray, phases: np.ndarr
 
 
 def summed(lines: np.ndarray, amplitudes: np.ndarray, phases: np.ndarray, count: int, order: int = 0) -> np.ndarray:
-    """One period of Σ aₖ cos(2π k t/period + φₖ) at `count` points; `order` 1, 2, ...: derivatives over t/period."""
+    """Return one period of Σ aₖ cos(2π k t/period + φₖ) at `count` points; `order` 1, 2, ...: derivatives over
+    t/period.
+    """
     spectrum = np.zeros(count // 2 + 1, dtype=complex)
     spectrum[lines] = 0.5 * count * amplitudes * np.exp(1j * phases) * (2j * np.pi * lines) ** order
     return np.fft.irfft(spectrum, count)

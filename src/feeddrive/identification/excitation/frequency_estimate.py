@@ -54,11 +54,11 @@ class FrequencyEstimate(Result):
 
     @property
     def frequency(self) -> np.ndarray:
-        """Hz."""
+        """The frequencies of the lines, Hz."""
         return self.frf.frequency
 
     def lines(self, kept: np.ndarray, *remarks: str) -> FrequencyEstimate:
-        """The lines where `kept` (bool, shape (n,)) is true, with further remarks."""
+        """Return the lines where `kept` (bool, shape (n,)) is true, with further remarks."""
         f = self.frf
 
         def of(values: np.ndarray | None) -> np.ndarray | None:
@@ -76,7 +76,7 @@ class FrequencyEstimate(Result):
         )
 
     def where_told(self, doubt: np.ndarray) -> FrequencyEstimate:
-        """Without the lines on which the excitation hardly moved the input: `doubt`, its relative variance, > 0.1.
+        """Drop the lines on which the excitation hardly moved the input: `doubt`, its relative variance, > 0.1.
 
         The variance of a quotient is not defined if the denominator may be 0.  Raises LogError if no line is left.
         """
@@ -100,7 +100,7 @@ class FrequencyEstimate(Result):
         )
 
     def radius(self, confidence: float = 0.95) -> np.ndarray:
-        """Radius of the disc around each response that contains the true one with this confidence.
+        """Return the radius of the disc around each response that contains the true one with this confidence.
 
             r² = ν ((1 - p)^(-1/ν) - 1) · variance
 
@@ -112,7 +112,7 @@ class FrequencyEstimate(Result):
         return np.sqrt(fisher(confidence, self.freedom) * self.frf.variance)
 
     def table(self) -> Table:
-        """Response, deviation, noise and coherence at up to twelve lines."""
+        """Return response, deviation, noise and coherence at up to twelve lines."""
         frf = self.frf
         assert frf.variance is not None
         assert frf.coherence is not None
@@ -134,6 +134,6 @@ class FrequencyEstimate(Result):
 
 
 def fisher(confidence: float, freedom: np.ndarray | float) -> np.ndarray:
-    """Quantile of F(2, 2ν), in closed form."""
+    """Return the quantile of F(2, 2ν), in closed form."""
     nu = np.asarray(freedom, float)
     return nu * ((1.0 - confidence) ** (-1.0 / nu) - 1.0)

@@ -30,7 +30,7 @@ from feeddrive.identification.motion.motion_log import MotionLog, checked, count
 from feeddrive.identification.motion.output_error import Refinement, dead_time, later, refine
 from feeddrive.identification.motion.preparation import HOLD, Preparation, prepare
 from feeddrive.identification.motion.rigid import RigidFit, identify_rigid
-from feeddrive.identification.plausibility import outside, remedy, said, sizes
+from feeddrive.identification.plausibility import out_of_range, outside, remedy, sizes
 from feeddrive.language import tree
 from feeddrive.language.errors import DivergedError, FeeddriveError, LogError, NotIdentifiableError
 from feeddrive.language.judgment import Advice, Judgment
@@ -493,7 +493,7 @@ def _doubt(log: MotionLog, rigid: RigidFit, remarks: list[str]) -> str:
     wrong = outside(log.frame, found)
     if not wrong:
         return ""
-    why = Text(f"{log.name}: {said(wrong, found)}")
+    why = Text(f"{log.name}: {out_of_range(wrong, found)}")
     remarks.append(Text(f"{why}: {remedy(wrong)}"))
     return why
 
