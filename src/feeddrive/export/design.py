@@ -119,14 +119,14 @@ class Design:
     def _axis_remarks(self, loop: Loop) -> list[str]:
         """Return warnings about one axis."""
         guard, control = loop.control.guard, loop.control
-        weight_, remarks = float(weight(loop.axis)), list[str]()
+        holding_force, remarks = float(weight(loop.axis)), list[str]()
         assert guard is not None, "what is exported has a guard"
-        if weight_ != 0.0 and float(guard.safe_force) == 0.0:
+        if holding_force != 0.0 and float(guard.safe_force) == 0.0:
             remarks.append(
                 Text(
-                    f"A HANGING AXIS FALLS: gravity pulls with {Quantity(-weight_, 'N'):6}, but the guard's safe_force "
-                    f"is 0 N, which acts whenever the loop is off; write safe_force_N = {number(weight_, 6)}, or hold "
-                    "the axis by a brake"
+                    f"A HANGING AXIS FALLS: gravity pulls with {Quantity(-holding_force, 'N'):6}, but the guard's "
+                    "safe_force is 0 N, which acts whenever the loop is off; write safe_force_N = "
+                    f"{number(holding_force, 6)}, or hold the axis by a brake"
                 )
             )
         if guard.following_error_limit is None:

@@ -179,9 +179,9 @@ def truths(graph: Graph) -> list[bool]:
 def _lowered(graph: Graph, roots: list[int]) -> tuple[Graph, dict[int, int]]:
     """Return the graph below the roots in printable operations; elementary functions stay, as calls."""
 
-    def compose(graph_so_far: Graph, name: str, values: list[Symbol]) -> Symbol:
-        known = _known(graph_so_far, name, values)
-        return composed(graph_so_far, name, values, "libm") if known is None else known
+    def compose(printable: Graph, name: str, values: list[Symbol]) -> Symbol:
+        known = _known(printable, name, values)
+        return composed(printable, name, values, "libm") if known is None else known
 
     return rebuilt(graph, roots, compose)
 
@@ -189,16 +189,16 @@ def _lowered(graph: Graph, roots: list[int]) -> tuple[Graph, dict[int, int]]:
 _FOLDED = {"add": lambda a, b: a + b, "sub": lambda a, b: a - b, "mul": lambda a, b: a * b}
 
 
-def _known(graph: Graph, name: str, arguments_: list[Symbol]) -> Symbol | None:
+def _known(graph: Graph, name: str, operands: list[Symbol]) -> Symbol | None:
     """Return the value if no operation is needed: two constants, or x · 1, where the bits are the same."""
-    numbers = [_number(graph, symbol) for symbol in arguments_]
+    numbers = [_number(graph, symbol) for symbol in operands]
     if name in _FOLDED and None not in numbers:
         return graph.constant(_FOLDED[name](*numbers))
     if name == "neg" and numbers[0] is not None:
         return graph.constant(-numbers[0])
     if name == "mul" and 1.0 in numbers:
-        return arguments_[1 - numbers.index(1.0)]
-    return arguments_[0] if name == "div" and numbers[1] == 1.0 else None
+        return operands[1 - numbers.index(1.0)]
+    return operands[0] if name == "div" and numbers[1] == 1.0 else None
 
 
 def _number(graph: Graph, symbol: Symbol) -> float | None:
@@ -388,9 +388,9 @@ def evaluated(graph: Graph, ends: list[int], leaves: Mapping[int, Any], real: An
             elif node[0] == "truth":
                 values[index] = node[1]
             else:
-                arguments_ = [_flushed(values[i], least) for i in arguments(node)]
+                operands = [_flushed(values[i], least) for i in arguments(node)]
                 operation = _OPERATIONS.get(node[0])
-                result = elementary(node[0], arguments_[0], real) if operation is None else operation(*arguments_)
+                result = elementary(node[0], operands[0], real) if operation is None else operation(*operands)
                 values[index] = _flushed(result, least) if node[0] != "select" else result
     return [values[index] for index in ends]
 

@@ -99,16 +99,16 @@ def _declared(variables: Iterable[Declared]) -> list[str]:
     variables = list(variables)
     lines = [f"{INDENT}{v.name} : {v.kind}{' := ' + v.value if v.value else ''};" for v in variables]
     wide = min(44, max((len(line) for line, v in zip(lines, variables, strict=True) if v.meaning), default=0))
-    lines_: list[str] = []
+    printed: list[str] = []
     for line, variable in zip(lines, variables, strict=True):
-        lines_ += [f"{INDENT}{text}".rstrip() for text in comment(variable.above)]
+        printed += [f"{INDENT}{text}".rstrip() for text in comment(variable.above)]
         if len(line) > WIDTH:  # a row of first values
-            lines_ += textwrap.wrap(
+            printed += textwrap.wrap(
                 line.strip(), WIDTH, initial_indent=INDENT, subsequent_indent=2 * INDENT, break_on_hyphens=False
             )
         else:
-            lines_.append(f"{line:<{wide}} (* {plain(variable.meaning)} *)" if variable.meaning else line)
-    return lines_
+            printed.append(f"{line:<{wide}} (* {plain(variable.meaning)} *)" if variable.meaning else line)
+    return printed
 
 
 def comment(text: str) -> list[str]:
@@ -230,13 +230,13 @@ class Choice:
 
     def lines(self) -> list[str]:
         """Return the statement as text; a choice alone in the other branch becomes ELSIF."""
-        lines_ = [f"IF {bare(self.condition)} THEN", *_indented(self.then)]
+        printed = [f"IF {bare(self.condition)} THEN", *_indented(self.then)]
         rest = self.otherwise
         while len(rest) == 1 and isinstance(rest[0], Choice):
             inner = rest[0]
-            lines_ += [f"ELSIF {bare(inner.condition)} THEN", *_indented(inner.then)]
+            printed += [f"ELSIF {bare(inner.condition)} THEN", *_indented(inner.then)]
             rest = inner.otherwise
-        return [*lines_, "ELSE", *_indented(rest), "END_IF;"]
+        return [*printed, "ELSE", *_indented(rest), "END_IF;"]
 
 
 def _indented(statements: Iterable[Assignment | Choice]) -> list[str]:

@@ -433,11 +433,11 @@ class Printer:
 
     def _off(self) -> list[str]:
         """Return the outputs without valid parameters: the safe force of the machine file."""
-        lines_: list[str] = []
+        printed: list[str] = []
         for name, value in off_outputs(self.routine).items():
             text = {"trip": "INT#0", "enabled": "FALSE"}.get(name) or bare(literal(value, self.real))
-            lines_.append(f"{name} := {text};")
-        return lines_
+            printed.append(f"{name} := {text};")
+        return printed
 
     def _inputs(self) -> list[Declared]:
         special = {"enable": Declared("enable", "BOOL", "FALSE", "TRUE: the loop shall run")}

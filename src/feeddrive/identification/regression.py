@@ -328,8 +328,8 @@ class TracedForce(Generic[B]):
         self.names, self.arguments = tuple(name for name, _ in tree.leaves(block)), tuple(arguments)
         leaves = [graph.input(name) for name in self.names]
         symbolic = tree.rebuild(block, (cast(Number, leaf) for leaf in leaves))
-        leaves_ = {name: cast(Number, graph.input(f"of {name}")) for name in self.arguments}
-        end = graph.symbol(force(symbolic, leaves_)).index
+        symbols = {name: cast(Number, graph.input(f"of {name}")) for name in self.arguments}
+        end = graph.symbol(force(symbolic, symbols)).index
         values = {i: Symbol(graph, i) for i in range(len(graph.nodes))}
         slopes = [push(graph, [end], values, {leaf.index: 1.0})[0] for leaf in leaves]
         self.graph = graph

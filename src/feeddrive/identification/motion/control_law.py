@@ -41,7 +41,8 @@ _PLAIN = {
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ControlFit(Result):
-    """A cascade that explains the logged force: Kv (1/s), Kp, velocity feedforward (1), and how they were found.
+    """A cascade that explains the logged force: Kv (1/s), Kp, velocity feedforward (1), and how
+    they were determined.
 
     delay      samples between the reading that the law used and the command
     residual   share of the force that the law does not explain
@@ -56,10 +57,10 @@ class ControlFit(Result):
     tried: dict[tuple[int, int], float]
 
     def __getitem__(self, parameter: str) -> Estimate:
-        return next(each for each in self.estimates if each.name == parameter)
+        return next(estimate for estimate in self.estimates if estimate.name == parameter)
 
     def table(self) -> Table:
-        """Gains with their errors."""
+        """Return the gains with their errors."""
         title = Text(
             f"{self.name}: P-PI cascade, velocity over {self.velocity_samples} samples, {self.delay} samples of delay; "
             f"{Quantity(self.residual, 'share'):3} of the force is left"
@@ -67,7 +68,7 @@ class ControlFit(Result):
         return estimates_table(title, self.estimates)
 
     def law(self) -> CascadePPI:
-        """The cascade as a block; a feedforward that is 0 or 1 within its error is written as that."""
+        """Return the cascade as a block; a feedforward that is 0 or 1 within its error is rounded to that."""
         share = self["velocity_feedforward"]
         near = next((whole for whole in (0.0, 1.0) if abs(share.value - whole) < max(0.01, NORMAL * share.error)), None)
         return CascadePPI(
@@ -79,7 +80,7 @@ class ControlFit(Result):
 
 
 def identify_control(log: MotionLog) -> ControlFit:
-    """The gains of the loop that produced a log, by least squares on the law of the cascade.
+    """Identify the gains of the loop that produced a log, by least squares on the law of the cascade.
 
         force(k) = Kp (Kv (x_set - x) + share v_set - v),   v = (x - x n samples before) / n T,   all d samples old
 
@@ -119,26 +120,28 @@ def identify_control(log: MotionLog) -> ControlFit:
     columns = _slopes(law, gains, log, n)[rows - d]
     robust, ols = errors(robust_covariance(columns, off)), errors(ols_covariance(columns, off))
     units = ("1/s", "", log.frame.viscous)
-    found = tuple(Estimate(*each) for each in zip(_GAINS, gains.values(), units, robust, ols, strict=True))
-    return ControlFit(log.name, found, n, d, tried[n, d], tried)
+    estimates = tuple(Estimate(*row) for row in zip(_GAINS, gains.values(), units, robust, ols, strict=True))
+    return ControlFit(log.name, estimates, n, d, tried[n, d], tried)
 
 
 def _traced(samples: int) -> TracedForce[CascadePPI]:
-    """The force of the cascade from its set position, reading and earlier readings, each a column over the log."""
+    """Trace the force of the cascade from its set position, reading and earlier readings, each a
+    column over the log.
+    """
     block = CascadePPI(Kv=1.0, Kp=1.0, velocity_samples=samples)
     earlier = tuple(f"position_{i + 1}" for i in range(samples))
 
-    def force(law: CascadePPI, given: Mapping[str, Number]) -> Number:
-        T, position = given["T"], given["position"]
-        setpoint = Setpoint(given["set_position"], given["set_velocity"], 0.0, 0.0, 0.0)
-        state = law.State(tuple(given[name] for name in earlier), 0.0)
+    def force(law: CascadePPI, signals: Mapping[str, Number]) -> Number:
+        T, position = signals["T"], signals["position"]
+        setpoint = Setpoint(signals["set_position"], signals["set_velocity"], 0.0, 0.0, 0.0)
+        state = law.State(tuple(signals[name] for name in earlier), 0.0)
         return law.step(law.prepare(T), state, setpoint, Reading(position, position), T)[1]
 
     return TracedForce(block, ("T", "set_position", "set_velocity", "position", *earlier), force)
 
 
 def _slopes(law: TracedForce[CascadePPI], gains: Mapping[str, float], log: MotionLog, n: int) -> np.ndarray:
-    """Slopes of the law's force to `_GAINS` at these gains, shape (samples, 3); 0 before `_START`."""
+    """Return the slopes of the law's force to `_GAINS` at these gains, shape (samples, 3); 0 before `_START`."""
     assert log.set_position is not None
     x, wanted, T = log.position, log.set_position, log.sample_time
     before = {f"position_{i + 1}": x[_FIRST - 1 - i : x.size - 1 - i] for i in range(n)}
@@ -147,9 +150,9 @@ def _slopes(law: TracedForce[CascadePPI], gains: Mapping[str, float], log: Motio
     _, slopes = law.at(
         gains, T=np.array(T), set_position=wanted[_FIRST:], set_velocity=velocity, position=x[_FIRST:], **before
     )
-    found = np.zeros((x.size, len(_GAINS)))
-    found[_FIRST:] = slopes[:, [law.names.index(name) for name in _GAINS]]
-    return found
+    columns = np.zeros((x.size, len(_GAINS)))
+    columns[_FIRST:] = slopes[:, [law.names.index(name) for name in _GAINS]]
+    return columns
 
 
 # Whether a law can have made a log: what it commands at the log's own readings against the force of the log.
@@ -172,7 +175,7 @@ _SHOWN = 0.1  # share of a column in the other rows, at least
 
 
 class Gain(NamedTuple):
-    """A number of a control: as it is stated, as the log needs it, and the standard error of that."""
+    """A number of a control: as stated, as the log needs it, and the standard error of the latter."""
 
     name: str
     stated: float
@@ -181,18 +184,18 @@ class Gain(NamedTuple):
 
     @property
     def off(self) -> float:
-        """By what share of itself it is wrong beyond `SURE` errors; 0 if it is not."""
+        """Return the relative error beyond `SURE` standard errors; 0 if there is none."""
         return max(0.0, abs(self.needed - self.stated) - SURE * self.error) / abs(self.stated)
 
     @property
     def unseen(self) -> bool:
-        """True if the log does not tell a value that is `MOST_OFF` wrong."""
+        """True if the log cannot reveal a value that is `MOST_OFF` wrong."""
         return SURE * self.error > MOST_OFF * abs(self.stated)
 
 
 @dataclass(frozen=True, eq=False)
 class LawCheck:
-    """What a law leaves of the force of a log, as shares of its RMS about its mean, in rows of 10 ms.
+    """The residual of a law on the force of a log, as shares of its RMS about its mean, in rows of 10 ms.
 
     left    without what counts make
     remains with the numbers that it needs
@@ -212,7 +215,7 @@ class LawCheck:
 
     @property
     def wrong(self) -> str:
-        """Why this is not the law of the log; empty if nothing speaks against it."""
+        """Why this is not the law of the log; empty if nothing contradicts it."""
         return "" if self.added else self._against
 
     @property
@@ -222,7 +225,7 @@ class LawCheck:
 
     @property
     def proves(self) -> bool:
-        """True if the law gives the force back, if with other numbers: force and position are on one clock."""
+        """True if the law reproduces the force, possibly with other gains: force and position share one clock."""
         return self.remains < LARGEST and bool(self.gains)
 
     @property
@@ -245,11 +248,11 @@ class LawCheck:
 
     @property
     def unseen(self) -> tuple[str, ...]:
-        """Names of what the log does not tell."""
+        """Names of gains that the log does not reveal."""
         return tuple(gain.name for gain in self.gains if gain.unseen)
 
     def table(self) -> Table:
-        """The numbers of the control, as stated and as the log needs them."""
+        """Return the gains of the control, as stated and as the log needs them."""
         rows = [
             [gain.name, gain.stated, Quantity(gain.needed, error=gain.error, form="5"), gain.error]
             for gain in self.gains
@@ -317,7 +320,7 @@ def check_law(control: Control, log: MotionLog, *, apart: np.ndarray | None = No
 
 
 def _added(columns: np.ndarray, y: np.ndarray, size: float, counts: float) -> float:
-    """Share of the rows in which another force was added, if the others speak for the law; else 0.
+    """Return the share of the rows in which another force was added, if the other rows support the law; else 0.
 
     The others are the most rows that lie within what a law that ran leaves, wherever that is: the median would be among
     the added forces where those act in half of the rows. They stand in the middle of that band, but for what counts
@@ -339,7 +342,7 @@ def _added(columns: np.ndarray, y: np.ndarray, size: float, counts: float) -> fl
 
 
 def _by_counts(rows: _Rows, fit: _Fit, names: tuple[str, ...]) -> tuple[float, np.ndarray]:
-    """RMS in N of what counts make of y, and the standard errors of the fitted numbers with it."""
+    """Return the RMS in N of the effect of counts on y, and the standard errors of the fitted gains with it."""
     force, values = rows.reduced(rows.log.force), np.array([float(tree.get(fit.control, name)) for name in names])
     drawn = list(_readings(rows.log))
     others = [rows.answers(fit.control, reading) for reading in drawn]
@@ -358,7 +361,7 @@ def _by_counts(rows: _Rows, fit: _Fit, names: tuple[str, ...]) -> tuple[float, n
 
 
 class _Fit(NamedTuple):
-    """A control with the numbers that a log needs, what it commands at each sample, and relative errors of them.
+    """A control with the gains that a log needs, its command at each sample, and the relative errors of the gains.
 
     remains  N, RMS of what is left at each sample
     """
@@ -373,7 +376,7 @@ class _Fit(NamedTuple):
     def of(
         cls, rows: _Rows, control: Control, names: tuple[str, ...], plain: np.ndarray, raw: np.ndarray, delay: int
     ) -> _Fit:
-        """Gauss and Newton: limits and dead bands make the force of a law no straight line of its numbers."""
+        """Fit by Gauss-Newton steps: limits and dead bands make the force of a law nonlinear in its gains."""
         force = rows.reduced(rows.log.force)
         y = force - rows.reduced(plain, delay)
         for _ in range(_STEPS):
@@ -404,47 +407,47 @@ def _solved(columns: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """A log, what its rows are, and how far the motor is from the load (m) where the law reads both."""
+    """A log, its decimated rows, and the distance of the motor from the load (m) where the law reads both."""
 
     log: MotionLog
     apart: np.ndarray | None
 
     def cut(self, values: np.ndarray, delay: int = 0) -> np.ndarray:
-        """The samples that count of a signal that acts `delay` samples later; the samples are the last axis."""
+        """Return the samples that count of a signal that acts `delay` samples later; the samples are the last axis."""
         skip = max(MOST_DELAY, round(_SKIP / self.log.sample_time))
         return values[..., skip - delay : values.shape[-1] - delay]
 
     def reduced(self, values: np.ndarray, delay: int = 0) -> np.ndarray:
-        """The same in rows of 10 ms."""
+        """Return a signal in rows of 10 ms."""
         return decimated(self.cut(values, delay), max(1, round(_ROW / self.log.sample_time)))
 
     def answers(self, control: Control, reading: np.ndarray) -> np.ndarray:
-        """What a control commands at each sample."""
+        """Return the command of a control at each sample."""
         log = self.log
         assert log.set_position is not None
         motor = None if self.apart is None else reading + self.apart
         return commanded(control, log.sample_time, log.set_position, reading, log.force, motor)
 
     def linear(self, plain: np.ndarray, raw: np.ndarray, delay: int) -> float:
-        """RMS in N of what is left at each sample, with columns fitted in rows."""
+        """Return the RMS in N of the residual at each sample, with columns fitted in rows."""
         values = _solved(self.reduced(raw, delay), self.reduced(self.log.force) - self.reduced(plain, delay))
         whole = self.cut(self.log.force) - self.cut(plain, delay) - values[:-1] @ self.cut(raw, delay)
         return float(np.std(whole))
 
     def columns(self, control: Control, plain: np.ndarray, reading: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
-        """θ ∂u/∂θ of some numbers, shape (numbers, samples); 0 of one at its bound."""
-        found = self.slopes(control, plain, reading, names)
-        return np.array([found.get(name, np.zeros(plain.size)) for name in names]).reshape(len(names), plain.size)
+        """Return θ ∂u/∂θ of some gains, shape (gains, samples); 0 for a gain at its bound."""
+        slopes = self.slopes(control, plain, reading, names)
+        return np.array([slopes.get(name, np.zeros(plain.size)) for name in names]).reshape(len(names), plain.size)
 
     def slopes(
         self, control: Control, plain: np.ndarray, reading: np.ndarray, names: tuple[str, ...] | None
     ) -> dict[str, np.ndarray]:
-        """θ ∂u/∂θ of numbers of a control by name, over all samples; `plain` is its answer with none changed."""
+        """Return θ ∂u/∂θ of gains of a control by name, over all samples; `plain` is its unchanged command."""
         return {name: (self.answers(varied, reading) - plain) / _STEP for name, varied in _varied(control, names)}
 
 
 def _varied(control: Control, names: tuple[str, ...] | None) -> Iterator[tuple[str, Control]]:
-    """Each number of a control that is not 0, or of `names`, and the control in which it is a little larger."""
+    """Yield each gain of a control that is not 0, or of `names`, with the control in which it is a little larger."""
     for name, value in tree.parameters(control).items():
         wanted = not name.startswith("guard.") if names is None else name in names
         if wanted and isinstance(value, float) and value != 0.0:
@@ -456,12 +459,12 @@ def _varied(control: Control, names: tuple[str, ...] | None) -> Iterator[tuple[s
 
 
 def _independent(columns: dict[str, np.ndarray]) -> tuple[str, ...]:
-    """Names of columns that are no sum of others.  Of those that are, inner ones stay: a common factor is no gain."""
+    """Return the names of linearly independent columns. Inner ones are preferred: a common factor is no gain."""
     kept: list[str] = []
-    for name in sorted(columns, key=lambda each: -each.count(".")):
+    for name in sorted(columns, key=lambda key: -key.count(".")):
         own = columns[name] - np.mean(columns[name])
         if kept:
-            others = np.vstack([*(columns[each] for each in kept), np.ones(own.size)]).T
+            others = np.vstack([*(columns[other] for other in kept), np.ones(own.size)]).T
             own = own - others @ np.linalg.lstsq(others, own, rcond=None)[0]
         if float(np.std(own)) > LEAST_OWN * float(np.std(columns[name])):
             kept.append(name)
@@ -469,7 +472,7 @@ def _independent(columns: dict[str, np.ndarray]) -> tuple[str, ...]:
 
 
 def _readings(log: MotionLog) -> Iterator[np.ndarray]:
-    """Readings that err within their count, by one number as long as they stand on one; none if they are on none."""
+    """Yield readings that err within their count, by one number as long as they stand on it; nothing without counts."""
     count, random = count_of(log.position), np.random.default_rng(0)
     since = np.cumsum(np.diff(log.position, prepend=log.position[0]) != 0.0)
     for _ in range(_DRAWN if count > 0.0 else 0):
