@@ -33,7 +33,7 @@ MOST_WATCH = 6.5  # s that the registers of a watchdog hold
 
 
 class BusLimits(Block):
-    """Limits at which a motion over the bus is aborted. Each must be stated, since none has a safe default.
+    """Limits at which a motion over the bus is aborted. All must be stated, since none has a safe default.
 
     They are checked here in every cycle, and written into the drive as far as it has objects for them.
     """
@@ -79,7 +79,7 @@ class BusDrive(Block):
     limits: BusLimits = part("where a motion is aborted")
 
     def check(self) -> None:
-        """Limits below one increment or one thousandth cannot be kept; cst needs bounds of the axis."""
+        """Refuse limits below one increment or one thousandth, which cannot be kept; cst needs bounds of the axis."""
         for name in ("largest_mass", "breakaway_force") if self.mode == "cst" else ():
             if getattr(self.limits, name) is None:
                 raise ParameterError(
@@ -113,13 +113,13 @@ class BusDrive(Block):
 
     @property
     def _silent_at_most(self) -> float:
-        """Longest time without a frame that the motion allows, s."""
+        """The longest time without a frame that the motion allows, s."""
         return (self.late_cycles + self.lost_frames) * self.cycle_time
 
 
 @dataclass(frozen=True)
 class DriveFile:
-    """The content of a drive file; `axis` is that of a plan which the drive moves, empty if none is named."""
+    """The content of a drive file; `axis` is the axis of a plan that the drive moves, empty if none is named."""
 
     name: str
     interface: str
@@ -145,10 +145,13 @@ def read_drive(path: str | Path) -> DriveFile:
 
 
 def interpolation_time(cycle_time: float) -> tuple[int, int]:
-    """Object 0x60C2 for a bus cycle in s: value and power of ten; the nearest that its eight bits hold."""
-    found = [(round(cycle_time / 10.0**power), power) for power in range(-6, 1)]
-    fitting = [(value, power) for value, power in found if 0 < value <= 255]
-    return min(fitting, key=lambda each: (round(abs(each[0] * 10.0 ** each[1] / cycle_time - 1.0), 6), each[1]))
+    """Return object 0x60C2 for a bus cycle in s: value and power of ten; the nearest that its eight bits hold."""
+    candidates = [(round(cycle_time / 10.0**power), power) for power in range(-6, 1)]
+    fitting = [(value, power) for value, power in candidates if 0 < value <= 255]
+    return min(
+        fitting,
+        key=lambda candidate: (round(abs(candidate[0] * 10.0 ** candidate[1] / cycle_time - 1.0), 6), candidate[1]),
+    )
 
 
 class DriveScaling(Block):
@@ -169,7 +172,7 @@ class DriveScaling(Block):
     rated_torque: Number | None = parameter("N m", "rated torque of the motor, object 0x6076", above=0, default=None)
 
     def check(self) -> None:
-        """One of the two descriptions must be complete."""
+        """Raise ParameterError unless exactly one of the two descriptions is complete."""
         turning = {"counts_per_turn": self.counts_per_turn, "lead": self.lead, "rated_torque": self.rated_torque}
         linear = {"increment": self.increment, "rated_force": self.rated_force}
         missing = [name for name, value in (turning if self.turns else linear).items() if value is None]
@@ -182,12 +185,12 @@ class DriveScaling(Block):
 
     @property
     def turns(self) -> bool:
-        """Whether the motor turns."""
+        """True if the motor turns."""
         return any(value is not None for value in (self.counts_per_turn, self.lead, self.rated_torque))
 
     @property
     def metre(self) -> float:
-        """m at the table per increment."""
+        """The travel at the table per increment, m."""
         if self.increment is not None:
             return self.increment
         assert self.lead is not None
@@ -196,7 +199,7 @@ class DriveScaling(Block):
 
     @property
     def newton(self) -> float:
-        """N at the table per thousandth of the rated torque."""
+        """The force at the table per thousandth of the rated torque, N."""
         if self.rated_force is not None:
             return 1e-3 * self.rated_force
         assert self.lead is not None
@@ -205,15 +208,15 @@ class DriveScaling(Block):
 
     @property
     def rated_milli(self) -> int:
-        """Object 0x6076: mN m of a motor that turns, mN of a linear one."""
+        """Object 0x6076: mN m of a rotary motor, mN of a linear one."""
         rated = self.rated_torque if self.rated_force is None else self.rated_force
         assert rated is not None
         return round(1e3 * rated)
 
     def increments(self, metres: float) -> int:
-        """The nearest whole number of increments, also for m/s and m/s²."""
+        """Return the nearest whole number of increments, also for m/s and m/s²."""
         return round(metres / self.metre)
 
     def per_mille(self, newtons: float) -> int:
-        """The nearest thousandth of the rated torque."""
+        """Return the nearest thousandth of the rated torque."""
         return round(newtons / self.newton)

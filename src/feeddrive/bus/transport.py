@@ -132,19 +132,19 @@ def _holder(name: bytes) -> str:
 
 def read_object(transport: Transport, name: str) -> int:
     """An object as a number. Raises RefusedError."""
-    found = OBJECTS[name]
-    content = transport.read(found.index, found.subindex)
-    if len(content) < found.bits // 8:
+    entry = OBJECTS[name]
+    content = transport.read(entry.index, entry.subindex)
+    if len(content) < entry.bits // 8:
         raise BusError(
-            f"{transport.where}: object {found.place} ({name}) has {len(content)} bytes, not of {found.type}"
+            f"{transport.where}: object {entry.place} ({name}) has {len(content)} bytes, not of {entry.type}"
         )
-    return found.decode(content)
+    return entry.decode(content)
 
 
 def write_object(transport: Transport, name: str, value: int) -> None:
     """Write a number. Raises RefusedError."""
-    found = OBJECTS[name]
-    transport.write(found.index, found.subindex, found.encode(value))
+    entry = OBJECTS[name]
+    transport.write(entry.index, entry.subindex, entry.encode(value))
 
 
 def has_object(transport: Transport, name: str) -> bool:

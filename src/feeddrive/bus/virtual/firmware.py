@@ -47,7 +47,7 @@ _RECORD = ("reading_load", "reading_motor", "force", "trip")
 
 
 class Sample(NamedTuple):
-    """The last sample of a call: readings (m), force that acts from it on (N), code of the guard."""
+    """The last sample of a call: readings (m), the force that acts from then on (N), code of the guard."""
 
     position: float
     second: float
@@ -56,7 +56,7 @@ class Sample(NamedTuple):
 
 
 class DrivenAxis:
-    """Plant and control as `simulate` runs them, from the same native code, one call at a time.
+    """Plant and control as `simulate` runs them, in the same native code, one call at a time.
 
     A control without a guard gets one without limits, since a drive is switched on and off.
     """
@@ -77,8 +77,8 @@ class DrivenAxis:
         self._of_open = prepared.constants(self._open)
         self._velocity = self._constants.copy()
         for name, value in (("control.law.Kv", 0.0), ("control.law.velocity_feedforward", 1.0)):
-            for row, (each, _) in enumerate(self._closed.plan.constants):
-                if each == name:
+            for row, (constant, _) in enumerate(self._closed.plan.constants):
+                if constant == name:
                     self._velocity[row] = value
         self._tables = prepared.rows(self._closed), prepared.rows(self._open)
         motor, load = loop.axis.still(position)
@@ -86,12 +86,12 @@ class DrivenAxis:
 
     @property
     def encoders(self) -> int:
-        """How many positions are read."""
+        """The number of encoders."""
         return self.loop.axis.encoders()
 
     @property
     def has_velocity_loop(self) -> bool:
-        """Whether the law is a cascade, whose velocity loop runs alone when its position gain is 0."""
+        """True if the law is a cascade, whose velocity loop runs alone when its position gain is 0."""
         return isinstance(self.loop.control.law, CascadePPI)
 
     @staticmethod
@@ -102,7 +102,8 @@ class DrivenAxis:
     def follow(
         self, position: np.ndarray, velocity: np.ndarray, added_force: float, enable: bool, alone: bool = False
     ) -> Sample:
-        """As many samples as there are set positions (m) and velocities (m/s), with a force (N) behind the limit.
+        """Run as many samples as there are set positions (m) and velocities (m/s), with a force (N)
+        behind the limit.
 
         With `alone` only the velocity loop runs.  Disabled, no force acts.
         """
@@ -110,24 +111,24 @@ class DrivenAxis:
         return self._run(self._closed, self._velocity if alone else self._constants, values, enable, position.size, 0)
 
     def push(self, force: float, samples: int) -> Sample:
-        """The force (N) straight to the axis; the control is off."""
-        found = self._run(self._open, self._of_open, {"cut": force}, False, samples, 1)
-        self.last = found._replace(force=force)
+        """Apply a force (N) to the axis directly; the control is off."""
+        last = self._run(self._open, self._of_open, {"cut": force}, False, samples, 1)
+        self.last = last._replace(force=force)
         return self.last
 
     def _run(
-        self, made: Native, constants: np.ndarray, values: Mapping[str, Any], enable: bool, count: int, table: int
+        self, native: Native, constants: np.ndarray, values: Mapping[str, Any], enable: bool, count: int, table: int
     ) -> Sample:
-        inputs = np.zeros((count, len(made.plan.inputs)))
-        for column, (name, _) in enumerate(made.plan.inputs):
+        inputs = np.zeros((count, len(native.plan.inputs)))
+        for column, (name, _) in enumerate(native.plan.inputs):
             inputs[:, column] = float(enable) if name == "enable" else values.get(name, 0.0)
         outputs = np.empty((count, len(_RECORD)))
-        made.run(count, self.sample, constants, inputs, self._states, outputs, self._tables[table])
+        native.run(count, self.sample, constants, inputs, self._states, outputs, self._tables[table])
         self.sample += count
-        names = [name for name, _ in made.plan.outputs]
+        names = [name for name, _ in native.plan.outputs]
         row = dict(zip(names, outputs[-1].tolist(), strict=True))
         trip = max(outputs[:, names.index("trip")])
-        added = float(inputs[-1, [n for n, _ in made.plan.inputs].index("added_force")]) if table == 0 else 0.0
+        added = float(inputs[-1, [n for n, _ in native.plan.inputs].index("added_force")]) if table == 0 else 0.0
         self.last = Sample(row["reading_load"], row["reading_motor"], row["force"] + added, float(trip))
         return self.last
 
@@ -138,7 +139,8 @@ _FORCE = 1000.0  # N, rated, where nothing is stated
 
 
 def scaling_of(loop: Loop) -> DriveScaling:
-    """One increment is one count of the encoder of the position loop; rated is the continuous force of the motor.
+    """Return the scaling: one increment is one count of the position loop's encoder; rated is the motor's continuous
+    force.
 
     A motor on a screw gets a whole number of counts in a turn; the rated torque is a whole number of mN m.
     """
@@ -167,16 +169,18 @@ _SLOW = np.logspace(-9.0, -3.0, 25)  # m/s, among which friction is largest
 
 
 def _resistance(axis: Axis) -> float | None:
-    """The largest force against which an axis may stand: friction and weight, N; None if it has other forces."""
+    """Return the largest force against which an axis may stand: friction and weight, N; None if it has other forces."""
     if not all(isinstance(force, Gravity) for force in axis.forces):
         return None
     frictions = [friction for friction in (axis.friction_motor, axis.friction_load) if friction is not None]
-    held = sum(max(abs(float(each.steady(v) - each.linear() * v)) for v in (*-_SLOW, *_SLOW)) for each in frictions)
+    held = sum(max(abs(float(law.steady(v) - law.linear() * v)) for v in (*-_SLOW, *_SLOW)) for law in frictions)
     return held + abs(sum(float(force.force) for force in axis.forces if isinstance(force, Gravity)))
 
 
 def drive_text(loop: Loop, scaling: DriveScaling, bus: str, interface: str, station: int, cycle_time: float) -> str:
-    """A drive file for the virtual drive; its limits are those of the machine's guard and control, if it has any."""
+    """Return a drive file for the virtual drive; its limits are those of the machine's guard and control, if it has
+    any.
+    """
     guard, limits = loop.control.guard, loop.control.force_limit
     velocity = None if guard is None else guard.velocity_limit
     following = None if guard is None else guard.following_error_limit
@@ -248,7 +252,7 @@ READ_ONLY, NO_OBJECT, NO_SUBINDEX, WRONG_LENGTH, TOO_LARGE, WRONG_STATE = (
 
 
 class SdoAbortError(Exception):
-    """An SDO that is refused, with its abort code."""
+    """A refused SDO, with its abort code."""
 
     def __init__(self, code: int) -> None:
         super().__init__(f"0x{code:08X}")
@@ -256,7 +260,7 @@ class SdoAbortError(Exception):
 
 
 class Firmware:
-    """Objects, power states and the three cyclic synchronous modes.
+    """The object dictionary, the power states and the three cyclic synchronous modes.
 
     csp  the control of the machine file, on the target position; the velocity offset is its set velocity, and the set
          acceleration is 0: what needs it comes as torque offset, behind the limit of the control
@@ -321,7 +325,7 @@ class Firmware:
         return values
 
     def has(self, name: str) -> bool:
-        """Whether this drive has the object."""
+        """True if this drive has the object."""
         if name == "second_position":
             return self.axis.encoders == 2
         if OBJECTS[name].index in (0x608F, 0x6091, 0x6092):
@@ -329,47 +333,47 @@ class Firmware:
         return name in OBJECTS
 
     def read(self, index: int, subindex: int) -> bytes:
-        """The content of an object. Raises SdoAbortError."""
+        """Return the content of an object. Raises SdoAbortError."""
         if (index, subindex) == DEVICE_NAME:
             return VIRTUAL.encode()
-        found = AT.get((index, subindex))
-        same = [each for each in AT.values() if each.index == index and self.has(each.name)]
-        if found is None or not self.has(found.name):
+        entry = AT.get((index, subindex))
+        same = [other for other in AT.values() if other.index == index and self.has(other.name)]
+        if entry is None or not self.has(entry.name):
             if subindex == 0 and same:
-                return bytes([max(each.subindex for each in same)])
+                return bytes([max(other.subindex for other in same)])
             raise SdoAbortError(NO_SUBINDEX if same else NO_OBJECT)
-        return found.encode(self.values[found.name])
+        return entry.encode(self.values[entry.name])
 
     def write(self, index: int, subindex: int, content: bytes) -> None:
         """Change an object. Raises SdoAbortError."""
-        found = AT.get((index, subindex))
-        if found is None or not self.has(found.name):
+        entry = AT.get((index, subindex))
+        if entry is None or not self.has(entry.name):
             raise SdoAbortError(NO_OBJECT)
-        if found.name not in _WRITABLE:
+        if entry.name not in _WRITABLE:
             raise SdoAbortError(READ_ONLY)
-        if len(content) != found.bits // 8:
+        if len(content) != entry.bits // 8:
             raise SdoAbortError(WRONG_LENGTH)
-        value = found.decode(content)
-        if found.name == "mode" and value and not (value > 0 and self.values["supported_modes"] >> (value - 1) & 1):
+        value = entry.decode(content)
+        if entry.name == "mode" and value and not (value > 0 and self.values["supported_modes"] >> (value - 1) & 1):
             raise SdoAbortError(TOO_LARGE)
         expected = (self.values["cycle_exponent"], value) == interpolation_time(self.cycle_time)[::-1]
-        if found.name == "cycle_value" and not expected:
+        if entry.name == "cycle_value" and not expected:
             raise SdoAbortError(TOO_LARGE)
-        self.values[found.name] = value
+        self.values[entry.name] = value
 
     def take(self, sent: Mapping[str, int]) -> None:
-        """The process data of a cycle."""
+        """Take over the process data of a cycle."""
         self.values.update(sent)
 
     def lost(self) -> None:
-        """The bus stopped: an enabled drive goes into fault, unless 0x6007 = 0."""
+        """Handle a stopped bus: an enabled drive goes into fault, unless 0x6007 = 0."""
         if self.values["connection_option"] == 0:
             return
         if self.state in (PowerState.ENABLED, PowerState.QUICK_STOP):
             self._fault(0x7500)
 
     def cycle(self) -> None:
-        """One bus cycle with the values that were taken last."""
+        """Run one bus cycle with the process data taken last."""
         values = self.values
         control, before = values["controlword"], self.state
         self.state = answer(before, control, self._control_before)
@@ -404,7 +408,7 @@ class Firmware:
         return status
 
     def _rest(self) -> int:
-        """Switched off: friction alone brakes."""
+        """Run while switched off: friction alone brakes."""
         self._target = None
         before = self.axis.last.position
         self.axis.push(0.0, self.samples)
@@ -459,7 +463,7 @@ class Firmware:
         return 0x8612 if low or (guard.travel_most is not None and here > guard.travel_most) else 0
 
     def _begin_braking(self) -> None:
-        """From the setpoint where there is one, else from where the axis is and how fast it goes."""
+        """Start to brake from the setpoint, else from the present position and velocity."""
         velocity = self.values["velocity"] * self.scaling.metre
         at = self.axis.last.position if self._target is None else self._target
         self._braking, self._still, self._target = (at, velocity), 0.0, None
@@ -484,14 +488,14 @@ class Firmware:
     def _moved(
         self, line: np.ndarray, velocity: float | np.ndarray, added: float, *, enable: bool, alone: bool = False
     ) -> int:
-        """Under the control; the error code of its guard, 0 without a trip."""
+        """Run under the control; return the error code of its guard, 0 without a trip."""
         before = self.axis.last.position
-        found = self.axis.follow(line, np.broadcast_to(velocity, line.size), added, enable, alone)
-        speed = (found.position - before) / self.cycle_time
-        if not math.isfinite(found.position) or not math.isfinite(found.force):
-            return 0x7305 if not math.isfinite(found.position) else 0xFF01
-        self._show(found.position, found.second, speed, round(found.force / self.scaling.newton))
-        return _TRIPPED.get(found.trip, 0)
+        last = self.axis.follow(line, np.broadcast_to(velocity, line.size), added, enable, alone)
+        speed = (last.position - before) / self.cycle_time
+        if not math.isfinite(last.position) or not math.isfinite(last.force):
+            return 0x7305 if not math.isfinite(last.position) else 0xFF01
+        self._show(last.position, last.second, speed, round(last.force / self.scaling.newton))
+        return _TRIPPED.get(last.trip, 0)
 
     def _show(self, position: float, second: float, speed: float, per_mille: int) -> None:
         metre = self.scaling.metre
@@ -507,7 +511,7 @@ class Firmware:
 
 
 def _within(name: str, value: int) -> int:
-    """Clipped to what the object can hold."""
+    """Clip a value to the range of its object."""
     least, most = OBJECTS[name].bounds()
     return max(least, min(most, value))
 
@@ -520,14 +524,14 @@ INVALID = 1 << 31  # bit of a message that is switched off
 
 
 class PdoMap:
-    """The lists of a drive; a write is refused unless `changeable` says that the mapping may be changed now."""
+    """The mapping lists of a drive; a write is refused unless `changeable` permits it now."""
 
     def __init__(self, firmware: Firmware, changeable: Callable[[], bool], station: int = 0) -> None:
         """`station` is the number of a CANopen node, whose messages are then those of the predefined connections."""
         self.firmware, self._changeable = firmware, changeable
         self._lists: dict[int, list[int]] = {}
         self.messages: dict[int, int] = {}
-        there = [each.name for each in AT.values() if firmware.has(each.name)]
+        there = [entry.name for entry in AT.values() if firmware.has(entry.name)]
         for first, groups in ((0x1600, SENT), (0x1A00, TOLD)):
             kept = Layout(groups).keeping(there)
             for k in range(_OBJECTS):
@@ -539,16 +543,16 @@ class PdoMap:
         self._counts = {index: len(entries) for index, entries in self._lists.items()}
 
     def names(self, index: int) -> list[str]:
-        """What one process data object holds."""
+        """Return the objects of one PDO."""
         words = self._lists[index][: self._counts[index]]
         return [AT[word >> 16, word >> 8 & 0xFF].name for word in words]
 
     def assigned(self, first: int) -> Layout:
-        """All objects listed by 0x1C12 (`first` = 0x1600) or 0x1C13 (0x1A00), in order."""
+        """Return all objects listed by 0x1C12 (`first` = 0x1600) or 0x1C13 (0x1A00), in order."""
         return Layout([self.names(index) for index in self._lists[_ASSIGNED[first]][: self._counts[_ASSIGNED[first]]]])
 
     def read(self, index: int, subindex: int) -> bytes:
-        """An object of the mapping, or one of the firmware. Raises SdoAbortError."""
+        """Return an object of the mapping, or one of the firmware. Raises SdoAbortError."""
         if index in self.messages:
             if subindex > 2:
                 raise SdoAbortError(NO_SUBINDEX)
@@ -563,7 +567,7 @@ class PdoMap:
         return struct.pack("<H" if index >= 0x1C00 else "<I", entries[subindex - 1])
 
     def write(self, index: int, subindex: int, content: bytes) -> None:
-        """Change one. Raises SdoAbortError."""
+        """Change an object of the mapping. Raises SdoAbortError."""
         if index not in self._lists and index not in self.messages:
             self.firmware.write(index, subindex, content)
             return
@@ -589,8 +593,8 @@ class PdoMap:
         if subindex > _ENTRIES:
             raise SdoAbortError(_TOO_MANY)
         if index < 0x1C00:
-            found = AT.get((value >> 16, value >> 8 & 0xFF))
-            if found is None or not self.firmware.has(found.name) or found.mapped != value:
+            entry = AT.get((value >> 16, value >> 8 & 0xFF))
+            if entry is None or not self.firmware.has(entry.name) or entry.mapped != value:
                 raise SdoAbortError(_NOT_MAPPABLE)
         elif value not in self._lists or value >= 0x1C00:
             raise SdoAbortError(NO_OBJECT)
