@@ -12,6 +12,7 @@ from feeddrive.bus.cia402 import Layout
 from feeddrive.bus.transport import Claim, RefusedError, write_mapping
 from feeddrive.language.errors import BusError, MissingExtraError, ParameterError
 
+# CiA 301: COB-ID of SYNC, the bit that disables a PDO, and transmission type 1, with every SYNC.
 _SYNC, _INVALID, _EVERY_SYNC = 0x80, 1 << 31, 1
 _CONSUMER, _BEAT, _OPERATING = 0x1016, 0x700, b"\x05"  # heartbeat: consumer time, COB-ID, state byte
 _LISTENING = 0.05  # s in which another master must have sent a SYNC

@@ -191,6 +191,7 @@ def state_of(statusword: int) -> PowerState | None:
     return None
 
 
+# commands in the low byte of the controlword
 SHUTDOWN, SWITCH_ON, ENABLE_OPERATION = 0x06, 0x07, 0x0F
 DISABLE_VOLTAGE, QUICK_STOP, FAULT_RESET = 0x00, 0x02, 0x80
 
@@ -203,7 +204,7 @@ TOWARDS_ENABLED = {
 }
 
 # modes of operation
-CSP, CSV, CST = 8, 9, 10
+CSP, CSV, CST = 8, 9, 10  # values of the mode of operation, 0x6060
 MODES = {"csp": CSP, "csv": CSV, "cst": CST}
 
 # error codes that a virtual drive sets, and what they mean in words

@@ -34,9 +34,9 @@ from feeddrive.bus.transport import RefusedError, Transport, has_object, read_ob
 from feeddrive.language.errors import BusError
 from feeddrive.language.quantity import Quantity
 
-# Checks before a drive is switched on: its identity, its units against the declared ones, and its limits.
+# Checks before a drive is switched on: its identity, its scaling against the declared one, and its limits.
 
-_PROFILE = 402
+_PROFILE = 402  # device profile: the low word of 0x1000
 _NEAR = 5e-3  # share by which the data of the drive may differ from the declared ones
 
 

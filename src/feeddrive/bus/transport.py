@@ -69,7 +69,7 @@ class Transport(Protocol):
         """Begin the exchange of process data, with this content."""
 
     def put(self, content: bytes) -> None:
-        """What is sent in the next cycle."""
+        """Set the outputs of the next cycle."""
 
     def take(self, timeout: float) -> bytes | None:
         """One cycle: send, and return what was received within `timeout` s; None for a lost frame.
@@ -148,7 +148,7 @@ def write_object(transport: Transport, name: str, value: int) -> None:
 
 
 def has_object(transport: Transport, name: str) -> bool:
-    """Whether the drive lets the object be read."""
+    """True if the drive permits reading the object."""
     try:
         read_object(transport, name)
     except RefusedError:
@@ -166,7 +166,7 @@ def write_mapping(transport: Transport, first: int, layout: Layout) -> None:
 
 
 def holds_mapping(transport: Transport, first: int, assigned: int, layout: Layout) -> bool:
-    """Whether the process data objects from `first` on, and their list `assigned`, read back as they were written."""
+    """True if the PDOs from `first` on, and their list `assigned`, read back as they were written."""
 
     def read(index: int, subindex: int, size: int) -> int:
         return int.from_bytes(transport.read(index, subindex)[:size], "little")

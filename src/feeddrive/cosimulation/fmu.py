@@ -56,8 +56,11 @@ def opened(path: str | Path) -> Generator[Archive]:
     with tempfile.TemporaryDirectory(prefix="feeddrive-fmu-", ignore_cleanup_errors=True) as folder:
         try:
             with zipfile.ZipFile(path) as packed:
+                # Before anything is extracted: the entries of a hostile archive may point outside the folder or fill
+                # the disk.
                 _check_entries(packed, path)
                 packed.extractall(folder)
+            # Not validated: descriptions of many tools violate the schema in details that a run does not need.
             description = fmpy.read_model_description(folder, validate=False)
         except OSError as error:
             raise refusal(path, "read", error) from None
@@ -265,9 +268,11 @@ class Instance:
                     instanceName="plant",
                     libraryPath=str(archive.library),
                 )
+            # With logging on, since many FMUs explain a failure only in their log messages.
             if archive.three:
                 self.fmu.instantiate(loggingOn=True, logMessage=self._heard3)
             else:
+                # Kept as an attribute: the FMU calls them later, and ctypes frees callbacks that nothing refers to.
                 self._callbacks = self._logging()
                 self.fmu.instantiate(loggingOn=True, callbacks=self._callbacks)
         except Exception as error:  # FMPy raises bare exceptions
@@ -292,6 +297,7 @@ class Instance:
 
     def _heard3(self, _: Any, status: int, category: bytes, message: bytes) -> None:
         if status > 0:
+            # Only the last five, since an FMU may log in every one of a million steps.
             self.messages = [*self.messages[-4:], message.decode("utf-8", "replace").strip()]
 
     def _words(self) -> str:
@@ -327,6 +333,7 @@ class Instance:
         """
         known = {variable.name: variable for variable in self.archive.description.modelVariables}
         if not self.archive.three:
+            # FMI 2 takes the start time before the initialization, FMI 3 with it.
             self._call("setup", self.fmu.setupExperiment, startTime=0.0)
         for name, value in parameters.items():
             if name not in known:

@@ -88,6 +88,7 @@ def simulate_with_fmu(
                 seen = taken[k, wired.readings]
                 inputs = np.array([*rows[:-1, k], *seen, on[min(k, on.size - 1)]])
                 _check_inside(inputs[0] - seen[-1], limit, k, T)
+                # Created at the first reading, so that the control starts without a bump where the axis stands.
                 control = control or ControllerRun(routine, inputs)
                 answers[k] = control.step(inputs[None])[0]
                 for time, length, acting in held.pieces(k, answers[k, wired.command]):
@@ -145,8 +146,10 @@ class _DeadTime:
     """The commands within the dead time: whole samples in a queue, a fraction of a sample as a separate step."""
 
     def __init__(self, T: float, dead_time: float) -> None:
+        # 3e-4 / 1e-4 is 2.9999999999999996 in doubles: without the margin a whole number of samples would be split.
         whole = math.floor(dead_time / T + 1e-9)
         part = dead_time - whole * T
+        # A remainder within rounding would be a step of almost no length, which solvers refuse.
         self.T, self.part = T, part if part > 1e-9 * T else 0.0
         self.pending = [0.0] * (whole + (self.part > 0.0))
 

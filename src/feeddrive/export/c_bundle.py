@@ -22,8 +22,9 @@ from feeddrive.language.errors import FileError, MissingProgramError
 from feeddrive.loop.routine import Routine
 from feeddrive.loop.routine_run import run
 
-# C programs around an export, and the compiler that builds them: a self-test, and one that reads samples.
+# C programs that run an export, a self-test and one that reads samples, and the compiler that builds them.
 
+# Few, so that the vectors stay small; broken readings are ten times as frequent as in `trial`, so that some occur.
 SAMPLES, CHANGES, BROKEN = 400, 4, 2e-3
 
 

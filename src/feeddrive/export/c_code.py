@@ -255,7 +255,7 @@ static {real} exponent{suffix}({real} x)
     }
 
 
-# What C has no operator for.
+# Operations without an operator in C.
 FUNCTIONS = {
     **_bits("double", 64, 52, ""),
     **_bits("float", 32, 23, "f"),
@@ -370,14 +370,14 @@ def expression(name: str, values: list[str], real: str = "double") -> str:
     raise AssertionError(f"no text for the operation '{name}'")
 
 
-# What keeps a compiler from computing otherwise than the simulation: conditions in the header, and a check at start.
+# The checks that a compiler computes as the simulation does: conditions in the header, and a test at start.
 #
 # A compiler may change the order of sums (-fassociative-math), divide by multiplying with a reciprocal
 # (-freciprocal-math), round a product and a sum once (-ffp-contract=fast) or compute wider than the numbers (x87).
 # Each gives other last bits.  Where a macro tells it, the header does not compile.  Where none does, `configure`
 # refuses.
 
-# with the first options a compiler takes NaN for impossible and leaves out the checks for it
+# With the first options a compiler assumes that NaN cannot occur, and removes the checks for it.
 STRICT = (
     "#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0) || defined(_M_FP_FAST)",
     '#error "compile without -ffast-math, -ffinite-math-only, /fp:fast: broken readings could not be detected"',
@@ -392,7 +392,7 @@ STRICT = (
     "",
 )
 CODE = -1
-"""What `P_broken_rule` says if the check at start fails, whatever the parameters are."""
+"""The result of `P_broken_rule` if the check at start fails, whatever the parameters are."""
 SENTENCE = (
     "every operation is rounded by itself, in the order in which it is written: compile without "
     "-funsafe-math-optimizations, with -ffp-contract=off and not for an x87"
@@ -633,7 +633,7 @@ def _flushes(P: str) -> list[str]:
     return [text.replace("static ", "static inline ")]
 
 
-# A routine as C99 text: header, step and reset, the functions outside the interrupt; or all in one header.
+# The files: header, step and reset, and the functions outside the interrupt; or all in one header.
 #
 # P.h            structs with units and meanings, and the functions
 # P.c            reset and step: what runs in the interrupt

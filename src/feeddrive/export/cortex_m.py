@@ -22,7 +22,7 @@ from feeddrive.language.errors import FeeddriveError, MissingProgramError, Param
 from feeddrive.language.quantity import Quantity
 from feeddrive.loop.routine import Variable, target_name
 
-# The supported Cortex-M cores: build files, and build and run of a bundle on an emulated core.
+# The supported Cortex-M cores: build files, and runs of a bundle on an emulated core.
 
 FLAGS = "-std=c99 -O2 -ffp-contract=off -fno-math-errno"
 WARNINGS = "-Wall -Wextra -Wconversion -Wdouble-promotion"

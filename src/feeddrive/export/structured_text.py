@@ -211,7 +211,7 @@ def _cdata(text: str) -> str:
     return text.replace("]]>", "]] >")
 
 
-SAMPLES = 100
+SAMPLES = 100  # they are constants in the memory of the PLC
 _SAID = """\
 Tries {name} on this PLC: call it in any task until done. It gives {samples} stored samples to the controller, with
 a live change of parameters in between, and compares every output with the simulator's, all bits.

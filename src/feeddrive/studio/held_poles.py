@@ -28,7 +28,7 @@ class HeldPoles:
         self._named: dict[str, complex] = {}
 
     def shown(self, units: Units) -> tuple[list[dict[str, Any]], str]:
-        """Where each one is held: Hz across, and a height in the unit of the picture; and in a sentence what they are.
+        """Return the handles, Hz across and a height in the unit of the picture, and a sentence that explains them.
 
         Nothing without a machine.
         """
@@ -64,7 +64,7 @@ class HeldPoles:
         return {gain: float(f"{value:.6g}") for gain, value in zip(self._gains(), values, strict=True)}
 
     def at(self, name: str) -> complex:
-        """Where a pole is, 1/s. Raises ParameterError for one that there is not."""
+        """Return the position of a pole, 1/s. Raises ParameterError for an unknown one."""
         placed = {pole.name: pole.s for pole in placed_poles(self.desk.control)}
         now = placed.get(name, self._named.get(name))
         if now is None:

@@ -235,7 +235,7 @@ def _coupling(block: Any, x: Inputs) -> Answers:
     return Answers((start, begun), (state, heard), tuple(outputs))
 
 
-# What is part of a step, and what a block of each family is asked.
+# The families that are part of a step, with the function that runs a block of each.
 TRACED: dict[type[Block], Callable[[Any, Inputs], Answers]] = {
     families.Plant: _plant,
     families.Friction: _friction,
@@ -311,7 +311,7 @@ class Exercise(NamedTuple):
         return compiled_plan, constants, [tables[name] for name, _ in compiled_plan.tables]
 
     def native(self, lanes: int) -> np.ndarray:
-        """What machine code makes of it: (outputs, lanes)."""
+        """Return the results of machine code, shape (outputs, lanes)."""
         compiled_plan, constants, rows = self.plan(lanes)
         outputs = np.empty((1, len(compiled_plan.outputs), lanes))
         native(compiled_plan).run(

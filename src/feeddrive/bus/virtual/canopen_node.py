@@ -11,6 +11,7 @@ from feeddrive.bus.canopen import opened_network, packages
 from feeddrive.bus.cia402 import Layout
 from feeddrive.bus.virtual.firmware import INVALID, Firmware, PdoMap, SdoAbortError
 
+# CiA 301: COB-ID of SYNC, producer and consumer time of the heartbeat, COB-ID of the heartbeat of node 0
 _SYNC, _HEARTBEAT, _CONSUMER, _BEAT = 0x80, 0x1017, 0x1016, 0x700
 _PATIENCE = 0.05  # s between looks at `stopped`
 

@@ -68,6 +68,7 @@ def serve_ethercat(
 
 
 ETHERTYPE = 0x88A4
+# AL states and status codes by ETG.1000.6, registers of the slave controller by ETG.1000.4
 INIT, PREOP, SAFEOP, OP = 1, 2, 4, 8
 _ALLOWED = {INIT: (PREOP,), PREOP: (INIT, SAFEOP), SAFEOP: (INIT, PREOP, OP), OP: (INIT, PREOP, SAFEOP)}
 # AL status codes
@@ -303,9 +304,10 @@ def _datagrams(frame: bytearray) -> Iterator[tuple[int, int]]:
         at += 12 + size
 
 
+# mailbox type of CoE, its services, and the command specifiers of an SDO
 _COE, _REQUEST, _RESPONSE = 3, 2, 3
 _UPLOAD, _DOWNLOAD = 2, 1
-_UNKNOWN_COMMAND = 0x05040001
+_UNKNOWN_COMMAND = 0x05040001  # abort code: unknown command specifier
 _SYNC_TYPES = 0x1C00  # what each sync manager is for: mailbox out, mailbox in, outputs, inputs
 
 
@@ -360,6 +362,7 @@ def _framed(content: bytes, kind: int) -> bytes:
 # process memory of the slave: address and length
 MAILBOX_OUT, MAILBOX_IN = (0x1000, 128), (0x1080, 128)
 OUTPUTS, INPUTS = (0x1100, 64), (0x1200, 64)
+# category types of the EEPROM by ETG.2010
 _GENERAL, _FMMU_CATEGORY, _SYNC_CATEGORY, _STRINGS, _END = 30, 40, 41, 10, 0xFFFF
 _COE_PROTOCOL = 0x04  # mailbox protocol
 _COE_DETAILS = 0x0D  # SDO, PDO assignment and PDO mapping may be written

@@ -212,14 +212,12 @@ def drive_text(loop: Loop, scaling: DriveScaling, bus: str, interface: str, stat
     )
 
 
-# The firmware of a virtual drive: CiA 402 around a simulated axis, and its process data.
-#
 # The firmware of a virtual drive: CiA 402 around an axis that is simulated by the code of `simulate`.
 #
 # One call of `cycle` is one bus cycle: the plant moves on by exactly that time, however long the cycle took on the
 # clock.
 #
-# The process data of a virtual drive: mapping and assignment objects.
+# Its process data are defined by mapping and assignment objects.
 #
 # 0x1600.. and 0x1A00.. define the contents of a process data object, 0x1C12 and 0x1C13 the objects that an EtherCAT
 # master uses, 0x1400.. and 0x1800.. the CAN messages that carry them.
@@ -232,7 +230,7 @@ _TRIPPED = {
     TRIP_TRAVEL: 0x8612,
     TRIP_COMMAND: 0xFF01,
 }
-_NO_WINDOW = 0xFFFFFFFF
+_NO_WINDOW = 0xFFFFFFFF  # of 0x6065: it disables the following error window (CiA 402)
 _STANDSTILL = 0.2  # s that a quick stop holds the axis after its ramp
 _WRITABLE = {
     "controlword", "connection_option", "quick_stop_option", "mode", "following_error_window", "target_torque",
@@ -516,7 +514,7 @@ def _within(name: str, value: int) -> int:
     return max(least, min(most, value))
 
 
-_NOT_MAPPABLE, _TOO_MANY = 0x06040041, 0x06040042
+_NOT_MAPPABLE, _TOO_MANY = 0x06040041, 0x06040042  # abort codes: not mappable; PDO length exceeded
 _ASSIGNED = {0x1600: 0x1C12, 0x1A00: 0x1C13}
 _MESSAGES = {0x1600: 0x1400, 0x1A00: 0x1800}
 _OBJECTS, _ENTRIES = 4, 8  # mapping objects in a direction, and entries in one of them

@@ -17,7 +17,7 @@ from feeddrive.language.quantity import Quantity
 
 ALL = ("auto", "periodic", "impact", "local_polynomial", *METHODS)
 MOST_LINES = 2000  # of a local polynomial by default
-_LEAST_PERIODS = 2
+_LEAST_PERIODS = 2  # one period has no scatter, and so no variance
 _ENDS = 0.01  # share of a period that may differ without being cut off
 
 

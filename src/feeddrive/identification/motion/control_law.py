@@ -155,7 +155,7 @@ def _slopes(law: TracedForce[CascadePPI], gains: Mapping[str, float], log: Motio
     return columns
 
 
-# Whether a law can have made a log: what it commands at the log's own readings against the force of the log.
+# A check of a law against a log: its command at the log's own readings is compared with the force of the log.
 
 MOST_OFF = 0.1  # of a gain: where one is 20 % wrong, the mass of the closed loop is up to 10 % off; of half of it, 5 %
 SURE = 3.0  # standard errors

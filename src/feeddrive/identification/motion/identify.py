@@ -41,7 +41,7 @@ from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 
-# What a log of a motion changes in an axis that is known: mass, friction and constant force; the rest is kept.
+# The update of a known axis by a log of a motion: mass, friction and constant force change, the rest is kept.
 
 _PLAIN = (Coulomb, Directional, Viscous)  # friction models whose parameters the inverse dynamics identify completely
 _FAR = 0.05  # share by which the sum of the masses may differ without a remark
@@ -162,7 +162,7 @@ def _scaled(known: Friction, identified: Friction) -> Friction:
     return tree.vary(known, {name: max(value, least.get(name, 0.0)) for name, value in changes.items()})
 
 
-# Inverse dynamics and closed loop on the same log: which one is taken where they contradict each other.
+# The choice between inverse dynamics and closed loop, where they contradict each other on the same log.
 
 _RUNS = 16  # of the closed loop with its counts: one log in 17 leaves more than the worst of them by chance
 

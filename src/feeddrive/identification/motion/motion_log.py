@@ -205,7 +205,7 @@ def checked(log: MotionLog) -> MotionLog:
     return log
 
 
-# What the counts of an encoder do to a closed loop: the run of a log, drawn anew with other places within a count.
+# The effect of an encoder's counts on a closed loop: the run of a log, drawn anew with other offsets of the counts.
 
 SIGNALS = ("reading_load", "force")
 _ON_COUNT = 0.05  # of a count: how far a reading may be off it by the rounding of its file

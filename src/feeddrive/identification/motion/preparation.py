@@ -22,7 +22,7 @@ _SMEARED = 0.01  # of a step: what the low pass of the position may still show o
 
 @dataclass(frozen=True, kw_only=True)
 class Preparation:
-    """How a log is prepared.
+    """The filters and delays that prepare a log for least squares.
 
     cutoff       Hz, of the Butterworth low pass on the position
     decimation   every so many samples are kept; None: one each 10 ms

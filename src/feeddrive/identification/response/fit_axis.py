@@ -22,7 +22,7 @@ from feeddrive.loop.frequency_response import FRF
 
 _AS_GOOD = 1.1  # times the least error on unused lines that counts as equally good
 _NOISE = 0.3  # autocorrelation from line to line below which the residual counts as noise
-_DECIBEL = 20.0 / np.log(10.0)
+_DECIBEL = 20.0 / np.log(10.0)  # dB of a natural logarithm
 
 
 @dataclass(frozen=True, eq=False, repr=False)
