@@ -480,7 +480,7 @@ def test_bad_input_is_named_and_leaves_nothing(tmp_path: Path, monkeypatch: pyte
 def test_the_headers_are_those_of_the_standard() -> None:
     """Unchanged copies, each with its own licence (BSD, two clauses)."""
     theirs = Path(fmpy.__file__).parent / "c-code"
-    ours = Path(feeddrive.__file__).parent / "export" / "fmu" / "headers"
+    ours = Path(feeddrive.__file__).parent / "export" / "fmi" / "headers"
     for header in ours.glob("*.h"):
         assert header.read_bytes() == (theirs / header.name).read_bytes()
         assert "2-Clause BSD License" in header.read_text()
