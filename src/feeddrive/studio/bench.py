@@ -238,7 +238,7 @@ def bench_of_responses(
     points, remarks = points_of(sources, loop, Progress())
     control, begun = first_control(None, loop, points)
     measured = [point for point in points if isinstance(point, OperatingPoint)]
-    remarks_ = [*remarks, *([f"to begin with: {begun}"] if begun else [])]
+    all_remarks = [*remarks, *([f"to begin with: {begun}"] if begun else [])]
     title = Path(str(source)).name + ("" if machine is None else f", {machine.name}, axis {name}")
     return Bench(
         title,
@@ -246,7 +246,7 @@ def bench_of_responses(
         sources,
         machine,
         name,
-        tuple(remarks_),
+        tuple(all_remarks),
         from_machine=False,
         file=_named(baseline or ""),
     )

@@ -119,7 +119,7 @@ class Room:
 
     def do(self, name: str, asked: Asked) -> Said:
         """Run an action, by name. Raises ParameterError for an unknown one."""
-        known = [name_ for name_ in dir(self) if getattr(getattr(type(self), name_, None), _MARK, False)]
+        known = [attribute for attribute in dir(self) if getattr(getattr(type(self), attribute, None), _MARK, False)]
         if name == "show":
             return self.show()
         if name not in known:

@@ -155,7 +155,7 @@ class Sessions:
             session = self._held.pop(name[:_KEY], None)
             if session is None:
                 if len(self._held) >= _SESSIONS:
-                    left = next((key for key, session_ in self._held.items() if not session_.heard), None)
+                    left = next((key for key, idle in self._held.items() if not idle.heard), None)
                     if left is None:
                         raise ParameterError(f"{_SESSIONS} pages are open: close one of them, and load this one again")
                     self._held.pop(left).close()

@@ -71,8 +71,8 @@ class Session:
 
     def answer(self, asked: Mapping[str, Any]) -> bytes:
         """Return the message that answers a request of the page: the answer of its room, or the error."""
-        number_ = asked.get("number")
-        number = number_ if isinstance(number_, int) else 0
+        sent = asked.get("number")
+        number = sent if isinstance(sent, int) else 0
         name, _, act = str(asked.get("do")).partition(".")
         try:
             if name == "job":

@@ -53,7 +53,7 @@ def place_of(name: str, folder: Path, promised: int | None = None) -> Path:
 def free_place(folder: Path, name: str) -> Path:
     """Return a free path in a folder for a file of this name."""
     places = chain([folder], (folder / str(i) for i in count(2)))
-    return next(folder_ / name for folder_ in places if not (folder_ / name).exists())
+    return next(place / name for place in places if not (place / name).exists())
 
 
 async def keep(name: str, pieces: AsyncIterator[bytes], folder: Path, promised: int | None = None) -> Path:

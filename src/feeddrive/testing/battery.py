@@ -286,8 +286,8 @@ class Rows:
         assert tree.structure(after) == tree.structure(state)
         # a zero may change its sign, which nothing in a step asks for
         values = [
-            [float(value) + 0.0 for _, value in tree.leaves(state_) if not isinstance(value, Ring)]
-            for state_ in (state, after)
+            [float(value) + 0.0 for _, value in tree.leaves(compared) if not isinstance(value, Ring)]
+            for compared in (state, after)
         ]
         assert _bits(values[0]) == _bits(values[1])
 

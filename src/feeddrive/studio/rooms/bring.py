@@ -122,11 +122,13 @@ class Bring(Room):
         """Assign a role to a column, with a unit or a factor; an empty role removes it."""
         file = self._known(asked)
         guess, column = file.guess, asked.text("column")
-        known = set[str]() if guess is None else {*file.columns, *(column_.name for column_ in guess.mapping.values())}
+        known = (
+            set[str]() if guess is None else {*file.columns, *(assigned.name for assigned in guess.mapping.values())}
+        )
         if guess is None or column not in known:
             raise ParameterError(f"{file.name} has no column {column!r:.60}{nearest(column, known)}")
         role = asked.choice("role", ["", *ROLES])
-        columns = {key: column_ for key, column_ in guess.mapping.items() if column_.name != column and key != role}
+        columns = {key: assigned for key, assigned in guess.mapping.items() if assigned.name != column and key != role}
         reasons = {key: guess.mapping.reasons.get(key, "") for key in columns}
         if role:
             columns[role], reasons[role] = self._column(asked, column), "chosen"
@@ -174,7 +176,7 @@ class Bring(Room):
         file = self._known(asked)
         if file.kind != RESPONSES:
             raise ParameterError(f"{file.name} holds no frequency responses")
-        places = [self._path(name_) for name_ in asked.texts("at")]
+        places = [self._path(other) for other in asked.texts("at")]
         bench = bench_of_responses(
             self._chosen(file, asked),
             at=places,
@@ -198,7 +200,7 @@ class Bring(Room):
 
     def _put(self, machine: str | Path, asked: Asked) -> Said:
         axis = asked.text_or_none("axis")
-        at = [self._path(name_) for name_ in asked.texts("at")]
+        at = [self._path(other) for other in asked.texts("at")]
         file = read_machine(machine)
         if axis is None and len(file.loops) > 1:
             return Said({**self.show().words, "ask_axis": {"name": asked.text("name"), "axes": list(file.loops)}})

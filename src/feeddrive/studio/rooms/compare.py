@@ -74,7 +74,7 @@ class Compare(Room):
         bench = self.desk.needed
         bench.needed_loop()
         names = [candidate.name for candidate in self._candidates()[0]]
-        wanted = tuple(name_ for name_ in names if name_ not in self.left_out)
+        wanted = tuple(law for law in names if law not in self.left_out)
         machine = self.desk.machine()
         request = CompareRequest(
             self.desk.machine_path(),

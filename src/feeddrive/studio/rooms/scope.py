@@ -391,12 +391,12 @@ def _choices(unit: str) -> list[str]:
     if not unit:
         return []
     same_dimension = []
-    for unit_ in _UNITS:
+    for candidate in _UNITS:
         try:
-            units.factor(unit, unit_)
+            units.factor(unit, candidate)
         except ParameterError:
             continue
-        same_dimension.append(unit_)
+        same_dimension.append(candidate)
     return same_dimension if unit in same_dimension else [unit, *same_dimension]
 
 

@@ -70,11 +70,11 @@ class Take(Room):
     @act
     def recipe(self, asked: Asked) -> Said:
         """Export commands, Python or job as a file."""
-        recipe_ = recipe_of(self.desk)
+        steps = recipe_of(self.desk)
         texts = {
-            "commands": ("commands.sh", recipe_.commands),
-            "python": ("recipe.py", recipe_.python),
-            "job": ("before_and_after.toml", recipe_.job),
+            "commands": ("commands.sh", steps.commands),
+            "python": ("recipe.py", steps.python),
+            "job": ("before_and_after.toml", steps.job),
         }
         name, text = texts[asked.choice("kind", texts)]
         if not text:
@@ -108,13 +108,13 @@ class Take(Room):
         bench = self.desk.bench
         if bench is None or bench.loop is None or self.desk.control.guard is not None:
             return []
-        fields_ = list[dict[str, Any]]()
+        rows = list[dict[str, Any]]()
         for name in _BOUNDS:
             declared = declarations(Guard)[name].of_axis(bench.rotary)
             unit = "mm" if declared.unit == "m" else declared.unit
             factor = units.factor(unit, declared.unit) if unit != declared.unit else 1.0
-            fields_.append({"name": name, "meaning": declared.meaning, "unit": unit, "factor": factor})
-        return fields_
+            rows.append({"name": name, "meaning": declared.meaning, "unit": unit, "factor": factor})
+        return rows
 
     @act
     def export(self, asked: Asked) -> None:
