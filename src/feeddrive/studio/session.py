@@ -83,9 +83,9 @@ class Session:
             if name not in self.rooms:
                 raise ParameterError(f"the page asks for '{name:.60}', which is none of {', '.join(self.rooms)}")
             with self._lock:
-                error_text = self.rooms[name].do(act, Asked(asked))
+                shown = self.rooms[name].do(act, Asked(asked))
                 self._tour.heard(f"{name}.{act}")
-                return self._message(number, name, error_text)
+                return self._message(number, name, shown)
         except FeeddriveError as error:
             error_text = str(error)
         except Exception as error:  # the page goes on, and says what to report
