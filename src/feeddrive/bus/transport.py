@@ -53,7 +53,7 @@ class Transport(Protocol):
         """Find the drive; objects can be read and written from here on."""
 
     def read(self, index: int, subindex: int) -> bytes:
-        """The content of an object. Raises RefusedError."""
+        """Return the content of an object. Raises RefusedError."""
         ...
 
     def write(self, index: int, subindex: int, content: bytes) -> None:
@@ -72,7 +72,7 @@ class Transport(Protocol):
         """Set the outputs of the next cycle."""
 
     def take(self, timeout: float) -> bytes | None:
-        """One cycle: send, and return what was received within `timeout` s; None for a lost frame.
+        """Exchange one cycle: send, and return what was received within `timeout` s; None for a lost frame.
 
         Of drives that share a frame all are put before; the first that is taken sends it.
         """
@@ -131,7 +131,7 @@ def _holder(name: bytes) -> str:
 
 
 def read_object(transport: Transport, name: str) -> int:
-    """An object as a number. Raises RefusedError."""
+    """Read an object as a number. Raises RefusedError."""
     entry = OBJECTS[name]
     content = transport.read(entry.index, entry.subindex)
     if len(content) < entry.bits // 8:
@@ -157,7 +157,7 @@ def has_object(transport: Transport, name: str) -> bool:
 
 
 def write_mapping(transport: Transport, first: int, layout: Layout) -> None:
-    """The process data objects from 0x1600 or 0x1A00 on: count 0, entries, count."""
+    """Write the PDOs from 0x1600 or 0x1A00 on: count 0, entries, count."""
     for k, group in enumerate(layout.groups):
         transport.write(first + k, 0, b"\x00")
         for place, name in enumerate(group, start=1):

@@ -29,7 +29,7 @@ SAMPLES, CHANGES, BROKEN = 400, 4, 2e-3
 
 
 def self_test(layout: Layout, seed: int = 0) -> tuple[str, str]:
-    """The program `P_selftest.c` and its samples `P_vectors.h`.
+    """Return the program `P_selftest.c` and its samples `P_vectors.h`.
 
     In double precision the expected outputs are the simulator's; in single precision those of the same operations in
     Python, each rounded to single precision.  The tolerance is none: all bits count.
@@ -336,7 +336,7 @@ def compiler(command: str | None = None) -> list[str]:
 
 
 def version(command: str | None = None) -> str:
-    """The first line of the compiler's version text."""
+    """Return the first line of the compiler's version text."""
     done = subprocess.run(
         [*compiler(command), "--version"],
         capture_output=True,

@@ -290,7 +290,7 @@ def _check_operations(layout: Layout) -> None:
 
 
 def _check_numbers(layout: Layout) -> None:
-    """Every number stored in single precision must be within its range."""
+    """Check that every number stored in single precision is within its range."""
     read = layout.moving_users
     for index, node in enumerate(layout.graph.nodes):
         if node[0] == "const" and read[index] and _too_large(float.fromhex(node[1])):

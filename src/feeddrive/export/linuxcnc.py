@@ -233,12 +233,14 @@ class Item(NamedTuple):
 
 
 def pin(name: str, kind: str, direction: str, meaning: str) -> Item:
-    """A pin."""
+    """Return a pin."""
     return Item(name, kind, direction, plain(meaning))
 
 
 def parameter(variable: Variable) -> Item:
-    """The HAL parameter of a routine's parameter: `axis.x.control.law.Kv` is `law.Kv` of the component `axis-x`."""
+    """Return the HAL parameter of a routine's parameter: `axis.x.control.law.Kv` is `law.Kv` of the
+    component `axis-x`.
+    """
     name = re.sub(r"^axis\.[^.]+\.(control\.|actuator\.(?=motor\.))?", "", variable.path).replace("_", "-")
     return Item(name, "float", "rw", plain(f"{variable.meaning}, {variable.unit or 'no unit'}"))
 

@@ -52,7 +52,7 @@ class Structure:
     fields: Sequence[Declared]
 
     def declared(self) -> Sequence[Declared]:
-        """The fields; a structure without fields is not legal, so it gets one."""
+        """Return the fields; a structure without fields is not legal, so it gets one."""
         return self.fields or [Declared("none", "BOOL", "", "nothing is kept here")]
 
     def text(self) -> str:

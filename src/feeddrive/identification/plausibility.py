@@ -50,7 +50,7 @@ class Range:
         return abs(math.log10(value / self.usual)) if value > 0.0 else 0.0
 
     def bounds(self) -> Text:
-        """The range as text: `20 um to 60 m`."""
+        """Return the range as text: `20 um to 60 m`."""
         most = spoken(self.most, self.unit)
         return Text(f"{spoken(self.least, self.unit)} to {most}" if self.least > 0.0 else f"up to {most}")
 

@@ -50,7 +50,7 @@ class HeldPoles:
         return [_grip(name, "pole of the loop", s, nyquist, units) for name, s in loop_poles], sentence
 
     def moved(self, name: str, s: complex) -> Values:
-        """The numbers with which a pole is at a place (1/s), as near as they take it. Raises ParameterError."""
+        """Return the gains that bring a pole as near as possible to a position (1/s). Raises ParameterError."""
         if not np.isfinite(abs(s)):
             raise ParameterError("a pole must be taken to a finite place")
         if not name.startswith(f"{_LOOP}."):

@@ -211,7 +211,7 @@ class Protected:
 
 
 async def _body(receive: Receive) -> bytes:
-    """The body of a request; empty if it is longer than a password may be."""
+    """Return the body of a request; empty if it is longer than a password may be."""
     found = b""
     while True:
         message = await receive()

@@ -182,7 +182,7 @@ class Outbox:
         self._there.set()
 
     async def take(self) -> bytes:
-        """The message that has waited the longest."""
+        """Return the message that has waited the longest."""
         while not self._held:
             self._there.clear()
             await self._there.wait()

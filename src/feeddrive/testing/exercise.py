@@ -301,7 +301,7 @@ class Exercise(NamedTuple):
         return program.keeping(list(program.outputs)), numbers, tables
 
     def plan(self, lanes: int) -> tuple[Plan, np.ndarray, list[np.ndarray]]:
-        """Its plan, constants (one row each, over the lanes) and tables."""
+        """Return its plan, constants (one row each, over the lanes) and tables."""
         program, numbers, tables = self.program()
         compiled_plan = plan(program, lanes=lanes, varying=list(numbers) if lanes > 1 else ())
         column = np.array([numbers[name] for name, _ in compiled_plan.constants], dtype=float).reshape(
@@ -321,5 +321,5 @@ class Exercise(NamedTuple):
 
 
 def flat(answers: Answers) -> list[Any]:
-    """All numbers; what rings hold shows in what is read from them."""
+    """Return all numbers; the cells of rings show in what is read from them."""
     return [value for _, value in tree.leaves(answers) if not isinstance(value, Ring)]

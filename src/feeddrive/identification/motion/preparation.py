@@ -95,8 +95,8 @@ class Prepared:
 
 
 def prepare(log: MotionLog, how: Preparation) -> Prepared:
-    """The rows of least squares. Raises LogError for a log that is too short for its filters, ParameterError for one
-    that is no MotionLog.
+    """Prepare the rows of least squares. Raises LogError for a log that is too short for its filters, ParameterError
+    for anything but a MotionLog.
     """
     checked(log)
     T = log.sample_time
