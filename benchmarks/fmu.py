@@ -20,7 +20,7 @@ from rounds import machine, measure, table
 from feeddrive import read_machine, simulate
 from feeddrive.blocks import SnapLimitedMove
 from feeddrive.cosimulation import simulate_with_fmu
-from feeddrive.export.fmu.fmu import fmu
+from feeddrive.export.fmu import fmu
 from feeddrive.export.layout import layout
 from feeddrive.loop.routine_trace import controller_routine, plant_routine
 

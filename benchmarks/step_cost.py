@@ -20,9 +20,8 @@ import numpy as np
 import feeddrive as fd
 from feeddrive.blocks.families import Law
 from feeddrive.blocks.plant.two_bodies import lag, two_bodies
-from feeddrive.export.c.bundle import c_files
-from feeddrive.export.cortex_m import write_cortex_m
-from feeddrive.export.cortex_m_builds import Cost, step_cost
+from feeddrive.export.c_bundle import c_files
+from feeddrive.export.cortex_m import Cost, step_cost, write_cortex_m
 from feeddrive.export.design import CONTROL, Design
 from feeddrive.export.layout import layout
 from feeddrive.files.machine import read_machine

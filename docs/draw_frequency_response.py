@@ -14,7 +14,7 @@ import matplotlib as mpl
 
 from feeddrive import plot
 from feeddrive.files.machine import read_machine
-from feeddrive.identification.excitation.design import design_excitation
+from feeddrive.identification.excitation.excitation import design_excitation
 from feeddrive.workflow.excite import rehearsed
 
 IMAGES = Path(__file__).parent / "images"

@@ -20,8 +20,8 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 import feeddrive as fd
 from exported import LOOPS
-from feeddrive.export.c.programs import FLAGS, streamed
-from feeddrive.export.c.text import texts
+from feeddrive.export.c_bundle import FLAGS, streamed
+from feeddrive.export.c_code import texts
 from feeddrive.export.layout import layout
 from feeddrive.export.trial import trial
 from feeddrive.files.machine import read_machine

@@ -33,8 +33,7 @@ from feeddrive.bus.play import listened, play_profile, play_together
 from feeddrive.bus.profile import Profile
 from feeddrive.bus.transport import Claim, read_object, write_object
 from feeddrive.bus.virtual import ethercat_slave
-from feeddrive.bus.virtual.driven_axis import DrivenAxis
-from feeddrive.bus.virtual.firmware import Firmware, PdoMap
+from feeddrive.bus.virtual.firmware import DrivenAxis, Firmware, PdoMap
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.simulate import simulate

@@ -12,7 +12,7 @@ import zipfile
 from pathlib import Path
 
 import feeddrive
-from feeddrive.export.c.programs import compiler
+from feeddrive.export.c_bundle import compiler
 
 DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="slide" guid="{a-foreign-guid}" variableNamingConvention="structured">
@@ -122,7 +122,7 @@ def slide(folder: Path, *, description: str = DESCRIPTION, place: str | None = N
     """The FMU as a file; `place` is the folder of its binary, by default the one of this machine."""
     import fmpy
 
-    headers = Path(feeddrive.__file__).parent / "export" / "fmu" / "headers"
+    headers = Path(feeddrive.__file__).parent / "export" / "fmi" / "headers"
     source, library = folder / "slide.c", folder / "slide.so"
     if not library.exists():
         source.write_text(SOURCE, encoding="utf-8")

@@ -6,7 +6,7 @@ from functools import cache
 
 import pytest
 
-from feeddrive.export.linuxcnc.session import check_session
+from feeddrive.export.linuxcnc_session import check_session
 from feeddrive.language.errors import FeeddriveError
 
 

@@ -43,7 +43,7 @@ LACKING = {
 OTHERWISE = {"os": "kill"}
 # of Linux by what they do, so that nothing else reaches them: only encodings are looked at
 OF_LINUX = {
-    "export/linuxcnc/session.py": "runs LinuxCNC, whose programs are looked for first",
+    "export/linuxcnc_session.py": "runs LinuxCNC, whose programs are looked for first",
     "mutants.py": "a tool of `make mutate`, which forks after its imports",
     "bus_bench.py": "tests of bus/",
     "bus_scenarios.py": "tests of bus/",

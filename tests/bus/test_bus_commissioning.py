@@ -8,8 +8,7 @@ import pytest
 
 from bus_bench import LIMITS, drive
 from feeddrive.bus.cia402 import AT, DEVICE_NAME, OBJECTS, Layout
-from feeddrive.bus.client import DriveClient
-from feeddrive.bus.commissioning import check_scaling, identify, write_cycle_time, write_limits
+from feeddrive.bus.client import DriveClient, check_scaling, identify, write_cycle_time, write_limits
 from feeddrive.bus.drive_file import DriveScaling
 from feeddrive.bus.transport import RefusedError
 from feeddrive.language.errors import BusError

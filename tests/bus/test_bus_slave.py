@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from bus_bench import SCALING, T, bench_loop
 from feeddrive.bus.cia402 import OBJECTS
-from feeddrive.bus.virtual.driven_axis import DrivenAxis
 from feeddrive.bus.virtual.ethercat_slave import (
     INIT,
     INPUTS,
@@ -23,7 +22,7 @@ from feeddrive.bus.virtual.ethercat_slave import (
     SlaveController,
     eeprom,
 )
-from feeddrive.bus.virtual.firmware import Firmware
+from feeddrive.bus.virtual.firmware import DrivenAxis, Firmware
 
 APRD, APWR, FPRD, FPWR, BRD, BWR, LRD, LWR, LRW = 1, 2, 4, 5, 7, 8, 10, 11, 12
 STATION = 0x1001

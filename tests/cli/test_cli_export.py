@@ -340,7 +340,7 @@ def test_no_compiler_names_the_package(
     out = tmp_path / "c"
     exported(out, str(machine), "--target", "c")
     monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.setattr("feeddrive.export.c.programs.importlib.util.find_spec", lambda _: None)
+    monkeypatch.setattr("feeddrive.export.c_bundle.importlib.util.find_spec", lambda _: None)
     text = said(capsys, "verify", str(out), "--samples", "100")
     assert "'gcc', which is not found" in text
     assert "apt-get install gcc libc6-dev" in text

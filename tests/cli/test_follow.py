@@ -140,7 +140,7 @@ def test_a_drive_is_sampled_over_its_bus_and_neither_enabled_nor_held(
 @needs_linuxcnc
 def test_halsampler_of_a_real_linuxcnc_through_a_pipe(tmp_path: Path) -> None:
     """HAL counts periods of 1 ms: the window of numbers of samples around the trigger has each of them once."""
-    from feeddrive.export.linuxcnc.session import session
+    from feeddrive.export.linuxcnc_session import session
 
     lines = [
         "loadrt threads name1=servo-thread period1=1000000", "loadrt siggen", "loadrt sampler depth=4000 cfg=ff",

@@ -13,7 +13,7 @@ from feeddrive.blocks.plant.three_mass_chain import ThreeMassChain
 from feeddrive.cli.commands import app
 from feeddrive.files.frf import write_frf
 from feeddrive.files.machine import read_machine
-from feeddrive.identification.response.two_mass_fit import fit_two_mass
+from feeddrive.identification.response.plant_fit import fit_two_mass
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.frequency_response import FRF

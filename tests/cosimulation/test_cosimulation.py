@@ -20,8 +20,8 @@ from feeddrive.cli.commands import app
 from feeddrive.cosimulation import simulate_with_fmu
 from feeddrive.cosimulation.fmu import importer
 from feeddrive.cosimulation.simulate_with_fmu import cosimulate, write_cosimulation
-from feeddrive.export.c import programs
-from feeddrive.export.fmu.fmu import fmu
+from feeddrive.export import c_bundle
+from feeddrive.export.fmu import fmu
 from feeddrive.export.layout import layout
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import read_machine
@@ -41,7 +41,7 @@ from slow_share import all_but
 
 pytest.importorskip("fmpy", reason="NOT TESTED: an FMU runs through FMPy: pip install 'feeddrive[fmu]'")
 try:
-    programs.compiler()
+    c_bundle.compiler()
 except MissingProgramError as missing:
     pytest.skip(str(missing), allow_module_level=True)
 

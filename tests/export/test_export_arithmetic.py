@@ -12,12 +12,10 @@ import numpy as np
 import pytest
 
 from exported import LOOPS
-from feeddrive.export import cortex_m_builds
-from feeddrive.export.c.arithmetic import CODE, SENTENCE
-from feeddrive.export.c.bundle import c_files
-from feeddrive.export.c.programs import streamed
-from feeddrive.export.cortex_m import write_cortex_m
-from feeddrive.export.cortex_m_builds import EmulatorError
+from feeddrive.export import cortex_m
+from feeddrive.export.c_bundle import c_files, streamed
+from feeddrive.export.c_code import CODE, SENTENCE
+from feeddrive.export.cortex_m import EmulatorError, write_cortex_m
 from feeddrive.export.design import Design, read_design
 from feeddrive.export.trial import trial
 from feeddrive.language.errors import FileError
@@ -219,13 +217,13 @@ def test_an_fmu_refuses_with_the_reason(tmp_path: Path, monkeypatch: pytest.Monk
 
 @pytest.mark.slow(reason="a bundle in the emulator; the check of single precision is that of the host")
 def test_a_microcontroller_refuses(tmp_path: Path) -> None:
-    missing = [each for each in cortex_m_builds.PACKAGES if shutil.which(each) is None]
+    missing = [each for each in cortex_m.PACKAGES if shutil.which(each) is None]
     if missing:
-        pytest.skip(f"NOT TESTED on a Cortex-M: apt-get install {' '.join(cortex_m_builds.PACKAGES.values())}")
+        pytest.skip(f"NOT TESTED on a Cortex-M: apt-get install {' '.join(cortex_m.PACKAGES.values())}")
     bundle = tmp_path / "bundle"
     write_cortex_m(read_design("ball_screw", precision="float"), bundle)
     with pytest.raises(EmulatorError, match="compile without -funsafe-math-optimizations"):
-        cortex_m_builds._made(bundle, "OPTIMISE=-O2 -funsafe-math-optimizations", "selftest")
+        cortex_m._made(bundle, "OPTIMISE=-O2 -funsafe-math-optimizations", "selftest")
     silent = " ".join(SILENT)
     for flags in ("-funsafe-math-optimizations", "-freciprocal-math", "-ffp-contract=fast"):
         words = f"OPTIMISE=-O2 -ffp-contract=off {flags} {silent}"
@@ -233,7 +231,7 @@ def test_a_microcontroller_refuses(tmp_path: Path) -> None:
         made = bundle / "Makefile"
         made.write_text(made.read_text().replace("-ffp-contract=off", ""), encoding="utf-8")
         with pytest.raises(EmulatorError, match=f"rule {CODE} is broken"):
-            cortex_m_builds._made(bundle, words, "selftest")
+            cortex_m._made(bundle, words, "selftest")
 
 
 @needs_linuxcnc

@@ -15,13 +15,13 @@ from jinja2 import UndefinedError
 import feeddrive as fd
 from exported import LAWS, LOOPS, ONE, PPI, TWO, T
 from exported import loop as a_loop
-from feeddrive.export.c.programs import self_test, stepped, streamed
-from feeddrive.export.c.text import header_only, texts
+from feeddrive.export.c_bundle import self_test, stepped, streamed
+from feeddrive.export.c_code import header_only, texts
 from feeddrive.export.design import read_design
-from feeddrive.export.fmu.description import model_description, variables
+from feeddrive.export.fmu import model_description, variables
 from feeddrive.export.layout import Layout, layout
 from feeddrive.export.manifest import readme
-from feeddrive.export.structured_text.controller import program
+from feeddrive.export.structured_text_control import program
 from feeddrive.export.trial import BROKEN, Trial, trial
 from feeddrive.loop.guard import TRIP_COMMAND, TRIP_READING
 from feeddrive.loop.routine_run import run

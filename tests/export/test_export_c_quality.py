@@ -12,9 +12,8 @@ import pytest
 
 from export.parameter_cases import one_for_each_rule
 from exported import LOOPS
-from feeddrive.export.c.programs import self_test
-from feeddrive.export.c.statements import FUNCTIONS
-from feeddrive.export.c.text import texts
+from feeddrive.export.c_bundle import self_test
+from feeddrive.export.c_code import FUNCTIONS, texts
 from feeddrive.export.layout import layout
 from feeddrive.loop.routine_trace import controller_routine
 from slow_share import all_but

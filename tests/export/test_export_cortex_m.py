@@ -14,9 +14,8 @@ import pytest
 
 import feeddrive as fd
 from exported import LAWS, LOOPS
-from feeddrive.export.c.programs import streamed
-from feeddrive.export.cortex_m import write_cortex_m
-from feeddrive.export.cortex_m_builds import CORES, EmulatorError, answers, find_core, self_test, step_cost
+from feeddrive.export.c_bundle import streamed
+from feeddrive.export.cortex_m import CORES, EmulatorError, answers, find_core, self_test, step_cost, write_cortex_m
 from feeddrive.export.design import CONTROL, Design, read_design
 from feeddrive.export.layout import layout
 from feeddrive.export.trial import trial

@@ -15,10 +15,10 @@ import pytest
 import feeddrive
 from feeddrive import simulate
 from feeddrive.blocks import SnapLimitedMove
-from feeddrive.export.c import programs
+from feeddrive.export import c_bundle
+from feeddrive.export import fmu as binary
 from feeddrive.export.design import CONTROL, PLANT, read_design
-from feeddrive.export.fmu import fmu as binary
-from feeddrive.export.fmu.fmu import fmu, write_fmu
+from feeddrive.export.fmu import fmu, write_fmu
 from feeddrive.export.layout import layout
 from feeddrive.export.trial import trial
 from feeddrive.export.verify import verify_export
@@ -38,7 +38,7 @@ from exported import LAWS, LOOPS  # noqa: E402
 from fmus import Played  # noqa: E402
 
 try:
-    programs.compiler()
+    c_bundle.compiler()
 except MissingProgramError as missing:
     pytest.skip(str(missing), allow_module_level=True)
 
@@ -398,7 +398,7 @@ def test_a_careless_importer_meets_no_undefined_behavior(made: Path, tmp_path: P
     sources = sorted(map(str, (tmp_path / "sources").glob("*.c")))
     program = str(tmp_path / "program")
     words = [
-        *programs.compiler(),
+        *c_bundle.compiler(),
         *flags,
         "-I",
         str(tmp_path / "sources"),
@@ -468,8 +468,8 @@ def test_bad_input_is_named_and_leaves_nothing(tmp_path: Path, monkeypatch: pyte
     with pytest.raises(FileError, match="no such flag"):
         write_fmu(design, tmp_path / "a")
     monkeypatch.undo()
-    monkeypatch.setattr(programs.shutil, "which", lambda _: None)
-    monkeypatch.setattr(programs.importlib.util, "find_spec", lambda _: None)
+    monkeypatch.setattr(c_bundle.shutil, "which", lambda _: None)
+    monkeypatch.setattr(c_bundle.importlib.util, "find_spec", lambda _: None)
     with pytest.raises(MissingProgramError, match="apt-get install gcc"):
         write_fmu(design, tmp_path / "a")
     assert sorted(each.name for each in tmp_path.iterdir()) == ["mine"]
@@ -480,7 +480,7 @@ def test_bad_input_is_named_and_leaves_nothing(tmp_path: Path, monkeypatch: pyte
 def test_the_headers_are_those_of_the_standard() -> None:
     """Unchanged copies, each with its own licence (BSD, two clauses)."""
     theirs = Path(fmpy.__file__).parent / "c-code"
-    ours = Path(feeddrive.__file__).parent / "export" / "fmu" / "headers"
+    ours = Path(feeddrive.__file__).parent / "export" / "fmi" / "headers"
     for header in ours.glob("*.h"):
         assert header.read_bytes() == (theirs / header.name).read_bytes()
         assert "2-Clause BSD License" in header.read_text()

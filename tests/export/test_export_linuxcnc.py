@@ -14,13 +14,22 @@ import pytest
 
 import feeddrive as fd
 from exported import LAWS
-from feeddrive.export.c.text import texts
+from feeddrive.export import linuxcnc_session as session
+from feeddrive.export.c_code import texts
 from feeddrive.export.design import read_design
 from feeddrive.export.layout import layout
-from feeddrive.export.linuxcnc import component, session
-from feeddrive.export.linuxcnc.bundle import limits, write_linuxcnc
-from feeddrive.export.linuxcnc.component import controller_comp, core
-from feeddrive.export.linuxcnc.session import HalError, answers, halrun
+from feeddrive.export.linuxcnc import (
+    STOCK,
+    check_component,
+    controller_comp,
+    core,
+    hal,
+    limits,
+    pin,
+    servo_period,
+    write_linuxcnc,
+)
+from feeddrive.export.linuxcnc_session import HalError, answers, halrun
 from feeddrive.export.trial import trial
 from feeddrive.language.errors import FileError, MissingProgramError, ParameterError, StructureError
 from feeddrive.loop.routine_run import run
@@ -123,7 +132,7 @@ def test_closed_loop_in_hal_is_the_simulation(exported, tmp_path, machine, axis)
     expected = fd.simulate(loop, move, record=signals)
     time = expected.time
     given = np.column_stack([*move.at(time), np.ones(time.size)])
-    c, p = component.hal(routine.name), component.hal(f"{routine.name}_plant")
+    c, p = hal(routine.name), hal(f"{routine.name}_plant")
     two = len(routine.inputs) == 8
     commands = ["position-cmd", "velocity-cmd", "acceleration-cmd", "jerk-cmd", "snap-cmd", "enable"]
     wiring = [
@@ -140,7 +149,7 @@ def test_closed_loop_in_hal_is_the_simulation(exported, tmp_path, machine, axis)
         f"net trip {c}.trip-code => sampler.0.pin.5",
     ]  # fmt: skip
     components = [place / f"{routine.name}.comp", place / f"{routine.name}_plant.comp"]
-    got = halrun(components, tmp_path, component.period(routine), wiring, given, "fffffb", "fffffs").rows
+    got = halrun(components, tmp_path, servo_period(routine), wiring, given, "fffffb", "fffffs").rows
     assert same_bits(got, np.column_stack([expected[each] for each in signals]))
     assert np.max(np.abs(expected["position_load"])) > 0.019
 
@@ -283,7 +292,7 @@ def test_a_thread_of_another_period_is_a_fault(exported, tmp_path):
     """The law is made for 1 ms: at 1.002 ms it does not run, at 1.0005 ms it does."""
     design, place = exported("emps")
     routine = design.routine
-    assert component.period(routine) == 1_000_000
+    assert servo_period(routine) == 1_000_000
     inputs = np.zeros((50, len(routine.inputs)))
     inputs[:, 0], inputs[:, -1] = 1e-4, 1.0
     for period, code in ((1_002_000, 11.0), (1_000_500, 0.0)):
@@ -350,7 +359,7 @@ def test_directory_says_all(exported):
         assert each in wiring
     assert "emergency stop" in readme
     assert "uncoupled" in readme
-    assert f"SERVO_PERIOD = {component.period(design.routine)}" in readme
+    assert f"SERVO_PERIOD = {servo_period(design.routine)}" in readme
 
 
 def test_writing_twice_gives_the_same_bytes(exported, tmp_path):
@@ -374,7 +383,7 @@ def test_wiring_is_taken_by_the_real_motion_module(tmp_path, machine, axis):
     for file in place.glob("*.hal"):
         (tmp_path / file.name).write_text(file.read_text().replace("#   setp", "setp"))
     values = {"[KINS]KINEMATICS": f"trivkins coordinates={'XY'[: 'xy'.index(axis) + 1]}", "[EMCMOT]EMCMOT": "motmod",
-              "[EMCMOT]SERVO_PERIOD": str(component.period(design.routine)),
+              "[EMCMOT]SERVO_PERIOD": str(servo_period(design.routine)),
               "[KINS]JOINTS": str("xy".index(axis) + 1)}  # fmt: skip
     desk = (tmp_path / "desk.hal").read_text()
     for key, value in values.items():
@@ -384,7 +393,7 @@ def test_wiring_is_taken_by_the_real_motion_module(tmp_path, machine, axis):
     components = [place / f"{name}.comp", place / f"{name}_plant.comp"]
     printed = session.session(tmp_path, components, "halrun -f desk.hal")
     order = [line.split()[-1] for line in printed.splitlines() if line.split()[-1:] and "servo" not in line]
-    assert f"{component.hal(name)}" in order
+    assert f"{hal(name)}" in order
     shown = [line for line in printed.splitlines() if "setp" in line or "error" in line.lower()]
     assert not shown, printed
 
@@ -437,18 +446,18 @@ def test_names_that_hal_cannot_have(tmp_path):
         with pytest.raises(ParameterError, match=reason):
             write_linuxcnc(design, tmp_path / name)
         assert not (tmp_path / name).exists()
-    item = component.pin("a-b", "bit", "in", "")
+    item = pin("a-b", "bit", "in", "")
     with pytest.raises(StructureError, match="one name"):
-        component.check_component("axis_x", (), [item, component.pin("a.b", "bit", "in", "")])
+        check_component("axis_x", (), [item, pin("a.b", "bit", "in", "")])
 
 
 @needs_linuxcnc
 def test_stock_components_are_known():
     """The list holds what the installed LinuxCNC brings; a name of them would be replaced."""
     installed = {each.stem for each in Path(session.MODULES).glob("*.so")}
-    assert {"pid", "motmod", "streamer"} <= component.STOCK
-    assert len(installed & component.STOCK) > 100
-    assert "axis_x" not in component.STOCK
+    assert {"pid", "motmod", "streamer"} <= STOCK
+    assert len(installed & STOCK) > 100
+    assert "axis_x" not in STOCK
 
 
 @pytest.mark.parametrize(
@@ -458,7 +467,7 @@ def test_sample_times_that_no_thread_has(sample_time, reason):
     design = read_design("emps")
     routine = replace(design.routine, origin=_timed(design.routine.origin, sample_time))
     with pytest.raises(ParameterError, match=reason):
-        component.period(routine)
+        servo_period(routine)
 
 
 def _timed(loop, sample_time):

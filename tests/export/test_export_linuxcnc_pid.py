@@ -13,14 +13,21 @@ from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
 from feeddrive.blocks.families import Reference
 from feeddrive.blocks.reference.jerk_limited_move import JerkLimitedMove
-from feeddrive.export.c.text import texts
+from feeddrive.export.c_code import texts
 from feeddrive.export.design import Design, read_design
+from feeddrive.export.drive_quantities import Cascade, read_cascade
 from feeddrive.export.layout import layout
-from feeddrive.export.linuxcnc.component import core, plant_comp
-from feeddrive.export.linuxcnc.session import halrun, session
-from feeddrive.export.linuxcnc_pid import write_linuxcnc_pid
-from feeddrive.export.parameters.quantities import Cascade, read_cascade
-from feeddrive.export.stock_pids import ROUTES, difference, moves, require_stable_pids, stock_law, stock_loop
+from feeddrive.export.linuxcnc import core, plant_comp
+from feeddrive.export.linuxcnc_pid import (
+    ROUTES,
+    difference,
+    moves,
+    require_stable_pids,
+    stock_law,
+    stock_loop,
+    write_linuxcnc_pid,
+)
+from feeddrive.export.linuxcnc_session import halrun, session
 from feeddrive.language.errors import FileError, ParameterError, StructureError, UnstableError
 from feeddrive.loop.lifting import loop_gain
 from feeddrive.loop.loop import Loop

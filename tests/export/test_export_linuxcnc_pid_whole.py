@@ -10,11 +10,10 @@ import pytest
 from export.test_export_linuxcnc_whole import PROGRAM, RUNNER
 from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
 from feeddrive.export.design import read_design
-from feeddrive.export.linuxcnc.bundle import write_linuxcnc
-from feeddrive.export.linuxcnc.session import session
-from feeddrive.export.linuxcnc_pid import write_linuxcnc_pid
-from feeddrive.export.parameters.quantities import read_cascade
-from feeddrive.export.stock_pids import period, stock_law
+from feeddrive.export.drive_quantities import read_cascade
+from feeddrive.export.linuxcnc import write_linuxcnc
+from feeddrive.export.linuxcnc_pid import period, stock_law, write_linuxcnc_pid
+from feeddrive.export.linuxcnc_session import session
 from hal_programs import needs_linuxcnc
 
 pytestmark = [pytest.mark.slow(reason="LinuxCNC as a whole runs a program in its own time"), needs_linuxcnc]

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from feeddrive.export import linuxcnc_session as session
 from feeddrive.export.design import read_design
-from feeddrive.export.linuxcnc import component, session
-from feeddrive.export.linuxcnc.bundle import write_linuxcnc
-from feeddrive.export.linuxcnc.session import HalError
+from feeddrive.export.linuxcnc import hal, input_pin, write_linuxcnc
+from feeddrive.export.linuxcnc_session import HalError
 from feeddrive.language.errors import MissingProgramError
 from feeddrive.loop.routine_run import run
 
@@ -116,8 +116,8 @@ def test_every_servo_cycle_of_a_program_is_the_simulators(tmp_path, machine, axi
     (folder / "program.ngc").write_text(PROGRAM.format(axis=letter))
     (folder / "runner.py").write_text(RUNNER.replace("{index}", str(index)))
     (folder / "runner.py").chmod(0o755)
-    c, p = component.hal(routine.name), component.hal(f"{routine.name}_plant")
-    pins = [f"{c}.{component.input_pin(v.name)}" for v in routine.inputs]
+    c, p = hal(routine.name), hal(f"{routine.name}_plant")
+    pins = [f"{c}.{input_pin(v.name)}" for v in routine.inputs]
     pins += [f"{c}.{pin}" for pin in ("force-cmd", "drive-cmd", "trip-code", "running", "fault-code")]
     pins.append(f"{p}.load-position")
     kinds = "".join(

@@ -12,7 +12,7 @@ import feeddrive as fd
 from export.test_export_c import WHY, files, laid_out, same_bits
 from exported import LOOPS
 from feeddrive.blocks import GeneralizedPredictive, PolePlacement
-from feeddrive.export.c.programs import streamed
+from feeddrive.export.c_bundle import streamed
 from feeddrive.export.trial import Trial
 from feeddrive.language import tree
 from feeddrive.loop.routine import Routine

@@ -23,12 +23,11 @@ from feeddrive.blocks.filter.notch import Notch
 from feeddrive.blocks.filter.second_order import SecondOrder
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
-from feeddrive.export import stock_pids
+from feeddrive.export import linuxcnc_pid
 from feeddrive.export.design import Design, read_design
-from feeddrive.export.parameters.bundle import MAKERS, write_parameters
-from feeddrive.export.parameters.maker import lines_of
-from feeddrive.export.parameters.quantities import CONSEQUENCES, DriveTrain, drive_train, items, lost, read_cascade
-from feeddrive.export.parameters.sinumerik import SINUMERIK
+from feeddrive.export.drive_quantities import CONSEQUENCES, DriveTrain, drive_train, items, lost, read_cascade
+from feeddrive.export.makers import SINUMERIK, lines_of
+from feeddrive.export.parameters import MAKERS, write_parameters
 from feeddrive.language.errors import FileError, ParameterError, StructureError
 from feeddrive.loop.control import Control
 from feeddrive.loop.guard import Guard
@@ -315,9 +314,10 @@ def test_every_item_of_a_design_is_held_or_stands_in_the_table(target: str) -> N
     more = (DisturbanceCompensator(mass=10.0, viscous=5.0, coulomb_positive=20.0, coulomb_negative=20.0,
                                    jerk_feedforward=0.1),)  # fmt: skip
     friction = (Inertia(mass=10.0), FrictionFeedforward(coulomb_positive=10.0, coulomb_negative=10.0))
-    held, outside = (
-        (stock_pids.HELD, stock_pids.OUTSIDE) if target == "linuxcnc" else (MAKERS[target].held, MAKERS[target].outside)
-    )
+    if target == "linuxcnc":
+        held, outside = linuxcnc_pid.HELD, linuxcnc_pid.OUTSIDE
+    else:
+        held, outside = MAKERS[target].held, MAKERS[target].outside
     kinds = set()
     for feedforward in (loop.control.feedforward, more, friction):
         cascade = read_cascade(replace(loop, control=replace(loop.control, feedforward=feedforward)))

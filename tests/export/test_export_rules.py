@@ -22,11 +22,11 @@ from feeddrive.blocks.catalogue import catalogue
 from feeddrive.blocks.controller import active_disturbance_rejection
 from feeddrive.blocks.families import Compensation, Feedforward, Filter, Law, Motor, Observer, Prefilter
 from feeddrive.cosimulation.fmu import Instance, opened
-from feeddrive.export.c.text import header_only, texts
-from feeddrive.export.fmu.fmu import fmu, library_place
+from feeddrive.export.c_code import header_only, texts
+from feeddrive.export.fmu import fmu, library_place
 from feeddrive.export.identifiers import ascii_text
 from feeddrive.export.layout import layout
-from feeddrive.export.structured_text.controller import program
+from feeddrive.export.structured_text_control import program
 from feeddrive.language import tree
 from feeddrive.loop.routine import Routine
 from feeddrive.loop.routine_trace import controller_routine, plant_routine

@@ -20,11 +20,11 @@ from blark.parse import parse_source_code
 
 import feeddrive as fd
 from exported import LAWS, LOOPS, T
-from feeddrive.export.c.programs import stepped
+from feeddrive.export.c_bundle import stepped
 from feeddrive.export.design import read_design
 from feeddrive.export.layout import layout
-from feeddrive.export.structured_text.bundle import NAMESPACE, structured_text_files, write_structured_text
-from feeddrive.export.structured_text.controller import Program, program
+from feeddrive.export.structured_text import NAMESPACE, structured_text_files, write_structured_text
+from feeddrive.export.structured_text_control import Program, program
 from feeddrive.export.trial import Trial, trial
 from feeddrive.language.errors import FileError, ParameterError, StructureError
 from feeddrive.loop.guard import TRIP_READING
@@ -187,7 +187,7 @@ def test_what_is_too_much_for_a_plc_is_fixed_and_said_so() -> None:
         made.program.names
     )
     (design,) = (each for each in made.program.structures if each.name == "axis_x_design")
-    assert "axis.x.control.law.observer.omega_o = 150.0 rad/s" in design.said
+    assert "axis.x.control.law.observer.omega_o = 150.0 rad/s" in design.comment
     assert not exported("cascade_ppi").program.fixed.parameters
 
 

@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 from structured_text_machine import program
 
-from feeddrive.export.structured_text.statements import Section
-from feeddrive.export.structured_text.units import INPUTS, VARIABLES, Declared, Unit
+from feeddrive.export.structured_text_code import INPUTS, VARIABLES, Declared, Section, Unit
 from feeddrive.language import ops
 from feeddrive.language.graph import Graph
 

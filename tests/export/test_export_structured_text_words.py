@@ -14,8 +14,7 @@ from structured_text_grammar import IllegalTextError
 from structured_text_machine import program
 
 from feeddrive.export.identifiers import bare
-from feeddrive.export.structured_text.functions import functions
-from feeddrive.export.structured_text.units import decimal, literal
+from feeddrive.export.structured_text_code import decimal, functions, literal
 from feeddrive.language import mathematics, ops
 from feeddrive.language.graph import ELEMENTARY, Graph
 from feeddrive.language.single import single_values

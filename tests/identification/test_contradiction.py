@@ -79,7 +79,7 @@ SEEDS = [4, 6, 10, 16, 17, 18, 20, 21, *range(30, 42)]
 )
 def test_a_force_in_half_of_the_rows_speaks_against_no_law_and_for_no_other(size: float, seed: int) -> None:
     """28 of 120 such logs were refused with the law that ran: its rows were sought about the median of all."""
-    from feeddrive.identification.motion.law_check import check_law
+    from feeddrive.identification.motion.control_law import check_law
 
     def accepted(log: MotionLog, Kv: float = 1.0, Kp: float = 1.0, Tn: float | None = None) -> bool:
         law = fd.blocks.CascadePPI(Kv=160.18 * Kv, Kp=8557.0 * Kp, Tn=Tn, velocity_samples=2, velocity_feedforward=0.0)
@@ -101,7 +101,7 @@ def test_an_added_force_hides_no_wrong_gain() -> None:
 
 def test_the_dead_time_that_is_worse_for_the_other_way_is_not_taken() -> None:
     """A fit that has got four samples too many is brought back, and both ways are quoted with residuals and errors."""
-    from feeddrive.identification.motion.contradiction import agreed
+    from feeddrive.identification.motion.identify import agreed
 
     log = pushed(0.0)
     delay = find_delay(log)
@@ -121,7 +121,7 @@ def test_the_dead_time_that_is_worse_for_the_other_way_is_not_taken() -> None:
 
 
 def test_of_two_masses_that_contradict_each_other_the_one_is_taken_that_leaves_less_force() -> None:
-    from feeddrive.identification.motion.contradiction import better
+    from feeddrive.identification.motion.identify import better
     from feeddrive.identification.motion.preparation import Preparation
     from feeddrive.identification.motion.rigid import identify_rigid
 

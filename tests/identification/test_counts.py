@@ -10,8 +10,7 @@ from drive_logs import disturbance
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
-from feeddrive.identification.motion.counts import at_rest, count_of
-from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.motion.motion_log import MotionLog, at_rest, count_of
 from feeddrive.identification.motion.output_error import refine
 from feeddrive.language import tree
 from feeddrive.loop.simulate import simulate

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
-from feeddrive.identification.excitation.design import (
+from feeddrive.identification.excitation.estimate_frf import estimate_frf
+from feeddrive.identification.excitation.excitation import (
+    Excitation,
     crest_factor,
     design_excitation,
     grid_lines,
@@ -16,8 +18,6 @@ from feeddrive.identification.excitation.design import (
     schroeder_phases,
     summed,
 )
-from feeddrive.identification.excitation.estimate_frf import estimate_frf
-from feeddrive.identification.excitation.excitation import Excitation
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.loop.linearize import linearize
 from slow_share import all_but

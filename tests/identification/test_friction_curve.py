@@ -8,9 +8,8 @@ import pytest
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.friction.directional import Directional
 from feeddrive.blocks.friction.stribeck import Stribeck
-from feeddrive.identification.friction_curve import CANDIDATES, fit_friction
+from feeddrive.identification.friction_curve import CANDIDATES, fit_friction, runs_of, steady_runs
 from feeddrive.identification.regression import strays
-from feeddrive.identification.steady_runs import runs_of, steady_runs
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 from slow_share import all_but
 

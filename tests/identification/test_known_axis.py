@@ -16,8 +16,7 @@ from feeddrive.blocks.plant.modal import Modal
 from feeddrive.blocks.plant.mode import Mode
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.reference.recorded import Recorded
-from feeddrive.identification.motion.identify import identify_motion
-from feeddrive.identification.motion.known_axis import own_viscous
+from feeddrive.identification.motion.identify import identify_motion, own_viscous
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError

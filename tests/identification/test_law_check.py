@@ -115,7 +115,7 @@ def coarse(seed: int) -> tuple[MotionLog, Pid, Drive]:
 
 def used(seed: int) -> bool:
     """True if the true law of a log with coarse counts is used; its mass must be right, and wrong laws be refused."""
-    from feeddrive.identification.motion.law_check import check_law
+    from feeddrive.identification.motion.control_law import check_law
 
     log, law, drive = coarse(seed)
     found = identify_motion(log, loop_of(law_of(law), drive, 1e-3))
@@ -210,7 +210,7 @@ def wrongs(law: Cascade | Pid) -> list[tuple[str, float]]:
 
 def judged(seeds: range, logs: int) -> Counter[tuple[bool, bool]]:
     """(right, accepted) -> count, of every law of every log; right ones go through the whole of identify."""
-    from feeddrive.identification.motion.law_check import check_law
+    from feeddrive.identification.motion.control_law import check_law
 
     found: Counter[tuple[bool, bool]] = Counter()
     for seed in seeds:

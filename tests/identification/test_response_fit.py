@@ -13,10 +13,14 @@ from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.plant.modal import Modal
 from feeddrive.blocks.plant.mode import Mode
 from feeddrive.blocks.plant.three_mass_chain import ThreeMassChain
-from feeddrive.identification.response.modal_fit import fit_modes
-from feeddrive.identification.response.modal_response import common_poles
-from feeddrive.identification.response.plant_fit import SensorLines, TracedPlant
-from feeddrive.identification.response.two_mass_fit import fit_modal_axis, fit_plant, fit_two_mass
+from feeddrive.identification.response.modal_fit import common_poles, fit_modes
+from feeddrive.identification.response.plant_fit import (
+    SensorLines,
+    TracedPlant,
+    fit_modal_axis,
+    fit_plant,
+    fit_two_mass,
+)
 from feeddrive.identification.response.units import response_units
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, NotIdentifiableError, ParameterError

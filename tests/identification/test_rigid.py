@@ -12,8 +12,7 @@ from drive_logs import TRUTH, T, changed, loop, set_positions, simulated
 from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.identification.motion.control_law import identify_control
 from feeddrive.identification.motion.delay import find_delay
-from feeddrive.identification.motion.identify import identify_motion
-from feeddrive.identification.motion.known_axis import with_rigid
+from feeddrive.identification.motion.identify import identify_motion, with_rigid
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.output_error import refine
 from feeddrive.identification.motion.preparation import JANOT, central_difference, decimated, kept, zero_phase

@@ -19,8 +19,8 @@ from feeddrive.blocks.friction.stribeck import Stribeck
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.signals import Motion, Noise, Setpoint
-from feeddrive.export.c.programs import streamed
-from feeddrive.export.c.text import texts
+from feeddrive.export.c_bundle import streamed
+from feeddrive.export.c_code import texts
 from feeddrive.export.layout import layout
 from feeddrive.export.trial import Trial
 from feeddrive.language import ops, tree

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 import feeddrive as fd
 from feeddrive.cli import commands
-from feeddrive.export.linuxcnc.session import session
+from feeddrive.export.linuxcnc_session import session
 from feeddrive.files.machine import machine_toml, planned_limits, read_machine
 from feeddrive.language import tree
 from feeddrive.language.errors import CancelledError, FeeddriveError, ParameterError

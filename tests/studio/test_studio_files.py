@@ -160,7 +160,7 @@ def test_a_law_that_is_taken_twice_leaves_the_one_before_to_an_undo(tmp_path: Pa
     for share in (1.1, 1.3):
         name = next(each for each in session.desk.values if each.endswith("Kp"))
         control = tree.vary(start, {name: share * session.desk.needed.before.values[name]})
-        room.found, machine = Shown({}, controls={"P-PI": control}), session.desk.machine()
+        room.shown, machine = Shown({}, controls={"P-PI": control}), session.desk.machine()
         room._asked, room._machine = request, machine  # type: ignore[attr-defined]
         session.desk.did("compare", request)
         asked(session, "compare.take", law="P-PI")

@@ -90,10 +90,10 @@ def test_a_goal_that_cannot_be_is_refused_and_the_one_before_stays(
 ) -> None:
     session = begin("linear_motor")
     do(session, "goal.level", field="max_ms", value=4.0)
-    before = dict(session.rooms["goal"].given)  # type: ignore[attr-defined]
+    before = dict(session.rooms["goal"].settings)  # type: ignore[attr-defined]
     with pytest.raises(FeeddriveError):
         do(session, f"goal.{act}", **more)
-    assert session.rooms["goal"].given == before  # type: ignore[attr-defined]
+    assert session.rooms["goal"].settings == before  # type: ignore[attr-defined]
 
 
 def test_a_search_that_was_stopped_gives_its_best_which_is_said_to_be_unproven(
@@ -161,7 +161,7 @@ def test_what_was_found_is_accepted_and_taken_away(begin: Callable[[str], Sessio
     said = do(session, "goal.show").words
     assert said["verdict"]
     assert not said["unfinished"]
-    found = session.rooms["goal"].found.result.control  # type: ignore[attr-defined]
+    found = session.rooms["goal"].result.result.control  # type: ignore[attr-defined]
     do(session, "goal.accept")
     check_alike(session.desk.control, found)
     do(session, "take.export", target="parameters")
@@ -194,13 +194,13 @@ def test_a_search_is_not_begun_beside_another_work_and_what_was_found_stays(begi
     do(session, "goal.set", field="starts", value="1")
     do(session, "goal.tune")
     assert done(session) == DONE
-    found = session.rooms["goal"].found  # type: ignore[attr-defined]
+    found = session.rooms["goal"].result  # type: ignore[attr-defined]
     do(session, "compare.start", laws=[], starts=2)
     do(session, "tune.move", name="law.Kp", value=0.9 * session.desk.values["law.Kp"])
     for act in ("goal.tune", "prove.certify", "take.machine", "bring.bundled"):
         with pytest.raises(FeeddriveError, match="wait for its end, or cancel it"):
             do(session, act, name="emps")
-    assert session.rooms["goal"].found is found  # type: ignore[attr-defined]
+    assert session.rooms["goal"].result is found  # type: ignore[attr-defined]
     assert not (session.desk.folder / "machine.toml").exists()
     before = dict(session.desk.values)
     assert do(session, "goal.reject").words["best"] is False

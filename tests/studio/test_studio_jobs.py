@@ -72,7 +72,7 @@ def test_work_gives_its_result_remarks_and_last_step(session: Session) -> None:
 
 def test_what_work_finds_on_its_way_reaches_its_room(session: Session) -> None:
     met = list[Found]()
-    run(session, reporting, found=met.append)
+    run(session, reporting, improved=met.append)
     assert met == [Found(3.0, "a control"), Found(1.0, "a control")]
 
 

@@ -311,10 +311,9 @@ def test_identify_parses_its_log_once(words: dict[str, str], tmp_path: Path, mon
 
 
 FOREIGN = {
-    "export/cortex_m_builds.py": "--specs --gc-sections",  # of gcc and its linker
-    "export/linuxcnc/bundle.py": "--install",  # of halcompile
-    "export/linuxcnc/component.py": "--install",
-    "export/linuxcnc/session.py": "--install --user --map-user --ipc --mount --net --pid --fork --kill-child "
+    "export/cortex_m.py": "--specs --gc-sections",  # of gcc and its linker
+    "export/linuxcnc.py": "--install",  # of halcompile
+    "export/linuxcnc_session.py": "--install --user --map-user --ipc --mount --net --pid --fork --kill-child "
     "--mount-proc --map-root-user",  # of halcompile and unshare
     "report/page.py": "--ink --muted --paper --alert --font --curve-",  # variables of the style sheet
 }

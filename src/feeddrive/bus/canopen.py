@@ -12,6 +12,7 @@ from feeddrive.bus.cia402 import Layout
 from feeddrive.bus.transport import Claim, RefusedError, write_mapping
 from feeddrive.language.errors import BusError, MissingExtraError, ParameterError
 
+# CiA 301: COB-ID of SYNC, the bit that disables a PDO, and transmission type 1, with every SYNC.
 _SYNC, _INVALID, _EVERY_SYNC = 0x80, 1 << 31, 1
 _CONSUMER, _BEAT, _OPERATING = 0x1016, 0x700, b"\x05"  # heartbeat: consumer time, COB-ID, state byte
 _LISTENING = 0.05  # s in which another master must have sent a SYNC
@@ -38,7 +39,7 @@ class CANopen:
         self._late = False  # whether answers to the last SYNC may still come
 
     def open(self) -> None:
-        """To PRE-OPERATIONAL."""
+        """Bring the node to PRE-OPERATIONAL."""
         self._canopen = packages()
         self._claim.take(self.where, self.interface)
         self._network = opened_network(self.interface, self._bitrate)
@@ -65,7 +66,7 @@ class CANopen:
         self._network.unsubscribe(_SYNC)
 
     def read(self, index: int, subindex: int) -> bytes:
-        """By SDO."""
+        """Read by SDO."""
         try:
             return bytes(self._node.sdo.upload(index, subindex))
         except self._canopen.SdoAbortedError as error:
@@ -74,7 +75,7 @@ class CANopen:
             raise self._silent(index, subindex) from None
 
     def write(self, index: int, subindex: int, content: bytes) -> None:
-        """By SDO."""
+        """Write by SDO."""
         try:
             self._node.sdo.download(index, subindex, content)
         except self._canopen.SdoAbortedError as error:
@@ -86,7 +87,7 @@ class CANopen:
         return BusError(f"{self.where}: object 0x{index:04X}:{subindex:02X} was not answered")
 
     def map(self, sent: Layout, told: Layout) -> None:
-        """Each message is switched off, mapped, and switched on again, to be sent with every SYNC."""
+        """Disable each PDO, map it, and enable it again for transmission with every SYNC."""
         self._sent, self._told = sent, told
         self._of_sent = [0x200 + 0x100 * k + self.station for k in range(len(sent.groups))]
         self._of_told = [0x180 + 0x100 * k + self.station for k in range(len(told.groups))]
@@ -130,7 +131,7 @@ class CANopen:
         self._beat = 0.2 * seconds
 
     def operate(self, content: bytes) -> None:
-        """To OPERATIONAL."""
+        """Bring the node to OPERATIONAL."""
         self._node.nmt.state = "OPERATIONAL"
         self.put(content)
         for _ in range(20):
@@ -139,11 +140,11 @@ class CANopen:
         raise BusError(f"{self.where}: sends no process data in OPERATIONAL")
 
     def put(self, content: bytes) -> None:
-        """For the next SYNC."""
+        """Set the outputs of the next SYNC."""
         self._content = content
 
     def take(self, timeout: float) -> bytes | None:
-        """Send all messages and SYNC, receive all answers; None if an answer is missing."""
+        """Send all PDOs and SYNC, receive all answers; None if an answer is missing."""
         with self._news:
             if self._late:  # they must not pass for answers to the next one
                 self._news.wait_for(lambda: len(self._arrived) == len(self._of_told), timeout)
@@ -160,7 +161,7 @@ class CANopen:
             return b"".join(self._arrived[message] for message in self._of_told)
 
     def _send(self, content: bytes) -> None:
-        """Send all messages and SYNC, and first a heartbeat if one is due; sent from here, it stops with the motion."""
+        """Send all PDOs and SYNC, preceded by a heartbeat if one is due: sent from here, it stops with the motion."""
         now = time.monotonic()
         if self._beat is not None and now - self._beaten >= self._beat:
             self._network.send_message(_BEAT + self._master, _OPERATING)
@@ -170,7 +171,7 @@ class CANopen:
         self._network.send_message(_SYNC, b"")
 
     def state(self) -> str:
-        """Whether it still answers."""
+        """Return if the node still answers."""
         self._node.sdo.RESPONSE_TIMEOUT = _LOOKING
         try:
             self.read(0x1000, 0)
@@ -179,7 +180,7 @@ class CANopen:
         return "it answers, but sends no process data: it may have left OPERATIONAL"
 
     def close(self) -> None:
-        """Back to PRE-OPERATIONAL, with the monitoring of the heartbeat as before."""
+        """Return to PRE-OPERATIONAL and restore the heartbeat monitoring."""
         self._claim.free()
         if self._network is None:
             return
@@ -196,7 +197,7 @@ class CANopen:
 
 
 def packages() -> Any:
-    """The canopen package. Raises MissingExtraError without it."""
+    """Return the canopen package. Raises MissingExtraError without it."""
     try:
         import canopen
     except ImportError as missing:
@@ -206,7 +207,7 @@ def packages() -> Any:
 
 
 def opened_network(interface: str, bitrate: int | None) -> Any:
-    """A canopen network on the bus. ParameterError for a misnamed one, BusError if it cannot be opened."""
+    """Open a canopen network on the bus. Raises ParameterError for an unknown one, BusError if it cannot be opened."""
     canopen = packages()
     import can
 

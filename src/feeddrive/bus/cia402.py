@@ -19,7 +19,7 @@ _BITS = {"u8": 8, "i8": 8, "u16": 16, "i16": 16, "u32": 32, "i32": 32}
 
 
 class Object(NamedTuple):
-    """One entry of an object dictionary."""
+    """An entry of an object dictionary."""
 
     name: str
     index: int  # type: ignore[assignment]  # hides tuple.index, which is not used
@@ -29,42 +29,42 @@ class Object(NamedTuple):
 
     @property
     def bits(self) -> int:
-        """Its size."""
+        """The size in bits."""
         return _BITS[self.type]
 
     @property
     def code(self) -> str:
-        """Its letter in `struct`."""
+        """The format letter of `struct`."""
         return _CODES[self.type]
 
     @property
     def mapped(self) -> int:
-        """Its entry in a mapping object: index, subindex, bits."""
+        """The entry in a mapping object: index, subindex, bits."""
         return self.index << 16 | self.subindex << 8 | self.bits
 
     @property
     def place(self) -> str:
-        """`0x607D:01`, as manuals write it."""
+        """The address as manuals write it, `0x607D:01`."""
         return f"0x{self.index:04X}:{self.subindex:02X}"
 
     def encode(self, value: int) -> bytes:
-        """Little endian, as both buses have it. Raises struct.error for a value that does not fit."""
+        """Encode as little endian, as on both buses. Raises struct.error for a value that does not fit."""
         return struct.pack("<" + self.code, value)
 
     def decode(self, content: bytes) -> int:
-        """The value of as many bytes as the type has."""
+        """Decode as many bytes as the type has."""
         return int(struct.unpack("<" + self.code, content[: self.bits // 8])[0])
 
     def bounds(self) -> tuple[int, int]:
-        """Least and largest value."""
+        """Return the least and the largest value."""
         if self.type[0] == "u":
             return 0, (1 << self.bits) - 1
         return -(1 << (self.bits - 1)), (1 << (self.bits - 1)) - 1
 
 
 OBJECTS: Mapping[str, Object] = {
-    each.name: each
-    for each in (
+    entry.name: entry
+    for entry in (
         Object("device_type", 0x1000, 0, "u32", "profile 402, servo drive"),
         Object("vendor", 0x1018, 1, "u32", "maker"),
         Object("product", 0x1018, 2, "u32", "product code"),
@@ -110,7 +110,7 @@ OBJECTS: Mapping[str, Object] = {
         Object("supported_modes", 0x6502, 0, "u32", "bit n - 1: mode n"),
     )
 }
-AT: Mapping[tuple[int, int], Object] = {(each.index, each.subindex): each for each in OBJECTS.values()}
+AT: Mapping[tuple[int, int], Object] = {(entry.index, entry.subindex): entry for entry in OBJECTS.values()}
 DEVICE_NAME = (0x1008, 0)  # a text, and so none of the above
 VIRTUAL = "feeddrive virtual drive"  # the values of a virtual drive
 
@@ -129,7 +129,7 @@ NEEDED = ("controlword", "mode", "statusword", "mode_display", "position", "torq
 
 
 class Layout:
-    """Process data of one direction: groups of objects, each group one process data object."""
+    """Process data of one direction: groups of objects, one group per PDO."""
 
     def __init__(self, groups: Sequence[Sequence[str]]) -> None:
         self.groups = tuple(tuple(group) for group in groups if group)
@@ -138,29 +138,29 @@ class Layout:
 
     @property
     def size(self) -> int:
-        """Bytes of all groups together."""
+        """The number of bytes of all groups."""
         return self._struct.size
 
     def part(self, group: int) -> slice:
-        """The bytes of a group within those of all."""
+        """Return the bytes of a group within those of all groups."""
         sizes = [sum(OBJECTS[name].bits for name in names) // 8 for names in self.groups]
         return slice(sum(sizes[:group]), sum(sizes[: group + 1]))
 
     def keeping(self, there: Sequence[str]) -> Layout:
-        """The layout without the objects that are missing in the drive."""
+        """Return the layout without the objects that the drive lacks."""
         return Layout([[name for name in group if name in there] for group in self.groups])
 
     def pack(self, values: Mapping[str, int]) -> bytes:
-        """The bytes of all groups. Raises struct.error for a value that does not fit."""
+        """Return the bytes of all groups. Raises struct.error for a value that does not fit."""
         return self._struct.pack(*[values[name] for name in self.names])
 
     def unpack(self, content: bytes) -> dict[str, int]:
-        """Values by name."""
+        """Return values by name."""
         return dict(zip(self.names, self._struct.unpack_from(content), strict=True))
 
 
 class PowerState(Enum):
-    """Mask and value of the statusword, and the name in words."""
+    """A state of the drive: mask and value of the statusword, and the name."""
 
     NOT_READY = (0x4F, 0x00, "not ready to switch on")
     SWITCH_ON_DISABLED = (0x4F, 0x40, "switch on disabled")
@@ -178,12 +178,12 @@ class PowerState(Enum):
 
     @property
     def status(self) -> int:
-        """Its bits of the statusword, with voltage present."""
+        """The bits of the statusword, with voltage present."""
         return self.value[1] | 0x10
 
 
 def state_of(statusword: int) -> PowerState | None:
-    """The state, or None for undefined bits."""
+    """Return the state, or None for undefined bits."""
     for state in PowerState:
         mask, value, _ = state.value
         if statusword & mask == value:
@@ -191,6 +191,7 @@ def state_of(statusword: int) -> PowerState | None:
     return None
 
 
+# commands in the low byte of the controlword
 SHUTDOWN, SWITCH_ON, ENABLE_OPERATION = 0x06, 0x07, 0x0F
 DISABLE_VOLTAGE, QUICK_STOP, FAULT_RESET = 0x00, 0x02, 0x80
 
@@ -203,7 +204,7 @@ TOWARDS_ENABLED = {
 }
 
 # modes of operation
-CSP, CSV, CST = 8, 9, 10
+CSP, CSV, CST = 8, 9, 10  # values of the mode of operation, 0x6060
 MODES = {"csp": CSP, "csv": CSV, "cst": CST}
 
 # error codes that a virtual drive sets, and what they mean in words
@@ -218,7 +219,9 @@ ERRORS = {
 
 
 def _command(controlword: int) -> str:
-    """The command in the low bits: bits 0 switch on, 1 enable voltage, 2 quick stop (0: do), 3 enable operation."""
+    """Return the command in the low bits: bits 0 switch on, 1 enable voltage, 2 quick stop (active low), 3 enable
+    operation.
+    """
     if not controlword & 0x02:
         return "disable voltage"
     if not controlword & 0x04:
@@ -252,7 +255,7 @@ _NEXT: dict[PowerState, dict[str, PowerState]] = {
 
 
 def answer(state: PowerState, controlword: int, before: int) -> PowerState:
-    """The next state; a command without a transition from the present state changes nothing.
+    """Return the next state; a command without a transition from the present state changes nothing.
 
     `before` is the controlword of the last cycle: a fault is reset by the rising edge of bit 7 only.
     """

@@ -1,4 +1,4 @@
-"""A drive by CiA 402: opened and checked, switched on and off, and commanded in a cycle."""
+"""A drive by CiA 402: identified and checked, switched on and off, and commanded in a cycle."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import NamedTuple
 from feeddrive.bus.cia402 import (
     CSP,
     CST,
+    DEVICE_NAME,
     DISABLE_VOLTAGE,
     ERRORS,
     FAULT_RESET,
@@ -26,13 +27,140 @@ from feeddrive.bus.cia402 import (
     PowerState,
     state_of,
 )
-from feeddrive.bus.commissioning import check_scaling, identify, set_watchdog, write_cycle_time, write_limits
-from feeddrive.bus.drive_file import BusDrive
+from feeddrive.bus.drive_file import BusDrive, DriveScaling, interpolation_time
 from feeddrive.bus.ethercat import EtherCAT, Segment
 from feeddrive.bus.pace import Pace
-from feeddrive.bus.transport import Transport, has_object, write_object
+from feeddrive.bus.transport import RefusedError, Transport, has_object, read_object, write_object
 from feeddrive.language.errors import BusError
 from feeddrive.language.quantity import Quantity
+
+# Checks before a drive is switched on: its identity, its scaling against the declared one, and its limits.
+
+_PROFILE = 402  # device profile: the low word of 0x1000
+_NEAR = 5e-3  # share by which the data of the drive may differ from the declared ones
+
+
+def identify(transport: Transport, drive: BusDrive) -> dict[str, int | str]:
+    """Read numbers and name of the drive. Raises BusError for a device of another profile, or without the mode."""
+    profile = read_object(transport, "device_type") & 0xFFFF
+    if profile != _PROFILE:
+        raise BusError(f"{transport.where}: is not a CiA 402 drive but a device of profile {profile}")
+    identity: dict[str, int | str] = {
+        name: read_object(transport, name)
+        for name in ("vendor", "product", "revision", "serial")
+        if has_object(transport, name)
+    }
+    try:
+        text = transport.read(*DEVICE_NAME)
+    except RefusedError:
+        text = b""
+    identity["name"] = text.decode("latin-1").strip("\x00 ")
+    if has_object(transport, "supported_modes"):
+        supported = read_object(transport, "supported_modes")
+        can = [name for name, mode in MODES.items() if supported >> (mode - 1) & 1]
+        if drive.mode not in can:
+            raise BusError(
+                f'{transport.where}: does not support mode = "{drive.mode}"; it supports '
+                f"{', '.join(can) or 'none of csp, csv and cst'} (object 0x6502)"
+            )
+    return identity
+
+
+def check_scaling(transport: Transport, scaling: DriveScaling) -> list[str]:
+    """Compare declared rated torque, counts and gear with the drive; return remarks on data that it does not have.
+
+    Raises BusError for a difference, with both numbers.
+    """
+    key = "rated_torque" if scaling.rated_force is None else "rated_force"
+    pairs = [(key, float(scaling.rated_milli), "rated_torque", 1e-3)]
+    if scaling.counts_per_turn is not None:
+        turns = _turns(transport, "gear_shaft_turns")
+        pairs.append(("gear", turns * scaling.gear, "gear_motor_turns", 1.0 / turns))
+        if has_object(transport, "feed_constant"):  # positions may count in other units than the encoder
+            turns = scaling.gear * _turns(transport, "feed_shaft_turns")
+            pairs.append(("counts_per_turn", turns * scaling.counts_per_turn, "feed_constant", 1.0 / turns))
+        else:
+            turns = _turns(transport, "encoder_turns")
+            pairs.append(("counts_per_turn", turns * scaling.counts_per_turn, "encoder_increments", 1.0 / turns))
+    remarks: list[str] = []
+    for key, wanted, name, factor in pairs:
+        place = OBJECTS[name].place
+        if not has_object(transport, name):
+            remarks.append(f"The drive has no object {place}: scaling.{key} could not be checked.")
+            continue
+        got = read_object(transport, name)
+        rounding = 0.5 if name == "rated_torque" else 0.0  # to whole mN m
+        if abs(got - wanted) > rounding + _NEAR * abs(wanted):
+            raise BusError(
+                f"{transport.where}: scaling.{key} = {Quantity(wanted * factor):6} in the drive file, but the drive "
+                f"says {Quantity(got * factor):6} in object {place}; correct the drive file, or the drive"
+            )
+    return remarks
+
+
+def _turns(transport: Transport, name: str) -> int:
+    """Return the denominator of a ratio; 1 if the drive has none."""
+    return max(1, read_object(transport, name)) if has_object(transport, name) else 1
+
+
+def write_cycle_time(transport: Transport, drive: BusDrive) -> None:
+    """Write the interpolation period 0x60C2, if the drive has it. Raises BusError if the drive refuses it."""
+    if not has_object(transport, "cycle_value"):
+        return
+    value, power = interpolation_time(drive.cycle_time)
+    try:
+        write_object(transport, "cycle_exponent", power)
+        write_object(transport, "cycle_value", value)
+    except RefusedError as error:
+        raise BusError(
+            f"{transport.where}: cycle_time = {Quantity(drive.cycle_time, 's'):6 us} does not suit the drive: object "
+            f"0x60C2 is refused (0x{error.code:08X}); take a cycle time that its manual names"
+        ) from None
+
+
+def set_watchdog(transport: Transport, drive: BusDrive) -> list[str]:
+    """Set the drive's own watchdog and check its reaction; return a remark if the drive file disables it.
+
+    Raises BusError if it cannot be set, or reads back differently.
+    """
+    if drive.watchdog_time == 0.0:
+        return ["No watchdog (watchdog = 0 in the drive file): the axis runs on when this computer stops."]
+    if has_object(transport, "connection_option") and read_object(transport, "connection_option") == 0:
+        write_object(transport, "connection_option", 1)  # a fault, as the standard has it by default
+        if read_object(transport, "connection_option") != 1:
+            raise BusError(
+                f"{transport.where}: goes on when the connection is lost (object 0x6007 = 0 cannot be changed)"
+            )
+    transport.watch(drive.watchdog_time)
+    return []
+
+
+def write_limits(transport: Transport, drive: BusDrive) -> list[str]:
+    """Write the limits into the drive; return remarks on those that it does not accept."""
+    limits, scaling = drive.limits, drive.scaling
+    wanted: dict[str, int] = {
+        "max_torque": max(1, int(limits.force / scaling.newton)),
+        "following_error_window": max(1, scaling.increments(limits.following_error)),
+        "quick_stop_deceleration": max(1, scaling.increments(limits.quick_stop_deceleration)),
+        "quick_stop_option": 2,  # brake on that ramp, then switch off
+    }
+    for name, metres in (("position_least", limits.position_least), ("position_most", limits.position_most)):
+        if metres is not None:
+            wanted[name] = scaling.increments(metres)
+    remarks: list[str] = []
+    for name, value in wanted.items():
+        least, most = OBJECTS[name].bounds()
+        try:
+            write_object(transport, name, max(least, min(most, value)))
+        except RefusedError:
+            remarks.append(
+                f"The drive does not take {OBJECTS[name].place} ({name.replace('_', ' ')}): set this limit with its "
+                "maker's tool."
+            )
+    return remarks
+
+
+# A drive by CiA 402: opened and checked, switched on and off, and commanded in a cycle.
 
 _PATIENCE = 3.0  # s for a change of state, on the clock and in cycles
 _FIRST = 20  # cycles at the start within which the drive must answer
@@ -53,7 +181,8 @@ class ActualValues(NamedTuple):
 
 
 class DriveClient:
-    """One drive. `with DriveClient(transport, drive) as client:` opens it; leaving switches it off, whatever happened.
+    """A CiA 402 drive. `with DriveClient(transport, drive) as client:` opens it; leaving switches
+    it off in any case.
 
     All methods raise BusError, with bus, interface, station and what to do.
     """
@@ -96,13 +225,13 @@ class DriveClient:
             if error is None:
                 raise
         finally:
-            self.together[:] = [each for each in self.together if each is not self]
+            self.together[:] = [other for other in self.together if other is not self]
             self.together = [self]
             self.transport.close()
 
     @property
     def is_virtual(self) -> bool:
-        """Whether this is the drive of `feeddrive virtual-drive`, so that no real axis moves."""
+        """True for the drive of `feeddrive virtual-drive`, so that no real axis moves."""
         return self.identity.get("name") == VIRTUAL
 
     @property
@@ -112,11 +241,11 @@ class DriveClient:
 
     @property
     def state(self) -> PowerState | None:
-        """The state by the last statusword."""
+        """The state of the last statusword."""
         return None if self.told is None else state_of(self.told.status)
 
     def open(self) -> None:
-        """Find, check, limit and map the drive, and begin the exchange; it stays switched off."""
+        """Find, check, limit and map the drive, and start the exchange; it stays switched off."""
         self.find()
         self.map()
         self.watch()
@@ -143,7 +272,7 @@ class DriveClient:
         self._sent, self._back = (layout.keeping(sorted(there)) for layout in (self._sent, self._back))
 
     def map(self) -> None:
-        """Choose what is exchanged in each cycle."""
+        """Choose the objects that are exchanged in each cycle."""
         self.transport.map(self._sent, self._back)
         self._values["mode"] = self.mode
 
@@ -153,7 +282,7 @@ class DriveClient:
             self.remarks += set_watchdog(self.transport, self.drive)
 
     def operate(self) -> None:
-        """Begin the exchange."""
+        """Start the exchange."""
         self.transport.operate(self._sent.pack(self._values))
         self._operating = True
 
@@ -168,7 +297,7 @@ class DriveClient:
             raise BusError(f"{self.transport.where}: {self.transport.state()}, but its process data are lost")
 
     def cycle(self) -> ActualValues | None:
-        """One exchange with what was commanded; None for a lost frame.
+        """Exchange one cycle with the commanded setpoints; None for a lost frame.
 
         Raises BusError, and sends nothing, if the drive is in operation and the cycle began later than `late_cycles`:
         the drive stood, or ran on, without a target meanwhile, and the next one would be a jump.
@@ -183,11 +312,11 @@ class DriveClient:
         return self._exchange()
 
     def _exchange(self) -> ActualValues | None:
-        """One cycle of all that are driven together; the answer of this one."""
-        for each in self.together:
-            each.transport.put(each._sent.pack(each._values))
-        for each in self.together:
-            each.answer = each._take()
+        """Exchange one cycle of all drives that are driven together; return the answer of this one."""
+        for client in self.together:
+            client.transport.put(client._sent.pack(client._values))
+        for client in self.together:
+            client.answer = client._take()
         return self.answer
 
     def _take(self) -> ActualValues | None:
@@ -224,7 +353,7 @@ class DriveClient:
             )
 
     def command(self, *, position: float | None = None, velocity: float = 0.0, force: float = 0.0) -> float:
-        """The setpoints of the next cycle, in SI; the position in whole increments (m).
+        """Set the setpoints of the next cycle, in SI; the position in whole increments (m).
 
         csp  position, with velocity and force fed forward where the drive has objects for them
         csv  velocity, with a force fed forward
@@ -254,7 +383,7 @@ class DriveClient:
         return self._here * scaling.metre if position is None else position
 
     def _follow(self, controlword: int | None = None) -> ActualValues | None:
-        """A cycle that commands the present position."""
+        """Exchange a cycle that commands the present position."""
         if controlword is not None:
             self._values["controlword"] = controlword
         if self.told is not None:
@@ -283,12 +412,12 @@ class DriveClient:
         self._until(PowerState.SWITCH_ON_DISABLED, {PowerState.FAULT: FAULT_RESET})
 
     def prepare_stop(self) -> None:
-        """Let the next cycle, whoever waits for it, begin a quick stop; `stop` sees it through."""
+        """Let the next cycle start a quick stop; `stop` completes it."""
         if self.state is PowerState.ENABLED:
             self._values["controlword"] = QUICK_STOP
 
     def stop(self) -> None:
-        """Quick stop, and wait until the drive has switched itself off; then disable voltage in any case."""
+        """Quick stop, and wait until the drive has switched off; then disable voltage in any case."""
         stopping = {PowerState.ENABLED: QUICK_STOP, PowerState.QUICK_STOP: QUICK_STOP}
         try:
             self._until(PowerState.SWITCH_ON_DISABLED, stopping, ending=(PowerState.FAULT, PowerState.READY))
@@ -307,7 +436,7 @@ class DriveClient:
             self._follow(DISABLE_VOLTAGE)
 
     def _until(self, wanted: PowerState, sending: dict[PowerState, int], ending: tuple[PowerState, ...] = ()) -> None:
-        """Cycle with the controlword of each state until the wanted one is there."""
+        """Cycle with the controlword of each state until the wanted state is reached."""
         began, cycles = time.monotonic(), 0
         before = self.state
         while self.state is not wanted and self.state not in ending:
@@ -338,7 +467,7 @@ class DriveClient:
         return f"{self.transport.where}: fault 0x{code:04X}" + (f", {meaning}" if meaning else "")
 
     def trouble(self) -> str:
-        """Why the drive no longer follows, as text; empty while it follows."""
+        """Return why the drive no longer follows; empty while it follows."""
         if self.lost_in_row >= self.drive.lost_frames:
             return f"{self.lost_in_row} frames in a row were lost: {self.transport.state()}"
         if self.state is PowerState.ENABLED:
@@ -351,26 +480,26 @@ class DriveClient:
 
 @contextlib.contextmanager
 def driven_together(clients: Sequence[DriveClient]) -> Generator[None]:
-    """Drives of one segment, opened, and exchanged in the same cycles by the clock of the first.
+    """Open drives of one segment, and exchange them in the same cycles by the clock of the first.
 
     They are switched off at the end, whatever happened.  Raises BusError as each of them.
     """
     with contextlib.ExitStack() as stack:
-        for each in clients:
-            stack.push(each)
+        for client in clients:
+            stack.push(client)
         for step in (DriveClient.find, DriveClient.map, DriveClient.watch, DriveClient.operate):
-            for each in clients:
-                step(each)
+            for client in clients:
+                step(client)
         together = list(clients)
-        for each in clients:
-            each.pace, each.together = clients[0].pace, together
-        for each in clients:
-            each.hear()
+        for client in clients:
+            client.pace, client.together = clients[0].pace, together
+        for client in clients:
+            client.hear()
         yield
 
 
 def transport_of(drive: BusDrive, interface: str, bitrate: int | None, segment: Segment | None = None) -> Transport:
-    """The transport of a drive, on a segment with others or on one of its own.
+    """Return the transport of a drive, on a shared segment or on its own.
 
     Raises MissingExtraError without its package, when it is opened.
     """

@@ -46,9 +46,11 @@ class BusLimits(Section):
         "kg", "largest mass that the axis moves, workpiece included; needed in cst", above=0, default=None
     )
     breakaway_force: Number | None = parameter(
-        "N", "largest force against which the axis may stand, friction and weight together; needed in cst", least=0,
+        "N",
+        "largest force against which the axis may stand, friction and weight together; needed in cst",
+        least=0,
         default=None,
-    )  # fmt: skip
+    )
     position_least: Number | None = parameter("m", "lowest position in the drive's own count", default=None)
     position_most: Number | None = parameter("m", "highest position in the drive's own count", default=None)
     quick_stop_deceleration: Number = parameter("m/s2", "with which a quick stop brakes", above=0, default=2.0)
@@ -77,7 +79,7 @@ class BusDrive(Section):
     limits: BusLimits = part("where a motion is aborted")
 
     def check(self) -> None:
-        """Limits below one increment or one thousandth cannot be kept; cst needs bounds of the axis."""
+        """Refuse limits below one increment or one thousandth, which cannot be kept; cst needs bounds of the axis."""
         for name in ("largest_mass", "breakaway_force") if self.mode == "cst" else ():
             if getattr(self.limits, name) is None:
                 raise ParameterError(
@@ -111,7 +113,7 @@ class BusDrive(Section):
 
     @property
     def _silent_at_most(self) -> float:
-        """Longest time without a frame that the motion allows, s."""
+        """The longest time without a frame that the motion allows, s."""
         return (self.late_cycles + self.lost_frames) * self.cycle_time
 
 
@@ -137,10 +139,13 @@ def read_drive(path: str | Path) -> DriveFile:
 
 
 def interpolation_time(cycle_time: float) -> tuple[int, int]:
-    """Object 0x60C2 for a bus cycle in s: value and power of ten; the nearest that its eight bits hold."""
-    found = [(round(cycle_time / 10.0**power), power) for power in range(-6, 1)]
-    fitting = [(value, power) for value, power in found if 0 < value <= 255]
-    return min(fitting, key=lambda each: (round(abs(each[0] * 10.0 ** each[1] / cycle_time - 1.0), 6), each[1]))
+    """Return object 0x60C2 for a bus cycle in s: value and power of ten; the nearest that its eight bits hold."""
+    candidates = [(round(cycle_time / 10.0**power), power) for power in range(-6, 1)]
+    fitting = [(value, power) for value, power in candidates if 0 < value <= 255]
+    return min(
+        fitting,
+        key=lambda candidate: (round(abs(candidate[0] * 10.0 ** candidate[1] / cycle_time - 1.0), 6), candidate[1]),
+    )
 
 
 class DriveScaling(Section):
@@ -161,7 +166,7 @@ class DriveScaling(Section):
     rated_torque: Number | None = parameter("N m", "rated torque of the motor, object 0x6076", above=0, default=None)
 
     def check(self) -> None:
-        """One of the two descriptions must be complete."""
+        """Raise ParameterError unless exactly one of the two descriptions is complete."""
         turning = {"counts_per_turn": self.counts_per_turn, "lead": self.lead, "rated_torque": self.rated_torque}
         linear = {"increment": self.increment, "rated_force": self.rated_force}
         missing = [name for name, value in (turning if self.turns else linear).items() if value is None]
@@ -174,12 +179,12 @@ class DriveScaling(Section):
 
     @property
     def turns(self) -> bool:
-        """Whether the motor turns."""
+        """True if the motor turns."""
         return any(value is not None for value in (self.counts_per_turn, self.lead, self.rated_torque))
 
     @property
     def metre(self) -> float:
-        """m at the table per increment."""
+        """The travel at the table per increment, m."""
         if self.increment is not None:
             return self.increment
         assert self.lead is not None
@@ -188,7 +193,7 @@ class DriveScaling(Section):
 
     @property
     def newton(self) -> float:
-        """N at the table per thousandth of the rated torque."""
+        """The force at the table per thousandth of the rated torque, N."""
         if self.rated_force is not None:
             return 1e-3 * self.rated_force
         assert self.lead is not None
@@ -197,15 +202,15 @@ class DriveScaling(Section):
 
     @property
     def rated_milli(self) -> int:
-        """Object 0x6076: mN m of a motor that turns, mN of a linear one."""
+        """Object 0x6076: mN m of a rotary motor, mN of a linear one."""
         rated = self.rated_torque if self.rated_force is None else self.rated_force
         assert rated is not None
         return round(1e3 * rated)
 
     def increments(self, metres: float) -> int:
-        """The nearest whole number of increments, also for m/s and m/s²."""
+        """Return the nearest whole number of increments, also for m/s and m/s²."""
         return round(metres / self.metre)
 
     def per_mille(self, newtons: float) -> int:
-        """The nearest thousandth of the rated torque."""
+        """Return the nearest thousandth of the rated torque."""
         return round(newtons / self.newton)

@@ -26,7 +26,7 @@ _TOWARDS_OP = 2.0  # s of process data until a slave must be in OP
 
 
 class Segment:
-    """The stations of an interface that are driven together: one frame a cycle has the outputs of all of them.
+    """The stations of an interface that are driven together: one frame a cycle carries the outputs of all.
 
     Each station opens, maps and operates by itself; what concerns all is done when the last one has come so far.
     """
@@ -41,7 +41,7 @@ class Segment:
         self._back = False  # whether the last frame came back whole
 
     def open(self, where: str) -> None:
-        """To PRE-OP; the first station does it."""
+        """Bring the master to PRE-OP; done by the first station."""
         if self.master is not None:
             return
         try:
@@ -64,47 +64,49 @@ class Segment:
         self.find()
 
     def find(self) -> None:
-        """All stations from INIT to PRE-OP: FMMUs and sync managers of an earlier mapping are cleared."""
-        found = self.master.config_init()
-        if found <= 0:
+        """Bring all stations from INIT to PRE-OP: FMMUs and sync managers of an earlier mapping are cleared."""
+        count = self.master.config_init()
+        if count <= 0:
             raise BusError(
                 f"EtherCAT {self.interface}: no station answers; check cable, supply, and that it is the interface to "
                 "the drives"
             )
-        for each in self.stations:
-            if each.station > found:
+        for station in self.stations:
+            if station.station > count:
                 raise BusError(
-                    f"EtherCAT {self.interface}: station {each.station} is not there, there are {found}; "
+                    f"EtherCAT {self.interface}: station {station.station} is not there, there are {count}; "
                     "correct `station` in the drive file"
                 )
-            each.slave = self.master.slaves[each.station - 1]
+            station.slave = self.master.slaves[station.station - 1]
 
     def map(self) -> None:
-        """Map the stations once each of them is assigned; see `EtherCAT.map`."""
-        if not all(each.assigned for each in self.stations):
+        """Map the stations once all of them are assigned; see `EtherCAT.map`."""
+        if not all(station.assigned for station in self.stations):
             return
         wrong = ""
         for attempt in range(_ATTEMPTS):
             if attempt:
                 self.find()
-                for each in self.stations:
-                    each.assign()
+                for station in self.stations:
+                    station.assign()
             try:
                 self.master.config_map()
             except self.soem.ConfigMapError as error:
                 wrong = f"{self.stations[0].where}: the process data cannot be mapped: {error.error_list}"
                 continue
-            found = [each.wrongly_mapped() for each in self.stations]
-            wrong = next((said for said, _ in found if said), "")
+            reports = [station.wrongly_mapped() for station in self.stations]
+            wrong = next((fault for fault, _ in reports if fault), "")
             if not wrong:
                 return
-            if attempt and any(fixed for _, fixed in found):
+            if attempt and any(fixed for _, fixed in reports):
                 break
         raise BusError(wrong)
 
     def operate(self) -> None:
-        """To SAFE-OP and OP once each station is ready; the exchange runs meanwhile, as drives watch for it."""
-        if not all(each.ready for each in self.stations):
+        """Bring all stations to SAFE-OP and OP once they are ready; the exchange runs meanwhile, as
+        drives monitor it.
+        """
+        if not all(station.ready for station in self.stations):
             return
         if self.master.state_check(self.soem.SAFEOP_STATE, 10 * _STEP) != self.soem.SAFEOP_STATE:
             raise BusError(self._behind("SAFE-OP", self.soem.SAFEOP_STATE))
@@ -119,30 +121,30 @@ class Segment:
         raise BusError(self._behind("OP", self.soem.OP_STATE))
 
     def _behind(self, name: str, wanted: int) -> str:
-        """The first station that is not in a state, and in which it is."""
+        """Name the first station that is not in a state, and its present state."""
         self.master.read_state()
-        late = [each for each in self.stations if each.slave.state != wanted] or self.stations
+        late = [station for station in self.stations if station.slave.state != wanted] or self.stations
         return f"{late[0].where}: does not go to {name}: {late[0].state()}"
 
     def put(self, station: int) -> None:
-        """A station has new outputs."""
+        """Mark new outputs of a station."""
         self._put.add(station)
 
     def took(self, station: int, timeout: float) -> bool:
-        """Whether the frame of this cycle came back whole; it is sent if the station's outputs wait for it."""
+        """True if the frame of this cycle came back whole; it is sent if the station's outputs wait for it."""
         if station in self._put:
             self.exchange(timeout)
         return self._back
 
     def exchange(self, timeout: float) -> None:
-        """One frame with the outputs of all; lost if the working counter is not the expected one."""
+        """Exchange one frame with the outputs of all stations; lost if the working counter is not the expected one."""
         self._put.clear()
         self.master.send_processdata()
         self._back = self.master.receive_processdata(int(1e6 * timeout)) == self.master.expected_wkc
 
     def close(self, station: EtherCAT) -> None:
-        """Back to INIT when the last station leaves; never raises."""
-        self.stations = [each for each in self.stations if each is not station]
+        """Return to INIT when the last station leaves; never raises."""
+        self.stations = [other for other in self.stations if other is not station]
         if self.stations:
             return
         self._claim.free()
@@ -169,19 +171,19 @@ class EtherCAT:
         self._segment.stations.append(self)
 
     def open(self) -> None:
-        """To PRE-OP."""
+        """Bring the station to PRE-OP."""
         self._segment.open(self.where)
 
     def read(self, index: int, subindex: int) -> bytes:
-        """By SDO."""
+        """Read by SDO."""
         return bytes(self._sdo(self.slave.sdo_read, index, subindex))
 
     def write(self, index: int, subindex: int, content: bytes) -> None:
-        """By SDO."""
+        """Write by SDO."""
         self._sdo(self.slave.sdo_write, index, subindex, content)
 
     def _sdo(self, ask: Callable[..., Any], index: int, subindex: int, *content: bytes) -> Any:
-        """Repeated if a frame was lost: reading or writing the same value twice has no effect."""
+        """Repeat an SDO transfer if a frame was lost: reading or writing the same value twice has no effect."""
         soem, lost = self._segment.soem, "no answer"
         for _ in range(_ATTEMPTS):
             try:
@@ -214,7 +216,7 @@ class EtherCAT:
             self.write(assigned, 0, bytes([len(layout.groups)]))
 
     def wrongly_mapped(self) -> tuple[str, bool]:
-        """What is wrong with the mapping, empty if nothing is; and whether the drive holds another one."""
+        """Return the fault of the mapping, empty if there is none; and true if the drive holds another mapping."""
         sent, told = self._sent, self._told
         sizes = len(self.slave.output), len(self.slave.input)
         held = holds_mapping(self, 0x1600, 0x1C12, sent) and holds_mapping(self, 0x1A00, 0x1C13, told)
@@ -232,7 +234,8 @@ class EtherCAT:
         ), False
 
     def watch(self, seconds: float) -> None:
-        """The process data watchdog of the slave controller, in steps of 0.1 ms, and the bit by which outputs feed it.
+        """Set the process data watchdog of the slave controller, in steps of 0.1 ms, and the bit by which outputs
+        trigger it.
 
         Registers 0x0400 and 0x0420 and bit 6 of the control of sync manager 2 by ETG.1000.4.
         """
@@ -254,22 +257,22 @@ class EtherCAT:
             )
 
     def operate(self, content: bytes) -> None:
-        """To SAFE-OP and OP, with all stations of the segment."""
+        """Bring the station to SAFE-OP and OP, with all stations of the segment."""
         self.slave.output = content
         self.ready = True
         self._segment.operate()
 
     def put(self, content: bytes) -> None:
-        """Outputs of the next frame."""
+        """Set the outputs of the next frame."""
         self.slave.output = content
         self._segment.put(self.station)
 
     def take(self, timeout: float) -> bytes | None:
-        """Inputs of the frame of this cycle; None if it was lost."""
+        """Return the inputs of the frame of this cycle; None if it was lost."""
         return bytes(self.slave.input) if self._segment.took(self.station, timeout) else None
 
     def state(self) -> str:
-        """AL state and AL status code."""
+        """Return AL state and AL status code."""
         names = {1: "INIT", 2: "PRE-OP", 3: "BOOT", 4: "SAFE-OP", 8: "OP"}
         self._segment.master.read_state()
         state = self.slave.state
@@ -277,12 +280,12 @@ class EtherCAT:
             return "it does not answer"
         text = names.get(state & 0x0F, str(state))
         if state & 0x10 or self.slave.al_status:
-            said = self._segment.soem.al_status_code_to_string(self.slave.al_status)
-            text += f", {said} (0x{self.slave.al_status:04X})"
+            message = self._segment.soem.al_status_code_to_string(self.slave.al_status)
+            text += f", {message} (0x{self.slave.al_status:04X})"
         return f"it is in {text}"
 
     def close(self) -> None:
-        """Back to INIT."""
+        """Return to INIT."""
         self._segment.close(self)
 
 
@@ -290,7 +293,7 @@ _STATES = struct.pack("<HBBHHHHHH", 0x1000 + 14, 7, 0x5A, 0, 0x0130, 2, 0, 0, 0)
 
 
 def _check_alone(where: str, interface: str) -> None:
-    """Raise BusError if there is another master: the scan for drives would stop their operation.
+    """Raise BusError if another master is active: the scan for drives would stop their operation.
 
     Either a frame passes that this process did not send, from this computer or from the line, or a station is in OP,
     as a master that is slow or held up leaves it.  The states are read by one frame that changes nothing.
@@ -322,7 +325,7 @@ def _check_alone(where: str, interface: str) -> None:
 
 
 def _frames(line: socket.socket, seconds: float) -> Iterator[tuple[bytes, bool]]:
-    """EtherCAT frames on a socket for so long, and whether each goes out from this computer."""
+    """Yield the EtherCAT frames on a socket for so long, and if they were sent from this computer."""
     until = time.monotonic() + seconds
     while (left := until - time.monotonic()) > 0.0:
         line.settimeout(left)
@@ -338,8 +341,8 @@ _FLAGS = 0x8913  # SIOCGIFFLAGS
 
 
 def check_interface(name: str) -> None:
-    """Raise ParameterError for an interface that is not there, with those that are, BusError for one that is down."""
-    there = sorted(each for _, each in socket.if_nameindex())
+    """Raise ParameterError for a missing interface, listing the present ones, and BusError for one that is down."""
+    there = sorted(interface for _, interface in socket.if_nameindex())
     if name not in there:
         raise ParameterError(
             f"interface '{name}' is not there; there are: {', '.join(there) or 'none'} (ip link shows them)"
@@ -349,7 +352,7 @@ def check_interface(name: str) -> None:
 
 
 def _is_up(name: str) -> bool:
-    """By the flags of the interface, in the network namespace of this process."""
+    """True if the flags of the interface, in the network namespace of this process, say so."""
     if not sys.platform.startswith("linux"):
         return True
     import fcntl
@@ -360,7 +363,7 @@ def _is_up(name: str) -> bool:
 
 
 def opened_socket(interface: str, ethertype: int) -> socket.socket:
-    """A raw Ethernet socket. ParameterError for an interface that is not there, BusError if it cannot be opened."""
+    """Open a raw Ethernet socket. Raises ParameterError for a missing interface, BusError if it cannot be opened."""
     if not sys.platform.startswith("linux"):
         raise BusError("a virtual EtherCAT drive needs the packet sockets of Linux; use  --bus canopen")
     check_interface(interface)
@@ -375,7 +378,7 @@ def opened_socket(interface: str, ethertype: int) -> socket.socket:
 
 
 def not_permitted(interface: str) -> str:
-    """What to do without the right to raw sockets."""
+    """Return what to do without the right to raw sockets."""
     return (
         f"interface '{interface}': raw Ethernet needs CAP_NET_RAW: run as root, give it once by  "
         f"sudo setcap cap_net_raw+ep $(readlink -f {sys.executable}), or try it in a namespace of its own by  "

@@ -15,7 +15,8 @@ _PRIORITY = 60  # SCHED_FIFO, below the interrupts of a real-time kernel
 
 
 class Lateness(NamedTuple):
-    """How late cycles began, in s: median, 99 %, most; how many by more than a cycle; and how much the clock slipped.
+    """The lateness of cycles, in s: median, 99 %, maximum; the number late by more than a cycle; and the slip of the
+    clock.
 
     It describes the computer, not the drive.
     """
@@ -47,7 +48,7 @@ class Pace:
         self._late, self._missed, self._slipped = [], 0, 0.0
 
     def wait(self) -> float:
-        """Wait until the next cycle is due; its lateness in s."""
+        """Wait until the next cycle is due; return its lateness in s."""
         if self.cycle_time is None:
             return 0.0
         now = time.monotonic()
@@ -67,7 +68,7 @@ class Pace:
         return late
 
     def lateness(self) -> Lateness | None:
-        """Since `begin`; None without a clock."""
+        """Return the lateness since `begin`; None without a clock."""
         if not self._late:
             return None
         median, often, most = np.quantile(self._late, [0.5, 0.99, 1.0]).tolist()
@@ -76,7 +77,7 @@ class Pace:
 
 @contextlib.contextmanager
 def urgent(wanted: bool) -> Generator[bool]:
-    """A context with real-time scheduling, if permitted, and without garbage collection.
+    """Run a block with real-time scheduling, if permitted, and without garbage collection.
 
     Its value: whether it was permitted.
     """

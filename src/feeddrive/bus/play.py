@@ -28,7 +28,7 @@ _SETTLING = 0.1  # s that the last target is held before the drive is switched o
 
 @dataclass(frozen=True)
 class Played:
-    """The log, why it ended early (None: it did not), lost frames, lateness of the cycles, and remarks."""
+    """The log of a motion, why it ended early (None: it did not), lost frames, lateness of the cycles, and remarks."""
 
     log: Log
     aborted: str | None
@@ -39,7 +39,9 @@ class Played:
 
 @contextlib.contextmanager
 def interruption() -> Generator[Callable[[], bool]]:
-    """Ctrl-C as a flag that is read once a cycle, so that it interrupts no cycle; a second one changes nothing."""
+    """Turn Ctrl-C into a flag that is read once a cycle, so that it interrupts no cycle; a second
+    one changes nothing.
+    """
     pressed = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield pressed.is_set
@@ -57,7 +59,7 @@ def interruption() -> Generator[Callable[[], bool]]:
 
 
 def play_profile(client: DriveClient, profile: Profile, *, name: str = "", progress: Progress | None = None) -> Played:
-    """Switch the drive on, play, hold, switch it off; see `play_together`."""
+    """Switch the drive on, play a profile, hold, and switch off; see `play_together`."""
     return play_together([client], [profile], names=[name], progress=progress)[0]
 
 
@@ -82,8 +84,8 @@ def play_together(
     for client in clients:
         client.enable()
     kept = [_Rows(client) for client in clients]
-    lag, count = max(client.drive.lag for client in clients), max(each.excitation.size for each in profiles)
-    said = max(1, round(0.1 / drive.cycle_time))
+    lag, count = max(client.drive.lag for client in clients), max(profile.excitation.size for profile in profiles)
+    report_every = max(1, round(0.1 / drive.cycle_time))
     aborted = ""
     first.pace.begin()
     lost_before = [client.lost for client in clients]
@@ -99,12 +101,12 @@ def play_together(
             except BusError as error:
                 aborted = str(error).removeprefix(f"{first.transport.where}: ")
                 break
-            seen = [rows.watched(each, first.pace.slips) for rows, each in zip(kept, sent, strict=True)]
+            seen = [rows.watched(profile, first.pace.slips) for rows, profile in zip(kept, sent, strict=True)]
             by_hand = interrupted() or (progress is not None and progress.cancelled)
             aborted = "stopped by hand" if by_hand else _trouble(kept, seen)
             if aborted:
                 break
-            if progress is not None and k % said == 0:
+            if progress is not None and k % report_every == 0:
                 progress.show_step(profiles[0].name, min(k, count), count, "")  # never raises, so that no cycle breaks
         lateness = first.pace.lateness()
         if aborted:
@@ -120,15 +122,18 @@ def play_together(
         lost = rows.client.lost - before
         remarks = [*rows.client.remarks, *_remarks(rows.client, lost, permitted, lateness)]
         log = rows.log(
-            profile, name or profile.name, min(profile.excitation.size, max(0, len(rows.told) - rows.client.drive.lag)),
-            end, lateness,
-        )  # fmt: skip
+            profile,
+            name or profile.name,
+            min(profile.excitation.size, max(0, len(rows.told) - rows.client.drive.lag)),
+            end,
+            lateness,
+        )
         played.append(Played(log, end or None, lost, lateness, tuple(remarks)))
     return played
 
 
 def _remarks(client: DriveClient, lost: int, permitted: bool, lateness: Lateness | None) -> Iterator[str]:
-    """What must be known of a motion."""
+    """Yield remarks on the validity of a motion."""
     if lost:
         yield (
             f"{lost} frames were lost; their rows hold the last values (column lost): repeat the measurement if there "
@@ -146,7 +151,9 @@ def _remarks(client: DriveClient, lost: int, permitted: bool, lateness: Lateness
 
 
 def _trouble(kept: Sequence[_Rows], seen: Sequence[str]) -> str:
-    """Why the motion ends: the first drive that no longer follows, or that its watch stops; empty if there is none."""
+    """Return why the motion ends: the first drive that no longer follows, or that its watch stops; empty if there is
+    none.
+    """
     for rows, fault in zip(kept, seen, strict=True):
         reason = rows.client.trouble() or fault
         if reason:
@@ -155,7 +162,7 @@ def _trouble(kept: Sequence[_Rows], seen: Sequence[str]) -> str:
 
 
 def listened(client: DriveClient, seconds: float) -> Played:
-    """A log of the drive while it is switched off, at rest or moved by hand. Raises BusError if it stops answering."""
+    """Log the drive while it is switched off, at rest or moved by hand. Raises BusError if it stops answering."""
     assert client.told is not None
     rows, zero = _Rows(client), np.zeros(0)
     count = max(1, round(seconds / client.drive.cycle_time))
@@ -176,7 +183,7 @@ def listened(client: DriveClient, seconds: float) -> Played:
 
 
 class _Sent(NamedTuple):
-    """The setpoints of a cycle: the target as the drive got it, and the excitation of the profile."""
+    """The setpoints of a cycle: the target as sent to the drive, and the excitation of the profile."""
 
     target: Target
     excitation: float
@@ -203,7 +210,7 @@ def _target(client: DriveClient, profile: Profile, i: int, start: float, *, rest
 
 
 def _halt(client: DriveClient) -> str:
-    """Quick stop and switch off; the result, as the end of a sentence."""
+    """Quick stop and switch off; return the result as the end of a sentence."""
     try:
         client.stop()
     except BusError as error:
@@ -230,7 +237,7 @@ class _Rows:
         self._state = self._watch.begin(self._answer(client.told))
 
     def watched(self, sent: _Sent, late: bool) -> str:
-        """Add the cycle that the client has ended; why its watch ends the motion, empty if it does not."""
+        """Add the finished cycle; return why its watch ends the motion, empty if it does not."""
         told = self.client.answer
         self.add(sent.target.position, sent.excitation, told)
         answer = None if told is None else self._answer(told)
@@ -242,35 +249,41 @@ class _Rows:
         return Answer(told.position, velocity, told.force, told.following_error, told.second)
 
     def add(self, set_position: float, excitation: float, told: ActualValues | None) -> None:
-        """One cycle; a lost one holds the last values."""
+        """Add one cycle; a lost one holds the last values."""
         self._last = told or self._last
         self.sent.append((set_position, excitation))
         self.told.append(self._last)
         self.lost.append(float(told is None))
 
     def log(self, profile: Profile, name: str, rows: int, aborted: str, lateness: Lateness | None) -> Log:
-        """The first so many rows, each with what came back `lag` cycles later."""
+        """Return the log of the first rows, each with the answer `lag` cycles later."""
         client, lag = self.client, self.client.drive.lag
         told, T = self.told[lag : lag + rows], client.drive.cycle_time
         channels: dict[str, list[float]] = {
             "set_position": [position for position, _ in self.sent[:rows]],
             "excitation": [excitation for _, excitation in self.sent[:rows]],
-            "force": [each.force for each in told],
-            "reading_load": [each.position for each in told],
+            "force": [actual.force for actual in told],
+            "reading_load": [actual.position for actual in told],
         }
         for column, field in (("reading_motor", "second"), ("velocity_load", "velocity")):
-            values = [getattr(each, field) for each in told]
+            values = [getattr(actual, field) for actual in told]
             if None not in values:
                 channels[column] = values
         if any(self.lost):
             channels["lost"] = self.lost[lag : lag + rows]
         units = {"set_position": "m", "excitation": profile.unit, "force": "N", "velocity_load": "m/s", "lost": ""}
         provenance: dict[str, object] = {
-            "written_by": "feeddrive play", "bus": client.transport.where, "mode": client.drive.mode,
-            "drive": dict(client.identity), "profile": profile.name, "profile_sha256": profile.sha256,
-            "increment_m": client.scaling.metre, "newton_per_mille": client.scaling.newton, "lag": lag,
+            "written_by": "feeddrive play",
+            "bus": client.transport.where,
+            "mode": client.drive.mode,
+            "drive": dict(client.identity),
+            "profile": profile.name,
+            "profile_sha256": profile.sha256,
+            "increment_m": client.scaling.metre,
+            "newton_per_mille": client.scaling.newton,
+            "lag": lag,
             "began_at_m": self.start,
-        }  # fmt: skip
+        }
         if aborted:
             provenance["aborted"] = str(aborted)
         constants = {"lost_frames": float(sum(self.lost))}
@@ -278,8 +291,11 @@ class _Rows:
             constants |= {f"late_{key}_s": value for key, value in lateness._asdict().items() if key != "missed"}
             constants["late_cycles"] = float(lateness.missed)
         return Log(
-            name=name, time=np.arange(rows) * T,
+            name=name,
+            time=np.arange(rows) * T,
             channels={key: np.array(values) for key, values in channels.items()},
-            units={key: units.get(key, "m") for key in channels}, sample_time=T, constants=constants,
+            units={key: units.get(key, "m") for key in channels},
+            sample_time=T,
+            constants=constants,
             provenance=provenance,
-        )  # fmt: skip
+        )

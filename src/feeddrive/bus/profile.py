@@ -21,7 +21,8 @@ _ABOVE_NYQUIST = 1e-3  # share of the excitation's power that may be lost betwee
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """Rows at the cycle time of the bus: excitation in `unit` (N, m or m/s), set position (m, from where it starts).
+    """Rows at the cycle time of the bus: excitation in `unit` (N, m or m/s), set position (m,
+    relative to its start).
 
     `velocity` is that of the file, else the central difference of the set position, m/s.
     """
@@ -36,7 +37,7 @@ class Profile:
 
 
 def read_profile(path: str | Path, drive: BusDrive, *, share: float = 1.0, ramp: float = 0.0) -> Profile:
-    """Read time, excitation, set position and set velocity, as far as they are there, at the cycle time of the drive.
+    """Read time, excitation, set position and set velocity, as far as present, at the cycle time of the drive.
 
     share  of the excitation that is played
     ramp   s over which the excitation swells and fades, for a profile that does not do so by itself
@@ -68,15 +69,15 @@ def read_profile(path: str | Path, drive: BusDrive, *, share: float = 1.0, ramp:
         velocity = log["set_velocity"][::every].copy()
     else:
         velocity = np.gradient(set_position, T) if set_position.size > 1 else np.zeros(set_position.size)
-    found = Profile(
+    profile = Profile(
         str(path), str(log.provenance["sha256"]), T, unit, _ramped(excitation, round(ramp / T)), set_position, velocity
     )
-    check_profile(found, drive)
-    return found
+    check_profile(profile, drive)
+    return profile
 
 
 def _every(path: str | Path, step: float, T: float, advice: str) -> int:
-    """Rows of a file in a cycle of the bus."""
+    """Return the number of rows of a file in a cycle of the bus."""
     every = round(T / step)
     if every < 1 or abs(T / step - every) > 1e-6 * every:
         raise ParameterError(
@@ -87,7 +88,7 @@ def _every(path: str | Path, step: float, T: float, advice: str) -> int:
 
 
 def read_plan_profiles(setpoints: Path, drives: Mapping[str, BusDrive]) -> list[Profile]:
-    """The motion of each axis of a plan, for the drive of this name, from where the axis stands.
+    """Return the motion of each axis of a plan, for the drive of this name, relative to its present position.
 
     setpoints  setpoints.parquet of `feeddrive plan`
 
@@ -99,14 +100,17 @@ def read_plan_profiles(setpoints: Path, drives: Mapping[str, BusDrive]) -> list[
     if not axes:
         raise ParameterError(f"{setpoints}: has no columns such as x.set_position, as feeddrive plan writes them")
     moving = [axis for axis in axes if np.ptp(log[f"{axis}.set_position"]) > 0.0]
-    missing, strange = [each for each in moving if each not in drives], [each for each in drives if each not in axes]
+    missing, strange = (
+        [axis_name for axis_name in moving if axis_name not in drives],
+        [axis_name for axis_name in drives if axis_name not in axes],
+    )
     if missing or strange:
         raise ParameterError(
             f"{setpoints}: moves the axes {', '.join(moving) or '(none)'}, and there "
             + (f"is no drive for {', '.join(missing)}" if missing else f"is no axis {', '.join(strange)}")
             + ': give one drive file (--drive) for each axis, with its name as  axis = "x"'
         )
-    turning = [each for each in moving if log.units.get(f"{each}.set_position") == "rad"]
+    turning = [axis_name for axis_name in moving if log.units.get(f"{axis_name}.set_position") == "rad"]
     if turning:
         raise ParameterError(
             f"{setpoints}: axis {turning[0]} turns, and drive files scale lengths only: take it out of the program"
@@ -114,11 +118,11 @@ def read_plan_profiles(setpoints: Path, drives: Mapping[str, BusDrive]) -> list[
     times = {drive.cycle_time for drive in drives.values()}
     modes = {drive.mode for drive in drives.values()}
     if len(times) > 1 or modes != {"csp"}:
-        listed = joined(", ", (Text(f"{Quantity(each, 's'):6 us}") for each in sorted(times)))
+        listed = joined(", ", (Text(f"{Quantity(axis_name, 's'):6 us}") for axis_name in sorted(times)))
         raise ParameterError(
             f"the drives of a plan have one cycle_time and the mode csp, not {listed} and {', '.join(sorted(modes))}"
         )
-    found: list[Profile] = []
+    profiles: list[Profile] = []
     for axis, drive in drives.items():
         every = _every(setpoints, log.sample_time, drive.cycle_time, "plan it with --sample-time")
         rows = np.minimum(np.arange(0, len(log) + every - 1, every), len(log) - 1)  # the end itself, too
@@ -129,12 +133,12 @@ def read_plan_profiles(setpoints: Path, drives: Mapping[str, BusDrive]) -> list[
             f"{setpoints}, axis {axis}", sha, drive.cycle_time, "N", rest, position - position[0], velocity
         )
         check_profile(profile, drive)
-        found.append(profile)
-    return found
+        profiles.append(profile)
+    return profiles
 
 
 def _check_band(path: str, excitation: np.ndarray, every: int, step: float) -> None:
-    """Frequencies above half the rate of the bus would be aliased."""
+    """Refuse frequencies above half the rate of the bus, which would be aliased."""
     if every == 1 or not np.any(excitation):
         return
     power = np.abs(np.fft.rfft(excitation)) ** 2

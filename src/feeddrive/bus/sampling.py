@@ -18,8 +18,7 @@ import numpy as np
 
 from feeddrive.analysis.oscilloscope import Rows
 from feeddrive.bus.cia402 import TOLD, VIRTUAL, Layout, state_of
-from feeddrive.bus.client import transport_of
-from feeddrive.bus.commissioning import check_scaling, identify
+from feeddrive.bus.client import check_scaling, identify, transport_of
 from feeddrive.bus.drive_file import BusDrive, DriveFile, DriveScaling
 from feeddrive.bus.pace import Pace
 from feeddrive.bus.transport import Transport, has_object
@@ -35,27 +34,30 @@ _END = 3.0  # s in which the process ends by itself
 
 # channels, the objects that they are made of, and their units
 _CHANNELS: Mapping[str, tuple[str, str]] = {
-    "position": ("position", "m"), "velocity": ("velocity", "m/s"), "force": ("torque", "N"),
-    "following_error": ("following_error", "m"), "position_second": ("second_position", "m"),
+    "position": ("position", "m"),
+    "velocity": ("velocity", "m/s"),
+    "force": ("torque", "N"),
+    "following_error": ("following_error", "m"),
+    "position_second": ("second_position", "m"),
     "status": ("statusword", ""),
-}  # fmt: skip
+}
 _NEEDED = ("position", "torque", "statusword")
 
 
 class Sampler:
-    """The exchange with one drive: `open`, `cycle` as often as one likes, `close`. All raise BusError."""
+    """The exchange with one drive: `open`, `cycle` repeatedly, `close`. All raise BusError."""
 
     def __init__(self, transport: Transport, drive: BusDrive) -> None:
         self.transport, self.drive = transport, drive
         self.pace = Pace(drive.cycle_time)
         self.channels: dict[str, str] = {}
-        self.said, self.virtual = "", False
+        self.description, self.virtual = "", False
         self._told = Layout(())
         self._lost = 0
         self._heard = clock.monotonic()
 
     def open(self) -> None:
-        """Find and compare the drive, map what it tells, and begin the exchange."""
+        """Find and compare the drive, map its actual values, and start the exchange."""
         transport = self.transport
         transport.open()
         known = identify(transport, self.drive)
@@ -67,12 +69,12 @@ class Sampler:
         self._told = Layout(TOLD).keeping(there)
         self.channels = {name: unit for name, (of, unit) in _CHANNELS.items() if of in there}
         self.virtual = known.get("name") == VIRTUAL
-        self.said = " ".join([f"{known.get('name') or 'a drive without a name'}.", *remarks])
+        self.description = " ".join([f"{known.get('name') or 'a drive without a name'}.", *remarks])
         transport.map(Layout(()), self._told)
         transport.operate(b"")
 
     def cycle(self) -> tuple[float, list[float] | None]:
-        """One cycle: by how much it began late (s), and the values of the channels, None for a lost frame."""
+        """Exchange one cycle; return its lateness (s) and the values of the channels, None for a lost frame."""
         late = self.pace.wait()
         self.transport.put(b"")
         told = self.transport.take(1.0 if self.virtual else max(2e-3, 2.0 * self.drive.cycle_time))
@@ -87,12 +89,12 @@ class Sampler:
         return late, values_of(self._told.unpack(told), self.channels, self.drive.scaling)
 
     def close(self) -> None:
-        """Leave the drive as the transport leaves it; never raises."""
+        """Close the transport; never raises."""
         self.transport.close()
 
 
 def values_of(raw: Mapping[str, int], channels: Mapping[str, str], scaling: DriveScaling) -> list[float]:
-    """Objects as numbers in the units of the channels: increments as m, thousandths of the rated torque as N."""
+    """Convert objects to the units of the channels: increments to m, thousandths of the rated torque to N."""
     factor = {"m": scaling.metre, "m/s": scaling.metre, "N": scaling.newton, "": 1.0}
     return [raw[_CHANNELS[name][0]] * factor[unit] for name, unit in channels.items()]
 
@@ -105,20 +107,20 @@ def sample(sampler: Sampler, give: Callable[[np.ndarray, np.ndarray], None], sto
     """
     T, k, slipped = sampler.drive.cycle_time, 0, 0.0
     gap = [float("nan")] * len(sampler.channels)
-    times, rows, given = list[float](), list[list[float]](), clock.monotonic()
+    times, rows, delivered = list[float](), list[list[float]](), clock.monotonic()
     while not stopped():
         late, values = sampler.cycle()
         slipped += late if late > T and not sampler.virtual else 0.0
         times.append(k * T + slipped)
         rows.append(gap if values is None else values)
         k += 1
-        if clock.monotonic() - given > _TOGETHER:
+        if clock.monotonic() - delivered > _TOGETHER:
             give(np.array(times), np.array(rows))
-            times, rows, given = [], [], clock.monotonic()
+            times, rows, delivered = [], [], clock.monotonic()
 
 
 def _child(file: DriveFile, line: Any) -> None:
-    """In a process of its own, so that neither a page nor a picture delays a cycle.
+    """Sample in a separate process, so that neither a page nor a picture delays a cycle.
 
     However the one that began it ends, the line ends with it, and the drive is left in order.
     """
@@ -126,7 +128,7 @@ def _child(file: DriveFile, line: Any) -> None:
     sampler = Sampler(transport_of(file.drive, file.interface, file.bitrate), file.drive)
     try:
         sampler.open()
-        line.send(("open", sampler.channels, sampler.said))
+        line.send(("open", sampler.channels, sampler.description))
         sample(sampler, lambda time, values: line.send(("rows", time, values)), line.poll)
     except FeeddriveError as error:
         with suppress(OSError):
@@ -155,18 +157,18 @@ class DriveSamples:
         theirs.close()
 
     def take(self) -> Rows:
-        """The samples since the last call. Raises BusError as soon as the drive cannot be sampled."""
+        """Return the samples since the last call. Raises BusError as soon as the drive cannot be sampled."""
         times, values = list[np.ndarray](), list[np.ndarray]()
         try:
             while self._line.poll():
-                kind, *found = self._line.recv()
+                kind, *payload = self._line.recv()
                 if kind == "error":
-                    raise BusError(found[0])
+                    raise BusError(payload[0])
                 if kind == "open":
-                    self.channels, self._said = found
+                    self.channels, self._said = payload
                 else:
-                    times.append(found[0])
-                    values.append(found[1])
+                    times.append(payload[0])
+                    values.append(payload[1])
         except (EOFError, OSError):
             raise BusError(f"{self.name}: the process that samples the drive has ended") from None
         if not times:
@@ -181,7 +183,7 @@ class DriveSamples:
         return "no answers" if not told.size else f"'{'unknown' if state is None else state.words}'"
 
     def state(self) -> str:
-        """Which drive it is and in what power state."""
+        """Return the drive and its power state."""
         return f"{self._said} {self._state}".strip() + "; sampled, not commanded"
 
     def close(self) -> None:

@@ -13,12 +13,21 @@ from feeddrive.bus.cia402 import OBJECTS, Layout
 from feeddrive.language.errors import BusError
 
 _REASONS = {
-    0x05040000: "no answer", 0x05040001: "command not known", 0x06010002: "read only", 0x06020000: "no such object",
-    0x06040041: "cannot be mapped", 0x06040042: "too long a mapping", 0x06070010: "of another length",
-    0x06090011: "no such subindex", 0x06090030: "value out of range", 0x06090031: "value too large",
-    0x06090032: "value too small", 0x08000020: "cannot be stored", 0x08000021: "local control",
+    0x05040000: "no answer",
+    0x05040001: "command not known",
+    0x06010002: "read only",
+    0x06020000: "no such object",
+    0x06040041: "cannot be mapped",
+    0x06040042: "too long a mapping",
+    0x06070010: "of another length",
+    0x06090011: "no such subindex",
+    0x06090030: "value out of range",
+    0x06090031: "value too large",
+    0x06090032: "value too small",
+    0x08000020: "cannot be stored",
+    0x08000021: "local control",
     0x08000022: "not in this state of the drive",
-}  # fmt: skip
+}
 
 
 class RefusedError(BusError):
@@ -44,7 +53,7 @@ class Transport(Protocol):
         """Find the drive; objects can be read and written from here on."""
 
     def read(self, index: int, subindex: int) -> bytes:
-        """The content of an object. Raises RefusedError."""
+        """Return the content of an object. Raises RefusedError."""
         ...
 
     def write(self, index: int, subindex: int, content: bytes) -> None:
@@ -60,10 +69,10 @@ class Transport(Protocol):
         """Begin the exchange of process data, with this content."""
 
     def put(self, content: bytes) -> None:
-        """What is sent in the next cycle."""
+        """Set the outputs of the next cycle."""
 
     def take(self, timeout: float) -> bytes | None:
-        """One cycle: send, and return what was received within `timeout` s; None for a lost frame.
+        """Exchange one cycle: send, and return what was received within `timeout` s; None for a lost frame.
 
         Of drives that share a frame all are put before; the first that is taken sends it.
         """
@@ -122,24 +131,24 @@ def _holder(name: bytes) -> str:
 
 
 def read_object(transport: Transport, name: str) -> int:
-    """An object as a number. Raises RefusedError."""
-    found = OBJECTS[name]
-    content = transport.read(found.index, found.subindex)
-    if len(content) < found.bits // 8:
+    """Read an object as a number. Raises RefusedError."""
+    entry = OBJECTS[name]
+    content = transport.read(entry.index, entry.subindex)
+    if len(content) < entry.bits // 8:
         raise BusError(
-            f"{transport.where}: object {found.place} ({name}) has {len(content)} bytes, not of {found.type}"
+            f"{transport.where}: object {entry.place} ({name}) has {len(content)} bytes, not of {entry.type}"
         )
-    return found.decode(content)
+    return entry.decode(content)
 
 
 def write_object(transport: Transport, name: str, value: int) -> None:
     """Write a number. Raises RefusedError."""
-    found = OBJECTS[name]
-    transport.write(found.index, found.subindex, found.encode(value))
+    entry = OBJECTS[name]
+    transport.write(entry.index, entry.subindex, entry.encode(value))
 
 
 def has_object(transport: Transport, name: str) -> bool:
-    """Whether the drive lets the object be read."""
+    """True if the drive permits reading the object."""
     try:
         read_object(transport, name)
     except RefusedError:
@@ -148,7 +157,7 @@ def has_object(transport: Transport, name: str) -> bool:
 
 
 def write_mapping(transport: Transport, first: int, layout: Layout) -> None:
-    """The process data objects from 0x1600 or 0x1A00 on: count 0, entries, count."""
+    """Write the PDOs from 0x1600 or 0x1A00 on: count 0, entries, count."""
     for k, group in enumerate(layout.groups):
         transport.write(first + k, 0, b"\x00")
         for place, name in enumerate(group, start=1):
@@ -157,7 +166,7 @@ def write_mapping(transport: Transport, first: int, layout: Layout) -> None:
 
 
 def holds_mapping(transport: Transport, first: int, assigned: int, layout: Layout) -> bool:
-    """Whether the process data objects from `first` on, and their list `assigned`, read back as they were written."""
+    """True if the PDOs from `first` on, and their list `assigned`, read back as they were written."""
 
     def read(index: int, subindex: int, size: int) -> int:
         return int.from_bytes(transport.read(index, subindex)[:size], "little")

@@ -94,7 +94,7 @@ MEMORY = 10.0  # responses over which velocity and positions are compared
 
 
 class Target(NamedTuple):
-    """What is commanded in a cycle; which of it the drive obeys depends on the mode."""
+    """The command of a cycle; the mode decides which part the drive obeys."""
 
     position: float  # m
     velocity: float  # m/s
@@ -112,7 +112,7 @@ class Answer(NamedTuple):
 
 
 class Fault(NamedTuple):
-    """Why a motion must end: what was seen, its value and bound in one unit, the cycle, and a sentence with them."""
+    """Why a motion must end: the kind, its value and bound in one unit, the cycle, and a sentence with them."""
 
     kind: str
     value: float
@@ -123,7 +123,7 @@ class Fault(NamedTuple):
 
 
 class Anchor(NamedTuple):
-    """A reading and its cycle, the lead of the target in it (csp, m), and the way asked for since (csv, m)."""
+    """A reading and its cycle, the lead of the target in it (csp, m), and the commanded travel since (csv, m)."""
 
     position: float
     cycle: int
@@ -154,7 +154,7 @@ class Push(NamedTuple):
 
 
 class State(NamedTuple):
-    """What is known after a cycle.
+    """The state of the watch after a cycle.
 
     cycle    number of the next one
     start    position at which the motion began, m
@@ -181,7 +181,7 @@ class State(NamedTuple):
 
 
 class Watch:
-    """The watch over one drive; it holds the bounds of its drive file, and no state."""
+    """The watch over one drive. It holds the bounds of its drive file, and no state."""
 
     def __init__(self, drive: BusDrive) -> None:
         self.drive, self.limits = drive, drive.limits
@@ -197,14 +197,14 @@ class Watch:
         )  # of the last RESPONSE, both ends included
 
     def begin(self, answer: Answer) -> State:
-        """The state before the first cycle, of an axis that is held where it is."""
+        """Return the state before the first cycle, of an axis that is held in place."""
         here = answer.position
         return State(0, here, (Target(here, 0.0, 0.0),) * self.drive.lag, 0.0, answer, Anchor(here, 0, 0.0))
 
     def step(
         self, state: State, target: Target, answer: Answer | None, *, late: bool = False
     ) -> tuple[State, Fault | None]:
-        """One cycle with its target and its answer; the answer is None if it was lost.
+        """Check one cycle with its target and its answer; the answer is None if it was lost.
 
         Time is counted in cycles.  `late` says that more than a cycle passed before this one: how far the axis went
         meanwhile is not known.
@@ -231,13 +231,11 @@ class Watch:
             or self._frozen(state.cycle, answer, same, renewal)
             or self._contradiction(state.cycle, answer, gap, speed)
         )
-        after = State(
-            state.cycle + 1, state.start, tuple(sent), 0.0, answer, anchor, push, same, renewal, gap, speed
-        )  # fmt: skip
+        after = State(state.cycle + 1, state.start, tuple(sent), 0.0, answer, anchor, push, same, renewal, gap, speed)
         return after, fault
 
     def _beyond(self, state: State, answer: Answer, lead: float, silent: float) -> Fault | None:
-        """A limit of the drive file that is exceeded."""
+        """Return the fault of a limit of the drive file that is exceeded."""
         limits, cycle, position = self.limits, state.cycle, answer.position
         travel, speed = abs(position - state.start), answer.velocity
         if speed is None:
@@ -272,7 +270,9 @@ class Watch:
         return None
 
     def _pushed(self, push: Push, force: float, dt: float, cycle: int) -> Push:
-        """The push a cycle later: the least motion that it gives, and how fast an axis that stayed may have been."""
+        """Return the push a cycle later: the least motion that it gives, and the largest speed of
+        an axis that stayed.
+        """
         mass, breakaway = self.limits.largest_mass, self.limits.breakaway_force
         if self.drive.mode != "cst" or mass is None or breakaway is None:
             return push
@@ -292,7 +292,7 @@ class Watch:
         return Push(forces, sign, time, push.speed + gained, way, slowest, fastest, due)
 
     def _standing(self, cycle: int, anchor: Anchor, push: Push, acting: Target, sent: Sequence[Target]) -> Fault | None:
-        """A position that stands where that of a live drive must have moved."""
+        """Return the fault of a position that stands where that of a live drive must have moved."""
         mode, most = self.drive.mode, self.limits.following_error
         if mode == "csp":
             lead = acting.position - anchor.position
@@ -330,7 +330,7 @@ class Watch:
         )
 
     def _repeated(self, state: State, answer: Answer, silent: float) -> tuple[tuple[int, float], int]:
-        """How often and how long all values have been the same, and after how many answers they were new so far."""
+        """Return how often and how long all values have been equal, and after how many answers they were new so far."""
         many, time = state.same
         if answer == state.answer:
             return (many + 1, time + silent), state.renewal
@@ -338,7 +338,7 @@ class Watch:
         return (0, 0.0), max(state.renewal, min(many + 1, self._patience)) if held else state.renewal
 
     def _frozen(self, cycle: int, answer: Answer, same: tuple[int, float], renewal: int) -> Fault | None:
-        """All values stand still, with a velocity among them."""
+        """Return the fault of values that all stand still, a velocity among them."""
         many, time = same
         if answer.velocity is None or many < max(self._patience, 2 * renewal):
             return None
@@ -353,7 +353,7 @@ class Watch:
         return Fault("velocity_frozen", way, least, "m", cycle, message)
 
     def _compared(self, state: State, answer: Answer, silent: float, late: bool) -> tuple[float, float]:
-        """The gap between velocity and positions, m, and the largest speed of late, m/s."""
+        """Return the gap between velocity and positions, m, and the largest recent speed, m/s."""
         if answer.velocity is None:
             return 0.0, 0.0
         kept = max(0.0, 1.0 - silent / self._memory)
@@ -362,21 +362,21 @@ class Watch:
         return gap, max(kept * state.speed, abs(answer.velocity), abs(moved) / silent)
 
     def _contradiction(self, cycle: int, answer: Answer, gap: float, speed: float) -> Fault | None:
-        """A velocity that the positions contradict."""
+        """Return the fault of a velocity that the positions contradict."""
         bound = self._response * speed + max(self._sure, USED * self.limits.following_error)
         if abs(gap) > bound:
-            said = Text(
+            sentence = Text(
                 f"0x606C and 0x6064 contradict each other: in cycle {cycle} the velocity, "
                 f"{Quantity(answer.velocity or 0.0, 'm/s'):SI}, and the positions of the last "
                 f"{Quantity(self._memory, 's'):SI} differ by {Quantity(abs(gap), 'm'):SI}, more than "
                 f"{Quantity(bound, 'm'):SI}: one of them is dead, or the unit of the velocity is another"
             )
-            return Fault("velocity_contradicts", abs(gap), bound, "m", cycle, said)
+            return Fault("velocity_contradicts", abs(gap), bound, "m", cycle, sentence)
         return None
 
 
 def _exceeded(key: str, value: float, bound: float, unit: str, cycle: int, which: str = "") -> Fault:
-    """A limit of the drive file that is exceeded; `which` says whose count it is."""
+    """Return the fault of a limit of the drive file that is exceeded; `which` names the counter."""
     message = Text(
         f"{key} = {Quantity(value, unit):SI}{which} in cycle {cycle} exceeded limits.{key} = {Quantity(bound, unit):SI}"
     )

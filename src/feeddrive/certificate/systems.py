@@ -18,7 +18,7 @@ from feeddrive.blocks.plant.modal import Modal
 from feeddrive.blocks.plant.mode import Mode
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.signals import Setpoint
-from feeddrive.identification.response.modal_response import common_poles
+from feeddrive.identification.response.modal_fit import common_poles
 from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
 from feeddrive.language.quantity import Quantity

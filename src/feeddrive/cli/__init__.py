@@ -20,8 +20,8 @@ from feeddrive.language.text import Text
 STOPPED = CancelledError.exit_code
 
 
-def _stopped(said: object = "stopped; nothing was written") -> NoReturn:
-    sys.stderr.write(visible(Text(f"feeddrive: {said}\n")))
+def _stopped(message: object = "stopped; nothing was written") -> NoReturn:
+    sys.stderr.write(visible(Text(f"feeddrive: {message}\n")))
     sys.exit(STOPPED)
 
 

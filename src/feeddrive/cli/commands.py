@@ -40,7 +40,7 @@ STOPPED = CancelledError.exit_code
 
 
 def offered(name: str) -> Command[Any, Any, Any]:
-    """The command of a name."""
+    """Return the command of a name."""
     if name not in SKINS:
         return load(name)
     from feeddrive.studio.command import studio  # not for `--help`
@@ -53,16 +53,16 @@ class _Later(TyperCommand):
 
     @cached_property
     def real(self) -> Any:
-        """The command itself."""
+        """Return the command itself."""
         app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=self.rich_markup_mode)
-        examples = [f"feeddrive {self.name} {each}".rstrip() for each in OFFERED[str(self.name)].examples]
-        said = "\n\n".join(["Example:" if len(examples) == 1 else "Examples:", *examples])
-        app.command(self.name, help=self.help, epilog=said)(_function(offered(str(self.name))))
+        examples = [f"feeddrive {self.name} {arguments}".rstrip() for arguments in OFFERED[str(self.name)].examples]
+        epilog = "\n\n".join(["Example:" if len(examples) == 1 else "Examples:", *examples])
+        app.command(self.name, help=self.help, epilog=epilog)(_function(offered(str(self.name))))
         return get_command(app)
 
     @property
     def params(self) -> Any:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Arguments and options."""
+        """Return arguments and options."""
         return self.real.params
 
     @params.setter
@@ -70,27 +70,29 @@ class _Later(TyperCommand):
         """Those of the command itself count."""
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
-        """The context of the command itself."""
+        """Return the context of the command itself."""
         return self.real.make_context(*args, **kwargs)
 
 
 class Commands(TyperGroup):
-    """All commands; their help and usage errors stand in boxes on a terminal, and as plain lines elsewhere."""
+    """The group of all commands; help and usage errors are boxed on a terminal, and plain lines elsewhere."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         mode = self.rich_markup_mode
         self.later = [
-            _Later(name, help=each.said, rich_help_panel=each.group, rich_markup_mode=mode)
-            for name, each in OFFERED.items()
+            _Later(name, help=command.said, rich_help_panel=command.group, rich_markup_mode=mode)
+            for name, command in OFFERED.items()
         ]
-        self.commands = {str(each.name): each for each in self.later}
+        self.commands = {str(command.name): command for command in self.later}
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """The commands under the headings of what a user does; boxes on a terminal take them from the panels."""
-        for group in dict.fromkeys(each.group for each in OFFERED.values()):
+        """List the commands under the headings of the workflow; a terminal takes them from the panels."""
+        for group in dict.fromkeys(command.group for command in OFFERED.values()):
             with formatter.section(group):
-                formatter.write_dl([(name, each.said) for name, each in OFFERED.items() if each.group == group])
+                formatter.write_dl(
+                    [(name, command.said) for name, command in OFFERED.items() if command.group == group]
+                )
 
     def main(
         self,
@@ -105,12 +107,12 @@ class Commands(TyperGroup):
         if not (sys.stdout.isatty() and sys.stderr.isatty()):
             extra["terminal_width"] = UNBROKEN
             self.rich_markup_mode = None
-            for each in self.later:
-                each.rich_markup_mode = None
-        given = sys.argv[1:] if args is None else args
-        if JSON not in given:
+            for later in self.later:
+                later.rich_markup_mode = None
+        arguments = sys.argv[1:] if args is None else args
+        if JSON not in arguments:
             return super().main(args, prog_name, complete_var, standalone_mode, windows_expand_args, **extra)
-        name = next((word for word in given if word in OFFERED), "")
+        name = next((word for word in arguments if word in OFFERED), "")
         try:
             code = super().main(args, prog_name, complete_var, False, windows_expand_args, **extra)
         except typer.Abort:
@@ -150,7 +152,7 @@ def options(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
     ] = False,
 ) -> None:
-    """Options that stand before a command."""
+    """Options before the command."""
 
 
 JSON = "--json"
@@ -158,7 +160,7 @@ BLOCKS = "A file or PACKAGE.MODULE with laws or other blocks of your own, whose 
 
 
 def _function(command: Command[Any, Any, Any]) -> Any:
-    """What typer makes a command from: a function with a parameter for each field of the request."""
+    """Return the function that typer makes a command from, with a parameter for each field of the request."""
     fields = {field.name: field for field in fields_of(command.request)}  # type: ignore[arg-type]
 
     def perform(blocks: list[str] | None, verbose: bool, json: bool, **values: Any) -> None:
@@ -168,30 +170,36 @@ def _function(command: Command[Any, Any, Any]) -> Any:
 
     parameters = [*(_parameter(field) for field in fields.values()), _BLOCKS, _VERBOSE, _JSON]
     perform.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    perform.__annotations__ = {each.name: each.annotation for each in parameters}
+    perform.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return perform
 
 
 _BLOCKS = inspect.Parameter(
-    "blocks", inspect.Parameter.KEYWORD_ONLY, default=None,
+    "blocks",
+    inspect.Parameter.KEYWORD_ONLY,
+    default=None,
     annotation=Annotated[
         list[str] | None, typer.Option("--blocks", help=BLOCKS, metavar="<place>", show_default=False)
     ],
-)  # fmt: skip
+)
 _VERBOSE = inspect.Parameter(
-    "verbose", inspect.Parameter.KEYWORD_ONLY, default=False,
+    "verbose",
+    inspect.Parameter.KEYWORD_ONLY,
+    default=False,
     annotation=Annotated[bool, typer.Option("--verbose", help="Show the details too.", show_default=False)],
-)  # fmt: skip
+)
 _JSON = inspect.Parameter(
-    "json", inspect.Parameter.KEYWORD_ONLY, default=False,
+    "json",
+    inspect.Parameter.KEYWORD_ONLY,
+    default=False,
     annotation=Annotated[
         bool, typer.Option(JSON, help="Print one JSON object: tables in SI, sentences, files.", show_default=False)
     ],
-)  # fmt: skip
+)
 
 
 def _opted_in(places: Sequence[str]) -> AbstractContextManager[None]:
-    """The blocks of one's own at these places, if any are named."""
+    """Register the user-defined blocks at these places, if any are named."""
     if not places:
         return nullcontext()
     from feeddrive.blocks.catalogue import with_blocks  # not for `--help`
@@ -201,7 +209,7 @@ def _opted_in(places: Sequence[str]) -> AbstractContextManager[None]:
 
 @contextmanager
 def _in_one_line() -> Generator[None]:
-    """Errors in the code of blocks of one's own are said like all others."""
+    """Report exceptions from user-defined blocks like any other error."""
     try:
         yield
     except (FeeddriveError, typer.Exit, typer.Abort):
@@ -209,14 +217,14 @@ def _in_one_line() -> Generator[None]:
     except Exception as error:
         from feeddrive.blocks.catalogue import fault_of_own
 
-        said = fault_of_own(error)
-        if said is None:
+        fault = fault_of_own(error)
+        if fault is None:
             raise
-        raise said from error
+        raise fault from error
 
 
 def _parameter(field: Field) -> inspect.Parameter:
-    """A field as typer reads it."""
+    """Return a field as typer reads it."""
     kind: Any = list[field.kind] if field.many else field.kind  # type: ignore[name-defined]
     default: Any = inspect.Parameter.empty
     if not field.required:
@@ -230,7 +238,7 @@ def _parameter(field: Field) -> inspect.Parameter:
         kind = kind | None if default is None else kind
     if field.flag:
         names = [field.flag, field.short] if field.short else [field.flag]
-        shown = not any(default is each for each in (None, False, inspect.Parameter.empty))
+        shown = not any(default is absent for absent in (None, False, inspect.Parameter.empty))
         info = typer.Option(*names, help=field.help(), show_default=shown)
     else:
         info = typer.Argument(help=field.help())
@@ -240,9 +248,9 @@ def _parameter(field: Field) -> inspect.Parameter:
 
 
 def _entered(field: Field, value: Any) -> Any:
-    """A value of the command line as the request holds it: in SI, and a tuple where there may be several."""
+    """Return a value of the command line as the request holds it: in SI, and a tuple where several are allowed."""
     if field.many:
-        return tuple(_in_si(field, each) for each in value or ())
+        return tuple(_in_si(field, item) for item in value or ())
     return value if value is None else _in_si(field, value)
 
 
@@ -251,40 +259,40 @@ def _in_si(field: Field, value: Any) -> Any:
 
 
 def _perform(command: Command[Any, Any, Any], values: dict[str, Any], *, verbose: bool, as_json: bool) -> None:
-    """Do the work and show what it came to; end with the exit code of its judgment."""
+    """Run the command and show its outcome; end with the exit code of its judgment."""
     request = command.made(**values)
     usual = request.usual_out()
     if usual is not None and request.out is None:
         request = replace(request, out=usual)
     console = open_console(errors=as_json)
     with TerminalProgress(console) as progress:
-        found = command.run(request, progress)
+        outcome = command.run(request, progress)
     if as_json:
-        _write(found.record(command.__name__.replace("_", "-")))
+        _write(outcome.record(command.__name__.replace("_", "-")))
     else:
-        for each in found.shown(verbose=verbose):
-            show(console, each)
-        for line in found.written():
+        for item in outcome.shown(verbose=verbose):
+            show(console, item)
+        for line in outcome.written():
             show(console, line, soft_wrap=True)
-    if found.error is not None and as_json:
-        sys.stderr.write(visible(Text(f"feeddrive: error: {found.error}\n")))
-        raise typer.Exit(found.error.exit_code)
-    if found.error is not None:
-        raise found.error
-    if found.judgment.bad:
-        if found.failure:
-            sys.stderr.write(visible(resolve(f"feeddrive: {found.failure}\n", found.units)))
-        raise typer.Exit(found.judgment.exit_code)
+    if outcome.error is not None and as_json:
+        sys.stderr.write(visible(Text(f"feeddrive: error: {outcome.error}\n")))
+        raise typer.Exit(outcome.error.exit_code)
+    if outcome.error is not None:
+        raise outcome.error
+    if outcome.judgment.bad:
+        if outcome.failure:
+            sys.stderr.write(visible(resolve(f"feeddrive: {outcome.failure}\n", outcome.units)))
+        raise typer.Exit(outcome.judgment.exit_code)
 
 
 def _write(record: dict[str, Any]) -> None:
-    """Write a JSON object to the standard output, in ASCII, so that nothing in it obeys a terminal."""
+    """Write a JSON object to the standard output, in ASCII, so that it holds no control sequence of a terminal."""
     sys.stdout.write(json.dumps(record, allow_nan=False, indent=1) + "\n")
     sys.stdout.flush()
 
 
 def _write_error(command: str, error: Exception, code: int | None) -> None:
-    """Write an error with its exit code as JSON; a fault of feeddrive itself has none, and is not written."""
+    """Write an error with its exit code as JSON; an internal fault of feeddrive has no code, and is not written."""
     if code is not None:
         told = getattr(error, "format_message", error.__str__)()
         _write({"command": command, "exit_code": code, "error": {**failure(error), "message": told}})

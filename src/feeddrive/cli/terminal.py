@@ -25,7 +25,7 @@ UNBROKEN = 1_000_000
 
 @contextmanager
 def own_words() -> Generator[None]:
-    """Only what feeddrive says reaches the terminal: no warning and no log line of a library, also in workers.
+    """Keep warnings and log lines of libraries off the terminal, also in workers.
 
     `python -W` and PYTHONWARNINGS show warnings as usual.
     """
@@ -44,7 +44,7 @@ def own_words() -> Generator[None]:
 
 
 def open_console(*, errors: bool = False) -> Console:
-    """Return the standard output, or the error stream, which progress and questions have beside JSON.
+    """Return the standard output, or the error stream, which carries progress and questions when the output is JSON.
 
     It is as wide as the terminal, or without a margin where it is none (whatever COLUMNS says).
     """
@@ -54,16 +54,18 @@ def open_console(*, errors: bool = False) -> Console:
     return Console(highlight=False, stderr=errors, width=None if stream.isatty() else UNBROKEN)
 
 
-def show(console: Console, said: Table | Grid | str, *, soft_wrap: bool = False) -> None:
-    """A table, or a sentence that is broken between words; nothing in it obeys the terminal, see `visible`."""
-    if isinstance(said, Table | Grid):
-        console.print(DrawnTable(said if isinstance(said, Grid) else said.grid()))
+def show(console: Console, content: Table | Grid | str, *, soft_wrap: bool = False) -> None:
+    """Print a table, or a sentence that is wrapped between words; control sequences in it have no effect, see
+    `visible`.
+    """
+    if isinstance(content, Table | Grid):
+        console.print(DrawnTable(content if isinstance(content, Grid) else content.grid()))
     else:
-        console.print(visible(Text(said)), markup=False, soft_wrap=soft_wrap)
+        console.print(visible(Text(content)), markup=False, soft_wrap=soft_wrap)
 
 
 class TerminalProgress(Progress):
-    """A bar, or a line for each of several parts, while the work goes on; gone when it is over."""
+    """A progress bar, or a line for each of several parts, removed at the end."""
 
     def __init__(self, console: Console) -> None:
         super().__init__()
@@ -93,7 +95,7 @@ class TerminalProgress(Progress):
         self._bar.update(self._tasks[part], description=text, completed=done, total=of)
 
     def show_remark(self, said: str | Table) -> None:
-        """Print it immediately."""
+        """Print a remark immediately."""
         show(self._console, said, soft_wrap=True)
         self._console.file.flush()
 
@@ -112,7 +114,7 @@ def _bar(console: Console, *, counted: bool) -> Any:
 
 
 class DrawnTable:
-    """A table as rich draws it: heads may break their lines, and so may a column of sentences; no value is cut.
+    """A table as rich draws it: heads and columns of sentences may wrap; no value is cut.
 
     Where the terminal is narrower than the values, the rows go on in the next line.
     """
@@ -122,21 +124,21 @@ class DrawnTable:
         from rich.markup import escape
         from rich.table import Table as Shown
 
-        self.table, self.made = table, Shown(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+        self.table, self.drawn = table, Shown(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
         for i, head in enumerate(table.heads):
             left = i in (0, table.sentences)
             widest = None if i == table.sentences else max((len(row[i]) for row in table.rows), default=None)
-            self.made.add_column(head, justify="left" if left else "right", min_width=widest)
+            self.drawn.add_column(head, justify="left" if left else "right", min_width=widest)
         for row in table.rows:
-            self.made.add_row(*map(escape, row))
+            self.drawn.add_row(*map(escape, row))
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         from rich.measure import Measurement
         from rich.text import Text
 
-        needed = Measurement.get(console, options.update_width(10_000), self.made).minimum
+        needed = Measurement.get(console, options.update_width(10_000), self.drawn).minimum
         if needed > options.max_width:
             yield Text(str(self.table), overflow="fold")
         else:
             yield Text(self.table.title, "italic")
-            yield self.made
+            yield self.drawn

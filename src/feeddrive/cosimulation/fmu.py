@@ -36,7 +36,7 @@ class Archive:
 
     @property
     def three(self) -> bool:
-        """Whether it is of FMI 3.0; else it is of FMI 2.0."""
+        """True for FMI 3.0; else it is FMI 2.0."""
         return str(self.description.fmiVersion).startswith("3.")
 
     @property
@@ -47,7 +47,7 @@ class Archive:
 
 @contextlib.contextmanager
 def opened(path: str | Path) -> Generator[Archive]:
-    """An FMU, unpacked for the length of the block; nothing of it is run yet.
+    """Unpack an FMU for the length of the block; none of its code is run yet.
 
     Raises FileError for a file that cannot be read, FmuError for a file that is not an FMU, has no co-simulation or
     no binary for this machine, and MissingExtraError without FMPy.
@@ -56,8 +56,11 @@ def opened(path: str | Path) -> Generator[Archive]:
     with tempfile.TemporaryDirectory(prefix="feeddrive-fmu-", ignore_cleanup_errors=True) as folder:
         try:
             with zipfile.ZipFile(path) as packed:
+                # Before anything is extracted: the entries of a hostile archive may point outside the folder or fill
+                # the disk.
                 _check_entries(packed, path)
                 packed.extractall(folder)
+            # Not validated: descriptions of many tools violate the schema in details that a run does not need.
             description = fmpy.read_model_description(folder, validate=False)
         except OSError as error:
             raise refusal(path, "read", error) from None
@@ -69,7 +72,7 @@ def opened(path: str | Path) -> Generator[Archive]:
 
 
 def importer() -> Any:
-    """FMPy. Raises MissingExtraError without it."""
+    """Return FMPy. Raises MissingExtraError without it."""
     try:
         import fmpy
     except ImportError:
@@ -78,14 +81,14 @@ def importer() -> Any:
 
 
 def _check_entries(packed: zipfile.ZipFile, path: str | Path) -> None:
-    """An FMU has a description, stays in its folder and fits on the disk."""
+    """Check that an FMU has a description, stays in its folder and fits on the disk."""
     names = packed.namelist()
     if "modelDescription.xml" not in names:
         raise FmuError(f"{path}: is not an FMU: it holds no modelDescription.xml")
     outside = [name for name in names if name.startswith(("/", "\\")) or ".." in Path(name).parts or ":" in name]
     if outside:
         raise FmuError(f"{path}: is not an FMU: its file '{outside[0]}' would lie outside its folder")
-    size = sum(each.file_size for each in packed.infolist())
+    size = sum(entry.file_size for entry in packed.infolist())
     if size > MOST:
         raise FmuError(
             f"{path}: would take {Quantity(size / 1e9, 'GB'):3} unpacked, more than the {Quantity(MOST / 1e9, 'GB')} "
@@ -104,7 +107,7 @@ def _checked(name: str, description: Any, folder: Path) -> Archive:
     file = f"{description.coSimulation.modelIdentifier}{fmpy.sharedLibraryExtension}"
     library = folder / "binaries" / here / file
     if not library.is_file():
-        there = sorted({each.parent.name for each in (folder / "binaries").glob("*/*") if each.is_file()})
+        there = sorted({built.parent.name for built in (folder / "binaries").glob("*/*") if built.is_file()})
         has = f"has binaries for {', '.join(there)}" if there else "has no binary"
         advice = f"compile it:  fmpy compile {name}" if description.buildConfigurations else "ask its maker for one"
         raise FmuError(f"{name}: {has}, but none for this machine ({here}): {advice}")
@@ -112,16 +115,24 @@ def _checked(name: str, description: Any, folder: Path) -> Archive:
 
 
 def _first_line(error: Exception) -> str:
-    """The first line of an error's text, or its type."""
+    """Return the first line of an error's text, or its type."""
     return (str(error).strip() or type(error).__name__).splitlines()[0]
 
 
 # signals from the loop to an FMU, and from an FMU to the loop
 GIVEN = ("force", "command", "load_force", "start_position")
 TAKEN = (
-    "reading", "reading_motor", "reading_load", "position_motor", "position_load", "velocity_motor", "velocity_load",
-    "drive_force", "friction_motor", "friction_load",
-)  # fmt: skip
+    "reading",
+    "reading_motor",
+    "reading_load",
+    "position_motor",
+    "position_load",
+    "velocity_motor",
+    "velocity_load",
+    "drive_force",
+    "friction_motor",
+    "friction_load",
+)
 _BASE = ("m", "kg", "s", "A", "rad")  # in the order of `units.Dimension`
 _REALS = ("Real", "Float64")
 
@@ -136,7 +147,7 @@ class Port(NamedTuple):
 
 
 def ports(archive: Archive, names: Mapping[str, str], command_unit: str | None) -> dict[str, Port]:
-    """The ports by signal: those of `names`, and every signal whose own name the FMU has.
+    """Return the ports by signal: those of `names`, and every signal whose own name the FMU has.
 
     `names` are the FMU's variables by signal, as "x" or "x:mm"; a variable without a unit counts as SI.
     `command_unit` is the unit of the drive's command; None without a motor.
@@ -144,7 +155,7 @@ def ports(archive: Archive, names: Mapping[str, str], command_unit: str | None) 
     Raises ParameterError for an unknown signal or a unit that does not fit, FmuError for a variable that is
     missing or of the wrong kind.
     """
-    known = {each.name: each for each in archive.description.modelVariables}
+    known = {variable.name: variable for variable in archive.description.modelVariables}
     for signal in names:
         if signal not in (*GIVEN, *TAKEN):
             raise ParameterError(
@@ -189,14 +200,16 @@ def _unit(signal: str) -> str:
     return UNITS.get(signal, "m")  # readings without a side and the start are positions
 
 
-def _factor(archive: Archive, variable: Any, given: str, declared: str) -> float:
-    """From the unit that was given, else from that of the FMU."""
-    if given:
-        return factor(given, declared)
+def _factor(archive: Archive, variable: Any, unit: str, declared: str) -> float:
+    """Return the factor from the unit of the argument, else from that of the FMU."""
+    if unit:
+        return factor(unit, declared)
     stated = variable.unit or (variable.declaredType.unit if variable.declaredType is not None else None)
     if not stated or stated == declared:
         return 1.0
-    base = next((each.baseUnit for each in archive.description.unitDefinitions if each.name == stated), None)
+    base = next(
+        (definition.baseUnit for definition in archive.description.unitDefinitions if definition.name == stated), None
+    )
     if base is None:
         return factor(stated, declared)
     powers = {name: int(getattr(base, name) or 0) for name in (*_BASE, "K", "mol", "cd")}
@@ -207,13 +220,13 @@ def _factor(archive: Archive, variable: Any, given: str, declared: str) -> float
     return float(base.factor if base.factor is not None else 1.0) / size
 
 
-def needed(found: Mapping[str, Port], signals: Iterable[str], archive: Archive, who: str) -> None:
+def needed(ports: Mapping[str, Port], signals: Iterable[str], archive: Archive, who: str) -> None:
     """Raise FmuError unless all of these signals, which `who` needs, have a port."""
-    missing = next((signal for signal in signals if signal not in found), None)
+    missing = next((signal for signal in signals if signal not in ports), None)
     if missing is None:
         return
     kind = "input" if missing in GIVEN else "output"
-    have = ", ".join(each.name for each in archive.description.modelVariables if each.causality == kind)
+    have = ", ".join(variable.name for variable in archive.description.modelVariables if variable.causality == kind)
     example = f'"x" or "x:{"N" if kind == "input" else "mm"}"'
     raise FmuError(
         f"{archive.name}: {who} needs {missing}, but no variable is named for it: name one, as {example}; "
@@ -221,8 +234,14 @@ def needed(found: Mapping[str, Port], signals: Iterable[str], archive: Archive, 
     )
 
 
-_SETTERS = {"Real": "setReal", "Float64": "setFloat64", "Integer": "setInteger", "Int32": "setInt32",
-            "Int64": "setInt64", "Boolean": "setBoolean"}  # fmt: skip
+_SETTERS = {
+    "Real": "setReal",
+    "Float64": "setFloat64",
+    "Integer": "setInteger",
+    "Int32": "setInt32",
+    "Int64": "setInt64",
+    "Boolean": "setBoolean",
+}
 _STATUS = {2: "refused the step (Discard)", 3: "failed (Error)", 4: "is beyond repair (Fatal)"}
 
 
@@ -235,7 +254,7 @@ class Instance:
     def __init__(self, archive: Archive) -> None:
         """Load its library and instantiate it. Raises FmuError if either fails."""
         self.archive = archive
-        self.said: list[str] = []
+        self.messages: list[str] = []
         import fmpy.fmi2
         import fmpy.fmi3
 
@@ -243,12 +262,17 @@ class Instance:
         try:
             with contextlib.chdir(archive.folder):  # FMPy changes the folder, and stays there if it fails
                 self.fmu: Any = kind(
-                    guid=archive.description.guid, modelIdentifier=archive.model, unzipDirectory=str(archive.folder),
-                    instanceName="plant", libraryPath=str(archive.library),
-                )  # fmt: skip
+                    guid=archive.description.guid,
+                    modelIdentifier=archive.model,
+                    unzipDirectory=str(archive.folder),
+                    instanceName="plant",
+                    libraryPath=str(archive.library),
+                )
+            # With logging on, since many FMUs explain a failure only in their log messages.
             if archive.three:
                 self.fmu.instantiate(loggingOn=True, logMessage=self._heard3)
             else:
+                # Kept as an attribute: the FMU calls them later, and ctypes frees callbacks that nothing refers to.
                 self._callbacks = self._logging()
                 self.fmu.instantiate(loggingOn=True, callbacks=self._callbacks)
         except Exception as error:  # FMPy raises bare exceptions
@@ -257,7 +281,7 @@ class Instance:
             raise FmuError(f"{archive.name}: cannot be started: {error}{self._words()}{hint}") from None
 
     def _logging(self) -> Any:
-        """The callbacks of FMI 2, with a logger that takes a variable number of arguments."""
+        """Return the callbacks of FMI 2, with a logger that takes a variable number of arguments."""
         from fmpy import fmi2
         from fmpy.logging import addLoggerProxy
 
@@ -273,10 +297,11 @@ class Instance:
 
     def _heard3(self, _: Any, status: int, category: bytes, message: bytes) -> None:
         if status > 0:
-            self.said = [*self.said[-4:], message.decode("utf-8", "replace").strip()]
+            # Only the last five, since an FMU may log in every one of a million steps.
+            self.messages = [*self.messages[-4:], message.decode("utf-8", "replace").strip()]
 
     def _words(self) -> str:
-        return f"; it says: {self.said[-1]}" if self.said else ""
+        return f"; it says: {self.messages[-1]}" if self.messages else ""
 
     def __enter__(self) -> Instance:
         return self
@@ -292,8 +317,8 @@ class Instance:
             self.fmu.freeInstance()
 
     def _call(self, what: str, function: Any, *arguments: Any, **named: Any) -> Any:
-        """A call to the FMU. Raises FmuError with its last message."""
-        self.said = []
+        """Call the FMU. Raises FmuError with its last message."""
+        self.messages = []
         try:
             return function(*arguments, **named)
         except Exception as error:  # FMPy's own, and what ctypes makes of a crash
@@ -306,8 +331,9 @@ class Instance:
 
         Raises FmuError for an unknown name and for a value that the FMU refuses.
         """
-        known = {each.name: each for each in self.archive.description.modelVariables}
+        known = {variable.name: variable for variable in self.archive.description.modelVariables}
         if not self.archive.three:
+            # FMI 2 takes the start time before the initialization, FMI 3 with it.
             self._call("setup", self.fmu.setupExperiment, startTime=0.0)
         for name, value in parameters.items():
             if name not in known:
@@ -316,8 +342,8 @@ class Instance:
             if setter is None:
                 raise FmuError(f"{self.archive.name}: '{name}' is of type {known[name].type}, which is not a number")
             number = float(value) if "Real" in setter or "Float" in setter else int(value)
-            said = Text(f"{name} = {Quantity(value):6}")
-            self._call(said, getattr(self.fmu, setter), [known[name].valueReference], [number])
+            setting = Text(f"{name} = {Quantity(value):6}")
+            self._call(setting, getattr(self.fmu, setter), [known[name].valueReference], [number])
         self.give(values)
         self._call("initialization", self.fmu.enterInitializationMode)
         self._call("initialization", self.fmu.exitInitializationMode)
@@ -334,13 +360,13 @@ class Instance:
             )
 
     def take(self, ports: Sequence[Port]) -> list[float]:
-        """Outputs, in SI."""
+        """Return outputs, in SI."""
         getter = self.fmu.getFloat64 if self.archive.three else self.fmu.getReal
         values = self._call("outputs", getter, [port.reference for port in ports])
         return [port.factor * value for port, value in zip(ports, values, strict=True)]
 
     def step(self, time: float, length: float) -> None:
-        """One communication step, in s. Raises FmuError if it is refused or if the FMU ends the simulation."""
+        """Do one communication step, in s. Raises FmuError if it is refused or if the FMU ends the simulation."""
         what = Text(f"step of {Quantity(length, 's'):6 SI} at {Quantity(time, 's'):6 SI}")
         answer = self._call(what, self.fmu.doStep, currentCommunicationPoint=time, communicationStepSize=length)
         if answer is not None and (answer[1] or answer[2]):  # terminateSimulation, earlyReturn

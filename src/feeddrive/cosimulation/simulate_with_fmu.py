@@ -43,7 +43,7 @@ def simulate_with_fmu(
     bound: float | None = None,
     name: str = "run",
 ) -> Run:
-    """One run of a control against an FMU (FMI 2.0 or 3.0, co-simulation) along a reference.
+    """Run a control against an FMU (FMI 2.0 or 3.0, co-simulation) along a reference.
 
         at kT:  reading = outputs of the FMU;  force = control(setpoint, reading);  it acts from kT + dead_time on
 
@@ -71,16 +71,16 @@ def simulate_with_fmu(
     motor = loop.axis.actuator.motor
     work = Work(loop, reference, load)
     count = sample_count(work, duration)
-    given = work.sampled(0, count)
-    rows = np.array([given[name] for name in (*SETPOINT, "load_force")])
+    setpoints = work.sampled(0, count)
+    rows = np.array([setpoints[name] for name in (*SETPOINT, "load_force")])
     on = np.ones(1) if enable is None else np.asarray(enable, dtype=float)
     limit = max(1.0, 100.0 * float(np.ptp(rows[0]))) if bound is None else bound
     with opened(fmu) as archive:
-        found = ports(archive, names or {}, None if motor is None else motor.unit)
-        wired = _connections(archive, found, routine, load is not None)
+        wiring = ports(archive, names or {}, None if motor is None else motor.unit)
+        wired = _connections(archive, wiring, routine, load is not None)
         taken, answers = np.empty((count, len(wired.taken))), np.empty((count, len(routine.outputs)))
         with Instance(archive) as plant:
-            first = [(port, rows[0, 0]) for port in found.values() if port.signal == "start_position"]
+            first = [(port, rows[0, 0]) for port in wiring.values() if port.signal == "start_position"]
             plant.begin([*first, *((port, rows[-1, 0]) for port in wired.load)], parameters or {})
             control, held = None, _DeadTime(T, dead_time)
             for k in range(count):
@@ -88,6 +88,7 @@ def simulate_with_fmu(
                 seen = taken[k, wired.readings]
                 inputs = np.array([*rows[:-1, k], *seen, on[min(k, on.size - 1)]])
                 _check_inside(inputs[0] - seen[-1], limit, k, T)
+                # Created at the first reading, so that the control starts without a bump where the axis stands.
                 control = control or ControllerRun(routine, inputs)
                 answers[k] = control.step(inputs[None])[0]
                 for time, length, acting in held.pieces(k, answers[k, wired.command]):
@@ -99,19 +100,19 @@ def simulate_with_fmu(
 def _signals(
     routine: Routine, wired: _Connections, rows: np.ndarray, taken: np.ndarray, answers: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """The recorded signals of a run, with the names and in the order of the loop's signals."""
-    found = dict(zip(("set_position", "set_velocity", "set_acceleration"), rows, strict=False))
-    found |= {port.signal: taken[:, i] for i, port in enumerate(wired.taken)}
-    found["reading_motor"], found["reading_load"] = (taken[:, wired.readings[i]] for i in (0, -1))
-    found |= {v.name: answers[:, i] for i, v in enumerate(routine.outputs)} | {"load_force": rows[-1]}
-    found["following_error"] = found["set_position"] - found["reading_load"]
-    if "position_load" in found:
-        found["tracking_error"] = found["set_position"] - found["position_load"]
-    return {signal: found[signal] for signal in Signals._fields if signal in found}
+    """Return the recorded signals of a run, with the names and in the order of the loop's signals."""
+    signals = dict(zip(("set_position", "set_velocity", "set_acceleration"), rows, strict=False))
+    signals |= {port.signal: taken[:, i] for i, port in enumerate(wired.taken)}
+    signals["reading_motor"], signals["reading_load"] = (taken[:, wired.readings[i]] for i in (0, -1))
+    signals |= {v.name: answers[:, i] for i, v in enumerate(routine.outputs)} | {"load_force": rows[-1]}
+    signals["following_error"] = signals["set_position"] - signals["reading_load"]
+    if "position_load" in signals:
+        signals["tracking_error"] = signals["set_position"] - signals["position_load"]
+    return {signal: signals[signal] for signal in Signals._fields if signal in signals}
 
 
 class _Connections(NamedTuple):
-    """Connections: outputs of the FMU, those that the control reads, outputs of the control, and the load, if any."""
+    """The wiring: outputs of the FMU, those that the control reads, outputs of the control, and the load, if any."""
 
     taken: list[Port]
     readings: list[int]
@@ -120,38 +121,40 @@ class _Connections(NamedTuple):
     load: list[Port]
 
 
-def _connections(archive: Archive, found: Mapping[str, Port], routine: Routine, load: bool) -> _Connections:
-    """A single `reading` serves both sides, and the table's serves a control with one encoder.
+def _connections(archive: Archive, wiring: Mapping[str, Port], routine: Routine, load: bool) -> _Connections:
+    """Wire control and FMU: a single `reading` serves both sides, the table's serves a control with one encoder.
 
     Raises FmuError if the control needs a signal for which there is no variable.
     """
     readings = [v.name for v in routine.inputs if v.name.startswith("reading")]
     spare = "reading_load" if readings == ["reading"] else "reading"
-    readings = [spare if each not in found and spare in found else each for each in readings]
-    command = "command" if "command" in found else "force"
-    needed(found, [*readings, command], archive, "the control")
-    needed(found, ["load_force"] if load else [], archive, "the load")
-    taken = [port for signal, port in found.items() if signal in TAKEN]
+    readings = [spare if reading not in wiring and spare in wiring else reading for reading in readings]
+    command = "command" if "command" in wiring else "force"
+    needed(wiring, [*readings, command], archive, "the control")
+    needed(wiring, ["load_force"] if load else [], archive, "the load")
+    taken = [port for signal, port in wiring.items() if signal in TAKEN]
     return _Connections(
         taken=taken,
         readings=[[port.signal for port in taken].index(signal) for signal in readings],
         command=[v.name for v in routine.outputs].index(command),
-        drive=found[command],
-        load=[found["load_force"]] if load else [],
+        drive=wiring[command],
+        load=[wiring["load_force"]] if load else [],
     )
 
 
 class _DeadTime:
-    """The commands in their dead time: whole samples in a queue, a fraction of a sample as a separate step."""
+    """The commands within the dead time: whole samples in a queue, a fraction of a sample as a separate step."""
 
     def __init__(self, T: float, dead_time: float) -> None:
+        # 3e-4 / 1e-4 is 2.9999999999999996 in doubles: without the margin a whole number of samples would be split.
         whole = math.floor(dead_time / T + 1e-9)
         part = dead_time - whole * T
+        # A remainder within rounding would be a step of almost no length, which solvers refuse.
         self.T, self.part = T, part if part > 1e-9 * T else 0.0
         self.pending = [0.0] * (whole + (self.part > 0.0))
 
     def pieces(self, k: int, command: float) -> list[tuple[float, float, float]]:
-        """Time, length and acting command of the communication steps of sample k."""
+        """Return time, length and acting command of the communication steps of sample k."""
         commands = [command, *self.pending]
         self.pending = commands[:-1]
         start = k * self.T
@@ -179,7 +182,7 @@ class Row(NamedTuple):
     run: Run
 
     def figures(self) -> dict[str, float]:
-        """Errors and force in SI, and the code of the first trip (0: none)."""
+        """Return errors and force in SI, and the code of the first trip (0: none)."""
         error, force, trip = self.run["following_error"], self.run["force"], self.run["trip"]
         return {
             "following_error_rms_m": float(np.sqrt(np.mean(error * error))),
@@ -199,7 +202,7 @@ class Cosimulation(Result):
     rows: tuple[Row, ...]
 
     def table(self) -> Table:
-        """Following error, force and trip by law."""
+        """Return following error, force and trip by law."""
         lines: list[list[str | float | int]] = []
         for row in self.rows:
             rms, peak, force, trip = row.figures().values()
@@ -239,38 +242,46 @@ def cosimulate(
             progress.step(name)
         try:
             run = simulate_with_fmu(
-                loop, fmu, job.reference, names=names, parameters=parameters, load=job.load, duration=job.duration,
-                dead_time=dead_time, name=name,
-            )  # fmt: skip
+                loop,
+                fmu,
+                job.reference,
+                names=names,
+                parameters=parameters,
+                load=job.load,
+                duration=job.duration,
+                dead_time=dead_time,
+                name=name,
+            )
         except FeeddriveError as error:
             raise type(error)(f"{job.file.name}: law '{name}': {error}") from None
         rows.append(Row(name, run))
     return Cosimulation(job, str(fmu), digest, tuple(rows))
 
 
-def write_cosimulation(found: Cosimulation, out: str | Path) -> Path:
-    """Write summary.json, the signals as runs/LAW.parquet and .csv, and copies of job and machine; the summary's path.
+def write_cosimulation(result: Cosimulation, out: str | Path) -> Path:
+    """Write summary.json, the signals as runs/LAW.parquet and .csv, and copies of job and machine; return the summary's
+    path.
 
     Raises FileError as `new_directory`.
     """
     with new_directory(out) as folder:
-        (folder / "summary.json").write_text(json.dumps(_summary(found), indent=2) + "\n", encoding="utf-8")
-        (folder / "job.toml").write_text(found.job.file.text, encoding="utf-8")
-        (folder / "machine.toml").write_text(found.job.machine.file.text, encoding="utf-8")
+        (folder / "summary.json").write_text(json.dumps(_summary(result), indent=2) + "\n", encoding="utf-8")
+        (folder / "job.toml").write_text(result.job.file.text, encoding="utf-8")
+        (folder / "machine.toml").write_text(result.job.machine.file.text, encoding="utf-8")
         (folder / "runs").mkdir()
-        for file, (name, run) in zip(file_names(found.rows), found.rows, strict=True):
-            metadata = {"law": name, "fmu": found.digest, **versions()}
+        for file, (name, run) in zip(file_names(result.rows), result.rows, strict=True):
+            metadata = {"law": name, "fmu": result.digest, **versions()}
             path = folder / "runs" / file
             write_run_parquet(f"{path}.parquet", run.time, run.signals, run.units, run.sample_time, metadata)
             write_run_csv(f"{path}.csv", run.time, run.signals, run.units)
     return Path(out) / "summary.json"
 
 
-def _summary(found: Cosimulation) -> dict[str, Any]:
+def _summary(result: Cosimulation) -> dict[str, Any]:
     return {
-        "title": found.job.title,
-        "machine": found.job.machine.name,
-        "fmu": {"file": found.fmu, "sha256": found.digest},
+        "title": result.job.title,
+        "machine": result.job.machine.name,
+        "fmu": {"file": result.fmu, "sha256": result.digest},
         "versions": dict(versions()),
-        "laws": {row.name: row.figures() for row in found.rows},
+        "laws": {row.name: row.figures() for row in result.rows},
     }

@@ -1,25 +1,332 @@
-"""The target `cortex-m`: the step for a core, constants instead of configure, test programs, README."""
+"""The target `cortex-m`: sources for a core, constants instead of configure, builds, and runs on an emulated core."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
-from feeddrive.export.c.bundle import c_files
-from feeddrive.export.c.header import mark
-from feeddrive.export.c.programs import filled
-from feeddrive.export.c.statements import number
-from feeddrive.export.cortex_m_builds import FLAGS, PACKAGES, Core, cmake_lists, find_core, makefile, toolchain
+import numpy as np
+
+from feeddrive.export.c_bundle import c_files, filled
+from feeddrive.export.c_code import mark, number
 from feeddrive.export.design import CONTROL, Design
-from feeddrive.export.layout import Layout
-from feeddrive.export.layout_run import LayoutRun
+from feeddrive.export.layout import Layout, LayoutRun
 from feeddrive.export.manifest import readme, write_bundle
-from feeddrive.language.errors import ParameterError
+from feeddrive.export.trial import Answers, Trial
+from feeddrive.language.errors import FeeddriveError, MissingProgramError, ParameterError
+from feeddrive.language.quantity import Quantity
 from feeddrive.loop.routine import Variable, target_name
+
+# The supported Cortex-M cores: build files, and runs of a bundle on an emulated core.
+
+FLAGS = "-std=c99 -O2 -ffp-contract=off -fno-math-errno"
+WARNINGS = "-Wall -Wextra -Wconversion -Wdouble-promotion"
+COMPILER, EMULATOR = "arm-none-eabi-gcc", "qemu-system-arm"
+PACKAGES = {
+    COMPILER: "gcc-arm-none-eabi libnewlib-arm-none-eabi",
+    EMULATOR: "qemu-system-arm",
+    "make": "make",
+}  # of Debian and Ubuntu
+
+
+def makefile(P: str, core: Core) -> str:
+    """Return the makefile: library, self-test in the emulator, size, instruction count, and a report of both."""
+    others = [other for other in CORES.values() if other.precision == core.precision]
+    flags = "\n".join(f"FLAGS_{other.name} := {other.flags}" for other in others)
+    machines = "\n".join(f"MACHINE_{other.name} := {other.machine}" for other in others)
+    return f"""\
+# make            lib{P}.a for your project
+# make selftest   runs the stored samples on an emulated core and compares every output, bit for bit
+# make report     REPORT.md: memory, and executed instructions of a step
+# CORE = {" or ".join(other.name for other in others)}
+CORE ?= {core.name}
+{flags}
+{machines}
+
+PREFIX ?= arm-none-eabi-
+QEMU ?= {EMULATOR}
+OPTIMISE ?= -O2
+OPTIMISE_CONFIGURE ?= -Os
+TARGET := $(FLAGS_$(CORE)) -mthumb -mfloat-abi=hard
+CFLAGS = {FLAGS.replace("-O2", "$(OPTIMISE)")} $(TARGET) -ffunction-sections -fdata-sections
+WARNINGS := {WARNINGS}
+LINK := $(TARGET) -nostartfiles -T selftest/memory.ld --specs=rdimon.specs -Wl,--gc-sections
+RUN := $(QEMU) -M $(MACHINE_$(CORE)) -nographic -monitor none -serial none \\
+    -semihosting-config enable=on,target=native
+OBJECTS := {P}.o {P}_configure.o {P}_prepared.o
+
+{P}_configure.o: OPTIMISE := $(OPTIMISE_CONFIGURE)
+
+lib{P}.a: $(OBJECTS)
+\t$(PREFIX)ar rcs $@ $(OBJECTS)
+
+%.o: %.c {P}.h | compiler
+\t$(PREFIX)gcc $(CFLAGS) $(WARNINGS) -c -o $@ $<
+
+selftest/%.o: selftest/%.c {P}.h {P}_vectors.h | compiler
+\t$(PREFIX)gcc $(CFLAGS) -I . -c -o $@ $<
+
+count.elf: selftest/count.o selftest/startup.o {P}.o {P}_prepared.o selftest/memory.ld
+\t$(PREFIX)gcc $(LINK) -o $@ $(filter %.o, $^) -lm
+
+%.elf: selftest/%.o selftest/startup.o $(OBJECTS) selftest/memory.ld
+\t$(PREFIX)gcc $(LINK) -o $@ $(filter %.o, $^) -lm
+
+selftest: selftest.elf | emulator
+\t$(RUN) -kernel $<
+
+answers.bin: answer.elf samples.bin | emulator
+\t$(RUN) -kernel $<
+
+# The log has a line for each instruction between the two marks, skipped conditional ones included.
+steps.log: count.elf | emulator
+\t$(RUN) -singlestep -d nochain,exec -D $@ \\
+\t    -dfilter $$($(PREFIX)nm count.elf | awk '/ core_begin$$/ {{b = $$1}} / core_end$$/ {{e = $$1}} \\
+\t    END {{print "0x" b "..0x" e}}') -kernel $<
+
+counts.txt: steps.log
+\tawk -F/ -v begin=$$($(PREFIX)nm count.elf | awk '/ count_begin$$/ {{print $$1}}') \\
+\t    -v end=$$($(PREFIX)nm count.elf | awk '/ count_end$$/ {{print $$1}}') \\
+\t    '$$2 == end {{print n}} {{n++}} $$2 == begin {{n = 0}}' $< > $@
+
+REPORT.md: counts.txt $(OBJECTS)
+\t{{ echo "# {P} on $(CORE), gcc $$($(PREFIX)gcc -dumpfullversion) $(OPTIMISE)"; echo; \\
+\t  sort -n counts.txt | awk 'NR == 1 {{least = $$1}} {{most = $$1}} \\
+\t    END {{print "Executed instructions of a step: " least " to " most " over " NR " samples."; print ""}}'; \\
+\t  printf 'RAM of a controller: %d bytes.\\n\\n' \\
+\t      0x$$($(PREFIX)nm -S count.elf | awk '/ counted$$/ {{print $$2}}'); \\
+\t  $(PREFIX)size $(OBJECTS) | sed 's/^/    /'; }} > $@
+
+report: REPORT.md
+\t@cat $<
+
+clean:
+\t$(RM) *.o selftest/*.o *.a *.elf *.bin steps.log counts.txt REPORT.md
+
+compiler:
+\t@command -v $(PREFIX)gcc >/dev/null || {{ \\
+\t    echo "$(PREFIX)gcc is not found: run  apt-get install {PACKAGES[COMPILER]}"; exit 1; }}
+
+emulator:
+\t@command -v $(QEMU) >/dev/null || {{ \\
+\t    echo "$(QEMU) is not found: run  apt-get install {PACKAGES[EMULATOR]}"; exit 1; }}
+
+.PHONY: selftest report clean compiler emulator
+.PRECIOUS: %.o selftest/%.o %.elf
+"""
+
+
+def cmake_lists(P: str) -> str:
+    """Return a CMakeLists.txt for the library."""
+    return f"""\
+cmake_minimum_required(VERSION 3.13)
+project({P} C)
+
+add_library({P} STATIC {P}.c {P}_configure.c {P}_prepared.c)
+target_include_directories({P} PUBLIC ${{CMAKE_CURRENT_SOURCE_DIR}})
+target_compile_features({P} PUBLIC c_std_99)
+# a fused multiply-add rounds once and would give other bits than the simulation
+target_compile_options({P} PRIVATE -ffp-contract=off -fno-math-errno)
+"""
+
+
+def toolchain(core: Core) -> str:
+    """Return a toolchain file for CMake."""
+    return f"""\
+# {core.title}:  cmake -B build -DCMAKE_TOOLCHAIN_FILE=cortex-m.cmake -DCMAKE_BUILD_TYPE=Release
+set(CMAKE_SYSTEM_NAME Generic)
+set(CMAKE_SYSTEM_PROCESSOR arm)
+set(CMAKE_TRY_COMPILE_TARGET_TYPE STATIC_LIBRARY)
+find_program(CMAKE_C_COMPILER {COMPILER})
+if(NOT CMAKE_C_COMPILER)
+  message(FATAL_ERROR "{COMPILER} is not found: run  apt-get install {PACKAGES[COMPILER]}")
+endif()
+set(CMAKE_C_FLAGS_INIT "{core.flags} -mthumb -mfloat-abi=hard -ffunction-sections -fdata-sections")
+set(CMAKE_C_FLAGS_RELEASE "-O2")
+"""
+
+
+class Core(NamedTuple):
+    """A core.
+
+    precision  that of its floating-point unit
+    flags      of gcc
+    machine    of qemu, a board with this core
+    title      full name of the core
+    """
+
+    name: str
+    precision: str
+    flags: str
+    machine: str
+    title: str
+
+
+CORES = {
+    core.name: core
+    for core in (
+        Core("m4f", "float", "-mcpu=cortex-m4 -mfpu=fpv4-sp-d16", "mps2-an386", "Cortex-M4F, single precision"),
+        Core("m7", "float", "-mcpu=cortex-m7 -mfpu=fpv5-sp-d16", "mps2-an500", "Cortex-M7, single precision"),
+        Core("m7dp", "double", "-mcpu=cortex-m7 -mfpu=fpv5-d16", "mps2-an500", "Cortex-M7, double precision"),
+    )
+}
+
+
+def cores_for(precision: str) -> tuple[Core, ...]:
+    """Return the cores with floating-point hardware of this precision, the default first."""
+    return tuple(core for core in CORES.values() if core.precision == precision)
+
+
+def find_core(name: str | None, precision: str) -> Core:
+    """Return the core of a name; without a name the default core of the precision.
+
+    Raises ParameterError for a name that is not known, and for a core that would emulate each operation.
+    """
+    if name is None:
+        return cores_for(precision)[0]
+    if name not in CORES:
+        raise ParameterError(f"core = '{name}' is not known: take one of {', '.join(CORES)}")
+    core = CORES[name]
+    if core.precision != precision:
+        fit = " or ".join(fitting.name for fitting in cores_for(precision))
+        raise ParameterError(
+            f"core = '{name}' computes with {core.precision}, not with {precision}, which it would have to emulate at "
+            f"some forty times the cost: export with --precision {core.precision}, or take {fit}"
+        )
+    return core
+
+
+PATIENCE = 300.0  # s, for a build and a run
+
+
+class EmulatorError(FeeddriveError):
+    """A bundle did not build, timed out, or its self-test found a difference; the message has the output."""
+
+    exit_code = 1
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Cost of a step on a core, over the stored samples of a bundle.
+
+    least, most  executed instructions of a step, called functions included
+    flash        bytes of reset and step
+    configure    bytes of the code that runs once, without library functions; prepared: of the constants instead
+    memory       bytes of a controller in RAM
+    """
+
+    least: int
+    most: int
+    flash: int
+    configure: int
+    prepared: int
+    memory: int
+
+
+def check_programs() -> None:
+    """Raise MissingProgramError, naming the package, unless compiler, emulator and make are there."""
+    for program in ("make", COMPILER, EMULATOR):
+        if shutil.which(program) is None:
+            raise MissingProgramError(program, PACKAGES[program], "running a bundle for a Cortex-M")
+
+
+def self_test(bundle: Path) -> str:
+    """Return the output of a bundle's self-test. Raises MissingProgramError, or EmulatorError if it does not pass."""
+    return _made(bundle, "selftest")[0]
+
+
+def step_cost(bundle: Path, optimise: str = "-O2") -> Cost:
+    """Measure size and instruction count of a bundle. Raises as `self_test`."""
+    _, content = _made(bundle, f"OPTIMISE={optimise}", "REPORT.md", read="REPORT.md")
+    report = content.decode()
+    counts = re.search(r"step: (\d+) to (\d+) over", report)
+    memory = re.search(r"controller: (\d+) bytes", report)
+    sizes = re.findall(r"^ +(\d+)\t +(\d+)\t +(\d+)\t", report, re.MULTILINE)
+    if counts is None or memory is None or len(sizes) != 3:
+        raise EmulatorError(f"{bundle}: the report cannot be read:\n{report}")
+    flash, configure, constants = (sum(map(int, row[:2])) for row in sizes)
+    return Cost(int(counts[1]), int(counts[2]), flash, configure, constants, int(memory[1]))
+
+
+def answers(
+    bundle: Path,
+    design: Design,
+    inputs: np.ndarray,
+    changes: Mapping[int, Mapping[str, float]],
+    *,
+    optimise_configure: str = "-Os",
+) -> np.ndarray:
+    """Run an emulated core from a reset on; returns the outputs, shape (n, outputs), for inputs of shape (n, inputs).
+
+    changes             other parameters, by sample and dotted name
+    optimise_configure  compiler option for the code that runs once; it changes the compile time, not the results
+
+    Raises as `self_test`.
+    """
+    real = np.float64 if design.layout.precision == "double" else np.float32
+    values = {v.path: v.value for v in design.routine.parameters}
+    with np.errstate(over="ignore"):
+        rows = np.asarray(inputs).astype(real)
+    pieces: list[bytes] = []
+    for k, row in enumerate(rows):
+        if k in changes:
+            values |= changes[k]
+            pieces += [b"\1\0\0\0", np.array(list(values.values()), dtype=np.float64).tobytes()]
+        else:
+            pieces.append(b"\0\0\0\0")
+        pieces.append(row.tobytes())
+    _, content = _made(
+        bundle,
+        f"OPTIMISE_CONFIGURE={optimise_configure}",
+        "answers.bin",
+        extra_files={"samples.bin": b"".join(pieces)},
+        read="answers.bin",
+    )
+    return np.frombuffer(content, dtype=real).reshape(len(rows), len(design.routine.outputs))
+
+
+def _made(
+    bundle: Path, *targets: str, extra_files: Mapping[str, bytes] | None = None, read: str = ""
+) -> tuple[str, bytes]:
+    """Run `make` in a copy of the bundle; return its output and the content of one of the built files."""
+    check_programs()
+    with tempfile.TemporaryDirectory(prefix="feeddrive-cortex-m-") as name:
+        folder = Path(name) / "bundle"
+        shutil.copytree(bundle, folder, ignore=shutil.ignore_patterns("*.o", "*.a", "*.elf", "*.d"))
+        for file, content in (extra_files or {}).items():
+            (folder / file).write_bytes(content)
+        command = ["make", "-s", *targets]
+        try:
+            done = subprocess.run(
+                command,
+                cwd=folder,
+                capture_output=True,
+                text=True,
+                encoding="utf-8",
+                errors="replace",
+                timeout=PATIENCE,
+                check=False,
+            )
+        except subprocess.TimeoutExpired:
+            raise EmulatorError(
+                f"{bundle}: `{' '.join(command)}` did not end within {Quantity(PATIENCE, 's'):6 SI}"
+            ) from None
+        if done.returncode != 0:
+            raise EmulatorError(f"{bundle}: `{' '.join(command)}` failed:\n{done.stdout}{done.stderr}")
+        return done.stdout, (folder / read).read_bytes() if read else b""
+
+
+# The target `cortex-m`: the step for a core, constants instead of configure, test programs, README.
 
 
 def cortex_m_files(design: Design, core: Core) -> dict[str, str]:
-    """The files of the bundle by name, without machine file and manifest."""
+    """Return the files of the bundle by name, without machine file and manifest."""
     P = design.name
     files = c_files(design)
     return {
@@ -41,7 +348,7 @@ def cortex_m_files(design: Design, core: Core) -> dict[str, str]:
 
 
 def write_cortex_m(design: Design, out: Path, *, core: str | None = None) -> Path:
-    """Write the bundle, completely or not at all; returns its README.
+    """Write the bundle, completely or not at all, and return its README.
 
     core  `m4f` or `m7` in single precision, `m7dp` in double; absent: the first that computes with the precision
 
@@ -58,12 +365,19 @@ def write_cortex_m(design: Design, out: Path, *, core: str | None = None) -> Pat
 def _readme(design: Design, core: Core) -> str:
     routine = design.routine
     return readme(
-        "cortex_m.md.j2", design, core=core, flags=f"{core.flags} -mthumb -mfloat-abi=hard {FLAGS}",
-        rate=f"{1.0 / routine.sample_time:g}", period=f"{1e6 * routine.sample_time:g}",
-        packages=" ".join(PACKAGES.values()), real=design.layout.precision, act=_act(design),
+        "cortex_m.md.j2",
+        design,
+        core=core,
+        flags=f"{core.flags} -mthumb -mfloat-abi=hard {FLAGS}",
+        rate=f"{1.0 / routine.sample_time:g}",
+        period=f"{1e6 * routine.sample_time:g}",
+        packages=" ".join(PACKAGES.values()),
+        real=design.layout.precision,
+        act=_act(design),
         off=" || ".join(f"outputs.{target_name(f'{port}enabled')} < 0.5f" for port in routine.origin.ports()),
-        given=_named(routine.inputs), taken=_named(routine.outputs),
-    )  # fmt: skip
+        given=_named(routine.inputs),
+        taken=_named(routine.outputs),
+    )
 
 
 def _named(variables: Sequence[Variable]) -> str:
@@ -71,7 +385,7 @@ def _named(variables: Sequence[Variable]) -> str:
 
 
 def _act(design: Design) -> str:
-    """The C lines that pass the commands to the drives, in the drive's unit if the machine file has a motor."""
+    """Return the C lines that pass the commands to the drives, in the drive's unit if the machine file has a motor."""
     units, lines = {v.path: v.unit for v in design.routine.outputs}, list[str]()
     for port in design.routine.origin.ports():
         path = f"{port}command" if f"{port}command" in units else f"{port}force"
@@ -81,7 +395,7 @@ def _act(design: Design) -> str:
 
 
 def count_program(layout: Layout) -> str:
-    """A program that runs each stored step between two marks, for counting its instructions."""
+    """Return a program that runs each stored step between two marks, to count its instructions."""
     P = layout.routine.name
     return f"""\
 /* Runs the stored samples between two marks, so that the instructions of each step can be counted in the emulator. */
@@ -124,7 +438,7 @@ int main(void)
 
 
 def answer_program(layout: Layout) -> str:
-    """Reads samples from `samples.bin` on the host and writes the outputs to `answers.bin`.
+    """Return a program that reads samples from `samples.bin` on the host and writes the outputs to `answers.bin`.
 
     A sample is a 32-bit flag (1: all parameters follow, as doubles), then the inputs.
     """
@@ -232,7 +546,9 @@ static void stop(void)
 
 
 def linker_script(P: str) -> str:
-    """Linker script of the emulated boards; section `core` has the step and its functions, to be counted."""
+    """Return the linker script of the emulated boards; section `core` holds the step and its functions, to be
+    counted.
+    """
     return f"""\
 /* The boards mps2-an386 and mps2-an500 of qemu, for the self-test only. */
 ENTRY(reset)
@@ -265,7 +581,7 @@ SECTIONS
 
 
 def prepared_files(layout: Layout) -> dict[str, str]:
-    """`P_prepared.h` and `P_prepared.c`; they replace configure, which then need not be linked."""
+    """Return `P_prepared.h` and `P_prepared.c`; they replace configure, which then need not be linked."""
     P, run = layout.routine.name, LayoutRun(layout)
     numbers = [f"        .{field.name} = {_text(run.design[field.node], layout.precision)}," for field in layout.design]
     parameters = [f"        .{v.name} = {number(v.value)}," for v in layout.routine.parameters]
@@ -282,7 +598,7 @@ def prepared_files(layout: Layout) -> dict[str, str]:
         f"    controller->configured = {P}_exact() ? {mark(P)} : 0U;",
         "}",
         "",
-    ]  # fmt: skip
+    ]
     header = _HEADER.format(P=P, guard=f"{P.upper()}_PREPARED_H")
     return {f"{P}_prepared.h": header, f"{P}_prepared.c": "\n".join(source)}
 
@@ -320,3 +636,9 @@ void {P}_prepared({P}_controller *controller);
 
 #endif
 """
+
+
+def prove(directory: Path, design: Design, tried: Trial) -> Answers:
+    """Build the bundle and run a trial on an emulated core. Raises as `answers`."""
+    outputs = answers(directory, design, tried.inputs, tried.changes)
+    return Answers(outputs.astype(np.float64), "arm-none-eabi-gcc, qemu-system-arm", "the Makefile of the bundle")

@@ -11,10 +11,9 @@ import numpy as np
 from feeddrive.analysis.contour_control import matched_dynamics
 from feeddrive.analysis.margins import margins
 from feeddrive.blocks.force.gravity import Gravity
-from feeddrive.export.c.statements import CALLS, FUNCTIONS, INFIX
+from feeddrive.export.c_code import CALLS, FUNCTIONS, INFIX
 from feeddrive.export.identifiers import check_name
-from feeddrive.export.layout import Field, Layout, layout
-from feeddrive.export.layout_run import LayoutRun
+from feeddrive.export.layout import Field, Layout, LayoutRun, layout
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.block import Number
 from feeddrive.language.errors import NoSlopeError, ParameterError, StructureError
@@ -59,20 +58,20 @@ class Design:
 
     @property
     def together(self) -> bool:
-        """Whether it is that of all axes."""
+        """True if the design covers all axes."""
         return not isinstance(self.routine.origin, Loop)
 
     @property
     def name(self) -> str:
-        """The prefix of all its names."""
+        """The prefix of all names on the target."""
         return self.routine.name
 
     @property
     def title(self) -> str:
-        """One line that describes the design."""
+        """A line that describes the design."""
         if self.together:
-            held = [each for each in self.machine.couplings if self.what == PLANT or each.controls]
-            couplings = ", ".join(each.kind for each in held)
+            held = [coupling for coupling in self.machine.couplings if self.what == PLANT or coupling.controls]
+            couplings = ", ".join(coupling.kind for coupling in held)
             coupled = f", coupled by {couplings}" if couplings else ""
             whole = "Plant" if self.what == PLANT else "Controls"
             return f"{whole} of the axes {self.axis} of '{self.machine.name}'{coupled}"
@@ -81,7 +80,7 @@ class Design:
 
     @property
     def system(self) -> System:
-        """What is simulated: the loop, or all axes of the machine if it is coupled."""
+        """The system that is simulated: the loop, or all axes of the machine if the axis is coupled."""
         if self.together:
             return self.routine.origin
         return self.machine.machine() if self.machine.coupled(self.axis) else self.loop
@@ -105,72 +104,79 @@ class Design:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Warnings before this moves an axis: gaps in the machine file, and a loop close to instability."""
+        """Warnings to read before this moves an axis: gaps in the machine file, and a loop close to instability."""
         if self.what == PLANT:
             return ()
         if not self.together:
-            return tuple(self._said_of(self.loop))
-        found = [
-            Text(f"axis {axis}: {said}") for axis, loop in self.system.loops().items() for said in self._said_of(loop)
+            return tuple(self._axis_remarks(self.loop))
+        of_axes = [
+            Text(f"axis {axis}: {remark}")
+            for axis, loop in self.system.loops().items()
+            for remark in self._axis_remarks(loop)
         ]
-        return (*found, *matched_dynamics(self.machine.machine()).remarks())
+        return (*of_axes, *matched_dynamics(self.machine.machine()).remarks())
 
-    def _said_of(self, loop: Loop) -> list[str]:
-        """Warnings about one axis."""
-        said, control = loop.control.guard, loop.control
-        held, found = float(weight(loop.axis)), list[str]()
-        assert said is not None, "what is exported has a guard"
-        if held != 0.0 and float(said.safe_force) == 0.0:
-            found.append(
+    def _axis_remarks(self, loop: Loop) -> list[str]:
+        """Return warnings about one axis."""
+        guard, control = loop.control.guard, loop.control
+        holding_force, remarks = float(weight(loop.axis)), list[str]()
+        assert guard is not None, "what is exported has a guard"
+        if holding_force != 0.0 and float(guard.safe_force) == 0.0:
+            remarks.append(
                 Text(
-                    f"A HANGING AXIS FALLS: gravity pulls with {Quantity(-held, 'N'):6}, but the guard's safe_force is "
-                    f"0 N, which acts whenever the loop is off; write safe_force_N = {number(held, 6)}, or hold the "
-                    "axis by a brake"
+                    f"A HANGING AXIS FALLS: gravity pulls with {Quantity(-holding_force, 'N'):6}, but the guard's "
+                    "safe_force is 0 N, which acts whenever the loop is off; write safe_force_N = "
+                    f"{number(holding_force, 6)}, or hold the axis by a brake"
                 )
             )
-        if said.following_error_limit is None:
-            found.append("the guard has no following_error_limit: a loop that runs away does not trip")
-        found += [f"the guard has {name} = false: {then}" for name, then in said.left_out().items()]
+        if guard.following_error_limit is None:
+            remarks.append("the guard has no following_error_limit: a loop that runs away does not trip")
+        remarks += [f"the guard has {name} = false: {then}" for name, then in guard.left_out().items()]
         stability = self._stability(loop.name)
-        found += [stability.sentence] if stability is not None and stability.judgment.bad else []
+        remarks += [stability.sentence] if stability is not None and stability.judgment.bad else []
         if control.force_limit is None:
-            found.append("the control has no force_limit: only the drive bounds the force")
-        return found
+            remarks.append("the control has no force_limit: only the drive bounds the force")
+        return remarks
 
     @property
     def judgment(self) -> Judgment:
         """The judgment on the stability of all axes: the first bad one."""
         loops = [self.loop] if not self.together else self.system.loops().values()
         loops = () if self.what == PLANT else loops
-        found = [each.judgment for loop in loops if (each := self._stability(loop.name)) is not None]
-        return next((each for each in found if each.bad), Judgment.EXPORTED)
+        judgments = [advice.judgment for loop in loops if (advice := self._stability(loop.name)) is not None]
+        return next((judgment for judgment in judgments if judgment.bad), Judgment.EXPORTED)
 
     def _stability(self, axis: str) -> Advice | None:
-        """The judgment on the stability of a loop; None for one that repeats itself too seldom for its margins."""
+        """Return the judgment on the stability of a loop; None if its period is too long to compute its margins."""
         if period_of(self.system) > MOST:
             return None
         nyquist = 0.5 / self.routine.sample_time
         frequency = np.geomspace(1e-4 * nyquist, nyquist, 2000)
         try:
-            found = margins(loop_gain(self.system, frequency, axis=axis))
+            result = margins(loop_gain(self.system, frequency, axis=axis))
         except NoSlopeError as error:
             return Advice(Judgment.NOT_DECIDED, Text(f"{Judgment.NOT_DECIDED.says}: {error}"))
-        if found.sensitivity_peak <= LARGEST_MS:
+        if result.sensitivity_peak <= LARGEST_MS:
             return Advice(Judgment.EXPORTED, "")
         return Advice(
             Judgment.NEAR_UNSTABLE,
             Text(
-                f"the loop is close to instability: its sensitivity peak Ms is {Quantity(found.sensitivity_peak):3}; a "
-                f"tuned loop has at most 2. {Judgment.NEAR_UNSTABLE.says}"
+                f"the loop is close to instability: its sensitivity peak Ms is {Quantity(result.sensitivity_peak):3}; "
+                f"a tuned loop has at most 2. {Judgment.NEAR_UNSTABLE.says}"
             ),
         )
 
 
 def read_design(
-    source: MachineLike, axis: str | None = None, *, name: str | None = None, what: str = CONTROL,
-    precision: str = "double", together: bool = False,
-) -> Design:  # fmt: skip
-    """The design of a machine file, or of a bundled machine.
+    source: MachineLike,
+    axis: str | None = None,
+    *,
+    name: str | None = None,
+    what: str = CONTROL,
+    precision: str = "double",
+    together: bool = False,
+) -> Design:
+    """Return the design of a machine file, or of a bundled machine.
 
     name  prefix of all names on the target; absent: `axis_x`, or `plant_x` for an axis
     axis  of a control one is needed if the file has several; of a plant without one all axes and their couplings
@@ -183,8 +189,8 @@ def read_design(
     """
     machine = read_machine(source)
     together = len(machine.loops) > 1 and (together or (what == PLANT and axis is None))
-    own = ", ".join(machine.loops) if together else machine.named(axis)
-    alone = f"{'axis' if what == CONTROL else 'plant'}_{own}"
+    axis_name = ", ".join(machine.loops) if together else machine.named(axis)
+    alone = f"{'axis' if what == CONTROL else 'plant'}_{axis_name}"
     prefix = name or (("plant" if what == PLANT else "axes") if together else alone)
     check_name(prefix, "--name" if name else "the name of the axis")
     if together and what == CONTROL:
@@ -194,27 +200,28 @@ def read_design(
     elif together:
         routine = machine_routine(machine.machine(), prefix)
     elif what == PLANT:
-        if machine.coupled(own):
+        if machine.coupled(axis_name):
             raise ParameterError(
-                f"{machine.file.name}: {machine.coupled(own)}: leave out --axis, and all axes are exported as one plant"
+                f"{machine.file.name}: {machine.coupled(axis_name)}: leave out --axis, and all axes are exported as "
+                "one plant"
             )
-        routine = plant_routine(machine.loops[own], prefix)
+        routine = plant_routine(machine.loops[axis_name], prefix)
     else:
-        _require_uncorrected(machine, own)
-        require_guard(machine.loops[own])
-        routine = controller_routine(machine.loops[own], prefix)
-    made = layout(routine, precision)
-    check_exportable(made)
-    return Design(machine, own, what, made)
+        _require_uncorrected(machine, axis_name)
+        require_guard(machine.loops[axis_name])
+        routine = controller_routine(machine.loops[axis_name], prefix)
+    planned = layout(routine, precision)
+    check_exportable(planned)
+    return Design(machine, axis_name, what, planned)
 
 
 def _require_uncorrected(machine: MachineFile, axis: str) -> None:
     """Raise ParameterError if the control of an axis is corrected by what runs between the controls."""
-    for i, each in enumerate(machine.couplings):
-        if each.controls and axis in each.axes():
+    for i, coupling in enumerate(machine.couplings):
+        if coupling.controls and axis in coupling.axes():
             raise ParameterError(
-                f"{machine.file.name}: couplings.{i} ({each.kind}) corrects the control of axis '{axis}', which alone "
-                f"would be another: leave out --axis, and all controls are exported as one"
+                f"{machine.file.name}: couplings.{i} ({coupling.kind}) corrects the control of axis '{axis}', which "
+                f"alone would be another: leave out --axis, and all controls are exported as one"
             )
 
 
@@ -247,7 +254,7 @@ def require_guard(loop: Loop) -> None:
 
 
 def weight(axis: Axis) -> Number:
-    """The force in N that holds a hanging axis against gravity."""
+    """Return the force in N that holds a hanging axis against gravity."""
     return -sum((force.force for force in axis.forces if isinstance(force, Gravity)), 0.0) + 0.0
 
 
@@ -283,7 +290,7 @@ def _check_operations(layout: Layout) -> None:
 
 
 def _check_numbers(layout: Layout) -> None:
-    """Every number stored in single precision must be within its range."""
+    """Check that every number stored in single precision is within its range."""
     read = layout.moving_users
     for index, node in enumerate(layout.graph.nodes):
         if node[0] == "const" and read[index] and _too_large(float.fromhex(node[1])):
@@ -293,7 +300,7 @@ def _check_numbers(layout: Layout) -> None:
         stored, wide = LayoutRun(layout).design, LayoutRun(layout, wide=True).design
     for field in layout.design:
         if not field.truth and np.isinf(stored[field.node]) and np.isfinite(wide[field.node]):
-            raise ParameterError(f"{_said(layout, field)} = {Quantity(wide[field.node]):6}, {_BEYOND}")
+            raise ParameterError(f"{_design_name(layout, field)} = {Quantity(wide[field.node]):6}, {_BEYOND}")
 
 
 _BEYOND = "beyond single precision, which ends at 3.4e38: take --precision double, or change the parameter"
@@ -303,7 +310,7 @@ def _too_large(value: float) -> bool:
     return bool(np.isfinite(value)) and abs(value) > float(np.finfo(np.float32).max)
 
 
-def _said(layout: Layout, field: Field) -> str:
-    """A design number by its dotted name if it is a parameter, else by its field name."""
+def _design_name(layout: Layout, field: Field) -> str:
+    """Return the dotted name of a design number that is a parameter, else its field name."""
     kind, place = layout.leaves.get(field.node, ("", 0))
     return layout.routine.parameters[place].path if kind == "parameter" else f"the design number {field.name}"

@@ -69,7 +69,7 @@ _PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", re.ASCII)
 
 
 def identifier(wanted: str, taken: set[str], reserved: frozenset[str]) -> str:
-    """A legal name close to `wanted` that is neither reserved nor taken; it is added to `taken`.
+    """Return a legal name close to `wanted` that is neither reserved nor taken, and add it to `taken`.
 
     `axis.law.Kv` becomes `axis_law_Kv`, `ω0` becomes `omega0`, and a name that is taken gets `_2`, `_3`, ... appended.
     Upper and lower case count as the same.  The same calls in the same order give the same names.
@@ -78,16 +78,16 @@ def identifier(wanted: str, taken: set[str], reserved: frozenset[str]) -> str:
     if not text or text[0].isdigit():
         text = f"x{text}"
     gone = {word.upper() for word in taken} | {word.upper() for word in reserved}
-    found, count = text, 1
-    while found.upper() in gone:
+    name, count = text, 1
+    while name.upper() in gone:
         count += 1
-        found = f"{text}_{count}"
-    taken.add(found)
-    return found
+        name = f"{text}_{count}"
+    taken.add(name)
+    return name
 
 
 def _plain(character: str) -> str:
-    """A character in ASCII: letters lose their accents, Greek ones are spelled out."""
+    """Return a character in ASCII: letters lose their accents, Greek ones are spelled out."""
     if character.isascii():
         return character
     words = unicodedata.name(character, "").split()
@@ -122,31 +122,31 @@ _RAISED = dict(zip("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺ˣʸᵀⁱⁿᵏˢ", "01234
 
 
 def ascii_text(text: str) -> str:
-    """The same text without any character beyond ASCII: `s²` is `s^2`, `ζ` is `zeta`, an unknown one is `?`.
+    """Return the text without any character beyond ASCII: `s²` is `s^2`, `ζ` is `zeta`, an unknown one is `?`.
 
     `·/` becomes `* /`, so that it does not end a C comment.
     """
-    return _BEYOND_ASCII.sub(lambda found: _run_spelled(found[0]), text.replace("·/", "· /"))
+    return _BEYOND_ASCII.sub(lambda match: _run_spelled(match[0]), text.replace("·/", "· /"))
 
 
 _BEYOND_ASCII = re.compile(r"[^\x00-\x7f]+")
 
 
 def _run_spelled(text: str) -> str:
-    """Characters beyond ASCII that stand together; a `^` or `_` before each group of raised or lowered ones."""
-    found: list[str] = []
+    """Spell out adjacent characters beyond ASCII; a `^` or `_` precedes each group of superscripts or subscripts."""
+    parts: list[str] = []
     raised = lowered = False
     for character in text:
         code = _SIGNS.get(character)
         up = code is None and character in _RAISED
         down = "SUBSCRIPT" in unicodedata.name(character, "")
         if up and not raised:
-            found.append("^")
+            parts.append("^")
         if down and not lowered:
-            found.append("_")
+            parts.append("_")
         raised, lowered = up, down
-        found.append(code or _RAISED.get(character) or _spelled(character))
-    return "".join(found)
+        parts.append(code or _RAISED.get(character) or _spelled(character))
+    return "".join(parts)
 
 
 def _spelled(character: str) -> str:
@@ -160,7 +160,7 @@ def _spelled(character: str) -> str:
 
 
 def bare(text: str) -> str:
-    """The text without the parentheses around it, if the first one closes with the last one."""
+    """Return the text without the parentheses around it, if the first one closes with the last one."""
     depth = 0
     for place, character in enumerate(text):
         depth += (character == "(") - (character == ")")

@@ -1,29 +1,35 @@
-"""Memory layout of a routine on a target: what `configure` computes and stores, and what each step computes.
-
-A number that depends on parameters only is computed by `configure` and stored in the design, if a step or a reset
-reads it; all others are computed in every step.  With a single-precision step, `configure` still computes in double
-precision, and its results are rounded once, so that the stored numbers are the best that single precision allows.
-"""
+"""Memory layout of a routine on a target: what `configure` computes and stores, and what each step computes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
+from importlib import import_module
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
 
 from feeddrive.export.identifiers import C_WORDS, identifier
+from feeddrive.language import matrix
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.graph import TRUTH, Graph, Symbol, arguments, reachable, rebuilt
+from feeddrive.language.graph import ELEMENTARY, TRUTH, Graph, Symbol, arguments, reachable, rebuilt
 from feeddrive.language.naming import Name
 from feeddrive.loop.engine.plan import composed
 from feeddrive.loop.routine import Function, Retune, Routine, target_name
+
+# Memory layout of a routine on a target: what `configure` computes and stores, and what each step computes.
+#
+# A number that depends on parameters only is computed by `configure` and stored in the design, if a step or a reset
+# reads it; all others are computed in every step.  With a single-precision step, `configure` still computes in double
+# precision, and its results are rounded once, so that the stored numbers are the best that single precision allows.
 
 Word = TypeVar("Word")
 PRECISIONS = ("double", "float")
 
 
 class Field(NamedTuple):
-    """A number that `configure` computes and stores: its name, its node, and whether it is a truth value."""
+    """A number that `configure` computes and stores: its name, its node, and true if it is a truth value."""
 
     name: str
     node: int
@@ -63,7 +69,7 @@ class Layout:
 
     @property
     def moving_users(self) -> list[bool]:
-        """Whether a node is read by one that moves."""
+        """True for each node that is read by a moving node."""
         read = [False] * len(self.graph.nodes)
         for index, node in enumerate(self.graph.nodes):
             if self.moving[index]:
@@ -72,7 +78,7 @@ class Layout:
         return read
 
     def order(self, roots: Iterable[int], *, moving: bool) -> list[int]:
-        """The operations below some nodes, those that move or those that do not, in the order of the text."""
+        """Return the operations below some nodes, either the moving or the constant ones, in the order of the law."""
         return [
             index
             for index in reachable(self.graph, list(roots))
@@ -81,29 +87,33 @@ class Layout:
 
 
 def layout(routine: Routine, precision: str = "double") -> Layout:
-    """The layout of a routine. Raises ParameterError for an unknown precision."""
+    """Return the layout of a routine. Raises ParameterError for an unknown precision."""
     if precision not in PRECISIONS:
         raise ParameterError(f"precision = '{precision}' must be one of {', '.join(PRECISIONS)}")
     roots = [
         *(v.node for v in (*routine.parameters, *routine.inputs, *routine.states)),
         *(node for _, node, _ in routine.tables),
-        *routine.reset.states, *routine.reset.outputs, *routine.step.states, *routine.step.outputs,
-        *(node for _, node in routine.prepared), *(each.node for each in routine.conditions),
-    ]  # fmt: skip
-    given = {routine.sample_time_node: ("sample_time", 0)}
+        *routine.reset.states,
+        *routine.reset.outputs,
+        *routine.step.states,
+        *routine.step.outputs,
+        *(node for _, node in routine.prepared),
+        *(condition.node for condition in routine.conditions),
+    ]
+    leaves_by_node = {routine.sample_time_node: ("sample_time", 0)}
     for kind, nodes in (
         ("parameter", [v.node for v in routine.parameters]),
         ("input", [v.node for v in routine.inputs]),
         ("state", [v.node for v in routine.states]),
         ("table", [node for _, node, _ in routine.tables]),
     ):
-        given.update({node: (kind, i) for i, node in enumerate(nodes)})
+        leaves_by_node.update({node: (kind, i) for i, node in enumerate(nodes)})
     graph, place = _lowered(routine.graph, roots)
-    leaves = {place[node]: kind for node, kind in given.items() if node in place}
+    leaves = {place[node]: kind for node, kind in leaves_by_node.items() if node in place}
     moving = _moving(graph, {node for node, (kind, _) in leaves.items() if kind in ("input", "state")})
     names, makers = _moved(routine.names, place), _moved(routine.makers, place)
     prepared = tuple((name, place[node]) for name, node in routine.prepared)
-    reset, step = (_placed(each, place) for each in (routine.reset, routine.step))
+    reset, step = (_placed(function, place) for function in (routine.reset, routine.step))
     ends = (*reset.states, *reset.outputs, *step.states, *step.outputs)
     wanted = {i for index in reachable(graph, ends) if moving[index] for i in arguments(graph.nodes[index])}
     wanted |= set(ends)
@@ -115,15 +125,26 @@ def layout(routine: Routine, precision: str = "double") -> Layout:
     design = _fields(routine, graph, kept, leaves, {n: t for t, n in reversed(prepared)}, names, truth, moving)
     retune = None if routine.retune is None else _lowered_retune(routine.retune)
     return Layout(
-        routine=routine, precision=precision, graph=graph, leaves=leaves, moving=moving, truth=truth, design=design,
-        names=names, makers=makers, reset=reset, step=step, prepared=prepared, retune=retune,
-        conditions=tuple(place[each.node] for each in routine.conditions),
+        routine=routine,
+        precision=precision,
+        graph=graph,
+        leaves=leaves,
+        moving=moving,
+        truth=truth,
+        design=design,
+        names=names,
+        makers=makers,
+        reset=reset,
+        step=step,
+        prepared=prepared,
+        retune=retune,
+        conditions=tuple(place[condition.node] for condition in routine.conditions),
         retune_truth=[] if retune is None else truths(retune.graph),
-    )  # fmt: skip
+    )
 
 
 def _lowered_retune(retune: Retune) -> Retune:
-    """`configure` and `retune` compute in double precision always."""
+    """Lower the live change; `configure` and `retune` compute in double precision always."""
     graph, place = _lowered(retune.graph, [*retune.states, *retune.leaves])
     leaves = {place[node]: leaf for node, leaf in retune.leaves.items()}
     states = tuple(place[i] for i in retune.states)
@@ -131,7 +152,7 @@ def _lowered_retune(retune: Retune) -> Retune:
 
 
 def _moved(words: Mapping[int, Word], place: Mapping[int, int]) -> dict[int, Word]:
-    """Properties of nodes, for the nodes that replace them; if two became one, the first counts."""
+    """Transfer properties of nodes to the nodes that replace them; if two became one, the first wins."""
     return {place[node]: word for node, word in sorted(words.items(), reverse=True) if node in place}
 
 
@@ -139,16 +160,16 @@ def _placed(function: Function, place: dict[int, int]) -> Function:
     return Function(tuple(place[i] for i in function.states), tuple(place[i] for i in function.outputs))
 
 
-def _moving(graph: Graph, given: set[int]) -> list[bool]:
-    """Whether a node depends on an input or a state."""
+def _moving(graph: Graph, signals: set[int]) -> list[bool]:
+    """True for each node that depends on an input or a state."""
     moving: list[bool] = []
     for index, node in enumerate(graph.nodes):
-        moving.append(index in given or any(moving[i] for i in arguments(node)))
+        moving.append(index in signals or any(moving[i] for i in arguments(node)))
     return moving
 
 
 def truths(graph: Graph) -> list[bool]:
-    """Whether each node is a truth value."""
+    """True for each node that is a truth value."""
     truth: list[bool] = []
     for node in graph.nodes:
         truth.append(node[0] in TRUTH or node[0] == "truth" or (node[0] == "select" and truth[node[2]]))
@@ -156,11 +177,11 @@ def truths(graph: Graph) -> list[bool]:
 
 
 def _lowered(graph: Graph, roots: list[int]) -> tuple[Graph, dict[int, int]]:
-    """The graph below the roots in printable operations; elementary functions stay, each printed as a function."""
+    """Return the graph below the roots in printable operations; elementary functions stay, as calls."""
 
-    def compose(made: Graph, name: str, values: list[Symbol]) -> Symbol:
-        known = _known(made, name, values)
-        return composed(made, name, values, "libm") if known is None else known
+    def compose(printable: Graph, name: str, values: list[Symbol]) -> Symbol:
+        known = _known(printable, name, values)
+        return composed(printable, name, values, "libm") if known is None else known
 
     return rebuilt(graph, roots, compose)
 
@@ -168,16 +189,16 @@ def _lowered(graph: Graph, roots: list[int]) -> tuple[Graph, dict[int, int]]:
 _FOLDED = {"add": lambda a, b: a + b, "sub": lambda a, b: a - b, "mul": lambda a, b: a * b}
 
 
-def _known(graph: Graph, name: str, given: list[Symbol]) -> Symbol | None:
-    """The value if no operation is needed: two constants, or x · 1; the bits are the same."""
-    numbers = [_number(graph, symbol) for symbol in given]
+def _known(graph: Graph, name: str, operands: list[Symbol]) -> Symbol | None:
+    """Return the value if no operation is needed: two constants, or x · 1, where the bits are the same."""
+    numbers = [_number(graph, symbol) for symbol in operands]
     if name in _FOLDED and None not in numbers:
         return graph.constant(_FOLDED[name](*numbers))
     if name == "neg" and numbers[0] is not None:
         return graph.constant(-numbers[0])
     if name == "mul" and 1.0 in numbers:
-        return given[1 - numbers.index(1.0)]
-    return given[0] if name == "div" and numbers[1] == 1.0 else None
+        return operands[1 - numbers.index(1.0)]
+    return operands[0] if name == "div" and numbers[1] == 1.0 else None
 
 
 def _number(graph: Graph, symbol: Symbol) -> float | None:
@@ -195,13 +216,13 @@ def _fields(
     truth: list[bool],
     moving: list[bool],
 ) -> tuple[Field, ...]:
-    """Names of the design numbers: those of parameters and prepared numbers, else the variable names in the law.
+    """Name the design numbers: after parameters and prepared numbers, else after variables of the law.
 
     A number without a name in the law is named after the first named number that depends on it: `law_integral_factor`.
     """
     taken: set[str] = set()
-    found: list[Field] = []
-    made = _named_results(graph, nodes, names, moving)
+    fields: list[Field] = []
+    results = _named_results(graph, nodes, names, moving)
     for node in nodes:
         kind, place = leaves.get(node, ("", 0))
         if kind == "parameter":
@@ -215,27 +236,198 @@ def _fields(
         elif graph.nodes[node][0] == "neg" and leaves.get(graph.nodes[node][1], ("", 0))[0] == "parameter":
             wanted = f"minus_{routine.parameters[leaves[graph.nodes[node][1]][1]].name}"
         else:
-            wanted = f"{made.get(node, 'a')}_factor"
-        found.append(Field(identifier(wanted, taken, C_WORDS), node, truth[node]))
-    return tuple(found)
+            wanted = f"{results.get(node, 'a')}_factor"
+        fields.append(Field(identifier(wanted, taken, C_WORDS), node, truth[node]))
+    return tuple(fields)
 
 
 def _named_results(graph: Graph, nodes: list[int], names: Mapping[int, Name], moving: list[bool]) -> dict[int, str]:
-    """By node, the first named number that changes from sample to sample and depends on it."""
-    wanted, found = set(nodes), dict[int, str]()
+    """Map each node to the first named moving number that depends on it."""
+    wanted, results = set(nodes), dict[int, str]()
     reaches: dict[int, set[int]] = {node: {node} for node in nodes}
     for index, node in enumerate(graph.nodes):
         if not moving[index]:
             continue
-        below = set[int]().union(*(reaches.get(i, set()) for i in arguments(node))) & (wanted - found.keys())
+        below = set[int]().union(*(reaches.get(i, set()) for i in arguments(node))) & (wanted - results.keys())
         if index in names:
-            found.update(dict.fromkeys(below, word(names[index])))
+            results.update(dict.fromkeys(below, word(names[index])))
         elif below:
             reaches[index] = below
-    return found
+    return results
 
 
 def word(name: Name) -> str:
-    """`law_velocity`, or `velocity` if the whole control is the block."""
+    """Return `law_velocity`, or `velocity` if the block is the whole control."""
     owner = target_name(name.owner)
     return f"{owner}_{name.word}" if owner else name.word
+
+
+# A layout executed in Python in the precision of the target: the reference, bit for bit, for single precision.
+#
+# `configure` and `retune` run in double precision, `reset` and `step` in that of the layout.  Subnormal numbers count
+# as zero, as they are configured to on the targets.
+
+_OPERATIONS: dict[str, Callable[..., Any]] = {
+    "add": lambda a, b: a + b,
+    "sub": lambda a, b: a - b,
+    "mul": lambda a, b: a * b,
+    "div": lambda a, b: a / b,
+    "neg": lambda a: -a,
+    "abs": np.abs,
+    "sqrt": np.sqrt,
+    "floor": np.floor,
+    "lt": lambda a, b: bool(a < b),
+    "le": lambda a, b: bool(a <= b),
+    "eq": lambda a, b: bool(a == b),
+    "and": lambda a, b: a and b,
+    "or": lambda a, b: a or b,
+    "not": lambda a: not a,
+    "select": lambda condition, a, b: a if condition else b,
+    "power_of_two": lambda k: type(k)(np.ldexp(1.0, int(k))),
+    "exponent": lambda x: type(x)(np.frexp(x)[1] - 1 if x != 0.0 else np.finfo(type(x)).minexp - 1),
+    "gather": lambda row, place: row[int(place)],
+    "decays": lambda *entries: bool(matrix.decays(np.reshape(entries, (math.isqrt(len(entries)), -1)).tolist())),
+}
+
+
+class LayoutRun:
+    """A controller or a plant executed from its layout, as the reference for exported code. Slow: some 10 000
+    operations in 10 ms.
+    """
+
+    def __init__(self, layout: Layout, parameters: Mapping[str, float] | None = None, *, wide: bool = False) -> None:
+        """Start a run. `parameters` override those of the machine file, by dotted name; `wide` computes in double
+        precision.
+        """
+        self.layout = layout
+        self.real: Any = np.float64 if wide or layout.precision == "double" else np.float32
+        values = {v.path: v.value for v in layout.routine.parameters} | dict(parameters or {})
+        self.parameters = values
+        self.state: list[Any] = []
+        self.design = self._configured()
+
+    def _configured(self) -> dict[int, Any]:
+        """Return the numbers that `configure` stores, by node, rounded once."""
+        nodes = [field.node for field in self.layout.design]
+        computed = self.values(nodes)
+        kept = (value if isinstance(value, bool) else self._rounded(value) for value in computed)
+        return dict(zip(nodes, kept, strict=True))
+
+    def values(self, nodes: list[int]) -> list[Any]:
+        """Return values, in double precision, of nodes that depend on parameters only."""
+        values = self._tables(np.float64)
+        for node, (kind, i) in self.layout.leaves.items():
+            if kind == "parameter":
+                values[node] = np.float64(self.parameters[self.layout.routine.parameters[i].path])
+            elif kind == "sample_time":
+                values[node] = np.float64(self.layout.routine.sample_time)
+        return evaluated(self.layout.graph, nodes, values, np.float64)
+
+    def _rounded(self, value: Any) -> Any:
+        with np.errstate(over="ignore", under="ignore"):
+            return self.real(value)
+
+    def _tables(self, real: Any) -> dict[int, Any]:
+        rows = self.layout.routine.tables
+        return {node: real(rows[i][2]) for node, (kind, i) in self.layout.leaves.items() if kind == "table"}
+
+    def reset(self, inputs: Iterable[float]) -> list[Any]:
+        """Start at the position of the axis; return the first outputs of a plant."""
+        return self._advance(self.layout.reset, inputs)
+
+    def step(self, inputs: Iterable[float]) -> list[Any]:
+        """Compute one sample; return the outputs in the order of the routine."""
+        return self._advance(self.layout.step, inputs)
+
+    def _advance(self, function: Any, inputs: Iterable[float]) -> list[Any]:
+        layout = self.layout
+        sources = {"input": [self._rounded(x) for x in inputs], "state": self.state}
+        values = {
+            node: sources[kind][i]
+            for node, (kind, i) in layout.leaves.items()
+            if kind in sources and i < len(sources[kind])
+        }
+        ends = [*function.states, *function.outputs]
+        results = evaluated(layout.graph, ends, values | self._tables(self.real) | self.design, self.real)
+        self.state = results[: len(function.states)]
+        return results[len(function.states) :]
+
+    def retune(self, changes: Mapping[str, float]) -> None:
+        """Change parameters, by dotted name, and convert the state."""
+        layout, routine = self.layout, self.layout.routine
+        before, design = dict(self.parameters), self.design
+        self.parameters = before | dict(changes)
+        self.design = self._configured()
+        assert layout.retune is not None
+        values: dict[int, Any] = {}
+        for node, (kind, i) in layout.retune.leaves.items():
+            if kind == "state":
+                values[node] = np.float64(self.state[i])
+            elif kind in ("old", "new"):
+                values[node] = np.float64((before if kind == "old" else self.parameters)[routine.parameters[i].path])
+            elif i in routine.prepared_leaves:
+                source = layout.prepared[routine.prepared_leaves.index(i)][1]
+                held = design if kind == "old_prepared" else self.design
+                constant = layout.graph.nodes[source]
+                values[node] = np.float64(
+                    float.fromhex(constant[1]) if constant[0] == "const" else held.get(source, 0.0)
+                )
+        states = evaluated(layout.retune.graph, list(layout.retune.states), values, np.float64)
+        self.state = [self._rounded(x) for x in states]
+
+
+def evaluated(graph: Graph, ends: list[int], leaves: Mapping[int, Any], real: Any) -> list[Any]:
+    """Evaluate some nodes, each operation rounded to `real`; subnormal numbers become zero."""
+    values: dict[int, Any] = dict(leaves)
+    least = np.finfo(real).tiny
+    with np.errstate(all="ignore"):
+        for index in _needed(graph, ends, values):
+            node = graph.nodes[index]
+            if node[0] == "const":
+                values[index] = real(float.fromhex(node[1]))
+            elif node[0] == "truth":
+                values[index] = node[1]
+            else:
+                operands = [_flushed(values[i], least) for i in arguments(node)]
+                operation = _OPERATIONS.get(node[0])
+                result = elementary(node[0], operands[0], real) if operation is None else operation(*operands)
+                values[index] = _flushed(result, least) if node[0] != "select" else result
+    return [values[index] for index in ends]
+
+
+def _flushed(value: Any, least: Any) -> Any:
+    """Return the number, or a zero of the same sign if it is subnormal."""
+    if isinstance(value, (bool, np.ndarray)) or not abs(value) < least:
+        return value
+    return value * type(value)(0.0)
+
+
+def _needed(graph: Graph, ends: list[int], known: Mapping[int, Any]) -> list[int]:
+    """Return the nodes to compute, in order, without known ones and their arguments."""
+    needed: set[int] = set()
+    stack = [index for index in ends if index not in known]
+    while stack:
+        index = stack.pop()
+        if index in needed:
+            continue
+        needed.add(index)
+        stack.extend(i for i in arguments(graph.nodes[index]) if i not in known)
+    return sorted(needed)
+
+
+_graphs: dict[tuple[str, Any], tuple[Graph, int, int]] = {}
+
+
+def elementary(name: str, x: Any, real: Any) -> Any:
+    """Evaluate an elementary function by its own plain arithmetic in a precision."""
+    assert name in ELEMENTARY, f"no operation '{name}' in {real.__name__}"
+    key = (name, real)
+    if key not in _graphs:
+        module = import_module(f"feeddrive.language.{'mathematics' if real is np.float64 else 'single'}")
+        graph = Graph()
+        argument = graph.input("x")
+        result = graph.symbol(getattr(module, name)(argument)).index
+        assert reachable(graph, [result])
+        _graphs[key] = (graph, argument.index, result)
+    graph, argument, result = _graphs[key]
+    return evaluated(graph, [result], {argument: x}, real)[0]

@@ -1,28 +1,376 @@
-"""Files of the target `linuxcnc-pid`: .hal and .ini fragments, and a README with the expected differences."""
+"""The target `linuxcnc-pid`: a P-PI design as LinuxCNC's stock pids, with the differences that remain."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
+import numpy as np
+
+from feeddrive.analysis.margins import margins
+from feeddrive.analysis.stability import require_stable, stability
 from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
 from feeddrive.blocks.controller.stock_biquad import StockBiquad
 from feeddrive.blocks.controller.stock_pid import StockPid
+from feeddrive.blocks.families import Filter
+from feeddrive.blocks.filter.biquad import Section
+from feeddrive.blocks.filter.low_pass import LowPass
+from feeddrive.blocks.reference.jerk_limited_move import JerkLimitedMove
 from feeddrive.export.design import Design, require_alone
+from feeddrive.export.drive_quantities import SAFETY, Cascade, LostPart, kv_lines, lost, numbers, read_cascade
 from feeddrive.export.identifiers import HAL_LENGTH
-from feeddrive.export.linuxcnc import component
+from feeddrive.export.linuxcnc import servo_period
 from feeddrive.export.manifest import readme, write_bundle
-from feeddrive.export.parameters.quantities import SAFETY, Cascade, LostPart, kv_lines, numbers, read_cascade
-from feeddrive.export.stock_pids import Difference, difference, left_out, require_stable_pids, stock_law, stock_loop
+from feeddrive.language import tree
 from feeddrive.language.declaration import declarations
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.errors import DivergedError, ParameterError, StructureError, UnstableError
+from feeddrive.language.quantity import Quantity
+from feeddrive.loop.control import Control
+from feeddrive.loop.lifting import loop_gain
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.simulate import Run, simulate
+
+# LinuxCNC's stock pids for a P-PI design: the gains that realize it, and the differences that remain.
+#
+# With c = units · force_per_output (machine units in a meter, N per unit of the output), α = velocity_feedforward, b
+# the law's own `viscous`, and m, d the mass and viscous friction that are fed forward:
+#
+#     two pids   position  Pgain = Kv, FF1 = α                       its output is a velocity
+#                velocity  Pgain = (Kp - b)/c, FF0 = b/c, Igain = Kp/(c Tn), maxoutput = force_limit / force_per_output
+#                          bias = (m + d T/2)/c · joint acceleration + d/c · joint velocity      by sum2
+#     one pid    Pgain = (Kp Kv + Kp/Tn)/c, Igain = Kp Kv/(c Tn), Dgain = (Kp - b)/c, FF1 = (α - 1) Kp/c + b/c + d/c,
+#                FF2 = m/c; with filters d and m go by `bias`, as with two pids, so that they bypass them
+#     filters    a biquad each, with the coefficients of the design's own step
+#     weight     of a hanging axis, the guard's safe_force: bias of the last pid, by the same sum2
+#
+# One pid takes one encoder, since its D differences what P reads.  The integral of the velocity error is then that of
+# the position error plus the position error itself, which needs α = 1 where there is a Tn.
+
+ROUTES = ("two", "one")
+_PER_PERIOD = "a pid differences over one period"
+HELD = (
+    "inertia",
+    "viscous_feedforward",
+    "viscous",
+    "force_limit",
+    "following_error_limit",
+    "travel",
+    "filters",
+)
+OUTSIDE = {
+    "velocity_samples": (_PER_PERIOD, ""),
+    "velocity_encoder": ("the second pid is wired to the motor's encoder", "wire the load's encoder to ddt by hand"),
+    "position_every": ("both pids run in one thread", "the position loop runs every sample: margins are larger"),
+    "back_calculation": (
+        "a pid stops its integral while the last output was at the limit and the error has its sign",
+        "",
+    ),
+    "half_sample": (
+        "the joint's acceleration and velocity are those of the sample",
+        "the force for the acceleration comes half a sample late: an error of mass · jerk · T/2 in N",
+    ),
+    "safe_force": (
+        "a pid that runs carries the weight by its bias, but one that is disabled gives 0",
+        "the brake must hold before the joint is disabled",
+    ),
+    "velocity_limit": ("LinuxCNC limits the commanded, not the measured velocity", ""),
+    "broken_readings": (
+        "a pid does not check its input",
+        "a NaN stays in the integral until the axis is disabled: let the encoder's fault disable it",
+    ),
+    "alignment": (
+        "each pid reads its own encoder",
+        "home both encoders to one zero, or the offset acts as a following error",
+    ),
+}
+_LATE = (
+    "FF2 differences the command twice",
+    "the force for the acceleration comes one and a half samples late: an error of mass · jerk · 3T/2 in N",
+)
+
+
+def stock_law(cascade: Cascade, *, route: str = "two", units: float = 1000.0) -> LinuxcncPid:
+    """Return the pids of a design.
+
+    route  "two" pids in cascade or "one"
+    units  machine units in a meter: 1000 for mm, 1/0.0254 for inches
+
+    Raises ParameterError for an unknown route and for a law whose `viscous` is above its velocity gain, and
+    StructureError where one pid cannot hold the design.
+    """
+    if route not in ROUTES:
+        raise ParameterError(f"route = '{route}' must be one of {', '.join(ROUTES)}")
+    law, control, value = cascade.law, cascade.loop.control, cascade.values
+    motor = cascade.loop.axis.actuator.motor
+    per_output = 1.0 if motor is None else float(motor.force_per_unit())
+    c = units * per_output
+    back = law.viscous or 0.0
+    if back >= law.Kp:
+        raise ParameterError(
+            f"control.law.viscous = {Quantity(back, 'N s/m'):6} must be below Kp = {Quantity(law.Kp, 'N s/m'):6}: "
+            "their difference is the gain of a pid, which may not be negative"
+        )
+    bias = (value["weight"] or 0.0) / per_output
+    mass, viscous = value["mass"] or 0.0, value["viscous"] or 0.0
+    integral = value["Kp/Tn"] or 0.0
+    limit = 0.0 if control.force_limit is None else control.force_limit / per_output
+    filters = tuple(biquad(block, period(cascade.loop)) for block in control.filters)
+    if route == "two":
+        position = StockPid(Pgain=law.Kv, FF1=law.velocity_feedforward, error_previous_target=False)
+        velocity = StockPid(
+            Pgain=(law.Kp - back) / c,
+            Igain=integral / c,
+            FF0=back / c,
+            maxoutput=limit,
+            bias=bias,
+            error_previous_target=False,
+        )
+    else:
+        _check_one(cascade)
+        own = ((law.velocity_feedforward - 1.0) * law.Kp + back) / c
+        velocity = None
+        position = StockPid(
+            Pgain=(law.Kp * law.Kv + integral) / c,
+            Igain=law.Kv * integral / c,
+            Dgain=(law.Kp - back) / c,
+            FF1=own if filters else own + viscous / c,
+            FF2=0.0 if filters else mass / c,
+            maxoutput=limit,
+            bias=bias,
+            error_previous_target=False,
+        )
+    by_bias = velocity is not None or bool(filters)
+    half = 0.5 * cascade.loop.sample_time
+    return LinuxcncPid(
+        position=position,
+        velocity=velocity,
+        filters=filters,
+        units=units,
+        force_per_output=per_output,
+        acceleration_gain=(mass + half * viscous) / c if by_bias else None,
+        velocity_gain=viscous / c if by_bias else None,
+    )
+
+
+def biquad(block: Filter, T: float) -> StockBiquad:
+    """Return a filter of the design as coefficients of LinuxCNC's biquad, at a period of T s."""
+    prepared = block.prepare(T)
+    if isinstance(prepared, Section):
+        return StockBiquad(
+            n0=prepared.b0,
+            n1=prepared.b1,
+            n2=prepared.b2,
+            d1=prepared.b1 if prepared.a1 is None else prepared.a1,
+            d2=prepared.a2,
+        )
+    if isinstance(prepared, LowPass.Prepared):
+        return StockBiquad(n0=prepared.b, n1=prepared.b, d1=prepared.a)
+    raise StructureError(
+        f"control.filters: {block.kind} cannot be represented by a biquad of LinuxCNC; take the target linuxcnc"
+    )
+
+
+def period(loop: Loop) -> float:
+    """Return the sample time in HAL, s: whole nanoseconds times 1e-9."""
+    return round(loop.sample_time * 1e9) * 1e-9
+
+
+def _check_one(cascade: Cascade) -> None:
+    """Raise StructureError, with the reason, if one pid cannot represent the design."""
+    law = cascade.law
+    if cascade.loop.axis.encoders() == 2:
+        raise StructureError(
+            "the axis has two encoders, and one pid differences what it reads: the velocity loop would close on the "
+            "table; take route = two"
+        )
+    if law.Tn is not None and law.velocity_feedforward != 1.0:
+        raise StructureError(
+            f"control.law.velocity_feedforward = {Quantity(law.velocity_feedforward):6} under an integral needs FF0, "
+            "which pulls the axis towards position 0: take route = two, or velocity_feedforward = 1"
+        )
+
+
+def stock_loop(cascade: Cascade, law: LinuxcncPid) -> Loop:
+    """Return the loop with LinuxCNC's pids instead of its control, on the same axis at HAL's period.
+
+    Its guard stays, except that the force of a disabled axis is 0, as a disabled pid gives 0.
+    """
+    guard = cascade.loop.control.guard
+    control = Control(law=law, guard=None if guard is None else replace(guard, safe_force=0.0))
+    return replace(cascade.loop, control=control, sample_time=period(cascade.loop))
+
+
+def left_out(cascade: Cascade, route: str = "two") -> tuple[LostPart, ...]:
+    """Return the parts of a design that LinuxCNC's pids cannot represent."""
+    late = route == "one" and not cascade.loop.control.filters
+    outside = OUTSIDE | {"half_sample": _LATE} if late else OUTSIDE
+    return tuple(row._replace(path=tree.in_paths(cascade.loop, row.path)) for row in lost(cascade, HELD, outside))
+
+
+LINES = 1500  # of the loop gain, from 1 Hz to half the sample rate
+_DWELL = 0.3  # s after a move, in which overshoot shows
+
+
+class Figure(NamedTuple):
+    """A figure of both controls; None where it does not exist."""
+
+    what: str
+    unit: str
+    design: float | None
+    stock: float | None
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The figures of both controls, and the two moves that they come from."""
+
+    figures: tuple[Figure, ...]
+    move: JerkLimitedMove
+    saturating: JerkLimitedMove | None
+
+
+def require_stable_pids(cascade: Cascade, stock: Loop, route: str, units: float) -> None:
+    """Raise UnstableError, with stable gains if any exist, if the loop with the pids is unstable."""
+    require_stable(cascade.loop, where="the design")
+    verdict = stability(stock)
+    if verdict.stable:
+        return
+    hint = ""
+    for share in np.linspace(0.95, 0.05, 19):
+        law = replace(
+            cascade.law,
+            Kv=cascade.law.Kv * share,
+            Kp=cascade.law.Kp * share,
+            Tn=None if cascade.law.Tn is None else cascade.law.Tn / share,
+        )
+        slower = replace(cascade.loop, control=replace(cascade.loop.control, law=law))
+        values = {**cascade.values, "Kv": law.Kv, "Kp": law.Kp, "Tn": law.Tn}
+        values["Kp/Tn"] = None if law.Tn is None else law.Kp / law.Tn
+        trial = Cascade(slower, law, values)
+        if stability(stock_loop(trial, stock_law(trial, route=route, units=units))).stable:
+            integral = "" if law.Tn is None else f" and Tn = {Quantity(law.Tn, 's'):SI}"
+            hint = (
+                f"; with Kv = {Quantity(law.Kv, '1/s')}, Kp = {Quantity(law.Kp, 'N s/m')}{integral} "
+                f"({Quantity(share, 'share'):.0f}) it would be at the limit of stability"
+            )
+            break
+    raise UnstableError(
+        f"this axis is unstable with LinuxCNC's pid, but not with the design: {verdict.sentence()}{hint}; see which "
+        "parts it cannot represent, or export with the target linuxcnc, which computes the design itself"
+    )
+
+
+def difference(cascade: Cascade, stock: Loop) -> Difference:
+    """Compare both controls on the same axis, along the same moves."""
+    move, saturating = moves(cascade.loop)
+    figures = [*_margins(cascade.loop, stock)]
+    designed, by_pid = (_run(loop, move) for loop in (cascade.loop, stock))
+    figures += _along("a move", designed, by_pid)
+    if saturating is not None:
+        both = [_run(_free(loop), saturating) for loop in (cascade.loop, stock)]
+        figures += _along("a move beyond the force limit", *both)
+        figures.append(
+            Figure(
+                "largest following error after that move has ended",
+                "um",
+                *(_after(run, saturating) for run in both),
+            )
+        )
+    return Difference(tuple(figures), move, saturating)
+
+
+def moves(loop: Loop) -> tuple[JerkLimitedMove, JerkLimitedMove | None]:
+    """Return a move at 40 % of the force limit, and one at 150 % where there is a limit.
+
+    Half the velocity limit, at most 0.3 m/s; the acceleration is reached in 20 ms, or in 5 ms beyond the limit; within
+    the travel.
+    """
+    guard, motor = loop.control.guard, loop.axis.actuator.motor
+    mass, limit = float(loop.axis.plant.rigid_mass()), loop.control.force_limit
+    speeds = [None if guard is None else guard.velocity_limit, None if motor is None else motor.velocity_limit()]
+    velocity = min([0.3, *(0.5 * float(speed) for speed in speeds if speed is not None)])
+    acceleration = 2.0 if limit is None else min(0.4 * limit / mass, 20.0)
+    ends = (None, None) if guard is None else (guard.travel_least, guard.travel_most)
+    first, distance = 0.0, 0.1
+    if ends[0] is not None and ends[1] is not None:
+        first, distance = 0.75 * ends[0] + 0.25 * ends[1], min(distance, 0.5 * (ends[1] - ends[0]))
+    elif ends[0] is not None:
+        first = ends[0] + 0.1
+    elif ends[1] is not None:
+        first = ends[1] - 0.2
+
+    def move(acceleration: float, rise: float, *, back: bool) -> JerkLimitedMove:
+        return JerkLimitedMove(
+            distance=distance,
+            start=first,
+            velocity=velocity,
+            acceleration=acceleration,
+            jerk=acceleration / rise,
+            back=back,
+            dwell_after=_DWELL,
+        )
+
+    beyond = None if limit is None else move(1.5 * limit / mass, 0.005, back=False)
+    return move(acceleration, 0.02, back=True), beyond
+
+
+def _free(loop: Loop) -> Loop:
+    """Return the loop without the limits of the guard, on which a saturated axis would trip."""
+    guard = loop.control.guard
+    if guard is None:
+        return loop
+    return replace(loop, control=replace(loop.control, guard=replace(guard, following_error_limit=None)))
+
+
+def _run(loop: Loop, move: JerkLimitedMove) -> Run | None:
+    """Simulate a move; None if the run diverges."""
+    try:
+        return simulate(loop, move, record=("set_velocity", "following_error", "force"))
+    except DivergedError:
+        return None
+
+
+def _along(what: str, *runs: Run | None) -> list[Figure]:
+    """Return following error and force of both runs along a move."""
+    errors = [None if run is None else run["following_error"] for run in runs]
+    peaks = [None if e is None else 1e6 * float(np.max(np.abs(e))) for e in errors]
+    means = [None if e is None else 1e6 * float(np.sqrt(np.mean(e * e))) for e in errors]
+    forces = [None if run is None else float(np.max(np.abs(run["force"]))) for run in runs]
+    return [
+        Figure(f"largest following error along {what}", "um", *peaks),
+        Figure(f"RMS following error along {what}", "um", *means),
+        Figure(f"largest force along {what}", "N", *forces),
+    ]
+
+
+def _after(run: Run | None, move: JerkLimitedMove) -> float | None:
+    if run is None:
+        return None
+    ended = run.time >= move.dwell_before + move.leg_time
+    return 1e6 * float(np.max(np.abs(run["following_error"][ended])))
+
+
+def _margins(*loops: Loop) -> list[Figure]:
+    """Return crossover and margins of the loop opened at the actuator, sliding."""
+    figures = []
+    for loop in loops:
+        frequency = np.geomspace(1.0, 0.5 / loop.sample_time, LINES)
+        result = margins(loop_gain(loop, frequency))
+        figures.append((result.crossover, result.phase_margin_deg, result.gain_increase_dB, result.sensitivity_peak))
+    names = (("crossover", "Hz"), ("phase margin", "degrees"), ("gain may rise by", "dB"), ("Ms", "1"))
+    return [Figure(name, unit, *pair) for (name, unit), pair in zip(names, zip(*figures, strict=True), strict=True)]
+
+
+# Files of the target `linuxcnc-pid`: .hal and .ini fragments, and a README with the expected differences.
 
 JOINTS = 16  # of a LinuxCNC
 _LONGEST = ".velocity.do-pid-calcs.tmax-increased"  # name behind the axis's
 
 
 def write_linuxcnc_pid(design: Design, out: Path, *, route: str = "two", units: float = 1000.0, joint: int = 0) -> Path:
-    """Write the fragments, completely or not at all; returns the README.
+    """Write the fragments, completely or not at all, and return the README.
 
     route  "two" pids in cascade, or "one"
     units  machine units in a meter: 1000 for mm
@@ -35,7 +383,7 @@ def write_linuxcnc_pid(design: Design, out: Path, *, route: str = "two", units: 
     if not 0 <= joint < JOINTS:
         raise ParameterError(f"joint = {joint} must be 0 to {JOINTS - 1}: LinuxCNC has {JOINTS} joints")
     require_alone(design, "linuxcnc-pid, to judge its pids,")
-    cascade, period = read_cascade(design.loop), component.period(design.routine)
+    cascade, period = read_cascade(design.loop), servo_period(design.routine)
     name = _checked(design.name.replace("_", "-"))
     law = stock_law(cascade, route=route, units=units)
     stock = stock_loop(cascade, law)
@@ -58,7 +406,7 @@ def write_linuxcnc_pid(design: Design, out: Path, *, route: str = "two", units: 
 
 
 def _checked(name: str) -> str:
-    """The name itself. Raises ParameterError if a HAL name that begins with it is too long."""
+    """Return the name. Raises ParameterError if a HAL name that begins with it is too long."""
     most = HAL_LENGTH - len(_LONGEST)
     if len(name) > most:
         raise ParameterError(
@@ -74,9 +422,15 @@ def _readme(
     pids = "one `pid`" if law.velocity is None else "two `pid`s in cascade, `ddt` for the motor's velocity"
     pids += f", a `biquad` for each of the {len(law.filters)} filter(s)" if law.filters else ""
     return readme(
-        "linuxcnc_pid.md.j2", design, name=name, pids=pids, safety=SAFETY, differs=differs, lost=lost,
+        "linuxcnc_pid.md.j2",
+        design,
+        name=name,
+        pids=pids,
+        safety=SAFETY,
+        differs=differs,
+        lost=lost,
         kv=kv_lines(gain),
-    )  # fmt: skip
+    )
 
 
 COEFFICIENTS = tuple(declarations(StockBiquad))
@@ -84,7 +438,7 @@ GAINS = tuple(name for name in declarations(StockPid) if name not in ("error_pre
 
 
 def ini_fragment(cascade: Cascade, law: LinuxcncPid, joint: int, head: Sequence[str]) -> str:
-    """Gains, limits and following error of a joint, for its .ini file."""
+    """Return gains, limits and following error of a joint, for its .ini file."""
     guard, units = cascade.loop.control.guard, float(law.units)
     lines = [*(f"# {line}".rstrip() for line in head), "", f"[JOINT_{joint}]"]
     if guard is not None and guard.following_error_limit is not None:
@@ -116,7 +470,7 @@ def ini_fragment(cascade: Cascade, law: LinuxcncPid, joint: int, head: Sequence[
 
 
 def hal_fragment(cascade: Cascade, law: LinuxcncPid, name: str, joint: int, head: Sequence[str]) -> str:
-    """The components of an axis, their wiring and settings; the user connects the pins of the drive."""
+    """Return the components of an axis, their wiring and settings; the user connects the pins of the drive."""
     two, encoders = law.velocity is not None, cascade.loop.axis.encoders()
     pids = [f"{name}.position", *[f"{name}.velocity"] * two]
     motor = cascade.loop.axis.actuator.motor
@@ -151,7 +505,10 @@ def hal_fragment(cascade: Cascade, law: LinuxcncPid, name: str, joint: int, head
         *([f"addf {name}.speed servo-thread"] if two else []),
         f"addf {name}.forward servo-thread",
         *(f"addf {pid}.do-pid-calcs servo-thread" for pid in pids),
-        *(f"addf {each} servo-thread" for each in (sums[1:2] + filters + sums[2:] + [f"{name}.limit"] * bool(filters))),
+        *(
+            f"addf {function} servo-thread"
+            for function in (sums[1:2] + filters + sums[2:] + [f"{name}.limit"] * bool(filters))
+        ),
         "",
         *(wire for wire in wires if wire),
         "",
@@ -169,7 +526,7 @@ def hal_fragment(cascade: Cascade, law: LinuxcncPid, name: str, joint: int, head
 
 
 def _filter_wires(law: LinuxcncPid, name: str, last: str) -> Iterator[str]:
-    """The output of the last pid without feedforward goes through the filters; then the feedforward is added."""
+    """Yield the wires from the last pid without feedforward through the filters, and the sum with the feedforward."""
     if not law.filters:
         return
     ends = [f"{name}.feedback.out", *(f"{name}.filter{i}.out" for i in range(len(law.filters)))]
@@ -183,14 +540,14 @@ def _filter_wires(law: LinuxcncPid, name: str, last: str) -> Iterator[str]:
 
 
 def _pids(law: LinuxcncPid) -> Iterator[tuple[str, StockPid]]:
-    """Prefix of the keys in the .ini file, and the pid."""
+    """Yield the prefix of the keys in the .ini file, and the pid."""
     yield "POSITION", law.position
     if law.velocity is not None:
         yield "VELOCITY", law.velocity
 
 
 def _settings(law: LinuxcncPid, name: str, joint: int) -> Iterator[str]:
-    """The lines that give the pids their numbers."""
+    """Yield the lines that set the parameters of the pids."""
     for prefix, pid in _pids(law):
         whole = f"{name}.{prefix.lower()}"
         yield from (f"setp {whole}.{gain} [JOINT_{joint}]{prefix}_{gain.upper()}" for gain in GAINS)
@@ -202,7 +559,10 @@ def _settings(law: LinuxcncPid, name: str, joint: int) -> Iterator[str]:
     for i in range(len(law.filters)):
         filter_ = f"{name}.filter{i}"
         yield f"setp {filter_}.type 0"
-        yield from (f"setp {filter_}.{each} [JOINT_{joint}]FILTER_{i}_{each.upper()}" for each in COEFFICIENTS)
+        yield from (
+            f"setp {filter_}.{coefficient} [JOINT_{joint}]FILTER_{i}_{coefficient.upper()}"
+            for coefficient in COEFFICIENTS
+        )
         yield f"setp {filter_}.enable 1"
     if law.filters:
         yield f"setp {name}.feedback.gain1 -1"

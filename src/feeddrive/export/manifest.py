@@ -17,7 +17,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from feeddrive.export.c.arithmetic import rules
+from feeddrive.export.c_code import rules
 from feeddrive.export.design import CONTROL, MACHINE_FILE, Design
 from feeddrive.export.targets import TARGETS
 from feeddrive.files.atomic_io import new_directory, read_whole
@@ -51,26 +51,32 @@ class Manifest:
 
 
 def manifest_text(design: Design, target: str, files: Mapping[str, bytes | str], **options: Any) -> str:
-    """The text of `export.json` for an export of these files; `options` are the target's own."""
+    """Return the text of `export.json` for an export of these files; `options` are the target's own."""
     told = rules(design.routine) if TARGETS[target].in_c else design.routine.sentences
     content = {
         "export": {
-            "target": target, "axis": design.axis, "what": design.what, "name": design.name,
-            "precision": design.layout.precision, "options": options,
+            "target": target,
+            "axis": design.axis,
+            "what": design.what,
+            "name": design.name,
+            "precision": design.layout.precision,
+            "options": options,
         },
         "machine": {
-            "name": design.machine.name, "file": MACHINE_FILE, "source": Path(design.machine.file.name).name,
+            "name": design.machine.name,
+            "file": MACHINE_FILE,
+            "source": Path(design.machine.file.name).name,
             "sha256": design.digest,
         },
         "rules": {str(code): sentence for code, sentence in told.items()},
         "made_by": f"feeddrive {__version__}",
         "files": {name: _digest(content) for name, content in sorted(files.items())},
-    }  # fmt: skip
+    }
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
 
 
 def write_bundle(design: Design, target: str, out: Path, files: Mapping[str, bytes | str], **options: Any) -> Path:
-    """Write an export, completely or not at all: `files`, the machine file and `export.json`; returns the README.
+    """Write an export, completely or not at all: `files`, the machine file and `export.json`; return the README.
 
     A file of an older export there that was edited (its digest differs from `export.json`) is kept, and the new file
     is written as NAME`.new`: `edits_kept` finds them.
@@ -88,20 +94,20 @@ def write_bundle(design: Design, target: str, out: Path, files: Mapping[str, byt
 
 
 def _beside_edits(out: Path, files: Mapping[str, bytes | str]) -> dict[str, bytes | str]:
-    """The files of a new export, and the edited files of the older one, which are kept."""
-    found = dict(files)
+    """Return the files to write and the edited files of the older export, which are kept."""
+    contents = dict(files)
     for name in changed_files(out, read_manifest(out)):
         if not (out / name).is_file():
             continue
         edit = read_whole(out / name, MOST_BYTES)
         if name in files and _digest(files[name]) != _digest(edit):
-            found[f"{name}{NEW}"] = files[name]
-        found[name] = edit
-    return found
+            contents[f"{name}{NEW}"] = files[name]
+        contents[name] = edit
+    return contents
 
 
 def edits_kept(directory: Path) -> list[str]:
-    """Messages on an export: which edited files were kept, and the names of the new ones."""
+    """Return a message for each edited file that was kept, with the name of the new file."""
     kept = sorted(str(file.relative_to(directory))[: -len(NEW)] for file in directory.rglob(f"*{NEW}"))
     return [
         f"{directory / name}: was edited since the last export and is kept; the new file is {name}{NEW} beside it: "
@@ -111,28 +117,35 @@ def edits_kept(directory: Path) -> list[str]:
 
 
 def read_manifest(directory: Path) -> Manifest:
-    """The manifest of an export. Raises FileError if it is not there, malformed, or of another kind."""
+    """Read the manifest of an export. Raises FileError if it is missing, malformed, or of another kind."""
     file = directory / FILE
     if not directory.is_dir():
         raise FileError(f"{directory}: is not a directory; give the one that `feeddrive export` wrote")
     if not file.exists():
         raise FileError(f"{directory}: holds no {FILE}; give a directory that `feeddrive export` wrote")
     try:
-        found = json.loads(read_whole(file, MOST_BYTES))
-        said, machine = found["export"], found["machine"]
+        document = json.loads(read_whole(file, MOST_BYTES))
+        export, machine = document["export"], document["machine"]
         manifest = Manifest(
-            target=_text(said["target"]), axis=_text(said["axis"]), what=_text(said["what"]), name=_text(said["name"]),
-            precision=_text(said["precision"]), machine=_text(machine["name"]), source=_text(machine["source"]),
-            digest=_text(machine["sha256"]), version=_text(found["made_by"]), options=dict(said["options"]),
-            files={_text(name): _text(digest) for name, digest in found["files"].items()},
-        )  # fmt: skip
+            target=_text(export["target"]),
+            axis=_text(export["axis"]),
+            what=_text(export["what"]),
+            name=_text(export["name"]),
+            precision=_text(export["precision"]),
+            machine=_text(machine["name"]),
+            source=_text(machine["source"]),
+            digest=_text(machine["sha256"]),
+            version=_text(document["made_by"]),
+            options=dict(export["options"]),
+            files={_text(name): _text(digest) for name, digest in document["files"].items()},
+        )
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise FileError(f"{file}: is not what `feeddrive export` writes ({error}): export again") from None
     return manifest
 
 
 def changed_files(directory: Path, manifest: Manifest) -> list[str]:
-    """Files of an export that are missing or were changed."""
+    """Return the files of an export that are missing or were changed."""
     wrong = []
     for name, digest in manifest.files.items():
         file = directory / name
@@ -154,7 +167,7 @@ def _text(value: Any) -> str:
 
 
 def readme(template: str, design: Design, **content: Any) -> str:
-    """The README of a design in Markdown. Pure: the same content gives the same text.
+    """Return the README of a design in Markdown. Pure: the same content gives the same text.
 
     template  a file of `templates/`; besides `content` it gets `design`, `routine`, `P` (the prefix of all names),
               `title`, `made_by`, `control` (true for a control, false for an axis), `trips` and `c_rules`
@@ -180,7 +193,7 @@ def readme(template: str, design: Design, **content: Any) -> str:
 def _environment() -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    made = Environment(
+    environment = Environment(
         loader=PackageLoader("feeddrive.export"),
         autoescape=False,
         undefined=StrictUndefined,
@@ -188,10 +201,10 @@ def _environment() -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    made.filters["cell"] = _cell
-    return made
+    environment.filters["cell"] = _cell
+    return environment
 
 
 def _cell(text: str) -> str:
-    """A text for a cell of a table in Markdown."""
+    """Return a text escaped for a cell of a Markdown table."""
     return text.replace("|", "\\|")

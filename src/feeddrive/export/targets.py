@@ -68,33 +68,33 @@ class Target:
 _BOTH = ("double", "float")
 TARGETS: dict[str, Target] = {
     "c": Target(
-        "c.bundle", "write_c", ("single_header",), _BOTH, plants=True, together=True, in_c=True,
-        proof=Proof("c.programs", 1_000_000, own_build=False),
+        "c_bundle", "write_c", ("single_header",), _BOTH, plants=True, together=True, in_c=True,
+        proof=Proof("c_bundle", 1_000_000, own_build=False),
     ),
     "linuxcnc": Target(
-        "linuxcnc.bundle", "write_linuxcnc", ("joint",), linear=True, in_c=True,
-        proof=Proof("linuxcnc.session", 50_000, changes=0),
+        "linuxcnc", "write_linuxcnc", ("joint",), linear=True, in_c=True,
+        proof=Proof("linuxcnc_session", 50_000, changes=0),
     ),
     "linuxcnc-pid": Target(
         "linuxcnc_pid", "write_linuxcnc_pid", ("joint", "route", "units"), linear=True,
         unproven="is numbers for LinuxCNC's own pid, which computes something else; see its README",
     ),
     "fmu2": Target(
-        "fmu.fmu", "write_fmu", plants=True, fixed={"version": 2}, in_c=True, proof=Proof("fmu.fmu", 50_000)
+        "fmu", "write_fmu", plants=True, fixed={"version": 2}, in_c=True, proof=Proof("fmu", 50_000)
     ),
     "fmu3": Target(
-        "fmu.fmu", "write_fmu", plants=True, fixed={"version": 3}, in_c=True, proof=Proof("fmu.fmu", 50_000)
+        "fmu", "write_fmu", plants=True, fixed={"version": 3}, in_c=True, proof=Proof("fmu", 50_000)
     ),
     "cortex-m": Target(
         "cortex_m", "write_cortex_m", ("core",), ("float", "double"), together=True, in_c=True,
-        proof=Proof("cortex_m_builds", 2_000, changes=8),
+        proof=Proof("cortex_m", 2_000, changes=8),
     ),
     "st": Target(
-        "structured_text.bundle", "write_structured_text", precisions=_BOTH,
+        "structured_text", "write_structured_text", precisions=_BOTH,
         unproven="runs on a PLC: {name}_check.st, in the same directory, makes the same comparison there",
     ),
     "parameters": Target(
-        "parameters.bundle", "write_parameters", ("makers", "lead", "gear"), linear=True,
+        "parameters", "write_parameters", ("makers", "lead", "gear"), linear=True,
         unproven="is numbers for a person to check; there is nothing to run",
     ),
 }  # fmt: skip

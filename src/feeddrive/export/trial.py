@@ -36,7 +36,7 @@ class Answers:
 
 
 def trial(routine: Routine, count: int, seed: int = 0, *, changes: int = 50, broken: float = 2e-4) -> Trial:
-    """`count` samples of a wandering axis under a wandering set motion, from a seed.
+    """Return `count` samples of a wandering axis under a wandering set motion, from a seed.
 
     The reading follows the set position with an error and a jitter whose sizes change every 40 samples, from less than
     a count of an encoder to more than any bound, so that a quiet loop, limits and trips all occur; `broken` is how
@@ -59,7 +59,7 @@ def trial(routine: Routine, count: int, seed: int = 0, *, changes: int = 50, bro
 
 
 def _wandering(guard: Guard, T: float, count: int, random: np.random.Generator) -> dict[str, np.ndarray]:
-    """The inputs of one axis by name."""
+    """Return the inputs of one axis by name."""
     far = 1e-3 if guard.following_error_limit is None else float(guard.following_error_limit)
     fast = 1.0 if guard.velocity_limit is None else float(guard.velocity_limit)
 
@@ -92,10 +92,10 @@ def _ends(guard: Guard) -> tuple[tuple[float, Any], tuple[float, Any]]:
 
 
 def _changes(routine: Routine, places: list[int], random: np.random.Generator) -> dict[int, dict[str, float]]:
-    """Parameters that change by up to 25 % and pass the check of their block."""
+    """Draw parameters that change by up to 25 % and pass the check of their block."""
     both = on_target(routine.origin)
     first = {variable.path: variable for variable in routine.parameters}
-    found: dict[int, dict[str, float]] = {}
+    changes: dict[int, dict[str, float]] = {}
     for sample in places:
         for _ in range(_DRAWS):
             chosen = random.choice(len(first), size=min(3, len(first)), replace=False)
@@ -105,9 +105,9 @@ def _changes(routine: Routine, places: list[int], random: np.random.Generator) -
                 tree.check_sampled(after, routine.sample_time)
             except FeeddriveError:
                 continue
-            both, found[sample] = after, moved
+            both, changes[sample] = after, moved
             break
-    return found
+    return changes
 
 
 def _moved(variable: Variable, random: np.random.Generator) -> float:

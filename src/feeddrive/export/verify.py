@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from feeddrive.export.c.programs import stepped
+from feeddrive.export.c_bundle import stepped
 from feeddrive.export.design import CONTROL, MACHINE_FILE, Design, read_design
 from feeddrive.export.manifest import FILE, MOST_BYTES, NEW, Manifest, changed_files, read_manifest
 from feeddrive.export.targets import TARGETS, Proof, write_again
@@ -61,7 +61,7 @@ class Verified(Result):
 
     @property
     def holds(self) -> bool:
-        """All bits agree, and no file was altered."""
+        """True if all bits agree and no file was altered."""
         return self.differing == 0 and not self.altered
 
     def _result(self) -> str:
@@ -70,13 +70,13 @@ class Verified(Result):
         return "EQUAL, bit for bit" if self.holds else "EQUAL, bit for bit, but CHANGED SINCE THE EXPORT"
 
     def sentences(self) -> str:
-        """The certificate as text."""
+        """Return the certificate as text."""
         table = self.table().grid()
         wide = max(len(row[0]) for row in table.rows)
         return "\n".join([table.title, *(f"  {row[0]:<{wide}}  {row[1]}" for row in table.rows)])
 
     def table(self) -> Table:
-        """The certificate."""
+        """Return the certificate as a table."""
         worst = joined(", ", (f"{name} {Quantity(value):3}" for name, value in self.worst.items()))
         rows: list[list[str | int]] = [
             ["export", f"{self.name}, target {self.target}, {self.precision} precision"],
@@ -105,7 +105,7 @@ def verify_export(
     flags: Sequence[str] = (),
     command: str | None = None,
 ) -> Verified:
-    """Run the equality proof of an export on this machine.
+    """Prove on this machine that an export computes the same bits as the simulator.
 
     samples  of the trial; absent: as many as take some seconds, a million for C in double precision
     flags    for the compiler of C besides -std=c99 -O2 -ffp-contract=off; `command` names another compiler
@@ -130,8 +130,8 @@ def verify_export(
         fresh = Path(folder) / "export"
         _write_fresh(fresh, directory, manifest, design)
         altered = _altered(directory, manifest, fresh)
-        found = _proven(fresh, design, manifest, altered, proof, samples, seed, flags, command)
-        return replace(found, other_files=[name for name in files_of(directory) if not (fresh / name).exists()])
+        result = _proven(fresh, design, manifest, altered, proof, samples, seed, flags, command)
+        return replace(result, other_files=[name for name in files_of(directory) if not (fresh / name).exists()])
 
 
 def _write_fresh(fresh: Path, directory: Path, manifest: Manifest, design: Design) -> None:
@@ -142,11 +142,11 @@ def _write_fresh(fresh: Path, directory: Path, manifest: Manifest, design: Desig
 
 
 def _altered(directory: Path, manifest: Manifest, fresh: Path) -> list[str]:
-    """Files that are not those of a fresh export, in words; FileError for one that would be compiled or run.
+    """Name the files that differ from a fresh export; raise FileError for one that would be compiled or run.
 
     The digests in `export.json` can be renewed with a file; an export of the same machine file has the same bytes.
     """
-    changed, said, run = set(changed_files(directory, manifest)), list[str](), list[str]()
+    changed, findings, run = set(changed_files(directory, manifest)), list[str](), list[str]()
     wanted = {name: (fresh / name).read_bytes() for name in files_of(fresh) if name != FILE}
     for name in files_of(directory):
         file = directory / name
@@ -155,14 +155,14 @@ def _altered(directory: Path, manifest: Manifest, fresh: Path) -> list[str]:
         if name not in wanted:
             continue
         if file.is_symlink():
-            said.append(f"{name} (a symbolic link)")
+            findings.append(f"{name} (a symbolic link)")
         elif read_whole(file, MOST_BYTES) != wanted.pop(name):
-            said.append(f"{name} ({'edited' if name in changed else 'not what this feeddrive writes'})")
+            findings.append(f"{name} ({'edited' if name in changed else 'not what this feeddrive writes'})")
         else:
             continue
         if not name.endswith(_NOT_RUN):
-            run.append(said[-1])
-    said += [f"{name} (missing)" for name in wanted if not (directory / name).exists()]
+            run.append(findings[-1])
+    findings += [f"{name} (missing)" for name in wanted if not (directory / name).exists()]
     run += [f"{name} (missing)" for name in wanted if not (directory / name).exists() and not name.endswith(_NOT_RUN)]
     here = f"feeddrive {__version__}"
     if run:
@@ -171,7 +171,7 @@ def _altered(directory: Path, manifest: Manifest, fresh: Path) -> list[str]:
             f"{directory}: {', '.join(run)}: altered since the export, or another state of feeddrive wrote it. Nothing "
             f"was compiled or run. It was written by {manifest.version}{other or '; export again'}"
         )
-    return said
+    return findings
 
 
 _PLAIN = re.compile(r"""[^\x00-\x1f*"\\/]+""")
@@ -179,9 +179,16 @@ _NOT_RUN = (".md", ".hal", ".ini", NEW)  # texts for people, and what they wire 
 
 
 def _proven(
-    directory: Path, design: Design, manifest: Manifest, altered: list[str], proof: Proof, samples: int | None,
-    seed: int, flags: Sequence[str], command: str | None,
-) -> Verified:  # fmt: skip
+    directory: Path,
+    design: Design,
+    manifest: Manifest,
+    altered: list[str],
+    proof: Proof,
+    samples: int | None,
+    seed: int,
+    flags: Sequence[str],
+    command: str | None,
+) -> Verified:
     """Run the fresh export, whose bytes equal those of the directory, so that no file can change in between."""
     single = design.layout.precision == "float"
     count = samples or (min(SINGLE, proof.samples) if single else proof.samples)
@@ -196,7 +203,7 @@ def _proven(
 
 
 def _design(directory: Path, manifest: Manifest) -> Design:
-    """The design that the manifest names."""
+    """Return the design that the manifest names."""
     if manifest.what != CONTROL:
         raise ParameterError(f"{directory}: is the export of an axis; compare its run with one of `simulate`")
     file = directory / MACHINE_FILE
@@ -204,13 +211,13 @@ def _design(directory: Path, manifest: Manifest) -> Design:
         raise FileError(f"{file}: is missing; export again")
     together = "," in manifest.axis
     axis = None if together else manifest.axis
-    found = read_design(file, axis, name=manifest.name, precision=manifest.precision, together=together)
+    design = read_design(file, axis, name=manifest.name, precision=manifest.precision, together=together)
     if not _PLAIN.fullmatch(manifest.source):  # it is printed in comments of the code
         raise FileError(f"{directory / FILE}: the machine file cannot have been '{manifest.source!r}': export again")
-    text = found.machine.file
-    called = found.machine.name if text.root().values.get("name") else Path(manifest.source).stem  # as `read_machine`
-    named = replace(found.machine, file=replace(text, name=manifest.source), name=called)
-    return replace(found, machine=named)
+    text = design.machine.file
+    called = design.machine.name if text.root().values.get("name") else Path(manifest.source).stem  # as `read_machine`
+    named = replace(design.machine, file=replace(text, name=manifest.source), name=called)
+    return replace(design, machine=named)
 
 
 def _compared(
@@ -223,11 +230,11 @@ def _compared(
     wanted: np.ndarray,
 ) -> Verified:
     names = [variable.name for variable in design.routine.outputs]
-    found = answers.outputs
-    bits = np.ascontiguousarray(found).view(np.uint64) != np.ascontiguousarray(wanted).view(np.uint64)
-    bits &= ~(np.isnan(found) & np.isnan(wanted))
+    outputs = answers.outputs
+    bits = np.ascontiguousarray(outputs).view(np.uint64) != np.ascontiguousarray(wanted).view(np.uint64)
+    bits &= ~(np.isnan(outputs) & np.isnan(wanted))
     with np.errstate(invalid="ignore"):
-        apart = np.where(bits, np.abs(found - wanted), 0.0).max(axis=0)
+        apart = np.where(bits, np.abs(outputs - wanted), 0.0).max(axis=0)
     trips = limited = 0
     for port, loop in zip(design.routine.origin.ports(), design.routine.origin.loops().values(), strict=True):
         trip, force = (wanted[:, names.index(target_name(f"{port}{name}"))] for name in ("trip", "force"))
@@ -236,10 +243,21 @@ def _compared(
         limited += 0 if limit is None else int(np.sum(np.abs(force) >= 0.75 * float(limit)))
     double = design.layout.precision == "double"
     return Verified(
-        name=design.name, target=manifest.target, precision=design.layout.precision, machine=design.machine.name,
-        digest=design.digest, program=answers.program, how=answers.how, samples=len(found),
-        changes=len(tried.changes), trips=trips, limited=limited, seed=seed,
-        differing=int(bits.sum()), worst=dict(zip(names, apart.tolist(), strict=True)),
-        against="the simulator" if double else "the same operations in Python, in single precision", altered=altered,
+        name=design.name,
+        target=manifest.target,
+        precision=design.layout.precision,
+        machine=design.machine.name,
+        digest=design.digest,
+        program=answers.program,
+        how=answers.how,
+        samples=len(outputs),
+        changes=len(tried.changes),
+        trips=trips,
+        limited=limited,
+        seed=seed,
+        differing=int(bits.sum()),
+        worst=dict(zip(names, apart.tolist(), strict=True)),
+        against="the simulator" if double else "the same operations in Python, in single precision",
+        altered=altered,
         written_by=manifest.version,
-    )  # fmt: skip
+    )

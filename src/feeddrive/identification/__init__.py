@@ -6,12 +6,11 @@ make_lazy(
     __name__,
     {
         "cogging": "CoggingFit CoggingRun cogging_passes identify_cogging",
-        "excitation.design": "design_excitation",
         "excitation.estimate_frf": "estimate_frf",
-        "excitation.excitation": "Excitation",
+        "excitation.excitation": "Excitation design_excitation",
         "excitation.frequency_estimate": "FrequencyEstimate",
         "excitation.record": "Record",
-        "friction_curve": "FrictionCurve fit_friction",
+        "friction_curve": "FrictionCurve SteadyRuns fit_friction runs_of steady_runs",
         "friction_stops": "LearnedStops learned_stops stretches",
         "motion.control_law": "ControlFit identify_control",
         "motion.delay": "DelayFit find_delay",
@@ -23,7 +22,6 @@ make_lazy(
         "pitch": "LearnedPitch learned_from learned_from_circles learned_pitch",
         "response.fit_axis": "fit_axis",
         "response.modal_fit": "fit_modes",
-        "response.two_mass_fit": "fit_modal_axis fit_plant fit_two_mass",
-        "steady_runs": "SteadyRuns runs_of steady_runs",
+        "response.plant_fit": "fit_modal_axis fit_plant fit_two_mass",
     },
 )

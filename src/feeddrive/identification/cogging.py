@@ -22,7 +22,7 @@ _ROWS = 3  # rows a column needs
 
 @dataclass(frozen=True)
 class CoggingOrder:
-    """One order: amplitudes in the unit of the force, with standard errors; phases in rad of a sine.
+    """An order of the cogging: amplitudes in the unit of the force, with standard errors; phases in rad of a sine.
 
     even      the part that does not depend on the direction: cogging; None with runs in one direction only
     odd       the part that changes its sign with the direction: friction that varies along the travel
@@ -42,13 +42,13 @@ class CoggingOrder:
 
     @property
     def amplitude(self) -> float:
-        """As measured: the largest of both directions."""
-        return max(each.value for each in (self.forward, self.backward) if each is not None)
+        """The measured amplitude: the larger one of both directions."""
+        return max(direction.value for direction in (self.forward, self.backward) if direction is not None)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CoggingFit(Result):
-    """Harmonics, the strongest first, with Coulomb friction and a constant force apart from them.
+    """Harmonics, the strongest first, separated from Coulomb friction and a constant force.
 
     coulomb   half the difference of the means of both directions; None with one direction
     offset    their mean; with one direction it holds the friction
@@ -66,29 +66,31 @@ class CoggingFit(Result):
     @property
     def significant(self) -> tuple[CoggingOrder, ...]:
         """The orders that chance does not explain."""
-        return tuple(each for each in self.orders if each.significant)
+        return tuple(order for order in self.orders if order.significant)
 
     def order(self, order: int) -> CoggingOrder:
-        """One harmonic by its order. Raises ParameterError for an order that was not tried."""
-        for each in self.orders:
-            if each.order == order:
-                return each
-        raise ParameterError(f"order {order} was not tried; the largest is {max(each.order for each in self.orders)}")
+        """Return a harmonic by its order. Raises ParameterError for an order that was not tried."""
+        for candidate in self.orders:
+            if candidate.order == order:
+                return candidate
+        raise ParameterError(
+            f"order {order} was not tried; the largest is {max(candidate.order for candidate in self.orders)}"
+        )
 
     def table(self) -> Table:
-        """The strongest significant orders."""
+        """Return the strongest significant orders."""
         rows = []
-        for each in self.significant[:16]:
-            amplitudes = (each.forward, each.backward, each.even, each.odd)
+        for order in self.significant[:16]:
+            amplitudes = (order.forward, order.backward, order.even, order.odd)
             cells = (None if amplitude is None else amplitude.quantity for amplitude in amplitudes)
-            rows.append([each.order, *cells, each.p_value])
+            rows.append([order.order, *cells, order.p_value])
         friction = "" if self.coulomb is None else Text(f"; Coulomb friction {self.coulomb.quantity}")
         title = f"{len(self.significant)} of {len(self.orders)} orders are significant{friction}"
         heads = (Column(head, self.unit) for head in ("forward", "backward", "cogging", "friction-like"))
         return Table(title, ["order", *heads, Column("p", form="1")], rows)
 
     def block(self, period: float, *, force_per_unit: float = 1.0, most: int = 12) -> Cogging:
-        """The strongest significant orders of the cogging as a block.
+        """Return the strongest significant orders of the cogging as a block.
 
         period          table motion in one turn, m
         force_per_unit  N at the table per unit of the measured force (per A, say)
@@ -97,20 +99,22 @@ class CoggingFit(Result):
         The measured force balances the cogging, so the block has its opposite.  With runs in one direction only, it
         includes friction that varies along the travel.
         """
-        strongest = sorted(self.significant, key=lambda each: -_balanced(each)[0])[:most]
+        strongest = sorted(self.significant, key=lambda order: -_balanced(order)[0])[:most]
         if not strongest:
             raise NotIdentifiableError("no order is significant: there is no cogging to write")
         largest = _balanced(strongest[0])[0]
         harmonics = tuple(
-            Harmonic(order=each.order, share=_balanced(each)[0] / largest, phase=_wrapped(_balanced(each)[1] + np.pi))
-            for each in strongest
+            Harmonic(
+                order=order.order, share=_balanced(order)[0] / largest, phase=_wrapped(_balanced(order)[1] + np.pi)
+            )
+            for order in strongest
         )
         return Cogging(force=largest * force_per_unit, period=period, harmonics=harmonics)
 
 
-def _balanced(each: CoggingOrder) -> tuple[float, float]:
-    """Amplitude and phase of the cogging; with one direction only they include friction."""
-    return (each.even.value, each.even_phase) if each.even is not None else (each.amplitude, each.phase)
+def _balanced(order: CoggingOrder) -> tuple[float, float]:
+    """Return amplitude and phase of the cogging; with one direction only they include friction."""
+    return (order.even.value, order.even_phase) if order.even is not None else (order.amplitude, order.phase)
 
 
 def _wrapped(angle: float) -> float:
@@ -118,7 +122,7 @@ def _wrapped(angle: float) -> float:
 
 
 def identify_cogging(runs: Sequence[CoggingRun], orders: Sequence[int] | None = None, *, unit: str = "A") -> CoggingFit:
-    """Harmonics of the position by least squares, with the friction apart.
+    """Fit harmonics of the position by least squares, separated from the friction.
 
         force = offset + d coulomb + Σ over orders of (even + d odd),   d = ±1 the direction
         even, odd: a cos(2π order x) + b sin(2π order x)
@@ -148,16 +152,16 @@ def identify_cogging(runs: Sequence[CoggingRun], orders: Sequence[int] | None = 
             )
     sides = {sign: _side([run for run in runs if run.direction == sign], chosen) for sign in (1, -1)}
     there = {sign: side for sign, side in sides.items() if side is not None}
-    found = [_order(n, i, there, unit, len(chosen)) for i, n in enumerate(chosen)]
-    found.sort(key=lambda each: -each.amplitude)
+    fitted = [_order(n, i, there, unit, len(chosen)) for i, n in enumerate(chosen)]
+    fitted.sort(key=lambda order: -order.amplitude)
     both = len(there) == 2
     levels = np.array([side.level for side in there.values()])
     error = float(np.sqrt(sum(side.level_variance for side in there.values()))) / len(there)
     coulomb = Estimate("coulomb", float(0.5 * (levels[0] - levels[1])), unit, error, error) if both else None
     offset = Estimate("offset", float(np.mean(levels)), unit, error, error)
     residual = np.concatenate([side.residual for side in there.values()])
-    said = [remark for run in runs for remark in run.remarks]
-    return CoggingFit(tuple(found), coulomb, offset, residual, unit, (*said, *_remarks(found, both)))
+    remarks = [remark for run in runs for remark in run.remarks]
+    return CoggingFit(tuple(fitted), coulomb, offset, residual, unit, (*remarks, *_remarks(fitted, both)))
 
 
 def _most(runs: Sequence[CoggingRun]) -> int:
@@ -178,7 +182,7 @@ class _Side:
 
 
 def _side(runs: Sequence[CoggingRun], orders: Sequence[int]) -> _Side | None:
-    """Least squares of each run, then their mean; the errors are increased where runs differ by more."""
+    """Fit each run by least squares and average; the errors are increased where runs differ by more."""
     if not runs:
         return None
     fits = [_alone(run, orders) for run in runs]
@@ -191,13 +195,17 @@ def _side(runs: Sequence[CoggingRun], orders: Sequence[int]) -> _Side | None:
         for group in groups
     ]
     return _Side(
-        float(mean[0]), float(spreads[0][0, 0]), mean[1:].reshape(-1, 2), np.array(spreads[1:]),
-        np.concatenate([fit[2] for fit in fits]), sum(fit[2].size - values.shape[1] for fit in fits),
-    )  # fmt: skip
+        float(mean[0]),
+        float(spreads[0][0, 0]),
+        mean[1:].reshape(-1, 2),
+        np.array(spreads[1:]),
+        np.concatenate([fit[2] for fit in fits]),
+        sum(fit[2].size - values.shape[1] for fit in fits),
+    )
 
 
 def _alone(run: CoggingRun, orders: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Values of 1, cos and sin by order, their covariance, and the residual of one run."""
+    """Return the values of 1, cos and sin by order, their covariance, and the residual of one run."""
     angle = 2.0 * np.pi * np.outer(run.turns, orders)
     waves = np.stack([np.cos(angle), np.sin(angle)], axis=-1).reshape(run.turns.size, -1)
     columns = np.column_stack([np.ones(run.turns.size), waves])
@@ -210,7 +218,7 @@ def _alone(run: CoggingRun, orders: Sequence[int]) -> tuple[np.ndarray, np.ndarr
 
 
 def _between(off: np.ndarray, spreads: Sequence[np.ndarray]) -> float:
-    """How much more runs differ than their own errors predict, as a factor of the variance, at least 1."""
+    """Return the factor of the variance, at least 1, by which runs differ more than their own errors predict."""
     count, width = off.shape
     if count < 2:
         return 1.0
@@ -219,7 +227,7 @@ def _between(off: np.ndarray, spreads: Sequence[np.ndarray]) -> float:
 
 
 def _order(n: int, place: int, sides: Mapping[int, _Side], unit: str, tried: int) -> CoggingOrder:
-    """Amplitudes of an order by direction, and its significance."""
+    """Return the amplitudes of an order by direction, and its significance."""
     from scipy.special import fdtrc
 
     pairs = {sign: side.pairs[place] for sign, side in sides.items()}
@@ -241,7 +249,7 @@ def _order(n: int, place: int, sides: Mapping[int, _Side], unit: str, tried: int
 
 
 def _amplitude(name: str, pair: np.ndarray, spread: np.ndarray, unit: str) -> Estimate:
-    """√(a² + b²) with the error along it."""
+    """Return √(a² + b²) with the error along it."""
     size = float(np.hypot(*pair))
     along = pair / (size or 1.0)
     error = float(np.sqrt(along @ spread @ along))
@@ -249,22 +257,25 @@ def _amplitude(name: str, pair: np.ndarray, spread: np.ndarray, unit: str) -> Es
 
 
 def _phase(pair: np.ndarray) -> float:
-    """φ of a cos + b sin = A sin(angle + φ)."""
+    """Return φ of a cos + b sin = A sin(angle + φ)."""
     return float(np.arctan2(pair[0], pair[1]))
 
 
-def _remarks(found: Sequence[CoggingOrder], both: bool) -> tuple[str, ...]:
+def _remarks(orders: Sequence[CoggingOrder], both: bool) -> tuple[str, ...]:
     if not both:
         return (
             "all runs go one way: friction is in the offset, and friction that varies along the travel in the "
             "harmonics; record next the same travel the other way",
         )
     flipped = [
-        each.order
-        for each in found
-        if each.significant and each.even is not None and each.odd is not None and each.odd.value > each.even.value
-        and each.amplitude > 0.05 * found[0].amplitude
-    ]  # fmt: skip
+        order.order
+        for order in orders
+        if order.significant
+        and order.even is not None
+        and order.odd is not None
+        and order.odd.value > order.even.value
+        and order.amplitude > 0.05 * orders[0].amplitude
+    ]
     if not flipped:
         return ()
     listed = ", ".join(map(str, flipped))
@@ -316,16 +327,16 @@ class CoggingRun:
         if direction not in (-1, 1):
             raise ParameterError(f"direction = {direction} must be 1 or -1")
         far = strays(force)
-        said = (*self.remarks, *strays_said("a cogging run, force", force, far, ""))
+        remarks = (*self.remarks, *strays_said("a cogging run, force", force, far, ""))
         turns, force = turns[~far], force[~far]
-        for name, value in (("turns", turns), ("force", force), ("direction", direction), ("remarks", said)):
+        for name, value in (("turns", turns), ("force", force), ("direction", direction), ("remarks", remarks)):
             object.__setattr__(self, name, value)
 
 
 def cogging_passes(
     turns: np.ndarray, force: np.ndarray, *, highest: int = 128, name: str = "the log"
 ) -> tuple[CoggingRun, ...]:
-    """The passes of a log in one direction each, of position in periods and force, both of shape (n,).
+    """Cut a log into passes in one direction each; position in periods and force, both of shape (n,).
 
     A position that restarts after each period is unwrapped.  Where the log reverses it is cut; passes
     of less than a whole period are left out, and so is half a percent of the travel at both ends of a pass, where it
@@ -339,9 +350,9 @@ def cogging_passes(
         bad = int(np.argmin(np.isfinite(turns) & np.isfinite(force)))
         raise LogError(f"a log of cogging is not finite at row {bad + 1}; cut it there")
     far = strays(force)
-    said = strays_said(f"{name}, force", force, far, "")
+    remarks = strays_said(f"{name}, force", force, far, "")
     x, force = np.unwrap(turns, period=1.0)[~far], force[~far]
-    found: list[CoggingRun] = []
+    runs: list[CoggingRun] = []
     longest = 0.0
     for begin, end in _passes(x):
         travel = float(x[end] - x[begin])
@@ -352,17 +363,17 @@ def cogging_passes(
         inside = np.flatnonzero((along > _END) & (along < 1.0 - _END))
         rows = slice(begin + int(inside[0]), begin + int(inside[-1]) + 1)
         averaged = _averaged(x[rows], force[rows], highest)
-        found.append(CoggingRun(*averaged, direction=1 if travel > 0.0 else -1, remarks=said if not found else ()))
-    if not found:
+        runs.append(CoggingRun(*averaged, direction=1 if travel > 0.0 else -1, remarks=remarks if not runs else ()))
+    if not runs:
         raise NotIdentifiableError(
             f"the longest stretch in one direction is {Quantity(longest):3} periods, and cogging needs a whole one: "
             "record next a whole period at low speed in both directions, or correct the period"
         )
-    return tuple(found)
+    return tuple(runs)
 
 
 def _passes(x: np.ndarray) -> Iterator[tuple[int, int]]:
-    """First and last row of each stretch between two reversals."""
+    """Yield the first and last row of each stretch between two reversals."""
     enough = _TURN * float(np.ptp(x))
     if enough == 0.0:
         return
@@ -382,7 +393,7 @@ def _passes(x: np.ndarray) -> Iterator[tuple[int, int]]:
 
 
 def _averaged(x: np.ndarray, force: np.ndarray, highest: int) -> tuple[np.ndarray, np.ndarray]:
-    """Means of neighboring rows, if there are more than needed."""
+    """Average neighboring rows, if there are more than needed."""
     needed = int(np.ceil(_FINE * highest * max(1.0, float(np.ptp(x)))))
     if x.size <= 2 * needed:
         return x, force

@@ -42,25 +42,27 @@ TURNING = Frame("rotary axis", "rad", "rad/s", "N m", "kg m2", "N m s/rad")
 
 
 def frame_of(rotary: bool) -> Frame:
-    """The frame of a shaft or of a table."""
+    """Return the frame of a shaft or of a table."""
     return SHAFT if rotary else TABLE
 
 
 def lever(lead: float, gear: float = 1.0) -> float:
-    """Travel of the table per rad of the motor, m/rad; lead in m, gear in turns of the motor per turn of the screw."""
+    """Return the travel of the table per rad of the motor, m/rad; lead in m, gear in turns of the motor per turn of the
+    screw.
+    """
     if not (math.isfinite(lead) and lead > 0.0 and math.isfinite(gear) and gear > 0.0):
         raise ParameterError(f"lead = {Quantity(lead, 'm', stays=True):6 SI} and gear = {Quantity(gear):6} must be > 0")
     return 1.0 / (gear * float(radians_per_metre(lead)))
 
 
 def power(unit: str) -> int:
-    """The power n that converts a rotary quantity of that unit to the table: value · lever^n."""
+    """Return the power n that converts a rotary quantity of that unit to the table: value · lever^n."""
     powers = {"rad": 1, "rad/s": 1, "N m": -1, "kg m2": -2, "N m s/rad": -2}
     return powers[unit]
 
 
 def table_unit(unit: str) -> str:
-    """The unit at the table of a quantity with that unit at a shaft."""
+    """Return the unit at the table of a quantity with that unit at a shaft."""
     pairs = {"rad": "m", "rad/s": "m/s", "N m": "N", "kg m2": "kg", "N m s/rad": "N s/m"}
     return pairs[unit]
 
@@ -95,18 +97,18 @@ class Estimate:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Interval that contains the true value with 95 %, if the model holds."""
+        """The interval that contains the true value with 95 %, if the model holds."""
         return self.value - NORMAL * self.error, self.value + NORMAL * self.error
 
     def at_table(self, lever: float) -> Estimate:
-        """The same quantity of a shaft, seen at the table."""
+        """Return a quantity of a shaft, referred to the table."""
         factor = lever ** power(self.unit)
         unit = table_unit(self.unit)
         return replace(self, value=factor * self.value, unit=unit, error=factor * self.error, ols=factor * self.ols)
 
 
 def pulls(offset: Estimate, coulomb: float) -> bool:
-    """Whether an offset is a force of the axis: more than 3 standard errors and 5 % of Coulomb friction.
+    """True if an offset is a force of the axis: more than 3 standard errors and 5 % of Coulomb friction.
 
     A smaller one cannot move the axis, and counts of the encoder at rest make it too: their error is the same for
     hundreds of rows, more than standard errors account for.
@@ -120,9 +122,13 @@ def estimates_table(title: str, estimates: tuple[Estimate, ...]) -> Table:
 
 
 ESTIMATE_COLUMNS = (
-    "parameter", "unit", Column("value", form="6"), Column("standard error", form="3"), Column("ols", form="3"),
+    "parameter",
+    "unit",
+    Column("value", form="6"),
+    Column("standard error", form="3"),
+    Column("ols", form="3"),
     "95 % interval",
-)  # fmt: skip
+)
 
 
 def estimate_row(estimate: Estimate) -> list[Cell]:

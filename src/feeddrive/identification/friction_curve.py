@@ -1,8 +1,8 @@
-"""A friction curve from constant-speed runs: selection of the friction model, and its parameters."""
+"""A friction curve from constant-speed runs: the runs in a log, the choice of the model, and its parameters."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,14 +14,189 @@ from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.friction.directional import Directional
 from feeddrive.blocks.friction.directional_stribeck import DirectionalStribeck
 from feeddrive.blocks.friction.stribeck import Stribeck
-from feeddrive.identification.estimate import SHAFT, Estimate, Frame, estimates_table, pulls, require_table
-from feeddrive.identification.regression import TracedForce, errors, information, likely_memory, steady_curve
-from feeddrive.identification.steady_runs import SteadyRuns
+from feeddrive.identification.estimate import (
+    SHAFT,
+    TABLE,
+    Estimate,
+    Frame,
+    estimates_table,
+    frame_of,
+    lever,
+    pulls,
+    require_table,
+)
+from feeddrive.identification.regression import (
+    TracedForce,
+    errors,
+    information,
+    likely_memory,
+    robust_covariance,
+    steady_curve,
+    strays,
+    strays_said,
+)
 from feeddrive.language import tree
-from feeddrive.language.errors import NotIdentifiableError, ParameterError
+from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
+
+# Constant-speed runs: stretches of a log with constant speed, and the mean force of each.
+
+LEAST_ROWS = 20  # of a stretch
+_CHANGE = 0.1  # share of the speed: a larger change ends a stretch
+_SURE = 6.0  # standard errors: the change must also exceed these
+_DRIFT = 0.02  # share of the speed by which a constant speed may rise or fall
+_TRIM = 0.1  # share of a stretch that is cut off at an end where the speed changed
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SteadyRuns(Result):
+    """Mean velocity and mean force of constant-speed runs, each of shape (m,), velocities rising, both directions.
+
+    error  standard error of each mean force, robust to its autocorrelation
+    rows   number of rows in each mean
+    remarks  on single samples that the means lack
+    """
+
+    velocity: np.ndarray
+    force: np.ndarray
+    error: np.ndarray
+    rows: np.ndarray
+    frame: Frame = TABLE
+    remarks: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.velocity.size == self.force.size == self.error.size == self.rows.size:
+            raise LogError("constant-speed runs need one velocity, force, error and count each")
+        order = np.argsort(self.velocity)
+        for name in ("velocity", "force", "error", "rows"):
+            values = np.asarray(getattr(self, name), dtype=np.float64)[order]
+            if not np.all(np.isfinite(values)) and name != "error":
+                raise LogError(
+                    f"constant-speed runs: {name} is not finite in run {int(np.argmin(np.isfinite(values))) + 1}"
+                )
+            object.__setattr__(self, name, values)
+
+    def table(self) -> Table:
+        """Return a row for each run."""
+        columns = zip(self.velocity, self.force, self.error, self.rows, strict=True)
+        rows = [[v, Quantity(f, self.frame.force, e, form="5"), e, int(n)] for v, f, e, n in columns]
+        heads = [
+            Column("velocity", self.frame.velocity, "5"),
+            Column("force", self.frame.force, "5"),
+            Column("standard error", self.frame.force, "2"),
+            "rows",
+        ]
+        return Table(f"{self.velocity.size} constant-speed runs", heads, rows)
+
+    def at_table(self, lead: float, gear: float = 1.0) -> SteadyRuns:
+        """Return the runs in m/s and N at a table that a screw of `lead` (m) moves."""
+        if self.frame is TABLE:
+            return self
+        r = lever(lead, gear)
+        return replace(self, velocity=self.velocity * r, force=self.force / r, error=self.error / r, frame=TABLE)
+
+
+def runs_of(
+    velocity: Sequence[float] | np.ndarray, force: Sequence[float] | np.ndarray, *, rotary: bool = False
+) -> SteadyRuns:
+    """Return a tabulated friction map as runs, without errors of its points."""
+    v, f = np.asarray(velocity, dtype=np.float64), np.asarray(force, dtype=np.float64)
+    return SteadyRuns(v, f, np.full(v.size, np.nan), np.ones(v.size), frame_of(rotary))
+
+
+def steady_runs(
+    logs: Sequence[tuple[np.ndarray, np.ndarray]],
+    *,
+    rotary: bool = False,
+    least_rows: int = LEAST_ROWS,
+    names: Sequence[str] = (),
+) -> SteadyRuns:
+    """Extract the constant-speed runs of logs of velocity and force, each a pair of shape (n,): m/s and N, or rad/s and
+    N m.
+
+    A log is cut where its mean speed changes most, and each part again, as long as the change is more than 10 % of the
+    speed and more than six standard errors.  Parts in which the speed still rises or falls, or that stand still, are
+    left out, and so is a tenth of a part at an end where the speed changed.  Single samples far from their neighbors
+    (`regression.strays`), of velocity or force, are in no mean; a remark says how many and where, by `names` of the
+    logs.
+    Raises LogError for logs that are not finite, NotIdentifiableError where no speed is held for `least_rows` rows.
+    """
+    means: list[tuple[float, float, float, int]] = []
+    remarks: list[str] = []
+    frame = frame_of(rotary)
+    for place, (velocity, force) in enumerate(logs):
+        v, f = np.asarray(velocity, dtype=np.float64), np.asarray(force, dtype=np.float64)
+        if v.shape != f.shape or v.ndim != 1:
+            raise LogError(f"log {place + 1}: velocity has {v.size} rows, force {f.size}")
+        if not (np.all(np.isfinite(v)) and np.all(np.isfinite(f))):
+            raise LogError(f"log {place + 1}: velocity or force is not finite at a row; repair or cut it")
+        bad_speed, bad_force = strays(v), strays(f)
+        where = names[place] if names else f"log {place + 1}"
+        remarks += strays_said(f"{where}, velocity", v, bad_speed, frame.velocity)
+        remarks += strays_said(f"{where}, force", f, bad_force, frame.force)
+        good = ~(bad_speed | bad_force)
+        v, f = v[good], f[good]
+        for begin, end in _stretches(v, 0, v.size, least_rows):
+            if _is_held(v[begin:end], v):
+                one, rest = np.ones((end - begin, 1)), f[begin:end] - np.mean(f[begin:end])
+                error = float(errors(robust_covariance(one, rest))[0])
+                means.append((float(np.mean(v[begin:end])), float(np.mean(f[begin:end])), error, end - begin))
+    if not means:
+        raise NotIdentifiableError(
+            f"no constant speed is held for {least_rows} rows; record next runs at a constant speed, some seconds each"
+        )
+    columns = np.array(means).T
+    return SteadyRuns(*columns, frame=frame, remarks=tuple(remarks))
+
+
+def _stretches(v: np.ndarray, begin: int, end: int, least: int) -> Iterator[tuple[int, int]]:
+    """Yield the parts of [begin, end) between changes of the mean speed, trimmed where there is one."""
+    cut = _cut(v[begin:end], least)
+    if cut is not None:
+        yield from _stretches(v, begin, begin + cut, least)
+        yield from _stretches(v, begin + cut, end, least)
+        return
+    trim = int(np.ceil(_TRIM * (end - begin)))
+    first = begin + (trim if begin > 0 else 0)
+    last = end - (trim if end < v.size else 0)
+    if last - first >= least:
+        yield first, last
+
+
+def _cut(v: np.ndarray, least: int) -> int | None:
+    """Return the row where two means fit best, if they differ enough; at least a few rows lie on each side."""
+    few = max(3, least // 4)
+    if v.size < 2 * few:
+        return None
+    n = np.arange(few, v.size - few + 1)
+    total = np.concatenate([[0.0], np.cumsum(v)])
+    left, right = total[n] / n, (total[-1] - total[n]) / (v.size - n)
+    gain = n * (v.size - n) / v.size * (left - right) ** 2
+    best = int(np.argmax(gain))
+    k = int(n[best])
+    change = abs(float(left[best] - right[best]))
+    within = np.sqrt((np.var(v[:k]) * k + np.var(v[k:]) * (v.size - k)) / v.size)
+    error = float(within) * np.sqrt(1.0 / k + 1.0 / (v.size - k))
+    larger = max(abs(float(left[best])), abs(float(right[best])))
+    return k if change > _CHANGE * larger and change > _SURE * error else None
+
+
+def _is_held(part: np.ndarray, whole: np.ndarray) -> bool:
+    """True if a part moves at a constant speed."""
+    mean = abs(float(np.mean(part)))
+    error = float(np.std(part)) / np.sqrt(part.size)
+    if mean <= 4.0 * error or mean < 1e-3 * float(np.max(np.abs(whole))):
+        return False
+    k = np.arange(part.size) - 0.5 * (part.size - 1)
+    slope = float(k @ part) / float(k @ k)
+    left = part - np.mean(part) - slope * k
+    drift, error = abs(slope) * part.size, float(np.std(left)) * np.sqrt(12.0 / part.size)
+    return drift <= max(_DRIFT * mean, _SURE * error)
+
+
+# A friction curve from constant-speed runs: selection of the friction model, and its parameters.
 
 _VELOCITY = "stribeck_velocity"
 _GRID = 60  # Stribeck velocities that are tried before the best is refined
@@ -32,7 +207,7 @@ CLEAR = 6.0  # difference of the criterion that counts as strong evidence (Kass 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A friction block that is compared, by name, with or without a constant force; the block's numbers do not matter.
+    """A friction block to compare, by name, with or without a constant force; the block's numbers do not matter.
 
     All its parameters but a Stribeck velocity enter its steady curve linearly.
     """
@@ -43,12 +218,12 @@ class Candidate:
 
     @property
     def curve(self) -> TracedForce[Friction]:
-        """Its steady curve, traced."""
+        """The steady curve of the block, traced."""
         return steady_curve(self.friction)
 
     @property
     def stribeck(self) -> bool:
-        """Whether it has a Stribeck velocity."""
+        """True if the block has a Stribeck velocity."""
         return _VELOCITY in self.curve.names
 
     @property
@@ -58,25 +233,25 @@ class Candidate:
         return (*linear, *(("offset",) if self.offset else ()), *((_VELOCITY,) if self.stribeck else ()))
 
     def slopes(self, velocity: np.ndarray, values: Mapping[str, Any]) -> np.ndarray:
-        """d force / d parameter in their order on a last axis; parameters that are left out count as 0."""
+        """Return d force / d parameter in their order on a last axis; parameters that are left out count as 0."""
         _, slopes = self.curve.at({name: values.get(name, 0.0) for name in self.curve.names}, velocity=velocity)
         slopes = np.concatenate([slopes, np.ones((*slopes.shape[:-1], 1))], axis=-1)
         places = [self.curve.names.index(name) if name != "offset" else -1 for name in self.parameters]
         return slopes[..., places]
 
     def columns(self, velocity: np.ndarray, stribeck_velocity: Any = 1.0) -> np.ndarray:
-        """The slopes of all linear parameters."""
+        """Return the slopes of all linear parameters."""
         slopes = self.slopes(velocity, {_VELOCITY: stribeck_velocity})
         return slopes[..., :-1] if self.stribeck else slopes
 
     def block(self, values: Mapping[str, float]) -> Friction:
-        """The friction block with these values; a negative viscous part becomes 0."""
-        given = {name: value for name, value in values.items() if name != "offset"}
-        given |= {name: max(0.0, value) for name, value in given.items() if name.startswith("viscous")}
-        return replace(self.friction, **given)
+        """Return the friction block with these values; a negative viscous part becomes 0."""
+        parameters = {name: value for name, value in values.items() if name != "offset"}
+        parameters |= {name: max(0.0, value) for name, value in parameters.items() if name.startswith("viscous")}
+        return replace(self.friction, **parameters)
 
     def is_sound(self, values: Mapping[str, float]) -> bool:
-        """Whether a block allows these values: no level is negative, no breakaway level below its Coulomb level."""
+        """True if a block allows these values: no level is negative, no breakaway level below its Coulomb level."""
         try:
             self.block(values)
         except ParameterError:
@@ -85,7 +260,7 @@ class Candidate:
 
 
 def _with_stribeck(exponent: int) -> tuple[Friction, Friction]:
-    """A symmetric and a directional block."""
+    """Return a symmetric and a direction-dependent block."""
     levels = {f"{name}_{side}": 1.0 for name in ("coulomb", "breakaway") for side in ("positive", "negative")}
     return (
         Stribeck(coulomb=1.0, breakaway=1.0, stribeck_velocity=1.0, exponent=exponent),
@@ -142,32 +317,32 @@ class FrictionCurve(Result):
     covariance: np.ndarray
 
     def __getitem__(self, parameter: str) -> Estimate:
-        for each in self.estimates:
-            if each.name == parameter:
-                return each
+        for estimate in self.estimates:
+            if estimate.name == parameter:
+                return estimate
         raise ParameterError(f"the curve has no '{parameter}'; it has {', '.join(self.model.parameters)}")
 
     @property
     def values(self) -> dict[str, float]:
         """Parameter values by name."""
-        return {each.name: each.value for each in self.estimates}
+        return {estimate.name: estimate.value for estimate in self.estimates}
 
     @property
     def frame(self) -> Frame:
-        """Units of a table or of a shaft."""
+        """The units of a table or of a shaft."""
         return self.runs.frame
 
     def at(self, velocity: np.ndarray) -> np.ndarray:
-        """Friction against the motion, with the offset, at velocities other than 0."""
+        """Return the friction against the motion, with the offset, at velocities other than 0."""
         return _predicted(self.model, self.values, velocity)
 
     def error(self, velocity: np.ndarray) -> np.ndarray:
-        """Standard error of the curve at velocities other than 0: √(j Σ jᵀ), j = d force / d parameters."""
+        """Return the standard error of the curve at velocities other than 0: √(j Σ jᵀ), j = d force / d parameters."""
         columns = self.model.slopes(np.asarray(velocity, dtype=np.float64), self.values)
         return np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", columns, self.covariance, columns), 0.0))
 
     def table(self) -> Table:
-        """Parameters with both standard errors."""
+        """Return the parameters with both standard errors."""
         rms = float(np.sqrt(np.mean(self.residual**2)))
         title = Text(
             f"{self.model.name}: RMS {Quantity(rms, self.frame.force):3}, memory {Quantity(self.memory):.2f} from "
@@ -176,40 +351,44 @@ class FrictionCurve(Result):
         return estimates_table(title, self.estimates)
 
     def comparison(self) -> Table:
-        """All models that were tried, the best first."""
+        """Return all models that were tried, the best first."""
         best = self.compared[0].criterion
         rows = [
             [model.name, model.parameters, model.rms, model.criterion, model.criterion - best]
             for model in self.compared
         ]
         heads = [
-            "model", "parameters", Column("RMS", self.frame.force), Column("criterion", form=".1f"),
+            "model",
+            "parameters",
+            Column("RMS", self.frame.force),
+            Column("criterion", form=".1f"),
             Column("worse by", form=".1f"),
-        ]  # fmt: skip
+        ]
         return Table("models of friction; a criterion worse by 6 is strong evidence against a model", heads, rows)
 
     def at_table(self, lead: float, gear: float = 1.0) -> FrictionCurve:
-        """The curve at a table that a screw of `lead` (m) moves: fitted again to the same runs in m/s and N."""
+        """Return the curve at a table that a screw of `lead` (m) moves: fitted again to the same runs in m/s and N."""
         return fit_friction(self.runs.at_table(lead, gear), (self.model,)) if self.frame is SHAFT else self
 
     def block(self) -> Friction:
-        """The curve as a friction block; raises ParameterError while it is one of a shaft."""
+        """Return the curve as a friction block; raises ParameterError for a curve of a shaft."""
         require_table(self.frame, "the friction curve")
         return self.model.block(self.values)
 
     @property
     def is_pulled(self) -> bool:
-        """Whether the offset is a force of the axis (`pulls`)."""
+        """True if the offset is a force of the axis (`pulls`)."""
         return self.model.offset and pulls(self["offset"], self["coulomb"].value)
 
     def gravity(self) -> Gravity | None:
-        """The constant force behind the offset, as it acts on the table; None without one."""
+        """Return the constant force behind the offset, as it acts on the table; None without one."""
         require_table(self.frame, "the offset")
         return Gravity(force=-self["offset"].value) if self.model.offset else None
 
 
 def fit_friction(runs: SteadyRuns, candidates: Sequence[Candidate] = CANDIDATES) -> FrictionCurve:
-    """Fit all candidates to constant-speed runs; the least information criterion decides, or a simpler model as good.
+    """Fit all candidates to constant-speed runs and choose by the information criterion, preferring a simpler model of
+    equal merit.
 
         force(v) = level(v) sign(v) + viscous v (+ offset)
         level(v) = coulomb + (breakaway - coulomb) e^-|v / stribeck_velocity|^exponent
@@ -223,7 +402,7 @@ def fit_friction(runs: SteadyRuns, candidates: Sequence[Candidate] = CANDIDATES)
     Raises NotIdentifiableError with the speeds to measure next.
     """
     _check(runs)
-    fits = [fit for each in candidates if (fit := _fitted(runs, each)) is not None]
+    fits = [fit for candidate in candidates if (fit := _fitted(runs, candidate)) is not None]
     if not fits:
         raise NotIdentifiableError(
             f"none of the friction models fits the {runs.velocity.size} runs with positive levels; is the sign of "
@@ -233,8 +412,8 @@ def fit_friction(runs: SteadyRuns, candidates: Sequence[Candidate] = CANDIDATES)
     near = [fit for fit in fits if fit[0].criterion < fits[0][0].criterion + EQUAL]
     compared, model, values, residual = min(near, key=lambda fit: fit[0].parameters)
     others = [fit[0] for fit in fits]
-    separate = [_separate(runs, each) for each in SEPARATE] if len(candidates) > 1 else []
-    listed = sorted([*others, *(each for each in separate if each is not None)], key=lambda each: each.criterion)
+    separate = [_separate(runs, candidate) for candidate in SEPARATE] if len(candidates) > 1 else []
+    listed = sorted([*others, *(model for model in separate if model is not None)], key=lambda model: model.criterion)
     remarks = (*runs.remarks, *_remarks(compared, model.stribeck, listed, others, runs))
     rho = likely_memory(residual, _sides(runs))
     estimates, covariance = _estimates(runs, model, values, residual, rho)
@@ -256,7 +435,7 @@ def _check(runs: SteadyRuns) -> None:
 
 
 def _speeds(speeds: np.ndarray) -> int:
-    """The number of different speeds: means of the same set speed differ a little, and count once."""
+    """Count the different speeds: means of the same set speed differ a little, and count once."""
     count, last = 0, 0.0
     for speed in np.sort(speeds):
         if speed > _SAME * last:
@@ -265,7 +444,7 @@ def _speeds(speeds: np.ndarray) -> int:
 
 
 def _sides(runs: SteadyRuns) -> tuple[slice, slice]:
-    """Rows of the two directions, each in the order of its speeds."""
+    """Return the rows of the two directions, each in the order of its speeds."""
     turn = int(np.searchsorted(runs.velocity, 0.0))
     return slice(0, turn), slice(turn, runs.velocity.size)
 
@@ -281,20 +460,20 @@ def _fitted(runs: SteadyRuns, model: Candidate) -> tuple[Compared, Candidate, di
 
 
 def _values(v: np.ndarray, force: np.ndarray, model: Candidate) -> dict[str, float] | None:
-    """Least squares; the Stribeck velocity by a search between the slowest and the fastest run."""
+    """Solve the least squares; search the Stribeck velocity between the slowest and the fastest run."""
     from scipy.optimize import minimize_scalar  # not for commands that only read
 
     if not model.stribeck:
-        found = np.linalg.lstsq(model.columns(v), force, rcond=None)[0]
-        values = dict(zip(model.parameters, map(float, found), strict=True))
+        solution = np.linalg.lstsq(model.columns(v), force, rcond=None)[0]
+        values = dict(zip(model.parameters, map(float, solution), strict=True))
         return values if model.is_sound(values) else None
     speeds = np.abs(v)
     grid = np.geomspace(float(np.min(speeds)), float(np.max(speeds)), _GRID)
 
     def linear(velocity: float, columns: np.ndarray) -> tuple[float, dict[str, float]]:
-        found = np.linalg.lstsq(columns, force, rcond=None)[0]
-        values = dict(zip(model.parameters, [*map(float, found), velocity], strict=True))
-        return (float(np.sum((force - columns @ found) ** 2)), values)
+        solution = np.linalg.lstsq(columns, force, rcond=None)[0]
+        values = dict(zip(model.parameters, [*map(float, solution), velocity], strict=True))
+        return (float(np.sum((force - columns @ solution) ** 2)), values)
 
     def at(log_velocity: float) -> tuple[float, dict[str, float]]:
         velocity = float(np.exp(log_velocity))
@@ -306,8 +485,8 @@ def _values(v: np.ndarray, force: np.ndarray, model: Candidate) -> dict[str, flo
     if best is None:
         return None
     ends = np.log(grid[max(0, best - 1)]), np.log(grid[min(_GRID - 1, best + 1)])
-    found = minimize_scalar(lambda x: at(x)[0], bounds=ends, method="bounded", options={"xatol": 1e-9})
-    values = at(float(found.x))[1]  # type: ignore[attr-defined]
+    solution = minimize_scalar(lambda x: at(x)[0], bounds=ends, method="bounded", options={"xatol": 1e-9})
+    values = at(float(solution.x))[1]  # type: ignore[attr-defined]
     return values if model.is_sound(values) else tried[best][1]
 
 
@@ -322,7 +501,7 @@ def _judged(name: str, residual: np.ndarray, parameters: int, runs: SteadyRuns) 
 
 
 def _separate(runs: SteadyRuns, model: Candidate) -> Compared | None:
-    """A curve of its own for each direction."""
+    """Fit a separate curve to each direction."""
     residual = np.zeros(runs.velocity.size)
     for side in _sides(runs):
         v, force = runs.velocity[side], runs.force[side]
@@ -338,16 +517,16 @@ def _separate(runs: SteadyRuns, model: Candidate) -> Compared | None:
 def _remarks(
     best: Compared, stribeck: bool, listed: list[Compared], others: list[Compared], runs: SteadyRuns
 ) -> tuple[str, ...]:
-    found: list[str] = []
-    close = [each.name for each in others if each is not best and abs(each.criterion - best.criterion) < EQUAL]
+    remarks: list[str] = []
+    close = [other.name for other in others if other is not best and abs(other.criterion - best.criterion) < EQUAL]
     if close:
-        found.append(
+        remarks.append(
             f"the runs hardly distinguish {best.name} from {', '.join(close)}: the criterion differs by less than "
             f"{number(EQUAL)}"
         )
     first = listed[0]
     if first.criterion < best.criterion - CLEAR:
-        found.append(
+        remarks.append(
             Text(
                 "a separate curve for each direction fits better (criterion lower by "
                 f"{Quantity(best.criterion - first.criterion):.1f} with {first.parameters} parameters, RMS "
@@ -357,19 +536,19 @@ def _remarks(
         )
     slowest = float(np.min(np.abs(runs.velocity)))
     if not stribeck and slowest > 0.05 * float(np.max(np.abs(runs.velocity))):
-        found.append(
+        remarks.append(
             Text(
                 "it is not known whether there is a Stribeck effect: the slowest run has "
                 f"{Quantity(slowest, runs.frame.velocity):3}; record runs at a tenth of it"
             )
         )
-    return tuple(found)
+    return tuple(remarks)
 
 
 def _estimates(
     runs: SteadyRuns, model: Candidate, values: dict[str, float], residual: np.ndarray, rho: float
 ) -> tuple[tuple[Estimate, ...], np.ndarray]:
-    """Estimates and their covariance to first order.
+    """Return the estimates and their covariance to first order.
 
     (JᵀJ)⁻¹ Jᵀ Σ J (JᵀJ)⁻¹,   Σ(i, j) = s² rho^|i - j| within a direction
     """
@@ -388,8 +567,8 @@ def _estimates(
     shown = {"m/s": frame.velocity, "N s/m": frame.viscous, "N": frame.force}
     declared = {name: tree.declaration(model.friction, name).unit for name in model.curve.names}
     units = [shown[declared.get(name, "N")] for name in model.parameters]
-    found = tuple(
-        Estimate(*each)
-        for each in zip(model.parameters, values.values(), units, map(float, robust), map(float, ols), strict=True)
+    estimates = tuple(
+        Estimate(*row)
+        for row in zip(model.parameters, values.values(), units, map(float, robust), map(float, ols), strict=True)
     )
-    return found, covariance
+    return estimates, covariance

@@ -26,7 +26,7 @@ _RIDGE = 1e-3  # of the bells: their prior is so many times wider than the noise
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LearnedStops(Result):
-    """Stops that explain the friction of a log, and what else moved the axis.
+    """The elastic stops that explain the friction of a log, and what else moved the axis.
 
     stops       the feedforward block
     estimates   mass (where it was not given), viscous friction, offset, the level Σ k δ and the stiffness Σ k of all
@@ -41,13 +41,13 @@ class LearnedStops(Result):
     plain: tuple[float, float]
 
     def __getitem__(self, parameter: str) -> Estimate:
-        for each in self.estimates:
-            if each.name == parameter:
-                return each
+        for estimate in self.estimates:
+            if estimate.name == parameter:
+                return estimate
         raise ParameterError(f"there is no '{parameter}'; there are {', '.join(e.name for e in self.estimates)}")
 
     def table(self) -> Table:
-        """The estimates with both standard errors; below the title how many stops there are and what they leave."""
+        """Return the estimates with both standard errors; the note states the number of stops and their residual."""
         title = Text(
             f"{self.name}: {len(self.stops.width)} stops leave {Quantity(self.left[0], 'N'):3} RMS, "
             f"{Quantity(self.left[1], 'N'):3} of rows not used; Coulomb and viscous friction "
@@ -57,12 +57,12 @@ class LearnedStops(Result):
 
 
 def stretches(position: np.ndarray, width: float) -> np.ndarray:
-    """e(k) = clip(e(k-1) + x(k) - x(k-1), ±width) in m, from e = 0 on; shape of the position."""
-    found, e = np.empty(position.size), 0.0
+    """Return e(k) = clip(e(k-1) + x(k) - x(k-1), ±width) in m, from e = 0 on; shape of the position."""
+    elongation, e = np.empty(position.size), 0.0
     for k, step in enumerate(np.diff(position, prepend=position[:1]).tolist()):
         e = min(max(e + step, -width), width)
-        found[k] = e
-    return found
+        elongation[k] = e
+    return elongation
 
 
 def learned_stops(
@@ -93,21 +93,21 @@ def learned_stops(
     from scipy.optimize import nnls  # not for commands that only read
 
     few = max(1, round(1e-3 / log.sample_time))
-    made = prepare(log, how or Preparation(cutoff=200.0, decimation=few, reversals=True))
-    rows = [made.reduced(stretches(log.position, width)) for width in widths]
-    free = {"viscous": made.velocity, "offset": made.constant, "less": -made.constant}
+    prepared = prepare(log, how or Preparation(cutoff=200.0, decimation=few, reversals=True))
+    rows = [prepared.reduced(stretches(log.position, width)) for width in widths]
+    free = {"viscous": prepared.velocity, "offset": prepared.constant, "less": -prepared.constant}
     if mass is None:
-        free["mass"] = made.acceleration
+        free["mass"] = prepared.acceleration
     columns = np.column_stack([*rows, *free.values()])
-    force = made.force - (0.0 if mass is None else mass) * made.acceleration
+    force = prepared.force - (0.0 if mass is None else mass) * prepared.acceleration
     size = np.sqrt(np.mean(columns * columns, axis=0))
     size = np.where(size > 0.0, size, 1.0)
     used = slice(0, force.size - force.size // _UNUSED)
-    found = nnls(columns[used] / size, force[used])[0] / size
-    residual = force - columns @ found
-    counts = np.flatnonzero(found > 0.0)
+    solution = nnls(columns[used] / size, force[used])[0] / size
+    residual = force - columns @ solution
+    counts = np.flatnonzero(solution > 0.0)
     kept = [int(i) for i in counts if i < len(widths)]
-    level = float(sum(found[i] * widths[i] for i in kept))
+    level = float(sum(solution[i] * widths[i] for i in kept))
     most = float(np.quantile(np.abs(force), _USUAL))
     if not kept or level > _MOST_LEVEL * most:
         raise NotIdentifiableError(
@@ -117,12 +117,12 @@ def learned_stops(
         )
     if len(kept) == 1:  # a table has two entries at least: its neighbor, without stiffness
         kept = sorted([*kept, kept[0] - 1 if kept[0] else 1])
-    stops = FrictionStops(width=np.array([widths[i] for i in kept]), stiffness=found[kept])
+    stops = FrictionStops(width=np.array([widths[i] for i in kept]), stiffness=solution[kept])
     if bells:
-        stops = _with_bells(stops, made.velocity, residual, used, bells)
-        residual = residual - _bell_force(stops, made.velocity)
-    estimates = _estimates(columns[used][:, counts], residual[used], counts, found, widths, list(free))
-    sides = np.column_stack([np.sign(made.velocity), *free.values()])
+        stops = _with_bells(stops, prepared.velocity, residual, used, bells)
+        residual = residual - _bell_force(stops, prepared.velocity)
+    estimates = _estimates(columns[used][:, counts], residual[used], counts, solution, widths, list(free))
+    sides = np.column_stack([np.sign(prepared.velocity), *free.values()])
     plain = force - sides @ np.linalg.lstsq(sides[used], force[used], rcond=None)[0]
     return LearnedStops(log.name, stops, estimates, _parts(residual, used), _parts(plain, used))
 
@@ -130,7 +130,7 @@ def learned_stops(
 def _check(log: MotionLog, widths: Sequence[float], mass: float | None, bells: int) -> None:
     if log.frame is SHAFT:
         raise ParameterError(f"{log.name}: stops are learned where they are fed forward, at a table, not at a shaft")
-    if len(widths) < 2 or not all(np.isfinite(each) and each > 0.0 for each in widths):
+    if len(widths) < 2 or not all(np.isfinite(width) and width > 0.0 for width in widths):
         raise ParameterError(f"widths = {list(widths)} m must be two or more lengths > 0")
     if mass is not None and not (np.isfinite(mass) and mass >= 0.0):
         raise ParameterError(f"mass = {Quantity(mass, 'kg'):6} must be >= 0; leave it out to estimate it")
@@ -145,7 +145,7 @@ def _check(log: MotionLog, widths: Sequence[float], mass: float | None, bells: i
 
 
 def _parts(residual: np.ndarray, used: slice) -> tuple[float, float]:
-    """RMS of the rows that were used, and of the others."""
+    """Return the RMS of the rows that were used, and of the others."""
     others = residual[used.stop :]
     return float(np.sqrt(np.mean(residual[used] ** 2))), float(np.sqrt(np.mean(others**2)))
 
@@ -153,16 +153,20 @@ def _parts(residual: np.ndarray, used: slice) -> tuple[float, float]:
 def _with_bells(
     stops: FrictionStops, velocity: np.ndarray, residual: np.ndarray, used: slice, count: int
 ) -> FrictionStops:
-    """The stops with bells over the speed, fitted to what they leave."""
+    """Return the stops with bells over the speed, fitted to their residual."""
     v, left = velocity[used], residual[used]
     places = np.linspace(float(np.min(v)), float(np.max(v)), count)
     wide = float(places[1] - places[0])
     columns = np.exp(-0.5 * ((v[:, None] - places) / wide) ** 2)
     heights = np.linalg.solve(columns.T @ columns + _RIDGE * v.size * np.eye(count), columns.T @ left)
     return FrictionStops(
-        width=stops.width, stiffness=stops.stiffness, residual_velocity=places, residual_force=heights,
-        residual_width=wide, residual_limit=float(np.max(np.abs(left))),
-    )  # fmt: skip
+        width=stops.width,
+        stiffness=stops.stiffness,
+        residual_velocity=places,
+        residual_force=heights,
+        residual_width=wide,
+        residual_limit=float(np.max(np.abs(left))),
+    )
 
 
 def _bell_force(stops: FrictionStops, velocity: np.ndarray) -> np.ndarray:
@@ -170,10 +174,14 @@ def _bell_force(stops: FrictionStops, velocity: np.ndarray) -> np.ndarray:
 
 
 def _estimates(
-    columns: np.ndarray, residual: np.ndarray, counts: np.ndarray, found: np.ndarray, widths: Sequence[float],
+    columns: np.ndarray,
+    residual: np.ndarray,
+    counts: np.ndarray,
+    solution: np.ndarray,
+    widths: Sequence[float],
     names: list[str],
-) -> tuple[Estimate, ...]:  # fmt: skip
-    """Sums over the columns that count, with the errors of these sums."""
+) -> tuple[Estimate, ...]:
+    """Return sums over the columns that count, with the errors of these sums."""
     scale, n = np.sqrt(np.mean(columns * columns, axis=0)), len(widths)
     sums = [
         ("level", "N", [widths[i] if i < n else 0.0 for i in counts]),
@@ -191,12 +199,12 @@ def _estimates(
     )
     return tuple(
         Estimate(name, float(value), unit, float(error), float(ols))
-        for (name, unit, _), value, error, ols in zip(sums, shares @ found[counts], robust, white, strict=True)
+        for (name, unit, _), value, error, ols in zip(sums, shares @ solution[counts], robust, white, strict=True)
     )
 
 
 def _share(names: list[str], place: int, name: str) -> float:
-    """By how much a column counts in an estimate: the two of the offset against each other."""
+    """Return the weight of a column in an estimate: the two of the offset count against each other."""
     if place < 0:
         return 0.0
     here = names[place]

@@ -21,7 +21,7 @@ _LEAST_SPEED = 1e-6  # m/s: slower is standing
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LearnedPitch(Result):
-    """A pitch compensation, and what it leaves: RMS of the errors before and after it, m, and samples by direction."""
+    """A pitch compensation with its residual: RMS of the errors before and after it, m, and samples by direction."""
 
     compensation: PitchCompensation
     before: float
@@ -30,13 +30,13 @@ class LearnedPitch(Result):
 
     @property
     def backlash(self) -> float:
-        """Mean difference of the two tables, m."""
+        """The mean difference of the two tables, m."""
         return float(np.mean(self.compensation.forward - self.compensation.backward))
 
     def table(self) -> Table:
-        """The figures, in um."""
+        """Return the figures, in um."""
         block = self.compensation
-        peak = max(float(np.max(np.abs(each))) for each in (block.forward, block.backward))
+        peak = max(float(np.max(np.abs(entries))) for entries in (block.forward, block.backward))
         start, spacing = (Quantity(value, "m", form="6 mm") for value in (block.table_start, block.spacing))
         rows: list[list[Cell]] = [
             ["entries", len(block.forward)],
@@ -58,7 +58,7 @@ def learned_pitch(
     reversal_distance: float = 1e-5,
     settle: float = 0.0,
 ) -> LearnedPitch:
-    """Tables of what to add to the set position, by least squares over all samples of a direction.
+    """Return tables of corrections to the set position, by least squares over all samples of a direction.
 
     nominal   m: what the control takes the position to be, its reading
     reached   m: where the table or the tool really was: a laser, a load encoder, `tool.x` of a run
@@ -70,10 +70,12 @@ def learned_pitch(
     lie between them.  Raises ParameterError for rows of unequal length, numbers that are not finite, and a stretch of
     the travel without a sample, which would be a guess.
     """
-    rows = [np.asarray(each, dtype=np.float64) for each in (nominal, reached, velocity)]
-    if len({each.shape for each in rows}) != 1 or rows[0].ndim != 1:
-        raise ParameterError(f"nominal, reached and velocity need one length, not {[each.shape for each in rows]}")
-    if not all(np.all(np.isfinite(each)) for each in rows):
+    rows = [np.asarray(channel, dtype=np.float64) for channel in (nominal, reached, velocity)]
+    if len({channel.shape for channel in rows}) != 1 or rows[0].ndim != 1:
+        raise ParameterError(
+            f"nominal, reached and velocity need one length, not {[channel.shape for channel in rows]}"
+        )
+    if not all(np.all(np.isfinite(channel)) for channel in rows):
         raise ParameterError("nominal, reached and velocity hold numbers that are not finite: leave those samples out")
     if not spacing > 0.0:
         raise ParameterError(f"spacing = {Quantity(spacing, 'm'):6 SI} must be > 0")
@@ -94,9 +96,9 @@ def learned_pitch(
     tables, left = [], []
     for sign in (1.0, -1.0):
         chosen = way == sign
-        found = _hats((nominal[chosen] - low) / spacing, added[chosen], count, "forward" if sign > 0 else "backward")
-        tables.append(found)
-        left.append(added[chosen] - np.interp(nominal[chosen], low + spacing * np.arange(count), found))
+        entries = _hats((nominal[chosen] - low) / spacing, added[chosen], count, "forward" if sign > 0 else "backward")
+        tables.append(entries)
+        left.append(added[chosen] - np.interp(nominal[chosen], low + spacing * np.arange(count), entries))
     block = PitchCompensation(
         forward=tables[0], backward=tables[1], table_start=low, spacing=spacing, reversal_distance=reversal_distance
     )
@@ -110,20 +112,20 @@ def _rms(values: np.ndarray) -> float:
 
 
 def _turning(nominal: np.ndarray, way: np.ndarray, settle: float) -> np.ndarray:
-    """Samples within a distance after a reversal."""
-    found = np.zeros(len(way), bool)
+    """True for samples within a distance after a reversal."""
+    turning = np.zeros(len(way), bool)
     last, since = 0.0, np.inf
     for k in range(len(way)):
         if way[k] not in (0.0, last):
             last, since = way[k], 0.0
         elif k:
             since += abs(nominal[k] - nominal[k - 1])
-        found[k] = since < settle
-    return found
+        turning[k] = since < settle
+    return turning
 
 
 def _hats(place: np.ndarray, values: np.ndarray, count: int, named: str) -> np.ndarray:
-    """Entries at 0, 1, ... of the piecewise linear function that fits best: normal equations of three diagonals."""
+    """Return entries at 0, 1, ... of the best piecewise linear function: normal equations with three diagonals."""
     from scipy.linalg import solveh_banded
 
     below = np.clip(np.floor(place).astype(int), 0, count - 2)
@@ -142,7 +144,7 @@ def _hats(place: np.ndarray, values: np.ndarray, count: int, named: str) -> np.n
 
 
 def learned_from(run: Run, axis: str, *, spacing: float, reached: str = "", settle: float = 0.0) -> LearnedPitch:
-    """The compensation of an axis from a run of its machine, there and back over the travel.
+    """Return the compensation of an axis from a run of its machine, back and forth over the travel.
 
     reached  the signal that says where it really was; absent: `tool.AXIS` of a machine with geometry errors, else the
              true position of the table
@@ -158,24 +160,27 @@ def learned_from(run: Run, axis: str, *, spacing: float, reached: str = "", sett
 def learned_from_circles(
     causes: CircleCauses, travel: Mapping[str, tuple[float, float]], *, reversal_distance: float = 1e-5
 ) -> dict[str, PitchCompensation]:
-    """Scale and backlash of the axes of a circle test as compensations, by axis: -scale x ± backlash/2.
+    """Return scale and backlash of the axes of a circle test as compensations, by axis: -scale x ± backlash/2.
 
     travel  m: from where to where the tables reach, by axis
     Raises ParameterError for a cause that the circles cannot tell apart from others, with what to run, and for an axis
     without a travel.
     """
-    names = [each.name.removeprefix("backlash ") for each in causes.causes if each.name.startswith("backlash ")]
+    names = [cause.name.removeprefix("backlash ") for cause in causes.causes if cause.name.startswith("backlash ")]
     for name in ("scale, mean", "scale, difference", *(f"backlash {axis}" for axis in names)):
         if not np.isfinite(causes[name].error):
             raise ParameterError(f"the circles do not separate '{name}': {causes[name].note}")
     mean, half = causes["scale, mean"].value, causes["scale, difference"].value
-    found: dict[str, PitchCompensation] = {}
+    compensations: dict[str, PitchCompensation] = {}
     for axis, scale in zip(names, (mean + half, mean - half), strict=True):
         if axis not in travel or not travel[axis][0] < travel[axis][1]:
             raise ParameterError(f"travel: axis '{axis}' needs its two ends in m, the lower one first")
         ends, gap = np.array(travel[axis], dtype=np.float64), causes[f"backlash {axis}"].value
-        found[axis] = PitchCompensation(
-            forward=-scale * ends + 0.5 * gap, backward=-scale * ends - 0.5 * gap, table_start=float(ends[0]),
-            spacing=float(ends[1] - ends[0]), reversal_distance=reversal_distance,
-        )  # fmt: skip
-    return found
+        compensations[axis] = PitchCompensation(
+            forward=-scale * ends + 0.5 * gap,
+            backward=-scale * ends - 0.5 * gap,
+            table_start=float(ends[0]),
+            spacing=float(ends[1] - ends[0]),
+            reversal_distance=reversal_distance,
+        )
+    return compensations

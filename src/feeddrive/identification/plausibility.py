@@ -25,7 +25,7 @@ _ACCELERATION_OVER = 1e-2  # s
 
 @dataclass(frozen=True)
 class Range:
-    """Range of a quantity on feed drives in `unit`, its usual magnitude, and the reason for the bounds.
+    """The range of a quantity on feed drives in `unit`, its usual magnitude, and the reason for the bounds.
 
     position, force  exponents by which the quantity scales with the position and the force of a log
     """
@@ -40,17 +40,17 @@ class Range:
     source: str
 
     def apart(self, value: float) -> float:
-        """Decades by which a value lies outside; 0 inside."""
+        """Return the decades by which a value lies outside; 0 inside."""
         if not value > 0.0:
             return 0.0 if value == 0.0 and self.least == 0.0 else math.inf
         return max(0.0, math.log10(value / self.most), math.log10(self.least / value) if self.least > 0.0 else 0.0)
 
     def unusual(self, value: float) -> float:
-        """Decades from the usual size."""
+        """Return the decades from the usual size."""
         return abs(math.log10(value / self.usual)) if value > 0.0 else 0.0
 
     def bounds(self) -> Text:
-        """The range as text: `20 um to 60 m`."""
+        """Return the range as text: `20 um to 60 m`."""
         most = spoken(self.most, self.unit)
         return Text(f"{spoken(self.least, self.unit)} to {most}" if self.least > 0.0 else f"up to {most}")
 
@@ -99,31 +99,31 @@ def sizes(
     force: np.ndarray | None,
     mass: float | None = None,
 ) -> dict[str, float]:
-    """Travel, speed, acceleration, largest force and, if the motion shows it, mass, by the names of `RANGES`.
+    """Return travel, speed, acceleration, largest force and, if the motion shows it, mass, by the names of `RANGES`.
 
     position  m or rad, shape (n,); force: N or N m
     mass      kg or kg m2, if it is known already
     """
-    names = [each.quantity for each in RANGES[frame]]
-    found: dict[str, float] = {}
+    names = [limits.quantity for limits in RANGES[frame]]
+    magnitudes: dict[str, float] = {}
     if position is not None and position.size > 2:
-        found[names[0]] = float(np.ptp(position))
+        magnitudes[names[0]] = float(np.ptp(position))
         near, far = (max(1, round(over / sample_time)) for over in (_SPEED_OVER, _ACCELERATION_OVER))
         if position.size > 2 * far:
-            found[names[1]] = float(np.max(np.abs(position[near:] - position[:-near]))) / (near * sample_time)
+            magnitudes[names[1]] = float(np.max(np.abs(position[near:] - position[:-near]))) / (near * sample_time)
             bent = position[2 * far :] - 2.0 * position[far:-far] + position[: -2 * far]
-            found[names[2]] = float(np.max(np.abs(bent))) / (far * sample_time) ** 2
+            magnitudes[names[2]] = float(np.max(np.abs(bent))) / (far * sample_time) ** 2
     if force is not None and force.size:
-        found[names[3]] = float(np.max(np.abs(force)))
+        magnitudes[names[3]] = float(np.max(np.abs(force)))
     if position is not None and force is not None:
         mass = _mass(frame, sample_time, position, force) if mass is None else mass
         if mass is not None:
-            found |= {names[4]: mass, names[5]: found[names[3]] / mass}
-    return found
+            magnitudes |= {names[4]: mass, names[5]: magnitudes[names[3]] / mass}
+    return magnitudes
 
 
 def _mass(frame: Frame, sample_time: float, position: np.ndarray, force: np.ndarray) -> float | None:
-    """The mass by inverse dynamics, for either sign of the force; None if it is not identifiable."""
+    """Return the mass by inverse dynamics, for either sign of the force; None if it is not identifiable."""
     for sign in (1.0, -1.0):
         try:
             log = MotionLog(
@@ -135,34 +135,37 @@ def _mass(frame: Frame, sample_time: float, position: np.ndarray, force: np.ndar
     return None
 
 
-def scaled(frame: Frame, found: Mapping[str, float], position: float, force: float) -> dict[str, float]:
-    """The sizes if position and force are multiplied by these factors."""
+def scaled(frame: Frame, magnitudes: Mapping[str, float], position: float, force: float) -> dict[str, float]:
+    """Return the sizes with position and force multiplied by these factors."""
     return {
-        each.quantity: found[each.quantity] * position**each.position * force**each.force
-        for each in RANGES[frame]
-        if each.quantity in found
+        limits.quantity: magnitudes[limits.quantity] * position**limits.position * force**limits.force
+        for limits in RANGES[frame]
+        if limits.quantity in magnitudes
     }
 
 
-def outside(frame: Frame, found: Mapping[str, float]) -> list[Range]:
-    """The ranges that the log exceeds, those by most decades first."""
-    apart = [(each.apart(found[each.quantity]), each) for each in RANGES[frame] if each.quantity in found]
-    return [each for decades, each in sorted(apart, key=lambda pair: -pair[0]) if decades > 0.0]
+def outside(frame: Frame, magnitudes: Mapping[str, float]) -> list[Range]:
+    """Return the ranges that the log exceeds, the worst first."""
+    apart = [
+        (limits.apart(magnitudes[limits.quantity]), limits) for limits in RANGES[frame] if limits.quantity in magnitudes
+    ]
+    return [limits for decades, limits in sorted(apart, key=lambda pair: -pair[0]) if decades > 0.0]
 
 
-def said(wrong: Sequence[Range], found: Mapping[str, float]) -> Text:
-    """What lies outside, worst first; empty if nothing does."""
+def out_of_range(wrong: Sequence[Range], magnitudes: Mapping[str, float]) -> Text:
+    """List the magnitudes outside their range, worst first; empty if there are none."""
     return joined(
         "; ",
         (
-            f"the {each.quantity} is {spoken(found[each.quantity], each.unit)}, where feed drives have {each.bounds()}"
-            for each in wrong[:3]
+            f"the {limits.quantity} is {spoken(magnitudes[limits.quantity], limits.unit)}, where feed drives have "
+            f"{limits.bounds()}"
+            for limits in wrong[:3]
         ),
     )
 
 
 def remedy(wrong: Sequence[Range]) -> str:
-    """Which channel's unit is to be looked at: the one that the worst quantity depends on."""
+    """Return the channel whose unit to check: the one that the worst quantity depends on."""
     worst = wrong[0]
     both = worst.position != 0 and worst.force != 0
     return (
@@ -170,7 +173,9 @@ def remedy(wrong: Sequence[Range]) -> str:
     )
 
 
-def unlikely(frame: Frame, found: Mapping[str, float]) -> tuple[float, float]:
-    """Decades outside of the ranges, and distance from the usual values: smaller is more likely."""
-    there = [(each, found[each.quantity]) for each in RANGES[frame] if each.quantity in found]
-    return sum(each.apart(value) for each, value in there), sum(each.unusual(value) ** 2 for each, value in there)
+def unlikely(frame: Frame, magnitudes: Mapping[str, float]) -> tuple[float, float]:
+    """Return the decades outside of the ranges, and the distance from the usual values: smaller is more likely."""
+    there = [(limits, magnitudes[limits.quantity]) for limits in RANGES[frame] if limits.quantity in magnitudes]
+    return sum(limits.apart(value) for limits, value in there), sum(
+        limits.unusual(value) ** 2 for limits, value in there
+    )

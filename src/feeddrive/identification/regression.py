@@ -50,14 +50,14 @@ def strays(values: np.ndarray) -> np.ndarray:
     spread = maximum_filter(median_filter(away, min(_AROUND, values.size), mode="nearest"), _AROUND, mode="nearest")
     quantum = float(np.min(np.diff(np.unique(values)), initial=np.inf))
     usual = _FURTHER * float(np.quantile(away, 1.0 - _RARE))
-    found = away > np.maximum(_STRAY * np.maximum(1.4826 * spread, quantum), usual)
-    return short_runs(found, _STRAY_ROWS)
+    far = away > np.maximum(_STRAY * np.maximum(1.4826 * spread, quantum), usual)
+    return short_runs(far, _STRAY_ROWS)
 
 
-def short_runs(found: np.ndarray, most: int) -> np.ndarray:
-    """The same truth values, without runs of more than `most` true ones."""
-    kept = found.copy()
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], found.astype(np.int8), [0]])))
+def short_runs(flags: np.ndarray, most: int) -> np.ndarray:
+    """Clear runs of more than `most` true values."""
+    kept = flags.copy()
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
         if end - begin > most:
             kept[begin:end] = False
@@ -65,7 +65,7 @@ def short_runs(found: np.ndarray, most: int) -> np.ndarray:
 
 
 def strays_said(where: str, values: np.ndarray, stray: np.ndarray, unit: str) -> tuple[str, ...]:
-    """A remark on strays of some values that are left out: how many, and the place and the size of the worst."""
+    """Return a remark on strays that are left out: how many, and the place and the size of the worst."""
     rows = np.flatnonzero(stray)
     if not rows.size:
         return ()
@@ -82,7 +82,7 @@ def strays_said(where: str, values: np.ndarray, stray: np.ndarray, unit: str) ->
 
 
 def ols_covariance(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """s² (XᵀX)⁻¹ with s² = rᵀr / (n - p): right only for a white residual of constant size."""
+    """Return s² (XᵀX)⁻¹ with s² = rᵀr / (n - p): right only for a white residual of constant size."""
     n, p = columns.shape
     return float(residual @ residual) / max(n - p, 1) * _inverse(columns)
 
@@ -90,7 +90,7 @@ def ols_covariance(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
 def robust_covariance(
     columns: np.ndarray, residual: np.ndarray, lags: int | None = None, *, smooth: int = 1
 ) -> np.ndarray:
-    """n / (n - p) (XᵀX)⁻¹ S (XᵀX)⁻¹, with S the long-run covariance of the scores z(k) = x(k) r(k):
+    """Return n / (n - p) (XᵀX)⁻¹ S (XᵀX)⁻¹, with S the long-run covariance of the scores z(k) = x(k) r(k):
 
         S = Γ(0) + Σ w(j) (Γ(j) + Γ(j)ᵀ),   Γ(j) = Σ z(k) z(k-j)ᵀ,   w(j) = 1 - j / (lags + 1)
 
@@ -115,13 +115,13 @@ def robust_covariance(
 
 
 def scores_of(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """In the metric of the estimates: the contribution of each sample to each parameter, shape (rows, p)."""
+    """Return the contribution of each sample to each parameter, in the metric of the estimates, shape (rows, p)."""
     inverse = _inverse(columns.reshape(-1, columns.shape[-1]))
     return _in_blocks(np.einsum("snp,sn->np", columns, residual) @ inverse)
 
 
 def long_run(scores: np.ndarray, lags: int | None = None) -> np.ndarray:
-    """Their covariance over all lags that count."""
+    """Return the covariance of the scores over all lags that count."""
     from scipy.signal import oaconvolve  # takes a second to import
 
     rows = scores.shape[0]
@@ -134,7 +134,7 @@ def long_run(scores: np.ndarray, lags: int | None = None) -> np.ndarray:
 
 
 def _in_blocks(scores: np.ndarray) -> np.ndarray:
-    """Sums of consecutive rows so that at most `MOST_ROWS` remain: the covariance over long lags is not changed."""
+    """Sum consecutive rows so that at most `MOST_ROWS` remain: the covariance over long lags is not changed."""
     return _summed(scores, -(-scores.shape[0] // MOST_ROWS))
 
 
@@ -143,7 +143,7 @@ def _summed(scores: np.ndarray, size: int) -> np.ndarray:
 
 
 def widening(share: float) -> float:
-    """Ratio of a 95 % interval to 1.96 errors, if `share` of all lags was used with a Bartlett window.
+    """Return the ratio of a 95 % interval to 1.96 errors, if `share` of all lags was used with a Bartlett window.
 
     (1.9600 + 2.9694 b + 0.4160 b² - 0.5324 b³) / 1.96, b = share.  Source: Kiefer & Vogelsang 2005, table 1.
     """
@@ -151,7 +151,9 @@ def widening(share: float) -> float:
 
 
 def memory(scores: np.ndarray) -> int:
-    """Lags after which the scores, shape (n, p), are uncorrelated: Andrews' rule for the Bartlett window, twice."""
+    """Return the lags after which the scores, shape (n, p), are uncorrelated: Andrews' rule for the Bartlett window,
+    twice.
+    """
     n = scores.shape[0]
     alpha, weight = 0.0, 0.0
     for column in scores.T:
@@ -166,7 +168,7 @@ def memory(scores: np.ndarray) -> int:
 
 
 def errors(covariance: np.ndarray) -> np.ndarray:
-    """Standard errors: roots of the diagonal."""
+    """Return standard errors: roots of the diagonal."""
     return np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 
@@ -177,7 +179,7 @@ def _inverse(columns: np.ndarray) -> np.ndarray:
 
 
 def information(residual: np.ndarray, parameters: int, stretches: Sequence[slice] | None = None) -> float:
-    """The Bayesian information criterion of a residual that follows r(k) = rho r(k-1) + e(k); less is better.
+    """Return the Bayesian information criterion of a residual that follows r(k) = rho r(k-1) + e(k); less is better.
 
         -2 log L = n log(Σ e² / n) - m log(1 - rho²)
         criterion = -2 log L + k log n · n / (n - k - 1),   k = parameters + 2
@@ -195,7 +197,7 @@ def information(residual: np.ndarray, parameters: int, stretches: Sequence[slice
 
 
 def likely_memory(residual: np.ndarray, stretches: Sequence[slice] | None = None) -> float:
-    """The rho >= 0 that is most likely."""
+    """Return the most likely rho >= 0."""
     parts = _parts(residual, stretches)
     return float(min(_MEMORIES, key=lambda rho: _likelihood(parts, rho)))
 
@@ -206,7 +208,7 @@ def _parts(residual: np.ndarray, stretches: Sequence[slice] | None) -> list[np.n
 
 
 def _likelihood(parts: list[np.ndarray], rho: float) -> float:
-    """-2 log L except for a constant."""
+    """Return -2 log L except for a constant."""
     n = sum(part.size for part in parts)
     first = (1.0 - rho * rho) * sum(float(part[0]) ** 2 for part in parts)
     rest = sum(float(np.sum((part[1:] - rho * part[:-1]) ** 2)) for part in parts)
@@ -229,31 +231,31 @@ class Residuals(Result):
 
     @property
     def norm(self) -> float:
-        """√(rᵀr)."""
+        """The norm √(rᵀr)."""
         return float(np.linalg.norm(self.values))
 
     @property
     def relative(self) -> float:
-        """|r| / |y|."""
+        """The relative norm |r| / |y|."""
         return self.norm / float(np.linalg.norm(self.measured))
 
     @property
     def deviation(self) -> float:
-        """Standard deviation, in the unit of the force."""
+        """The standard deviation, in the unit of the force."""
         return float(np.std(self.values, ddof=1))
 
     def autocorrelation(self, lag: int) -> float:
-        """Σ r(k) r(k - lag) / Σ r(k)²; within ±2/√n for a white residual."""
+        """Return Σ r(k) r(k - lag) / Σ r(k)²; within ±2/√n for a white residual."""
         r = self.values
         return float(r[lag:] @ r[: r.size - lag]) / float(r @ r)
 
     @property
     def white(self) -> bool:
-        """Whether the first autocorrelation is within the 95 % range of a white residual."""
+        """True if the first autocorrelation is within the 95 % range of a white residual."""
         return abs(self.autocorrelation(1)) < 1.96 / np.sqrt(self.values.size)
 
     def table(self) -> Table:
-        """Sizes and autocorrelation."""
+        """Return sizes and autocorrelation."""
         rows: list[Sequence[Cell]] = [
             ["norm", UNIT, Quantity(self.norm, self.unit, form="6")],
             ["relative to the measured force", UNIT, Quantity(self.relative, "share")],
@@ -270,7 +272,8 @@ class Residuals(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Validation(Result):
-    """Error of each stretch when it was not used, over its measured RMS, and the parameters without it.
+    """Prediction errors of stretches that the fit did not use, over their measured RMS, and the parameters of these
+    fits.
 
     relative  RMS of all errors on unused rows over the RMS of what was measured
     values    shape (stretches, parameters)
@@ -282,7 +285,7 @@ class Validation(Result):
     unit: str
 
     def table(self) -> Table:
-        """One row a stretch."""
+        """Return a row for each stretch."""
         rows = [[i + 1, float(error)] for i, error in enumerate(self.errors)]
         columns = ["stretch", Column("error", "share", "3")]
         return Table(f"unused rows: {Quantity(self.relative, 'share'):3} RMS", columns, rows)
@@ -298,7 +301,7 @@ def cross_validated(columns: np.ndarray, measured: np.ndarray, folds: int, unit:
     if not 2 <= folds <= n // (4 * GAP):
         raise ParameterError(f"folds = {folds} must be >= 2 and <= {n // (4 * GAP)}, for {n} rows")
     edges = np.linspace(0, n, folds + 1).astype(int)
-    squares, sizes, found = [], [], []
+    squares, sizes, parameters = [], [], []
     for begin, end in pairwise(edges):
         used = np.ones(n, dtype=bool)
         used[max(0, begin - GAP) : end + GAP] = False
@@ -306,9 +309,9 @@ def cross_validated(columns: np.ndarray, measured: np.ndarray, folds: int, unit:
         off = measured[begin:end] - columns[begin:end] @ values
         squares.append(float(off @ off))
         sizes.append(float(measured[begin:end] @ measured[begin:end]))
-        found.append(values)
-    each = np.sqrt(np.array(squares) / np.maximum(np.array(sizes), np.finfo(float).tiny))
-    return Validation(each, float(np.sqrt(sum(squares) / sum(sizes))), np.array(found), unit)
+        parameters.append(values)
+    relative = np.sqrt(np.array(squares) / np.maximum(np.array(sizes), np.finfo(float).tiny))
+    return Validation(relative, float(np.sqrt(sum(squares) / sum(sizes))), np.array(parameters), unit)
 
 
 B = TypeVar("B", bound=Block)
@@ -325,32 +328,33 @@ class TracedForce(Generic[B]):
         self.names, self.arguments = tuple(name for name, _ in tree.leaves(block)), tuple(arguments)
         leaves = [graph.input(name) for name in self.names]
         symbolic = tree.rebuild(block, (cast(Number, leaf) for leaf in leaves))
-        given = {name: cast(Number, graph.input(f"of {name}")) for name in self.arguments}
-        end = graph.symbol(force(symbolic, given)).index
+        symbols = {name: cast(Number, graph.input(f"of {name}")) for name in self.arguments}
+        end = graph.symbol(force(symbolic, symbols)).index
         values = {i: Symbol(graph, i) for i in range(len(graph.nodes))}
         slopes = [push(graph, [end], values, {leaf.index: 1.0})[0] for leaf in leaves]
         self.graph = graph
         self.ends = [end, *(graph.symbol(0.0 if slope is None else slope).index for slope in slopes)]
 
     def at(self, values: Mapping[str, Any], **arguments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The force, and its slopes on a last axis; values of leaves are numbers, or arrays that broadcast."""
+        """Return the force, and its slopes on a last axis; values of leaves are numbers, or arrays that broadcast."""
         leaves = {name: np.asarray(values[name], np.float64) for name in self.names}
         leaves |= {f"of {name}": np.asarray(arguments[name], np.float64) for name in self.arguments}
-        shape = np.broadcast_shapes(*(each.shape for each in leaves.values()))
+        shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves.values()))
         force, *slopes = evaluate(self.graph, self.ends, leaves)
-        return np.broadcast_to(force, shape), np.stack([np.broadcast_to(each, shape) for each in slopes], axis=-1)
+        return np.broadcast_to(force, shape), np.stack([np.broadcast_to(slope, shape) for slope in slopes], axis=-1)
 
 
 @lru_cache(maxsize=32)
 def steady_curve(friction: Friction) -> TracedForce[Friction]:
-    """`friction.steady` over "velocity"; the numbers of the block do not matter."""
-    return TracedForce(friction, ("velocity",), lambda block, given: block.steady(given["velocity"]))
+    """Trace `friction.steady` over "velocity"; the numbers of the block do not matter."""
+    return TracedForce(friction, ("velocity",), lambda block, arguments: block.steady(arguments["velocity"]))
 
 
 def solve(
     seen: np.ndarray, error: np.ndarray, mu: float, least: np.ndarray, most: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The step Δ within bounds that minimizes |Ψ Δ - e|² + mu |S Δ|², and which bounds hold it; S scales columns to 1.
+    """Return the step Δ within bounds that minimizes |Ψ Δ - e|² + mu |S Δ|², and the active bounds; S scales columns to
+    1.
 
     Ψ has shape (samples, columns).  Without an active bound it is (ΨᵀΨ + mu S²)⁻¹ Ψᵀ e.
     """
@@ -372,7 +376,7 @@ def solve(
 
 
 def standard_errors(seen: np.ndarray, residual: np.ndarray, lags: int) -> np.ndarray:
-    """The standard error of each parameter, from the residual and its autocorrelation.
+    """Return the standard error of each parameter, from the residual and its autocorrelation.
 
         cov = A⁻¹ [Σ_f S(f) Ψ(f) Ψ(f)ᴴ] A⁻¹,   A = ΨᵀΨ,   S: spectrum of the residual
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from feeddrive.identification.cogging import CoggingFit
     from feeddrive.identification.excitation.excitation import Excitation
     from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
-    from feeddrive.identification.friction_curve import FrictionCurve
+    from feeddrive.identification.friction_curve import FrictionCurve, SteadyRuns
     from feeddrive.identification.motion.control_law import ControlFit
     from feeddrive.identification.motion.delay import DelayFit
     from feeddrive.identification.motion.identify import Identified
@@ -42,7 +42,6 @@ if TYPE_CHECKING:
     from feeddrive.identification.response.fit_axis import AxisFits
     from feeddrive.identification.response.modal_fit import ModalFit
     from feeddrive.identification.response.plant_fit import PlantFit
-    from feeddrive.identification.steady_runs import SteadyRuns
     from feeddrive.learning.iterative_feedforward import Iteration
     from feeddrive.learning.trajectory_prefilter import PrefilterFit
     from feeddrive.learning.trial import Trial

@@ -16,8 +16,7 @@ from feeddrive.plot.drawing import drawn
 if TYPE_CHECKING:
     from feeddrive.analysis.friction_map import FrictionMap
     from feeddrive.blocks.families import Friction
-    from feeddrive.identification.friction_curve import FrictionCurve
-    from feeddrive.identification.steady_runs import SteadyRuns
+    from feeddrive.identification.friction_curve import FrictionCurve, SteadyRuns
     from feeddrive.loop.loop import Loop
     from feeddrive.loop.simulate import Run
 

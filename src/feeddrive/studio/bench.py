@@ -40,7 +40,7 @@ _REST = ("tracking_error", "force")  # of the rope snap
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """An axis.
+    """The axis that a page works on, with its controls and models.
 
     title    what it is, for a person
     by_hand  its control at its operating points
@@ -67,25 +67,25 @@ class Bench:
 
     @property
     def before(self) -> ByHand:
-        """Today's control at the same points."""
+        """Today's control at the same operating points."""
         return self.today or self.by_hand
 
     def with_control(self, control: Control) -> Bench:
-        """The same axis with another control to begin with; today's stays what it is compared with."""
+        """Return the same axis with another control to start from; today's control stays the reference."""
         return replace(self, by_hand=ByHand(control, self.by_hand.points, self.by_hand.limits), today=self.before)
 
     @property
     def loop(self) -> Loop | None:
-        """Axis and today's control, of a machine file."""
+        """Axis and today's control, of a machine file; None without one."""
         return None if self.machine is None else self.machine.loops[self.axis]
 
     @property
     def rotary(self) -> bool:
-        """Whether the axis turns."""
+        """True if the axis turns."""
         return self.loop is not None and self.loop.axis.rotary
 
     def needed_loop(self) -> Loop:
-        """The loop. Raises ParameterError for measured responses without a machine, with what to do."""
+        """The loop. Raises ParameterError, with what to do, for measured responses without a machine."""
         if self.loop is None:
             raise ParameterError(
                 "a measured response alone moves no axis: bring today's machine file too, or identify one from it"
@@ -94,19 +94,19 @@ class Bench:
 
     @cached_property
     def duty(self) -> Duty:
-        """The work of a comparison of laws on this axis. Raises ParameterError without a machine."""
+        """The duty of a comparison of laws on this axis. Raises ParameterError without a machine."""
         return duty_of(self.needed_loop(), None, None)
 
     @cached_property
     def work(self) -> tuple[Reference, StepForce, float]:
-        """A move and then a force on the table that comes and goes, within the limits of the machine; how long, s."""
+        """A move followed by a force pulse on the table, within the limits of the machine, and the duration in s."""
         duty = self.duty
         pause = max(0.25 * duty.move.duration, 0.05)
         begin = duty.move.duration + pause
         return duty.move, StepForce(force=duty.force, start=begin, end=begin + pause), begin + 2.0 * pause
 
     def run(self, control: Control, name: str) -> Run:
-        """The move and the force under a control, with friction, counts and limits.
+        """Simulate the move and the force under a control, with friction, counts and limits.
 
         Raises DivergedError if the axis leaves its bounds, ParameterError without a machine.
         """
@@ -115,7 +115,8 @@ class Bench:
         return simulate(loop, reference, load=load, duration=duration, record=_SIGNALS, name=name)
 
     def snap(self, control: Control, name: str) -> Run:
-        """A rope pulls the table back at rest, and is cut at `duty.begin`; with friction, counts and limits.
+        """Simulate a rope that pulls the table back at rest and is cut at `duty.begin`; with friction, counts and
+        limits.
 
         Raises DivergedError if the axis leaves its bounds, ParameterError without a machine.
         """
@@ -124,7 +125,7 @@ class Bench:
         return simulate(loop, duty.still(), load=duty.snap, duration=duration, record=_REST, name=name)
 
     def linear(self, control: Control) -> StateSpace:
-        """The linear loop from the set position to the table. Raises ParameterError without a machine."""
+        """Return the linear loop from the set position to the table. Raises ParameterError without a machine."""
         return linearize(replace(self.needed_loop(), control=control), ["set_position"], ["position_load"])
 
     @cached_property
@@ -135,13 +136,13 @@ class Bench:
         return linearize(self.needed_loop(), ["cut"], READINGS)
 
     def overlays(self, place: str) -> tuple[Overlay, ...]:
-        """The responses of the axis to the command at one of its places: measured, of the machine, or both."""
+        """Return the responses of the axis to the command at one operating point: measured, of the machine, or both."""
         if place not in self._overlays:
             self._overlays[place] = tuple(self._overlaid(next(p for p in self.by_hand.points if p.name == place)))
         return self._overlays[place]
 
     def friction_shown(self, units: Units) -> Chart | None:
-        """Friction over velocity, of the machine and as it was measured; None without a machine."""
+        """Return friction over velocity, of the machine and as measured; None without a machine."""
         if self.loop is None:
             return None
         if units not in self._frictions:
@@ -172,16 +173,19 @@ class Bench:
             yield Overlay(reading.replace("_", " of the "), measured, own if same else None, own)
 
     def text(self, values: Mapping[str, float]) -> str:
-        """The machine file with the control at some values; all else as it is written there."""
+        """Return the machine file with the control at some values; all else is unchanged."""
         self.needed_loop()
         assert self.machine is not None
         return machine_text(self.machine, self.axis, self.by_hand.control(values))
 
 
 def bench_of(
-    machine: MachineLike, axis: str | None = None, limits: Limits | None = None, at: Sequence[MachineLike] = (),
-) -> Bench:  # fmt: skip
-    """The bench of an axis of a machine file.
+    machine: MachineLike,
+    axis: str | None = None,
+    limits: Limits | None = None,
+    at: Sequence[MachineLike] = (),
+) -> Bench:
+    """Return the bench of an axis of a machine file.
 
     at  the same axis at other positions or loads, in machine files of their own
 
@@ -191,10 +195,11 @@ def bench_of(
     name = file.named(axis)
     loop = file.loops[name]
     files = [file, *map(read_machine, at)]
-    names = told_apart((each.name, stem(each)) for each in files)
-    loops = [loop, *(each.loop(axis or name) for each in files[1:])]
+    names = told_apart((other.name, stem(other)) for other in files)
+    loops = [loop, *(other.loop(axis or name) for other in files[1:])]
     points = [
-        modelled_point(replace(each, control=loop.control), named) for each, named in zip(loops, names, strict=True)
+        modelled_point(replace(modelled, control=loop.control), named)
+        for modelled, named in zip(loops, names, strict=True)
     ]
     by_hand = ByHand(loop.control, points, limits)
     return Bench(
@@ -203,11 +208,18 @@ def bench_of(
 
 
 def bench_of_responses(
-    source: FrfLike, *, at: Sequence[FrfLike] = (), motor: str | None = None, baseline: MachineLike | None = None,
-    axis: str | None = None, unit: str | None = None, sample_time: float | None = None, delay: float = 0.0,
+    source: FrfLike,
+    *,
+    at: Sequence[FrfLike] = (),
+    motor: str | None = None,
+    baseline: MachineLike | None = None,
+    axis: str | None = None,
+    unit: str | None = None,
+    sample_time: float | None = None,
+    delay: float = 0.0,
     limits: Limits | None = None,
-) -> Bench:  # fmt: skip
-    """The bench of measured responses: today's control of a machine file, or a P-PI by robust margins to begin with.
+) -> Bench:
+    """Return the bench of measured responses: today's control of a machine file, or a P-PI tuned by robust margins.
 
     Raises ParameterError for what does not fit, with what to do.
     """
@@ -225,8 +237,8 @@ def bench_of_responses(
     )
     points, remarks = points_of(sources, loop, Progress())
     control, begun = first_control(None, loop, points)
-    measured = [each for each in points if isinstance(each, OperatingPoint)]
-    said = [*remarks, *([f"to begin with: {begun}"] if begun else [])]
+    measured = [point for point in points if isinstance(point, OperatingPoint)]
+    all_remarks = [*remarks, *([f"to begin with: {begun}"] if begun else [])]
     title = Path(str(source)).name + ("" if machine is None else f", {machine.name}, axis {name}")
     return Bench(
         title,
@@ -234,12 +246,12 @@ def bench_of_responses(
         sources,
         machine,
         name,
-        tuple(said),
+        tuple(all_remarks),
         from_machine=False,
         file=_named(baseline or ""),
     )
 
 
 def _named(machine: MachineLike) -> str | Path:
-    """A machine as commands name it."""
+    """Return a machine as commands name it."""
     return machine.file.name if isinstance(machine, MachineFile) else machine

@@ -37,7 +37,7 @@ _EVERY = ("0.0.0.0", "::")  # all addresses of the machine
 
 
 def _local(host: str) -> bool:
-    """Whether only this machine reaches an address."""
+    """True if an address can be reached from this machine only."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -45,14 +45,14 @@ def _local(host: str) -> bool:
 
 
 def _prepare(bench: Bench, folder: Path) -> None:
-    """Compute the first pictures once: what they need is then imported and compiled when the page asks."""
+    """Compute the first pictures once, so that imports and compilation are done before the page asks."""
     desk = Desk(folder)
     desk.put(bench)
     Tune(desk).show()
 
 
 class StudioRequest(Request):
-    """Which axis is opened, and where the page listens."""
+    """The axis to open, and the address at which the page is served."""
 
     source: str | None = argument(
         "A machine file (TOML), the name of a bundled machine, a log, frequency responses or a part program; none: the "
@@ -84,7 +84,7 @@ class StudioRequest(Request):
     no_browser: bool = option("open no browser: print the address alone", default=False)
 
     def check(self) -> None:
-        """Raise ParameterError for a page that is open to the network without a password, and for two beginnings."""
+        """Raise ParameterError for a page that is open to the network without a password, and for two start sources."""
         if self.tour and self.source is not None:
             raise ParameterError(f"--tour brings a log of its own: leave {self.source} out, and bring it afterwards")
         if self.password_file is None and not _local(self.host):
@@ -98,7 +98,7 @@ class StudioRequest(Request):
 
 @command(StudioRequest)
 def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench | None]:
-    """Open a page on which an axis is brought, looked at, tuned, proven and taken away, and serve it until Ctrl-C.
+    """Serve a page on which an axis is imported, inspected, tuned, proven and exported, until Ctrl-C.
 
     Raises MissingExtraError without the extra `studio`; ParameterError for a port that is taken, and where the page was
     not built.
@@ -131,7 +131,7 @@ def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench | None]:
 
 @contextmanager
 def writable(folder: Path) -> Generator[None]:
-    """The folder is there, and the temporary files of readers stand in it too.
+    """Create the folder and direct the temporary files of readers into it.
 
     Raises FileError for one that cannot be written, with what to do.
     """
@@ -152,26 +152,28 @@ def writable(folder: Path) -> Generator[None]:
 
 
 def listening(host: str, port: int) -> socket.socket:
-    """A socket at an address. Raises ParameterError for one that is taken or not of this machine."""
+    """Return a socket at an address. Raises ParameterError if the port is taken or the address is
+    not of this machine.
+    """
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        made = socket.socket(family)
+        server = socket.socket(family)
         if (
             os.name == "posix"
         ):  # a port that was in use a moment ago is free; Windows would share it with another server
-            made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            made.bind(address)
-            made.listen()
+            server.bind(address)
+            server.listen()
         except OSError:
-            made.close()
+            server.close()
             raise
     except OSError as error:
         raise ParameterError(
             f"--host {host} --port {port}: cannot be used ({error.strerror}): choose another one, or port 0 for a "
             "free one"
         ) from None
-    return made
+    return server
 
 
 def serve_at(
@@ -182,11 +184,11 @@ def serve_at(
     brought: tuple[Path, ...],
     progress: Progress,
 ) -> None:
-    """Serve the page at a socket until Ctrl-C, which ends the work of all pages too."""
+    """Serve the page at a socket until Ctrl-C, which ends the jobs of all pages too."""
     port = at.getsockname()[1]
     named = f"[{request.host}]" if ":" in request.host else request.host
     every = port if request.host in _EVERY else None
-    hosts = tuple(f"{each}:{port}" for each in (named, "localhost", socket.gethostname()))
+    hosts = tuple(f"{host_name}:{port}" for host_name in (named, "localhost", socket.gethostname()))
     door = Door(hosts if password else hosts[:2], password, every)
     address, ended = f"http://{named if every is None else socket.gethostname()}:{port}/", threading.Event()
 

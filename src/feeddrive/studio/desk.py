@@ -33,7 +33,7 @@ _ANOTHER = "This is of a control that was changed since: do it again for the con
 
 
 def free_name(folder: Path, name: str, content: bytes | None = None) -> Path:
-    """A path in a folder that is not taken, or that has this content already: name.toml, name_2.toml, ..."""
+    """Return a path in a folder that is not taken, or that already has this content: name.toml, name_2.toml, ..."""
     path, count = folder / name, 1
     while path.exists() and (content is None or not path.is_file() or path.read_bytes() != content):
         count += 1
@@ -43,7 +43,7 @@ def free_name(folder: Path, name: str, content: bytes | None = None) -> Path:
 
 @dataclass(frozen=True)
 class Step:
-    """One thing that was done: a command of the workflow with its request.
+    """A completed step: a command of the workflow with its request.
 
     control  that its results are of; None if they are of none
     epoch    of the source on the desk
@@ -57,7 +57,7 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """A control as it was: what is undone, redone, and kept to compare.
+    """A stored control, for undo, redo and comparison.
 
     bench  with the parts of the control
     base, written  the machine file that it is written into, and the control there
@@ -70,16 +70,16 @@ class Held:
 
     @property
     def control(self) -> Control:
-        """The control itself."""
+        """The control."""
         return self.bench.by_hand.control(self.values)
 
     def same(self, other: Held) -> bool:
-        """Whether parts and numbers are the same."""
+        """True if parts and numbers are the same."""
         return self.bench.by_hand is other.bench.by_hand and self.values == other.values
 
 
 class Desk:
-    """The state of one page. It is not shared: what one page moves, no other one sees.
+    """The state of one page. It is not shared between pages.
 
     folder    its own: what was brought stands in `brought`, results beside it
     bench     what is tuned; None before something was brought
@@ -98,7 +98,7 @@ class Desk:
 
     def __init__(self, folder: Path, brought: tuple[Path, ...] = (), live: Followable | None = None) -> None:
         self.folder, self.brought = folder, brought
-        self.files = {each.name: each for each in brought}
+        self.files = {path.name: path for path in brought}
         self.live = live or Followable()
         self.bench: Bench | None = None
         self.epoch = 0
@@ -121,7 +121,7 @@ class Desk:
         self.begun: Callable[[str, str, Callable[[Progress], Any], Callable[[Any], None], Callable[[Found], None]], Job]
 
     def put(self, bench: Bench) -> None:
-        """Work on another source: all rooms begin anew. Raises ParameterError while a job runs."""
+        """Work on another source: all rooms start over. Raises ParameterError while a job runs."""
         self.check_free()
         self.bench, self.epoch = bench, self.epoch + 1
         self.values, self.base, self.written = bench.by_hand.values, bench.file, bench.before.start
@@ -131,24 +131,24 @@ class Desk:
 
     @property
     def needed(self) -> Bench:
-        """The bench. Raises ParameterError before something was brought."""
+        """The bench. Raises ParameterError before a source was opened."""
         if self.bench is None:
             raise ParameterError("there is no axis yet: bring a machine file, a log or a frequency response first")
         return self.bench
 
     def change(self, wanted: Mapping[str, float], *, begins: bool = True) -> None:
-        """Other numbers; of a drag only the first change `begins` a step to undo. Raises ParameterError for bounds."""
-        made = self.needed.by_hand.control(wanted)
+        """Change numbers; in a drag only the first change `begins` an undo step. Raises ParameterError for bounds."""
+        control = self.needed.by_hand.control(wanted)
         self._begins = self._begins or begins
         if dict(wanted) == self.values:
             return
         if self._begins:
             self._remember()
         self.values, self._begins = dict(wanted), False
-        self._made = self.needed.by_hand, self.values, made
+        self._made = self.needed.by_hand, self.values, control
 
     def exchange(self, control: Control, file: Path | None = None) -> None:
-        """Go on with a control that may have other parts: a step to undo.
+        """Continue with a control that may have other parts, as an undo step.
 
         file  a machine file in which a command has written it
 
@@ -169,13 +169,13 @@ class Desk:
         self.base, self.written = self._kept(bench), control
 
     def _kept(self, bench: Bench) -> str | Path:
-        """A machine file with a control that was found, for what is done next."""
+        """Return a machine file with a computed control, for the steps that follow."""
         if bench.machine is None:
             return bench.file
         return self.keep("begun.toml", bench.text(self.values).encode(), _NOT_MADE)
 
     def keep(self, name: str, content: bytes, what: str) -> Path:
-        """Write a file that no command writes, so that who repeats what was done is told to keep it.
+        """Write a file that no command writes, and note in the recipe that it must be kept.
 
         It has the name, or a number behind it if that is taken by another one.
         """
@@ -185,37 +185,39 @@ class Desk:
         return path
 
     def held(self) -> Held:
-        """The control of now, to be kept."""
+        """Return the current control, to be stored."""
         bench = self.needed
         return Held(bench, dict(self.values), self.base, self.written or bench.before.start)
 
     def said_of(self, held: Held, words: Mapping[str, Any]) -> dict[str, Any]:
-        """What was said of a control, with a sentence before it if another one is on the desk now."""
+        """Return the result of a control, marked by a sentence if the current control is another one."""
         same = held.same(self.held())
         return {**words, "said": [*([] if same else [_ANOTHER]), *words["said"]]}
 
     def results(self) -> dict[str, str]:
-        """Directories with results of this source, by name, latest last: a sentence if one is of another control."""
-        found = dict[str, str]()
-        for each in self.done:
-            out = getattr(each.request, "out", None)
-            if each.control is None or each.epoch != self.epoch or not isinstance(out, Path):
+        """Return directories with results of this source, by name, latest last, with a sentence if one is of another
+        control.
+        """
+        directories = dict[str, str]()
+        for step in self.done:
+            out = getattr(step.request, "out", None)
+            if step.control is None or step.epoch != self.epoch or not isinstance(out, Path):
                 continue
             if out.parent == self.folder and out.is_dir():
-                found.pop(out.name, None)
-                changed = difference(each.control, self.control)
-                found[out.name] = "" if changed is not None and changed.nothing else _ANOTHER
-        return found
+                directories.pop(out.name, None)
+                changed = difference(step.control, self.control)
+                directories[out.name] = "" if changed is not None and changed.nothing else _ANOTHER
+        return directories
 
     def restore(self, held: Held) -> None:
-        """Go to a control that was kept: a step to undo."""
+        """Return to a stored control, as an undo step."""
         if not held.same(self.held()):
             self._remember()
             self._become(held)
 
     @contextmanager
     def tried(self) -> Generator[None]:
-        """What is done within; if it raises, the control of before and its steps stand again."""
+        """Run a block; if it raises, restore the previous control and its steps."""
         if self.bench is None:
             yield
             return
@@ -251,38 +253,42 @@ class Desk:
         self._begins = True
 
     def did(self, command: str, request: Request, control: Control | None = None) -> None:
-        """Keep what was done, for those who want it as commands, and the control that its results are of."""
+        """Record a completed step for the recipe, with the control that its results belong to."""
         self.done.append(Step(command, request, control, self.epoch))
 
     def said_again(self, known: Request, request: Request, *, also: bool) -> None:
-        """In the place of a step that was done stands a request that does more, so that it meets the same files.
+        """Replace the request of a completed step by one that does more, so that a repetition meets the same files.
 
         also  beside the step, and not instead of it
         """
-        place = next(k for k, each in enumerate(self.done) if each.request is known)
+        place = next(k for k, step in enumerate(self.done) if step.request is known)
         self.done[place + also : place + 1] = [replace(self.done[place], request=request)]
 
     def take(self, control: Control, file: Path | None = None) -> None:
-        """Go on with a control that was found: a step that can be undone.
+        """Continue with a computed control, as an undo step.
 
         file  a machine file in which a command has written it, if there is one
         """
-        found = difference(self.needed.by_hand.start, control)
-        if found is not None and not (found.removed or found.added) and found.values.keys() <= self.values.keys():
+        changes = difference(self.needed.by_hand.start, control)
+        if (
+            changes is not None
+            and not (changes.removed or changes.added)
+            and changes.values.keys() <= self.values.keys()
+        ):
             self.change({name: float(value) for name, value in tree.leaves(control) if name in self.values})
         else:
             self.exchange(control, file)
 
     @property
     def control(self) -> Control:
-        """The control of now."""
+        """The current control."""
         by_hand, known = self.needed.by_hand, self._made
         if known is None or known[0] is not by_hand or known[1] is not self.values:
             known = self._made = by_hand, self.values, by_hand.control(self.values)
         return known[2]
 
     def adjusted(self) -> AdjustRequest | None:
-        """What writes the control of now into the machine file; None if it stands there.
+        """Return the request that writes the current control into the machine file; None if it is written already.
 
         Raises ParameterError without a machine.
         """
@@ -294,12 +300,16 @@ class Desk:
         if not any(fields.values()):
             return None
         return AdjustRequest(
-            self.base, set=fields["set"], add=fields["add"], remove=fields["remove"], axis=bench.axis,
+            self.base,
+            set=fields["set"],
+            add=fields["add"],
+            remove=fields["remove"],
+            axis=bench.axis,
             out=self.folder / "machine.toml",
-        )  # fmt: skip
+        )
 
     def machine_path(self) -> str | Path:
-        """A machine file with the control of now: that to begin with, or one that is written into the folder.
+        """Return a machine file with the current control: the initial file, or one that is written into the folder.
 
         Raises ParameterError without a machine.
         """
@@ -311,18 +321,18 @@ class Desk:
         return path
 
     def not_yet_done(self) -> AdjustRequest | None:
-        """What writes the control of now into the machine file, unless the last step that wrote this file did so.
+        """Return the request that writes the current control, unless the last step that wrote this file did so.
 
         Raises ParameterError without a machine.
         """
         request = self.adjusted()
         if request is None:
             return None
-        writers = [each.request for each in self.done if getattr(each.request, "out", None) == request.out]
+        writers = [step.request for step in self.done if getattr(step.request, "out", None) == request.out]
         return None if writers and writers[-1] == request else request
 
     def write_machine(self) -> Path:
-        """The machine file with the control of now, written into the folder.
+        """Write the machine file with the current control into the folder.
 
         Raises ParameterError without a machine, and while a job may yet read the one that stands there.
         """
@@ -333,7 +343,7 @@ class Desk:
         return path
 
     def machine(self) -> MachineFile:
-        """The machine with the control of now."""
+        """Return the machine with the current control."""
         from feeddrive.files.machine import read_machine
 
         return read_machine(self.machine_path())
@@ -344,30 +354,34 @@ class Desk:
             raise ParameterError(f"{self.job.state.what} is running: wait for its end, or cancel it")
 
     def start(
-        self, room: str, what: str, work: Callable[[Progress], T], then: Callable[[T], None],
-        found: Callable[[Found], None] = lambda _: None,
-    ) -> None:  # fmt: skip
-        """Begin a long work in a process of its own: `work` and what it gives can be pickled.
+        self,
+        room: str,
+        what: str,
+        work: Callable[[Progress], T],
+        then: Callable[[T], None],
+        improved: Callable[[Found], None] = lambda _: None,
+    ) -> None:
+        """Start a long-running job in its own process. The job and its result must be picklable.
 
-        `then(result)` and `found(report)` are called in the session; after each the room is shown again. Raises
+        `then(result)` and `improved(report)` are called in the session; after each the room is shown again. Raises
         ParameterError while another job runs.
         """
         self.check_free()
-        self.job = self.begun(room, what, work, then, found)
+        self.job = self.begun(room, what, work, then, improved)
 
     def cancel(self) -> None:
-        """Stop the job, if one runs."""
+        """Cancel the job, if one runs."""
         if self.job is not None:
             self.job.cancel()
 
     def job_state(self) -> JobState | None:
-        """Of the last job."""
+        """Return the state of the last job."""
         return None if self.job is None else self.job.state
 
     def close(self) -> None:
-        """End what runs."""
+        """Stop all running work."""
         with suppress(Exception):
             if self.job is not None:
                 self.job.kill()
-        for each in self.closing:
-            each()
+        for close in self.closing:
+            close()

@@ -21,14 +21,14 @@ _LOOP = "loop"  # loop.0, loop.1: poles of the closed loop
 
 
 class HeldPoles:
-    """The poles of the control of now that can be moved. Poles of the loop keep their names while they move."""
+    """The movable poles of the current control. Poles of the loop keep their names while they move."""
 
     def __init__(self, desk: Desk) -> None:
         self.desk = desk
         self._named: dict[str, complex] = {}
 
     def shown(self, units: Units) -> tuple[list[dict[str, Any]], str]:
-        """Where each one is held: Hz across, and a height in the unit of the picture; and in a sentence what they are.
+        """Return the handles, Hz across and a height in the unit of the picture, and a sentence that explains them.
 
         Nothing without a machine.
         """
@@ -37,20 +37,20 @@ class HeldPoles:
             return [], ""
         placed, nyquist = placed_poles(self.desk.control), 0.5 / float(bench.loop.sample_time)
         if placed:
-            said = (
+            sentence = (
                 "Dragged are the poles that the law places; the crosses are those of the sampled loop, with delay, "
                 "filters and modes that the law does not know."
             )
-            return [_grip(each.name, each.label, each.s, nyquist, units) for each in placed], said
-        names, found = self._gains(), self._of_loop()
-        if not found:
+            return [_grip(pole.name, pole.label, pole.s, nyquist, units) for pole in placed], sentence
+        names, loop_poles = self._gains(), self._of_loop()
+        if not loop_poles:
             return [], "No gain of this law moves a pole by itself: move its numbers."
         moved = f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
-        said = f"Dragged are poles of the loop; {moved} follow with the smallest change that takes the pole there."
-        return [_grip(name, "pole of the loop", s, nyquist, units) for name, s in found], said
+        sentence = f"Dragged are poles of the loop; {moved} follow with the smallest change that takes the pole there."
+        return [_grip(name, "pole of the loop", s, nyquist, units) for name, s in loop_poles], sentence
 
     def moved(self, name: str, s: complex) -> Values:
-        """The numbers with which a pole is at a place (1/s), as near as they take it. Raises ParameterError."""
+        """Return the gains that bring a pole as near as possible to a position (1/s). Raises ParameterError."""
         if not np.isfinite(abs(s)):
             raise ParameterError("a pole must be taken to a finite place")
         if not name.startswith(f"{_LOOP}."):
@@ -61,11 +61,11 @@ class HeldPoles:
             raise ParameterError(f"there is no pole '{name:.60}' that the gains move")
         axis, model, gains = self._loop()
         values, self._named[name] = pole_moved(axis, model, gains, self._named[name], s)
-        return {each: float(f"{value:.6g}") for each, value in zip(self._gains(), values, strict=True)}
+        return {gain: float(f"{value:.6g}") for gain, value in zip(self._gains(), values, strict=True)}
 
     def at(self, name: str) -> complex:
-        """Where a pole is, 1/s. Raises ParameterError for one that there is not."""
-        placed = {each.name: each.s for each in placed_poles(self.desk.control)}
+        """Return the position of a pole, 1/s. Raises ParameterError for an unknown one."""
+        placed = {pole.name: pole.s for pole in placed_poles(self.desk.control)}
         now = placed.get(name, self._named.get(name))
         if now is None:
             raise ParameterError(f"there is no pole '{name:.60}' that can be moved")
@@ -85,9 +85,9 @@ class HeldPoles:
         bench, values, names = self.desk.needed, self.desk.values, self._gains()
 
         def model(gains: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            found = bench.by_hand.model({**values, **dict(zip(names, gains, strict=True))}, names)
-            assert found is not None  # `_of_loop` has seen to it
-            return found
+            modelled = bench.by_hand.model({**values, **dict(zip(names, gains, strict=True))}, names)
+            assert modelled is not None  # `_of_loop` has seen to it
+            return modelled
 
         return bench.mechanics, model, np.array([values[name] for name in names])
 
@@ -98,10 +98,10 @@ class HeldPoles:
             return []
         there, before = list[LoopPole](loop_poles(*self._loop())), dict(self._named)
         self._named = {}
-        for name, s in sorted(before.items(), key=lambda each: _distance(there, each[1])):
+        for name, s in sorted(before.items(), key=lambda item: _distance(there, item[1])):
             nearest = nearest_pole(there, s)
             if nearest is not None:
-                there = [each for each in there if each is not nearest]
+                there = [pole for pole in there if pole is not nearest]
                 self._named[name] = nearest.s
         fresh = (f"{_LOOP}.{i}" for i in range(len(before) + len(there)) if f"{_LOOP}.{i}" not in self._named)
         self._named |= {name: pole.s for name, pole in zip(fresh, there, strict=False)}
@@ -113,10 +113,15 @@ def _grip(name: str, label: str, s: complex, nyquist: float, units: Units) -> di
     hertz, ratio = abs(s) / (2.0 * np.pi), -s.real / abs(s)
     text = Text(f"{Quantity(hertz, 'Hz')}, damping ratio {number(ratio, 3)}").shown(units)
     return {
-        "name": name, "label": label, "text": text, "low": -nyquist, "high": nyquist, "x": s.real / (2.0 * np.pi),
+        "name": name,
+        "label": label,
+        "text": text,
+        "low": -nyquist,
+        "high": nyquist,
+        "x": s.real / (2.0 * np.pi),
         "y": factor * s.imag / (2.0 * np.pi),
-    }  # fmt: skip
+    }
 
 
 def _distance(poles: Sequence[LoopPole], s: complex) -> float:
-    return min((abs(each.s - s) for each in poles), default=0.0)
+    return min((abs(pole.s - s) for pole in poles), default=0.0)

@@ -30,7 +30,7 @@ _POINTS = 400  # of a preview
 
 @dataclass(frozen=True, eq=False)
 class Understood:
-    """What was understood of a file.
+    """The content of a file, as far as it could be read.
 
     name, kind  of the file
     axes        of a machine
@@ -55,17 +55,17 @@ class Understood:
 
 
 def understand(paths: Sequence[Path], progress: Progress) -> list[Understood]:
-    """What each file is. It raises for none of them: what is wrong is said of the file."""
-    found = list[Understood]()
+    """Inspect files. Raises for none of them: errors are reported with their file."""
+    contents = list[Understood]()
     for i, path in enumerate(paths):
         progress.step(f"reading {path.name}", i, len(paths))
         try:
-            found.append(_understood(path, progress))
+            contents.append(_understood(path, progress))
         except FeeddriveError as error:
-            found.append(Understood(path.name, UNKNOWN, wrong=str(error).replace(str(path), path.name)))
+            contents.append(Understood(path.name, UNKNOWN, wrong=str(error).replace(str(path), path.name)))
         except Exception as error:
-            found.append(Understood(path.name, UNKNOWN, wrong=fault(error)))
-    return found
+            contents.append(Understood(path.name, UNKNOWN, wrong=fault(error)))
+    return contents
 
 
 def _understood(path: Path, progress: Progress) -> Understood:
@@ -80,9 +80,9 @@ def _understood(path: Path, progress: Progress) -> Understood:
 
     outcome = load("channels").run(load("channels").request(path), progress)
     tables = tuple(
-        replace(each, title=each.title.replace(str(path), path.name))
-        for each in outcome.tables
-        if isinstance(each, Table)
+        replace(table, title=table.title.replace(str(path), path.name))
+        for table in outcome.tables
+        if isinstance(table, Table)
     )
     file = OpenedFile(path)
     if names_frequency(file):

@@ -37,13 +37,13 @@ _CONTEXT = multiprocessing.get_context("spawn")
 
 
 def end_all() -> None:
-    """End the work of all pages, that which waits for a processor too, as at the end of the server."""
-    for each in tuple(_GOING):
-        each.kill()
+    """End the jobs of all pages, also those that wait for a processor, when the server stops."""
+    for job in tuple(_GOING):
+        job.kill()
 
 
 def perform(command: str, request: Request, progress: Progress) -> Outcome[Any]:
-    """The work of a command of the workflow, by name."""
+    """Run a command of the workflow, by name."""
     from feeddrive.workflow.command import load
 
     return load(command).run(request, progress)
@@ -51,7 +51,7 @@ def perform(command: str, request: Request, progress: Progress) -> Outcome[Any]:
 
 @dataclass(frozen=True)
 class JobState:
-    """Where a job stands.
+    """The progress of a job.
 
     room, what   that began it, and what it does
     state        waiting, running, done, failed or canceled
@@ -72,32 +72,37 @@ class JobState:
 
     @property
     def going(self) -> bool:
-        """Whether it has not ended."""
+        """True until the job has ended."""
         return self.state in (WAITING, RUNNING)
 
 
 @dataclass(frozen=True)
 class Found:
-    """The best that a search has found so far, and what it costs."""
+    """The best result of a search so far, and its cost."""
 
     cost: float
     best: Any
 
 
 class Job:
-    """One work in a process of its own.
+    """A job in its own process.
 
     heard(state)   after each report, from a thread of the job
-    found(value)   of each `Found`
+    improved(value)  for each `Found`
     ended(result)  once, if the work came to its end
     """
 
     def __init__(
-        self, room: str, what: str, work: Work, heard: Callable[[JobState], None], found: Callable[[Found], None],
+        self,
+        room: str,
+        what: str,
+        work: Work,
+        heard: Callable[[JobState], None],
+        improved: Callable[[Found], None],
         ended: Callable[[Any], None],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.state = JobState(room, what)
-        self._work, self._heard, self._found, self._ended = work, heard, found, ended
+        self._work, self._heard, self._found, self._ended = work, heard, improved, ended
         self._stop = threading.Event()  # of this process: one that is killed may leave a shared one locked
         self._over = threading.Event()
         self._begun = time.monotonic()
@@ -106,25 +111,25 @@ class Job:
         self._thread = threading.Thread(target=self._follow, daemon=True)
 
     def start(self) -> None:
-        """Begin, as soon as a processor is free for it."""
+        """Start as soon as a processor is free."""
         _GOING.add(self)
         self._thread.start()
 
     def cancel(self) -> None:
-        """Ask the work to stop; if it does not, end its process."""
+        """Ask the job to stop; if it does not, end its process."""
         if not self._stop.is_set():
             self._stop.set()
             threading.Thread(target=self._end, daemon=True).start()
 
     def kill(self) -> None:
-        """End its process at once, as at the end of the server; work that has not begun never does."""
+        """End the process at once, when the server stops; a job that has not started never starts."""
         with _BEGIN:
             self._stop.set()
             if self._process is not None:
                 self._process.kill()
 
     def join(self, seconds: float | None = None) -> None:
-        """Wait for its end."""
+        """Wait for the end of the job."""
         self._thread.join(seconds)
 
     def _end(self) -> None:
@@ -177,8 +182,8 @@ class Job:
             if self._stop.is_set():
                 self._say(state=CANCELLED)
             else:
-                said = f"{self.state.what} ended without a word: it was killed, or memory ran out; begin it again"
-                self._say(state=FAILED, error=said)
+                message = f"{self.state.what} ended without a word: it was killed, or memory ran out; begin it again"
+                self._say(state=FAILED, error=message)
         except Exception as error:  # in what a room made of a report
             self.kill()
             self._say(state=FAILED, error=fault(error))
@@ -188,18 +193,18 @@ class Job:
                 ours.close()
             process.join()
 
-    def _take(self, kind: str, *given: Any) -> bool:
-        """One report; False after the last."""
+    def _take(self, kind: str, *payload: Any) -> bool:
+        """Handle one report; False after the last."""
         if kind == "step":
-            step, done, of = given
+            step, done, of = payload
             self._say(step=step, done=done, of=of)
         elif kind == "remark":
-            self._say(remarks=(*self.state.remarks, given[0]))
+            self._say(remarks=(*self.state.remarks, payload[0]))
         elif kind == "found":
-            self._found(given[0])
+            self._found(payload[0])
         elif kind == "done":
             try:
-                self._ended(given[0])
+                self._ended(payload[0])
             except FeeddriveError as error:
                 self._say(state=FAILED, error=str(error))
             except Exception as error:
@@ -209,12 +214,12 @@ class Job:
         elif kind == "canceled":
             self._say(state=CANCELLED)
         else:
-            self._say(state=FAILED, error=given[0])
+            self._say(state=FAILED, error=payload[0])
         return kind in ("step", "remark", "found")
 
 
 class _Reporting(Progress):
-    """The progress of the process: each report goes to the page, steps not too often."""
+    """The progress within the process: reports go to the page, steps at a limited rate."""
 
     def __init__(self, pipe: Connection) -> None:
         super().__init__()
@@ -233,7 +238,7 @@ class _Reporting(Progress):
         return self._cancelled.is_set()
 
     def flush(self) -> None:
-        """Send what was held back: the best that was found since the last report."""
+        """Send what was held back: the best result since the last report."""
         if self._held is not None:
             self._pipe.send(("found", self._held))
             self._held = None
@@ -258,9 +263,9 @@ class _Reporting(Progress):
 
 
 def fault(error: Exception) -> str:
-    """An error that feeddrive did not foresee, in one sentence with its place."""
+    """Describe an unexpected exception in one sentence with its place."""
     last = traceback.extract_tb(error.__traceback__)[-1:]
-    place = "".join(f" in {Path(each.filename).name}, line {each.lineno}" for each in last)
+    place = "".join(f" in {Path(frame.filename).name}, line {frame.lineno}" for frame in last)
     return str(Text(f"a fault in feeddrive, please report it: {type(error).__name__}{place}: {error}"))
 
 
@@ -270,7 +275,7 @@ def _child(work: Work, pipe: Connection) -> None:
         progress = _Reporting(pipe)
         try:
             try:
-                found = work(progress)
+                result = work(progress)
             finally:
                 progress.flush()
         except CancelledError:
@@ -283,4 +288,4 @@ def _child(work: Work, pipe: Connection) -> None:
             pipe.send(("failed", fault(error)))
             raise
         else:
-            pipe.send(("done", found))
+            pipe.send(("done", result))

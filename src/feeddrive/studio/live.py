@@ -26,7 +26,7 @@ _FILE, _DRIVE, _OF_PIPE = "table that grows", "drive, sampled and not moved", "p
 
 @dataclass(frozen=True)
 class Offered:
-    """Something that may be followed: its kind in words, and the folder that it must not leave."""
+    """A source that may be followed: its kind in words, and the folder that it must not leave."""
 
     path: Path
     kind: str
@@ -34,7 +34,7 @@ class Offered:
 
 
 class Followable:
-    """What may be followed: what was named on the command line, and tables that stand directly in the folder.
+    """The sources that may be followed: those named on the command line, and tables directly in the folder.
 
     A page names one of them by its text and nothing else, so that it reaches no other file and no other bus.
 
@@ -47,30 +47,30 @@ class Followable:
 
     @property
     def hint(self) -> str:
-        """How something else comes among them, as a sentence."""
+        """A sentence on how to add another source."""
         where = "" if self._folder is None else f", or write a table into {self._folder}"
         return f"Others: name them with --follow when feeddrive studio is started{where}."
 
     def offered(self) -> dict[str, Offered]:
-        """All of it, by its text."""
-        found = dict[str, Offered]()
+        """Return all sources, by their text."""
+        sources = dict[str, Offered]()
         for path in self._named:
             kind = _OF_PIPE if str(path) == PIPE else _DRIVE if path.suffix.lower() == ".toml" else _FILE
-            found[str(path)] = Offered(path, kind)
+            sources[str(path)] = Offered(path, kind)
         if self._folder is not None and self._folder.is_dir():
             with os.scandir(self._folder) as listed:
-                there = [(each.stat(follow_symlinks=False).st_mtime, each.path) for each in listed if _table(each)]
+                there = [(entry.stat(follow_symlinks=False).st_mtime, entry.path) for entry in listed if _table(entry)]
             for _, path in sorted(there, reverse=True)[:_MANY]:
-                found.setdefault(path, Offered(Path(path), _FILE, self._folder))
-        return found
+                sources.setdefault(path, Offered(Path(path), _FILE, self._folder))
+        return sources
 
     def open(self, name: str, sample_time: float | None, time_unit: str | None) -> LiveSource:
-        """Begin to follow one of them. Raises ParameterError for any other one, and the errors of `opened`."""
-        found = self.offered().get(name)
-        if found is None:
+        """Start to follow a source. Raises ParameterError for an unknown one, and the errors of `opened`."""
+        source = self.offered().get(name)
+        if source is None:
             raise ParameterError(f"{name!r:.80} may not be followed. {self.hint}")
-        pipe = self.pipe if found.kind == _OF_PIPE else None
-        return opened(found.path, pipe, sample_time=sample_time, time_unit=time_unit, inside=found.inside)
+        pipe = self.pipe if source.kind == _OF_PIPE else None
+        return opened(source.path, pipe, sample_time=sample_time, time_unit=time_unit, inside=source.inside)
 
 
 def _table(entry: os.DirEntry[str]) -> bool:
@@ -79,13 +79,13 @@ def _table(entry: os.DirEntry[str]) -> bool:
 
 
 def stop_all() -> None:
-    """Let all sources of all pages go, as at the end of the server: a drive is left in order."""
-    for each in tuple(_GOING):
-        each.stop()
+    """Release all sources of all pages, so that a drive is left in a defined state when the server stops."""
+    for following in tuple(_GOING):
+        following.stop()
 
 
 class Following:
-    """A source that is followed by a thread, until it is stopped or no page is open any longer.
+    """A thread that follows a source until it is stopped or no page is open.
 
     watched()  whether a page is open
     """
@@ -102,20 +102,20 @@ class Following:
 
     @property
     def going(self) -> bool:
-        """Whether it still follows."""
+        """True while it follows."""
         return self._thread.is_alive() and not self._stop.is_set()
 
     def stop(self) -> None:
-        """End it, and wait for that."""
+        """Stop the thread, and wait for its end."""
         self._stop.set()
         self._thread.join(5.0)
 
     def units(self) -> Mapping[str, str]:
-        """Of the channels, as the source states them."""
+        """The units of the channels, as the source states them."""
         return self.scope.channels
 
     def state(self) -> str:
-        """How it stands, as a sentence."""
+        """Status sentence: receiving rows, waiting, or rows that were skipped."""
         if self.failed:
             return self.failed
         return self.source.state() if self.going else "stopped"

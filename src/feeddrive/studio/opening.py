@@ -24,7 +24,7 @@ _OFTEN = 0.5  # s
 
 
 def write_redirect(address: str, places: Iterable[str | Path | None]) -> list[Path]:
-    """Write a page that leads to an address into a folder that no other user can read; its path.
+    """Write a page that leads to an address into a folder that no other user can read; return its path.
 
     places  in which the folder is made, the first that will do; None: that of the system for temporary files
 
@@ -55,7 +55,7 @@ def _private(path: Path) -> bool:
 
 
 def at_enter(act: Callable[[], None], ended: threading.Event) -> bool:
-    """Call `act` at each Enter in the terminal until the work has ended; False where there is no terminal.
+    """Call `act` at each Enter in the terminal until the job has ended; False without a terminal.
 
     A process in the background must not read from its terminal: the system would stop it.
     """

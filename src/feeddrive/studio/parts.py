@@ -18,14 +18,16 @@ T = TypeVar("T")
 
 
 class Parts:
-    """A control on a bench. What it does not have is None: without a machine, where it is not stable, out of bounds."""
+    """Simulations of a control on a bench. None where one is impossible: no machine, an unstable loop, or bounds
+    exceeded.
+    """
 
     def __init__(self, bench: Bench, control: Control, name: str) -> None:
         self.bench, self.control, self.name = bench, control, name
 
     @cached_property
     def run(self) -> Run | None:
-        """The move, and then the force on the table."""
+        """The move followed by the force on the table."""
         return self._if_there(lambda: self.bench.run(self.control, self.name))
 
     @cached_property
@@ -40,13 +42,13 @@ class Parts:
 
     @cached_property
     def step(self) -> StepResponse | None:
-        """The step of the set position."""
+        """The step response of the set position."""
         model = self.linear
         return None if model is None else self._if_there(lambda: step_response(model))
 
-    def _if_there(self, made: Callable[[], T]) -> T | None:
+    def _if_there(self, compute: Callable[[], T]) -> T | None:
         if self.bench.loop is None:
             return None
         with suppress(FeeddriveError):
-            return made()
+            return compute()
         return None

@@ -20,7 +20,7 @@ _OTHERS = 0o077  # permissions of group and others
 
 
 def read_password(path: Path) -> str:
-    """The first line of a file, or of standard input for `-`; a terminal is asked without an echo.
+    """Read the password: the first line of a file, or of standard input for `-`, without an echo in a terminal.
 
     Raises FileError for a file that cannot be read, ParameterError for one that others may read and for a password of
     the wrong length.

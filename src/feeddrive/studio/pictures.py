@@ -26,7 +26,7 @@ _NO_MACHINE = "needs a machine file: a measured response alone has no poles, no 
 
 @dataclass(frozen=True)
 class View:
-    """What is drawn: looks and parts of controls by name, of one bench.
+    """The input of the pictures: looks and parts of controls by name, of one bench.
 
     A control without parts has no runs, poles or step.
     """
@@ -38,62 +38,62 @@ class View:
 
     @property
     def leading(self) -> dict[str, Figures]:
-        """Of several operating points the one that leads: the largest Ms, or one that is not stable."""
+        """The worst operating point of each control: the largest Ms, or an unstable one."""
         return {name: look.leading for name, look in self.looks.items()}
 
     @property
     def stable(self) -> dict[str, Figures]:
-        """Those of them that are stable: the others have no sensitivity and no stiffness."""
-        return {name: each for name, each in self.leading.items() if each.stable}
+        """The stable ones of `leading`: the others have no sensitivity and no stiffness."""
+        return {name: figures for name, figures in self.leading.items() if figures.stable}
 
     def of_stable(self, part: Callable[[Parts], T | None]) -> dict[str, T]:
-        """A part of each control that is stable and has it."""
+        """Return a part of each control that is stable and has it."""
         stable = {name: self.parts[name] for name, look in self.looks.items() if look.stable and name in self.parts}
-        found = {name: part(each) for name, each in stable.items()}
-        return {name: each for name, each in found.items() if each is not None}
+        available = {name: part(value) for name, value in stable.items()}
+        return {name: value for name, value in available.items() if value is not None}
 
 
 def _open_loop(view: View) -> Chart:
-    return open_loop_chart({name: each.margins for name, each in view.leading.items()}, view.units)
+    return open_loop_chart({name: figures.margins for name, figures in view.leading.items()}, view.units)
 
 
 def _nyquist(view: View) -> Chart:
-    return nyquist_chart({name: each.margins for name, each in view.leading.items()})
+    return nyquist_chart({name: figures.margins for name, figures in view.leading.items()})
 
 
 def _sensitivity(view: View) -> Chart | None:
-    found = {name: each.margins for name, each in view.stable.items()}
-    return sensitivity_chart(found, view.units) if found else None
+    margins_by_name = {name: figures.margins for name, figures in view.stable.items()}
+    return sensitivity_chart(margins_by_name, view.units) if margins_by_name else None
 
 
 def _stiffness(view: View) -> Chart | None:
-    found = {name: each.stiffness for name, each in view.stable.items()}
-    return stiffness_chart(found, view.units) if found else None
+    stiffness_by_name = {name: figures.stiffness for name, figures in view.stable.items()}
+    return stiffness_chart(stiffness_by_name, view.units) if stiffness_by_name else None
 
 
 def _run(view: View) -> Chart | None:
-    runs = view.of_stable(lambda each: each.run)
+    runs = view.of_stable(lambda parts: parts.run)
     return run_chart(runs, view.units) if runs else None
 
 
 def _snap(view: View) -> Chart | None:
-    runs, bench = view.of_stable(lambda each: each.snap), view.bench
+    runs, bench = view.of_stable(lambda parts: parts.snap), view.bench
     return snap_chart(runs, bench.duty.begin, bench.duty.near, view.units) if runs else None
 
 
 def _step(view: View) -> Chart | None:
-    found = view.of_stable(lambda each: each.step)
-    return step_chart(found) if found else None
+    responses = view.of_stable(lambda parts: parts.step)
+    return step_chart(responses) if responses else None
 
 
 def _poles(view: View) -> Chart | None:
-    found = {name: each.linear for name, each in view.parts.items() if each.linear is not None}
-    return poles_chart(found, view.units) if found else None
+    loops = {name: parts.linear for name, parts in view.parts.items() if parts.linear is not None}
+    return poles_chart(loops, view.units) if loops else None
 
 
 def _damping(view: View) -> Chart | None:
-    found = {name: each.linear for name, each in view.parts.items() if each.linear is not None}
-    return damping_chart(found, view.units) if found else None
+    loops = {name: parts.linear for name, parts in view.parts.items() if parts.linear is not None}
+    return damping_chart(loops, view.units) if loops else None
 
 
 def _friction(view: View) -> Chart | None:
@@ -107,13 +107,13 @@ def _response(view: View) -> Chart:
 
 @dataclass(frozen=True)
 class Kind:
-    """A picture that a person can choose: its title, how it is made, and whether it is shown until something is chosen.
+    """A picture that a person can choose: its title, the function that draws it, and if it is shown by default.
 
     of_machine  it needs a machine
     """
 
     title: str
-    made: Callable[[View], Chart | None]
+    draw: Callable[[View], Chart | None]
     usual: bool = False
     of_machine: bool = False
 
@@ -131,45 +131,56 @@ PICTURES: Mapping[str, Kind] = {
     "response": Kind("Response of the axis, measured and model", _response),
     "friction": Kind("Friction over velocity", _friction, of_machine=True),
 }
-USUAL = tuple(name for name, each in PICTURES.items() if each.usual)
+USUAL = tuple(name for name, picture in PICTURES.items() if picture.usual)
 
 
 def charts(
-    bench: Bench, looks: Mapping[str, Look], parts: Mapping[str, Parts] | None = None, names: Iterable[str] = USUAL,
+    bench: Bench,
+    looks: Mapping[str, Look],
+    parts: Mapping[str, Parts] | None = None,
+    names: Iterable[str] = USUAL,
     units: Units = DRAWN,
-) -> dict[str, Chart]:  # fmt: skip
-    """The pictures that are named, as far as there is something to draw; nothing is computed for the others."""
+) -> dict[str, Chart]:
+    """Draw the named pictures, as far as there is something to draw; nothing is computed for the others."""
     units = replace(units, rotary=bench.rotary)
     view = View(bench, looks, parts or {}, units)
-    found = {name: numbered(chart) for name in names if (chart := PICTURES[name].made(view)) is not None}
-    return {name: each.shown(units) for name, each in found.items()}
+    drawn = {name: numbered(chart) for name in names if (chart := PICTURES[name].draw(view)) is not None}
+    return {name: chart.shown(units) for name, chart in drawn.items()}
 
 
 def numbered(chart: Chart) -> Chart:
-    """The chart with the number of each control by its name, so that it keeps its color whatever else is shown."""
-    named = {each.number: each.name for panel in chart.panels for each in panel.curves if each.name in NUMBERS}
+    """Number each control by its name, so that it keeps its color whatever else is shown."""
+    named = {curve.number: curve.name for panel in chart.panels for curve in panel.curves if curve.name in NUMBERS}
     others = {number: NUMBERS[name] for number, name in named.items() if NUMBERS[name] != number}
     if not others:
         return chart
 
     def changed(things: Iterable[Thing]) -> tuple[Thing, ...]:
-        return tuple(replace(each, number=others.get(each.number, each.number)) for each in things)
+        return tuple(replace(curve, number=others.get(curve.number, curve.number)) for curve in things)
 
     panels = (
         replace(
-            each, curves=changed(each.curves), marks=changed(each.marks), discs=changed(each.discs),
-            notes=changed(each.notes), bands=changed(each.bands),
+            curve,
+            curves=changed(curve.curves),
+            marks=changed(curve.marks),
+            discs=changed(curve.discs),
+            notes=changed(curve.notes),
+            bands=changed(curve.bands),
         )
-        for each in chart.panels
-    )  # fmt: skip
+        for curve in chart.panels
+    )
     return replace(chart, panels=tuple(panels))
 
 
 def choices(bench: Bench, chosen: Iterable[str]) -> list[dict[str, object]]:
-    """For the page: each picture, whether it is chosen, and why it cannot be drawn of this axis."""
+    """Return, for the page, each picture, if it is chosen, and why it cannot be drawn for this axis."""
     known = set(chosen)
     return [
-        {"name": name, "title": each.title, "chosen": name in known,
-         "why": _NO_MACHINE if each.of_machine and bench.loop is None else ""}
-        for name, each in PICTURES.items()
-    ]  # fmt: skip
+        {
+            "name": name,
+            "title": picture.title,
+            "chosen": name in known,
+            "why": _NO_MACHINE if picture.of_machine and bench.loop is None else "",
+        }
+        for name, picture in PICTURES.items()
+    ]

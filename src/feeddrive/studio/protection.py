@@ -40,7 +40,7 @@ _HEADERS = (
     (b"cache-control", b"no-store"),
 )
 ENTER = """<!doctype html><html lang="en"><meta charset="utf-8"><title>feeddrive studio</title>
-<form method="post" action="/enter"><p>{said}</p>
+<form method="post" action="/enter"><p>{reason}</p>
 <label>Password <input type="password" name="password" autofocus autocomplete="current-password"></label>
 <button>Open</button></form></html>
 """
@@ -58,7 +58,7 @@ _LONGEST = 1_000  # bytes of a password with its name
 
 
 class Tokens:
-    """The tokens that open the page, each of them once."""
+    """The tokens that open the page, each valid once."""
 
     def __init__(self) -> None:
         self._open, self._lock = dict[str, Callable[[], None]](), threading.Lock()
@@ -70,19 +70,19 @@ class Tokens:
             self._open[token] = used
         return token
 
-    def redeem(self, given: str) -> bool:
-        """Take a token back; False for one that was used or never issued."""
+    def redeem(self, token: str) -> bool:
+        """Redeem a token; False for one that was used or never issued."""
         with self._lock:
-            equal = [each for each in self._open if hmac.compare_digest(each.encode(), given.encode())]
-            called = [self._open.pop(each) for each in equal]
-        for each in called:
-            each()
+            equal = [other for other in self._open if hmac.compare_digest(other.encode(), token.encode())]
+            called = [self._open.pop(other) for other in equal]
+        for used in called:
+            used()
         return bool(called)
 
 
 @dataclass(frozen=True)
 class Door:
-    """Who is let in.
+    """The access control of the server.
 
     hosts     what the Host header may be: `127.0.0.1:8765`
     password  in place of a token in the address; empty: none
@@ -99,11 +99,13 @@ class Door:
 
     @property
     def cookie(self) -> str:
-        """Name of the cookie: browsers keep one set for all ports of a machine, on which another studio may be open."""
+        """The name of the cookie: browsers keep one set for all ports of a machine, where another
+        studio may be open.
+        """
         return f"feeddrive_studio_{self.hosts[0].rpartition(':')[2]}"
 
     def own(self, host: str) -> bool:
-        """Whether a Host header is an address of this server."""
+        """True if a Host header is an address of this server."""
         if host in self.hosts:
             return True
         name, _, port = host.rpartition(":")
@@ -115,7 +117,7 @@ class Door:
 
 
 class Protected:
-    """An ASGI app behind the checks above."""
+    """An ASGI app behind the access control."""
 
     def __init__(self, app: App, door: Door) -> None:
         self._app, self._door = app, door
@@ -127,7 +129,7 @@ class Protected:
             await self._app(scope, receive, send)
             return
         headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
-        status, said = self._refusal(scope, headers)
+        status, reason = self._refusal(scope, headers)
         if status in (0, 403) and self._redeems(scope, headers):
             await self._enter(send)
             return
@@ -135,7 +137,7 @@ class Protected:
             await self._ask(scope, receive, send)
             return
         if status:
-            await _refuse(scope, receive, send, status, said)
+            await _refuse(scope, receive, send, status, reason)
             return
 
         async def guarded(message: MutableMapping[str, Any]) -> None:
@@ -153,8 +155,8 @@ class Protected:
         ahead = "prefetch" in headers.get("sec-purpose", headers.get("purpose", ""))
         if scope["type"] != "http" or scope.get("method") != "GET" or self._door.password or ahead:
             return False
-        given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
-        return self._door.tokens.redeem(given)
+        token = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
+        return self._door.tokens.redeem(token)
 
     @property
     def _cookie(self) -> tuple[bytes, bytes]:
@@ -168,29 +170,29 @@ class Protected:
         await send({"type": "http.response.body", "body": OPENED.encode()})
 
     async def _ask(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Ask for the password, or try the one that was given: one at a time, and slowly after a wrong one."""
-        said = "This page is protected."
+        """Ask for the password, or try the submitted one: one at a time, and slowly after a wrong one."""
+        reason = "This page is protected."
         if scope.get("method") == "POST" and scope.get("path") == "/enter":
-            given = parse_qs((await _body(receive)).decode("utf-8", "replace")).get("password", [""])[0]
+            attempt = parse_qs((await _body(receive)).decode("utf-8", "replace")).get("password", [""])[0]
             async with self._trying:
-                if hmac.compare_digest(given.encode(), self._door.password.encode()):
+                if hmac.compare_digest(attempt.encode(), self._door.password.encode()):
                     await _answer(send, 303, "", ((b"location", b"/"), self._cookie))
                     return
                 await asyncio.sleep(_PAUSE)
-            said = "This is not the password."
+            reason = "This is not the password."
         form = POLICY.replace("form-action 'none'", "form-action 'self'").encode()
         headers = [(b"content-type", b"text/html; charset=utf-8"), (_HEADERS[0][0], form), *_HEADERS[1:]]
         await send({"type": "http.response.start", "status": 401, "headers": headers})
-        await send({"type": "http.response.body", "body": ENTER.format(said=said).encode()})
+        await send({"type": "http.response.body", "body": ENTER.format(reason=reason).encode()})
 
     def _from_here(self, scope: Scope, headers: dict[str, str]) -> bool:
-        """Whether a request comes from a page of this server, or opens one."""
+        """True if a request comes from a page of this server, or opens one."""
         if scope.get("method") in ("GET", "HEAD"):
             return True
         return headers.get("origin", "").partition("://")[2] == headers.get("host", "")
 
     def _refusal(self, scope: Scope, headers: dict[str, str]) -> tuple[int, str]:
-        """Status and reason, or 0."""
+        """Return status and reason of a refusal, or status 0."""
         host, origin = headers.get("host", ""), headers.get("origin")
         if not self._door.own(host):
             return 421, "this server answers under its own address only: use the one that feeddrive studio printed"
@@ -209,7 +211,7 @@ class Protected:
 
 
 async def _body(receive: Receive) -> bytes:
-    """The body of a request; empty if it is longer than a password may be."""
+    """Return the body of a request; empty if it is longer than a password may be."""
     found = b""
     while True:
         message = await receive()
@@ -220,15 +222,15 @@ async def _body(receive: Receive) -> bytes:
             return found
 
 
-async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, said: str) -> None:
+async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, reason: str) -> None:
     if scope["type"] == "websocket":
         await receive()
-        await send({"type": "websocket.close", "code": 1008, "reason": said})
+        await send({"type": "websocket.close", "code": 1008, "reason": reason})
         return
-    await _answer(send, status, said + "\n")
+    await _answer(send, status, reason + "\n")
 
 
-async def _answer(send: Send, status: int, said: str, more: Iterable[tuple[bytes, bytes]] = ()) -> None:
+async def _answer(send: Send, status: int, reason: str, more: Iterable[tuple[bytes, bytes]] = ()) -> None:
     headers = [(b"content-type", b"text/plain; charset=utf-8"), *_HEADERS, *more]
     await send({"type": "http.response.start", "status": status, "headers": headers})
-    await send({"type": "http.response.body", "body": said.encode()})
+    await send({"type": "http.response.body", "body": reason.encode()})

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Recipe:
-    """The same work without the page.
+    """The steps on the page as commands, as a script and as a job.
 
     commands  of the command line, one a line
     python    a script
@@ -29,8 +29,8 @@ class Recipe:
 
 
 def recipe_of(desk: Desk) -> Recipe:
-    """What was done on the page, in its order, and the numbers that were moved by hand."""
-    steps = [(each.command, each.request) for each in desk.done]
+    """Return the steps on the page, in order, and the numbers that were moved by hand."""
+    steps = [(step.command, step.request) for step in desk.done]
     moved = None if desk.bench is None or desk.bench.machine is None else desk.not_yet_done()
     if moved is not None:
         steps.append(("adjust", moved))
@@ -38,7 +38,7 @@ def recipe_of(desk: Desk) -> Recipe:
     kept = [
         f"# {path}: {what}; keep this file"
         for path, what in desk.kept.items()
-        if any(str(path) in each for each in commands)
+        if any(str(path) in step for step in commands)
     ]
     commands = [*kept, *commands]
     python = ["import feeddrive as fd", "", *kept]
@@ -47,7 +47,7 @@ def recipe_of(desk: Desk) -> Recipe:
 
 
 def _job(desk: Desk) -> str:
-    """Today's control and that of now over the same move and the same force."""
+    """Return a job with today's and the current control over the same move and the same force."""
     bench = desk.bench
     if bench is None or bench.machine is None:
         return ""
@@ -64,11 +64,11 @@ def _job(desk: Desk) -> str:
         "",
     ]
     before, now = bench.before.start, desk.control
-    found = difference(before, replace(now, guard=before.guard))
-    if found is not None and not found.removed and not found.added:
-        if found.values:
-            keys = {quoted(f"axis.{bench.axis}.control.{name}"): each for name, each in found.values.items()}
-            pairs = ", ".join(f"{key} = {each!r}" for key, each in keys.items())
+    changes = difference(before, replace(now, guard=before.guard))
+    if changes is not None and not changes.removed and not changes.added:
+        if changes.values:
+            keys = {quoted(f"axis.{bench.axis}.control.{name}"): value for name, value in changes.values.items()}
+            pairs = ", ".join(f"{key} = {value!r}" for key, value in keys.items())
             lines += ["[[law]]", 'name = "by hand"', f"set = {{ {pairs} }}", ""]
     else:
         text = to_toml(replace(now, guard=None), "law.control", rotary=bench.rotary).strip()
@@ -77,6 +77,6 @@ def _job(desk: Desk) -> str:
 
 
 def whole(machine: str | Path) -> str:
-    """A machine as a job names it that may stand anywhere: a bundled name, or a whole path."""
+    """Return a machine as a job anywhere can name it: a bundled name, or an absolute path."""
     path = Path(machine)
     return str(path.resolve()) if path.exists() else str(machine)

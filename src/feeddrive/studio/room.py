@@ -21,7 +21,7 @@ _MARK = "studio_act"
 
 @dataclass(frozen=True)
 class Said:
-    """What the page gets of a room.
+    """The answer of a room to the page.
 
     words   what goes into the header as JSON
     charts  by name
@@ -32,75 +32,75 @@ class Said:
 
 
 class Asked:
-    """What the page asks for. What is missing or of another kind raises ParameterError."""
+    """The parameters of a request from the page. A missing value or one of another type raises ParameterError."""
 
-    def __init__(self, given: Mapping[str, Any]) -> None:
-        self.given = given
+    def __init__(self, parameters: Mapping[str, Any]) -> None:
+        self.parameters = parameters
 
     def text(self, name: str) -> str:
-        """A text."""
-        found = self.given.get(name)
-        if not isinstance(found, str):
-            raise ParameterError(f"the page must send {name} as a text, not {found!r:.60}")
-        return found
+        """Return a text."""
+        value = self.parameters.get(name)
+        if not isinstance(value, str):
+            raise ParameterError(f"the page must send {name} as a text, not {value!r:.60}")
+        return value
 
     def number(self, name: str) -> float:
-        """A number."""
-        found = self.given.get(name)
-        if isinstance(found, bool) or not isinstance(found, (int, float)):
-            raise ParameterError(f"{name} must be a number, not {found!r:.60}")
+        """Return a number."""
+        entry = self.parameters.get(name)
+        if isinstance(entry, bool) or not isinstance(entry, (int, float)):
+            raise ParameterError(f"{name} must be a number, not {entry!r:.60}")
         try:
-            value = float(found)
+            value = float(entry)
         except OverflowError:  # a whole number of any length
             value = math.inf
         if not math.isfinite(value):
-            raise ParameterError(f"{name} must be a finite number, not {found!r:.60}")
+            raise ParameterError(f"{name} must be a finite number, not {entry!r:.60}")
         return value
 
     def yes(self, name: str, usual: bool = False) -> bool:
-        """True or false."""
-        found = self.given.get(name, usual)
-        if not isinstance(found, bool):
-            raise ParameterError(f"{name} must be true or false, not {found!r:.60}")
-        return found
+        """Return true or false."""
+        value = self.parameters.get(name, usual)
+        if not isinstance(value, bool):
+            raise ParameterError(f"{name} must be true or false, not {value!r:.60}")
+        return value
 
     def text_or_none(self, name: str) -> str | None:
-        """A text; None where it is missing or empty."""
-        return self.text(name) if self.given.get(name) not in (None, "") else None
+        """Return a text; None if it is missing or empty."""
+        return self.text(name) if self.parameters.get(name) not in (None, "") else None
 
     def number_or_none(self, name: str) -> float | None:
-        """A number; None where it is missing or empty."""
-        return self.number(name) if self.given.get(name) not in (None, "") else None
+        """Return a number; None if it is missing or empty."""
+        return self.number(name) if self.parameters.get(name) not in (None, "") else None
 
     def texts(self, name: str) -> list[str]:
-        """Several texts, or none."""
-        found = self.given.get(name, [])
-        if not isinstance(found, list) or not all(isinstance(each, str) for each in cast("list[Any]", found)):
-            raise ParameterError(f"{name} must be a list of texts, not {found!r:.60}")
-        return cast("list[str]", found)
+        """Return a list of texts, possibly empty."""
+        values = self.parameters.get(name, [])
+        if not isinstance(values, list) or not all(isinstance(value, str) for value in cast("list[Any]", values)):
+            raise ParameterError(f"{name} must be a list of texts, not {values!r:.60}")
+        return cast("list[str]", values)
 
     def choice(self, name: str, among: Iterable[str]) -> str:
-        """One of several texts."""
-        found, known = self.text(name), tuple(among)
-        if found not in known:
-            raise ParameterError(f"{name} must be one of {', '.join(known)}, not '{found:.60}'")
-        return found
+        """Return one of several texts."""
+        value, known = self.text(name), tuple(among)
+        if value not in known:
+            raise ParameterError(f"{name} must be one of {', '.join(known)}, not '{value:.60}'")
+        return value
 
 
-def tabled(found: Table | Grid, units: Units = USUAL) -> dict[str, Any]:
-    """A table for the page, in the units of its reader."""
-    grid = found if isinstance(found, Grid) else found.grid(units)
+def tabled(table: Table | Grid, units: Units = USUAL) -> dict[str, Any]:
+    """Return a table for the page, in the units of its reader."""
+    grid = table if isinstance(table, Grid) else table.grid(units)
     return {"title": grid.title, "heads": grid.heads, "rows": grid.rows}
 
 
 def act(method: F) -> F:
-    """Mark a method of a room as an act of the page: `move` of the room `tune` is asked for as `tune.move`."""
+    """Mark a method of a room as an action of the page: `move` of the room `tune` is requested as `tune.move`."""
     setattr(method, _MARK, True)
     return method
 
 
 class Room:
-    """A part of the page. It holds what only it needs; what rooms share is on the desk.
+    """A part of the page with its own state; state that rooms share is on the desk.
 
     An act takes an `Asked` and gives a `Said`, or None for `show()`.
     """
@@ -111,18 +111,18 @@ class Room:
         self.desk = desk
 
     def show(self) -> Said:
-        """State and pictures, as a page needs them that has just been opened or loaded again."""
+        """Return state and pictures for a page that has just been opened or reloaded."""
         return Said()
 
     def begin(self) -> None:
-        """Another source is on the desk: forget what belonged to the one before."""
+        """Forget the state that belonged to the previous source."""
 
     def do(self, name: str, asked: Asked) -> Said:
-        """One act, by name. Raises ParameterError for one that there is not."""
-        known = [each for each in dir(self) if getattr(getattr(type(self), each, None), _MARK, False)]
+        """Run an action, by name. Raises ParameterError for an unknown one."""
+        known = [attribute for attribute in dir(self) if getattr(getattr(type(self), attribute, None), _MARK, False)]
         if name == "show":
             return self.show()
         if name not in known:
             raise ParameterError(f"the room {self.name} has no act '{name:.60}': it has {', '.join(['show', *known])}")
-        found = getattr(self, name)(asked)
-        return self.show() if found is None else found
+        answer = getattr(self, name)(asked)
+        return self.show() if answer is None else answer

@@ -32,10 +32,16 @@ _WHOLE = re.compile(r"[0-9]{1,18}")
 
 
 def make_app(
-    bench: Bench | None, door: Door, folder: Path, page: Path = PAGE,
-    brought: tuple[Path, ...] = (), live: Followable | None = None, *, tour: bool = False,
-) -> App:  # fmt: skip
-    """The ASGI app for pages that begin with one bench, or with none, behind its checks.
+    bench: Bench | None,
+    door: Door,
+    folder: Path,
+    page: Path = PAGE,
+    brought: tuple[Path, ...] = (),
+    live: Followable | None = None,
+    *,
+    tour: bool = False,
+) -> App:
+    """Return the ASGI app for pages that start with one bench, or with none, behind its access control.
 
     door     who is let in
     folder   in which each page gets a directory of its own
@@ -67,13 +73,13 @@ def make_app(
         return Response(path.read_bytes(), media_type=_TYPES[path.suffix])
 
     async def upload(request: Any) -> Any:
-        given, size = request.query_params, request.headers.get("content-length", "")
+        query, size = request.query_params, request.headers.get("content-length", "")
         try:
-            desk = sessions.named(given.get("session", "")).desk
+            desk = sessions.named(query.get("session", "")).desk
             into = desk.folder / "brought"
-            name = given.get("name", "")
-            if given.get("ask"):  # whether it may be sent: nothing of it has come
-                kept = place_of(name, into, int(given["ask"]) if _WHOLE.fullmatch(given["ask"]) else None)
+            name = query.get("name", "")
+            if query.get("ask"):  # whether it may be sent: nothing of it has come
+                kept = place_of(name, into, int(query["ask"]) if _WHOLE.fullmatch(query["ask"]) else None)
             else:
                 kept = await keep(name, request.stream(), into, int(size) if _WHOLE.fullmatch(size) else None)
                 desk.files[kept.name] = kept
@@ -114,7 +120,7 @@ def make_app(
                     except FeeddriveError as error:
                         waiting.put(message({"number": asked.get("number"), "error": str(error)}))
                         continue
-                    leave = session.listen(lambda of, said: _put(loop, waiting, of, said))
+                    leave = session.listen(lambda of, content: _put(loop, waiting, of, content))
                 waiting.put(await asyncio.to_thread(session.answer, asked))
         except _LeftError:
             pass
@@ -124,80 +130,83 @@ def make_app(
                 leave()
 
     routes = [
-        Route("/", file), Route("/upload", upload, methods=["POST"]), Route("/file/{name}", result),
-        Route("/{name}", file), WebSocketRoute("/talk", talk),
-    ]  # fmt: skip
+        Route("/", file),
+        Route("/upload", upload, methods=["POST"]),
+        Route("/file/{name}", result),
+        Route("/{name}", file),
+        WebSocketRoute("/talk", talk),
+    ]
     return Protected(Starlette(routes=routes), door)
 
 
 class Sessions:
-    """The pages whose state is kept: when there are too many, the one that was left the longest ago is ended."""
+    """The sessions of open pages: when there are too many, the least recently used is ended."""
 
     def __init__(self, make: Callable[[], Session]) -> None:
         self._make, self._lock = make, threading.Lock()
         self._held = dict[str, Session]()  # the latest last
 
     def named(self, name: str) -> Session:
-        """The session of a page, new for a page that is not known.
+        """Return the session of a page, a new one for an unknown page.
 
         Raises ParameterError where all that are kept are open, FileError where the folder cannot be written.
         """
         with self._lock:
-            found = self._held.pop(name[:_KEY], None)
-            if found is None:
+            session = self._held.pop(name[:_KEY], None)
+            if session is None:
                 if len(self._held) >= _SESSIONS:
-                    left = next((key for key, each in self._held.items() if not each.heard), None)
+                    left = next((key for key, idle in self._held.items() if not idle.heard), None)
                     if left is None:
                         raise ParameterError(f"{_SESSIONS} pages are open: close one of them, and load this one again")
                     self._held.pop(left).close()
                 try:
-                    found = self._make()
+                    session = self._make()
                 except OSError as error:
                     raise refusal(error.filename or "the folder of the page", "written", error) from None
-            self._held[name[:_KEY]] = found
-            return found
+            self._held[name[:_KEY]] = session
+            return session
 
 
 class Outbox:
-    """What waits for a page to read it: every answer, and of what is said unasked the latest of each kind."""
+    """Messages waiting for a page: every answer, and the latest of each kind of unsolicited message."""
 
     def __init__(self) -> None:
         self._held, self._count = dict[int | str, bytes](), 0
         self._there = asyncio.Event()
 
-    def put(self, said: bytes, of: str = "") -> None:
-        """One message; one that waits with the same `of` is replaced."""
+    def put(self, content: bytes, of: str = "") -> None:
+        """Queue a message; it replaces a waiting one with the same `of`."""
         self._count += 1
         self._held.pop(of, None)
-        self._held[of or self._count] = said
+        self._held[of or self._count] = content
         self._there.set()
 
     async def take(self) -> bytes:
-        """The message that has waited the longest."""
+        """Return the message that has waited the longest."""
         while not self._held:
             self._there.clear()
             await self._there.wait()
         return self._held.pop(next(iter(self._held)))
 
 
-def _put(loop: asyncio.AbstractEventLoop, waiting: Outbox, of: str, said: bytes) -> None:
-    """From another thread; nothing if the server has ended."""
+def _put(loop: asyncio.AbstractEventLoop, waiting: Outbox, of: str, content: bytes) -> None:
+    """Queue a message from another thread; ignored if the server has ended."""
     with contextlib.suppress(RuntimeError):
-        loop.call_soon_threadsafe(waiting.put, said, of)
+        loop.call_soon_threadsafe(waiting.put, content, of)
 
 
 def _asked(received: Mapping[str, Any]) -> dict[str, Any] | None:
-    """The request in what came over a WebSocket; None for what is none."""
+    """Return the request in a WebSocket message; None if it holds none."""
     if received["type"] == "websocket.disconnect":
         raise _LeftError
     text = received.get("text") or ""
     if len(text) > _LARGEST:
         return None
     try:
-        found = json.loads(text)
+        request = json.loads(text)
     except (ValueError, RecursionError):
         return None
-    return found if isinstance(found, dict) else None
+    return request if isinstance(request, dict) else None
 
 
 class _LeftError(Exception):
@@ -218,8 +227,15 @@ def serve(app: App, listening: socket.socket, ready: Callable[[], None]) -> None
                 ready()
 
     config = uvicorn.Config(
-        app, log_level="error", access_log=False, ws="websockets-sansio", ws_max_size=_LARGEST,
+        app,
+        log_level="error",
+        access_log=False,
+        ws="websockets-sansio",
+        ws_max_size=_LARGEST,
         ws_per_message_deflate=False,  # numbers hardly shrink, and it took 10 ms of the 40
-        lifespan="off", server_header=False, date_header=False, timeout_graceful_shutdown=1,
-    )  # fmt: skip
+        lifespan="off",
+        server_header=False,
+        date_header=False,
+        timeout_graceful_shutdown=1,
+    )
     Server(config).run(sockets=[listening])

@@ -23,10 +23,16 @@ from feeddrive.studio.wire import Window, message
 
 # labels of fields on the page, by the options that errors of the commands name
 FIELDS = {
-    "--sample-time": "Sample time", "--baseline": "Today's machine", "--unit": "Unit", "--delay": "Dead time",
-    "--machine": "Machine file to start from", "--lead": "Lead of the screw", "--load": "Response of the table",
-    "--motor": "Response of the motor's encoder", "--force-constant": "N per unit of the command",
-}  # fmt: skip
+    "--sample-time": "Sample time",
+    "--baseline": "Today's machine",
+    "--unit": "Unit",
+    "--delay": "Dead time",
+    "--machine": "Machine file to start from",
+    "--lead": "Lead of the screw",
+    "--load": "Response of the table",
+    "--motor": "Response of the motor's encoder",
+    "--force-constant": "N per unit of the command",
+}
 Push = Callable[[str, bytes], None]
 _WINDOWS = 50  # parts of x that are looked at: labels come from the page
 
@@ -41,12 +47,17 @@ class Session:
     """
 
     def __init__(
-        self, folder: Path, bench: Bench | None = None, brought: tuple[Path, ...] = (), live: Followable | None = None,
-        *, tour: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        folder: Path,
+        bench: Bench | None = None,
+        brought: tuple[Path, ...] = (),
+        live: Followable | None = None,
+        *,
+        tour: bool = False,
+    ) -> None:
         self.desk = Desk(folder, brought, live)
         self.desk.changed, self.desk.tell, self.desk.begun = self._another, self.push, self._start
-        self.rooms: dict[str, Room] = {each.name: each(self.desk) for each in ROOMS}
+        self.rooms: dict[str, Room] = {room.name: room(self.desk) for room in ROOMS}
         self._tour = Tour(self.desk)
         self.rooms[Tour.name] = self._tour
         self._pushes = list[Push]()
@@ -59,9 +70,9 @@ class Session:
             self.answer({"do": "bring.tour"})
 
     def answer(self, asked: Mapping[str, Any]) -> bytes:
-        """The message that a request of the page gets: what its room says, or what is wrong with the request."""
-        given = asked.get("number")
-        number = given if isinstance(given, int) else 0
+        """Return the message that answers a request of the page: the answer of its room, or the error."""
+        sent = asked.get("number")
+        number = sent if isinstance(sent, int) else 0
         name, _, act = str(asked.get("do")).partition(".")
         try:
             if name == "job":
@@ -72,18 +83,18 @@ class Session:
             if name not in self.rooms:
                 raise ParameterError(f"the page asks for '{name:.60}', which is none of {', '.join(self.rooms)}")
             with self._lock:
-                said = self.rooms[name].do(act, Asked(asked))
+                shown = self.rooms[name].do(act, Asked(asked))
                 self._tour.heard(f"{name}.{act}")
-                return self._message(number, name, said)
+                return self._message(number, name, shown)
         except FeeddriveError as error:
-            said = str(error)
+            error_text = str(error)
         except Exception as error:  # the page goes on, and says what to report
-            said = fault(error)
-        return self._message(number, name if name in self.rooms else "", Said({"error": said}))
+            error_text = fault(error)
+        return self._message(number, name if name in self.rooms else "", Said({"error": error_text}))
 
     def listen(self, push: Push) -> Callable[[], None]:
-        """Get what is said without a request, each with what it replaces: the room, or the job. What is given back ends
-        it.
+        """Subscribe to unsolicited messages, each with the kind that it replaces. The returned
+        function unsubscribes.
         """
         self._windows.clear()  # a page that has just been loaded looks at all
         self._pushes.append(push)
@@ -91,22 +102,22 @@ class Session:
 
     @property
     def heard(self) -> bool:
-        """Whether a page listens."""
+        """True if a page listens."""
         return bool(self._pushes)
 
     def push(self, name: str) -> None:
-        """Show a room again, unasked."""
+        """Show a room again without a request."""
         with self._lock:
             try:
-                made = self._message(0, name, self.rooms[name].show())
+                content = self._message(0, name, self.rooms[name].show())
             except FeeddriveError as error:
-                made = self._message(0, name, Said({"error": str(error)}))
+                content = self._message(0, name, Said({"error": str(error)}))
             except Exception as error:
-                made = self._message(0, name, Said({"error": fault(error)}))
-            self._send(name, made)
+                content = self._message(0, name, Said({"error": fault(error)}))
+            self._send(name, content)
 
     def close(self) -> None:
-        """End what runs in it."""
+        """Stop all running work of the session."""
         self.desk.close()
 
     def _job(self, act: str) -> None:
@@ -115,7 +126,7 @@ class Session:
         self.desk.cancel()
 
     def _view(self, act: str, asked: Asked) -> str:
-        """Look at a part of x in all pictures of a room over it, or at all of it; the room."""
+        """Zoom all pictures of a room to a part of x, or to all of it; return the room."""
         if act != "window":
             raise ParameterError(f"a view has a window, and not '{act:.60}'")
         room = asked.choice("shows", self.rooms)
@@ -133,11 +144,11 @@ class Session:
 
     def _another(self) -> None:
         self._windows.clear()  # the page shows all of another source
-        for each in self.rooms.values():
-            each.begin()
+        for room in self.rooms.values():
+            room.begin()
 
     def _start(
-        self, room: str, what: str, work: Work, then: Callable[[Any], None], found: Callable[[Found], None]
+        self, room: str, what: str, work: Work, then: Callable[[Any], None], improved: Callable[[Found], None]
     ) -> Job:
         def heard(state: JobState) -> None:
             self._send("job", self._message(0, "", Said(), state))
@@ -146,7 +157,7 @@ class Session:
 
         def met(report: Found) -> None:
             with self._lock:
-                found(report)
+                improved(report)
             self.push(room)
 
         def ended(result: Any) -> None:
@@ -158,31 +169,35 @@ class Session:
         job.start()
         return job
 
-    def _message(self, number: int, room: str, said: Said, job: JobState | None = None) -> bytes:
+    def _message(self, number: int, room: str, answer: Said, job: JobState | None = None) -> bytes:
         bench = self.desk.bench
         words: dict[str, Any] = {
-            "number": number, "room": room, "epoch": self.desk.epoch, "title": "" if bench is None else bench.title,
-            "tour": self._tour.words, **said.words,
-        }  # fmt: skip
+            "number": number,
+            "room": room,
+            "epoch": self.desk.epoch,
+            "title": "" if bench is None else bench.title,
+            "tour": self._tour.words,
+            **answer.words,
+        }
         state = job or self.desk.job_state()
         if state is not None:
             words["job"] = {**asdict(state), "error": self._plain(state.error)}
         if "error" in words:
             words["error"] = self._plain(str(words["error"]))
         if "remarks" in words:
-            words["remarks"] = [self._plain(str(each)) for each in words["remarks"]]
-        windows = {label: each for (of, label), each in self._windows.items() if of == room}
-        return message(words, said.charts, windows)
+            words["remarks"] = [self._plain(str(item)) for item in words["remarks"]]
+        windows = {label: item for (of, label), item in self._windows.items() if of == room}
+        return message(words, answer.charts, windows)
 
-    def _plain(self, said: str) -> str:
-        """Files by the names under which they were brought, options by the fields of the page that stand for them."""
+    def _plain(self, text: str) -> str:
+        """Replace paths by the names of uploaded files, and options by the names of the page's fields."""
         folder = self.desk.folder
         between = re.escape(os.sep)
-        said = re.sub(rf"{re.escape(str(folder))}{between}(brought{between}(\d+{between})?)?", "", said)
-        if "feeddrive " in said:  # a command to enter elsewhere
-            return said
-        return re.sub(r"--([a-z-]+)", lambda found: f"'{FIELDS.get(found[0]) or found[1].replace('-', ' ')}'", said)
+        text = re.sub(rf"{re.escape(str(folder))}{between}(brought{between}(\d+{between})?)?", "", text)
+        if "feeddrive " in text:  # a command to enter elsewhere
+            return text
+        return re.sub(r"--([a-z-]+)", lambda match: f"'{FIELDS.get(match[0]) or match[1].replace('-', ' ')}'", text)
 
-    def _send(self, of: str, said: bytes) -> None:
-        for each in tuple(self._pushes):
-            each(of, said)
+    def _send(self, of: str, content: bytes) -> None:
+        for push in tuple(self._pushes):
+            push(of, content)

@@ -18,7 +18,7 @@ _DEVICES = re.compile(r"(con|prn|aux|nul|(com|lpt)[\d¹²³]) *(\..*)?", re.IGNO
 
 
 def safe_name(name: str) -> str:
-    """A name of a file that stays in its folder on every system. Raises FileError for any other one."""
+    """Return a file name that stays in its folder on every system. Raises FileError for any other one."""
     if len(name.encode("utf-8", "surrogatepass")) > _LONGEST:
         raise FileError(f"{name!r:.80} is too long a name for a file here: {_LONGEST} bytes at most, rename it")
     if not _NAME.fullmatch(name) or ".." in name or name.endswith((".", " ")) or _DEVICES.fullmatch(name):
@@ -29,12 +29,12 @@ def safe_name(name: str) -> str:
 
 
 def stem_of(name: str) -> str:
-    """A name without its ending, as a part of other names: Windows drops blanks and dots at their end."""
+    """Return a name without its extension, as a part of other names: Windows drops blanks and dots at the end."""
     return Path(name).stem.rstrip(" .")
 
 
 def place_of(name: str, folder: Path, promised: int | None = None) -> Path:
-    """Where a file that is brought will stand: run.csv, then 2/run.csv, ...: what works on the first one still has it.
+    """Return the path for an uploaded file: run.csv, then 2/run.csv, ...: a reader of the first one keeps its file.
 
     promised  its size, bytes, if the browser said it
     Raises FileError for its name, for a link that stands there, for more than `LARGEST` bytes, and for more than
@@ -45,15 +45,15 @@ def place_of(name: str, folder: Path, promised: int | None = None) -> Path:
         raise _too_large(path)
     if path.is_symlink():
         raise FileError(f"{path.name} is a link to another file: remove it from {folder}, or rename the file")
-    if sum(1 for each in folder.rglob("*") if not each.is_dir()) >= MANY:
+    if sum(1 for entry in folder.rglob("*") if not entry.is_dir()) >= MANY:
         raise FileError(f"{MANY} files were brought already: open a new page for more")
     return free_place(folder, name)
 
 
 def free_place(folder: Path, name: str) -> Path:
-    """Where in a folder a file of this name can stand beside those that have it already."""
+    """Return a free path in a folder for a file of this name."""
     places = chain([folder], (folder / str(i) for i in count(2)))
-    return next(each / name for each in places if not (each / name).exists())
+    return next(place / name for place in places if not (place / name).exists())
 
 
 async def keep(name: str, pieces: AsyncIterator[bytes], folder: Path, promised: int | None = None) -> Path:

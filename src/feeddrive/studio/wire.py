@@ -23,15 +23,15 @@ Window = tuple[float, float]
 
 
 def message(
-    said: Mapping[str, Any], charts: Mapping[str, Chart] | None = None, windows: Mapping[str, Window] | None = None
+    words: Mapping[str, Any], charts: Mapping[str, Chart] | None = None, windows: Mapping[str, Window] | None = None
 ) -> bytes:
-    """One message: what is said, and charts by name.
+    """Encode one message: its words, and charts by name.
 
     windows  the part of x that is looked at, by label of x: curves over it have their points there
     """
     numbers, windows = list[np.ndarray](), windows or {}
-    shown = {name: _chart(each, numbers, windows.get(each.label)) for name, each in (charts or {}).items()}
-    content = json.dumps({**said, "charts": shown}, allow_nan=False, separators=(",", ":"), ensure_ascii=False)
+    shown = {name: _chart(chart, numbers, windows.get(chart.label)) for name, chart in (charts or {}).items()}
+    content = json.dumps({**words, "charts": shown}, allow_nan=False, separators=(",", ":"), ensure_ascii=False)
     header = plain(content).encode("utf-8", "replace")  # a lone surrogate has no bytes
     header += b" " * (-len(header) % 4)
     body = np.concatenate(numbers).astype("<f4").tobytes() if numbers else b""
@@ -40,23 +40,33 @@ def message(
 
 def _chart(chart: Chart, numbers: list[np.ndarray], window: Window | None) -> dict[str, Any]:
     return {
-        "label": chart.label, "scale": chart.scale, "low": chart.low, "high": chart.high, "square": chart.square,
-        "bare": chart.bare, "factor": chart.factor,
-        "panels": [_panel(each, numbers, chart, window) for each in chart.panels],
-    }  # fmt: skip
+        "label": chart.label,
+        "scale": chart.scale,
+        "low": chart.low,
+        "high": chart.high,
+        "square": chart.square,
+        "bare": chart.bare,
+        "factor": chart.factor,
+        "panels": [_panel(panel, numbers, chart, window) for panel in chart.panels],
+    }
 
 
 def _panel(panel: Panel, numbers: list[np.ndarray], chart: Chart, window: Window | None) -> dict[str, Any]:
     return {
-        "label": panel.label, "scale": panel.scale, "low": panel.low, "high": panel.high, "share": panel.share,
-        "curves": [_curve(each, numbers, chart, panel, window) for each in panel.curves],
-        "marks": [vars(each) for each in panel.marks],
-        "levels": [vars(each) for each in panel.levels],
-        "discs": [vars(each) for each in panel.discs],
-        "notes": [vars(each) for each in panel.notes],
-        "bands": [_band(each, numbers) for each in panel.bands],
-        "said": panel.said, "heat": panel.heat and vars(panel.heat),
-    }  # fmt: skip
+        "label": panel.label,
+        "scale": panel.scale,
+        "low": panel.low,
+        "high": panel.high,
+        "share": panel.share,
+        "curves": [_curve(curve, numbers, chart, panel, window) for curve in panel.curves],
+        "marks": [vars(mark) for mark in panel.marks],
+        "levels": [vars(level) for level in panel.levels],
+        "discs": [vars(disc) for disc in panel.discs],
+        "notes": [vars(note) for note in panel.notes],
+        "bands": [_band(band, numbers) for band in panel.bands],
+        "said": panel.said,
+        "heat": panel.heat and vars(panel.heat),
+    }
 
 
 def _curve(
@@ -68,14 +78,20 @@ def _curve(
         x, y = _thinned(x, y, chart, panel, window)
     at = _put((x, y, *each_point), numbers)
     return {
-        "name": curve.name, "number": curve.number, "look": curve.look, "said": curve.said, "at": at, "n": x.size,
-        "heat": curve.heat is not None, "reach": curve.reach is not None,
-    }  # fmt: skip
+        "name": curve.name,
+        "number": curve.number,
+        "look": curve.look,
+        "said": curve.said,
+        "at": at,
+        "n": x.size,
+        "heat": curve.heat is not None,
+        "reach": curve.reach is not None,
+    }
 
 
 def _put(rows: Sequence[np.ndarray], numbers: list[np.ndarray]) -> int:
-    """Add rows of numbers; at which number they begin."""
-    at = sum(each.size for each in numbers)
+    """Append rows of numbers; return the index of the first."""
+    at = sum(block.size for block in numbers)
     for row in rows:
         with np.errstate(over="ignore"):
             small = row.astype(np.float32)
@@ -84,8 +100,8 @@ def _put(rows: Sequence[np.ndarray], numbers: list[np.ndarray]) -> int:
 
 
 def _band(band: Band, numbers: list[np.ndarray]) -> dict[str, Any]:
-    """Of a band with more points than a picture shows the widest of each stretch."""
-    x, low, high = (np.asarray(each, np.float64) for each in (band.x, band.low, band.high))
+    """Encode a band; of more points than a picture shows, the widest of each stretch."""
+    x, low, high = (np.asarray(row, np.float64) for row in (band.x, band.low, band.high))
     if x.size > POINTS and np.all(np.isfinite(x)):
         begins = np.linspace(0, x.size, POINTS, endpoint=False).astype(int)
         low, high = np.minimum.reduceat(low, begins), np.maximum.reduceat(high, begins)
@@ -97,7 +113,7 @@ def _band(band: Band, numbers: list[np.ndarray]) -> dict[str, Any]:
 def _thinned(
     x: np.ndarray, y: np.ndarray, chart: Chart, panel: Panel, window: Window | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """No more points than a picture shows: the envelope over x, or of a curve in a plane what moves by a pixel.
+    """Reduce a curve to the points that a picture shows: the envelope over x, or in a plane the steps of a pixel.
 
     What is not finite interrupts a curve; its pieces share the points by their lengths.
     """
@@ -105,28 +121,30 @@ def _thinned(
     if not np.all(there):
         ends = np.flatnonzero(np.diff(there)) + 1
         pieces = [(u, v) for u, v in zip(np.split(x, ends), np.split(y, ends), strict=True)]
-        found = list[tuple[np.ndarray, np.ndarray]]()
+        thinned = list[tuple[np.ndarray, np.ndarray]]()
         for u, v in pieces:
             if np.isfinite(u[0]) and np.isfinite(v[0]):
-                found.append(envelope(u, v, max(2, POINTS * u.size // x.size)) if np.all(np.diff(u) > 0.0) else (u, v))
+                thinned.append(
+                    envelope(u, v, max(2, POINTS * u.size // x.size)) if np.all(np.diff(u) > 0.0) else (u, v)
+                )
             else:
-                found.append((np.array([np.nan]), np.array([np.nan])))  # one point of each gap
-        return np.concatenate([u for u, _ in found]), np.concatenate([v for _, v in found])
+                thinned.append((np.array([np.nan]), np.array([np.nan])))  # one point of each gap
+        return np.concatenate([u for u, _ in thinned]), np.concatenate([v for _, v in thinned])
     if np.all(np.diff(x) > 0.0):
         if window is not None:  # and one point more on either side
             first, last = np.searchsorted(x, window)
             x, y = x[max(0, first - 1) : last + 1], y[max(0, first - 1) : last + 1]
         return envelope(x, y, POINTS)
     limits = chart.low, chart.high, panel.low, panel.high
-    if chart.square and all(each is not None for each in limits):
-        return _in_plane(x, y, *(float(each) for each in limits if each is not None))
+    if chart.square and all(limit is not None for limit in limits):
+        return _in_plane(x, y, *(float(limit) for limit in limits if limit is not None))
     return x, y
 
 
 def _in_plane(
     x: np.ndarray, y: np.ndarray, left: float, right: float, low: float, high: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The points of a curve that are a pixel apart, in a picture and around it; further out fewer."""
+    """Return the points of a curve that are a pixel apart, in a picture and around it; further out fewer."""
     wide, tall = right - left, high - low
     off = np.maximum(1.0, np.maximum(np.abs(2.0 * (x - left) / wide - 1.0), np.abs(2.0 * (y - low) / tall - 1.0)))
     steps = np.hypot(np.diff(x) / wide, np.diff(y) / tall) * POINTS / np.maximum(off[1:], off[:-1]) ** 2

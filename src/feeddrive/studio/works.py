@@ -39,7 +39,7 @@ _TURN = 12.0  # degrees on both sides of a quadrant peak
 
 @dataclass(frozen=True)
 class Shown:
-    """What a work came to.
+    """The result of a job, as the page shows it.
 
     words     said, tables, verdict, failure, bad
     charts    by name
@@ -58,23 +58,23 @@ class Shown:
 
 
 def words_of(outcome: Outcome[Any]) -> dict[str, Any]:
-    """Sentences and tables of an outcome, for the page; of a bad one always a sentence that says so."""
-    said, tables = list[str](), list[dict[str, Any]]()
+    """Return sentences and tables of an outcome for the page; a failed one always has a sentence."""
+    sentences, tables = list[str](), list[dict[str, Any]]()
     verdict = resolve(outcome.verdict, outcome.units)
-    for each in outcome.shown():
-        if isinstance(each, Grid):
-            tables.append(tabled(each))
-        elif each != verdict:
-            said.append(each.removeprefix("- "))
+    for item in outcome.shown():
+        if isinstance(item, Grid):
+            tables.append(tabled(item))
+        elif item != verdict:
+            sentences.append(item.removeprefix("- "))
     bad = outcome.judgment.bad
     failure = resolve(outcome.failure, outcome.units)
     if bad and not failure and not verdict:
         failure = sentence(outcome.judgment.says)
-    return {"said": said, "tables": tables, "verdict": verdict, "failure": failure, "bad": bad}
+    return {"said": sentences, "tables": tables, "verdict": verdict, "failure": failure, "bad": bad}
 
 
 def fitted(command: str, request: Request, progress: Progress) -> Shown:
-    """A model or responses from logs; of a motion the model over the log."""
+    """Identify a model or responses from logs; of a motion, draw the model over the log."""
     outcome = perform(command, request, progress)
     charts = dict(_fit_charts(outcome.result))
     charts = _drawn(charts, outcome)
@@ -88,8 +88,10 @@ def _drawn(charts: Mapping[str, Chart], outcome: Outcome[Any]) -> dict[str, Char
     return {name: chart.shown(units) for name, chart in charts.items()}
 
 
-def _fit_charts(found: Any) -> Iterator[tuple[str, Chart]]:
-    """Of a motion the model over the log and the friction, of responses each in its band, and the model over them."""
+def _fit_charts(result: Any) -> Iterator[tuple[str, Chart]]:
+    """Yield the charts of a fit: model over log and friction for a motion, each response and the
+    model for responses.
+    """
     from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
     from feeddrive.identification.motion.identify import Identified
     from feeddrive.identification.response.fit_axis import AxisFits
@@ -98,20 +100,20 @@ def _fit_charts(found: Any) -> Iterator[tuple[str, Chart]]:
     from feeddrive.plot.identification import identified_chart
     from feeddrive.plot.responses import estimates_chart, response_fit_chart
 
-    if isinstance(found, Identified):
-        yield "made", identified_chart(found)
-        if found.loop is not None and found.friction is not None:
-            yield "friction", friction_chart(found.loop, measured=found.friction)
-    elif isinstance(found, AxisFits | ModalFit):
-        yield "response", response_fit_chart((found.fit if isinstance(found, AxisFits) else found).agreement)
+    if isinstance(result, Identified):
+        yield "made", identified_chart(result)
+        if result.loop is not None and result.friction is not None:
+            yield "friction", friction_chart(result.loop, measured=result.friction)
+    elif isinstance(result, AxisFits | ModalFit):
+        yield "response", response_fit_chart((result.fit if isinstance(result, AxisFits) else result).agreement)
     else:
-        known = [each for each in found if isinstance(each, FrequencyEstimate)]
+        known = [estimate for estimate in result if isinstance(estimate, FrequencyEstimate)]
         if known:
             yield "response", estimates_chart(known)
 
 
 def toured(request: TourRequest, progress: Progress) -> list[Understood]:
-    """The log of the tour, written and read."""
+    """Write and read the log of the tour."""
     from feeddrive.studio.inspect_file import understand
 
     outcome = perform("tour", request, progress)
@@ -119,7 +121,7 @@ def toured(request: TourRequest, progress: Progress) -> list[Understood]:
 
 
 def certified(request: CertifyRequest, progress: Progress) -> Shown:
-    """A certificate, over frequency and as discs in the complex plane."""
+    """Prove a certificate, and draw it over frequency and as discs in the complex plane."""
     from feeddrive.plot.certificate import certificate_chart, discs_chart
 
     outcome = perform("certify", request, progress)
@@ -130,32 +132,32 @@ def certified(request: CertifyRequest, progress: Progress) -> Shown:
 
 
 def circled(request: CircleRequest, progress: Progress) -> Shown:
-    """The circle test of the machine: its circles are the result, `circle_shown` draws them."""
+    """Run the circle test of the machine: its circles are the result, `circle_shown` draws them."""
     outcome = perform("circle", request, progress)
     return Shown(words_of(outcome), result=outcome.result.test)
 
 
-def circle_shown(found: Shown, before: CircleTest | None) -> Shown:
-    """The deviation, magnified and over the angle, and the highest quadrant peaks with where they stand.
+def circle_shown(shown: Shown, before: CircleTest | None) -> Shown:
+    """Draw the deviation, magnified and over the angle, and list the highest quadrant peaks.
 
     before  the same circles under another control
     """
     from feeddrive.machining.circle_test import quadrant_peaks
     from feeddrive.plot.circle import circle_chart, unrolled_chart
 
-    test: CircleTest = found.result
+    test: CircleTest = shown.result
     peaks = list[dict[str, Any]]()
-    for each in quadrant_peaks(test)[:_PLACES]:
-        at = float(np.degrees(each.angle))
-        text = Text(f"{Quantity(each.height, 'm'):3} at {each.side}{each.axis}, {test.circles[each.circle].name}")
+    for peak in quadrant_peaks(test)[:_PLACES]:
+        at = float(np.degrees(peak.angle))
+        text = Text(f"{Quantity(peak.height, 'm'):3} at {peak.side}{peak.axis}, {test.circles[peak.circle].name}")
         peaks.append({"text": text.shown(DRAWN), "view": [max(at - _TURN, 0.0), min(at + _TURN, 360.0)]})
     charts = {"circle": circle_chart(test, before), "unrolled": unrolled_chart(test, before)}
     charts = {name: chart.shown(DRAWN) for name, chart in charts.items()}
-    return replace(found, words={**found.words, "peaks": peaks}, charts=charts)
+    return replace(shown, words={**shown.words, "peaks": peaks}, charts=charts)
 
 
 def program_run(request: RunRequest, progress: Progress) -> Shown:
-    """A part program on the machine: contour error on the path, and the worst places."""
+    """Run a part program on the machine: contour error on the path, and the worst places."""
     from feeddrive.plot.contour import path_chart, place_chart, place_view
     from feeddrive.plot.part_run import part_zoom_chart
 
@@ -167,17 +169,17 @@ def program_run(request: RunRequest, progress: Progress) -> Shown:
     if row.part is not None:
         places = row.part.worst(_PLACES)
         charts["path"] = path_chart(row.part.contour, places=places)
-        for i, each in enumerate(places):
-            charts[f"place_{i}"] = place_chart(row.part.contour, each)
-            charts[f"time_{i}"] = part_zoom_chart({row.name: row.part}, each.time)
-            coordinates = (Quantity(value, "m", form=".3f mm", stays=True, bare=True) for value in each.position)
+        for i, place in enumerate(places):
+            charts[f"place_{i}"] = place_chart(row.part.contour, place)
+            charts[f"time_{i}"] = part_zoom_chart({row.name: row.part}, place.time)
+            coordinates = (Quantity(value, "m", form=".3f mm", stays=True, bare=True) for value in place.position)
             where = ", ".join(f"{coordinate}" for coordinate in coordinates)
-            line = "" if each.line is None else f", line {each.line}"
-            text = Text(f"{Quantity(abs(each.error), 'm'):3} at {Quantity(each.time, 's'):.3f SI} ({where} mm{line})")
+            line = "" if place.line is None else f", line {place.line}"
+            text = Text(f"{Quantity(abs(place.error), 'm'):3} at {Quantity(place.time, 's'):.3f SI} ({where} mm{line})")
             worst.append(
                 {
                     "text": text.shown(replace(outcome.units, typographic=True)),
-                    "view": place_view(row.part.contour, each),
+                    "view": place_view(row.part.contour, place),
                 }
             )
         words["tables"] = [tabled(row.part.table()), *words["tables"]]
@@ -185,36 +187,43 @@ def program_run(request: RunRequest, progress: Progress) -> Shown:
 
 
 def compared(request: CompareRequest, progress: Progress) -> Shown:
-    """Laws at equal robustness: the trade-off, the table, and the control of each law."""
+    """Compare laws at equal robustness: the trade-off, the table, and the control of each law."""
     from feeddrive.comparison.pictures import tradeoff_chart
 
     outcome = perform("compare", request, progress)
-    found = outcome.result
-    chart = tradeoff_chart([(each.name, each.figures, each.unplaced) for each in found.competitors])
+    comparison = outcome.result
+    chart = tradeoff_chart(
+        [(competitor.name, competitor.figures, competitor.unplaced) for competitor in comparison.competitors]
+    )
     drawn = {mark.key for panel in chart.panels for mark in panel.marks}
     laws = [
-        {"name": each.name, "why": each.unfit or each.unplaced, "held": each.held_by, "drawn": each.name in drawn}
-        for each in found.competitors
+        {
+            "name": competitor.name,
+            "why": competitor.unfit or competitor.unplaced,
+            "held": competitor.held_by,
+            "drawn": competitor.name in drawn,
+        }
+        for competitor in comparison.competitors
     ]
-    words = {**words_of(outcome), "laws": laws, "seed": found.seed}
-    controls = {each.name: each.loop.control for each in found.competitors}
+    words = {**words_of(outcome), "laws": laws, "seed": comparison.seed}
+    controls = {competitor.name: competitor.loop.control for competitor in comparison.competitors}
     return Shown(words, _drawn({"tradeoff": chart}, outcome), controls)
 
 
 def exported(request: ExportRequest, progress: Progress) -> Shown:
-    """An export, packed as a ZIP archive beside its directory."""
+    """Write an export, and pack it as a ZIP archive beside its directory."""
     outcome = perform("export", request, progress)
     assert request.out is not None
     return Shown({**words_of(outcome), "archive": packed(request.out).name})
 
 
 def packed(folder: Path) -> Path:
-    """A ZIP archive of a directory, beside it, whole or not at all."""
+    """Pack a directory as a ZIP archive beside it, completely or not at all."""
     from feeddrive.files.atomic_io import written_whole
 
     archive = folder.with_name(f"{folder.name}.zip")
     with written_whole(archive) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as file:
-        for each in sorted(folder.rglob("*")):
-            if each.is_file() and not each.is_symlink():
-                file.write(each, Path(folder.name) / each.relative_to(folder))
+        for path in sorted(folder.rglob("*")):
+            if path.is_file() and not path.is_symlink():
+                file.write(path, Path(folder.name) / path.relative_to(folder))
     return archive

@@ -48,7 +48,7 @@ from feeddrive.testing.strategies import blocks_of, part_types, variants_of
 
 
 def battery(*blocks: type[Block]) -> type[Rows]:
-    """The class of tests of some blocks, to be given a name that begins with Test in a module of tests.
+    """Return the test class of some blocks; assign it to a name that begins with Test in a test module.
 
     Raises StructureError for what is no concrete block, and where a test that runs already calls it: pytest would
     collect nothing.
@@ -61,13 +61,13 @@ def battery(*blocks: type[Block]) -> type[Rows]:
         )
     if not blocks:
         raise StructureError("the battery needs a block: battery(MyLaw)")
-    for each in blocks:
-        required(each, Block, getattr(each, "__name__", repr(each)))
+    for block in blocks:
+        required(block, Block, getattr(block, "__name__", repr(block)))
     return type("TestBlocks", (Rows,), {"blocks": blocks, "__doc__": Rows.__doc__})
 
 
 def _bits(values: Sequence[Any] | np.ndarray) -> list[bytes]:
-    """The bits of numbers; every NaN is the same."""
+    """Return the bits of numbers; all NaN count as equal."""
     numbers = np.array([float(value) for value in values])
     return [b"nan" if number != number else number.tobytes() for number in numbers]
 
@@ -82,18 +82,18 @@ def _inputs(data: st.DataObject) -> Inputs:
 
 
 def _moved(leaves: dict[str, Any], steps: dict[str, np.ndarray]) -> dict[str, Any]:
-    """The leaves with some of them moved, lane by lane."""
+    """Return the leaves with some of them changed, lane by lane."""
     return {**leaves, **{name: np.float64(leaves[name]) + step for name, step in steps.items()}}
 
 
 def _answers(graph: Graph, nodes: list[int], leaves: dict[str, Any], lanes: int) -> np.ndarray:
-    """Nodes by lanes."""
+    """Evaluate nodes, shape (nodes, lanes)."""
     with np.errstate(all="ignore"):
         return np.array([np.broadcast_to(v, lanes).astype(float) for v in evaluate(graph, nodes, leaves)])
 
 
 def _slopes(graph: Graph, nodes: list[int], leaves: dict[str, Any], names: list[str]) -> np.ndarray:
-    """The tangents of nodes for a unit change of one leaf in each lane."""
+    """Return the tangents of nodes for a unit change of one leaf in each lane."""
     seeds = {graph.input(name).index: unit for name, unit in zip(names, np.eye(len(names)), strict=True)}
     with np.errstate(all="ignore"):
         pushed = push(graph, nodes, node_values(graph, nodes, leaves), seeds)
@@ -101,7 +101,7 @@ def _slopes(graph: Graph, nodes: list[int], leaves: dict[str, Any], names: list[
 
 
 def _stands_at_a_root(graph: Graph, nodes: list[int], values: dict[int, Any], names: list[str]) -> bool:
-    """Whether an answer depends on the root or logarithm of a number that is 0 for these numbers."""
+    """True if an answer depends on the root or logarithm of a number that is 0 for these numbers."""
     seeds = {graph.input(name).index: unit for name, unit in zip(names, np.eye(len(names)), strict=True)}
     try:
         require_slopes(graph, nodes, values, {node: seed for node, seed in seeds.items() if node in values}, {}, ())
@@ -111,7 +111,7 @@ def _stands_at_a_root(graph: Graph, nodes: list[int], values: dict[int, Any], na
 
 
 def _rounding(graph: Graph, nodes: list[int], leaves: dict[str, Any], moved: list[str], base: np.ndarray) -> np.ndarray:
-    """How far the answers move if every number moves by its last digits: higher differences cancel all others."""
+    """Return how far the answers move if every number moves by its last digits: higher differences cancel all else."""
     rng, lanes = np.random.default_rng(0), 8
     steps: dict[str, np.ndarray] = {}
     for name in moved:
@@ -161,27 +161,30 @@ def check_slopes(exercise: Exercise) -> None:
         right, left = (above[i] - base[i]) / h, (base[i] - below[i]) / h
         # rounding of the largest number inside, or what cancellation makes of it, over the step
         blur = max(16 * 2.3e-16 * largest, 4.0 * rounding[i]) / h
-        found, wide = 0.5 * (right + left), (far_above[i] - far_below[i]) / (4.0 * h)
+        central, wide = 0.5 * (right + left), (far_above[i] - far_below[i]) / (4.0 * h)
         near = (near_above[i] - near_below[i]) / (2.0 * _BETWEEN * h)
-        bent = np.maximum(np.maximum(np.abs(right - left), np.abs(found - wide)), np.abs(found - near))
+        bent = np.maximum(np.maximum(np.abs(right - left), np.abs(central - wide)), np.abs(central - near))
         jumps = np.abs(slope - beside[i]) > 1e-3 * np.abs(slope)
         # a kink, a jump, or too curved for this step
         uneven = jumps | (bent > 1e-4 * np.maximum(np.abs(right), np.abs(left)) + blur)
-        wrong = ~uneven & ~(np.abs(found - slope) <= 1e-3 * np.abs(slope) + 10 * blur)
+        wrong = ~uneven & ~(np.abs(central - slope) <= 1e-3 * np.abs(slope) + 10 * blur)
         assert not np.any(wrong), f"output {i} by {[name for name, bad in zip(moved, wrong, strict=True) if bad]}"
 
 
 def _without_denormal(values: Sequence[Any] | np.ndarray) -> list[float]:
-    """Numbers with those up to the first normal ones as 0 of their sign: native code counts what is below them as 0."""
+    """Flush subnormal numbers to zeros of their sign, as native code does."""
     numbers = np.array([float(value) for value in values])
     return list(np.where(np.abs(numbers) < 2.3e-308, np.copysign(0.0, numbers), numbers))
 
 
 _BETWEEN = 0.6180339887498949  # of the step of a difference: steps of whole periods of a ripple show no slope
 _UNHURRIED = (
-    HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much, HealthCheck.large_base_example,
+    HealthCheck.too_slow,
+    HealthCheck.data_too_large,
+    HealthCheck.filter_too_much,
+    HealthCheck.large_base_example,
     HealthCheck.differing_executors,
-)  # fmt: skip
+)
 # no search for a smaller example: it takes minutes, and the numbers are ordinary ones already
 _PHASES = (Phase.explicit, Phase.reuse, Phase.generate)
 # compiling takes long: the simplest example and one more
@@ -193,18 +196,18 @@ often = settings(compiled_once, max_examples=20)  # nothing is compiled or trace
 
 
 class Rows:
-    """One row a method: of all `blocks` those with the argument `block`, of those in a step those with `asked`."""
+    """The tests: those with the argument `block` run for all `blocks`, those with `asked` for the blocks of a step."""
 
     blocks: ClassVar[tuple[type[Block], ...]] = ()
 
     def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
-        """Each row for each block that it applies to."""
+        """Parametrize each test with the blocks that it applies to."""
         stepped = [block for block in self.blocks if family_of(block) in TRACED]
         held = [block for block in stepped if issubclass(block, RETUNED)]
         goes_on = [block for block in held if not getattr(block, "steps_live", False)]
-        for name, found in (("block", self.blocks), ("asked", stepped), ("retuned", held), ("goes_on", goes_on)):
+        for name, applicable in (("block", self.blocks), ("asked", stepped), ("retuned", held), ("goes_on", goes_on)):
             if name in metafunc.fixturenames:
-                metafunc.parametrize(name, found, ids=[each.__name__ for each in found])
+                metafunc.parametrize(name, applicable, ids=[member.__name__ for member in applicable])
 
     @drawn
     @given(data=st.data())
@@ -227,9 +230,9 @@ class Rows:
             first.ask,
             Inputs(*map(np.array, zip(*(lane.x for lane in lanes), strict=True))),
         )
-        found = [np.broadcast_to(value, len(lanes)) for value in flat(together.run())]
+        results = [np.broadcast_to(value, len(lanes)) for value in flat(together.run())]
         for i, lane in enumerate(lanes):
-            assert _bits([value[i] for value in found]) == _bits(flat(lane.run()))
+            assert _bits([value[i] for value in results]) == _bits(flat(lane.run()))
 
     @compiled_once
     @given(data=st.data())
@@ -237,9 +240,9 @@ class Rows:
         exercise = _exercise(data, asked)
         expected = _bits(_without_denormal(flat(exercise.run())))
         lanes = data.draw(_LANES)
-        found = exercise.native(lanes)
+        results = exercise.native(lanes)
         for lane in range(lanes):
-            assert _bits(_without_denormal(found[:, lane])) == expected, f"{lanes} lanes"
+            assert _bits(_without_denormal(results[:, lane])) == expected, f"{lanes} lanes"
 
     @compiled_once
     @given(data=st.data())
@@ -251,12 +254,12 @@ class Rows:
     ) -> None:
         exercise = _exercise(data, asked)
         expected = _bits(_without_denormal(flat(exercise.run())))
-        made, constants, rows = exercise.plan(1)
+        plan, constants, rows = exercise.plan(1)
         folder = tmp_path_factory.mktemp("c")
-        library = c_loop.compiled(c_loop.text(made, "feeddrive_run"), folder, "-Wno-unused-parameter", "-O0")
-        outputs = np.empty((len(made.outputs), 1))
+        library = c_loop.compiled(c_loop.text(plan, "feeddrive_run"), folder, "-Wno-unused-parameter", "-O0")
+        outputs = np.empty((len(plan.outputs), 1))
         tables = (ctypes.c_void_p * max(1, len(rows)))(*[row.ctypes.data for row in rows])
-        arrays = (constants, np.empty((1, 0)), np.zeros((len(made.memory), 1)), outputs)
+        arrays = (constants, np.empty((1, 0)), np.zeros((len(plan.memory), 1)), outputs)
         function = library.feeddrive_run
         function.restype, function.argtypes = None, [ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 5]
         function(1, 0, *(array.ctypes.data for array in arrays), ctypes.addressof(tables))
@@ -277,22 +280,24 @@ class Rows:
     @given(data=st.data())
     def test_a_live_change_to_the_same_numbers_changes_no_bit(self, retuned: type[Block], data: st.DataObject) -> None:
         exercise = _exercise(data, retuned)
-        made, state = exercise.block, exercise.run().after
+        block, state = exercise.block, exercise.run().after
         with np.errstate(all="ignore"):
-            prepared = () if issubclass(retuned, UNPREPARED) else (made.prepare(exercise.x.T),) * 2
-            after = made.retune(state, made, *prepared)
+            prepared = () if issubclass(retuned, UNPREPARED) else (block.prepare(exercise.x.T),) * 2
+            after = block.retune(state, block, *prepared)
         assert tree.structure(after) == tree.structure(state)
         # a zero may change its sign, which nothing in a step asks for
         values = [
-            [float(value) + 0.0 for _, value in tree.leaves(each) if not isinstance(value, Ring)]
-            for each in (state, after)
+            [float(value) + 0.0 for _, value in tree.leaves(compared) if not isinstance(value, Ring)]
+            for compared in (state, after)
         ]
         assert _bits(values[0]) == _bits(values[1])
 
     @often
     @given(data=st.data())
     def test_a_live_change_to_other_numbers_makes_no_bump(self, goes_on: type[Block], data: st.DataObject) -> None:
-        """At rest and in even motion, without following error, from a start and after errors that fill an integral."""
+        """Check at rest and at constant speed, without following error, from a start and after errors that fill an
+        integral.
+        """
         x = _inputs(data)
         T, position, force = float(x.T), float(x.position), float(x.force)
         old = concrete(data.draw(blocks_of(goes_on, T)))
@@ -313,8 +318,8 @@ class Rows:
     @drawn
     @given(data=st.data())
     def test_any_values_within_the_declared_bounds_make_a_block(self, block: type[Block], data: st.DataObject) -> None:
-        made = data.draw(blocks_of(block))
-        assert tree.structure(concrete(made)) == tree.structure(made)
+        sample = data.draw(blocks_of(block))
+        assert tree.structure(concrete(sample)) == tree.structure(sample)
 
     def test_it_says_what_it_is_and_what_it_computes(self, block: type[Block]) -> None:
         """Every field has a meaning and a unit, the docstring an equation, and the battery knows its family."""
@@ -332,8 +337,8 @@ def _values(block: Block) -> list[Any]:
 
 
 def _is_part(block: type[Block], beside: Iterable[type[Block]]) -> bool:
-    """Whether another block, the axis or the machine declares a part of this type."""
-    owners = (*(each for members in catalogue().values() for each in members.values()), *beside, Axis, Machine)
+    """True if another block, the axis or the machine declares a part of this type."""
+    owners = (*(member for members in catalogue().values() for member in members.values()), *beside, Axis, Machine)
     hints = (get_type_hints(owner)[name] for owner in owners for name in _part_names(owner))
     return any(block in part_types(hint) for hint in hints)
 

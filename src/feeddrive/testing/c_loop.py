@@ -20,14 +20,14 @@ from pathlib import Path
 
 import pytest
 
-from feeddrive.export.c.statements import CALLS, FLUSH, FUNCTIONS, RESERVED, WIDTH, expression, number
+from feeddrive.export.c_code import CALLS, FLUSH, FUNCTIONS, RESERVED, WIDTH, expression, number
 from feeddrive.export.identifiers import bare
 from feeddrive.language.graph import arguments
 from feeddrive.loop.engine.plan import Plan
 
 
 class _Writer:
-    """Gives every node its text, and collects the lines of the part that is being written."""
+    """Writes the text of nodes, and collects the lines of the part in progress."""
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
@@ -39,7 +39,7 @@ class _Writer:
         self.uses.update(2 * [state.after for state in plan.states])  # what is carried on has a name
 
     def name(self, wanted: str) -> str:
-        """A C name that nothing else has."""
+        """Return a unique C name."""
         text = re.sub(r"\W", "_", wanted, flags=re.ASCII)
         while text in self.names:
             text += "_"
@@ -47,13 +47,15 @@ class _Writer:
         return text
 
     def declare(self, index: int, wanted: str, text: str) -> None:
-        """A line that gives a value a name."""
+        """Add a line that names a value."""
         self.texts[index] = self.name(wanted)
         kind = "int" if self.plan.kinds.truth[index] else "double"
         self.lines.append(f"const {kind} {self.texts[index]} = {text};")
 
     def node(self, index: int) -> None:
-        """One operation: inside the expression that uses it if that is one alone, in the same part of the text."""
+        """Write one operation: inside the expression that uses it if there is a single one in the same part of the
+        text.
+        """
         node = self.plan.graph.nodes[index]
         if node[0] in ("input", "table", "ring"):
             return
@@ -80,7 +82,7 @@ class _Writer:
 
 
 def text(plan: Plan, name: str) -> str:
-    """The C text of a plan of one variant, with `name` as its only visible function."""
+    """Return the C text of a plan of one variant, with `name` as its only visible function."""
     assert plan.lanes == 1, "C text is written for one variant"
     writer = _Writer(plan)
     writer.name(name)
@@ -151,15 +153,27 @@ def text(plan: Plan, name: str) -> str:
 
 
 def compiled(source: str, folder: Path, *flags: str) -> ctypes.CDLL:
-    """C text, compiled with warnings as errors and loaded; skips if there is no compiler."""
+    """Compile C text with warnings as errors and load it; skips without a compiler."""
     compiler = next(filter(None, map(shutil.which, ("gcc", "clang", "cc"))), None)
     if compiler is None:
         pytest.skip("no C compiler (gcc, clang or cc) on this machine: the C text was NOT compiled and NOT compared")
-    text, made = folder / "loop.c", folder / "loop.so"
+    text, library = folder / "loop.c", folder / "loop.so"
     text.write_text(source, encoding="utf-8")
     strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-Wno-unknown-pragmas"]
     done = subprocess.run(
-        [compiler, *strict, "-O2", "-ffp-contract=off", *flags, "-shared", "-fPIC", "-o", str(made), str(text), "-lm"],
+        [
+            compiler,
+            *strict,
+            "-O2",
+            "-ffp-contract=off",
+            *flags,
+            "-shared",
+            "-fPIC",
+            "-o",
+            str(library),
+            str(text),
+            "-lm",
+        ],
         capture_output=True,
         text=True,
         encoding="utf-8",
@@ -167,4 +181,4 @@ def compiled(source: str, folder: Path, *flags: str) -> ctypes.CDLL:
         check=False,
     )
     assert done.returncode == 0, done.stderr[:3000]
-    return ctypes.CDLL(str(made))
+    return ctypes.CDLL(str(library))

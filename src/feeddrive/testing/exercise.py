@@ -28,7 +28,7 @@ STEPS = 3
 
 
 class Inputs(NamedTuple):
-    """Numbers that a block may be given, floats, arrays or symbols; each family takes those it needs."""
+    """Numbers that a block may receive: floats, arrays or symbols; each family takes those it needs."""
 
     T: Any
     position: Any
@@ -45,17 +45,17 @@ class Inputs(NamedTuple):
     sample: Any
 
     def setpoint(self) -> Setpoint:
-        """The set motion."""
+        """Return the set motion."""
         return Setpoint(self.position, self.velocity, self.acceleration, self.jerk, self.snap)
 
     def motion(self) -> Motion:
-        """The motion of both bodies."""
+        """Return the motion of both bodies."""
         return Motion(self.position_motor, self.position, self.velocity_motor, self.velocity)
 
 
 @cache
 def inputs() -> st.SearchStrategy[Inputs]:
-    """Numbers of the size that motions and forces of feed drives have."""
+    """Return numbers of the size of motions and forces of feed drives."""
 
     # numbers so small that a product leaves the normal ones are 0 in native code: none of them is a motion or a force
     def about(size: float) -> st.SearchStrategy[float]:
@@ -80,7 +80,7 @@ def inputs() -> st.SearchStrategy[Inputs]:
 
 
 class Answers(NamedTuple):
-    """What a block answered: its state at the start and after some steps, if it has one, and all outputs."""
+    """The answers of a block: its state at the start and after some steps, if it has one, and all outputs."""
 
     start: Any
     after: Any
@@ -88,8 +88,8 @@ class Answers(NamedTuple):
 
 
 def _plant(block: Any, x: Inputs) -> Answers:
-    made = block.mechanics()
-    matrices = (made.mass, made.damping, made.stiffness, made.shape, made.rigid_motion())
+    mechanics = block.mechanics()
+    matrices = (mechanics.mass, mechanics.damping, mechanics.stiffness, mechanics.shape, mechanics.rigid_motion())
     return Answers((), (), (*matrices, block.rigid_mass()))
 
 
@@ -151,7 +151,7 @@ def _law(block: Any, x: Inputs) -> Answers:
 
 
 def _retuned(block: Any, state: Any, prepared: Any, T: Any) -> Any:
-    """The state after a live change from the same block with all numbers a tenth smaller."""
+    """Return the state after a live change from the same block with all numbers a tenth smaller."""
     old = tree.rebuild(block, (0.9 * value for _, value in tree.leaves(block)))
     return block.retune(state, old, old.prepare(T), prepared)
 
@@ -162,8 +162,8 @@ def _compensation(block: Any, x: Inputs) -> Answers:
     outputs = []
     for step in range(STEPS):
         setpoint = x.setpoint().shifted(float(step) * x.T)
-        state, *found = block.step(prepared, state, setpoint, _reading(x, step), x.T)
-        outputs.append(tuple(found))
+        state, *commands = block.step(prepared, state, setpoint, _reading(x, step), x.T)
+        outputs.append(tuple(commands))
     return Answers(start, state, (tuple(outputs), _retuned(block, state, prepared, x.T)))
 
 
@@ -221,21 +221,21 @@ def _coupling(block: Any, x: Inputs) -> Answers:
         state, forces = block.step(prepared, state, motions, x.time + float(step) * x.T, x.T)
         outputs.append(tuple(forces.values()))
         motions = {
-            name: each._replace(position_load=each.position_load + x.T * each.velocity_load)
-            for name, each in motions.items()
+            name: motion._replace(position_load=motion.position_load + x.T * motion.velocity_load)
+            for name, motion in motions.items()
         }
     if not block.controls:
         return Answers(start, state, tuple(outputs))
     setpoints = {name: x.setpoint().shifted(float(i) * x.T) for i, name in enumerate(block.axes())}
     begun = heard = block.listen(setpoints)
     for _ in range(STEPS):
-        setpoints = {name: each.shifted(x.T) for name, each in setpoints.items()}
+        setpoints = {name: motion.shifted(x.T) for name, motion in setpoints.items()}
         heard, added = block.correct(heard, setpoints, dict.fromkeys(block.axes(), x.position_motor))
         outputs.append(tuple(added.values()))
     return Answers((start, begun), (state, heard), tuple(outputs))
 
 
-# What is part of a step, and what a block of each family is asked.
+# The families that are part of a step, with the function that runs a block of each.
 TRACED: dict[type[Block], Callable[[Any, Inputs], Answers]] = {
     families.Plant: _plant,
     families.Friction: _friction,
@@ -255,24 +255,24 @@ SAMPLED: tuple[type[Block], ...] = (families.Reference, families.Load)
 
 
 def asked_of(block: type[Block]) -> Callable[[Any, Inputs], Answers]:
-    """What a block that is part of a step is asked."""
+    """Return the function that runs a block of a step."""
     return TRACED[family_of(block)]
 
 
 class Exercise(NamedTuple):
-    """A block, what it is asked, and with which numbers."""
+    """A block, the function that runs it, and its numbers."""
 
     block: Any
     ask: Callable[[Any, Inputs], Answers]
     x: Inputs
 
     def run(self) -> Answers:
-        """On the numbers as they are: floats or arrays over lanes."""
+        """Run on the numbers as they are: floats or arrays over lanes."""
         with np.errstate(all="ignore"):
             return self.ask(self.block, self.x)
 
     def trace(self) -> tuple[Graph, list[int], dict[str, Any]]:
-        """The graph of all answers, their nodes, and the numbers of its leaves by name."""
+        """Return the graph of all answers, their nodes, and the numbers of its leaves by name."""
         graph = Graph()
         rows = dict(tree.tables(self.block))
         block = tree.rebuild(self.block, (graph.input(name) for name, _ in tree.leaves(self.block)))
@@ -283,7 +283,7 @@ class Exercise(NamedTuple):
         return graph, nodes, {**dict(tree.leaves(self.block)), **rows, **inputs}
 
     def program(self) -> tuple[Program, dict[str, Any], dict[str, np.ndarray]]:
-        """The answers as a program whose numbers are all constants, and the numbers and tables by name."""
+        """Return the answers as a program whose numbers are all constants, and the numbers and tables by name."""
         graph, nodes, leaves = self.trace()
         tables = {name: value for name, value in leaves.items() if isinstance(value, np.ndarray)}
         numbers = {name: value for name, value in leaves.items() if name not in tables}
@@ -301,21 +301,25 @@ class Exercise(NamedTuple):
         return program.keeping(list(program.outputs)), numbers, tables
 
     def plan(self, lanes: int) -> tuple[Plan, np.ndarray, list[np.ndarray]]:
-        """Its plan, constants (one row each, over the lanes) and tables."""
+        """Return its plan, constants (one row each, over the lanes) and tables."""
         program, numbers, tables = self.program()
-        made = plan(program, lanes=lanes, varying=list(numbers) if lanes > 1 else ())
-        column = np.array([numbers[name] for name, _ in made.constants], dtype=float).reshape(-1, 1)  # perhaps empty
+        compiled_plan = plan(program, lanes=lanes, varying=list(numbers) if lanes > 1 else ())
+        column = np.array([numbers[name] for name, _ in compiled_plan.constants], dtype=float).reshape(
+            -1, 1
+        )  # perhaps empty
         constants = np.ascontiguousarray(np.repeat(column, lanes, axis=1))
-        return made, constants, [tables[name] for name, _ in made.tables]
+        return compiled_plan, constants, [tables[name] for name, _ in compiled_plan.tables]
 
     def native(self, lanes: int) -> np.ndarray:
-        """What machine code makes of it: (outputs, lanes)."""
-        made, constants, rows = self.plan(lanes)
-        outputs = np.empty((1, len(made.outputs), lanes))
-        native(made).run(1, 0, constants, np.empty((1, 0)), np.zeros((len(made.memory), lanes)), outputs, rows)
+        """Return the results of machine code, shape (outputs, lanes)."""
+        compiled_plan, constants, rows = self.plan(lanes)
+        outputs = np.empty((1, len(compiled_plan.outputs), lanes))
+        native(compiled_plan).run(
+            1, 0, constants, np.empty((1, 0)), np.zeros((len(compiled_plan.memory), lanes)), outputs, rows
+        )
         return outputs[0]
 
 
 def flat(answers: Answers) -> list[Any]:
-    """All numbers; what rings hold shows in what is read from them."""
+    """Return all numbers; the cells of rings show in what is read from them."""
     return [value for _, value in tree.leaves(answers) if not isinstance(value, Ring)]

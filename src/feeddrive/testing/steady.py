@@ -32,7 +32,9 @@ _FORCE = 1e3  # N
 
 
 class Place(NamedTuple):
-    """Where and how fast the axis is: its position at sample 0 and its way in a sample (m), T (s) and a force (N)."""
+    """Position and speed of the axis: its position at sample 0 and its travel in a sample (m), T
+    (s) and a force (N).
+    """
 
     position: Any
     way: Any
@@ -55,7 +57,7 @@ def place(position: float, moves: bool, T: float, force: float) -> Place:
 
 
 class Steady:
-    """A block that was started at a place and a sample, and goes on from there."""
+    """A block that was started at a place and a sample, and runs from there."""
 
     def __init__(self, block: Any, at: Place, sample: int = 0) -> None:
         self.block, self.at, self.sample = block, at, sample
@@ -73,7 +75,7 @@ class Steady:
             self.state = block.start(self.prepared, setpoint, reading)
 
     def outputs(self, count: int, errors: Sequence[float] = ()) -> np.ndarray:
-        """Return what comes out in some samples, the first ones with following errors: a row each."""
+        """Return the outputs of some samples, the first ones with following errors: a row each."""
         rows = [self._step(errors[k] if k < len(errors) else 0.0) for k in range(count)]
         return np.array(rows, dtype=float)
 
@@ -85,23 +87,23 @@ class Steady:
     def _step(self, error: float) -> Sequence[Any]:
         self.sample += 1
         setpoint, reading = self.at.setpoint(self.sample, error), self.at.reading(self.sample, self.force)
-        block, made, T = self.block, self.prepared, self.at.T
+        block, prepared, T = self.block, self.prepared, self.at.T
         if self._family is families.Law:
-            self.state, self.force = block.step(made, self.state, setpoint, reading, T)
+            self.state, self.force = block.step(prepared, self.state, setpoint, reading, T)
             return (self.force,)
         if self._family is families.Filter:
-            self.state, value = block.step(made, self.state, self.force)
+            self.state, value = block.step(prepared, self.state, self.force)
             return (value,)
         if self._family is families.Observer:
-            self.state, seen = block.step(made, self.state, reading, T)
+            self.state, seen = block.step(prepared, self.state, reading, T)
             return (seen.position - reading.position_load, seen.velocity, seen.disturbance)
         if self._family is families.Compensation:
-            self.state, moved, force = block.step(made, self.state, setpoint, reading, T)
+            self.state, moved, force = block.step(prepared, self.state, setpoint, reading, T)
             return (moved.position - setpoint.position, *moved[1:], force)
-        self.state, found = block.step(self.state, setpoint, T)
+        self.state, outputs = block.step(self.state, setpoint, T)
         if self._family is families.Feedforward:
-            return (found,)
-        return (found.position - setpoint.position, *found[1:])
+            return (outputs,)
+        return (outputs.position - setpoint.position, *outputs[1:])
 
     def retune(self, new: Any) -> None:
         """Change the numbers of the block between two samples."""
@@ -125,7 +127,8 @@ def without_friction(new: Block, old: Block) -> Block:
 
 
 def bump(old: Block, new: Block, at: Place, errors: Sequence[float] = ()) -> str:
-    """Return what a live change from one block to another does to a steady output that it does not ask for, in words.
+    """Return, in words, the change of a steady output by a live change from one block to another that the block does
+    not require.
 
     Empty where the output goes on, and where there is no steady state: with a block that settles slowly, with a law
     that does not hold the force with which it was started, and in even motion also where the new one would not.
@@ -201,7 +204,7 @@ def _rounding(old: Block, new: Block, at: Place, errors: Sequence[float], change
 
 
 def _settled(first: np.ndarray, second: np.ndarray, third: np.ndarray, exactly: bool) -> bool:
-    """Return whether states at equal distances are on straight lines: what still settles shows with other gains.
+    """True if states at equal distances are on straight lines: an unfinished transient shows with other gains.
 
     After errors they must be equal to the last bit, as an integral is: the slow end of an observer's transient is not.
     """

@@ -75,7 +75,7 @@ def _blocks(draw: st.DrawFn, cls: type[Block], sample_time: float | None) -> Any
     for attempt in range(1, _TRIES + 1):
         try:
             with np.errstate(all="ignore"):
-                made = cls(**values)
+                block = cls(**values)
         except FeeddriveError as refusal:
             named = fields.keys() & _NAME.findall(str(refusal))
             cut = _cut(values, named)
@@ -83,8 +83,8 @@ def _blocks(draw: st.DrawFn, cls: type[Block], sample_time: float | None) -> Any
                 values = cut
                 continue
         else:
-            if _runs_at(made, sample_time):
-                return made
+            if _runs_at(block, sample_time):
+                return block
             named = frozenset[str]()
         again = fields.keys() if not named or attempt % 4 == 0 else named
         values |= _drawn(draw, cls, again, attempt)
@@ -92,7 +92,7 @@ def _blocks(draw: st.DrawFn, cls: type[Block], sample_time: float | None) -> Any
 
 
 def _runs_at(block: Block, sample_time: float | None) -> bool:
-    """Return whether a block keeps its rules at a sample time; what a refusal advises would take long to compute."""
+    """True if a block keeps its rules at a sample time; the advice of a refusal would take long to compute."""
     if sample_time is None:
         return True
     plain = tree.rebuild(block, (np.float64(value) for _, value in tree.leaves(block)))
@@ -159,7 +159,7 @@ def _one_of(options: Sequence[Any]) -> _Draw:
 
 @st.composite
 def variants_of(draw: st.DrawFn, block: Block, sample_time: float) -> Any:
-    """Draw other numbers for some leaves of a block: what may differ between lanes and at a live change."""
+    """Draw other numbers for some leaves of a block: those that may differ between lanes and at a live change."""
     values = dict(tree.leaves(block))
     names = [name for name in values if draw(_EITHER)] or list(values)
     values |= {name: draw(numbers(tree.declaration(block, name))) for name in names}
@@ -252,5 +252,5 @@ def _parts(hint: Any) -> _Draw:
 def part_types(hint: Any) -> list[type[Block]]:
     """Return the blocks and families that the type of a part names: `Motor | None`, `tuple[Mode, ...]`."""
     if get_origin(hint) in (Union, types.UnionType, tuple):
-        return [found for option in get_args(hint) for found in part_types(option)]
+        return [part for option in get_args(hint) for part in part_types(option)]
     return [hint] if isinstance(hint, type) and issubclass(hint, Block) else []

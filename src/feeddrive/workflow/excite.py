@@ -14,9 +14,8 @@ import numpy as np
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.files.run_files import write_run_csv, write_run_parquet
-from feeddrive.identification.excitation.design import design_excitation
 from feeddrive.identification.excitation.estimate_frf import estimate_frf
-from feeddrive.identification.excitation.excitation import Excitation, said
+from feeddrive.identification.excitation.excitation import Excitation, design_excitation, readable
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, number
@@ -144,8 +143,9 @@ def excitation_report(found: Excitation, loop: Loop, known: Mapping[str, str] | 
     lead = [
         Text(
             f"{found.lines.size} lines from {Quantity(found.frequency[0], 'Hz', bare=True)} to "
-            f"{Quantity(found.frequency[-1], 'Hz')} on the {found.where}, peak {said(found.amplitude, found.unit)}, "
-            f"crest factor {number(found.crest, 4)}; all limits that were stated hold in the simulation."
+            f"{Quantity(found.frequency[-1], 'Hz')} on the {found.where}, peak "
+            f"{readable(found.amplitude, found.unit)}, crest factor {number(found.crest, 4)}; all limits that were "
+            "stated hold in the simulation."
         ),
         Text(
             f"Expect a deviation of {Quantity(np.median(share), 'share'):2} in the middle and "
@@ -171,8 +171,8 @@ def excitation_report(found: Excitation, loop: Loop, known: Mapping[str, str] | 
         **(known or {}),
         "Grid": Text(f"{found.grid}, lines at multiples of {Quantity(1.0 / (found.period * found.sample_time), 'Hz')}"),
         "Periods": f"{found.periods} of {found.period} samples, each realisation swells and fades over {found.fade}",
-        "Motion underneath": Text(f"{said(found.offset_velocity, 'm/s')}, back in every second realisation"),
-        "Least speed while excited": Text(f"{said(found.least_velocity, 'm/s')}"),
+        "Motion underneath": Text(f"{readable(found.offset_velocity, 'm/s')}, back in every second realisation"),
+        "Least speed while excited": Text(f"{readable(found.least_velocity, 'm/s')}"),
     }
     noted = Remarks([*found.remarks, *estimate.remarks])
     return Report(

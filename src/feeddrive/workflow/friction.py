@@ -18,9 +18,15 @@ from feeddrive.files.machine import MachineFile
 from feeddrive.files.to_toml import to_toml
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.identification.estimate import LEAST_PULL, SHAFT, SIGNIFICANT
-from feeddrive.identification.friction_curve import Compared, FrictionCurve, fit_friction
-from feeddrive.identification.motion.known_axis import own_viscous
-from feeddrive.identification.steady_runs import LEAST_ROWS, SteadyRuns, steady_runs
+from feeddrive.identification.friction_curve import (
+    LEAST_ROWS,
+    Compared,
+    FrictionCurve,
+    SteadyRuns,
+    fit_friction,
+    steady_runs,
+)
+from feeddrive.identification.motion.identify import own_viscous
 from feeddrive.language.declaration import declarations
 from feeddrive.language.errors import NotIdentifiableError, sentence
 from feeddrive.language.judgment import Advice, Judgment

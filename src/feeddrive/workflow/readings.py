@@ -16,7 +16,7 @@ from feeddrive.files.columns import ROLES, Column, unit_at_the_end, unit_of
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.log import Log
 from feeddrive.identification.estimate import SHAFT, TABLE, Frame
-from feeddrive.identification.plausibility import RANGES, outside, said, scaled, sizes, spoken, unlikely
+from feeddrive.identification.plausibility import RANGES, out_of_range, outside, scaled, sizes, spoken, unlikely
 from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.judgment import Advice, Judgment
@@ -160,7 +160,7 @@ def doubt(
     readings = _readings(frame, found, motion, force, is_hal)
     if silent and torque is not None and not wrong and not is_hal:
         return Doubt(_silent_torque(file, torque, log, found), told=False)
-    why = said(wrong, found)
+    why = out_of_range(wrong, found)
     open_ = [each for each in groups if each is not None and each.how != "told" and each in (motion, force)]
     if not open_:
         return Doubt(Text(f"{file}: as its units were told, {why}"))

@@ -12,7 +12,7 @@ import numpy as np
 from feeddrive.files.columns import unit_of
 from feeddrive.files.frf import FrfLike, read_frfs
 from feeddrive.files.machine import BUNDLED, MachineFile, MachineLike, read_machine
-from feeddrive.identification.response.two_mass_fit import fit_modal_axis
+from feeddrive.identification.response.plant_fit import fit_modal_axis
 from feeddrive.language import units
 from feeddrive.language.errors import FeeddriveError, ParameterError, nearest
 from feeddrive.language.progress import Progress

@@ -6,9 +6,8 @@ from pathlib import Path
 
 from feeddrive.bus.play import interruption
 from feeddrive.bus.virtual.canopen_node import serve_canopen
-from feeddrive.bus.virtual.driven_axis import DrivenAxis, drive_text, scaling_of
 from feeddrive.bus.virtual.ethercat_slave import serve_ethercat
-from feeddrive.bus.virtual.firmware import Firmware
+from feeddrive.bus.virtual.firmware import DrivenAxis, Firmware, drive_text, scaling_of
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.language.errors import ParameterError

@@ -11,6 +11,7 @@ from feeddrive.bus.canopen import opened_network, packages
 from feeddrive.bus.cia402 import Layout
 from feeddrive.bus.virtual.firmware import INVALID, Firmware, PdoMap, SdoAbortError
 
+# CiA 301: COB-ID of SYNC, producer and consumer time of the heartbeat, COB-ID of the heartbeat of node 0
 _SYNC, _HEARTBEAT, _CONSUMER, _BEAT = 0x80, 0x1017, 0x1016, 0x700
 _PATIENCE = 0.05  # s between looks at `stopped`
 
@@ -109,22 +110,22 @@ def serve_canopen(
 
 
 class _MasterWatch:
-    """The heartbeat that the drive monitors (0x1016:01): from the first beat on it must not fail."""
+    """The heartbeat that the drive monitors (0x1016:01): once received, it must not fail."""
 
     def __init__(self) -> None:
         self.set(0)
 
     def set(self, entry: int) -> None:
-        """Node in bits 16 to 22, ms in the low 16 bits; 0 ms: off."""
+        """Set the entry: node in bits 16 to 22, ms in the low 16 bits; 0 ms disables it."""
         self.entry = entry
         self._last: float | None = None
 
     def beat(self, identifier: int, _content: bytearray, _stamp: float) -> None:
-        """A heartbeat of any node."""
+        """Handle a heartbeat of any node."""
         if identifier - _BEAT == self.entry >> 16 & 0x7F:
             self._last = time.monotonic()
 
     def is_silent(self) -> bool:
-        """Whether the heartbeat has failed."""
+        """True if the heartbeat has failed."""
         last, limit = self._last, 1e-3 * (self.entry & 0xFFFF)
         return last is not None and limit > 0.0 and time.monotonic() - last > limit

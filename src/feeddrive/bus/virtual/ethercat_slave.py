@@ -45,7 +45,7 @@ def serve_ethercat(
     Raises ParameterError for an interface that is not there, BusError for one that is not permitted.
     """
     drives = [firmwares] if isinstance(firmwares, Firmware) else list(firmwares)
-    stations = [SlaveController(each) for each in drives]
+    stations = [SlaveController(firmware) for firmware in drives]
     line = opened_socket(interface, ETHERTYPE)
     with contextlib.closing(line):
         ready()
@@ -68,6 +68,7 @@ def serve_ethercat(
 
 
 ETHERTYPE = 0x88A4
+# AL states and status codes by ETG.1000.6, registers of the slave controller by ETG.1000.4
 INIT, PREOP, SAFEOP, OP = 1, 2, 4, 8
 _ALLOWED = {INIT: (PREOP,), PREOP: (INIT, SAFEOP), SAFEOP: (INIT, PREOP, OP), OP: (INIT, PREOP, SAFEOP)}
 # AL status codes
@@ -87,7 +88,7 @@ _WRITES = {2, 3, 5, 6, 8, 9}
 
 
 class SlaveController:
-    """Answers EtherCAT frames; `cycles` bus cycles have passed to the firmware."""
+    """A slave that answers EtherCAT frames; `cycles` bus cycles have been passed to the firmware."""
 
     def __init__(self, firmware: Firmware) -> None:
         self.firmware = firmware
@@ -105,12 +106,12 @@ class SlaveController:
 
     @property
     def state(self) -> int:
-        """Of the AL, without the error bit."""
+        """The AL state, without the error bit."""
         return self._memory[_AL_STATUS] & 0x0F
 
     @property
     def watchdog(self) -> float:
-        """s without outputs after which it leaves OP, by its registers; 0: never."""
+        """The time without outputs after which it leaves OP, s, by its registers; 0: never."""
         (divider,) = struct.unpack_from("<H", self._memory, _DIVIDER)
         (time_,) = struct.unpack_from("<H", self._memory, _WATCHDOG_TIME)
         return 40e-9 * (divider + 2) * time_ if self._memory[_SYNC + 8 * 2 + 4] & 0x40 else 0.0
@@ -120,22 +121,22 @@ class SlaveController:
         struct.pack_into("<H", self._memory, _AL_CODE, code)
 
     def fall(self, code: int) -> None:
-        """From OPERATIONAL to SAFE-OPERATIONAL by itself, with an AL status code."""
+        """Leave OPERATIONAL for SAFE-OPERATIONAL, with an AL status code."""
         self._enter(SAFEOP, code)
         self.firmware.lost()
 
     def passed(self, frame: bytes) -> bytes | None:
-        """The frame as it comes back, or None for one that is not EtherCAT; then `advance` is due."""
+        """Return the frame as it leaves the slave, or None for one that is not EtherCAT; then `advance` is due."""
         if len(frame) < 28 or frame[12:14] != b"\x88\xa4":
             return None
-        made = bytearray(frame)
-        made[6] |= 0x02  # the address of the sender, as every slave marks it
-        for at, size in _datagrams(made):
-            self._datagram(made, at, size)
-        return bytes(made)
+        returned = bytearray(frame)
+        returned[6] |= 0x02  # the address of the sender, as every slave marks it
+        for at, size in _datagrams(returned):
+            self._datagram(returned, at, size)
+        return bytes(returned)
 
     def advance(self) -> bool:
-        """After the frame has gone: one bus cycle if process data were in it."""
+        """Advance by one bus cycle, after the frame has been sent, if it carried process data."""
         if not self._due:
             return False
         self._due = False
@@ -152,27 +153,29 @@ class SlaveController:
     def _refresh(self) -> None:
         self._memory[INPUTS[0] : INPUTS[0] + self._inputs.size] = self._inputs.pack(self.firmware.values)
 
-    def _datagram(self, made: bytearray, at: int, size: int) -> None:
-        command = made[at]
+    def _datagram(self, frame: bytearray, at: int, size: int) -> None:
+        command = frame[at]
         start, end = at + 10, at + 10 + size
         counted = 0
         if command in (10, 11, 12):
-            counted = self._logical(made, command, at, start, size)
+            counted = self._logical(frame, command, at, start, size)
         else:
-            station, register = struct.unpack_from("<HH", made, at + 2)
+            station, register = struct.unpack_from("<HH", frame, at + 2)
             mine = self._addressed(command, station)
             if command in (1, 2, 3, 7, 8, 9, 13):  # by position, or to all: each slave counts on
-                struct.pack_into("<H", made, at + 2, station + 1 & 0xFFFF)
-            given = bytes(made[start:end])
+                struct.pack_into("<H", frame, at + 2, station + 1 & 0xFFFF)
+            written = bytes(frame[start:end])
             if command in _READS and (mine or command in (7, 9)):
-                found = self._read(register, size)
-                made[start:end] = bytes(a | b for a, b in zip(found, given, strict=True)) if command == 7 else found
+                content = self._read(register, size)
+                frame[start:end] = (
+                    bytes(a | b for a, b in zip(content, written, strict=True)) if command == 7 else content
+                )
                 counted += 1
             if mine and command in _WRITES:
-                self._write(register, given)
+                self._write(register, written)
                 counted += 2 if command in (3, 6, 9) else 1
-        (count,) = struct.unpack_from("<H", made, end)
-        struct.pack_into("<H", made, end, count + counted & 0xFFFF)
+        (count,) = struct.unpack_from("<H", frame, end)
+        struct.pack_into("<H", frame, end, count + counted & 0xFFFF)
 
     def _addressed(self, command: int, station: int) -> bool:
         if command in (7, 8, 9):
@@ -181,9 +184,11 @@ class SlaveController:
             return station == struct.unpack_from("<H", self._memory, _STATION)[0]
         return station == 0
 
-    def _logical(self, made: bytearray, command: int, at: int, start: int, size: int) -> int:
-        """LRD, LWR, LRW through the FMMUs: 1 for what was read, for what was written 1, or 2 in an LRW."""
-        (logical,) = struct.unpack_from("<I", made, at + 2)
+    def _logical(self, frame: bytearray, command: int, at: int, start: int, size: int) -> int:
+        """Serve LRD, LWR, LRW through the FMMUs; return the working counter: 1 for a read, 1 for a write, 2 for a write
+        in an LRW.
+        """
+        (logical,) = struct.unpack_from("<I", frame, at + 2)
         if self.state not in (SAFEOP, OP):
             return 0
         counted, read, written = 0, [], False
@@ -199,21 +204,21 @@ class SlaveController:
                 read.append((there, bytes(self._memory[here : here + high - low])))
                 counted |= 1
             if kind & 2 and command != 10 and self.state == OP:
-                self._memory[here : here + high - low] = made[there : there + high - low]
+                self._memory[here : here + high - low] = frame[there : there + high - low]
                 counted |= 2 if command == 12 else 1
             if kind & 2 and command != 10:
                 written = True
         for there, content in read:
-            made[there : there + len(content)] = content
+            frame[there : there + len(content)] = content
         listened = bool(read) and not self._outputs.size  # by a master that commands nothing
         self._due = self._due or written or listened
         return counted
 
     def _read(self, register: int, size: int) -> bytes:
-        found = bytes(self._memory[register : register + size]).ljust(size, b"\x00")
+        content = bytes(self._memory[register : register + size]).ljust(size, b"\x00")
         if register <= sum(MAILBOX_IN) - 1 < register + size and self._memory[_SYNC + 13] & _FULL:
             self._memory[_SYNC + 13] &= ~_FULL  # the last byte of the mailbox was read
-        return found
+        return content
 
     def _write(self, register: int, content: bytes) -> None:
         repeat = self._memory[_SYNC + 14] & _REPEAT
@@ -251,7 +256,7 @@ class SlaveController:
         self._memory[_SYNC + 13] |= _FULL
 
     def _control(self, wanted: int) -> None:
-        """A requested state, with bit 4 to acknowledge an error."""
+        """Handle a requested state; bit 4 acknowledges an error."""
         status, state = self._memory[_AL_STATUS], wanted & 0x0F
         if status & 0x10 and not wanted & 0x10:
             return
@@ -269,7 +274,7 @@ class SlaveController:
                 self.firmware.lost()
 
     def _obstacle(self, state: int) -> int:
-        """Why a state cannot be entered: an AL status code, 0 for nothing."""
+        """Return why a state cannot be entered: an AL status code, 0 for none."""
         if state == PREOP and self.state == INIT:
             return 0 if all(self._sync(k) == place for k, place in ((0, MAILBOX_OUT), (1, MAILBOX_IN))) else _NO_MAILBOX
         if state == SAFEOP and self.state == PREOP:
@@ -282,13 +287,13 @@ class SlaveController:
         return 0
 
     def _sync(self, k: int) -> tuple[int, int]:
-        """Start and length of a sync manager."""
+        """Return start and length of a sync manager."""
         start, length = struct.unpack_from("<HH", self._memory, _SYNC + 8 * k)
         return start, length
 
 
 def _datagrams(frame: bytearray) -> Iterator[tuple[int, int]]:
-    """Where each datagram begins, and how many bytes of content it has."""
+    """Yield the start and the content length of each datagram."""
     at, more = 16, True
     while more and at + 12 <= len(frame):
         (word,) = struct.unpack_from("<H", frame, at + 6)
@@ -299,14 +304,15 @@ def _datagrams(frame: bytearray) -> Iterator[tuple[int, int]]:
         at += 12 + size
 
 
+# mailbox type of CoE, its services, and the command specifiers of an SDO
 _COE, _REQUEST, _RESPONSE = 3, 2, 3
 _UPLOAD, _DOWNLOAD = 2, 1
-_UNKNOWN_COMMAND = 0x05040001
+_UNKNOWN_COMMAND = 0x05040001  # abort code: unknown command specifier
 _SYNC_TYPES = 0x1C00  # what each sync manager is for: mailbox out, mailbox in, outputs, inputs
 
 
 def answer(message: bytes, objects: PdoMap) -> bytes | None:
-    """What comes back for a mailbox message; None for a message that is not a CoE request."""
+    """Return the answer to a mailbox message; None for a message that is not a CoE request."""
     length, _, _, kind = struct.unpack_from("<HHBB", message)
     body = message[6 : 6 + length]
     if kind & 0x0F != _COE or len(body) < 10:
@@ -356,13 +362,14 @@ def _framed(content: bytes, kind: int) -> bytes:
 # process memory of the slave: address and length
 MAILBOX_OUT, MAILBOX_IN = (0x1000, 128), (0x1080, 128)
 OUTPUTS, INPUTS = (0x1100, 64), (0x1200, 64)
+# category types of the EEPROM by ETG.2010
 _GENERAL, _FMMU_CATEGORY, _SYNC_CATEGORY, _STRINGS, _END = 30, 40, 41, 10, 0xFFFF
 _COE_PROTOCOL = 0x04  # mailbox protocol
 _COE_DETAILS = 0x0D  # SDO, PDO assignment and PDO mapping may be written
 
 
 def eeprom(vendor: int, product: int, revision: int, serial: int, name: str) -> bytes:
-    """The image, a multiple of 8 bytes, by ETG.1000.6 and ETG.2010."""
+    """Return the EEPROM image, a multiple of 8 bytes, by ETG.1000.6 and ETG.2010."""
     head = bytearray(128)
     struct.pack_into("<IIII", head, 0x10, vendor, product, revision, serial)
     struct.pack_into("<HHHHH", head, 0x30, *MAILBOX_OUT, *MAILBOX_IN, _COE_PROTOCOL)
@@ -375,9 +382,12 @@ def eeprom(vendor: int, product: int, revision: int, serial: int, name: str) -> 
     sync = b"".join(
         struct.pack("<HHBBBB", start, length, control, 0, 1, kind)
         for (start, length), control, kind in (
-            (MAILBOX_OUT, 0x26, 1), (MAILBOX_IN, 0x22, 2), ((OUTPUTS[0], 0), 0x64, 3), ((INPUTS[0], 0), 0x20, 4),
+            (MAILBOX_OUT, 0x26, 1),
+            (MAILBOX_IN, 0x22, 2),
+            ((OUTPUTS[0], 0), 0x64, 3),
+            ((INPUTS[0], 0), 0x20, 4),
         )
-    )  # fmt: skip
+    )
     categories = (
         (_STRINGS, strings),
         (_GENERAL, bytes(general)),

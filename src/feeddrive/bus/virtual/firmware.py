@@ -1,23 +1,20 @@
-"""The firmware of a virtual drive: CiA 402 around a simulated axis, and its process data.
-
-The firmware of a virtual drive: CiA 402 around an axis that is simulated by the code of `simulate`.
-
-One call of `cycle` is one bus cycle: the plant moves on by exactly that time, however long the cycle took on the clock.
-
-The process data of a virtual drive: mapping and assignment objects.
-
-0x1600.. and 0x1A00.. define the contents of a process data object, 0x1C12 and 0x1C13 the objects that an EtherCAT
-master uses, 0x1400.. and 0x1800.. the CAN messages that carry them.
-"""
+"""The firmware of a virtual drive: CiA 402 around the simulated loop of a machine file, and its process data."""
 
 from __future__ import annotations
 
 import math
 import struct
 from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from feeddrive.blocks.actuator.screw import Screw
+from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.blocks.force.gravity import Gravity
+from feeddrive.blocks.sensor.encoder import Encoder
+from feeddrive.blocks.signals import Setpoint
 from feeddrive.bus.cia402 import (
     AT,
     CSP,
@@ -33,17 +30,207 @@ from feeddrive.bus.cia402 import (
     answer,
 )
 from feeddrive.bus.drive_file import DriveScaling, interpolation_time
-from feeddrive.bus.virtual.driven_axis import DrivenAxis
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.quantity import Quantity
-from feeddrive.loop.guard import TRIP_COMMAND, TRIP_FOLLOWING_ERROR, TRIP_READING, TRIP_TRAVEL, TRIP_VELOCITY
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.engine.native import Native
+from feeddrive.loop.guard import TRIP_COMMAND, TRIP_FOLLOWING_ERROR, TRIP_READING, TRIP_TRAVEL, TRIP_VELOCITY, Guard
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.runner import Prepared
+
+# The loop of a machine file as simulated by a virtual drive, some samples per call, and its drive file.
+#
+# It runs with its complete control, with the velocity loop only, or with a commanded force.  Increments and rated
+# torque are taken from the machine file.
+
+_RECORD = ("reading_load", "reading_motor", "force", "trip")
+
+
+class Sample(NamedTuple):
+    """The last sample of a call: readings (m), the force that acts from then on (N), code of the guard."""
+
+    position: float
+    second: float
+    force: float
+    trip: float
+
+
+class DrivenAxis:
+    """Plant and control as `simulate` runs them, in the same native code, one call at a time.
+
+    A control without a guard gets one without limits, since a drive is switched on and off.
+    """
+
+    def __init__(self, loop: Loop, position: float = 0.0, seed: int = 0) -> None:
+        if loop.control.guard is None:
+            loop = replace(loop, control=replace(loop.control, guard=Guard()))
+        self.loop = loop
+        self.sample = 0
+        begin = Setpoint(np.float64(position), *[np.float64(0.0)] * 4)
+        prepared = Prepared(loop, begin, (position, 0.0), seed)
+        self._closed = self._native(prepared, "added_force")
+        self._open = self._native(prepared, "cut")
+        if [s.name for s in self._closed.plan.states] != [s.name for s in self._open.plan.states]:
+            raise StructureError("the axis has other states in an open loop: it cannot be driven by force")
+        self._states = prepared.states(self._closed)
+        self._constants = prepared.constants(self._closed)
+        self._of_open = prepared.constants(self._open)
+        self._velocity = self._constants.copy()
+        for name, value in (("control.law.Kv", 0.0), ("control.law.velocity_feedforward", 1.0)):
+            for row, (constant, _) in enumerate(self._closed.plan.constants):
+                if constant == name:
+                    self._velocity[row] = value
+        self._tables = prepared.rows(self._closed), prepared.rows(self._open)
+        motor, load = loop.axis.still(position)
+        self.last = Sample(float(load), float(motor), 0.0, 0.0)
+
+    @property
+    def encoders(self) -> int:
+        """The number of encoders."""
+        return self.loop.axis.encoders()
+
+    @property
+    def has_velocity_loop(self) -> bool:
+        """True if the law is a cascade, whose velocity loop runs alone when its position gain is 0."""
+        return isinstance(self.loop.control.law, CascadePPI)
+
+    @staticmethod
+    def _native(prepared: Prepared, probe: str) -> Native:
+        program = prepared.program(load=False, enable=True, probes=(probe,))
+        return prepared.native(program, record=_RECORD)
+
+    def follow(
+        self, position: np.ndarray, velocity: np.ndarray, added_force: float, enable: bool, alone: bool = False
+    ) -> Sample:
+        """Run as many samples as there are set positions (m) and velocities (m/s), with a force (N)
+        behind the limit.
+
+        With `alone` only the velocity loop runs.  Disabled, no force acts.
+        """
+        values = {"set_position": position, "set_velocity": velocity, "added_force": added_force * enable}
+        return self._run(self._closed, self._velocity if alone else self._constants, values, enable, position.size, 0)
+
+    def push(self, force: float, samples: int) -> Sample:
+        """Apply a force (N) to the axis directly; the control is off."""
+        last = self._run(self._open, self._of_open, {"cut": force}, False, samples, 1)
+        self.last = last._replace(force=force)
+        return self.last
+
+    def _run(
+        self, native: Native, constants: np.ndarray, values: Mapping[str, Any], enable: bool, count: int, table: int
+    ) -> Sample:
+        inputs = np.zeros((count, len(native.plan.inputs)))
+        for column, (name, _) in enumerate(native.plan.inputs):
+            inputs[:, column] = float(enable) if name == "enable" else values.get(name, 0.0)
+        outputs = np.empty((count, len(_RECORD)))
+        native.run(count, self.sample, constants, inputs, self._states, outputs, self._tables[table])
+        self.sample += count
+        names = [name for name, _ in native.plan.outputs]
+        row = dict(zip(names, outputs[-1].tolist(), strict=True))
+        trip = max(outputs[:, names.index("trip")])
+        added = float(inputs[-1, [n for n, _ in native.plan.inputs].index("added_force")]) if table == 0 else 0.0
+        self.last = Sample(row["reading_load"], row["reading_motor"], row["force"] + added, float(trip))
+        return self.last
+
+
+_INCREMENT = 10e-9  # m, of an encoder without resolution
+_PEAK = 3.0  # peak over rated force, where only the peak is stated
+_FORCE = 1000.0  # N, rated, where nothing is stated
+
+
+def scaling_of(loop: Loop) -> DriveScaling:
+    """Return the scaling: one increment is one count of the position loop's encoder; rated is the motor's continuous
+    force.
+
+    A motor on a screw gets a whole number of counts in a turn; the rated torque is a whole number of mN m.
+    """
+    sensor = loop.axis.encoder_load or loop.axis.encoder_motor
+    resolution = sensor.resolution if isinstance(sensor, Encoder) else None
+    increment = _INCREMENT if resolution is None else float(resolution)
+    motor = loop.axis.actuator.motor
+    peak, continuous = (None, None) if motor is None else motor.limits()
+    most = peak if peak is not None else loop.control.force_limit
+    rated = float(continuous) if continuous is not None else float(most) / _PEAK if most is not None else _FORCE
+    if not isinstance(motor, Screw):
+        return DriveScaling(increment=increment, rated_force=max(1e-3, round(rated, 3)))
+    lead, gear = float(motor.lead), float(motor.gear)
+    torque = rated * float(motor.torque_constant) / float(motor.force_per_unit())
+    return DriveScaling(
+        counts_per_turn=float(max(1, round(lead / (gear * increment)))),
+        lead=lead,
+        gear=gear,
+        rated_torque=max(1e-3, round(torque, 3)),
+    )
+
+
+_HELD_UP = 0.02  # s by which an ordinary computer may be late
+_RESERVE = 1.5  # of the mass and breakaway force that are stated, over those of the axis
+_SLOW = np.logspace(-9.0, -3.0, 25)  # m/s, among which friction is largest
+
+
+def _resistance(axis: Axis) -> float | None:
+    """Return the largest force against which an axis may stand: friction and weight, N; None if it has other forces."""
+    if not all(isinstance(force, Gravity) for force in axis.forces):
+        return None
+    frictions = [friction for friction in (axis.friction_motor, axis.friction_load) if friction is not None]
+    held = sum(max(abs(float(law.steady(v) - law.linear() * v)) for v in (*-_SLOW, *_SLOW)) for law in frictions)
+    return held + abs(sum(float(force.force) for force in axis.forces if isinstance(force, Gravity)))
+
+
+def drive_text(loop: Loop, scaling: DriveScaling, bus: str, interface: str, station: int, cycle_time: float) -> str:
+    """Return a drive file for the virtual drive; its limits are those of the machine's guard and control, if it has
+    any.
+    """
+    guard, limits = loop.control.guard, loop.control.force_limit
+    velocity = None if guard is None else guard.velocity_limit
+    following = None if guard is None else guard.following_error_limit
+    force = 1000.0 * 3.0 * scaling.newton if limits is None else float(limits)
+    resistance = _resistance(loop.axis)
+    axis = (
+        ""
+        if resistance is None
+        else (
+            f'largest_mass = {_RESERVE * float(loop.axis.plant.rigid_mass()):.4g}   # kg, for mode = "cst"\n'
+            f"breakaway_force = {_RESERVE * resistance:.4g}   # N, likewise\n"
+        )
+    )
+    if scaling.turns:
+        units = (
+            f"counts_per_turn = {scaling.counts_per_turn:.0f}\nlead = {scaling.lead!r}\ngear = {scaling.gear!r}\n"
+            f"rated_torque = {scaling.rated_torque!r}"
+        )
+    else:
+        units = f"increment = {scaling.increment!r}\nrated_force = {scaling.rated_force!r}"
+    return (
+        f"# The virtual drive of feeddrive; for your own drive look up every number.\n"
+        f'bus = "{bus}"\ninterface = "{interface}"\nstation = {station}\ncycle_time = {cycle_time!r}   # s\n'
+        f'mode = "csp"\n'
+        f"late_cycles = {max(3, round(_HELD_UP / cycle_time))}   # for an ordinary computer; a real axis: 3\n\n"
+        f"[scaling]\n{units}\n\n[limits]\ntravel = 0.5   # m, from where it starts, to both sides\n"
+        f"velocity = {1.0 if velocity is None else float(velocity)!r}   # m/s\nforce = {force!r}   # N\n"
+        f"following_error = {5e-3 if following is None else float(following)!r}   # m\n{axis}"
+    )
+
+
+# The firmware of a virtual drive: CiA 402 around an axis that is simulated by the code of `simulate`.
+#
+# One call of `cycle` is one bus cycle: the plant moves on by exactly that time, however long the cycle took on the
+# clock.
+#
+# Its process data are defined by mapping and assignment objects.
+#
+# 0x1600.. and 0x1A00.. define the contents of a process data object, 0x1C12 and 0x1C13 the objects that an EtherCAT
+# master uses, 0x1400.. and 0x1800.. the CAN messages that carry them.
 
 VENDOR, PRODUCT, REVISION = 0, 0x66656564, 1  # vendor 0: not assigned
 _TRIPPED = {
-    TRIP_READING: 0x7305, TRIP_FOLLOWING_ERROR: 0x8611, TRIP_VELOCITY: 0x8400, TRIP_TRAVEL: 0x8612,
+    TRIP_READING: 0x7305,
+    TRIP_FOLLOWING_ERROR: 0x8611,
+    TRIP_VELOCITY: 0x8400,
+    TRIP_TRAVEL: 0x8612,
     TRIP_COMMAND: 0xFF01,
-}  # fmt: skip
-_NO_WINDOW = 0xFFFFFFFF
+}
+_NO_WINDOW = 0xFFFFFFFF  # of 0x6065: it disables the following error window (CiA 402)
 _STANDSTILL = 0.2  # s that a quick stop holds the axis after its ramp
 _WRITABLE = {
     "controlword", "connection_option", "quick_stop_option", "mode", "following_error_window", "target_torque",
@@ -53,12 +240,17 @@ _WRITABLE = {
 
 # abort codes of SDO
 READ_ONLY, NO_OBJECT, NO_SUBINDEX, WRONG_LENGTH, TOO_LARGE, WRONG_STATE = (
-    0x06010002, 0x06020000, 0x06090011, 0x06070010, 0x06090030, 0x08000022,
-)  # fmt: skip
+    0x06010002,
+    0x06020000,
+    0x06090011,
+    0x06070010,
+    0x06090030,
+    0x08000022,
+)
 
 
 class SdoAbortError(Exception):
-    """An SDO that is refused, with its abort code."""
+    """A refused SDO, with its abort code."""
 
     def __init__(self, code: int) -> None:
         super().__init__(f"0x{code:08X}")
@@ -66,7 +258,7 @@ class SdoAbortError(Exception):
 
 
 class Firmware:
-    """Objects, power states and the three cyclic synchronous modes.
+    """The object dictionary, the power states and the three cyclic synchronous modes.
 
     csp  the control of the machine file, on the target position; the velocity offset is its set velocity, and the set
          acceleration is 0: what needs it comes as torque offset, behind the limit of the control
@@ -105,14 +297,23 @@ class Firmware:
         values = dict.fromkeys(OBJECTS, 0)
         window = None if guard is None or guard.following_error_limit is None else guard.following_error_limit
         values |= {
-            "device_type": 0x00020192, "vendor": VENDOR, "product": PRODUCT, "revision": REVISION, "serial": 1,
-            "connection_option": 1, "quick_stop_option": 2, "max_torque": 0xFFFF, "rated_torque": scaling.rated_milli,
+            "device_type": 0x00020192,
+            "vendor": VENDOR,
+            "product": PRODUCT,
+            "revision": REVISION,
+            "serial": 1,
+            "connection_option": 1,
+            "quick_stop_option": 2,
+            "max_torque": 0xFFFF,
+            "rated_torque": scaling.rated_milli,
             "following_error_window": _NO_WINDOW if window is None else scaling.increments(window),
-            "position_least": -(1 << 31), "position_most": (1 << 31) - 1,
+            "position_least": -(1 << 31),
+            "position_most": (1 << 31) - 1,
             "quick_stop_deceleration": min(scaling.increments(5.0), _NO_WINDOW),
             "supported_modes": 1 << (CSP - 1) | 1 << (CST - 1) | (1 << (CSV - 1) if velocity else 0),
-            "cycle_value": cycle_value, "cycle_exponent": cycle_exponent,
-        }  # fmt: skip
+            "cycle_value": cycle_value,
+            "cycle_exponent": cycle_exponent,
+        }
         if scaling.turns:
             assert scaling.counts_per_turn is not None
             values |= {"encoder_increments": round(scaling.counts_per_turn), "encoder_turns": 1}
@@ -122,7 +323,7 @@ class Firmware:
         return values
 
     def has(self, name: str) -> bool:
-        """Whether this drive has the object."""
+        """True if this drive has the object."""
         if name == "second_position":
             return self.axis.encoders == 2
         if OBJECTS[name].index in (0x608F, 0x6091, 0x6092):
@@ -130,47 +331,47 @@ class Firmware:
         return name in OBJECTS
 
     def read(self, index: int, subindex: int) -> bytes:
-        """The content of an object. Raises SdoAbortError."""
+        """Return the content of an object. Raises SdoAbortError."""
         if (index, subindex) == DEVICE_NAME:
             return VIRTUAL.encode()
-        found = AT.get((index, subindex))
-        same = [each for each in AT.values() if each.index == index and self.has(each.name)]
-        if found is None or not self.has(found.name):
+        entry = AT.get((index, subindex))
+        same = [other for other in AT.values() if other.index == index and self.has(other.name)]
+        if entry is None or not self.has(entry.name):
             if subindex == 0 and same:
-                return bytes([max(each.subindex for each in same)])
+                return bytes([max(other.subindex for other in same)])
             raise SdoAbortError(NO_SUBINDEX if same else NO_OBJECT)
-        return found.encode(self.values[found.name])
+        return entry.encode(self.values[entry.name])
 
     def write(self, index: int, subindex: int, content: bytes) -> None:
         """Change an object. Raises SdoAbortError."""
-        found = AT.get((index, subindex))
-        if found is None or not self.has(found.name):
+        entry = AT.get((index, subindex))
+        if entry is None or not self.has(entry.name):
             raise SdoAbortError(NO_OBJECT)
-        if found.name not in _WRITABLE:
+        if entry.name not in _WRITABLE:
             raise SdoAbortError(READ_ONLY)
-        if len(content) != found.bits // 8:
+        if len(content) != entry.bits // 8:
             raise SdoAbortError(WRONG_LENGTH)
-        value = found.decode(content)
-        if found.name == "mode" and value and not (value > 0 and self.values["supported_modes"] >> (value - 1) & 1):
+        value = entry.decode(content)
+        if entry.name == "mode" and value and not (value > 0 and self.values["supported_modes"] >> (value - 1) & 1):
             raise SdoAbortError(TOO_LARGE)
         expected = (self.values["cycle_exponent"], value) == interpolation_time(self.cycle_time)[::-1]
-        if found.name == "cycle_value" and not expected:
+        if entry.name == "cycle_value" and not expected:
             raise SdoAbortError(TOO_LARGE)
-        self.values[found.name] = value
+        self.values[entry.name] = value
 
     def take(self, sent: Mapping[str, int]) -> None:
-        """The process data of a cycle."""
+        """Take over the process data of a cycle."""
         self.values.update(sent)
 
     def lost(self) -> None:
-        """The bus stopped: an enabled drive goes into fault, unless 0x6007 = 0."""
+        """Handle a stopped bus: an enabled drive goes into fault, unless 0x6007 = 0."""
         if self.values["connection_option"] == 0:
             return
         if self.state in (PowerState.ENABLED, PowerState.QUICK_STOP):
             self._fault(0x7500)
 
     def cycle(self) -> None:
-        """One bus cycle with the values that were taken last."""
+        """Run one bus cycle with the process data taken last."""
         values = self.values
         control, before = values["controlword"], self.state
         self.state = answer(before, control, self._control_before)
@@ -205,7 +406,7 @@ class Firmware:
         return status
 
     def _rest(self) -> int:
-        """Switched off: friction alone brakes."""
+        """Run while switched off: friction alone brakes."""
         self._target = None
         before = self.axis.last.position
         self.axis.push(0.0, self.samples)
@@ -260,7 +461,7 @@ class Firmware:
         return 0x8612 if low or (guard.travel_most is not None and here > guard.travel_most) else 0
 
     def _begin_braking(self) -> None:
-        """From the setpoint where there is one, else from where the axis is and how fast it goes."""
+        """Start to brake from the setpoint, else from the present position and velocity."""
         velocity = self.values["velocity"] * self.scaling.metre
         at = self.axis.last.position if self._target is None else self._target
         self._braking, self._still, self._target = (at, velocity), 0.0, None
@@ -285,31 +486,35 @@ class Firmware:
     def _moved(
         self, line: np.ndarray, velocity: float | np.ndarray, added: float, *, enable: bool, alone: bool = False
     ) -> int:
-        """Under the control; the error code of its guard, 0 without a trip."""
+        """Run under the control; return the error code of its guard, 0 without a trip."""
         before = self.axis.last.position
-        found = self.axis.follow(line, np.broadcast_to(velocity, line.size), added, enable, alone)
-        speed = (found.position - before) / self.cycle_time
-        if not math.isfinite(found.position) or not math.isfinite(found.force):
-            return 0x7305 if not math.isfinite(found.position) else 0xFF01
-        self._show(found.position, found.second, speed, round(found.force / self.scaling.newton))
-        return _TRIPPED.get(found.trip, 0)
+        last = self.axis.follow(line, np.broadcast_to(velocity, line.size), added, enable, alone)
+        speed = (last.position - before) / self.cycle_time
+        if not math.isfinite(last.position) or not math.isfinite(last.force):
+            return 0x7305 if not math.isfinite(last.position) else 0xFF01
+        self._show(last.position, last.second, speed, round(last.force / self.scaling.newton))
+        return _TRIPPED.get(last.trip, 0)
 
     def _show(self, position: float, second: float, speed: float, per_mille: int) -> None:
         metre = self.scaling.metre
-        shown = {"position": round(position / metre), "second_position": round(second / metre),
-                 "velocity": round(speed / metre), "torque": per_mille}  # fmt: skip
+        shown = {
+            "position": round(position / metre),
+            "second_position": round(second / metre),
+            "velocity": round(speed / metre),
+            "torque": per_mille,
+        }
         for name, value in shown.items():
             self.values[name] = _within(name, value)
         self.values["statusword"] = self._status()
 
 
 def _within(name: str, value: int) -> int:
-    """Clipped to what the object can hold."""
+    """Clip a value to the range of its object."""
     least, most = OBJECTS[name].bounds()
     return max(least, min(most, value))
 
 
-_NOT_MAPPABLE, _TOO_MANY = 0x06040041, 0x06040042
+_NOT_MAPPABLE, _TOO_MANY = 0x06040041, 0x06040042  # abort codes: not mappable; PDO length exceeded
 _ASSIGNED = {0x1600: 0x1C12, 0x1A00: 0x1C13}
 _MESSAGES = {0x1600: 0x1400, 0x1A00: 0x1800}
 _OBJECTS, _ENTRIES = 4, 8  # mapping objects in a direction, and entries in one of them
@@ -317,14 +522,14 @@ INVALID = 1 << 31  # bit of a message that is switched off
 
 
 class PdoMap:
-    """The lists of a drive; a write is refused unless `changeable` says that the mapping may be changed now."""
+    """The mapping lists of a drive; a write is refused unless `changeable` permits it now."""
 
     def __init__(self, firmware: Firmware, changeable: Callable[[], bool], station: int = 0) -> None:
         """`station` is the number of a CANopen node, whose messages are then those of the predefined connections."""
         self.firmware, self._changeable = firmware, changeable
         self._lists: dict[int, list[int]] = {}
         self.messages: dict[int, int] = {}
-        there = [each.name for each in AT.values() if firmware.has(each.name)]
+        there = [entry.name for entry in AT.values() if firmware.has(entry.name)]
         for first, groups in ((0x1600, SENT), (0x1A00, TOLD)):
             kept = Layout(groups).keeping(there)
             for k in range(_OBJECTS):
@@ -336,16 +541,16 @@ class PdoMap:
         self._counts = {index: len(entries) for index, entries in self._lists.items()}
 
     def names(self, index: int) -> list[str]:
-        """What one process data object holds."""
+        """Return the objects of one PDO."""
         words = self._lists[index][: self._counts[index]]
         return [AT[word >> 16, word >> 8 & 0xFF].name for word in words]
 
     def assigned(self, first: int) -> Layout:
-        """All objects listed by 0x1C12 (`first` = 0x1600) or 0x1C13 (0x1A00), in order."""
+        """Return all objects listed by 0x1C12 (`first` = 0x1600) or 0x1C13 (0x1A00), in order."""
         return Layout([self.names(index) for index in self._lists[_ASSIGNED[first]][: self._counts[_ASSIGNED[first]]]])
 
     def read(self, index: int, subindex: int) -> bytes:
-        """An object of the mapping, or one of the firmware. Raises SdoAbortError."""
+        """Return an object of the mapping, or one of the firmware. Raises SdoAbortError."""
         if index in self.messages:
             if subindex > 2:
                 raise SdoAbortError(NO_SUBINDEX)
@@ -360,7 +565,7 @@ class PdoMap:
         return struct.pack("<H" if index >= 0x1C00 else "<I", entries[subindex - 1])
 
     def write(self, index: int, subindex: int, content: bytes) -> None:
-        """Change one. Raises SdoAbortError."""
+        """Change an object of the mapping. Raises SdoAbortError."""
         if index not in self._lists and index not in self.messages:
             self.firmware.write(index, subindex, content)
             return
@@ -386,8 +591,8 @@ class PdoMap:
         if subindex > _ENTRIES:
             raise SdoAbortError(_TOO_MANY)
         if index < 0x1C00:
-            found = AT.get((value >> 16, value >> 8 & 0xFF))
-            if found is None or not self.firmware.has(found.name) or found.mapped != value:
+            entry = AT.get((value >> 16, value >> 8 & 0xFF))
+            if entry is None or not self.firmware.has(entry.name) or entry.mapped != value:
                 raise SdoAbortError(_NOT_MAPPABLE)
         elif value not in self._lists or value >= 0x1C00:
             raise SdoAbortError(NO_OBJECT)

@@ -17,7 +17,7 @@ from feeddrive.language.quantity import Quantity
 
 ALL = ("auto", "periodic", "impact", "local_polynomial", *METHODS)
 MOST_LINES = 2000  # of a local polynomial by default
-_LEAST_PERIODS = 2
+_LEAST_PERIODS = 2  # one period has no scatter, and so no variance
 _ENDS = 0.01  # share of a period that may differ without being cut off
 
 
@@ -32,7 +32,7 @@ def estimate_frf(
     overlap: float = 0.5,
     lines: int | None = None,
 ) -> FrequencyEstimate:
-    """Frequency response from one or more records of the same channels, with coherence and variance on each line.
+    """Estimate a frequency response from records of the same channels, with coherence and variance on each line.
 
     method   "periodic" (multisines in steady state), "impact" (blows of a hammer), "local_polynomial" (chirp, step,
              PRBS, noise), "h1", "h2", "hv", "indirect", "joint" (averaged spectra); "auto": periodic if what excites
@@ -48,13 +48,13 @@ def estimate_frf(
     Raises ParameterError for a method that is not known and for records that do not match each other, LogError for
     records that are too short.
     """
-    given = [records] if isinstance(records, Record) else list(records)
-    if not given:
+    measurements = [records] if isinstance(records, Record) else list(records)
+    if not measurements:
         raise ParameterError("there is no record to estimate from")
     if method not in ALL:
         raise ParameterError(f"method = {method!r} must be one of {', '.join(ALL)}")
-    _belong(given)
-    shortest = min(map(len, given))
+    _belong(measurements)
+    shortest = min(map(len, measurements))
     if period is not None and not 2 <= period <= shortest // _LEAST_PERIODS:
         raise ParameterError(
             f"period = {period} samples must be >= 2 and <= {shortest // _LEAST_PERIODS}, so that the shortest record "
@@ -63,46 +63,46 @@ def estimate_frf(
     if skip is not None and skip < 0:
         raise ParameterError(f"skip = {skip} periods must be >= 0")
     if band is not None:
-        _check_band(given[0], band)
+        _check_band(measurements[0], band)
     if method in ("auto", "periodic"):
-        found = period or _period(given)
-        if found is not None:
-            return periodic([_steady(record, found) for record in given], found, band=band, skip=skip)
+        repetition = period or _period(measurements)
+        if repetition is not None:
+            return periodic([_steady(record, repetition) for record in measurements], repetition, band=band, skip=skip)
         if method == "periodic":
             raise LogError(
-                f"{given[0].name}: the excitation does not repeat at least {_LEAST_PERIODS} times within the record: "
-                f"give the period in samples, or take method 'local_polynomial'"
+                f"{measurements[0].name}: the excitation does not repeat at least {_LEAST_PERIODS} times within the "
+                f"record: give the period in samples, or take method 'local_polynomial'"
             )
-    if method == "impact" or (method == "auto" and _struck(given)):
-        return within(impacts(given), band)
+    if method == "impact" or (method == "auto" and _struck(measurements)):
+        return within(impacts(measurements), band)
     if method in METHODS:
-        return within(averaged(given, method, segment=segment, overlap=overlap), band)
-    if method == "local_polynomial" and (found := _period(given)) is not None:
+        return within(averaged(measurements, method, segment=segment, overlap=overlap), band)
+    if method == "local_polynomial" and (repetition := _period(measurements)) is not None:
         raise LogError(
-            f"{given[0].name}: the excitation repeats every {found} samples, so that most lines of the whole "
-            "record are empty and local polynomials lack neighboring lines: take method 'periodic'"
+            f"{measurements[0].name}: the excitation repeats every {repetition} samples, so that most lines of the "
+            "whole record are empty and local polynomials lack neighboring lines: take method 'periodic'"
         )
-    if method == "local_polynomial" and _struck(given):
+    if method == "local_polynomial" and _struck(measurements):
         raise LogError(
-            f"{given[0].name}: the excitation is hammer blows: force and transient are both smooth over frequency, "
-            "and local polynomials cannot separate them: take method 'impact'"
+            f"{measurements[0].name}: the excitation is hammer blows: force and transient are both smooth over "
+            "frequency, and local polynomials cannot separate them: take method 'impact'"
         )
-    return local_polynomial(given, band=band, lines=lines or MOST_LINES)
+    return local_polynomial(measurements, band=band, lines=lines or MOST_LINES)
 
 
 def _period(records: Sequence[Record]) -> int | None:
     first = records[0]
-    found = find_period(first.references[0] if first.references else first.input)
-    return found if found is not None and min(map(len, records)) // found >= _LEAST_PERIODS else None
+    repetition = find_period(first.references[0] if first.references else first.input)
+    return repetition if repetition is not None and min(map(len, records)) // repetition >= _LEAST_PERIODS else None
 
 
 def _struck(records: Sequence[Record]) -> bool:
-    """True for records whose input is blows of a hammer, in all of them."""
+    """True if the input is hammer blows in every record."""
     return not any(record.references for record in records) and all(find_blows(record.input) for record in records)
 
 
 def _steady(record: Record, period: int) -> Record:
-    """The stretch in which the reference repeats itself, at least two periods; the whole record without a reference."""
+    """Return the stretch in which the reference repeats, at least two periods; the whole record without a reference."""
     if not record.references:
         return record
     begin, end = repeating(record.references[0], period)
@@ -110,7 +110,7 @@ def _steady(record: Record, period: int) -> Record:
     if end - begin < 2 * period or len(record) - (end - begin) <= _ENDS * period:
         return record
     kept = slice(begin, end)
-    references = tuple(each[kept] for each in record.references)
+    references = tuple(reference[kept] for reference in record.references)
     return replace(record, input=record.input[kept], output=record.output[kept], references=references)
 
 
@@ -130,14 +130,14 @@ def _check_band(record: Record, band: tuple[float, float]) -> None:
         )
 
 
-def within(found: FrequencyEstimate, band: tuple[float, float] | None) -> FrequencyEstimate:
-    """The lines of a band only. Raises ParameterError if there are none."""
+def within(estimate: FrequencyEstimate, band: tuple[float, float] | None) -> FrequencyEstimate:
+    """Keep only the lines of a band. Raises ParameterError if there are none."""
     if band is None:
-        return found
-    f = found.frf
+        return estimate
+    f = estimate.frf
     kept = (f.frequency >= band[0] * (1.0 - 1e-9)) & (f.frequency <= band[1] * (1.0 + 1e-9))
     if not np.any(kept):
         raise ParameterError(
             f"no line lies in {band[0]:g} .. {Quantity(band[1], 'Hz'):6}: take longer segments, or excite this band"
         )
-    return found.lines(kept)
+    return estimate.lines(kept)

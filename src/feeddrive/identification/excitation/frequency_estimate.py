@@ -54,24 +54,29 @@ class FrequencyEstimate(Result):
 
     @property
     def frequency(self) -> np.ndarray:
-        """Hz."""
+        """The frequencies of the lines, Hz."""
         return self.frf.frequency
 
     def lines(self, kept: np.ndarray, *remarks: str) -> FrequencyEstimate:
-        """The lines where `kept` (bool, shape (n,)) is true, with further remarks."""
+        """Return the lines where `kept` (bool, shape (n,)) is true, with further remarks."""
         f = self.frf
 
         def of(values: np.ndarray | None) -> np.ndarray | None:
             return None if values is None else values[kept]
 
-        frf = replace(f, frequency=f.frequency[kept], response=f.response[kept], coherence=of(f.coherence),
-                      variance=of(f.variance))  # fmt: skip
+        frf = replace(
+            f,
+            frequency=f.frequency[kept],
+            response=f.response[kept],
+            coherence=of(f.coherence),
+            variance=of(f.variance),
+        )
         return replace(
             self, frf=frf, freedom=self.freedom[kept], noise=self.noise[kept], remarks=(*self.remarks, *remarks)
         )
 
     def where_told(self, doubt: np.ndarray) -> FrequencyEstimate:
-        """Without the lines on which the excitation hardly moved the input: `doubt`, its relative variance, > 0.1.
+        """Drop the lines on which the excitation hardly moved the input: `doubt`, its relative variance, > 0.1.
 
         The variance of a quotient is not defined if the denominator may be 0.  Raises LogError if no line is left.
         """
@@ -95,7 +100,7 @@ class FrequencyEstimate(Result):
         )
 
     def radius(self, confidence: float = 0.95) -> np.ndarray:
-        """Radius of the disc around each response that contains the true one with this confidence.
+        """Return the radius of the disc around each response that contains the true one with this confidence.
 
             r² = ν ((1 - p)^(-1/ν) - 1) · variance
 
@@ -107,7 +112,7 @@ class FrequencyEstimate(Result):
         return np.sqrt(fisher(confidence, self.freedom) * self.frf.variance)
 
     def table(self) -> Table:
-        """Response, deviation, noise and coherence at up to twelve lines."""
+        """Return response, deviation, noise and coherence at up to twelve lines."""
         frf = self.frf
         assert frf.variance is not None
         assert frf.coherence is not None
@@ -118,13 +123,17 @@ class FrequencyEstimate(Result):
         )
         rows = values[np.unique(np.linspace(0, n - 1, 12).astype(int))].tolist()
         columns = [
-            Column("frequency", "Hz", "5"), Column("magnitude", frf.unit or "1"), Column("phase", "rad", ".1f deg"),
-            Column("deviation", "share", "3"), Column("by noise", "share", "3"), Column("coherence", form=".4f"),
-        ]  # fmt: skip
+            Column("frequency", "Hz", "5"),
+            Column("magnitude", frf.unit or "1"),
+            Column("phase", "rad", ".1f deg"),
+            Column("deviation", "share", "3"),
+            Column("by noise", "share", "3"),
+            Column("coherence", form=".4f"),
+        ]
         return Table(f"{frf.output} / {frf.input}, {n} lines; {self.method}", columns, rows)
 
 
 def fisher(confidence: float, freedom: np.ndarray | float) -> np.ndarray:
-    """Quantile of F(2, 2ν), in closed form."""
+    """Return the quantile of F(2, 2ν), in closed form."""
     nu = np.asarray(freedom, float)
     return nu * ((1.0 - confidence) ** (-1.0 / nu) - 1.0)

@@ -34,7 +34,7 @@ _FALLS = 0.1  # of the largest force spectrum: below it the blow no longer excit
 
 @dataclass(frozen=True)
 class _Blow:
-    """Where a blow with its bounces begins and ends, in samples, how many times it touched, and its largest force."""
+    """A hammer blow with its bounces: begin and end in samples, the number of contacts, and the peak force."""
 
     begin: int
     end: int
@@ -43,7 +43,7 @@ class _Blow:
 
 
 def find_blows(force: np.ndarray) -> list[_Blow]:
-    """The blows in a force; empty for any other force, such as noise, a chirp, steps, or periods.
+    """Find the blows in a force; empty for any other force, such as noise, a chirp, steps, or periods.
 
     A blow is a short pulse from rest and back to it in one direction.
     """
@@ -73,7 +73,7 @@ def find_blows(force: np.ndarray) -> list[_Blow]:
 
 
 def _rest(u: np.ndarray) -> float:
-    """Standard deviation of the force at rest, from its median deviation."""
+    """Return the standard deviation of the force at rest, from its median deviation."""
     return 1.4826 * float(np.median(np.abs(u)))
 
 
@@ -83,7 +83,7 @@ def _runs(inside: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _before(quiet: np.ndarray, begin: int) -> int:
-    """The last quiet sample before a pulse, or the first sample."""
+    """Return the last quiet sample before a pulse, or the first sample."""
     still = np.flatnonzero(quiet[:begin])
     return int(still[-1]) if still.size else 0
 
@@ -94,13 +94,13 @@ def _after(quiet: np.ndarray, end: int) -> int:
 
 
 def _wide(begin: int, end: int, size: int) -> tuple[int, int]:
-    """Extended by half of its length on each side: the ends of a pulse are below the noise."""
+    """Extend a pulse by half of its length on each side: its ends are below the noise."""
     more = (end - begin + 1) // 2
     return max(0, begin - more), min(size, end + more)
 
 
 def _bounces_joined(u: np.ndarray, pulses: Sequence[Sequence[int]]) -> list[_Blow]:
-    """Pulses as blows; a pulse that follows another much sooner than the next blow is its bounce."""
+    """Join pulses to blows; a pulse that follows another much sooner than the next blow is its bounce."""
     begins = np.array([begin for begin, _ in pulses])
     gaps = np.diff(begins)
     usual = float(np.max(gaps)) if gaps.size else np.inf
@@ -116,7 +116,7 @@ def _bounces_joined(u: np.ndarray, pulses: Sequence[Sequence[int]]) -> list[_Blo
 
 
 def impacts(records: Sequence[Record]) -> FrequencyEstimate:
-    """Frequency response from blows of a hammer, one or several in each record, each from rest.
+    """Estimate a frequency response from hammer blows, one or several in each record, each from rest.
 
         G(s) = Σ Y(s) U*(s) / Σ |U(s)|²   over the blows,   s = jω + σ
 
@@ -141,15 +141,15 @@ def impacts(records: Sequence[Record]) -> FrequencyEstimate:
     Source: Halvorsen & Brown 1977, Sound and Vibration 11(11) (windows); McKelvey & Guérin 2012 (local function).
     """
     first = records[0]
-    found = [(record, find_blows(record.input)) for record in records]
-    if not any(blows for _, blows in found):
+    by_record = [(record, find_blows(record.input)) for record in records]
+    if not any(blows for _, blows in by_record):
         raise LogError(
             f"{first.name}: '{first.input_name}' holds no blows of a hammer: short pulses in one direction, from rest "
             f"and back to it"
         )
-    stretches, length, remarks = _stretches(found)
+    stretches, length, remarks = _stretches(by_record)
     rows = [_row(record, blow, length) for record, blow in stretches]
-    u, y = np.array([each[0] for each in rows]), np.array([each[1] for each in rows])
+    u, y = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
     sigma = _needed_damping(y, first.sample_time)
     if sigma:
         window = np.exp(-sigma * first.sample_time * np.arange(length))
@@ -187,8 +187,16 @@ def impacts(records: Sequence[Record]) -> FrequencyEstimate:
             variance, spread = floor * more, spread * more
         if sigma:
             response, variance = value, spread
-    frf = FRF(frequency, response, first.input_name, first.output_name, first.unit, first.sample_time,
-              coherence_of(response, variance, freedom), variance)  # fmt: skip
+    frf = FRF(
+        frequency,
+        response,
+        first.input_name,
+        first.output_name,
+        first.unit,
+        first.sample_time,
+        coherence_of(response, variance, freedom),
+        variance,
+    )
     window = (
         Text(f"exponential window of {Quantity(sigma, '1/s')}, corrected")
         if sigma
@@ -197,31 +205,36 @@ def impacts(records: Sequence[Record]) -> FrequencyEstimate:
     text = Text(f"{count} blow{'s' if count > 1 else ''} of {length} samples, force window, {window}")
     remarks += _remarks(stretches, frequency, power, sigma)
     estimate = FrequencyEstimate(
-        frf, text, np.full(frequency.size, freedom), variance, total=count > 1, counts={"blows": count},
+        frf,
+        text,
+        np.full(frequency.size, freedom),
+        variance,
+        total=count > 1,
+        counts={"blows": count},
         remarks=(*_saturation(stretches), *remarks),
-    )  # fmt: skip
+    )
     return estimate.where_told(noise / power)
 
 
 def _correlation(decay: float, length: int) -> np.ndarray:
-    """Of white noise on lines 0, 1, ... apart, under a window exp(-decay · sample)."""
+    """Return the correlation of white noise on lines 0, 1, ... apart, under a window exp(-decay · sample)."""
     window = np.exp(-2.0 * decay * np.arange(length))
-    found = np.fft.fft(window)[: 2 * _HALF + 1]
-    return found / found[0]
+    spectrum = np.fft.fft(window)[: 2 * _HALF + 1]
+    return spectrum / spectrum[0]
 
 
 def _averaged(values: np.ndarray) -> np.ndarray:
-    """Running mean over the lines from which a local function is fitted, shorter at the ends."""
+    """Return the running mean over the lines from which a local function is fitted, shorter at the ends."""
     ones = np.ones(2 * _HALF + 1)
     return np.convolve(values, ones, "same") / np.convolve(np.ones(values.size), ones, "same")
 
 
-def _stretches(found: Sequence[tuple[Record, list[_Blow]]]) -> tuple[list[tuple[Record, _Blow]], int, list[str]]:
-    """Blows that are used, with their records, the length of their stretches in samples, and what was left out."""
-    usual = float(np.median([blow.peak for _, blows in found for blow in blows]))
+def _stretches(by_record: Sequence[tuple[Record, list[_Blow]]]) -> tuple[list[tuple[Record, _Blow]], int, list[str]]:
+    """Return the usable blows with their records, the length of their segments in samples, and remarks on the rest."""
+    usual = float(np.median([blow.peak for _, blows in by_record for blow in blows]))
     usable: list[tuple[Record, _Blow, int]] = []
     weak = 0
-    for record, blows in found:
+    for record, blows in by_record:
         ends = [_start(after) for after in blows[1:]] + [len(record)]
         for blow, end in zip(blows, ends, strict=True):
             if blow.peak < _WEAK * usual:
@@ -236,26 +249,26 @@ def _stretches(found: Sequence[tuple[Record, list[_Blow]]]) -> tuple[list[tuple[
             f"{kept[0][0].name}: {length} samples after a blow are too few; record longer after each blow, at least "
             f"{4 * FEWEST} samples and until the response has decayed"
         )
-    said: list[str] = []
+    remarks: list[str] = []
     if weak:
-        said.append(Text(f"{weak} blow(s) below {Quantity(_WEAK, 'share'):6} of the usual force are not used"))
+        remarks.append(Text(f"{weak} blow(s) below {Quantity(_WEAK, 'share'):6} of the usual force are not used"))
     if len(usable) > len(kept):
-        said.append(
+        remarks.append(
             Text(
                 f"{len(usable) - len(kept)} blow(s) with less than {Quantity(_SHORT, 'share'):6} of the usual time "
                 "after them are not used"
             )
         )
-    return [(record, blow) for record, blow, _ in kept], length, said
+    return [(record, blow) for record, blow, _ in kept], length, remarks
 
 
 def _start(blow: _Blow) -> int:
-    """First sample of a stretch: one blow length before the blow, since a filter may round its start."""
+    """Return the first sample of a segment: one blow length before the blow, since a filter may round its start."""
     return max(0, blow.begin - (blow.end - blow.begin) // 2 - 1)
 
 
 def _row(record: Record, blow: _Blow, length: int) -> tuple[np.ndarray, np.ndarray]:
-    """Force and response of a blow from rest, the force 0 where the hammer does not touch."""
+    """Return force and response of a blow from rest, with the force set to 0 outside the contact."""
     start = _start(blow)
     force = np.zeros(length)
     end = min(blow.end, start + length)
@@ -265,7 +278,7 @@ def _row(record: Record, blow: _Blow, length: int) -> tuple[np.ndarray, np.ndarr
 
 
 def _needed_damping(answers: np.ndarray, step: float) -> float:
-    """σ in 1/s of the exponential window that leaves 1 % at the end; 0 if the responses decay before the end.
+    """Return σ in 1/s of the exponential window that leaves 1 % at the end; 0 if the responses decay before the end.
 
     The last quarter of the stretches is compared with the first, octave by octave, since a slow mode may hide below a
     fast one.  A signal that does not fall from the third quarter to the last is noise, not vibration.
@@ -290,7 +303,9 @@ def _needed_damping(answers: np.ndarray, step: float) -> float:
 def _noise_of_one(
     records: Sequence[Record], stretch: tuple[Record, _Blow], sigma: float, length: int
 ) -> np.ndarray | float:
-    """Power of the output's noise on a line of a single blow, from the samples before it; 0 if they are too few."""
+    """Return the power of the output's noise on a line of a single blow, from the samples before it; 0 if they are too
+    few.
+    """
     record, blow = stretch
     before = record.output[: _start(blow)]
     if before.size < FEWEST:
@@ -300,19 +315,19 @@ def _noise_of_one(
 
 
 def _force_noise(record: Record, blow: _Blow) -> float:
-    """Power of the force's noise on a line, of the samples that the force window lets through."""
+    """Return the power of the force's noise on a line, from the samples that the force window passes."""
     return _rest(record.input - np.median(record.input)) ** 2 * (blow.end - blow.begin)
 
 
 def _saturation(stretches: Sequence[tuple[Record, _Blow]]) -> list[str]:
-    """Saturation of the outputs, and of forces clipped at the top; the constant force at rest does not count."""
-    said: list[str] = []
+    """Report saturated outputs and forces clipped at the top; the constant force at rest does not count."""
+    remarks: list[str] = []
     for record in dict.fromkeys(record for record, _ in stretches):
-        said += saturation(record.output_name, record.output)
+        remarks += saturation(record.output_name, record.output)
     flat = sum(_clipped(record.input[blow.begin : blow.end]) for record, blow in stretches)
     if flat:
-        said.append(f"{flat} of {len(stretches)} blows are clipped at the top: the force sensor was saturated")
-    return said
+        remarks.append(f"{flat} of {len(stretches)} blows are clipped at the top: the force sensor was saturated")
+    return remarks
 
 
 def _clipped(pulse: np.ndarray) -> bool:
@@ -324,32 +339,32 @@ def _clipped(pulse: np.ndarray) -> bool:
 def _remarks(
     stretches: Sequence[tuple[Record, _Blow]], frequency: np.ndarray, power: np.ndarray, sigma: float
 ) -> list[str]:
-    said: list[str] = []
+    remarks: list[str] = []
     bounced = sum(blow.touches > 1 for _, blow in stretches)
     if bounced:
-        said.append(
+        remarks.append(
             f"{bounced} of {len(stretches)} blows touched more than once: the force has notches over frequency; "
             "all contacts are included in the force, but blows without a bounce are better"
         )
     if len(stretches) == 1:
-        said.append(
+        remarks.append(
             "one blow does not show noise at the input, scatter of blows, or nonlinearity; strike five times or more"
         )
     amplitude = np.sqrt(power / np.max(power))
     below = np.flatnonzero(amplitude < _FALLS)
     if below.size:
-        said.append(
+        remarks.append(
             Text(
                 f"the spectrum of the force falls to {Quantity(_FALLS, 'share'):6} of its largest value at "
                 f"{Quantity(frequency[below[0]], 'Hz')}: a harder tip excites higher frequencies"
             )
         )
     if sigma:
-        said.append(
+        remarks.append(
             Text(
                 "the response had not decayed when its stretch ended: an exponential window of "
                 f"{Quantity(sigma, '1/s')} was applied and its damping was corrected; with more time between blows it "
                 "would not be needed"
             )
         )
-    return said
+    return remarks

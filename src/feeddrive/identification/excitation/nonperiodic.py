@@ -20,7 +20,7 @@ AVERAGES = 16  # half-overlapping stretches that a record is cut into if no leng
 
 @dataclass(frozen=True, eq=False)
 class Spectra:
-    """Fourier transforms of windowed stretches: references (n, r), input and output (n,), for each of `lines`.
+    """Fourier transforms of windowed segments: references (n, r), input and output (n,), for each of `lines`.
 
     All of shape (stretches, lines) or (stretches, references, lines); `averages` is how many independent stretches
     would give the same spread, fewer than there are where they overlap.
@@ -34,7 +34,7 @@ class Spectra:
 
 
 def spectra(records: Sequence[Record], segment: int | None = None, overlap: float = 0.5) -> Spectra:
-    """Hann-windowed transforms of overlapping stretches of `segment` samples, with straight lines removed.
+    """Transform overlapping segments of `segment` samples under a Hann window, with straight lines removed.
 
     The spread of averages over overlapping stretches follows from the window alone (Welch 1967):
         1/averages = (1 + 2 Σⱼ (1 - j/n) ρⱼ²)/n,   ρⱼ = Σ w(t) w(t + jD)/Σ w²
@@ -60,19 +60,19 @@ def spectra(records: Sequence[Record], segment: int | None = None, overlap: floa
                 values = np.zeros((0, len(record)))
             pieces = values[:, starts[:, None] + np.arange(segment)].transpose(1, 0, 2)
             columns[place].append(np.fft.rfft(window * _level(pieces), axis=-1)[..., 1 : segment // 2])
-    count = sum(each.shape[0] for each in columns[0])
+    count = sum(segments.shape[0] for segments in columns[0])
     if count < 3:
         raise LogError(f"{count} stretches of {segment} samples are too few for a variance: at least 3")
     lags = np.arange(1, min(count, -(-segment // step)))
     shares = np.array([np.sum(window[: segment - j * step] * window[j * step :]) for j in lags]) / np.sum(window**2)
     averages = count / (1.0 + 2.0 * float(np.sum((1.0 - lags / count) * shares**2)))
     frequency = np.arange(1, segment // 2) / (segment * records[0].sample_time)
-    made = [np.concatenate(each) for each in columns]
-    return Spectra(frequency, made[0][:, 0], made[1][:, 0], made[2], averages)
+    joined = [np.concatenate(column) for column in columns]
+    return Spectra(frequency, joined[0][:, 0], joined[1][:, 0], joined[2], averages)
 
 
 def _level(pieces: np.ndarray) -> np.ndarray:
-    """Without mean and straight line, since a drift would leak over all lines."""
+    """Remove mean and straight line, since a drift would leak over all lines."""
     t = np.arange(pieces.shape[-1]) - 0.5 * (pieces.shape[-1] - 1)
     slope = (pieces @ t) / np.sum(t * t)
     return pieces - pieces.mean(axis=-1, keepdims=True) - slope[..., None] * t
@@ -81,7 +81,7 @@ def _level(pieces: np.ndarray) -> np.ndarray:
 def averaged(
     records: Sequence[Record], method: str = "h1", *, segment: int | None = None, overlap: float = 0.5
 ) -> FrequencyEstimate:
-    """Frequency response by Welch's averages, with ν = averages - 1 degrees of freedom.
+    """Estimate a frequency response by Welch's averages, with ν = averages - 1 degrees of freedom.
 
         h1        S_yu/S_uu               noise at the output only               var = |G|² (1 - γ²)/(γ² ν)
         h2        S_yy/S_uy               noise at the input only                the same
@@ -98,17 +98,17 @@ def averaged(
     """
     if method not in METHODS:
         raise ParameterError(f"method = {method!r} must be one of {', '.join(METHODS)}")
-    found = spectra(records, segment, overlap)
-    u, y, r = found.input, found.output, found.references
+    transforms = spectra(records, segment, overlap)
+    u, y, r = transforms.input, transforms.output, transforms.references
     closed = method in ("indirect", "joint")
     if closed and r.shape[1] == 0:
         raise ParameterError(f"method '{method}' needs a reference: what was added to the loop from outside")
     if method == "indirect" and r.shape[1] > 1:
         raise ParameterError(f"method 'indirect' takes one reference, not {r.shape[1]}; take 'joint'")
     if closed:
-        response, variance, coherence, nu, doubt = _closed(u, y, r, found.averages)
+        response, variance, coherence, nu, doubt = _closed(u, y, r, transforms.averages)
     else:
-        nu, doubt = found.averages - 1.0, np.zeros(found.frequency.size)
+        nu, doubt = transforms.averages - 1.0, np.zeros(transforms.frequency.size)
         suu, syy = np.mean(np.abs(u) ** 2, axis=0), np.mean(np.abs(y) ** 2, axis=0)
         syu = np.mean(y * np.conj(u), axis=0)
         coherence = np.clip(np.abs(syu) ** 2 / np.maximum(suu * syy, np.finfo(float).tiny), 0.0, 1.0)
@@ -120,16 +120,24 @@ def averaged(
             share = 0.5 * (1.0 + coherence) * share
         variance = np.abs(response) ** 2 * share
     first = records[0]
-    frf = FRF(found.frequency, response, first.input_name, first.output_name, first.unit, first.sample_time,
-              coherence, variance)  # fmt: skip
-    length = 1.0 / (found.frequency[0] * first.sample_time)
+    frf = FRF(
+        transforms.frequency,
+        response,
+        first.input_name,
+        first.output_name,
+        first.unit,
+        first.sample_time,
+        coherence,
+        variance,
+    )
+    length = 1.0 / (transforms.frequency[0] * first.sample_time)
     text = Text(
         f"{method}: {u.shape[0]} stretches of {round(length)} samples, Hann window, {Quantity(overlap, 'share'):6} "
-        f"overlap, worth {Quantity(found.averages):.1f} independent ones"
+        f"overlap, worth {Quantity(transforms.averages):.1f} independent ones"
     )
     remarks = tuple(remark for record in records for remark in record.remarks)
     estimate = FrequencyEstimate(
-        frf, text, np.full(found.frequency.size, nu), variance, counts={"stretches": u.shape[0]}, remarks=remarks
+        frf, text, np.full(transforms.frequency.size, nu), variance, counts={"stretches": u.shape[0]}, remarks=remarks
     )
     return estimate.where_told(doubt)
 
@@ -137,21 +145,23 @@ def averaged(
 def _closed(
     u: np.ndarray, y: np.ndarray, r: np.ndarray, averages: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, np.ndarray]:
-    """Response, variance, coherence, degrees of freedom and doubt, by the part of the input due to the references."""
+    """Return response, variance, coherence, degrees of freedom and doubt, from the part of the input due to the
+    references.
+    """
     lines = r.transpose(2, 0, 1)  # (lines, stretches, references)
     nu = averages - lines.shape[2]
     if nu < 1.0:
         raise LogError(f"{Quantity(averages):.1f} independent stretches do not separate {lines.shape[2]} references")
     base = np.linalg.qr(lines)[0]
-    made = np.einsum("lsr,lr->sl", base, np.einsum("lsr,sl->lr", np.conj(base), u))
-    power = np.mean(np.abs(made) ** 2, axis=0)
-    response = np.mean(y * np.conj(made), axis=0) / power
+    projected = np.einsum("lsr,lr->sl", base, np.einsum("lsr,sl->lr", np.conj(base), u))
+    power = np.mean(np.abs(projected) ** 2, axis=0)
+    response = np.mean(y * np.conj(projected), axis=0) / power
     rest = np.mean(np.abs(y - response * u) ** 2, axis=0) * averages / nu
     answered = np.einsum("lsr,sl->lr", np.conj(base), y)
     of_input = power / np.mean(np.abs(u) ** 2, axis=0)
     of_output = np.sum(np.abs(answered) ** 2, axis=1) / np.sum(np.abs(y) ** 2, axis=0)
     coherence = np.clip(np.minimum(of_input, of_output), 0.0, 1.0)
-    doubt = np.mean(np.abs(u - made) ** 2, axis=0) / (nu * power)
+    doubt = np.mean(np.abs(u - projected) ** 2, axis=0) / (nu * power)
     return response, rest / (averages * power), coherence, nu, doubt
 
 
@@ -163,7 +173,7 @@ _AT_ONCE = 4096  # lines whose small systems are solved together
 def local_polynomial(
     records: Sequence[Record], *, band: tuple[float, float] | None = None, lines: int | None = None, freedom: int = 8
 ) -> FrequencyEstimate:
-    """Frequency response around each line k from 2n + 1 lines, n = (6 + ν - 1)/2 rounded up.
+    """Estimate the frequency response around each line k from 2n + 1 lines, n = (6 + ν - 1)/2 rounded up.
 
         Y(k+i) = (g₀ + g₁ i + g₂ i²) U(k+i) + (t₀ + t₁ i + t₂ i²) + V(k+i),   i = -n .. n
 
@@ -186,7 +196,7 @@ def local_polynomial(
     if any(len(record.references) > 1 for record in records):
         raise ParameterError("the local polynomial method takes one reference; for several take method 'joint'")
     half = -(-(2 * (ORDER + 1) + freedom - 1) // 2)
-    found: list[tuple[np.ndarray, ...]] = []
+    results: list[tuple[np.ndarray, ...]] = []
     first = records[0]
     chosen = _chosen(first, half, band, lines)
     frequency = chosen / (len(first) * first.sample_time)
@@ -195,14 +205,22 @@ def local_polynomial(
             raise LogError(
                 f"{record.name}: has {len(record)} samples, {first.name} {len(first)}: cut them to one length"
             )
-        found.append(_one(record, chosen, half))
-    responses, gains, noises, doubts = (np.array(each) for each in zip(*found, strict=True))
+        results.append(_one(record, chosen, half))
+    responses, gains, noises, doubts = (np.array(part) for part in zip(*results, strict=True))
     weights = 1.0 / gains
     response = np.sum(weights * responses, axis=0) / np.sum(weights, axis=0)
     variance = np.mean(noises, axis=0) / np.sum(weights, axis=0)
     nu = float((2 * half + 1 - 2 * (ORDER + 1)) * len(records))
-    frf = FRF(frequency, response, first.input_name, first.output_name, first.unit, first.sample_time,
-              coherence_of(response, variance, nu), variance)  # fmt: skip
+    frf = FRF(
+        frequency,
+        response,
+        first.input_name,
+        first.output_name,
+        first.unit,
+        first.sample_time,
+        coherence_of(response, variance, nu),
+        variance,
+    )
     text = Text(
         f"local polynomials of order {ORDER} over {2 * half + 1} lines of "
         f"{Quantity(1 / (len(first) * first.sample_time), 'Hz')}"
@@ -215,7 +233,7 @@ def local_polynomial(
 
 
 def _chosen(record: Record, half: int, band: tuple[float, float] | None, lines: int | None) -> np.ndarray:
-    """Numbers of the lines that are far enough from 0 Hz and Nyquist to have all neighbors."""
+    """Return the lines that are far enough from 0 Hz and Nyquist to have all neighbors."""
     n = len(record)
     resolution = 1.0 / (n * record.sample_time)
     low, high = band or (0.0, record.nyquist)
@@ -234,7 +252,7 @@ def _chosen(record: Record, half: int, band: tuple[float, float] | None, lines: 
 
 
 def _one(record: Record, chosen: np.ndarray, half: int) -> tuple[np.ndarray, ...]:
-    """Response, its variance by unit noise, noise power, relative variance of U/R, of one record."""
+    """Return response, variance by unit noise, noise power and relative variance of U/R of one record."""
     spectrum = {
         name: np.fft.rfft(values - values.mean()) for name, values in (("u", record.input), ("y", record.output))
     }
@@ -243,11 +261,11 @@ def _one(record: Record, chosen: np.ndarray, half: int) -> tuple[np.ndarray, ...
     for start in range(0, chosen.size, _AT_ONCE):
         k = chosen[start : start + _AT_ONCE, None] + np.arange(-half, half + 1)
         parts.append(_solved(cause[k], spectrum["u"][k], spectrum["y"][k], half, bool(record.references)))
-    return tuple(np.concatenate(each) for each in zip(*parts, strict=True))
+    return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
 
 
 def _solved(cause: np.ndarray, u: np.ndarray, y: np.ndarray, half: int, closed: bool) -> tuple[np.ndarray, ...]:
-    """The small systems of many lines at once: regressors (lines, 2n + 1, 6), outputs (lines, 2n + 1, 1 or 2)."""
+    """Solve the small systems of many lines at once: regressors (lines, 2n + 1, 6), outputs (lines, 2n + 1, 1 or 2)."""
     powers = (np.arange(-half, half + 1) / half)[:, None] ** np.arange(ORDER + 1)
     # the powers of the input side are scaled to 1, so that the systems are well conditioned
     size = np.sqrt(np.mean(np.abs(cause) ** 2, axis=1, keepdims=True))[:, :, None]
@@ -290,7 +308,8 @@ def local_rational(
     at: complex = 0.0,
     correlation: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A function with one resonance around some lines, by index: value and variance at x + `at`, and the residuals.
+    """Fit a function with one resonance around some lines, by index: value and variance at x +
+    `at`, and the residuals.
 
         y (1 + b u) = a0 + a1 u + a2 u²,   u = x - x(line),   complex a, b
 
@@ -308,30 +327,30 @@ def local_rational(
     values = y[place]
     columns = np.stack([np.ones_like(u) + 0j, u + 0j, u * u + 0j, -u * values], axis=2)
     weight = 1.0 / spread[place]
-    found = np.zeros((lines.size, UNKNOWNS), complex)
+    coefficients = np.zeros((lines.size, UNKNOWNS), complex)
     inverse = np.zeros((lines.size, UNKNOWNS, UNKNOWNS), complex)
     for turn in range(2):
         if turn:
-            weight = weight / np.maximum(np.abs(1.0 + found[:, 3:4] * u) ** 2, 1e-4)
+            weight = weight / np.maximum(np.abs(1.0 + coefficients[:, 3:4] * u) ** 2, 1e-4)
         weighted = columns.conj() * weight[:, :, None]
         normal = weighted.transpose(0, 2, 1) @ columns
         scale = np.sqrt(np.abs(np.einsum("nii->ni", normal)))
         normal = normal / (scale[:, :, None] * scale[:, None, :]) + 1e-12 * np.eye(UNKNOWNS)
         inverse = np.linalg.inv(normal) / (scale[:, :, None] * scale[:, None, :])
-        found = (inverse @ (weighted.transpose(0, 2, 1) @ values[:, :, None]))[:, :, 0]
-    rest = values - (columns @ found[:, :, None])[:, :, 0]
+        coefficients = (inverse @ (weighted.transpose(0, 2, 1) @ values[:, :, None]))[:, :, 0]
+    rest = values - (columns @ coefficients[:, :, None])[:, :, 0]
     residuals = 2.0 * np.sum(weight * np.abs(rest) ** 2, axis=1)
     if at == 0.0 and correlation is None:
-        return found[:, 0], np.real(inverse[:, 0, 0]), residuals
+        return coefficients[:, 0], np.real(inverse[:, 0, 0]), residuals
     v = at / reach[:, 0]
-    below = 1.0 + found[:, 3] * v
-    value = (found[:, 0] + found[:, 1] * v + found[:, 2] * v * v) / below
+    below = 1.0 + coefficients[:, 3] * v
+    value = (coefficients[:, 0] + coefficients[:, 1] * v + coefficients[:, 2] * v * v) / below
     slopes = np.stack([np.ones_like(v), v, v * v, -v * value], axis=1) / below[:, None]
     if correlation is None:
         return value, np.real(np.einsum("ni,nij,nj->n", slopes, inverse, np.conj(slopes))), residuals
     # how the value follows each line, with the noise of its deviation
     follows = np.einsum("ni,nij,nkj->nk", slopes, inverse, columns.conj() * weight[:, :, None])
-    follows = follows * (1.0 + found[:, 3:4] * u) * np.sqrt(spread[place])
+    follows = follows * (1.0 + coefficients[:, 3:4] * u) * np.sqrt(spread[place])
     apart = np.arange(width)[:, None] - np.arange(width)
     alike = np.where(apart >= 0, correlation[np.abs(apart)], np.conj(correlation[np.abs(apart)]))
     variance = np.real(np.einsum("nk,kl,nl->n", follows, alike, np.conj(follows)))

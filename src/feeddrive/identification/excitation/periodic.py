@@ -36,13 +36,14 @@ class Averaged:
     excited: np.ndarray  # bool
 
     def noise(self, response: np.ndarray, lines: np.ndarray) -> np.ndarray:
-        """E|v|² of v = y - G u on some lines, with G there."""
+        """Return E|v|² of v = y - G u on some lines, with the response G there."""
         cross = np.real(np.conj(response) * self.yu[lines])
         return np.maximum(self.yy[lines] + np.abs(response) ** 2 * self.uu[lines] - 2.0 * cross, 0.0)
 
 
 def excited_lines(cause: np.ndarray) -> np.ndarray:
-    """Which lines carry excitation: those above the widest gap in the sizes of all lines; cause of shape (lines,).
+    """Return the lines that carry excitation: those above the widest gap in the sizes of all lines; cause of shape
+    (lines,).
 
     Even in a spectrum that falls by decades over the band, the gap to the empty lines is the widest.
     """
@@ -56,7 +57,7 @@ def excited_lines(cause: np.ndarray) -> np.ndarray:
 
 
 def detection(mean: Averaged, response: np.ndarray) -> dict[str, Level]:
-    """Levels on empty lines: "odd" and "even" distortion with the noise taken off.
+    """Return the levels on empty lines: "odd" and "even" distortion with the noise subtracted.
 
         D(k) = Ȳ(k) - Ĝ(k) Ū(k),   level² = mean over 5 lines of a kind of (|D|² - noise)
 
@@ -67,11 +68,11 @@ def detection(mean: Averaged, response: np.ndarray) -> dict[str, Level]:
     """
     lines = np.flatnonzero(mean.excited)
     first, last = int(lines[0]), int(lines[-1])
-    found: dict[str, Level] = {}
+    levels: dict[str, Level] = {}
     everywhere = np.arange(min(3 * (last + 1), mean.frequency.size))
     empty = everywhere[~mean.excited[everywhere]]
     if not empty.size:
-        return found
+        return levels
     between = (empty > first) & (empty < last)
     guessed = np.interp(empty, lines, np.real(response)) + 1j * np.interp(empty, lines, np.imag(response))
     guessed = np.where(between, guessed, 0.0)
@@ -86,12 +87,12 @@ def detection(mean: Averaged, response: np.ndarray) -> dict[str, Level]:
         if np.any(inside) and not _loud(power[kind][inside], noise[kind][inside], mean.freedom):
             level = np.where(inside, 0.0, level)
         response_level = np.where(inside, level / size[kind], np.nan)
-        found[name] = Level(mean.frequency[empty[kind]], level, response_level)
-    return found
+        levels[name] = Level(mean.frequency[empty[kind]], level, response_level)
+    return levels
 
 
 def _loud(power: np.ndarray, noise: np.ndarray, freedom: int) -> bool:
-    """Whether lines hold more than noise: the sum of |D|²/noise, each F(2, 2ν), against its quantile.
+    """True if lines hold more than noise: the sum of |D|²/noise, each F(2, 2ν), against its quantile.
 
     The sum counts as one F whose degrees of freedom add up, which holds for noise of any color.
     """
@@ -105,14 +106,15 @@ def _loud(power: np.ndarray, noise: np.ndarray, freedom: int) -> bool:
 
 
 def smoothed(values: np.ndarray) -> np.ndarray:
-    """Running mean over neighbors, shorter at the ends."""
+    """Return the running mean over neighbors, shorter at the ends."""
     width = min(_NEIGHBORS, values.size)
     ones = np.ones(width)
     return np.convolve(values, ones, "same") / np.convolve(np.ones(values.size), ones, "same")
 
 
 def local_scatter(frequency: np.ndarray, input: np.ndarray, output: np.ndarray) -> np.ndarray | None:  # noqa: A002
-    """E|v|² around a response that is smooth over eleven excited lines, shape (lines,); None if there are fewer.
+    """Return E|v|² around a response that is smooth over eleven excited lines, shape (lines,); None
+    if there are fewer.
 
         Ȳ(i) = (g₀ + g₁ x + g₂ x²) fᵖ Ū(i) + V(i),   x from -1 to 1 over the lines, p the slope of |Ȳ/Ū| on log scales
 
@@ -165,7 +167,8 @@ def periodic(
     band: tuple[float, float] | None = None,
     skip: int | None = None,
 ) -> FrequencyEstimate:
-    """Frequency response on the excited lines, from P periods of each of M realisations (records) in steady state.
+    """Estimate the response on the excited lines, from P periods of each of M realizations
+    (records) in steady state.
 
         G = Ȳ/Ū,   var = (σ_y² + |G|² σ_u² - 2 Re(conj(G) σ_yu²))/|Ū|²
 
@@ -194,7 +197,7 @@ def periodic(
         chosen = excited
     if not np.any(chosen):
         raise LogError(f"{records[0].name}: no excited line lies in the band")
-    drawn = [_realisation(record, made, skip, excited) for record, made in zip(records, cuts, strict=True)]
+    drawn = [_realisation(record, cut_record, skip, excited) for record, cut_record in zip(records, cuts, strict=True)]
     lines = np.flatnonzero(chosen)
     response, noise, freedom = _response(drawn, lines)
     first = records[0]
@@ -203,31 +206,44 @@ def periodic(
     variance, total, nu, rule = _total(drawn, lines, frequency, response, noise, freedom, levels)
     if len(drawn) == 1 and not total:
         remarks.append("one realisation: the variance is that of noise alone")
-    if any(each.dropped >= (each.dropped + each.periods) // 2 for each in drawn if each.dropped):
+    if any(
+        realisation.dropped >= (realisation.dropped + realisation.periods) // 2
+        for realisation in drawn
+        if realisation.dropped
+    ):
         remarks.append(
             "half of the periods, the largest number allowed, were dropped: a transient decays so slowly that it "
             "still exceeds the noise; if the deviation is too large, measure more periods, or wait longer before "
             "recording"
         )
-    frf = FRF(frequency[lines], response, first.input_name, first.output_name, first.unit, first.sample_time,
-              coherence_of(response, noise, freedom), variance)  # fmt: skip
+    frf = FRF(
+        frequency[lines],
+        response,
+        first.input_name,
+        first.output_name,
+        first.unit,
+        first.sample_time,
+        coherence_of(response, noise, freedom),
+        variance,
+    )
     counts = {
-        "realisations": len(drawn), "periods": sum(each.periods for each in drawn),
-        "dropped": sum(each.dropped for each in drawn),
-    }  # fmt: skip
+        "realisations": len(drawn),
+        "periods": sum(realisation.periods for realisation in drawn),
+        "dropped": sum(realisation.dropped for realisation in drawn),
+    }
     text = (
         f"periods of {period} samples: {counts['periods']} averaged, {counts['dropped']} dropped, "
         f"{len(drawn)} realisation{'s' if len(drawn) > 1 else ''}; variance by {rule}"
     )
     estimate = FrequencyEstimate(frf, text, nu, noise, total, levels, counts, tuple(remarks))
-    doubt = np.mean([each.uu[lines] / np.abs(each.input[lines]) ** 2 for each in drawn], axis=0)
+    doubt = np.mean([realisation.uu[lines] / np.abs(realisation.input[lines]) ** 2 for realisation in drawn], axis=0)
     return estimate.where_told(doubt)
 
 
 def _realisation(
-    record: Record, made: tuple[np.ndarray, np.ndarray, np.ndarray], skip: int | None, excited: np.ndarray
+    record: Record, transforms: tuple[np.ndarray, np.ndarray, np.ndarray], skip: int | None, excited: np.ndarray
 ) -> _Realisation:
-    u, y, r = made
+    u, y, r = transforms
     dropped = max(transient_periods(u[:, excited]), transient_periods(y[:, excited])) if skip is None else skip
     if u.shape[0] - dropped < 2:
         raise LogError(f"{record.name}: {u.shape[0]} periods less {dropped} leave fewer than two for the noise")
@@ -242,29 +258,35 @@ def _realisation(
 
 
 def _turned(drawn: Sequence[_Realisation], lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Inputs and outputs of all realisations, rotated so that the excitation has one phase in all; shape (M, lines)."""
+    """Return inputs and outputs of all realizations, rotated so that the excitation has the same phase; shape (M,
+    lines).
+    """
     turns = [
-        np.exp(-1j * np.angle((each.input if each.reference is None else each.reference)[lines])) for each in drawn
+        np.exp(-1j * np.angle((realisation.input if realisation.reference is None else realisation.reference)[lines]))
+        for realisation in drawn
     ]
-    u = np.array([each.input[lines] * turn for each, turn in zip(drawn, turns, strict=True)])
-    y = np.array([each.output[lines] * turn for each, turn in zip(drawn, turns, strict=True)])
+    u = np.array([realisation.input[lines] * turn for realisation, turn in zip(drawn, turns, strict=True)])
+    y = np.array([realisation.output[lines] * turn for realisation, turn in zip(drawn, turns, strict=True)])
     return u, y
 
 
 def _response(drawn: Sequence[_Realisation], lines: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Response, its variance by noise, and the degrees of freedom of that variance."""
+    """Return the response, its variance by noise, and the degrees of freedom of that variance."""
     u, y = _turned(drawn, lines)
     mean_u, mean_y = u.mean(axis=0), y.mean(axis=0)
     response = mean_y / mean_u
     m = len(drawn)
-    yy, uu, yu = (np.sum([getattr(each, name)[lines] for each in drawn], axis=0) / m**2 for name in ("yy", "uu", "yu"))
+    yy, uu, yu = (
+        np.sum([getattr(realisation, name)[lines] for realisation in drawn], axis=0) / m**2
+        for name in ("yy", "uu", "yu")
+    )
     noise = np.maximum(yy + np.abs(response) ** 2 * uu - 2.0 * np.real(np.conj(response) * yu), 0.0)
-    freedom = np.full(lines.size, float(sum(each.periods - 1 for each in drawn)))
+    freedom = np.full(lines.size, float(sum(realisation.periods - 1 for realisation in drawn)))
     return response, noise / np.abs(mean_u) ** 2, freedom
 
 
 def _levels(first: _Realisation, frequency: np.ndarray, excited: np.ndarray) -> dict[str, Level]:
-    """Levels of the first realization, on all of its lines."""
+    """Return the levels of the first realization, on all of its lines."""
     lines = np.flatnonzero(excited)
     response = first.output[lines] / first.input[lines]
     freedom = first.periods - 1
@@ -289,7 +311,7 @@ def _total(
     freedom: np.ndarray,
     levels: dict[str, Level],
 ) -> tuple[np.ndarray, bool, np.ndarray, str]:
-    """Variance, whether it includes nonlinear distortion, its degrees of freedom, and the rule used."""
+    """Return the variance, true if it includes nonlinear distortion, its degrees of freedom, and the rule used."""
     m = len(drawn)
     if m > 1:
         u, y = _turned(drawn, lines)

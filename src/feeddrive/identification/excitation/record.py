@@ -22,7 +22,7 @@ RISK = 0.01  # probability that a steady record loses its first period by chance
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Record:
-    """One measurement: `input` and `output` of shape (n,), each sample `sample_time` s after the one before.
+    """A measurement: `input` and `output` of shape (n,), sampled every `sample_time` s.
 
     references  the signals added from outside, shape (n,) each: the setpoint, or the force added to the command. In a
                 closed loop only they separate the effect of noise from that of the excitation
@@ -65,11 +65,11 @@ class Record:
             )
         for name in ("input", "output"):
             object.__setattr__(self, name, np.asarray(getattr(self, name), float))
-        object.__setattr__(self, "references", tuple(np.asarray(each, float) for each in self.references))
+        object.__setattr__(self, "references", tuple(np.asarray(reference, float) for reference in self.references))
 
     def _channels(self) -> list[tuple[str, np.ndarray]]:
         named = [(self.input_name, self.input), (self.output_name, self.output)]
-        named += [(f"reference {i + 1}", each) for i, each in enumerate(self.references)]
+        named += [(f"reference {i + 1}", reference) for i, reference in enumerate(self.references)]
         return [(name, np.asarray(values, float)) for name, values in named]
 
     def __len__(self) -> int:
@@ -82,29 +82,29 @@ class Record:
 
     @property
     def nyquist(self) -> float:
-        """Hz."""
+        """The Nyquist frequency, Hz."""
         return 0.5 / self.sample_time
 
 
 def saturation(name: str, values: np.ndarray) -> list[str]:
-    """A sentence for each end of its range at which a channel is saturated."""
-    found: list[str] = []
+    """Return a sentence for each end of its range at which a channel is saturated."""
+    remarks: list[str] = []
     for what, end in (("largest", np.max(values)), ("smallest", np.min(values))):
         share = float(np.mean(values == end))
         # quantized signals also stay at their extremes for a few samples; a saturated one does so in long runs
         held = np.flatnonzero((values[1:] == end) & (values[:-1] == end)).size / values.size
         if share > _STUCK and held > 0.5 * share:
-            found.append(
+            remarks.append(
                 Text(
                     f"{name} stays at its {what} value {end:.6g} for {Quantity(share, 'share'):.1f} of the record: it "
                     "seems saturated, and a saturated drive has no frequency response"
                 )
             )
-    return found
+    return remarks
 
 
 def find_period(values: np.ndarray) -> int | None:
-    """Samples after which a signal repeats, at least twice in the record; None if it does not.
+    """Return the samples after which a signal repeats, at least twice in the record; None if it does not.
 
     The least shift beyond the first zero of the autocorrelation at which the autocorrelation returns to its largest
     value.
@@ -135,7 +135,7 @@ def find_period(values: np.ndarray) -> int | None:
 
 
 def repeating(values: np.ndarray, period: int) -> tuple[int, int]:
-    """First sample and end of the longest stretch over which a signal repeats itself, apart from a straight line.
+    """Return first sample and end of the longest stretch over which a signal repeats, apart from a straight line.
 
     A reference fades in and out, and the axis stands still before and after it; these parts are not periodic, or empty.
     """
@@ -154,7 +154,7 @@ def repeating(values: np.ndarray, period: int) -> tuple[int, int]:
 
 
 def cut(record: Record, period: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Transforms of input, output and references by period: (p, lines), (p, lines), (r, p, lines), 1/period .. Nyquist.
+    """Transform input, output and references by period: (p, lines), (p, lines), (r, p, lines), 1/period .. Nyquist.
 
     A sine of amplitude a on a line has the size a.  A constant drift, as of an axis that moves on with a bias velocity,
     is removed: its slope is the mean increase per period over the second half, if that exceeds five standard errors.
@@ -174,12 +174,12 @@ def cut(record: Record, period: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
         level = kept - slope * np.arange(kept.size)
         return np.fft.rfft(level.reshape(count, period), axis=1)[:, 1 : (period + 1) // 2] * (2.0 / period)
 
-    r = np.array([transformed(each) for each in record.references])
+    r = np.array([transformed(reference) for reference in record.references])
     return transformed(record.input), transformed(record.output), r
 
 
 def transient_periods(periods: np.ndarray) -> int:
-    """How many of the first periods are not in steady state yet; `periods` of shape (p, lines), at most half of them.
+    """Count the first periods that are not yet in steady state; `periods` of shape (p, lines), at most half of them.
 
     One period after the other is compared with the m of the second half, band by band of neighboring lines,
 
@@ -210,6 +210,6 @@ def transient_periods(periods: np.ndarray) -> int:
 
 
 def _freedom(spread: np.ndarray, m: int) -> tuple[float, float]:
-    """Degrees of freedom above and below, for noise that is not even over the band (Satterthwaite)."""
+    """Return the degrees of freedom above and below, for noise that is not flat over the band (Satterthwaite)."""
     even = float(np.sum(spread) ** 2 / max(np.sum(spread**2), 1e-300))
     return 2.0 * even, 2.0 * even * (m - 1)

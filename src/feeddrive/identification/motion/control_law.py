@@ -1,22 +1,30 @@
-"""The gains of a P-PI cascade, identified from its logged inputs and its logged command."""
+"""The control law of a log: gains of a P-PI cascade, and a check if a law can have produced the logged force."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from feeddrive.analysis.commanded import commanded
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.identification.estimate import NORMAL, Estimate, estimates_table
-from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.motion.motion_log import MotionLog, count_of
+from feeddrive.identification.motion.preparation import decimated
+from feeddrive.identification.motion.rigid import LEAST_OWN, covariance_of
 from feeddrive.identification.regression import TracedForce, errors, ols_covariance, robust_covariance
+from feeddrive.language import tree
 from feeddrive.language.block import Number
-from feeddrive.language.errors import NotIdentifiableError
+from feeddrive.language.errors import NotIdentifiableError, ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
-from feeddrive.language.text import Text
+from feeddrive.language.table import Column, Result, Table
+from feeddrive.language.text import Text, joined
+from feeddrive.loop.control import Control
+
+# The gains of a P-PI cascade, identified from its logged inputs and its logged command.
 
 MOST_DELAY = 3  # samples between reading and command that are tried
 MOST_SAMPLES = 8  # over which a velocity may be computed by differences
@@ -33,7 +41,8 @@ _PLAIN = {
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ControlFit(Result):
-    """A cascade that explains the logged force: Kv (1/s), Kp, velocity feedforward (1), and how they were found.
+    """A cascade that explains the logged force: Kv (1/s), Kp, velocity feedforward (1), and how
+    they were determined.
 
     delay      samples between the reading that the law used and the command
     residual   share of the force that the law does not explain
@@ -48,10 +57,10 @@ class ControlFit(Result):
     tried: dict[tuple[int, int], float]
 
     def __getitem__(self, parameter: str) -> Estimate:
-        return next(each for each in self.estimates if each.name == parameter)
+        return next(estimate for estimate in self.estimates if estimate.name == parameter)
 
     def table(self) -> Table:
-        """Gains with their errors."""
+        """Return the gains with their errors."""
         title = Text(
             f"{self.name}: P-PI cascade, velocity over {self.velocity_samples} samples, {self.delay} samples of delay; "
             f"{Quantity(self.residual, 'share'):3} of the force is left"
@@ -59,7 +68,7 @@ class ControlFit(Result):
         return estimates_table(title, self.estimates)
 
     def law(self) -> CascadePPI:
-        """The cascade as a block; a feedforward that is 0 or 1 within its error is written as that."""
+        """Return the cascade as a block; a feedforward that is 0 or 1 within its error is rounded to that."""
         share = self["velocity_feedforward"]
         near = next((whole for whole in (0.0, 1.0) if abs(share.value - whole) < max(0.01, NORMAL * share.error)), None)
         return CascadePPI(
@@ -71,7 +80,7 @@ class ControlFit(Result):
 
 
 def identify_control(log: MotionLog) -> ControlFit:
-    """The gains of the loop that produced a log, by least squares on the law of the cascade.
+    """Identify the gains of the loop that produced a log, by least squares on the law of the cascade.
 
         force(k) = Kp (Kv (x_set - x) + share v_set - v),   v = (x - x n samples before) / n T,   all d samples old
 
@@ -111,26 +120,28 @@ def identify_control(log: MotionLog) -> ControlFit:
     columns = _slopes(law, gains, log, n)[rows - d]
     robust, ols = errors(robust_covariance(columns, off)), errors(ols_covariance(columns, off))
     units = ("1/s", "", log.frame.viscous)
-    found = tuple(Estimate(*each) for each in zip(_GAINS, gains.values(), units, robust, ols, strict=True))
-    return ControlFit(log.name, found, n, d, tried[n, d], tried)
+    estimates = tuple(Estimate(*row) for row in zip(_GAINS, gains.values(), units, robust, ols, strict=True))
+    return ControlFit(log.name, estimates, n, d, tried[n, d], tried)
 
 
 def _traced(samples: int) -> TracedForce[CascadePPI]:
-    """The force of the cascade from its set position, reading and earlier readings, each a column over the log."""
+    """Trace the force of the cascade from its set position, reading and earlier readings, each a
+    column over the log.
+    """
     block = CascadePPI(Kv=1.0, Kp=1.0, velocity_samples=samples)
     earlier = tuple(f"position_{i + 1}" for i in range(samples))
 
-    def force(law: CascadePPI, given: Mapping[str, Number]) -> Number:
-        T, position = given["T"], given["position"]
-        setpoint = Setpoint(given["set_position"], given["set_velocity"], 0.0, 0.0, 0.0)
-        state = law.State(tuple(given[name] for name in earlier), 0.0)
+    def force(law: CascadePPI, signals: Mapping[str, Number]) -> Number:
+        T, position = signals["T"], signals["position"]
+        setpoint = Setpoint(signals["set_position"], signals["set_velocity"], 0.0, 0.0, 0.0)
+        state = law.State(tuple(signals[name] for name in earlier), 0.0)
         return law.step(law.prepare(T), state, setpoint, Reading(position, position), T)[1]
 
     return TracedForce(block, ("T", "set_position", "set_velocity", "position", *earlier), force)
 
 
 def _slopes(law: TracedForce[CascadePPI], gains: Mapping[str, float], log: MotionLog, n: int) -> np.ndarray:
-    """Slopes of the law's force to `_GAINS` at these gains, shape (samples, 3); 0 before `_START`."""
+    """Return the slopes of the law's force to `_GAINS` at these gains, shape (samples, 3); 0 before `_START`."""
     assert log.set_position is not None
     x, wanted, T = log.position, log.set_position, log.sample_time
     before = {f"position_{i + 1}": x[_FIRST - 1 - i : x.size - 1 - i] for i in range(n)}
@@ -139,6 +150,330 @@ def _slopes(law: TracedForce[CascadePPI], gains: Mapping[str, float], log: Motio
     _, slopes = law.at(
         gains, T=np.array(T), set_position=wanted[_FIRST:], set_velocity=velocity, position=x[_FIRST:], **before
     )
-    found = np.zeros((x.size, len(_GAINS)))
-    found[_FIRST:] = slopes[:, [law.names.index(name) for name in _GAINS]]
-    return found
+    columns = np.zeros((x.size, len(_GAINS)))
+    columns[_FIRST:] = slopes[:, [law.names.index(name) for name in _GAINS]]
+    return columns
+
+
+# A check of a law against a log: its command at the log's own readings is compared with the force of the log.
+
+MOST_OFF = 0.1  # of a gain: where one is 20 % wrong, the mass of the closed loop is up to 10 % off; of half of it, 5 %
+SURE = 3.0  # standard errors
+_ROW = 0.01  # s: rows of the inverse dynamics, and their low pass
+_SKIP = 0.05  # s at the start, where filters and differences of the law have another past than the drive's
+_STEP = 1e-3  # of a parameter, for its slope
+_ACTS = 1e-3  # of the force: a parameter that makes less of it has no part in the log
+_DRAWN = 4  # sets of readings with other places within their counts
+_PRESENT = 0.01  # share of what counts could make below which the log does not hold it
+# Share of the rows with an added force, at most: of 120 logs with steps of force, none with the law that ran is refused
+# at 0.6 and 25 at 0.5; of those with Kp 20 % too small none is taken at 0.6, and 6 at 0.7.
+_SELDOM = 0.6
+_STEPS, _MOST_STEP = 6, 0.5  # of Gauss and Newton, and the largest one
+_LOWER = 0.999  # of the RMS that is left: a step that lowers it by less is the last
+_UNLIKE = 0.5  # share of what is left that no other numbers of the law explain, at least
+_SHOWN = 0.1  # share of a column in the other rows, at least
+
+
+class Gain(NamedTuple):
+    """A number of a control: as stated, as the log needs it, and the standard error of the latter."""
+
+    name: str
+    stated: float
+    needed: float
+    error: float
+
+    @property
+    def off(self) -> float:
+        """Return the relative error beyond `SURE` standard errors; 0 if there is none."""
+        return max(0.0, abs(self.needed - self.stated) - SURE * self.error) / abs(self.stated)
+
+    @property
+    def unseen(self) -> bool:
+        """True if the log cannot reveal a value that is `MOST_OFF` wrong."""
+        return SURE * self.error > MOST_OFF * abs(self.stated)
+
+
+@dataclass(frozen=True, eq=False)
+class LawCheck:
+    """The residual of a law on the force of a log, as shares of its RMS about its mean, in rows of 10 ms.
+
+    left    without what counts make
+    remains with the numbers that it needs
+    counts  what readings with other places within their counts change, as far as the log holds it
+    gains   numbers of the control that act in the log
+    delay   samples by which the log's force is later than the law's
+    added   share of the rows in which the log's force holds another one, if the law commands it in all others; else 0
+    """
+
+    name: str
+    left: float
+    remains: float
+    counts: float
+    gains: tuple[Gain, ...]
+    delay: int
+    added: float = 0.0
+
+    @property
+    def wrong(self) -> str:
+        """Why this is not the law of the log; empty if nothing contradicts it."""
+        return "" if self.added else self._against
+
+    @property
+    def disagrees(self) -> bool:
+        """True if the force of the log is not that of the law alone."""
+        return bool(self._against)
+
+    @property
+    def proves(self) -> bool:
+        """True if the law reproduces the force, possibly with other gains: force and position share one clock."""
+        return self.remains < LARGEST and bool(self.gains)
+
+    @property
+    def _against(self) -> str:
+        off = sorted((gain for gain in self.gains if gain.off > MOST_OFF), key=lambda gain: -gain.off)
+        if off:
+            values = joined(", ", (f"{gain.name} = {Quantity(gain.needed, error=gain.error)}" for gain in off[:_NAMED]))
+            stated = joined(", ", (f"{Quantity(gain.stated)}" for gain in off[:_NAMED]))
+            return Text(
+                f"what the law commands at the log's own readings meets its force best with {values}, where {stated} "
+                f"{'is' if len(off) == 1 else 'are'} stated{_SO}"
+            )
+        if self.left > LARGEST:
+            return Text(
+                f"what the law commands at the log's own readings leaves {Quantity(self.left, 'share'):3} of its force "
+                "beyond what the counts of the readings make, where a law that ran leaves "
+                f"{Quantity(LARGEST, 'share'):6} at most{_SO}"
+            )
+        return ""
+
+    @property
+    def unseen(self) -> tuple[str, ...]:
+        """Names of gains that the log does not reveal."""
+        return tuple(gain.name for gain in self.gains if gain.unseen)
+
+    def table(self) -> Table:
+        """Return the gains of the control, as stated and as the log needs them."""
+        rows = [
+            [gain.name, gain.stated, Quantity(gain.needed, error=gain.error, form="5"), gain.error]
+            for gain in self.gains
+        ]
+        title = Text(
+            f"{self.name}: the law at the log's own readings; {Quantity(self.left, 'share'):3} of the force is left, "
+            f"counts make {Quantity(self.counts, 'share'):3}"
+        )
+        columns = [
+            "parameter",
+            Column("stated", form="5"),
+            Column("the log needs", form="5"),
+            Column("standard error", form="2"),
+        ]
+        return Table(title, columns, rows)
+
+
+_NAMED = 3  # gains that a sentence names
+_SO = ": it is not the law that ran, or the columns are not the force that it commanded and the position that it read"
+
+
+def check_law(control: Control, log: MotionLog, *, apart: np.ndarray | None = None, place: str = "control") -> LawCheck:
+    """Compare the force of a log with what a control commands at the log's own setpoints and readings.
+
+        y = F - u(x_set, x) = Σ (θ'/θ - 1) θ ∂u/∂θ + constant + e,   θ' what the log needs
+
+    All in rows of 10 ms behind the low pass of the inverse dynamics: through a velocity gain, counts make force that is
+    far quicker than the motion.  The constant is the state of an integral before the log.  No plant and no friction is
+    in it, so that a disturbance speaks neither for nor against the law.  F may be up to three samples later than u.
+
+    Were the readings of the log not those that the law read, but rounded, each would err within its count.  What that
+    makes of y and θ' is drawn (readings with uniform errors of a count) and counts as far as the log holds it: the
+    share is the RMS of e(k) - e(k-1), sample by sample, over what the drawn errors make of it.  A drive that logs what
+    it read holds nothing of it.
+
+    A force that was added to the command is told from another law where it acts now and then: `_added`.
+
+    apart  m, shape (n,): position of the motor less that of the load, for a law that reads both
+    place  of the control in its machine file
+    """
+    assert log.set_position is not None
+    rows = _Rows(log, apart)
+    plain = rows.answers(control, log.position)
+    force = rows.reduced(log.force)
+    size = float(np.std(force))
+    slopes = rows.slopes(control, plain, log.position, None)
+    slopes = {name: slope for name, slope in slopes.items() if float(np.std(rows.reduced(slope))) > _ACTS * size}
+    names = _independent({name: rows.reduced(slope) for name, slope in slopes.items()})
+    raw = np.array([slopes[name] for name in names]).reshape(len(names), -1)
+    linear = [rows.linear(plain, raw, d) for d in range(MOST_DELAY + 1)]
+    likely = sorted(range(MOST_DELAY + 1), key=lambda d: linear[d])[:2]
+    fit = min((_Fit.of(rows, control, names, plain, raw, d) for d in likely), key=lambda fit: fit.remains)
+    delay, y = fit.delay, force - rows.reduced(plain, fit.delay)
+    counts, error = _by_counts(rows, fit, names)
+    left = float(np.sqrt(max(0.0, float(np.var(y)) - counts**2)))
+    gains = tuple(
+        Gain(f"{place}.{name}", float(tree.get(control, name)), float(tree.get(fit.control, name)), float(e))
+        for name, e in zip(names, error, strict=True)
+    )
+    integral = rows.reduced(np.cumsum(log.set_position - log.position), delay)
+    remains = float(np.std(force - rows.reduced(fit.plain, delay)))
+    unlike = remains > _UNLIKE * float(np.std(y))
+    added = _added(np.vstack([rows.reduced(raw, delay), integral]), y, size, counts) if unlike else 0.0
+    return LawCheck(log.name, left / size, remains / size, counts / size, gains, delay, added)
+
+
+def _added(columns: np.ndarray, y: np.ndarray, size: float, counts: float) -> float:
+    """Return the share of the rows in which another force was added, if the other rows support the law; else 0.
+
+    The others are the most rows that lie within what a law that ran leaves, wherever that is: the median would be among
+    the added forces where those act in half of the rows. They stand in the middle of that band, but for what counts
+    make; a law with another integral fills it. They show every gain, with a tenth of its column, and agree with it; and
+    they hold no integral of the following error, the last column.
+    """
+    width = 2.0 * (LARGEST * size + SURE * counts)
+    ordered = np.sort(y)
+    lowest = ordered[np.argmax(np.searchsorted(ordered, ordered + width, "right") - np.arange(y.size))]
+    away = (y < lowest) | (y > lowest + width)
+    if np.mean(away) > _SELDOM or not np.any(away):
+        return 0.0
+    if float(np.var(y[~away])) > counts**2 + (0.5 * LARGEST * size) ** 2:
+        return 0.0
+    off = _solved(columns[:, ~away], y[~away])[:-1]
+    seen = np.sum(columns[:-1, ~away] ** 2, axis=1) > _SHOWN * np.sum(columns[:-1] ** 2, axis=1)
+    other = abs(off[-1]) * float(np.std(columns[-1])) > LARGEST * size
+    return 0.0 if other or not np.all(seen & (np.abs(off[:-1]) < MOST_OFF)) else float(np.mean(away))
+
+
+def _by_counts(rows: _Rows, fit: _Fit, names: tuple[str, ...]) -> tuple[float, np.ndarray]:
+    """Return the RMS in N of the effect of counts on y, and the standard errors of the fitted gains with it."""
+    force, values = rows.reduced(rows.log.force), np.array([float(tree.get(fit.control, name)) for name in names])
+    drawn = list(_readings(rows.log))
+    others = [rows.answers(fit.control, reading) for reading in drawn]
+    changes = [rows.cut(other - fit.plain, fit.delay) for other in others]
+    quick = np.sqrt(np.mean([np.var(np.diff(change)) for change in changes])) if changes else 0.0
+    whole = rows.cut(rows.log.force) - rows.cut(fit.plain, fit.delay)
+    present = min(1.0, float(np.std(np.diff(whole)) / quick)) if quick > 0.0 else 0.0
+    if present < _PRESENT:
+        return 0.0, np.abs(values) * fit.errors
+    counts = present * float(np.sqrt(np.mean([np.var(rows.reduced(other - fit.plain, fit.delay)) for other in others])))
+    shifts = []
+    for reading, other in zip(drawn, others, strict=True):
+        columns = rows.reduced(rows.columns(fit.control, other, reading, names), fit.delay)
+        shifts.append(_solved(columns, force - rows.reduced(other, fit.delay))[:-1])
+    return counts, np.abs(values) * np.sqrt(fit.errors**2 + present**2 * np.mean(np.square(shifts), axis=0))
+
+
+class _Fit(NamedTuple):
+    """A control with the gains that a log needs, its command at each sample, and the relative errors of the gains.
+
+    remains  N, RMS of what is left at each sample
+    """
+
+    control: Control
+    plain: np.ndarray
+    errors: np.ndarray
+    delay: int
+    remains: float
+
+    @classmethod
+    def of(
+        cls, rows: _Rows, control: Control, names: tuple[str, ...], plain: np.ndarray, raw: np.ndarray, delay: int
+    ) -> _Fit:
+        """Fit by Gauss-Newton steps: limits and dead bands make the force of a law nonlinear in its gains."""
+        force = rows.reduced(rows.log.force)
+        y = force - rows.reduced(plain, delay)
+        for _ in range(_STEPS):
+            change = np.clip(_solved(rows.reduced(raw, delay), y)[:-1], -_MOST_STEP, _MOST_STEP)
+            values = {name: float(tree.get(control, name)) * (1.0 + c) for name, c in zip(names, change, strict=True)}
+            try:
+                tried = tree.vary(control, values)
+            except ParameterError:  # beyond a bound
+                break
+            answer = rows.answers(tried, rows.log.position)
+            left = force - rows.reduced(answer, delay)
+            if not np.std(left) < _LOWER * np.std(y):
+                break
+            control, plain, y = tried, answer, left
+            raw = rows.columns(control, plain, rows.log.position, names)
+        columns = rows.reduced(raw, delay)
+        acts = np.std(columns, axis=1) > 0.0  # a limit that is not reached with the other numbers has no part any more
+        off = np.full(len(names), np.inf)
+        wide = np.vstack([columns[acts], np.ones(y.size)]).T
+        off[acts] = errors(covariance_of(wide, y - wide @ _solved(columns[acts], y)))[:-1]
+        whole = rows.cut(rows.log.force) - rows.cut(plain, delay)
+        return cls(control, plain, off, delay, float(np.std(whole)))
+
+
+def _solved(columns: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return np.linalg.lstsq(np.vstack([columns, np.ones(y.size)]).T, y, rcond=None)[0]
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """A log, its decimated rows, and the distance of the motor from the load (m) where the law reads both."""
+
+    log: MotionLog
+    apart: np.ndarray | None
+
+    def cut(self, values: np.ndarray, delay: int = 0) -> np.ndarray:
+        """Return the samples that count of a signal that acts `delay` samples later; the samples are the last axis."""
+        skip = max(MOST_DELAY, round(_SKIP / self.log.sample_time))
+        return values[..., skip - delay : values.shape[-1] - delay]
+
+    def reduced(self, values: np.ndarray, delay: int = 0) -> np.ndarray:
+        """Return a signal in rows of 10 ms."""
+        return decimated(self.cut(values, delay), max(1, round(_ROW / self.log.sample_time)))
+
+    def answers(self, control: Control, reading: np.ndarray) -> np.ndarray:
+        """Return the command of a control at each sample."""
+        log = self.log
+        assert log.set_position is not None
+        motor = None if self.apart is None else reading + self.apart
+        return commanded(control, log.sample_time, log.set_position, reading, log.force, motor)
+
+    def linear(self, plain: np.ndarray, raw: np.ndarray, delay: int) -> float:
+        """Return the RMS in N of the residual at each sample, with columns fitted in rows."""
+        values = _solved(self.reduced(raw, delay), self.reduced(self.log.force) - self.reduced(plain, delay))
+        whole = self.cut(self.log.force) - self.cut(plain, delay) - values[:-1] @ self.cut(raw, delay)
+        return float(np.std(whole))
+
+    def columns(self, control: Control, plain: np.ndarray, reading: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
+        """Return θ ∂u/∂θ of some gains, shape (gains, samples); 0 for a gain at its bound."""
+        slopes = self.slopes(control, plain, reading, names)
+        return np.array([slopes.get(name, np.zeros(plain.size)) for name in names]).reshape(len(names), plain.size)
+
+    def slopes(
+        self, control: Control, plain: np.ndarray, reading: np.ndarray, names: tuple[str, ...] | None
+    ) -> dict[str, np.ndarray]:
+        """Return θ ∂u/∂θ of gains of a control by name, over all samples; `plain` is its unchanged command."""
+        return {name: (self.answers(varied, reading) - plain) / _STEP for name, varied in _varied(control, names)}
+
+
+def _varied(control: Control, names: tuple[str, ...] | None) -> Iterator[tuple[str, Control]]:
+    """Yield each gain of a control that is not 0, or of `names`, with the control in which it is a little larger."""
+    for name, value in tree.parameters(control).items():
+        wanted = not name.startswith("guard.") if names is None else name in names
+        if wanted and isinstance(value, float) and value != 0.0:
+            try:
+                varied = tree.vary(control, {name: value * (1.0 + _STEP)})
+            except ParameterError:  # it is at its bound: a share of 1
+                continue
+            yield name, varied
+
+
+def _independent(columns: dict[str, np.ndarray]) -> tuple[str, ...]:
+    """Return the names of linearly independent columns. Inner ones are preferred: a common factor is no gain."""
+    kept: list[str] = []
+    for name in sorted(columns, key=lambda key: -key.count(".")):
+        own = columns[name] - np.mean(columns[name])
+        if kept:
+            others = np.vstack([*(columns[other] for other in kept), np.ones(own.size)]).T
+            own = own - others @ np.linalg.lstsq(others, own, rcond=None)[0]
+        if float(np.std(own)) > LEAST_OWN * float(np.std(columns[name])):
+            kept.append(name)
+    return tuple(name for name in columns if name in kept)
+
+
+def _readings(log: MotionLog) -> Iterator[np.ndarray]:
+    """Yield readings that err within their count, by one number as long as they stand on it; nothing without counts."""
+    count, random = count_of(log.position), np.random.default_rng(0)
+    since = np.cumsum(np.diff(log.position, prepend=log.position[0]) != 0.0)
+    for _ in range(_DRAWN if count > 0.0 else 0):
+        yield log.position + count * random.uniform(-0.5, 0.5, int(since[-1]) + 1)[since]

@@ -24,7 +24,8 @@ _DRIFT = 2  # times that, and samples, by which the delays of the two halves of 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DelayFit(Result):
-    """Dead time in samples, without the half sample of the hold, with its standard error; the residual by delay tried.
+    """The dead time in samples, without the half sample of the hold, with its standard error and
+    the residual by delay.
 
     delays, residual  whole samples that were tried, and the residual of the inverse dynamics with each, both of shape
                       (m,)
@@ -44,7 +45,7 @@ class DelayFit(Result):
 
     @property
     def clear(self) -> bool:
-        """Whether the residual of the best delay is a tenth less than without delay."""
+        """True if the residual of the best delay is a tenth less than without delay."""
         return self.tells(self.nearest, 0.0)
 
     def tells(self, better: float, other: float) -> bool:
@@ -56,11 +57,13 @@ class DelayFit(Result):
         return self.left(better) < CLEAR * self.left(other)
 
     def left(self, samples: float) -> float:
-        """Share of the force that the inverse dynamics leave with a delay, on straight lines between whole samples."""
+        """Return the share of the force that the inverse dynamics leave with a delay, interpolated between whole
+        samples.
+        """
         return float(np.interp(samples, self.delays, self.residual))
 
     def table(self) -> Table:
-        """Residual of the delays around the best."""
+        """Return the residual of the delays around the best."""
         near = np.abs(self.delays - self.nearest) <= 2
         rows = [[int(d), float(r)] for d, r in zip(self.delays[near], self.residual[near], strict=True)]
         dead_time = Quantity(self.dead_time, "samples", self.error)
@@ -72,7 +75,7 @@ class DelayFit(Result):
 def find_delay(
     log: MotionLog, *, friction: str = "directional", how: Preparation | None = None, clocks: bool = True
 ) -> DelayFit:
-    """The dead time between a logged force and the acceleration that it causes, in samples.
+    """Find the dead time between a logged force and the acceleration that it causes, in samples.
 
         force(k - 1/2 - dead_time) = inverse dynamics(k),   the dead time that leaves the least residual
 
@@ -109,14 +112,14 @@ def find_delay(
 
 
 def _left(basis: np.ndarray, force: np.ndarray) -> float:
-    """Share of the force that the columns do not explain."""
+    """Return the share of the force that the columns do not explain."""
     off = force - basis @ (basis.T @ force)
     size = float(np.linalg.norm(force))
     return float(np.linalg.norm(off)) / size if size > 0.0 else np.nan
 
 
 def _check_slope(log: MotionLog, basis: np.ndarray, forces: np.ndarray, residual: np.ndarray) -> None:
-    """A motion of one frequency does not show a delay: a later force is equivalent to less mass and more damping."""
+    """Refuse a motion of one frequency: there a later force is equivalent to less mass and more damping."""
     if not np.all(np.isfinite(residual)):
         raise NotIdentifiableError(
             f"{log.name}: the force is 0 wherever the axis moves: record the commanded force next, on the same clock"
@@ -169,21 +172,23 @@ def _rough(residual: np.ndarray) -> float:
 
 
 def _trails(log: MotionLog) -> bool:
-    """Whether the set position comes after the position: (r - x) v < 0 on average."""
+    """True if the set position lags the position: (r - x) v < 0 on average."""
     if log.set_position is None:
         return False
     return float(np.mean((log.set_position - log.position) * np.gradient(log.set_position))) < 0.0
 
 
 def _check_drift(log: MotionLog, columns: np.ndarray, forces: np.ndarray, delays: np.ndarray) -> None:
-    """If the delays of the two halves of a log clearly differ, the channels were recorded on two clocks."""
+    """Raise NotIdentifiableError if the delays of the two halves of a log differ: the channels had two clocks."""
     half = columns.shape[0] // 2
     halves = (slice(0, half), slice(half, None))
     left = [np.array([_left(np.linalg.qr(columns[rows])[0], force[rows]) for force in forces]) for rows in halves]
-    first, second = (int(np.argmin(each)) for each in left)
+    first, second = (int(np.argmin(residual)) for residual in left)
     other = left[0][second], left[1][first]
     least = left[0][first], left[1][second]
-    sure = all(own < CLEAR * at and at - own > _rough(each) for own, at, each in zip(least, other, left, strict=True))
+    sure = all(
+        own < CLEAR * at and at - own > _rough(residual) for own, at, residual in zip(least, other, left, strict=True)
+    )
     if sure and abs(second - first) >= _DRIFT * max(1.0, _EARLY / log.sample_time):
         raise NotIdentifiableError(
             f"{log.name}: force and position are not on one clock: the force acts {delays[first]} samples late in the "

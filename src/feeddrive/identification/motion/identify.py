@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -9,26 +10,259 @@ from typing import Any
 import numpy as np
 
 from feeddrive.analysis.friction_map import FrictionMap, friction_map
-from feeddrive.blocks.families import Law
+from feeddrive.blocks.families import Force, Friction, Law
+from feeddrive.blocks.force.gravity import Gravity
+from feeddrive.blocks.friction.coulomb import Coulomb
+from feeddrive.blocks.friction.directional import Directional
+from feeddrive.blocks.friction.viscous import Viscous
+from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.identification.estimate import SHAFT
-from feeddrive.identification.motion.contradiction import agreed, better, beyond, with_counts
-from feeddrive.identification.motion.control_law import ControlFit, identify_control
+from feeddrive.identification.motion.control_law import (
+    MOST_OFF,
+    SURE,
+    ControlFit,
+    LawCheck,
+    check_law,
+    identify_control,
+)
 from feeddrive.identification.motion.delay import DelayFit, find_delay
-from feeddrive.identification.motion.known_axis import axis_remarks, is_richer, refined_names, with_rigid
-from feeddrive.identification.motion.law_check import MOST_OFF, LawCheck, check_law
-from feeddrive.identification.motion.motion_log import MotionLog, checked
-from feeddrive.identification.motion.output_error import Refinement, later, refine
-from feeddrive.identification.motion.preparation import HOLD, Preparation
+from feeddrive.identification.motion.motion_log import MotionLog, checked, count_of, drawn
+from feeddrive.identification.motion.output_error import Refinement, dead_time, later, refine
+from feeddrive.identification.motion.preparation import HOLD, Preparation, prepare
 from feeddrive.identification.motion.rigid import RigidFit, identify_rigid
-from feeddrive.identification.plausibility import outside, remedy, said, sizes
-from feeddrive.language.errors import FeeddriveError
+from feeddrive.identification.plausibility import out_of_range, outside, remedy, sizes
+from feeddrive.language import tree
+from feeddrive.language.errors import DivergedError, FeeddriveError, LogError, NotIdentifiableError
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
+
+# The update of a known axis by a log of a motion: mass, friction and constant force change, the rest is kept.
+
+_PLAIN = (Coulomb, Directional, Viscous)  # friction models whose parameters the inverse dynamics identify completely
+_FAR = 0.05  # share by which the sum of the masses may differ without a remark
+
+
+def with_rigid(axis: Axis, rigid: RigidFit, *, richer: bool = False) -> Axis:
+    """Return the axis with the identified mass, friction and constant force; a pulled axis without such a force gets
+    one.
+
+    A plant with several bodies keeps its own masses and dampers, which a rigid fit cannot tell apart, and friction on
+    both bodies is not changed. With `richer`, a friction model with more than Coulomb levels keeps its shape.
+    """
+    if not isinstance(axis.plant, Rigid) and axis.friction_motor is not None:
+        return axis
+    plant = rigid.plant() if isinstance(axis.plant, Rigid) else axis.plant
+    friction = _without(rigid.friction_block(), 0.0 if isinstance(axis.plant, Rigid) else own_viscous(axis))
+    if richer and axis.friction_load is not None:
+        friction = _scaled(axis.friction_load, friction)
+    others: tuple[Force, ...] = tuple(force for force in axis.forces if not isinstance(force, Gravity))
+    gravity = rigid.gravity() if rigid.is_pulled or len(others) < len(axis.forces) else None
+    forces = others if gravity is None else (*others, gravity)
+    return replace(axis, plant=plant, friction_load=friction, forces=forces)
+
+
+def is_richer(axis: Axis) -> bool:
+    """True if the friction model has more than levels and slopes: a Stribeck curve, presliding, a table."""
+    return axis.friction_load is not None and not isinstance(axis.friction_load, _PLAIN)
+
+
+def own_viscous(axis: Axis) -> float:
+    """Return the viscous friction of the plant itself in N s/m, when all bodies move as one: eᵀ C e."""
+    mechanics = axis.plant.mechanics()
+    e = [float(share) for share in mechanics.rigid_motion()]
+    return sum(e[i] * float(mechanics.damping[i][j]) * e[j] for i in range(len(e)) for j in range(len(e)))
+
+
+def refined_names(loop: Loop) -> tuple[str, ...] | None:
+    """Return the parameters that output error may fit: None for all physics of a rigid axis, else friction and forces
+    that are not 0.
+
+    Of a richer friction model only levels and slopes are fitted; its parameters near standstill are kept.
+    """
+    if isinstance(loop.axis.plant, Rigid) and not is_richer(loop.axis):
+        return None
+    ends = ("coulomb", "coulomb_positive", "coulomb_negative", "viscous", "viscous_positive", "viscous_negative")
+    own = loop.place_of("axis")
+    names = [
+        name
+        for name, value in tree.parameters(loop).items()
+        if isinstance(value, float)
+        and value != 0.0
+        and (
+            name == f"{own}.plant.mass"
+            or (name.startswith(f"{own}.friction_load.") and name.endswith(ends))
+            or (name.startswith(f"{own}.forces.") and name.endswith(".force"))
+        )
+    ]
+    return tuple(name for name in names if isinstance(loop.axis.plant, Rigid) or name != f"{own}.plant.mass")
+
+
+def axis_remarks(axis: Axis, rigid: RigidFit) -> list[Text]:
+    """Return remarks on a plant with several bodies, whose masses are not changed."""
+    if isinstance(axis.plant, Rigid):
+        return []
+    mass, own = rigid["mass"], float(axis.plant.rigid_mass())
+    off = mass.value - own
+    remarks = [
+        Text(
+            f"the axis is a {axis.plant.kind}: a log of a motion shows the sum of its masses, {mass.quantity}, but "
+            "not each of them; its masses, springs and dampers stay as they are"
+        )
+    ]
+    if abs(off) > max(3.0 * mass.error, _FAR * own):
+        remarks[0] += Text(
+            f". Their sum, {Quantity(own, mass.unit):5}, is off by {Quantity(off / own, 'share'):+.2g}: measure a "
+            "frequency response (feeddrive excite, frf) and identify that"
+        )
+    if axis.friction_motor is not None:
+        levels = joined(", ", (f"{e.name} {Quantity(e.value, e.unit)}" for e in rigid.estimates if e.name != "mass"))
+        remarks.append(
+            Text(f"friction acts on both bodies, and the log shows only its sum ({levels}): both stay as they are")
+        )
+    return remarks
+
+
+def _without(friction: Friction, viscous: float) -> Friction:
+    """Return the friction without the part of the plant's own dampers."""
+    if isinstance(friction, Coulomb):
+        return replace(friction, viscous=max(0.0, float(friction.viscous) - viscous))
+    if isinstance(friction, Directional):
+        return replace(
+            friction,
+            viscous_positive=max(0.0, float(friction.viscous_positive) - viscous),
+            viscous_negative=max(0.0, float(friction.viscous_negative) - viscous),
+        )
+    return friction
+
+
+def _scaled(known: Friction, identified: Friction) -> Friction:
+    """Return a richer friction with the identified levels at speed; its excess at low speed is scaled in proportion."""
+    leaves = dict(tree.leaves(identified))
+    level = [float(value) for name, value in leaves.items() if name.startswith("coulomb")]
+    slope = [float(value) for name, value in leaves.items() if name.startswith("viscous")]
+    sides = {"positive": 0, "negative": -1}
+    changes: dict[str, float] = {}
+    old = dict(tree.leaves(known))
+    for name in old:
+        head, _, side = name.partition("_")
+        if head in ("coulomb", "viscous", "breakaway") and side in ("", "positive", "negative"):
+            which = level if head != "viscous" else slope
+            mean = which[sides[side]] if side else sum(which) / len(which)
+            if head == "breakaway":
+                before = float(old.get(name.replace("breakaway", "coulomb"), 0.0) or 0.0)
+                changes[name] = mean * (float(old[name]) / before if before > 0.0 else 1.0)
+            else:
+                changes[name] = mean
+    least = {"coulomb": 1e-9, "breakaway": 1e-9}
+    return tree.vary(known, {name: max(value, least.get(name, 0.0)) for name, value in changes.items()})
+
+
+# The choice between inverse dynamics and closed loop, where they contradict each other on the same log.
+
+_RUNS = 16  # of the closed loop with its counts: one log in 17 leaves more than the worst of them by chance
+
+
+def agreed(
+    log: MotionLog, loop: Loop, fit: Refinement, delay: DelayFit, known: float, remarks: list[str]
+) -> Refinement:
+    """Return the closed loop with the dead time to be taken: its own, unless the inverse dynamics speak more clearly.
+
+    Each has a dead time that leaves it least: the inverse dynamics of the force, the closed loop of the position.
+    Where they differ, and the inverse dynamics leave a tenth more of the force with that of the closed loop, the one
+    is taken whose residual grows more with the dead time of the other.
+    """
+    own = beyond(delay, known)
+    grows = delay.left(known + fit.delay) / delay.left(known + own)
+    if own == fit.delay or not delay.tells(known + own, known + fit.delay):
+        return fit
+    try:
+        other = refine(loop, log, tuple(estimate.name for estimate in fit.estimates), delays=[own])
+        value, error = dead_time(other, log)
+    except DivergedError:  # a loop near its limit, which is no loop that ran
+        return fit
+    left, without = other.by_delay[own], fit.by_delay[fit.delay]
+    apart = abs(delay.dead_time - known - value)
+    joint = SURE * math.hypot(error, delay.error)
+    first = grows > left / without
+    ways = delay.left(known + own), delay.left(known + fit.delay)
+    remarks.append(
+        Text(
+            "dead time in samples beyond the stated one: the inverse dynamics say "
+            f"{Quantity(delay.dead_time - known, error=delay.error)} and leave {Quantity(ways[0], 'share'):3} of the "
+            f"force with {own}, {Quantity(ways[1], 'share'):3} with {fit.delay}; the closed loop says "
+            f"{Quantity(value, error=error)} and leaves {log.distance(left)} of the position with {own}, "
+            f"{log.distance(without)} with {fit.delay}. They "
+            f"{'contradict each other' if apart > joint else 'agree within three errors'}; that of the "
+            f"{'inverse dynamics' if first else 'closed loop'} is taken, whose residual grows more with the other one"
+        )
+    )
+    return other if first else fit
+
+
+def better(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation, remarks: list[str]) -> Refinement | None:
+    """Return the output-error fit, or None if its mass contradicts the inverse dynamics and they leave less force.
+
+    Both are compared in the same rows, those of the inverse dynamics, and contradict each other beyond three joint
+    standard errors.
+    """
+    mass = next((estimate for estimate in fit.estimates if estimate.name.endswith("plant.mass")), None)
+    own = rigid["mass"]
+    if mass is None or abs(mass.value - own.value) < SURE * math.hypot(mass.error, own.error):
+        return fit
+    rows = prepare(log, how)
+    residual = log.force - fit.replay.run["force"][: log.force.size]
+    left = float(np.linalg.norm(rows.force_with(residual, how.delay)) / np.linalg.norm(rows.force))
+    first = rigid.residuals.relative < left
+    remarks.append(
+        Text(
+            f"the inverse dynamics say a mass of {own.quantity} and leave "
+            f"{Quantity(rigid.residuals.relative, 'share'):3} of the force in motion, the closed loop says "
+            f"{Quantity(mass.value, own.unit, mass.error)} and leaves {Quantity(left, 'share'):3} of it: they "
+            "contradict each other, as where a force acts that the model lacks; the "
+            f"{'inverse dynamics' if first else 'closed loop'}, which leave{'' if first else 's'} less, "
+            f"{'are' if first else 'is'} taken"
+        )
+    )
+    return None if first else fit
+
+
+def with_counts(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation) -> RigidFit:
+    """Return the inverse dynamics with what counts make of their residual, from runs of the closed loop that has them.
+
+    Through a velocity gain coarse counts shake the axis, and its readings do not show it: more than the errors of
+    readings alone make of a residual.  Runs of the fitted loop with the counts of the log leave as much, the
+    worst of them, if they are the reason.
+    """
+    count = count_of(log.position)
+    if count == 0.0:
+        return rigid
+    used, unused = [], []
+    for position, force in drawn(fit.loop, log, 0, count, _RUNS, seed=3):
+        try:
+            run = identify_rigid(
+                MotionLog(name=log.name, position=position, force=force, sample_time=log.sample_time),
+                friction=rigid.friction,
+                how=how,
+            )
+        except (LogError, NotIdentifiableError):
+            return rigid
+        used.append(run.residuals.relative)
+        unused.append(run.validation.relative)
+    return replace(rigid, counts=(max(rigid.counts[0], *used), max(rigid.counts[1], *unused)))
+
+
+def beyond(delay: DelayFit, known: float) -> int:
+    """Return the whole samples of dead time beyond a known one that the inverse dynamics clearly ask for, or 0."""
+    own = max(0, round(delay.dead_time - known))
+    return own if delay.tells(known + own, known) else 0
+
+
+# Complete identification of one log: inverse dynamics, dead time, control law, output error, recommendation.
 
 _PLACE = "control"  # of a law that no machine file states
 _CLEARLY = 1.02  # times the position residual of plain friction up to which the machine's own kind is kept
@@ -61,16 +295,16 @@ class Identified(Result):
 
     @property
     def rotary(self) -> bool:
-        """Whether the axis turns."""
+        """True if the axis turns."""
         return self.log.turning
 
     def table(self) -> Table:
-        """Parameters of the inverse dynamics."""
+        """Return the parameters of the inverse dynamics."""
         return self.rigid.table()
 
     @property
     def unusable(self) -> str:
-        """Why the values must not become part of a machine file; empty if they may."""
+        """Why the values must not enter a machine file; empty if they may."""
         rigid = self.rigid
         if self.law is not None and self.law.wrong:
             return self.law.wrong
@@ -93,7 +327,7 @@ class Identified(Result):
 
     @property
     def advice(self) -> Advice:
-        """What to do with the values, and why."""
+        """The recommended use of the values, with the reason."""
         why = self.unusable
         if self.doubt:
             return Judgment.UNITS_IN_DOUBT.because(self.doubt)
@@ -195,14 +429,16 @@ def identify_motion(
 
 
 def _checked_law(log: MotionLog, start: Loop | None, law: Law | None) -> LawCheck | None:
-    """The law at the readings of the log; None if none is stated, or if it reads two encoders: the log has one."""
+    """Check the law at the readings of the log; None if no law is stated, or if it reads two
+    encoders: the log has one.
+    """
     if start is not None:
         return None if start.axis.encoders() == 2 else check_law(start.control, log, place=start.place_of("control"))
     return None if law is None else check_law(Control(law=law, force_limit=log.force_limit), log, place=_PLACE)
 
 
 def _apart(refinement: Refinement, rows: int) -> np.ndarray:
-    """How far the motor is from the load in the fitted loop, m."""
+    """Return the distance of the motor from the load in the fitted loop, m."""
     run = refinement.replay.run
     return (run["position_motor"] - run["position_load"])[:rows]
 
@@ -210,17 +446,17 @@ def _apart(refinement: Refinement, rows: int) -> np.ndarray:
 def _refined(
     log: MotionLog, start: Loop | None, rigid: RigidFit, loop: Loop, delay: DelayFit, known: float, remarks: list[str]
 ) -> tuple[Loop, Refinement | None]:
-    """The loop and its output-error fit, with the friction model of the machine file if that fits as well."""
-    found = _attempted(lambda: refine(loop, log, refined_names(loop)), remarks)
-    if found is None:
+    """Return the loop and its output-error fit, with the friction model of the machine file if that fits as well."""
+    fit = _attempted(lambda: refine(loop, log, refined_names(loop)), remarks)
+    if fit is None:
         return loop, None
     if start is not None and is_richer(start.axis):
-        loop, found = _by_friction(log, start, rigid, loop, found, remarks)
-    return loop, None if found is None else agreed(log, loop, found, delay, known, remarks)
+        loop, fit = _by_friction(log, start, rigid, loop, fit, remarks)
+    return loop, None if fit is None else agreed(log, loop, fit, delay, known, remarks)
 
 
 def _not_alone(check: LawCheck) -> str:
-    """A remark on a force of the log that the stated law does not make."""
+    """Return a remark on a force of the log that the stated law does not command."""
     if check.added:
         return Text(
             f"a force was added to the command of the law in {Quantity(check.added, 'share'):3} of the log (RMS "
@@ -242,7 +478,7 @@ def _counted(log: MotionLog, refinement: Refinement | None) -> list[str]:
 
 
 def _untold(check: LawCheck | None) -> list[str]:
-    """A remark on numbers of the law that have no clear part in the log."""
+    """Return a remark on gains of the law without a clear effect in the log."""
     if check is None or check.disagrees or not check.unseen:
         return []
     return [
@@ -254,18 +490,18 @@ def _untold(check: LawCheck | None) -> list[str]:
 
 
 def _doubt(log: MotionLog, rigid: RigidFit, remarks: list[str]) -> str:
-    """Why the magnitudes are not those of a feed drive, with a remark on what to look at; empty if they are."""
-    found = sizes(log.frame, log.sample_time, log.position, log.force, rigid["mass"].value)
-    wrong = outside(log.frame, found)
+    """Return why the magnitudes are not those of a feed drive, with a remark on what to check; empty if they are."""
+    magnitudes = sizes(log.frame, log.sample_time, log.position, log.force, rigid["mass"].value)
+    wrong = outside(log.frame, magnitudes)
     if not wrong:
         return ""
-    why = Text(f"{log.name}: {said(wrong, found)}")
+    why = Text(f"{log.name}: {out_of_range(wrong, magnitudes)}")
     remarks.append(Text(f"{why}: {remedy(wrong)}"))
     return why
 
 
 def swapped(channels: Mapping[str, Any]) -> bool:
-    """Whether position and force of a `MotionLog` are interchanged: swapped they fit a rigid drive."""
+    """True if position and force of a `MotionLog` are interchanged: swapped they fit a rigid drive."""
     both: dict[str, Any] = {**channels, "position": channels["force"], "force": channels["position"]}
     both |= {"set_position": None, "force_limit": None}
     try:
@@ -277,7 +513,7 @@ def swapped(channels: Mapping[str, Any]) -> bool:
 def _by_friction(
     log: MotionLog, start: Loop, rigid: RigidFit, loop: Loop, plain: Refinement | None, remarks: list[str]
 ) -> tuple[Loop, Refinement | None]:
-    """The loop with the friction model of the machine file, unless plain friction fits the log clearly better."""
+    """Keep the friction model of the machine file, unless plain friction fits the log clearly better."""
     kind, other = start.axis.friction_load, loop.axis.friction_load
     assert kind is not None
     assert other is not None
@@ -316,29 +552,31 @@ _NO_LOOP = "the log is that of a shaft: closed loop and friction over the travel
 
 
 def _rigid(log: MotionLog, friction: str, how: Preparation | None, delay: float) -> RigidFit:
-    """The inverse dynamics with a force so many samples late in addition to its hold, unless `how` states a delay."""
+    """Fit the inverse dynamics with a force so many samples late in addition to its hold, unless
+    `how` states a delay.
+    """
     return identify_rigid(log, friction=friction, how=how or Preparation(delay=HOLD + delay))
 
 
 def _about(rigid: RigidFit, late: int) -> list[str]:
-    """Remarks on the validity of the standard errors."""
-    found: list[str] = []
+    """Return remarks on the validity of the standard errors."""
+    remarks: list[str] = []
     if late:
-        found.append(f"the force acts {late} samples later than stated; that is taken into account")
+        remarks.append(f"the force acts {late} samples later than stated; that is taken into account")
     if not rigid.residuals.white:
-        ratio = max(each.error / each.ols for each in rigid.estimates)
-        found.append(
+        ratio = max(estimate.error / estimate.ols for estimate in rigid.estimates)
+        remarks.append(
             Text(
                 f"the residual is correlated from row to row ({Quantity(rigid.residuals.autocorrelation(1)):.2f} at "
                 f"lag 1): the errors account for it and are up to {Quantity(ratio):2} times those for a white residual "
                 "(ols)"
             )
         )
-    return found
+    return remarks
 
 
 def _attempted(what: Any, remarks: list[str]) -> Any:
-    """The result, or None and a remark."""
+    """Return the result, or None with a remark if it cannot be identified."""
     try:
         return what()
     except FeeddriveError as error:
@@ -349,7 +587,7 @@ def _attempted(what: Any, remarks: list[str]) -> Any:
 def _loop(
     log: MotionLog, rigid: RigidFit, start: Loop | None, control: ControlFit | None, law: Law | None
 ) -> Loop | None:
-    """The loop of the log with its values replaced by the identified ones."""
+    """Return the loop of the log with the identified values."""
     if rigid.frame is SHAFT:
         return None
     if start is not None:

@@ -12,8 +12,7 @@ import numpy as np
 from feeddrive.analysis.replay import Replay, estimate_start, replay
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.identification.estimate import Estimate, estimates_table
-from feeddrive.identification.motion.counts import at_rest, count_of, drawn, spread, unknown_force
-from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.motion.motion_log import MotionLog, at_rest, count_of, drawn, spread, unknown_force
 from feeddrive.identification.regression import errors, robust_covariance
 from feeddrive.language import tree
 from feeddrive.language.errors import DivergedError, NotIdentifiableError, ParameterError
@@ -41,7 +40,7 @@ _LEAST = 0.5  # of the variance of a residual: the least that does not come from
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Refinement(Result):
-    """The loop whose simulation is nearest to the log.
+    """The loop whose simulation fits the log best.
 
     estimates   by dotted name in the loop, with standard errors
     start       value before, by name
@@ -62,7 +61,7 @@ class Refinement(Result):
     count: float = 0.0
 
     def __getitem__(self, parameter: str) -> Estimate:
-        return next(each for each in self.estimates if each.name.endswith(parameter))
+        return next(estimate for estimate in self.estimates if estimate.name.endswith(parameter))
 
     @property
     def rotary(self) -> bool:
@@ -70,29 +69,31 @@ class Refinement(Result):
         return self.loop.axis.rotary
 
     def table(self) -> Table:
-        """Parameters with their errors."""
+        """Return the parameters with their errors."""
         off = Text(f"position {Quantity(self.replay.rms('position_load'), 'm'):3} RMS")
         if "force" in self.replay.measured:
             off += Text(f", force {Quantity(self.replay.share('force'), 'share'):3}")
-        last = [each.name.rsplit(".", 1)[-1] for each in self.estimates]
+        last = [estimate.name.rsplit(".", 1)[-1] for estimate in self.estimates]
         short = tuple(
-            dataclasses.replace(each, name=end if last.count(end) == 1 else each.name)
-            for each, end in zip(self.estimates, last, strict=True)
+            dataclasses.replace(estimate, name=end if last.count(end) == 1 else estimate.name)
+            for estimate, end in zip(self.estimates, last, strict=True)
         )
         return estimates_table(f"{self.name}: output error, {self.delay} samples of delay; {off}", short)
 
 
 def physics(loop: Loop) -> tuple[str, ...]:
-    """The names of mass, friction and constant force of a loop: what output error fits by default."""
+    """Return the names of mass, friction and constant force of a loop: the parameters that output error fits by
+    default.
+    """
     own = loop.place_of("axis")
     wanted = tuple(f"{own}.{part}" for part in ("plant.mass", "friction_load.", "friction_motor.", "forces."))
     skipped = ("stribeck_velocity", "smoothing", "transition_velocity", "period", "phase", "share")
-    found = [
+    paths = [
         name
         for name, value in tree.parameters(loop).items()
         if name.startswith(wanted) and isinstance(value, float) and not name.endswith(skipped)
     ]
-    return tuple(name for name in found if tree.get(loop, name) != 0.0)
+    return tuple(name for name in paths if tree.get(loop, name) != 0.0)
 
 
 def refine(
@@ -154,31 +155,32 @@ def refine(
     )
 
 
-def dead_time(found: Refinement, log: MotionLog, *, skip: int = 49) -> tuple[float, float]:
-    """Samples of dead time that the closed loop of a fit asks for beyond that of its start, and their standard error.
+def dead_time(fit: Refinement, log: MotionLog, *, skip: int = 49) -> tuple[float, float]:
+    """Return the dead time beyond that of the start that the closed loop of a fit needs, in samples, and its standard
+    error.
 
     One more parameter of its least squares, with the difference of a run a sample later as its column.
     Raises DivergedError for a loop that a sample more makes unstable.
     """
-    names = tuple(each.name for each in found.estimates)
-    model = _signals(found.loop, log, skip)
+    names = tuple(estimate.name for estimate in fit.estimates)
+    model = _signals(fit.loop, log, skip)
     measured = np.array([log.position[skip:], log.force[skip:]])
-    change = _signals(later(found.loop, 1), log, skip) - model
-    columns = np.concatenate([_columns(found.loop, log, names, skip, model), change[:, :, None]], axis=2)
+    change = _signals(later(fit.loop, 1), log, skip) - model
+    columns = np.concatenate([_columns(fit.loop, log, names, skip, model), change[:, :, None]], axis=2)
     sizes = _sizes(measured - model)
     left = (measured - model) / sizes
     covariance = robust_covariance(columns / sizes[:, :, None], left)
-    return found.delay + float(_solved(columns / sizes[:, :, None], left)[-1]), float(errors(covariance)[-1])
+    return fit.delay + float(_solved(columns / sizes[:, :, None], left)[-1]), float(errors(covariance)[-1])
 
 
 def _is_last(fits: Mapping[int, _Fit | None]) -> bool:
-    """Whether the longest delay has the least position residual so far."""
+    """True if the longest delay has the least position residual so far."""
     left = {d: fit.left for d, fit in fits.items() if fit is not None}
     return bool(left) and min(left, key=lambda d: left[d]) == max(fits)
 
 
 def later(loop: Loop, samples: int) -> Loop:
-    """The loop with so many samples more of dead time."""
+    """Return the loop with so many samples more of dead time."""
     if samples == 0:
         return loop
     dead_time = float(loop.axis.actuator.dead_time) + samples * float(loop.sample_time)
@@ -186,7 +188,9 @@ def later(loop: Loop, samples: int) -> Loop:
 
 
 def _signals(loop: Loop, log: MotionLog, skip: int) -> np.ndarray:
-    """Position and force of the simulated log, shape (2, n), without counts and noise, which hide small changes."""
+    """Return position and force of the simulated log, shape (2, n), without counts and noise, which
+    hide small changes.
+    """
     loop = tree.vary(
         loop, dict.fromkeys(_encoder(loop, "resolution"), _FINE) | dict.fromkeys(_encoder(loop, "noise"), 0.0)
     )
@@ -208,7 +212,7 @@ class _Fit(NamedTuple):
 
 
 def _fitted(loop: Loop, log: MotionLog, names: tuple[str, ...], skip: int) -> _Fit | None:
-    """The fitted loop with its errors; None if it diverges."""
+    """Return the fitted loop with its errors; None if it diverges."""
     measured = np.array([log.position[skip:], log.force[skip:]])
     try:
         model = _signals(loop, log, skip)
@@ -234,14 +238,14 @@ def _fitted(loop: Loop, log: MotionLog, names: tuple[str, ...], skip: int) -> _F
         return None
     if counted is not None:
         return counted._replace(steps=steps + counted.steps)
-    found = _estimates(loop, names, columns, left, errors(covariance))
-    return _Fit(loop, float(np.sqrt(np.mean((measured - model)[0] ** 2))), found, steps)
+    estimates = _estimates(loop, names, columns, left, errors(covariance))
+    return _Fit(loop, float(np.sqrt(np.mean((measured - model)[0] ** 2))), estimates, steps)
 
 
 def _with_counts(
     loop: Loop, log: MotionLog, names: tuple[str, ...], skip: int, slopes: np.ndarray, before: np.ndarray
 ) -> _Fit | None:
-    """The fit to the mean of runs with counts; None where they shift no value by `_MATTERS` of its error `before`.
+    """Fit the mean of runs with counts; None where they shift no value by `_MATTERS` of its error `before`.
 
         r = measured - mean,   σ²(k) = max(mean r² - mean s², r²/2) + s²(k)
         cov = cov(runs) + cov(r)
@@ -274,12 +278,13 @@ def _with_counts(
     moved = np.array([_solved(weighed.columns, other) for other in others])
     covariance = robust_covariance(weighed.columns, weighed.left, smooth=_SMOOTH)
     robust = np.sqrt(np.diag(covariance) + _STUDENT**2 * np.sum(moved**2, axis=0) / (_RUNS - 1))
-    found = _estimates(loop, names, weighed.columns, weighed.left, robust)
-    return _Fit(loop, float(np.sqrt(np.mean((measured - weighed.mean)[0] ** 2))), found, _ROUNDS, count)
+    estimates = _estimates(loop, names, weighed.columns, weighed.left, robust)
+    return _Fit(loop, float(np.sqrt(np.mean((measured - weighed.mean)[0] ** 2))), estimates, _ROUNDS, count)
 
 
 class _Weighed(NamedTuple):
-    """Mean of runs with counts and the deviation of each row from it, shape (2, n); both weighed: slopes and residual.
+    """The mean of runs with counts and the deviation of each row from it, shape (2, n); slopes and
+    residual, weighted.
 
     The deviation of rows at rest is infinite, so that their weight is 0.
     """
@@ -300,7 +305,7 @@ class _Weighed(NamedTuple):
         count: float,
         unknown: np.ndarray | None = None,
     ) -> _Weighed:
-        """At the values of a loop."""
+        """Evaluate at the values of a loop."""
         measured = np.array([log.position[skip:], log.force[skip:]])
         runs = drawn(loop, log, skip, count, _RUNS, 1, unknown)
         mean, scatter = np.mean(runs, axis=0), spread(runs)
@@ -326,7 +331,7 @@ def _estimates(
 
 
 def _solved(columns: np.ndarray, left: np.ndarray) -> np.ndarray:
-    """Least squares: by how much the parameters would differ."""
+    """Solve the least squares: the change of the parameters."""
     flat = columns.reshape(-1, columns.shape[-1])
     sizes = np.linalg.norm(flat, axis=0)
     return np.linalg.lstsq(flat / sizes, left.ravel(), rcond=1e-10)[0] / sizes
@@ -341,12 +346,12 @@ def _encoder(loop: Loop, parameter: str) -> list[str]:
 
 
 def _sizes(residual: np.ndarray) -> np.ndarray:
-    """The RMS of both signals, shape (2, 1)."""
+    """Return the RMS of both signals, shape (2, 1)."""
     return np.maximum(np.sqrt(np.mean(residual**2, axis=1, keepdims=True)), np.finfo(float).tiny)
 
 
 def _columns(loop: Loop, log: MotionLog, names: tuple[str, ...], skip: int, model: np.ndarray) -> np.ndarray:
-    """d signals / d parameters by one-sided differences, shape (2, n, p)."""
+    """Return d signals / d parameters by one-sided differences, shape (2, n, p)."""
     slopes = []
     for name in names:
         value = float(tree.get(loop, name))
@@ -375,7 +380,7 @@ def _advance(
     change: np.ndarray,
     now: tuple[np.ndarray, np.ndarray, np.ndarray],
 ) -> tuple[Loop, np.ndarray, float]:
-    """The loop after the part of the step that lowers the cost, its signals, and the share by which the cost fell."""
+    """Take the part of the step that lowers the cost; return the loop, its signals, and the relative decrease."""
     measured, sizes, model = now
     before = float(np.mean(((measured - model) / sizes) ** 2))
     for share in (1.0, 0.5, 0.25, 0.1, 0.01):
@@ -392,7 +397,7 @@ def _advance(
 
 
 def _bounded(loop: Loop, name: str, change: float) -> float:
-    """A value after a change; a value that must stay positive keeps at least a tenth of its size."""
+    """Return a value after a change; a value that must stay positive keeps at least a tenth of its size."""
     value = float(tree.get(loop, name))
     declared = tree.declaration(loop, name)
     positive = declared.above == 0 or declared.least == 0

@@ -22,7 +22,7 @@ _SMEARED = 0.01  # of a step: what the low pass of the position may still show o
 
 @dataclass(frozen=True, kw_only=True)
 class Preparation:
-    """How a log is prepared.
+    """The filters and delays that prepare a log for least squares.
 
     cutoff       Hz, of the Butterworth low pass on the position
     decimation   every so many samples are kept; None: one each 10 ms
@@ -56,7 +56,7 @@ JANOT = Preparation(delay=0.0, acceleration="twice", skip=49, skip_end=0, decima
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """The rows that count: time in s, and what was filtered and decimated, each of shape (n,).
+    """The rows that count: time in s, and the filtered, decimated channels, each of shape (n,).
 
     filtered    velocity at each sample of the log, before it was decimated
     constant    of 1, which the ripple of the filter reduces a little
@@ -79,22 +79,24 @@ class Prepared:
     how: Preparation
 
     def reduced(self, values: np.ndarray) -> np.ndarray:
-        """Values at each sample of the log, prepared as the force is; the samples are the last axis."""
+        """Prepare values at each sample of the log as the force is; the samples are the last axis."""
         return _reduced(values, self.stretches, self.places, self.decimation)
 
     def force_with(self, force: np.ndarray, delay: float) -> np.ndarray:
-        """Another force of the same log in these rows, so many samples later."""
+        """Return another force of the same log in these rows, so many samples later."""
         return self.reduced(delayed(force, delay))
 
     def errors(self, position: np.ndarray) -> np.ndarray:
-        """What errors of the position (m, at each sample) make of acceleration and velocity, shape (2, n)."""
+        """Return the effect of errors of the position (m, at each sample) on acceleration and
+        velocity, shape (2, n).
+        """
         velocity, acceleration = _differenced(position, self.cutoff, self.sample_time, self.how)
         return self.reduced(np.array([acceleration, velocity]))
 
 
 def prepare(log: MotionLog, how: Preparation) -> Prepared:
-    """The rows of least squares. Raises LogError for a log that is too short for its filters, ParameterError for one
-    that is no MotionLog.
+    """Prepare the rows of least squares. Raises LogError for a log that is too short for its filters, ParameterError
+    for anything but a MotionLog.
     """
     checked(log)
     T = log.sample_time
@@ -131,13 +133,11 @@ def prepare(log: MotionLog, how: Preparation) -> Prepared:
         )
     channels = np.array([velocity, acceleration, np.ones_like(velocity), delayed(log.force, how.delay)])
     slow, changes, constant, applied = _reduced(channels, stretches, places, factor)
-    return Prepared(
-        places * T, slow, changes, constant, applied, velocity, factor, places, stretches, cutoff, T, how
-    )  # fmt: skip
+    return Prepared(places * T, slow, changes, constant, applied, velocity, factor, places, stretches, cutoff, T, how)
 
 
 def _differenced(values: np.ndarray, cutoff: float, T: float, how: Preparation) -> tuple[np.ndarray, np.ndarray]:
-    """Velocity and acceleration of positions behind their low pass."""
+    """Return velocity and acceleration of positions behind their low pass."""
     position = zero_phase(values, cutoff, T)
     velocity = central_difference(position, T)
     acceleration = central_difference(velocity, T)
@@ -147,20 +147,22 @@ def _differenced(values: np.ndarray, cutoff: float, T: float, how: Preparation) 
 
 
 def _stretches(velocity: np.ndarray, rows: slice, reach: int) -> tuple[slice, ...]:
-    """Runs of samples in motion that keep `reach` samples away from each rest, long enough for their low pass."""
+    """Return the runs of samples in motion that keep `reach` samples away from each rest, long enough for their low
+    pass.
+    """
     moves = np.abs(velocity) > _REST * np.max(np.abs(velocity))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], moves, [False]]).astype(np.int8)))
-    found = []
+    stretches = []
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
         first = max(rows.start, begin + reach if begin else 0)
         last = min(rows.stop, end - reach if end < velocity.size else end)
         if last - first > _ENDS:
-            found.append(slice(int(first), int(last)))
-    return tuple(found)
+            stretches.append(slice(int(first), int(last)))
+    return tuple(stretches)
 
 
 def _reduced(values: np.ndarray, stretches: tuple[slice, ...], places: np.ndarray, factor: int) -> np.ndarray:
-    """Values at the rows `places`, after the decimating low pass over each stretch by itself."""
+    """Return values at the rows `places`, after the decimating low pass over each stretch separately."""
     parts = []
     for stretch in stretches:
         own = places[slice(*np.searchsorted(places, (stretch.start, stretch.stop)))] - stretch.start
@@ -170,7 +172,8 @@ def _reduced(values: np.ndarray, stretches: tuple[slice, ...], places: np.ndarra
 
 @lru_cache(maxsize=32)
 def reach(cutoff: float) -> int:
-    """Samples after which the position's low pass shows a step by at most `_SMEARED`; the cutoff is in 1/sample.
+    """Return the samples after which the position's low pass shows a step by at most `_SMEARED`; the cutoff is in
+    1/sample.
 
         the largest d with |Σ_{k >= d} h(k)| > 1 %,   h: impulse response of both passes
 
@@ -184,13 +187,13 @@ def reach(cutoff: float) -> int:
 
 
 def delayed(values: np.ndarray, samples: float) -> np.ndarray:
-    """Values as they were so many samples before, straight lines between samples, held at the ends."""
+    """Return values as they were so many samples before, interpolated linearly, held at the ends."""
     k = np.arange(values.size, dtype=np.float64)
     return values if samples == 0.0 else np.interp(k - samples, k, values)
 
 
 def _away(velocity: np.ndarray, places: np.ndarray, factor: int) -> np.ndarray:
-    """Rows that are more than a decimated step away from every change of direction, rest included."""
+    """True for rows that are more than a decimated step away from every change of direction, rest included."""
     turns = np.flatnonzero(np.diff(np.sign(velocity)) != 0.0)
     if not turns.size:
         return np.ones(places.size, dtype=bool)
@@ -201,7 +204,7 @@ def _away(velocity: np.ndarray, places: np.ndarray, factor: int) -> np.ndarray:
 
 
 def zero_phase(values: np.ndarray, cutoff: float, sample_time: float, order: int = 4) -> np.ndarray:
-    """A Butterworth low pass of `order`, forward and backward, so that there is no delay; `cutoff` in Hz.
+    """Apply a Butterworth low pass of `order`, forward and backward, so that there is no delay; `cutoff` in Hz.
 
         gain of both passes = 1 / (1 + (f / cutoff)^(2 order)),   1/2 at the cutoff
 
@@ -220,12 +223,12 @@ def zero_phase(values: np.ndarray, cutoff: float, sample_time: float, order: int
 
 
 def central_difference(values: np.ndarray, sample_time: float) -> np.ndarray:
-    """(x(k+1) - x(k-1)) / 2T, one-sided at both ends."""
+    """Return (x(k+1) - x(k-1)) / 2T, one-sided at both ends."""
     return np.gradient(values, sample_time)
 
 
 def decimated(values: np.ndarray, factor: int) -> np.ndarray:
-    """Every `factor`-th sample of the last axis after an anti-aliasing low pass; the last sample is kept.
+    """Return every `factor`-th sample of the last axis after an anti-aliasing low pass; the last sample is kept.
 
     The low pass is that of MATLAB's decimate: Chebyshev of first kind, order 8, ripple 0.05 dB, edge 0.8 / factor of
     the half sampling rate, forward and backward.
@@ -238,7 +241,7 @@ def decimated(values: np.ndarray, factor: int) -> np.ndarray:
 
 
 def _decimating(values: np.ndarray, factor: int) -> np.ndarray:
-    """The low pass of `decimated` over the last axis."""
+    """Apply the low pass of `decimated` over the last axis."""
     return values if factor == 1 else _forth_and_back(_chebyshev(factor), _ORDER, values)
 
 
@@ -250,13 +253,13 @@ def _chebyshev(factor: int) -> Any:
 
 
 def kept(samples: int, factor: int) -> np.ndarray:
-    """Indices of the samples that decimation keeps."""
+    """Return the indices of the samples that decimation keeps."""
     rows = -(-samples // factor)
     return np.arange(samples - factor * (rows - 1) - 1, samples, factor)
 
 
 def _forth_and_back(sections: Any, order: int, values: np.ndarray) -> np.ndarray:
-    """In sections of second order: as one polynomial the low pass of a log at 20 kHz is unstable by rounding."""
+    """Filter in second-order sections: as one polynomial, rounding makes the low pass of a log at 20 kHz unstable."""
     ends = 3 * order
     if values.shape[-1] <= ends:
         raise LogError(

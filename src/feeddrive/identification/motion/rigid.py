@@ -21,8 +21,7 @@ from feeddrive.identification.estimate import (
     pulls,
     require_table,
 )
-from feeddrive.identification.motion.counts import count_of
-from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.motion.motion_log import MotionLog, count_of
 from feeddrive.identification.motion.preparation import Preparation, Prepared, prepare
 from feeddrive.identification.regression import (
     Residuals,
@@ -80,23 +79,23 @@ class RigidFit(Result):
 
     @property
     def left(self) -> float:
-        """Share of the force that the model leaves beyond what the counts of the readings make."""
+        """The share of the force that the model leaves beyond the effect of counts."""
         return float(np.sqrt(max(0.0, self.residuals.relative**2 - self.counts[0] ** 2)))
 
     @property
     def changed(self) -> bool:
-        """True if unused rows are met worse than used ones by half, beyond what the counts of the readings make."""
+        """True if unused rows are predicted worse than used ones by half, beyond the effect of counts."""
         beyond = np.sqrt(max(0.0, self.validation.relative**2 - self.counts[1] ** 2))
         return bool(beyond > 1.5 * self.residuals.relative)
 
     def __getitem__(self, parameter: str) -> Estimate:
-        for each in self.estimates:
-            if each.name == parameter:
-                return each
+        for estimate in self.estimates:
+            if estimate.name == parameter:
+                return estimate
         raise ParameterError(f"the fit has no parameter '{parameter}'; it has {', '.join(NAMES[self.friction])}")
 
     def table(self) -> Table:
-        """Parameters with both standard errors."""
+        """Return the parameters with both standard errors."""
         off = Text(
             f"residual {Quantity(self.residuals.relative, 'share'):3}, unused rows "
             f"{Quantity(self.validation.relative, 'share'):3}"
@@ -104,42 +103,49 @@ class RigidFit(Result):
         return estimates_table(f"{self.name}: rigid drive, {self.friction} friction; {off}", self.estimates)
 
     def at_table(self, lead: float, gear: float = 1.0) -> RigidFit:
-        """The same drive in kg and N at a table that a screw of `lead` (m) moves; `gear`: motor turns a screw turn."""
+        """Return the drive in kg and N at a table that a screw of `lead` (m) moves; `gear`: motor
+        turns a screw turn.
+        """
         if self.frame is not SHAFT:
             return self
         r = lever(lead, gear)
-        found = tuple(each.at_table(r) for each in self.estimates)
+        estimates = tuple(estimate.at_table(r) for estimate in self.estimates)
         factors = np.array(
-            [new.value / old.value if old.value else 0.0 for new, old in zip(found, self.estimates, strict=True)]
+            [new.value / old.value if old.value else 0.0 for new, old in zip(estimates, self.estimates, strict=True)]
         )
         residuals = replace(
             self.residuals, values=self.residuals.values / r, measured=self.residuals.measured / r, unit="N"
         )
         return replace(
-            self, estimates=found, covariance=self.covariance * np.outer(factors, factors), residuals=residuals,
+            self,
+            estimates=estimates,
+            covariance=self.covariance * np.outer(factors, factors),
+            residuals=residuals,
             frame=TABLE,
-        )  # fmt: skip
+        )
 
     def plant(self) -> Rigid:
-        """The moving mass as a plant."""
+        """Return the moving mass as a plant."""
         require_table(self.frame, "the mass")
         return Rigid(mass=self["mass"].value)
 
     def friction_block(self) -> Friction:
-        """The friction as a block; a viscous or Coulomb part that came out negative is taken as 0."""
+        """Return the friction as a block; a negative viscous or Coulomb part becomes 0."""
         require_table(self.frame, "the friction")
-        value = {each.name: max(0.0, each.value) for each in self.estimates}
+        value = {estimate.name: max(0.0, estimate.value) for estimate in self.estimates}
         if self.friction == "symmetric":
             return Coulomb(coulomb=value["coulomb"], viscous=value["viscous"])
         return Directional(**{name: value[name] for name in NAMES["directional"][1:]})
 
     @property
     def is_pulled(self) -> bool:
-        """Whether the offset is a force of the axis (`pulls`)."""
+        """True if the offset is a force of the axis (`pulls`)."""
         return self.friction == "symmetric" and pulls(self["offset"], self["coulomb"].value)
 
     def gravity(self) -> Gravity | None:
-        """The constant force that the drive had to overcome, as it acts on the table; None for directional friction."""
+        """Return the constant force that the drive had to overcome, as it acts on the table; None for directional
+        friction.
+        """
         require_table(self.frame, "the offset")
         return Gravity(force=-self["offset"].value) if self.friction == "symmetric" else None
 
@@ -147,7 +153,7 @@ class RigidFit(Result):
 def identify_rigid(
     log: MotionLog, *, friction: str = "best", how: Preparation | None = None, folds: int = 5
 ) -> RigidFit:
-    """Mass, friction and offset of a rigid drive by least squares on its inverse dynamics.
+    """Identify mass, friction and offset of a rigid drive by least squares on its inverse dynamics.
 
         symmetric:    force = mass a + viscous v + coulomb sign(v) + offset
         directional:  force = mass a + (viscous± v + coulomb± sign(v)),   ± the direction of v
@@ -166,14 +172,16 @@ def identify_rigid(
     rows = prepare(log, how or Preparation())
     check_motion(log.name, rows.velocity, log.frame)
     asked = tuple(FRICTIONS) if friction == "best" else (friction,)
-    fits = [_fit(log, rows, each, folds) for each in asked]
+    fits = [_fit(log, rows, model, folds) for model in asked]
     criterion = {fit.friction: fit.criterion[fit.friction] for fit in fits}
     best = min(fits, key=lambda fit: criterion[fit.friction])
     return replace(best, criterion=criterion)
 
 
 def columns_of(rows: Prepared, friction: str) -> np.ndarray:
-    """The columns of the inverse dynamics, shape (n, p), in the order of `NAMES`; friction's by its steady curve."""
+    """Return the columns of the inverse dynamics, shape (n, p), in the order of `NAMES`; friction's by its steady
+    curve.
+    """
     curve = steady_curve(FRICTIONS[friction])
     _, slopes = curve.at(dict.fromkeys(curve.names, 0.0), velocity=rows.filtered)
     columns = {"mass": rows.acceleration, "offset": rows.constant}
@@ -191,15 +199,15 @@ def _fit(log: MotionLog, rows: Prepared, friction: str, folds: int) -> RigidFit:
     robust = covariance_of(columns, residual) + np.outer(shifts, shifts)
     frame = log.frame
     units = [{"mass": frame.inertia, "viscous": frame.viscous}.get(name.split("_")[0], frame.force) for name in names]
-    found = tuple(
-        Estimate(*each)
-        for each in zip(names, values, units, errors(robust), errors(ols_covariance(columns, residual)), strict=True)
+    estimates = tuple(
+        Estimate(*row)
+        for row in zip(names, values, units, errors(robust), errors(ols_covariance(columns, residual)), strict=True)
     )
-    check_mass(log.name, found[0].value, found[0].error, found[0].unit)
+    check_mass(log.name, estimates[0].value, estimates[0].error, estimates[0].unit)
     return RigidFit(
         name=log.name,
         friction=friction,
-        estimates=found,
+        estimates=estimates,
         covariance=robust,
         residuals=Residuals(residual, rows.force, float(np.linalg.cond(columns)), frame.force),
         validation=cross_validated(columns, rows.force, folds, frame.force),
@@ -213,7 +221,7 @@ def _fit(log: MotionLog, rows: Prepared, friction: str, folds: int) -> RigidFit:
 def _with_counts(
     log: MotionLog, rows: Prepared, columns: np.ndarray, values: np.ndarray, friction: str
 ) -> tuple[float, np.ndarray]:
-    """RMS of the force that counts make of the residual, and by how much they shift each value; 0 without counts.
+    """Return the RMS of the force that counts add to the residual, and the shift of each value; 0 without counts.
 
     Counts are drawn once more, as uniform errors of the readings: what they do to the columns they did before, too.
     Source: Cook & Stefanski 1994 (SIMEX, its first step).
@@ -223,7 +231,7 @@ def _with_counts(
         return 0.0, np.zeros(len(names))
     random = np.random.default_rng(0)
     ways = {"viscous_positive": rows.velocity > 0.0, "viscous_negative": rows.velocity < 0.0}
-    made, shifts = [], []
+    residuals, shifts = [], []
     for _ in range(_DRAWN):
         changes, slow = rows.errors(count * random.uniform(-0.5, 0.5, log.position.size))
         noise = np.column_stack(
@@ -232,13 +240,13 @@ def _with_counts(
                 for name in names
             ]
         )
-        made.append(np.mean((noise @ values) ** 2))
+        residuals.append(np.mean((noise @ values) ** 2))
         shifts.append(np.linalg.lstsq(columns + noise, rows.force, rcond=None)[0] - values)
-    return float(np.sqrt(np.mean(made))), np.sqrt(np.mean(np.square(shifts), axis=0))
+    return float(np.sqrt(np.mean(residuals))), np.sqrt(np.mean(np.square(shifts), axis=0))
 
 
 def covariance_of(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """The robust covariance of the inverse dynamics; each error is the larger one of two estimates.
+    """Return the robust covariance of the inverse dynamics; each error is the larger one of two estimates.
 
         plain      S of the scores z(k), `robust_covariance`
         recolored  S of z(k) - rho z(k-1), divided by (1 - rho)²;  rho = Σ z(k) z(k-1) / Σ z(k)²
@@ -279,16 +287,16 @@ def check_motion(name: str, velocity: np.ndarray, frame: Frame) -> None:
 def check_columns(name: str, columns: np.ndarray, names: tuple[str, ...]) -> None:
     """Raise NotIdentifiableError for a column that the others explain: its parameter can have any value."""
     sizes = np.linalg.norm(columns, axis=0)
-    for i, each in enumerate(names):
+    for i, column_name in enumerate(names):
         if sizes[i] == 0.0:
-            raise NotIdentifiableError(f"{name}: not identifiable: {_next(each)}")
+            raise NotIdentifiableError(f"{name}: not identifiable: {_next(column_name)}")
         others = np.delete(columns, i, axis=1)
         left = columns[:, i] - others @ np.linalg.lstsq(others, columns[:, i], rcond=None)[0]
         own = float(np.linalg.norm(left)) / float(sizes[i])
         if own < LEAST_OWN:
             raise NotIdentifiableError(
-                f"{name}: {each} is not identifiable: {Quantity((1.0 - own), 'share')} of its column is a sum of the "
-                f"others; {_next(each)}"
+                f"{name}: {column_name} is not identifiable: {Quantity((1.0 - own), 'share')} of its column is a sum "
+                f"of the others; {_next(column_name)}"
             )
 
 

@@ -22,7 +22,7 @@ _MOST_HALVED = 12
 _FEW = 15  # steps where the start is a fit of nearly all lines
 _FOLDS = 5
 _OPEN_LINE = 0.3  # relative deviation from which a line is too uncertain
-_DECIBEL = 20.0 / np.log(10.0)
+_DECIBEL = 20.0 / np.log(10.0)  # dB of a natural logarithm
 _MOST_HANGING = 0.5  # autocorrelation from line to line from which the residual is systematic
 _TIED = 0.995  # correlation from which two parameters count as one combination
 _BLIND = 0.01  # independent share of their effects: below it, model errors change the parameters as much
@@ -54,28 +54,30 @@ class Agreement(Result):
     order: int = 0
 
     def autocorrelation(self, lag: int = 1) -> float:
-        """Autocorrelation of the residuals from line to line: 0 for noise, near 1 if the model lacks a term."""
+        """Return the autocorrelation of the residuals from line to line: 0 for noise, near 1 if the
+        model lacks a term.
+        """
         across = sum(float(np.real(np.vdot(r[:-lag], r[lag:]))) for r in self.residuals if r.size > lag)
         return across / max(sum(float(np.real(np.vdot(r, r))) for r in self.residuals), 1e-300)
 
     @property
     def worst(self) -> tuple[float, float]:
-        """Frequency in Hz and size in dB of the largest error of the fit, over five neighboring lines."""
-        found = (0.0, 0.0)
+        """Return frequency in Hz and size in dB of the largest error of the fit, over five neighboring lines."""
+        worst = (0.0, 0.0)
         for measured, fitted in zip(self.measured, self.fitted, strict=True):
             apart = np.abs(np.log(fitted.response / measured.response))
             window = min(5, apart.size)
             mean = np.convolve(apart, np.full(window, 1.0 / window), mode="valid")
             place = int(np.argmax(mean))
-            if mean[place] > found[1]:
-                found = float(measured.frequency[place + window // 2]), float(mean[place])
-        return found[0], _DECIBEL * found[1]
+            if mean[place] > worst[1]:
+                worst = float(measured.frequency[place + window // 2]), float(mean[place])
+        return worst[0], _DECIBEL * worst[1]
 
     def remarks(self) -> list[str]:
-        """Remarks on the model that follow from the residuals."""
-        said: list[str] = []
+        """Return remarks on the model that follow from the residuals."""
+        remarks: list[str] = []
         if self.unused > 1.3 * self.used + 1e-6:
-            said.append(
+            remarks.append(
                 Text(
                     f"lines that were not used are predicted {Quantity(self.unused / self.used):.2f} times worse than "
                     "those that were: the model has more parameters than the lines support"
@@ -83,7 +85,7 @@ class Agreement(Result):
             )
         if self.autocorrelation() > _MOST_HANGING:
             where, apart = self.worst
-            said.append(
+            remarks.append(
                 Text(
                     "the residuals are correlated from line to line (autocorrelation "
                     f"{Quantity(self.autocorrelation()):.2f}): the model lacks a systematic part, mostly near "
@@ -91,16 +93,16 @@ class Agreement(Result):
                 )
             )
         if self.model_error > 0.0:
-            said.append(
+            remarks.append(
                 Text(
                     f"the model is wrong by {Quantity(self.model_error, 'share'):2} of the response beyond the "
                     "measured noise; the errors of the parameters include it"
                 )
             )
-        return said
+        return remarks
 
     def table(self) -> Table:
-        """The figures."""
+        """Return the figures of the agreement."""
         where, apart = self.worst
         rows: list[Sequence[Cell]] = [
             [name, Quantity(_DECIBEL * error, "dB", form=".3f"), Quantity(error, "rad", form=".2f deg")]
@@ -114,40 +116,42 @@ class Agreement(Result):
 
 
 class LineModel(Protocol):
-    """A model that is refined, which can also be asked on other lines."""
+    """A model that is refined and can also be evaluated on other lines."""
 
     def __call__(self, values: np.ndarray, /) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Each response and its slopes."""
+        """Return each response and its slopes."""
         ...
 
     def on(self, frequencies: Sequence[np.ndarray], /) -> LineModel:
-        """The same on other lines in Hz, an array for each response."""
+        """Return the model on other lines in Hz, an array for each response."""
         ...
 
 
 def agreement(
-    model: LineModel, unknowns: Sequence[Unknown], responses: Sequence[FRF], found: Refined, order: int = 0
+    model: LineModel, unknowns: Sequence[Unknown], responses: Sequence[FRF], refined: Refined, order: int = 0
 ) -> Agreement:
-    """Of a model that was refined."""
-    used, unused = predicted(model, unknowns, responses, found)
+    """Return the agreement of a refined model with the responses."""
+    used, unused = predicted(model, unknowns, responses, refined)
     fitted = tuple(
         replace(frf, response=response, variance=None, coherence=None)
-        for frf, (response, _) in zip(responses, model(found.values), strict=True)
+        for frf, (response, _) in zip(responses, model(refined.values), strict=True)
     )
-    drawn = tuple(_curves(model, responses, found, order))
+    drawn = tuple(_curves(model, responses, refined, order))
     return Agreement(
-        tuple(responses), fitted, found.residuals, used, unused, found.spread, found.model_error, drawn, order
+        tuple(responses), fitted, refined.residuals, used, unused, refined.spread, refined.model_error, drawn, order
     )
 
 
 def _curves(model: LineModel, responses: Sequence[FRF], refined: Refined, order: int) -> list[FRF]:
-    """The model between the first and the last line; steps are halved where velocity over force moves far in one."""
+    """Return the model between the first and the last line; steps are halved where velocity over force moves far in
+    one.
+    """
     values = refined.values
     lines = [np.geomspace(frf.frequency[0], frf.frequency[-1], _COARSE) for frf in responses]
     for _ in range(_MOST_HALVED):
-        found = [response for response, _ in model.on(lines)(values)]
+        curves = [response for response, _ in model.on(lines)(values)]
         finer: list[np.ndarray] = []
-        for f, response in zip(lines, found, strict=True):
+        for f, response in zip(lines, curves, strict=True):
             place = response * (2j * np.pi * f) ** (1 - order)
             far = np.flatnonzero(np.abs(np.diff(place)) > _STEP * np.max(np.abs(place)))
             finer.append(np.insert(f, far + 1, np.sqrt(f[far] * f[far + 1])))
@@ -161,15 +165,15 @@ def _curves(model: LineModel, responses: Sequence[FRF], refined: Refined, order:
 
 
 def _variance(slopes: np.ndarray, covariance: np.ndarray) -> np.ndarray | None:
-    """E|dG|² of each line, to first order; None where a parameter has no error."""
-    found = np.real(np.einsum("li,ij,lj->l", slopes, covariance, np.conj(slopes)))
-    return np.maximum(found, 0.0) if np.all(np.isfinite(found)) else None
+    """Return E|dG|² of each line, to first order; None where a parameter has no error."""
+    variance = np.real(np.einsum("li,ij,lj->l", slopes, covariance, np.conj(slopes)))
+    return np.maximum(variance, 0.0) if np.all(np.isfinite(variance)) else None
 
 
 def predicted(
-    model: Model, unknowns: Sequence[Unknown], responses: Sequence[FRF], found: Refined
+    model: Model, unknowns: Sequence[Unknown], responses: Sequence[FRF], refined: Refined
 ) -> tuple[float, float]:
-    """RMS of ln(G/Gm) on the lines that were used, and on lines predicted by a fit of the others.
+    """Return the RMS of ln(G/Gm) on the lines that were used, and on lines predicted by a fit of the others.
 
     Every fifth line is left out, then its neighbor, and so on, so that each line is predicted once. Lines that are
     uncertain by more than 30 % because of noise do not count.
@@ -178,9 +182,14 @@ def predicted(
     for fold in range(_FOLDS):
         out = [np.arange(frf.frequency.size) % _FOLDS == fold for frf in responses]
         part = refine(
-            model, unknowns, responses, use=[~each for each in out], start=found.values, steps=_FEW,
-            model_error=found.model_error,
-        )  # fmt: skip
+            model,
+            unknowns,
+            responses,
+            use=[~each for each in out],
+            start=refined.values,
+            steps=_FEW,
+            model_error=refined.model_error,
+        )
         for (response, _), frf, left in zip(model(part.values), responses, out, strict=True):
             apart, known = np.abs(np.log(response / frf.response)) ** 2, _known(frf)
             other.append(apart[left & known])
@@ -189,14 +198,16 @@ def predicted(
 
 
 def _known(frf: FRF) -> np.ndarray:
-    """Lines above the noise; all lines if there are hardly any."""
+    """Return the lines above the noise; all lines if hardly any are above it."""
     share = np.zeros(frf.frequency.size) if frf.variance is None else frf.variance / frf.magnitude**2
     known = share < _OPEN_LINE**2
     return known if np.count_nonzero(known) >= 2 * _FOLDS else np.ones(known.size, bool)
 
 
 def advice(name: str, band: tuple[float, float], mass: float, error: float, units: ResponseUnits) -> str:
-    """Why a parameter cannot be identified from these lines, and what to measure next; band in Hz, mass as fitted."""
+    """Return why a parameter cannot be identified from these lines, and what to measure next; band in Hz, mass as
+    fitted.
+    """
     low, high = band
     last = name.rsplit(".", 1)[-1]
     known = Text(f"its standard error is {Quantity(error):2}")
@@ -231,7 +242,7 @@ def advice(name: str, band: tuple[float, float], mass: float, error: float, unit
 
 
 def beyond(resonance: Estimate, band: tuple[float, float]) -> list[str]:
-    """A sentence on a resonance in Hz that lies outside the lines."""
+    """Return a sentence on a resonance in Hz that lies outside the lines."""
     low, high = band
     if low <= resonance.value <= high:
         return []
@@ -251,8 +262,9 @@ def beyond(resonance: Estimate, band: tuple[float, float]) -> list[str]:
     ]
 
 
-def entangled(names: Sequence[str], found: Refined) -> list[str]:
-    """Remarks on parameters of which the lines determine only a combination: by the singular values of the slopes.
+def entangled(names: Sequence[str], refined: Refined) -> list[str]:
+    """Return remarks on parameters of which the lines determine only a combination: by the singular values of the
+    slopes.
 
     The slopes are scaled to columns of length one; a singular value near zero is a direction in which the parameters of
     the row may change together without a visible effect.
@@ -262,39 +274,41 @@ def entangled(names: Sequence[str], found: Refined) -> list[str]:
             f"{', '.join(together)} are distinguished only by {Quantity(share, 'share'):2} of the effect of each on "
             "the responses: fix one of them, or measure over a wider band"
         )
-        for share, together in _combinations(names, found)
+        for share, together in _combinations(names, refined)
     ]
 
 
-def blind(estimates: Sequence[Estimate], found: Refined) -> dict[str, str]:
-    """Parameters of a nearly invisible combination, with errors above a tenth: the reason why they do not count.
+def blind(estimates: Sequence[Estimate], refined: Refined) -> dict[str, str]:
+    """Return the parameters of a nearly invisible combination, with errors above a tenth, and the reason.
 
     Their standard errors are valid only if the model is exact to a hundredth of the effect of each parameter.
     """
     gone: dict[str, str] = {}
-    for share, together in _combinations([each.name for each in estimates], found):
-        for each in estimates:
-            if share < _BLIND and each.name in together and each.error > _SURE * abs(each.value):
-                others = ", ".join(name for name in together if name != each.name)
+    for share, together in _combinations([estimate.name for estimate in estimates], refined):
+        for estimate in estimates:
+            if share < _BLIND and estimate.name in together and estimate.error > _SURE * abs(estimate.value):
+                others = ", ".join(name for name in together if name != estimate.name)
                 gone.setdefault(
-                    each.name,
+                    estimate.name,
                     Text(
                         f"it is distinguished from {others} by {Quantity(share, 'share'):2} of its effect on the "
                         "responses, less than the accuracy of a model, and its standard error is "
-                        f"{Quantity(each.error, each.unit):2}; fix one of them (--fix), from a data sheet"
+                        f"{Quantity(estimate.error, estimate.unit):2}; fix one of them (--fix), from a data sheet"
                     ),
                 )
     return gone
 
 
-def _combinations(names: Sequence[str], found: Refined) -> list[tuple[float, list[str]]]:
-    """Parameters of which the lines determine only a combination, and the independent share of their effects."""
-    loose = [i for i in range(len(names)) if not found.bound[i]]
-    size = np.linalg.norm(found.slopes[:, loose], axis=0)
+def _combinations(names: Sequence[str], refined: Refined) -> list[tuple[float, list[str]]]:
+    """Return the parameters of which the lines determine only a combination, and the independent share of their
+    effects.
+    """
+    loose = [i for i in range(len(names)) if not refined.bound[i]]
+    size = np.linalg.norm(refined.slopes[:, loose], axis=0)
     seen = [i for i, s in zip(loose, size, strict=True) if s > 0.0]
     if len(seen) < 2:
         return []
-    columns = found.slopes[:, seen] / np.linalg.norm(found.slopes[:, seen], axis=0)
+    columns = refined.slopes[:, seen] / np.linalg.norm(refined.slopes[:, seen], axis=0)
     _, values, rows = np.linalg.svd(columns, full_matrices=False)
     combined: list[tuple[float, list[str]]] = []
     for value, row in zip(values[::-1], np.abs(rows[::-1]), strict=True):

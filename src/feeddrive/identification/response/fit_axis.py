@@ -11,8 +11,7 @@ import numpy as np
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.families import Plant
 from feeddrive.blocks.plant.rigid import Rigid
-from feeddrive.identification.response.plant_fit import PlantFit
-from feeddrive.identification.response.two_mass_fit import fit_modal_axis, fit_plant, fit_two_mass
+from feeddrive.identification.response.plant_fit import PlantFit, fit_modal_axis, fit_plant, fit_two_mass
 from feeddrive.identification.response.units import taken
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, ParameterError, WrongSignError
@@ -23,7 +22,7 @@ from feeddrive.loop.frequency_response import FRF
 
 _AS_GOOD = 1.1  # times the least error on unused lines that counts as equally good
 _NOISE = 0.3  # autocorrelation from line to line below which the residual counts as noise
-_DECIBEL = 20.0 / np.log(10.0)
+_DECIBEL = 20.0 / np.log(10.0)  # dB of a natural logarithm
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,20 +41,29 @@ class AxisFits(Result):
 
     @property
     def fit(self) -> PlantFit:
-        """The one to use."""
+        """The fit to use."""
         return self.fits[self.chosen]
 
     def table(self) -> Table:
-        """One row a structure: parameters, error on unused lines in dB RMS, correlation of residuals."""
+        """Return a row for each structure: parameters, error on unused lines in dB RMS, correlation of residuals."""
         rows: list[Sequence[Cell]] = [
-            [name, len(fit.estimates), _DECIBEL * fit.agreement.unused, fit.agreement.autocorrelation(),
-             "taken" if name == self.chosen else ""]
+            [
+                name,
+                len(fit.estimates),
+                _DECIBEL * fit.agreement.unused,
+                fit.agreement.autocorrelation(),
+                "taken" if name == self.chosen else "",
+            ]
             for name, fit in self.fits.items()
-        ]  # fmt: skip
+        ]
         rows += [[name, "", "", "", why] for name, why in self.refused.items()]
         heads = [
-            "structure", "parameters", Column("unused lines", "dB", ".3f"), Column("from line to line", form=".2f"), "",
-        ]  # fmt: skip
+            "structure",
+            "parameters",
+            Column("unused lines", "dB", ".3f"),
+            Column("from line to line", form=".2f"),
+            "",
+        ]
         return Table("structures: the fewest parameters among those that predict unused lines best", heads, rows)
 
 
@@ -74,7 +82,7 @@ def fit_axis(
     travel_per_unit: float | None = None,
     progress: Progress | None = None,
 ) -> AxisFits:
-    """Fit the structures that an axis may have, from the simple to the rich, and take the one that predicts best.
+    """Fit the structures that an axis may have, from simple to rich, and take the one that predicts best.
 
     plant      of a machine file: its structure is tried too, from its values, if it is not rigid
     actuator   of that file: if it has a current loop, its bandwidth is identified too
@@ -91,30 +99,30 @@ def fit_axis(
     ways = _ways(motor, load, plant, actuator, modes, dict(fixed or {}), held, band, force_per_unit, travel_per_unit)
     if structure is not None and structure not in ways:
         raise ParameterError(f"there is no structure '{structure}' to fit; there are {', '.join(ways)}")
-    found: dict[str, PlantFit] = {}
+    fits: dict[str, PlantFit] = {}
     refused: dict[str, str] = {}
     wrong_sign = False
     for name, way in ways.items():
         if structure not in (None, name):
             continue
-        white = [other for other, fit in found.items() if abs(fit.agreement.autocorrelation()) < _NOISE]
+        white = [other for other, fit in fits.items() if abs(fit.agreement.autocorrelation()) < _NOISE]
         if white and name == "modal":
             refused[name] = f"not tried: no systematic residual is left by {white[-1]}"
             continue
         if progress is not None:
             progress.step(name)
         try:
-            found[name] = way()
+            fits[name] = way()
         except FeeddriveError as error:
             if structure is not None:
                 raise
             refused[name] = Text(f"{error}")
             wrong_sign = wrong_sign or isinstance(error, WrongSignError)
-    if not found:
+    if not fits:
         raise ParameterError(joined("; ", (f"{name}: {why}" for name, why in refused.items())))
-    best = min(fit.agreement.unused for fit in found.values())
-    good = [name for name, fit in found.items() if fit.agreement.unused <= _AS_GOOD * best + 1e-9]
-    return AxisFits(found, min(good, key=lambda name: len(found[name].estimates)), refused, wrong_sign)
+    best = min(fit.agreement.unused for fit in fits.values())
+    good = [name for name, fit in fits.items() if fit.agreement.unused <= _AS_GOOD * best + 1e-9]
+    return AxisFits(fits, min(good, key=lambda name: len(fits[name].estimates)), refused, wrong_sign)
 
 
 def _ways(
@@ -129,12 +137,16 @@ def _ways(
     force_per_unit: float | None,
     travel_per_unit: float | None,
 ) -> dict[str, Callable[[], PlantFit]]:
-    """The fits that are possible with these known parameters, in the order in which they are tried."""
+    """Return the fits that are possible with these known parameters, in the order in which they are tried."""
     corner = None if actuator is None else actuator.current_loop
     common: dict[str, Any] = {
-        "held": held, "band": band, "force_per_unit": force_per_unit, "travel_per_unit": travel_per_unit,
-        "current_loop": None if corner is None else float(corner), "find_current_loop": corner is not None,
-    }  # fmt: skip
+        "held": held,
+        "band": band,
+        "force_per_unit": force_per_unit,
+        "travel_per_unit": travel_per_unit,
+        "current_loop": None if corner is None else float(corner),
+        "find_current_loop": corner is not None,
+    }
 
     def rigid() -> PlantFit:
         responses, units = taken({"motor": motor, "load": load}, band, force_per_unit, travel_per_unit)
@@ -144,9 +156,9 @@ def _ways(
 
     ways: dict[str, Callable[[], PlantFit]] = {"rigid": rigid}
     if plant is not None and plant.kind not in ("rigid", "two_mass"):
-        given = plant
-        absent = tuple(name for name, _ in tree.leaves(given) if name.rsplit(".", 1)[-1].startswith("viscous"))
-        ways["machine"] = lambda: fit_plant(given, motor, load, fixed=fixed, absent=absent, **common)
+        start_plant = plant
+        absent = tuple(name for name, _ in tree.leaves(start_plant) if name.rsplit(".", 1)[-1].startswith("viscous"))
+        ways["machine"] = lambda: fit_plant(start_plant, motor, load, fixed=fixed, absent=absent, **common)
     ways["two-mass"] = lambda: fit_two_mass(motor, load, fixed=fixed, **common)
     ways["modal"] = lambda: fit_modal_axis(motor, load, modes, **common)
     if not fixed:

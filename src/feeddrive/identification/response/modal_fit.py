@@ -10,7 +10,6 @@ import numpy as np
 
 from feeddrive.identification.estimate import Estimate, estimates_table
 from feeddrive.identification.response.agreement import Agreement, agreement
-from feeddrive.identification.response.modal_response import ModalResponse, Poles, begun, unknowns
 from feeddrive.identification.response.refine import Refined, Unknown, refine
 from feeddrive.identification.response.units import ResponseUnits, taken
 from feeddrive.language.errors import ParameterError
@@ -19,6 +18,254 @@ from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.frequency_response import FRF
+
+# Responses of a rigid body and modes in parallel with their derivatives, and the start poles of a fit.
+
+_TURNS = 12
+
+
+def common_poles(
+    s: Sequence[np.ndarray], responses: Sequence[np.ndarray], pairs: int, reals: int, *, power: float = 1.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the poles of `pairs` resonances with positive imaginary part, and the height of each peak above the
+    response.
+
+    Each response is fitted by Σ c/(s - p) + d with the same poles, in least squares weighted by |G|^-power: 1 for
+    equal shares of peaks and valleys, 0.5 where valleys are all noise.  Poles move to the zeros of
+    σ(s) = Σ c̃/(s - p) + d̃ until σ is one; unstable poles are mirrored.
+    Sources: Gustavsen & Semlyen 1999; Gustavsen 2006 (relaxed); Deschrijver et al. 2008 (one QR a response).
+    """
+    low, high = min(float(abs(points[0])) for points in s), max(float(abs(points[-1])) for points in s)
+    poles = np.geomspace(1.2 * low, high / 1.2, max(pairs, 1))[:pairs] * (-0.01 + 1j)
+    real = -np.geomspace(low, high, reals + 2)[1:-1]
+    weights = [np.abs(response) ** -power for response in responses]
+    for _ in range(_TURNS):
+        poles, real = _moved(s, responses, weights, poles, real)
+    heights = np.zeros(poles.size)
+    for points, response, weight in zip(s, responses, weights, strict=True):
+        P = np.column_stack([_basis(points, poles, real), np.ones(points.size)])
+        solution = _solved(P * weight[:, None], response * weight)
+        residues = np.abs(solution[0 : 2 * poles.size : 2] + 1j * solution[1 : 2 * poles.size : 2])
+        level = np.interp(np.abs(poles), np.abs(points), np.abs(response))
+        heights = np.maximum(heights, residues / np.maximum(-np.real(poles), 1e-12 * np.abs(poles)) / level)
+    return poles, heights
+
+
+def _basis(s: np.ndarray, poles: np.ndarray, real: np.ndarray) -> np.ndarray:
+    """Return two real basis functions for each pair and one for each real pole, shape (lines, functions)."""
+    a, b = 1.0 / (s[:, None] - poles), 1.0 / (s[:, None] - np.conj(poles))
+    pairs = np.stack([a + b, 1j * (a - b)], axis=2).reshape(s.size, -1)
+    return np.hstack([pairs, 1.0 / (s[:, None] - real)])
+
+
+def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solve real least squares of complex equations, columns scaled."""
+    stacked = np.vstack([np.real(matrix), np.imag(matrix)])
+    scale = np.linalg.norm(stacked, axis=0) + 1e-300
+    return np.linalg.lstsq(stacked / scale, np.concatenate([np.real(right), np.imag(right)]), rcond=None)[0] / scale
+
+
+def _moved(
+    s: Sequence[np.ndarray],
+    responses: Sequence[np.ndarray],
+    weights: Sequence[np.ndarray],
+    poles: np.ndarray,
+    real: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    count = 2 * poles.size + real.size
+    rows, right, relaxed, size = [], [], np.zeros(count + 1), 0.0
+    for lines, response, weight in zip(s, responses, weights, strict=True):
+        basis = np.column_stack([_basis(lines, poles, real), np.ones(lines.size)])
+        both = np.hstack([basis, -response[:, None] * basis]) * weight[:, None]
+        reduced = np.asarray(np.linalg.qr(np.vstack([np.real(both), np.imag(both)]), mode="r"))
+        rows.append(reduced[count + 1 :, count + 1 :])
+        right.append(np.zeros(rows[-1].shape[0]))
+        relaxed += np.real(basis).sum(axis=0)
+        size += float(np.sum(np.abs(response * weight) ** 2))
+    # Σ Re σ = number of lines: without it the solution would be zero
+    scale = np.sqrt(size) / sum(lines.size for lines in s)
+    matrix = np.vstack([*rows, scale * relaxed])
+    values = np.concatenate([*right, [scale * sum(lines.size for lines in s)]])
+    columns = np.linalg.norm(matrix, axis=0) + 1e-300
+    solution = np.linalg.lstsq(matrix / columns, values, rcond=None)[0] / columns
+    direct = solution[-1] if abs(solution[-1]) > 1e-8 else 1e-8
+    moving, drive = np.zeros((count, count)), np.zeros(count)
+    for i, pole in enumerate(poles):
+        moving[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = [[pole.real, pole.imag], [-pole.imag, pole.real]]
+        drive[2 * i] = 2.0
+    for i, value in enumerate(real):
+        moving[2 * poles.size + i, 2 * poles.size + i] = value
+        drive[2 * poles.size + i] = 1.0
+    zeros = np.linalg.eigvals(moving - np.outer(drive, solution[:-1]) / direct)
+    zeros = np.where(np.real(zeros) > 0.0, -np.conj(zeros), zeros)
+    upper = zeros[np.imag(zeros) > 1e-9 * np.abs(zeros)]
+    return upper[np.argsort(np.abs(upper))], np.real(zeros[np.abs(np.imag(zeros)) <= 1e-9 * np.abs(zeros)])
+
+
+@dataclass(frozen=True, eq=False)
+class ModalResponse:
+    """x/f = e^(-s·dead_time) · s^order · [ free/(s (s + corner)) + Σ (residue + skew s/ω)/(s² + 2ζωs + ω²) + rest ]
+
+    for each output, with common ω, ζ, corner and dead time; the parameters are stacked as
+    [frequency ..., damping ..., corner, dead_time, then for each output: free, residue ..., skew ..., rest].
+    A `skew` of zero is proportional damping: all points of a mode move in phase.
+    """
+
+    s: tuple[np.ndarray, ...]
+    order: int
+    modes: int
+    rigid: bool
+    rest: bool
+    skewed: bool
+
+    @property
+    def common(self) -> int:
+        """The number of parameters that all outputs share."""
+        return 2 * self.modes + 2
+
+    @property
+    def own(self) -> int:
+        """The number of separate parameters of each output."""
+        return 2 * self.modes + 2
+
+    def on(self, frequencies: Sequence[np.ndarray], /) -> ModalResponse:
+        """Return the model on other lines in Hz."""
+        return replace(self, s=tuple(2j * np.pi * f for f in frequencies))
+
+    def shapes(self, s: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        """Return the regressors of free motion, residues and remainder, without delay; shape (lines, 2 modes + 2)."""
+        k = self.modes
+        omega, ratio, corner = 2.0 * np.pi * parameters[:k], parameters[k : 2 * k], parameters[2 * k]
+        factor = s**self.order
+        free = factor / (s * (s + corner)) if self.rigid else np.zeros(s.size, complex)
+        poles = (factor / ((s * s)[:, None] + 2.0 * np.outer(s, ratio * omega) + omega**2).T).T
+        turned = poles * (s[:, None] / omega if self.skewed else 0.0)
+        return np.column_stack([free, poles, turned, factor if self.rest else np.zeros(s.size, complex)])
+
+    def __call__(self, parameters: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return response and slopes of each output."""
+        k, n = self.modes, self.common
+        omega, ratio, corner, late = (
+            2.0 * np.pi * parameters[:k],
+            parameters[k : 2 * k],
+            parameters[2 * k],
+            parameters[2 * k + 1],
+        )
+        responses: list[tuple[np.ndarray, np.ndarray]] = []
+        for i, s in enumerate(self.s):
+            place = n + i * self.own
+            weights = parameters[place : place + self.own]
+            delay = np.exp(-s * late)
+            shapes = self.shapes(s, parameters) * delay[:, None]
+            response = shapes @ weights
+            slopes = np.zeros((s.size, parameters.size), complex)
+            slopes[:, place : place + self.own] = shapes
+            turned = shapes[:, k + 1 : 2 * k + 1] * weights[k + 1 : 2 * k + 1]
+            inner = shapes[:, 1 : k + 1] * weights[1 : k + 1] + turned
+            denominator = (s * s)[:, None] + 2.0 * np.outer(s, ratio * omega) + omega**2
+            slopes[:, :k] = -inner * 2.0 * np.pi * (2.0 * np.outer(s, ratio) + 2.0 * omega) / denominator
+            slopes[:, :k] -= turned / parameters[:k]
+            slopes[:, k : 2 * k] = -inner * 2.0 * np.outer(s, omega) / denominator
+            slopes[:, 2 * k] = -weights[0] * shapes[:, 0] / (s + corner)
+            slopes[:, 2 * k + 1] = -s * response
+            responses.append((response, slopes))
+        return responses
+
+
+class Poles:
+    """The resonances that several responses share, computed once for each number and weight."""
+
+    def __init__(self, model: ModalResponse, responses: Sequence[np.ndarray], dead_time: float | None) -> None:
+        late = dead_time or 0.0
+        self.s = model.s
+        # twice differentiated, a rigid motion is a constant
+        self.rising = [g * np.exp(s * late) * s ** (2 - model.order) for s, g in zip(model.s, responses, strict=True)]
+        self.computed: dict[tuple[int, float], tuple[np.ndarray, np.ndarray]] = {}
+
+    def most(self, wanted: int, pairs: int, power: float) -> np.ndarray | None:
+        """Return the `wanted` most pronounced of `pairs` resonances, by frequency; None if there are fewer."""
+        if wanted == 0:
+            return np.zeros(0, complex)
+        if (pairs, power) not in self.computed:
+            self.computed[pairs, power] = common_poles(self.s, self.rising, pairs, 1, power=power)
+        poles, heights = self.computed[pairs, power]
+        alive = np.flatnonzero(-np.real(poles) < 0.5 * np.abs(poles))
+        if alive.size < wanted:
+            return None
+        return poles[np.sort(alive[np.argsort(-heights[alive])][:wanted])]
+
+
+def begun(
+    model: ModalResponse, responses: Sequence[np.ndarray], chosen: np.ndarray, dead_time: float | None
+) -> tuple[float, np.ndarray]:
+    """Return start parameters with the poles of the modes: weights by least squares of relative errors.
+
+    The sum of their squares comes first.  Dead time and corner are those of a coarse search.
+    """
+    late = [0.0] if dead_time is None else [dead_time]
+    highest = max(float(abs(s[-1])) for s in model.s)
+    if dead_time is None:
+        late += [turn / highest for turn in (0.3, 0.8, 1.5, 2.5)]
+    lowest = min(float(abs(s[0])) for s in model.s)
+    shared = np.concatenate(
+        [np.abs(chosen) / (2.0 * np.pi), np.clip(-np.real(chosen) / np.maximum(np.abs(chosen), 1e-12), 2e-3, 0.5)]
+    )
+    best: tuple[float, np.ndarray] | None = None
+    for delay in late:
+        for corner in (0.02 * lowest, 0.5 * lowest, 5.0 * lowest):
+            parameters = np.concatenate([shared, [corner, delay]])
+            error, parts = 0.0, [parameters]
+            for s, g in zip(model.s, responses, strict=True):
+                matrix = model.shapes(s, parameters) * (np.exp(-s * delay) / g)[:, None]
+                stacked = np.vstack([np.real(matrix), np.imag(matrix)])
+                scale = np.linalg.norm(stacked, axis=0)
+                scale[scale == 0.0] = np.inf
+                wanted = np.concatenate([np.ones(s.size), np.zeros(s.size)])
+                weights = np.linalg.lstsq(stacked / scale, wanted, rcond=None)[0] / scale
+                error += float(np.sum((stacked @ weights - wanted) ** 2))
+                parts.append(weights)
+            if best is None or error < best[0]:
+                best = error, np.concatenate(parts)
+    assert best is not None
+    return best
+
+
+def unknowns(model: ModalResponse, start: np.ndarray, outputs: Sequence[str], unit: str) -> list[Unknown]:
+    """Return the parameters of the model by name; `unit` is that of a response in position, as m/N."""
+    k = model.modes
+    number = [str(i + 1) for i in range(k)]
+    parameters = [Unknown(f"frequency_{i}", "Hz", start[j], positive=True) for j, i in enumerate(number)]
+    parameters += [
+        Unknown(f"damping_ratio_{i}", "", start[k + j], positive=True, least=1e-5, most=2.0)
+        for j, i in enumerate(number)
+    ]
+    lowest = min(float(abs(s[0])) for s in model.s)
+    highest = max(float(abs(s[-1])) for s in model.s)
+    corner = min(max(start[2 * k], 1e-3 * lowest), highest)
+    parameters.append(Unknown("corner", "1/s", corner, positive=True, least=1e-4 * lowest, most=highest))
+    parameters.append(Unknown("dead_time", "s", start[2 * k + 1], scale=0.1 / highest))
+    for i, name in enumerate(outputs):
+        weights = start[model.common + i * model.own : model.common + (i + 1) * model.own]
+        of = f"_{name}" if name else ""
+        top = float(np.max(np.abs(weights[: k + 1]), initial=0.0)) or 1.0
+        parameters.append(Unknown(f"free{of}", f"{unit}/s2", weights[0], scale=abs(weights[0]) or top))
+        parameters += [
+            Unknown(
+                f"residue_{number[j]}{of}", f"{unit}/s2", weights[1 + j], scale=max(abs(weights[1 + j]), 1e-3 * top)
+            )
+            for j in range(k)
+        ]
+        parameters += [
+            Unknown(
+                f"skew_{number[j]}{of}", f"{unit}/s2", weights[1 + k + j], scale=max(abs(weights[1 + j]), 1e-3 * top)
+            )
+            for j in range(k)
+        ]
+        parameters.append(Unknown(f"rest{of}", unit, weights[-1], scale=max(abs(weights[-1]), top / highest**2)))
+    return parameters
+
+
+# Modal fit of one or several frequency responses without start values: frequencies, damping ratios, residues.
 
 _MOST_ASKED = 40
 MOST = 8  # modes that are tried by default
@@ -31,14 +278,14 @@ _FIRST = 20  # steps after which the best of several starts is chosen
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FittedMode(Result):
-    """One mode: Hz, damping ratio, and by output the complex residue R = residue + j skew at its own frequency."""
+    """A mode: Hz, damping ratio, and by output the complex residue R = residue + j skew at its own frequency."""
 
     frequency: Estimate
     damping_ratio: Estimate
     residues: tuple[complex, ...]
 
     def table(self) -> Table:
-        """Both with their errors."""
+        """Return frequency, damping and residues with their errors."""
         return estimates_table("mode", (self.frequency, self.damping_ratio))
 
 
@@ -63,22 +310,32 @@ class ModalFit(Result):
     remarks: tuple[str, ...]
 
     def __getitem__(self, name: str) -> Estimate:
-        found = {each.name: each for each in self.estimates}
-        if name not in found:
-            raise ParameterError(f"the fit has no parameter '{name}'; there are {', '.join(found)}")
-        return found[name]
+        estimates_by_name = {estimate.name: estimate for estimate in self.estimates}
+        if name not in estimates_by_name:
+            raise ParameterError(f"the fit has no parameter '{name}'; there are {', '.join(estimates_by_name)}")
+        return estimates_by_name[name]
 
     def table(self) -> Table:
-        """One row a mode."""
+        """Return a row for each mode."""
         heads = [
-            "mode", Column("frequency", "Hz", "5"), Column("error", "Hz", "2"), Column("damping ratio", form=".4f"),
-            Column("error", form="2"), *(Column(f"|residue| {name}") for name in self.outputs),
-        ]  # fmt: skip
+            "mode",
+            Column("frequency", "Hz", "5"),
+            Column("error", "Hz", "2"),
+            Column("damping ratio", form=".4f"),
+            Column("error", form="2"),
+            *(Column(f"|residue| {name}") for name in self.outputs),
+        ]
         rows = [
-            [i, replace(mode.frequency.quantity, form="5"), mode.frequency.error,
-             replace(mode.damping_ratio.quantity, form=".4f"), mode.damping_ratio.error, *map(abs, mode.residues)]
+            [
+                i,
+                replace(mode.frequency.quantity, form="5"),
+                mode.frequency.error,
+                replace(mode.damping_ratio.quantity, form=".4f"),
+                mode.damping_ratio.error,
+                *map(abs, mode.residues),
+            ]
             for i, mode in enumerate(self.modes, start=1)
-        ]  # fmt: skip
+        ]
         fit = self.agreement
         title = Text(
             f"{len(self.modes)} modes; unused lines are predicted within {Quantity(8.686 * fit.unused, 'dB'):.2f} RMS"
@@ -97,7 +354,7 @@ def fit_modes(
     dead_time: float | None = None,
     progress: Progress | None = None,
 ) -> ModalFit:
-    """Modes that several responses to one input have in common.
+    """Fit the modes that several responses to one input have in common.
 
         x/f = e^(-s·dead_time) [ free/(s (s + corner)) + Σ (residue + skew s/ω)/(s² + 2ζωs + ω²) + rest ]
 
@@ -124,7 +381,7 @@ def fit_modes(
     chosen, units = taken(named, band, None, None)
     outputs = tuple(chosen)
     frfs = list(chosen.values())
-    found: list[tuple[float, ModalResponse, list[Unknown], Refined]] = []
+    candidates: list[tuple[float, ModalResponse, list[Unknown], Refined]] = []
     poles: Poles | None = None
     for count in range(MOST + 1) if modes is None else (modes,):
         model = ModalResponse(
@@ -136,11 +393,11 @@ def fit_modes(
         poles = Poles(model, [frf.response for frf in frfs], dead_time) if poles is None else poles
         begin = _begun(model, frfs, outputs, units, dead_time, poles)
         if begin is not None:
-            found.append((begin[0], model, *begin[1:]))
-        best = _simplest(found)
+            candidates.append((begin[0], model, *begin[1:]))
+        best = _simplest(candidates)
         if best is not None and best[0] < _GOOD and count >= best[1].modes + _FURTHER:
             break
-    best = _simplest(found)
+    best = _simplest(candidates)
     if best is None:
         raise ParameterError(
             f"the responses do not hold {modes} resonances: take fewer modes, or give a band in which they stand out"
@@ -162,12 +419,12 @@ def _named(responses: FRF | Sequence[FRF] | Mapping[str, FRF]) -> dict[str, FRF]
     return dict(zip(names, responses, strict=True))
 
 
-def _simplest(found: Sequence[tuple[float, ModalResponse, list[Unknown], Refined]]) -> Any:
-    """The one with the fewest modes, if no larger one is better by a tenth per mode."""
-    for i, (error, *_) in enumerate(found):
-        rest = found[i + 1 :]
+def _simplest(candidates: Sequence[tuple[float, ModalResponse, list[Unknown], Refined]]) -> Any:
+    """Return the candidate with the fewest modes, unless a larger one is better by a tenth per mode."""
+    for i, (error, *_) in enumerate(candidates):
+        rest = candidates[i + 1 :]
         if not any(other < error * _GAIN ** (more + 1) for more, (other, *_) in enumerate(rest)):
-            return found[i]
+            return candidates[i]
     return None
 
 
@@ -179,7 +436,9 @@ def _begun(
     dead_time: float | None,
     poles: Poles,
 ) -> tuple[float, list[Unknown], Refined] | None:
-    """The best of several automatic starts, after a few steps, by its mean |ln(fitted/measured)|, at most 1 a line."""
+    """Return the best of several automatic starts, after a few steps, by its mean |ln(fitted/measured)|, at most 1 a
+    line.
+    """
     best: tuple[float, list[Unknown], Refined] | None = None
     arrays = [frf.response for frf in frfs]
     low, high = min(frf.frequency[0] for frf in frfs), max(frf.frequency[-1] for frf in frfs)
@@ -189,29 +448,32 @@ def _begun(
             chosen = poles.most(model.modes, model.modes + extra, power)
             if chosen is not None:
                 starts.append(begun(model, arrays, chosen, dead_time))
-    for _, start in sorted(starts, key=lambda each: each[0])[:_STARTS]:
+    for _, start in sorted(starts, key=lambda scored: scored[0])[:_STARTS]:
         sought = [
-            _settled(each, model, dead_time, low, high) for each in unknowns(model, start, outputs, units.of("m/N"))
+            _settled(parameter, model, dead_time, low, high)
+            for parameter in unknowns(model, start, outputs, units.of("m/N"))
         ]
-        found = refine(model, sought, frfs, logarithmic=True, steps=_FIRST)
-        far = float(np.mean(np.minimum(np.abs(np.concatenate(found.residuals)), 1.0)))
+        refined = refine(model, sought, frfs, logarithmic=True, steps=_FIRST)
+        far = float(np.mean(np.minimum(np.abs(np.concatenate(refined.residuals)), 1.0)))
         if best is None or far < best[0]:
-            best = far, sought, found
+            best = far, sought, refined
     return best
 
 
-def _settled(each: Unknown, model: ModalResponse, dead_time: float | None, low: float, high: float) -> Unknown:
-    """An unknown, fixed as requested."""
-    kind = each.name.split("_")[0]
+def _settled(unknown: Unknown, model: ModalResponse, dead_time: float | None, low: float, high: float) -> Unknown:
+    """Return an unknown, fixed as requested."""
+    kind = unknown.name.split("_")[0]
     absent = (kind == "rest" and not model.rest) or (kind == "skew" and not model.skewed)
     absent = absent or (kind in ("free", "corner") and not model.rigid)
     if kind == "frequency":
-        each = replace(each, least=0.5 * low, most=2.0 * high, start=min(max(each.start, 0.5 * low), 2.0 * high))
+        unknown = replace(
+            unknown, least=0.5 * low, most=2.0 * high, start=min(max(unknown.start, 0.5 * low), 2.0 * high)
+        )
     if absent and kind != "corner":
-        return replace(each, start=0.0, fixed=True)
-    if each.name == "dead_time" and dead_time is not None:
-        return replace(each, start=dead_time, fixed=True)
-    return replace(each, fixed=absent)
+        return replace(unknown, start=0.0, fixed=True)
+    if unknown.name == "dead_time" and dead_time is not None:
+        return replace(unknown, start=dead_time, fixed=True)
+    return replace(unknown, fixed=absent)
 
 
 def _frequencies(modes: Sequence[FittedMode]) -> Text:
@@ -230,8 +492,8 @@ def _result(
 ) -> ModalFit:
     errors, plain = (np.sqrt(np.maximum(np.diag(c), 0.0)) for c in (refined.covariance, refined.ols))
     every = [
-        Estimate(each.name, float(v), each.unit, float(e), float(o))
-        for each, v, e, o in zip(sought, refined.values, errors, plain, strict=True)
+        Estimate(parameter.name, float(v), parameter.unit, float(e), float(o))
+        for parameter, v, e, o in zip(sought, refined.values, errors, plain, strict=True)
     ]
     k = model.modes
     fit = agreement(model, sought, frfs, refined, units.order)
@@ -244,11 +506,11 @@ def _result(
         mode = FittedMode(every[i], every[k + i], residues)
         rings = mode.damping_ratio.value < 1.0
         (inside if rings and low <= mode.frequency.value <= high else beyond).append(mode)
-    said = fit.remarks()
+    remarks = fit.remarks()
     for mode in inside:
         if mode.damping_ratio.error > 0.5 * mode.damping_ratio.value:
             width = 2.0 * mode.damping_ratio.value * mode.frequency.value
-            said.append(
+            remarks.append(
                 Text(
                     f"the damping ratio of the mode at {Quantity(mode.frequency.value, 'Hz')} is not identifiable "
                     f"({mode.damping_ratio.quantity}): measure next at least five lines within "
@@ -257,7 +519,7 @@ def _result(
             )
     lags = [mode for mode in beyond if mode.damping_ratio.value >= 1.0]
     if lags:
-        said.append(
+        remarks.append(
             Text(
                 f"terms at {_frequencies(lags)} do not oscillate (damping ratio of 1 or more): they represent a lag, "
                 "such as that of the current loop, or friction, and are not modes"
@@ -265,7 +527,7 @@ def _result(
         )
     if len(beyond) > len(lags):
         ringing = [mode for mode in beyond if mode not in lags]
-        said.append(
+        remarks.append(
             Text(
                 f"resonances at {_frequencies(ringing)} represent the response beyond the lines "
                 f"({Quantity(low, 'Hz', bare=True)} to {Quantity(high, 'Hz')}): not identifiable; measure next up to "
@@ -273,8 +535,8 @@ def _result(
             )
         )
     if not refined.settled:
-        said.append("the minimization did not converge: limit the band to high coherence, or take fewer modes")
-    estimates = tuple(e for e, each in zip(every, sought, strict=True) if not each.fixed)
+        remarks.append("the minimization did not converge: limit the band to high coherence, or take fewer modes")
+    estimates = tuple(e for e, parameter in zip(every, sought, strict=True) if not parameter.fixed)
     return ModalFit(
         tuple(inside),
         tuple(beyond),
@@ -285,5 +547,5 @@ def _result(
         refined.covariance,
         units,
         outputs,
-        tuple(said),
+        tuple(remarks),
     )

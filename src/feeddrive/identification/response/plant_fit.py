@@ -1,23 +1,28 @@
-"""The masses, springs and dampers of a plant, traced with its actuator, from frequency responses, in SI."""
+"""Plants fitted to frequency responses of one or both encoders: two masses, or a rigid mass with modes, in SI."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any, cast
 
 import numpy as np
 
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.families import Plant
+from feeddrive.blocks.plant.modal import Modal
+from feeddrive.blocks.plant.mode import Mode
+from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.identification.estimate import Estimate, estimates_table
-from feeddrive.identification.response.agreement import Agreement, advice, agreement, blind, entangled
+from feeddrive.identification.response.agreement import Agreement, advice, agreement, beyond, blind, entangled
+from feeddrive.identification.response.modal_fit import ModalFit, fit_modes
 from feeddrive.identification.response.refine import STEPS, Refined, Unknown, covariances_at, refine
-from feeddrive.identification.response.units import ResponseUnits
+from feeddrive.identification.response.units import ResponseUnits, taken
 from feeddrive.language import matrix, ops, tree
 from feeddrive.language.block import Number
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.errors import NotIdentifiableError, ParameterError, WrongSignError
 from feeddrive.language.graph import Graph
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import UNIT, Cell, Result, Table
@@ -25,6 +30,8 @@ from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.hold import Port, Rows, Timing, rate
 from feeddrive.loop.traced_model import LinearModel, TracedModel
+
+# The masses, springs and dampers of a plant, traced with its actuator, from frequency responses, in SI.
 
 UNKNOWN = 0.5  # standard error over value above which a parameter counts as not identifiable
 _IDEAL = 20.0  # times the highest line: a faster current loop counts as ideal
@@ -52,13 +59,15 @@ class PlantFit(Result):
     remarks: tuple[str, ...]
 
     def __getitem__(self, name: str) -> Estimate:
-        found = {each.name: each for each in (*self.estimates, *self.derived)}
-        if name not in found:
-            raise ParameterError(f"the fit has no parameter '{name}'; there are {', '.join(found)}")
-        return found[name]
+        estimates_by_name = {estimate.name: estimate for estimate in (*self.estimates, *self.derived)}
+        if name not in estimates_by_name:
+            raise ParameterError(f"the fit has no parameter '{name}'; there are {', '.join(estimates_by_name)}")
+        return estimates_by_name[name]
 
     def blocks(self) -> tuple[Plant, Actuator]:
-        """Plant and actuator as parts of an axis. Raises ParameterError for a result that is not in kg and N/m."""
+        """Return plant and actuator as parts of an axis. Raises ParameterError for a result that is
+        not in kg and N/m.
+        """
         if not self.units.si:
             raise ParameterError(
                 f"the fit is in {self.units.of('kg')} and not in kg: give force_per_unit in N/{self.units.input}"
@@ -68,14 +77,14 @@ class PlantFit(Result):
         return self.plant, self.actuator
 
     def table(self) -> Table:
-        """One row a parameter, and one for each that is not identifiable."""
+        """Return a row for each parameter, and one for each that is not identifiable."""
         title = Text(
             f"{self.plant.kind}; unused lines are predicted within {Quantity(8.686 * self.agreement.unused, 'dB'):.3f} "
             "RMS"
         )
-        found = estimates_table(title, (*self.estimates, *self.derived))
+        listing = estimates_table(title, (*self.estimates, *self.derived))
         rows: list[Sequence[Cell]] = [
-            [*row[:5], "not identifiable" if row[0] in self.not_identifiable else row[5]] for row in found.rows
+            [*row[:5], "not identifiable" if row[0] in self.not_identifiable else row[5]] for row in listing.rows
         ]
         there = {row[0] for row in rows}
         held = dict(tree.leaves(self.plant))
@@ -84,10 +93,10 @@ class PlantFit(Result):
             for name in self.not_identifiable
             if name not in there
         ]
-        return Table(title, found.columns, rows)
+        return Table(title, listing.columns, rows)
 
     def _unit(self, name: str) -> str:
-        """Of a parameter of the plant or of the actuator."""
+        """Return the unit of a parameter of the plant or of the actuator."""
         return self.units.of("Hz" if name == "current_loop" else tree.declaration(self.plant, name).unit)
 
 
@@ -104,16 +113,16 @@ class Task:
 
     @property
     def frfs(self) -> list[FRF]:
-        """In their order."""
+        """The responses in their order."""
         return list(self.responses.values())
 
     @property
     def band(self) -> tuple[float, float]:
-        """Lowest and highest line, Hz."""
+        """The lowest and the highest line, Hz."""
         return min(f.frequency[0] for f in self.frfs), max(f.frequency[-1] for f in self.frfs)
 
     def model(self, names: Sequence[str]) -> TracedPlant:
-        """With these parameters free."""
+        """Return the model with these parameters free."""
         lines = [
             SensorLines(frf.frequency, sensor, self.units.order, frf.sample_time if self.held else None)
             for sensor, frf in self.responses.items()
@@ -124,49 +133,49 @@ class Task:
         return TracedPlant(self.plant, names, lines, known)
 
     def unknowns(self, names: Sequence[str]) -> list[Unknown]:
-        """Start, scale and bounds of each."""
+        """Return start, scale and bounds of each parameter."""
         leaves = dict(tree.leaves(self.plant))
         low, high = (2.0 * np.pi * f for f in self.band)
         mass = float(self.plant.rigid_mass())
-        found: list[Unknown] = []
+        unknowns: list[Unknown] = []
         for name in names:
             if name == "dead_time":
-                found.append(Unknown(name, "s", self.actuator.dead_time, scale=0.1 / high))
+                unknowns.append(Unknown(name, "s", self.actuator.dead_time, scale=0.1 / high))
                 continue
             if name == "current_loop":
                 start = self.actuator.current_loop or high / np.pi
                 most = 1e3 * high / (2.0 * np.pi)
-                found.append(Unknown(name, "Hz", start, positive=True, least=1e-3 * low, most=most))
+                unknowns.append(Unknown(name, "Hz", start, positive=True, least=1e-3 * low, most=most))
                 continue
             declared = tree.declaration(self.plant, name)
             unit, value = self.units.of(declared.unit), float(leaves[name])
             if declared.above == 0.0 and value > 0.0:
                 # a resonance stays near its line, and no parameter leaves the range that the lines can determine
                 reach = 3.0 if declared.unit == "Hz" else 1e6
-                found.append(Unknown(name, unit, value, positive=True, least=value / reach, most=value * reach))
+                unknowns.append(Unknown(name, unit, value, positive=True, least=value / reach, most=value * reach))
             else:
                 if name.endswith("damping_ratio"):
-                    found.append(Unknown(name, unit, max(value, 1e-4), positive=True, least=1e-5, most=2.0))
+                    unknowns.append(Unknown(name, unit, max(value, 1e-4), positive=True, least=1e-5, most=2.0))
                     continue
                 usual = {"N s/m": mass * np.sqrt(low * high), "": 1.0}.get(declared.unit, abs(value) or 1.0)
                 least = max((b for b in (declared.least, declared.above) if b is not None), default=-np.inf)
                 most = min((b for b in (declared.most, declared.below) if b is not None), default=np.inf)
-                found.append(Unknown(name, unit, value, scale=usual, least=least, most=most))
-        return found
+                unknowns.append(Unknown(name, unit, value, scale=usual, least=least, most=most))
+        return unknowns
 
 
 def solve(task: Task, names: Sequence[str], *, logarithmic: bool, steps: int = STEPS) -> tuple[Task, Refined]:
-    """The task with its plant and actuator where the cost is least, and what was found on the way."""
+    """Return the task with plant and actuator at the least cost, and the refined parameters."""
     model, unknowns = task.model(names), task.unknowns(names)
-    found = refine(model, unknowns, task.frfs, logarithmic=logarithmic, steps=steps)
-    given = dict(zip(names, found.values, strict=True))
-    plant = tree.rebuild(task.plant, iter(model.values(found.values)))
+    refined = refine(model, unknowns, task.frfs, logarithmic=logarithmic, steps=steps)
+    values = dict(zip(names, refined.values, strict=True))
+    plant = tree.rebuild(task.plant, iter(model.values(refined.values)))
     actuator = replace(
         task.actuator,
-        dead_time=max(float(given.get("dead_time", task.actuator.dead_time)), 0.0),
-        current_loop=given.get("current_loop", task.actuator.current_loop),
+        dead_time=max(float(values.get("dead_time", task.actuator.dead_time)), 0.0),
+        current_loop=values.get("current_loop", task.actuator.current_loop),
     )
-    return replace(task, plant=plant, actuator=actuator), found
+    return replace(task, plant=plant, actuator=actuator), refined
 
 
 def finished(
@@ -179,16 +188,16 @@ def finished(
     """
     kept = {name: (known or {}).get(name, 0.0) for name in neutral}
     names, gone = list(names), {}
-    task, found = solve(task, names, logarithmic=True)
+    task, refined = solve(task, names, logarithmic=True)
     weighted = any(frf.variance is not None for frf in task.frfs)
     while True:
         if weighted:
-            task, found = solve(task, names, logarithmic=False)
-        covariance = _covariance(task, names, found, weighted, {})
+            task, refined = solve(task, names, logarithmic=False)
+        covariance = _covariance(task, names, refined, weighted, {})
         error = np.sqrt(np.maximum(np.diag(covariance[0]), 0.0))
         weak = {
             name: float(e)
-            for name, value, e, bound in zip(names, found.values, error, found.bound, strict=True)
+            for name, value, e, bound in zip(names, refined.values, error, refined.bound, strict=True)
             if bound or e > UNKNOWN * abs(value)
         }
         if "current_loop" in weak and (task.actuator.current_loop or 0.0) > _IDEAL * task.band[1]:
@@ -198,7 +207,7 @@ def finished(
             )
             names.remove("current_loop")
             task = replace(task, actuator=replace(task.actuator, current_loop=None))
-            task, found = solve(task, names, logarithmic=True)
+            task, refined = solve(task, names, logarithmic=True)
             continue
         first = next((name for name in neutral if name in weak), None)
         if first is None:
@@ -206,73 +215,82 @@ def finished(
         gone[first] = advice(first, task.band, float(task.plant.rigid_mass()), weak[first], task.units)
         names.remove(first)
         task = replace(task, plant=tree.vary(task.plant, {first: kept[first]}))
-        task, found = solve(task, names, logarithmic=True)
+        task, refined = solve(task, names, logarithmic=True)
     model, unknowns = task.model(names), task.unknowns(names)
-    covariance = _covariance(task, names, found, weighted, {name: kept[name] for name in gone if name in kept})
-    found = replace(found, covariance=covariance[0], ols=covariance[1])
-    error, plain = (np.sqrt(np.maximum(np.diag(c), 0.0)) for c in (found.covariance, found.ols))
+    covariance = _covariance(task, names, refined, weighted, {name: kept[name] for name in gone if name in kept})
+    refined = replace(refined, covariance=covariance[0], ols=covariance[1])
+    error, plain = (np.sqrt(np.maximum(np.diag(c), 0.0)) for c in (refined.covariance, refined.ols))
     estimates = tuple(
-        Estimate(each.name, float(v), each.unit, float(e), float(o))
-        for each, v, e, o in zip(unknowns, found.values, error, plain, strict=True)
+        Estimate(unknown.name, float(v), unknown.unit, float(e), float(o))
+        for unknown, v, e, o in zip(unknowns, refined.values, error, plain, strict=True)
     )
-    for each, bound in zip(estimates, found.bound, strict=True):
+    for unknown, bound in zip(estimates, refined.bound, strict=True):
         # a dead time of zero within its error is an answer
-        if each.name != "dead_time" and (bound or each.error > UNKNOWN * abs(each.value)):
-            gone[each.name] = advice(each.name, task.band, float(task.plant.rigid_mass()), each.error, task.units)
-    gone = {**blind(estimates, found), **gone}
-    fit = agreement(model, unknowns, task.frfs, found, task.units.order)
-    said = [*fit.remarks(), *entangled(names, found)]
-    if not found.settled:
-        said.append("the minimization did not converge: limit the band to high coherence")
+        if unknown.name != "dead_time" and (bound or unknown.error > UNKNOWN * abs(unknown.value)):
+            gone[unknown.name] = advice(
+                unknown.name, task.band, float(task.plant.rigid_mass()), unknown.error, task.units
+            )
+    gone = {**blind(estimates, refined), **gone}
+    fit = agreement(model, unknowns, task.frfs, refined, task.units.order)
+    remarks = [*fit.remarks(), *entangled(names, refined)]
+    if not refined.settled:
+        remarks.append("the minimization did not converge: limit the band to high coherence")
     late = next((e for e in estimates if e.name == "dead_time"), None)
     if late is not None and late.value < -3.0 * late.error:
-        said.append(
+        remarks.append(
             Text(
                 f"the dead time comes out as {Quantity(late.value, 's'):3}: the position was logged that much later "
                 "than the force, the input is a measured current (held=False, --measured-input), or a mode above the "
                 "band is missing; it counts as 0"
             )
         )
-    return PlantFit(task.plant, task.actuator, estimates, found.covariance, (), gone, fit, task.units, tuple(said))
+    return PlantFit(task.plant, task.actuator, estimates, refined.covariance, (), gone, fit, task.units, tuple(remarks))
 
 
 def _covariance(
-    task: Task, names: Sequence[str], found: Refined, weighted: bool, gone: Mapping[str, float]
+    task: Task, names: Sequence[str], refined: Refined, weighted: bool, gone: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Robust and plain covariance of all parameters that were sought; those that were fixed count as unknown."""
+    """Return robust and plain covariance of all parameters that were sought; those that were fixed count as unknown."""
     every = [*names, *gone]
-    at = np.concatenate([found.values, [*gone.values()]])
+    at = np.concatenate([refined.values, [*gone.values()]])
     both = covariances_at(
-        task.model(every), task.unknowns(every), task.frfs, at,
-        logarithmic=not weighted, model_error=found.model_error,
-    )  # fmt: skip
+        task.model(every),
+        task.unknowns(every),
+        task.frfs,
+        at,
+        logarithmic=not weighted,
+        model_error=refined.model_error,
+    )
     n = len(names)
     return both[0][:n, :n], both[1][:n, :n]
 
 
 def with_derived(fit: PlantFit, derived: Sequence[tuple[str, str, Any]]) -> PlantFit:
-    """The fit with quantities that follow from its plant: name, unit, function of the plant; errors to first order."""
+    """Return the fit with quantities that follow from its plant: name, unit, function of the plant; errors to first
+    order.
+    """
     leaves = [name for name, _ in tree.leaves(fit.plant)]
     places = [(i, e) for i, e in enumerate(fit.estimates) if e.name in leaves]
-    found: list[Estimate] = []
+    derived_estimates: list[Estimate] = []
     for name, unit, function in derived:
         value, slope = float(function(fit.plant)), np.zeros(len(fit.estimates))
-        for i, each in places:
-            step = 1e-5 * max(abs(each.value), 1e-12)
+        for i, estimate in places:
+            step = 1e-5 * max(abs(estimate.value), 1e-12)
             up, down = (
-                float(function(tree.rebuild(fit.plant, _other(fit.plant, each.name, each.value + sign * step))))
+                float(function(tree.rebuild(fit.plant, _other(fit.plant, estimate.name, estimate.value + sign * step))))
                 for sign in (1.0, -1.0)
             )
             slope[i] = (up - down) / (2.0 * step)
         error = float(np.sqrt(max(slope @ fit.covariance @ slope, 0.0)))
-        found.append(Estimate(name, value, unit, error, error))
+        derived_estimates.append(Estimate(name, value, unit, error, error))
     gone = dict(fit.not_identifiable)
-    for each in found:
-        if each.error > UNKNOWN * abs(each.value):
-            gone[each.name] = Text(
-                f"its standard error is {Quantity(each.error, each.unit):2}; it follows from {', '.join(leaves)}"
+    for estimate in derived_estimates:
+        if estimate.error > UNKNOWN * abs(estimate.value):
+            gone[estimate.name] = Text(
+                f"its standard error is {Quantity(estimate.error, estimate.unit):2}; it follows from "
+                f"{', '.join(leaves)}"
             )
-    return replace(fit, derived=tuple(found), not_identifiable=gone)
+    return replace(fit, derived=tuple(derived_estimates), not_identifiable=gone)
 
 
 def _other(plant: Plant, changed: str, value: float) -> Any:
@@ -287,7 +305,7 @@ _SENSORS = ("motor", "load")  # the outputs of the traced model, in their order
 
 @dataclass(frozen=True)
 class SensorLines:
-    """One response that is fitted: its lines in Hz, its encoder, and which derivative of the position it shows."""
+    """A fitted response: its lines in Hz, its encoder, and the derivative of the position that it shows."""
 
     frequency: np.ndarray
     sensor: str  # "motor" or "load"
@@ -316,22 +334,24 @@ class TracedPlant:
         self.traced = _trace(plant, "current_loop" in (*self.names, *self.known))
 
     def on(self, frequencies: Sequence[np.ndarray], /) -> TracedPlant:
-        """The same model on other lines in Hz."""
+        """Return the model on other lines in Hz."""
         other = copy(self)
-        other.lines = tuple(replace(each, frequency=f) for each, f in zip(self.lines, frequencies, strict=True))
+        other.lines = tuple(
+            replace(sensor_lines, frequency=f) for sensor_lines, f in zip(self.lines, frequencies, strict=True)
+        )
         return other
 
     def values(self, parameters: np.ndarray) -> list[float]:
-        """All leaves of the plant."""
-        found = {**self.known, **dict(zip(self.names, map(float, parameters), strict=True))}
-        return [found[name] for name, _ in tree.leaves(self.plant)]
+        """Return all leaves of the plant."""
+        values_by_name = {**self.known, **dict(zip(self.names, map(float, parameters), strict=True))}
+        return [values_by_name[name] for name, _ in tree.leaves(self.plant)]
 
     def responses(self, values: Mapping[str, float]) -> list[np.ndarray]:
-        """Each response, without slopes, at other values of any parameters by name."""
+        """Return each response, without slopes, at other values of any parameters by name."""
         return [response for response, _ in self._at({**self.known, **values}, ())]
 
     def __call__(self, parameters: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Each response and its slopes, shape (lines, parameters)."""
+        """Return each response and its slopes, shape (lines, parameters)."""
         return self._at({**self.known, **dict(zip(self.names, map(float, parameters), strict=True))}, self.names)
 
     def _at(self, values: Mapping[str, float], names: tuple[str, ...]) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -339,31 +359,33 @@ class TracedPlant:
         columns = [names.index(name) for name in traced]
         model = self.traced.at({name: np.float64(value) for name, value in values.items()}, traced)
         shared: dict[tuple[bytes, float | None], tuple[np.ndarray, ...]] = {}
-        found: list[tuple[np.ndarray, np.ndarray]] = []
-        for each in self.lines:
-            T = None if each.order else each.sample_time
-            key = each.frequency.tobytes(), T
+        evaluated: list[tuple[np.ndarray, np.ndarray]] = []
+        for sensor_lines in self.lines:
+            T = None if sensor_lines.order else sensor_lines.sample_time
+            key = sensor_lines.frequency.tobytes(), T
             if key not in shared:  # encoders on the same lines share them
-                shared[key] = _core(model, each.frequency, T, values["dead_time"])
+                shared[key] = _core(model, sensor_lines.frequency, T, values["dead_time"])
             s, factor, responses, moved = shared[key]
-            place = _SENSORS.index(each.sensor)
-            factor = factor * s**each.order
+            place = _SENSORS.index(sensor_lines.sensor)
+            factor = factor * s**sensor_lines.order
             response, slopes = responses[:, place] * factor, np.zeros((s.size, len(names)), complex)
             slopes[:, columns] = moved[:, place] * factor[:, None]
             if "dead_time" in names:
                 slopes[:, names.index("dead_time")] = -s * response
             if T is not None:
-                shape = (s.size // each.frequency.size, each.frequency.size)
+                shape = (s.size // sensor_lines.frequency.size, sensor_lines.frequency.size)
                 response = response.reshape(shape).sum(axis=0)
                 slopes = slopes.reshape((*shape, -1)).sum(axis=0)
-            found.append((response, slopes))
-        return found
+            evaluated.append((response, slopes))
+        return evaluated
 
 
 def _core(
     model: LinearModel, frequency: np.ndarray, T: float | None, dead_time: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """s at all lines and their aliases, dead time and hold there, and the core's response and slopes at both bodies."""
+    """Return s at all lines and their aliases, dead time and hold there, and the core's response and slopes at both
+    bodies.
+    """
     aliases = np.zeros(1) if T is None else np.arange(-(most := _aliases(frequency, T)), most + 1) / T
     s = 2j * np.pi * (frequency + aliases[:, None]).ravel()
     factor = np.exp(-s * dead_time)
@@ -375,14 +397,14 @@ def _core(
 
 
 def _aliases(frequency: np.ndarray, T: float) -> int:
-    """How many count on either side; of a mass behind a hold they fall as (f/f_alias)³."""
+    """Return how many aliases count on either side; those of a mass behind a hold fall as (f/f_alias)³."""
     share = float(np.max(frequency)) * T
     first = range(1, _ALIASES)
     return next((m for m in first if (share / (m + 1.0 - share)) ** 3 < _ALIAS), _ALIASES)
 
 
 def _trace(plant: Plant, lagging: bool) -> TracedModel:
-    """The core on symbols: states q, q' and the drive's force if it lags, one input, the two bodies' positions."""
+    """Trace the core: states q, q' and the drive's force if it lags, one input, the two bodies' positions."""
     graph = Graph()
 
     def leaf(name: str) -> Number:
@@ -393,9 +415,13 @@ def _trace(plant: Plant, lagging: bool) -> TracedModel:
     shape = mechanics.shape
     bodies = Rows(shape[mechanics.drive], shape[mechanics.motor], shape[mechanics.load])
     lag = 2.0 * ops.pi * leaf("current_loop") if lagging else None
-    made = rate(mechanics, [Port(bodies, lag, 0.0, Timing(0, False))], 1.0, 1.0)
-    n = len(made) - 3
-    rows = [*(row[: n + 1] for row in made[:n]), mechanics.shape[mechanics.motor], mechanics.shape[mechanics.load]]
+    derivative = rate(mechanics, [Port(bodies, lag, 0.0, Timing(0, False))], 1.0, 1.0)
+    n = len(derivative) - 3
+    rows = [
+        *(row[: n + 1] for row in derivative[:n]),
+        mechanics.shape[mechanics.motor],
+        mechanics.shape[mechanics.load],
+    ]
     entries = tuple(
         (i, j, graph.symbol(value).index)
         for i, row in enumerate(rows)
@@ -406,3 +432,262 @@ def _trace(plant: Plant, lagging: bool) -> TracedModel:
     if lagging:
         leaves["current_loop"] = graph.input("current_loop").index
     return TracedModel(graph, n, (n + 2, n + 1), entries, leaves)
+
+
+# Two masses and a spring, or a rigid mass with modes, from frequency responses of one or both encoders.
+
+_BEYOND = 4.0  # how far beyond the lines a resonance is looked for, as a factor
+_RATIOS = (0.03, 0.1, 0.3, 1.0, 3.0)  # of load to motor mass
+_GRID = 15  # resonances
+_BEST = 4  # of the grid that are followed
+
+
+def fit_plant(
+    plant: Plant,
+    motor: FRF | None = None,
+    load: FRF | None = None,
+    *,
+    fixed: Mapping[str, float] | None = None,
+    absent: tuple[str, ...] = (),
+    dead_time: float | None = None,
+    current_loop: float | None = None,
+    find_current_loop: bool = False,
+    held: bool = True,
+    band: tuple[float, float] | None = None,
+    force_per_unit: float | None = None,
+    travel_per_unit: float | None = None,
+) -> PlantFit:
+    """Fit any plant block, from its own values as the start, to the responses of motor and load encoder.
+
+        x/f = e^(-s·dead_time) / (1 + s/ω) · Sᵢ (M s² + C s + K)⁻¹ S_driveᵀ,   both responses together
+
+    motor, load        position (or velocity, acceleration, by their unit) over the drive's force, one of them or both
+    fixed              parameters that are known, by name; they keep that value
+    absent             parameters, such as friction, that keep the value of `plant` if the lines do not determine them
+    dead_time          s; None: it is found.  For a response with a sample time the hold is not part of it
+    held               whether the input of a sampled response is a command, held over each sample; False for a current
+                       or force that was measured
+    current_loop       Hz; None: the force follows at once, unless `find_current_loop`
+    band               Hz, lowest and highest line that counts
+    force_per_unit     N for each unit of the responses' input (a motor's force constant); travel_per_unit m for each
+                       unit of their output (lead/2π for rad).  Without them a result is in the responses' own units
+
+    The cost is that of `refine`: weighted by the variances where they are known, else the complex logarithmic ratio.
+    Raises ParameterError for units that differ, an unknown name and too few lines.
+    When not: far from the start; `fit_two_mass` and `fit_modal_axis` find their own.
+    """
+    responses, units = taken({"motor": motor, "load": load}, band, force_per_unit, travel_per_unit)
+    known = dict(fixed or {})
+    for name in known:
+        tree.get(plant, name)
+    actuator = Actuator(dead_time=dead_time or 0.0, current_loop=current_loop)
+    names = [name for name, _ in tree.leaves(plant) if name not in known]
+    names += ["dead_time"] if dead_time is None else []
+    names += ["current_loop"] if find_current_loop else []
+    start = tree.vary(plant, known)
+    stated = {name: float(tree.get(start, name)) for name in absent}
+    return finished(Task(start, actuator, {}, responses, units, held), names, absent, stated)
+
+
+def fit_two_mass(
+    motor: FRF | None = None,
+    load: FRF | None = None,
+    *,
+    fixed: Mapping[str, float] | None = None,
+    dead_time: float | None = None,
+    current_loop: float | None = None,
+    find_current_loop: bool = False,
+    held: bool = True,
+    band: tuple[float, float] | None = None,
+    force_per_unit: float | None = None,
+    travel_per_unit: float | None = None,
+) -> PlantFit:
+    """Fit two masses and a spring to the response of the motor's encoder, or to both responses together.
+
+        (m1 s² + (b1 + c) s + k) x1 - (c s + k) x2 = e^(-s·dead_time) f,   (m2 s² + (b2 + c) s + k) x2 = (c s + k) x1
+
+    Arguments as in `fit_plant`; no start is needed, it follows from a modal fit:  m2/m1 = residue/free at the motor,
+    k = ω² m1 m2/(m1 + m2).  Viscous friction that the lines do not determine is fixed at zero and reported as not
+    identifiable.  Derived: antiresonance √(k/m2), resonance √(k (m1 + m2)/(m1 m2)), inertia ratio m2/m1, total mass.
+
+    Raises NotIdentifiableError if only the load's response is given and no mass is fixed: it determines the total mass
+    and the resonance, but not the split of the masses.
+    When not: for an axis with further modes in the band; cut the band, or take `fit_modal_axis`.
+    """
+    responses, units = taken({"motor": motor, "load": load}, band, force_per_unit, travel_per_unit)
+    known = dict(fixed or {})
+    if "motor" not in responses and not {"mass_motor", "mass_load", "stiffness"} & set(known):
+        raise NotIdentifiableError(
+            "mass_motor and mass_load are not identifiable from the load's response alone: it determines their sum "
+            "and the resonance; measure next the motor's encoder too, or fix one of them"
+        )
+    every = ("mass_motor", "mass_load", "stiffness", "damping", "viscous_motor", "viscous_load")
+    names = [name for name in every if name not in known]
+    names += ["dead_time"] if dead_time is None else []
+    names += ["current_loop"] if find_current_loop else []
+    best: tuple[float, Task] | None = None
+    actuator = Actuator(dead_time=dead_time or 0.0, current_loop=current_loop)
+    for start in starts(responses, units, dead_time):
+        task = Task(tree.vary(start, known), actuator, {}, responses, units, held)
+        task, refined = solve(task, names, logarithmic=True, steps=25)
+        far = float(np.mean(np.minimum(np.abs(np.concatenate(refined.residuals)), 1.0)))
+        if best is None or far < best[0]:
+            best = far, task
+    assert best is not None
+    fit = finished(best[1], names, ("viscous_load", "viscous_motor", "damping"))
+    fit = with_derived(
+        fit,
+        [
+            ("antiresonance", "Hz", lambda p: np.sqrt(p.stiffness / p.mass_load) / (2.0 * np.pi)),
+            ("resonance", "Hz", _resonance),
+            ("inertia_ratio", "", lambda p: p.mass_load / p.mass_motor),
+            ("total_mass", units.of("kg"), lambda p: p.mass_motor + p.mass_load),
+        ],
+    )
+    return replace(fit, remarks=(*fit.remarks, *beyond(fit["resonance"], best[1].band)))
+
+
+def _check_driven(modal: ModalFit, frequency: float, residue: float) -> None:
+    """Raise ParameterError for a mode that moves against the force at the motor's encoder."""
+    known = {estimate.name: estimate for estimate in modal.estimates}
+    number = int(np.argmin(np.abs(modal.values[: modal.model.modes] - frequency))) + 1
+    error = known[f"residue_{number}_motor"].error if f"residue_{number}_motor" in known else np.inf
+    if residue < -3.0 * error:
+        raise WrongSignError(
+            f"the mode at {Quantity(frequency, 'Hz')} has the wrong sign at the motor's encoder (residue "
+            f"{Quantity(residue, error=error)}): the force does not act where this encoder sits, and the masses cannot "
+            "be determined; give the response as `load` alone, or take fit_modes"
+        )
+
+
+def _resonance(plant: TwoMass) -> float:
+    both = 1.0 / plant.mass_motor + 1.0 / plant.mass_load
+    return float(np.sqrt(plant.stiffness * both) / (2.0 * np.pi))
+
+
+def fit_modal_axis(
+    motor: FRF | None = None,
+    load: FRF | None = None,
+    modes: int | None = None,
+    *,
+    dead_time: float | None = None,
+    current_loop: float | None = None,
+    find_current_loop: bool = False,
+    held: bool = True,
+    band: tuple[float, float] | None = None,
+    force_per_unit: float | None = None,
+    travel_per_unit: float | None = None,
+) -> PlantFit:
+    """Fit a rigid mass with any number of modes in parallel to the responses of one encoder or of both together.
+
+        x/f = e^(-s·dead_time) [ 1/(M s² + b s) + Σ shapeᵢ / (mᵢ (s² + 2ζᵢωᵢs + ωᵢ²)) ],   shape 1 at the motor
+
+    Arguments as in `fit_plant`; modes None: as many as unused lines support. Modal masses are positive, as those of a
+    driven point are: a mode with the wrong sign at the motor ends with a very large mass and is reported as not
+    identifiable.  With the load's response alone the shape of a mode at the load is ±1 and its mass is fitted.
+    When not: where residues are far from real, see `fit_modes` with proportional=False.
+    """
+    responses, units = taken({"motor": motor, "load": load}, band, force_per_unit, travel_per_unit)
+    plain = {name: replace(frf, variance=None) for name, frf in responses.items()}
+    modal = fit_modes(plain, modes, proportional=True, dead_time=dead_time)
+    check_signs(modal)
+    model, values = modal.model, modal.values
+    free = float(np.mean([abs(values[model.common + i * model.own]) for i in range(len(modal.outputs))]))
+    parts: list[Mode] = []
+    fixed: list[str] = []
+    for i, mode in enumerate((*modal.modes, *modal.beyond)):
+        at = dict(zip(modal.outputs, (r.real for r in mode.residues), strict=True))
+        _check_driven(modal, mode.frequency.value, at.get("motor", 0.0))
+        drive = abs(at.get("motor", at.get("load", 0.0))) or 1e-6 * free
+        shape = at.get("load", drive) / drive
+        fixed += [f"modes.{i}.motor"]
+        if "load" not in at or "motor" not in at:
+            shape = float(np.sign(shape)) or 1.0
+            fixed += [f"modes.{i}.load"]
+        ratio = min(mode.damping_ratio.value, 1.0)
+        parts.append(Mode(frequency=mode.frequency.value, damping_ratio=ratio, mass=1.0 / drive, motor=1.0, load=shape))
+    corner = float(values[2 * model.modes])
+    plant = Modal(mass=1.0 / free, viscous=corner / free, modes=tuple(parts))
+    actuator = Actuator(
+        dead_time=max(modal["dead_time"].value, 0.0) if dead_time is None else dead_time, current_loop=current_loop
+    )
+    names = [name for name, _ in tree.leaves(plant) if name not in fixed]
+    names += [
+        free_name for free_name, wanted in zip(DRIVE, (dead_time is None, find_current_loop), strict=True) if wanted
+    ]
+    return finished(Task(plant, actuator, {}, responses, units, held), names, ("viscous",))
+
+
+def starts(responses: Mapping[str, FRF], units: ResponseUnits, dead_time: float | None) -> list[TwoMass]:
+    """Return starts from modal fits, with one mode and with the most pronounced of several, and from the grid.
+
+    The grid is for resonances at the edge of the lines or beyond, whose peak a modal fit does not see.
+    """
+    plants: list[TwoMass] = []
+    plain = {name: replace(frf, variance=None) for name, frf in responses.items()}
+    for count in (1, 2):
+        try:
+            modal = fit_modes(plain, count, proportional=True, rest=count > 1, dead_time=dead_time)
+        except ParameterError:
+            continue
+        if count == 1:
+            check_signs(modal)
+        plants += [start for i in range(len(modal.modes)) if (start := _from_mode(modal, i)) is not None]
+    return [*plants, *_of_grid(responses, units)]
+
+
+def _of_grid(responses: Mapping[str, FRF], units: ResponseUnits) -> list[TwoMass]:
+    """Return the best points of a grid of resonances and mass ratios, by magnitude, each with its best total mass."""
+    frfs = list(responses.values())
+    lines = [SensorLines(frf.frequency, sensor, units.order) for sensor, frf in responses.items()]
+    model = TracedPlant(_scaled(1.0, 1.0, 1.0, 0.03, 0.0), (), lines, {})
+    low, high = min(f.frequency[0] for f in frfs), max(f.frequency[-1] for f in frfs)
+    measured = np.concatenate([np.log(np.maximum(frf.magnitude, 1e-300)) for frf in frfs])
+    scored: list[tuple[float, TwoMass]] = []
+    for f, ratio in product(np.geomspace(low / _BEYOND, _BEYOND * high, _GRID), _RATIOS):
+        plant = _scaled(1.0, ratio, 2.0 * np.pi * f, 0.03, 0.0)
+        predictions = model.responses(dict(tree.leaves(plant)))
+        apart = np.concatenate([np.log(np.abs(response)) for response in predictions]) - measured
+        total = float(np.median(apart))
+        score = float(np.mean(np.minimum(np.abs(apart - total), 1.0)))
+        scored.append((score, _scaled(float(np.exp(total)), ratio, 2.0 * np.pi * f, 0.03, 0.0)))
+    return [plant for _, plant in sorted(scored, key=lambda point: point[0])[:_BEST]]
+
+
+def _scaled(total: float, ratio: float, omega: float, damping_ratio: float, viscous: float) -> TwoMass:
+    """Return two masses by their sum, their ratio and their resonance in rad/s."""
+    first = total / (1.0 + ratio)
+    reduced = first * ratio * first / total
+    return TwoMass(
+        mass_motor=first,
+        mass_load=ratio * first,
+        stiffness=reduced * omega**2,
+        damping=2.0 * min(damping_ratio, 0.3) * omega * reduced,
+        viscous_motor=0.5 * viscous,
+        viscous_load=0.5 * viscous,
+    )
+
+
+def _from_mode(modal: ModalFit, place: int) -> TwoMass | None:
+    mode = modal.modes[place]
+    model, values = modal.model, modal.values
+    free = [abs(float(values[model.common + i * model.own])) for i in range(len(modal.outputs))]
+    if min(free) <= 0.0:
+        return None
+    total = 1.0 / float(np.mean(free))
+    ratio = abs(mode.residues[modal.outputs.index("motor")]) * total if "motor" in modal.outputs else 1.0
+    ratio = float(np.clip(ratio, 1e-3, 1e3))
+    viscous = float(values[2 * model.modes]) * total
+    return _scaled(total, ratio, 2.0 * np.pi * mode.frequency.value, mode.damping_ratio.value, viscous)
+
+
+def check_signs(modal: ModalFit) -> None:
+    """Raise WrongSignError for an encoder that counts against the force: its free motion has the wrong sign."""
+    for name in modal.outputs:
+        free = modal[f"free_{name}"] if name else modal["free"]
+        if free.value < -5.0 * free.error:
+            raise WrongSignError(
+                f"the response to '{name}' has the wrong sign: a positive force moves it to smaller positions (its "
+                f"free motion is {Quantity(free.value, free.unit):3}); check the direction of the encoder and invert "
+                "the response (-frf)"
+            )

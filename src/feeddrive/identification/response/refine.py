@@ -39,7 +39,7 @@ class Unknown:
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """One response with the standard deviation of its lines, `relative` ones if no variance was measured.
+    """A response with the standard deviation of its lines, `relative` ones if no variance was measured.
 
     With a variance the residual is (G - Gm)/σ, σ² = variance + (model error · |Gm|)²; without one it is ln(G/Gm), which
     gives peaks and valleys the same weight, divided by 1 or by the deviation that follows from the coherence of each
@@ -52,7 +52,7 @@ class Measured:
 
     @property
     def lines(self) -> int:
-        """How many."""
+        """The number of lines."""
         return self.frf.frequency.size
 
 
@@ -80,8 +80,8 @@ class Refined:
 
 
 def measured(responses: Sequence[FRF], model_error: float = 0.0) -> tuple[Measured, ...]:
-    """The responses with their weights."""
-    found: list[Measured] = []
+    """Return the responses with their weights."""
+    weighted: list[Measured] = []
     for frf in responses:
         if np.any(frf.response == 0.0):
             where = frf.frequency[np.argmin(frf.magnitude)]
@@ -92,15 +92,15 @@ def measured(responses: Sequence[FRF], model_error: float = 0.0) -> tuple[Measur
             # a variance of a real residual is half of E|dG|²
             sigma = np.sqrt(0.5 * frf.variance + 0.5 * (model_error * frf.magnitude) ** 2)
             least = 1e-9 * frf.magnitude
-            found.append(Measured(frf, np.maximum(sigma, least), False))
+            weighted.append(Measured(frf, np.maximum(sigma, least), False))
         else:
             sigma = np.ones(frf.frequency.size)
             if frf.coherence is not None:
                 noise = (1.0 - frf.coherence) / np.maximum(frf.coherence, 1e-6)
                 # lines that are better than most are limited by the model and not by noise
                 sigma = np.sqrt(1.0 + noise / max(float(np.median(noise)), 1e-12))
-            found.append(Measured(frf, sigma, True))
-    return tuple(found)
+            weighted.append(Measured(frf, sigma, True))
+    return tuple(weighted)
 
 
 def refine(
@@ -114,7 +114,8 @@ def refine(
     steps: int = STEPS,
     model_error: float = 0.0,
 ) -> Refined:
-    """Gauss-Newton steps with Levenberg's damping from `start` (default: that of the unknowns) on the lines in `use`.
+    """Minimize the cost by Gauss-Newton steps with Levenberg's damping, on the lines in `use`, from `start` (default:
+    that of the unknowns).
 
     The cost is Σ ρ(r), ρ = 2 s² c² (√(1 + (r/sc)²) - 1), c = 2, s the median size of the residuals: a square for all
     but outlying lines, whose influence is bounded.  If the variances are known and the model fits worse than they
@@ -123,23 +124,23 @@ def refine(
     """
     chosen = [replace(frf, variance=None) if logarithmic else frf for frf in responses]
     keep = [np.ones(frf.frequency.size, bool) for frf in chosen] if use is None else list(use)
-    u = _inner(unknowns, np.array([each.start for each in unknowns]) if start is None else start)
-    begin, data, found = u, measured(chosen), None
+    u = _inner(unknowns, np.array([unknown.start for unknown in unknowns]) if start is None else start)
+    begin, data, refined = u, measured(chosen), None
     for _ in range(8):
         data = measured(chosen, model_error)
-        found = _descend(model, unknowns, data, keep, u, steps)
-        u = _inner(unknowns, found.values)
-        found = replace(found, model_error=model_error)
-        wanted = _model_error(found, data, keep, model_error)
+        refined = _descend(model, unknowns, data, keep, u, steps)
+        u = _inner(unknowns, refined.values)
+        refined = replace(refined, model_error=model_error)
+        wanted = _model_error(refined, data, keep, model_error)
         if wanted <= model_error * 1.05 + 1e-6:
             break
         model_error = wanted
-    assert found is not None
-    return _near_its_start(found, model, unknowns, data, keep, begin, steps)
+    assert refined is not None
+    return _near_its_start(refined, model, unknowns, data, keep, begin, steps)
 
 
 def _near_its_start(
-    found: Refined,
+    refined: Refined,
     model: Model,
     unknowns: Sequence[Unknown],
     data: Sequence[Measured],
@@ -147,27 +148,27 @@ def _near_its_start(
     begin: np.ndarray,
     steps: int,
 ) -> Refined:
-    """If noise leaves logarithms undetermined: the equally good point closest to the start.
+    """Return the equally good point closest to the start, if noise leaves logarithms undetermined.
 
     An unconstrained descent ends anywhere in such a valley because of rounding, and the errors there are arbitrary.
     """
-    inner = np.array([each.positive and not each.fixed for each in unknowns])
-    loose = np.array([not each.fixed for each in unknowns]) & ~found.bound
-    normal = (found.slopes.T @ found.slopes)[np.ix_(loose, loose)]
-    if _told(normal, inner[loose], found.spread).shape[1] == normal.shape[0]:
-        return found
-    near = _descend(model, unknowns, data, keep, begin, steps, found.spread)
-    far = _FAR * found.spread
+    inner = np.array([unknown.positive and not unknown.fixed for unknown in unknowns])
+    loose = np.array([not unknown.fixed for unknown in unknowns]) & ~refined.bound
+    normal = (refined.slopes.T @ refined.slopes)[np.ix_(loose, loose)]
+    if _told(normal, inner[loose], refined.spread).shape[1] == normal.shape[0]:
+        return refined
+    near = _descend(model, unknowns, data, keep, begin, steps, refined.spread)
+    far = _FAR * refined.spread
     low, other = (
-        _cost(np.concatenate([part for r in each.residuals for part in (np.real(r), np.imag(r))]), far)
-        for each in (found, near)
+        _cost(np.concatenate([part for r in candidate.residuals for part in (np.real(r), np.imag(r))]), far)
+        for candidate in (refined, near)
     )
     # a chi-square of four: not more than noise
-    return replace(near, model_error=found.model_error) if other <= low + 4.0 * found.spread**2 else found
+    return replace(near, model_error=refined.model_error) if other <= low + 4.0 * refined.spread**2 else refined
 
 
 def _told(normal: np.ndarray, inner: np.ndarray, noise: float) -> np.ndarray:
-    """Directions, one per column, without those in which noise of this size leaves the logarithms undetermined.
+    """Return the directions, one per column, in which noise of this size leaves the logarithms determined.
 
     From the normal equations of the logarithms, reduced by all other parameters: H₁₁ - H₁₂ H₂₂⁻¹ H₂₁.
     """
@@ -185,32 +186,36 @@ def _told(normal: np.ndarray, inner: np.ndarray, noise: float) -> np.ndarray:
 
 
 def _inner(unknowns: Sequence[Unknown], values: np.ndarray) -> np.ndarray:
-    return np.array([np.log(v) if each.positive else v / each.scale for each, v in zip(unknowns, values, strict=True)])
+    return np.array(
+        [np.log(v) if unknown.positive else v / unknown.scale for unknown, v in zip(unknowns, values, strict=True)]
+    )
 
 
 def _outer(unknowns: Sequence[Unknown], u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values and their slopes."""
-    values = np.array([np.exp(v) if each.positive else v * each.scale for each, v in zip(unknowns, u, strict=True)])
-    slopes = np.array([v if each.positive else each.scale for each, v in zip(unknowns, values, strict=True)])
+    """Return values and their slopes."""
+    values = np.array(
+        [np.exp(v) if unknown.positive else v * unknown.scale for unknown, v in zip(unknowns, u, strict=True)]
+    )
+    slopes = np.array([v if unknown.positive else unknown.scale for unknown, v in zip(unknowns, values, strict=True)])
     return values, slopes
 
 
 def _residuals(
     model: Model, unknowns: Sequence[Unknown], data: Sequence[Measured], use: Sequence[np.ndarray], u: np.ndarray
 ) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-    """Complex residuals of each response, and all real ones with their slopes."""
+    """Return the complex residuals of each response, and all real ones with their slopes."""
     values, inner = _outer(unknowns, u)
     whole: list[np.ndarray] = []
     rows: list[np.ndarray] = []
     slopes: list[np.ndarray] = []
     with np.errstate(all="ignore"):
-        for (response, slope), each, kept in zip(model(values), data, use, strict=True):
-            if each.relative:
-                r = np.log(response / each.frf.response) / each.sigma
-                j = slope / (response * each.sigma)[:, None]
+        for (response, slope), weighted, kept in zip(model(values), data, use, strict=True):
+            if weighted.relative:
+                r = np.log(response / weighted.frf.response) / weighted.sigma
+                j = slope / (response * weighted.sigma)[:, None]
             else:
-                r = (response - each.frf.response) / each.sigma
-                j = slope / each.sigma[:, None]
+                r = (response - weighted.frf.response) / weighted.sigma
+                j = slope / weighted.sigma[:, None]
             whole.append(r[kept])
             part = j[kept] * inner
             rows += [np.real(r[kept]), np.imag(r[kept])]
@@ -225,7 +230,7 @@ def _cost(r: np.ndarray, far: float) -> float:
 
 
 def _spread(r: np.ndarray) -> float:
-    """Robust standard deviation of residuals, by their median."""
+    """Return the robust standard deviation of residuals, by their median."""
     return 1.4826 * float(np.median(np.abs(r))) + 1e-12
 
 
@@ -238,12 +243,12 @@ def _descend(
     steps: int,
     noise: float | None = None,
 ) -> Refined:
-    """From `u`; with a noise level only along directions in which the residuals determine the parameters."""
+    """Descend from `u`; with a noise level only along directions in which the residuals determine the parameters."""
     lower, upper = (
-        np.array([getattr(each, side) / (1.0 if each.positive else each.scale) for each in unknowns])
+        np.array([getattr(unknown, side) / (1.0 if unknown.positive else unknown.scale) for unknown in unknowns])
         for side in ("least", "most")
     )
-    inner = np.array([each.positive for each in unknowns])
+    inner = np.array([unknown.positive for unknown in unknowns])
     with np.errstate(all="ignore"):
         lower = np.where(inner, np.where(lower > 0.0, np.log(lower), -np.inf), lower)
         upper = np.where(inner, np.log(upper), upper)
@@ -251,7 +256,7 @@ def _descend(
     damping, settled, flat = 1e-3, False, 0
     far = _FAR * _spread(r)
     cost = _cost(r, far)
-    loose = np.array([not each.fixed for each in unknowns])
+    loose = np.array([not unknown.fixed for unknown in unknowns])
     free = loose
     for step in range(steps):
         if step % 5 == 4:  # the outlier limit is updated for each fit, not for each step
@@ -300,27 +305,31 @@ def covariances_at(
     logarithmic: bool,
     model_error: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Covariances, robust and plain, of all these parameters at given values, also of those that were not moved there.
+    """Return robust and plain covariances of all these parameters at given values, also of those that were not moved
+    there.
 
     The errors of a parameter are larger if others that were fixed because they are not identifiable count as unknown.
     """
     chosen = [replace(frf, variance=None) if logarithmic else frf for frf in responses]
     everywhere = [np.ones(frf.frequency.size, bool) for frf in chosen]
-    u = np.array([np.log(v) if each.positive else v / each.scale for each, v in zip(unknowns, values, strict=True)])
+    u = np.array(
+        [np.log(v) if unknown.positive else v / unknown.scale for unknown, v in zip(unknowns, values, strict=True)]
+    )
     whole, r, slopes = _residuals(model, unknowns, measured(chosen, model_error), everywhere, u)
-    free = np.array([not each.fixed for each in unknowns])
+    free = np.array([not unknown.fixed for unknown in unknowns])
     return _covariances(r, slopes, _outer(unknowns, u)[1], free, _turns(whole))
 
 
 def _turns(whole: Sequence[np.ndarray]) -> np.ndarray:
-    """1 and -1 by turns from line to line, for the real residuals of each response."""
+    """Return 1 and -1 alternating from line to line, for the real residuals of each response."""
     return np.concatenate([np.tile(1.0 - 2.0 * (np.arange(r.size) % 2), 2) for r in whole])
 
 
 def _covariances(
     r: np.ndarray, slopes: np.ndarray, scale: np.ndarray, free: np.ndarray, turns: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Robust and plain covariance of the values; `scale` is the slope of each value in its internal parameter.
+    """Return robust and plain covariance of the values; `scale` is the slope of each value in its
+    internal parameter.
 
     Of an estimate that satisfies Σ ψ(r) ∂r = 0 with ψ = ρ r:  mean ψ² / (mean ψ')² (JᵀJ)⁻¹.  Source: Huber 1981.
     What even lines say otherwise than odd ones, beyond noise, is distortion or model error and adds to the robust one:
@@ -357,7 +366,7 @@ def _covariances(
 
 
 def _independent(columns: np.ndarray) -> np.ndarray:
-    """The columns, changed as little as makes them independent in doubles.
+    """Return the columns with the least change that makes them independent in doubles.
 
     An undetermined parameter then gets a very large error. For exactly dependent columns rounding alone would give
     errors of any size, small ones too.
@@ -367,17 +376,19 @@ def _independent(columns: np.ndarray) -> np.ndarray:
     return (left * np.maximum(values, _ROUNDING)) @ right * size
 
 
-def _model_error(found: Refined, data: Sequence[Measured], use: Sequence[np.ndarray], now: float) -> float:
-    """The model error with which residuals of known variance agree with their weights; `now` if they do already."""
+def _model_error(refined: Refined, data: Sequence[Measured], use: Sequence[np.ndarray], now: float) -> float:
+    """Return the model error with which residuals of known variance agree with their weights; `now`
+    if they do already.
+    """
     parts = [
-        (np.abs(r * each.sigma[kept]) ** 2, each.frf.variance[kept], each.frf.magnitude[kept] ** 2)
-        for r, each, kept in zip(found.residuals, data, use, strict=True)
-        if each.frf.variance is not None
+        (np.abs(r * weighted.sigma[kept]) ** 2, weighted.frf.variance[kept], weighted.frf.magnitude[kept] ** 2)
+        for r, weighted, kept in zip(refined.residuals, data, use, strict=True)
+        if weighted.frf.variance is not None
     ]
     if not parts:
         return 0.0
     apart, variance, size = (np.concatenate(column) for column in zip(*parts, strict=True))
-    freedom = 1.0 - found.values.size / max(2.0 * sum(r.size for r in found.residuals), found.values.size + 1.0)
+    freedom = 1.0 - refined.values.size / max(2.0 * sum(r.size for r in refined.residuals), refined.values.size + 1.0)
 
     def ratio(share: float) -> float:
         return float(np.median(apart / np.maximum(variance + share * share * size, 1e-300))) / (np.log(2.0) * freedom)

@@ -28,11 +28,11 @@ class ResponseUnits:
 
     @property
     def si(self) -> bool:
-        """Whether masses come out in kg and stiffnesses in N/m."""
+        """True if masses come out in kg and stiffnesses in N/m."""
         return (self.output, self.input) == ("m", "N")
 
     def of(self, unit: str) -> str:
-        """The unit that replaces a unit of a linear axis in SI, such as kg, N/m, N s/m, m/N."""
+        """Return the unit that replaces a unit of a linear axis in SI, such as kg, N/m, N s/m, m/N."""
         known = _SI.get((self.output, self.input))
         if known is not None:
             return known.get(unit, unit)
@@ -42,20 +42,20 @@ class ResponseUnits:
 
 
 def response_units(frf: FRF) -> ResponseUnits:
-    """From the unit of an FRF, in any spelling; one without a unit counts as m/N."""
+    """Return the quantities of an FRF from its unit, in any spelling; without a unit it counts as m/N."""
     output, _, force = (_known(frf.unit) or (frf.unit or "m/N", 1.0))[0].rpartition("/")
-    found = re.fullmatch(r"\(?([^()/]+?)(?:/(s2?|s\^2))?\)?", output.strip())
-    if found is None or not force:
+    match = re.fullmatch(r"\(?([^()/]+?)(?:/(s2?|s\^2))?\)?", output.strip())
+    if match is None or not force:
         raise ParameterError(
             f"the unit '{frf.unit}' of the response to {frf.output} is not one of position, velocity or acceleration "
             f"over force or current; give it as m/N, (m/s)/N, rad/A ..."
         )
-    order = {None: 0, "s": 1}.get(found[2], 2)
-    return ResponseUnits(found[1].strip(), force.strip(" ()"), order)
+    order = {None: 0, "s": 1}.get(match[2], 2)
+    return ResponseUnits(match[1].strip(), force.strip(" ()"), order)
 
 
 def _known(unit: str) -> tuple[str, float] | None:
-    """A unit in SI, and the factor to it; None for a unit of another quantity or an unknown name."""
+    """Return a unit in SI, and the factor to it; None for a unit of another quantity or an unknown name."""
     try:
         return units.response(unit) if unit else None
     except ParameterError:
@@ -63,7 +63,7 @@ def _known(unit: str) -> tuple[str, float] | None:
 
 
 def _in_si(frf: FRF) -> FRF:
-    """A response whose unit is known, in SI and in the one spelling of it."""
+    """Return a response of known unit in SI, in the canonical spelling."""
     known = _known(frf.unit)
     if known is None:
         return frf
@@ -77,7 +77,7 @@ def taken(
     force_per_unit: float | None,
     travel_per_unit: float | None,
 ) -> tuple[dict[str, FRF], ResponseUnits]:
-    """The responses that are there, cut to a band in Hz and in SI, with their input and output quantities.
+    """Return the available responses, cut to a band in Hz and in SI, with their input and output quantities.
 
     force_per_unit    N for each unit of the input, as the force constant of a motor in N/A
     travel_per_unit   m for each unit of the output, as lead/2π for an angle in rad
@@ -95,8 +95,8 @@ def taken(
             )
     of_each = {name: response_units(frf) for name, frf in there.items()}
     first = next(iter(of_each.values()))
-    for name, each in of_each.items():
-        if each != first:
+    for name, response in of_each.items():
+        if response != first:
             raise ParameterError(
                 f"the responses must lead from and to the same quantities: '{name}' is in {there[name].unit}, "
                 f"another in {next(iter(there.values())).unit}"
@@ -109,8 +109,8 @@ def taken(
         output=first.output if travel_per_unit is None else "m",
         input=first.input if force_per_unit is None else "N",
     )
-    found = first.output if not first.order else f"({first.output}/{('s', 's2')[first.order - 1]})"
-    found = f"{found}/{first.input if ' ' not in first.input else f'({first.input})'}"
+    unit = first.output if not first.order else f"({first.output}/{('s', 's2')[first.order - 1]})"
+    unit = f"{unit}/{first.input if ' ' not in first.input else f'({first.input})'}"
     kept: dict[str, FRF] = {}
     for name, frf in there.items():
         low, high = band or (0.0, np.inf)
@@ -123,7 +123,7 @@ def taken(
         parts = {
             key: None if (values := getattr(frf, key)) is None else values[inside] for key in ("coherence", "variance")
         }
-        cut = replace(frf, frequency=frf.frequency[inside], response=frf.response[inside], unit=found, **parts)
+        cut = replace(frf, frequency=frf.frequency[inside], response=frf.response[inside], unit=unit, **parts)
         kept[name] = cut * scale if scale != 1.0 else cut
         if scale != 1.0:
             kept[name] = replace(kept[name], coherence=cut.coherence)

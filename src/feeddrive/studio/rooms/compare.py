@@ -21,7 +21,7 @@ from feeddrive.workflow.compare import TAKEN, CompareRequest, taken
 
 
 class Compare(Room):
-    """The comparison of the laws."""
+    """The room where laws are compared."""
 
     name = "compare"
 
@@ -31,14 +31,14 @@ class Compare(Room):
 
     def begin(self) -> None:
         """Forget the comparison of another axis."""
-        self.found: Shown | None = None
+        self.shown: Shown | None = None
         self._asked: CompareRequest | None = None
         self._machine: MachineFile | None = None  # that was compared on
         self.left_out = set[str]()
         self._laws: tuple[tuple[Candidate, ...], tuple[Refusal, ...]] | None = None
 
     def show(self) -> Said:
-        """Which laws there are, which are to be compared, and what the comparison came to."""
+        """Show the available laws, the selected ones, and the result of the comparison."""
         bench = self.desk.bench
         if bench is None or bench.machine is None:
             return Said({"ready": False, "found": None})
@@ -47,73 +47,78 @@ class Compare(Room):
             "ready": True,
             "always": PLAIN,
             "laws": [{"name": e.name, "wanted": e.name not in self.left_out, "remark": e.remark} for e in fit],
-            "refused": [{"name": each.name, "reason": each.reason} for each in refused],
+            "refused": [{"name": refusal.name, "reason": refusal.reason} for refusal in refused],
             "found": None,
         }
-        if self.found is None:
+        if self.shown is None:
             return Said(words)
-        return Said({**words, "found": dict(self.found.words)}, self.found.charts)
+        return Said({**words, "found": dict(self.shown.words)}, self.shown.charts)
 
     @act
     def choose(self, asked: Asked) -> None:
-        """The laws that are wanted, by name; P-PI, with which all others are compared, is always there."""
-        known = [each.name for each in self._candidates()[0]]
+        """Select laws, by name; P-PI, the reference of the comparison, is always included."""
+        known = [candidate.name for candidate in self._candidates()[0]]
         wanted = asked.texts("laws")
-        if any(":" in each for each in wanted):  # the page runs no code that somebody names
+        if any(":" in wanted_law for wanted_law in wanted):  # the page runs no code that somebody names
             raise ParameterError("a law of a module is compared by the command line alone: feeddrive compare --law")
-        for each in wanted:
-            if each not in known:
-                raise ParameterError(f"law '{each:.60}' cannot be compared on this axis; there are: {', '.join(known)}")
+        for wanted_law in wanted:
+            if wanted_law not in known:
+                raise ParameterError(
+                    f"law '{wanted_law:.60}' cannot be compared on this axis; there are: {', '.join(known)}"
+                )
         self.left_out = set(known) - {PLAIN, *wanted}
 
     @act
     def start(self, asked: Asked) -> None:
-        """Tune and judge the laws that are chosen; those that are finished are kept for the next time."""
+        """Tune and judge the selected laws; finished ones are kept for the next comparison."""
         bench = self.desk.needed
         bench.needed_loop()
-        names = [each.name for each in self._candidates()[0]]
-        wanted = tuple(each for each in names if each not in self.left_out)
+        names = [candidate.name for candidate in self._candidates()[0]]
+        wanted = tuple(law for law in names if law not in self.left_out)
         machine = self.desk.machine()
         request = CompareRequest(
-            self.desk.machine_path(), axis=bench.axis, law=wanted if self.left_out else (),
-            starts=int(asked.number("starts")), keep=self.desk.folder / "compared_laws",
-        )  # fmt: skip
+            self.desk.machine_path(),
+            axis=bench.axis,
+            law=wanted if self.left_out else (),
+            starts=int(asked.number("starts")),
+            keep=self.desk.folder / "compared_laws",
+        )
 
-        def then(found: Shown) -> None:
+        def then(shown: Shown) -> None:
             self.desk.did("compare", request)
-            self.found, self._asked, self._machine = found, request, machine
+            self.shown, self._asked, self._machine = shown, request, machine
 
         self.desk.start(self.name, "compare the laws", partial(compared, request), then)
 
     @act
     def take(self, asked: Asked) -> Said:
-        """Go on with a law as it was tuned for the comparison."""
+        """Continue with a law as tuned for the comparison."""
         name = asked.text("law")
-        if self.found is None or name not in self.found.controls:
+        if self.shown is None or name not in self.shown.controls:
             raise ParameterError(f"the comparison has no law '{name:.60}'")
-        control = self.found.controls[name]
+        control = self.shown.controls[name]
         if name == TODAY or self._asked is None or self._machine is None:
             self.desk.take(control)
         else:
             self.desk.exchange(control, self._written(name, control, self._asked, self._machine))
-        said = self.show()
-        return Said({**said.words, "go": "tune"}, said.charts)
+        answer = self.show()
+        return Said({**answer.words, "go": "tune"}, answer.charts)
 
     def _written(self, name: str, control: Control, asked: CompareRequest, machine: MachineFile) -> Path:
-        """The machine file that the comparison writes which takes this law; it is that which counts as done."""
+        """Return the machine file with this law that the comparison writes, and record that request as done."""
         law = re.sub(r"\W+", "_", name).strip("_").lower() or "law"
         out = free_name(self.desk.folder / "compared", law)  # one that was taken before stays what it was
         axis = machine.named(asked.axis)
         with new_directory(out) as folder:
             (folder / TAKEN).write_text(taken(machine, axis, control), encoding="utf-8")
         request = replace(asked, take=name, out=out)
-        if request not in [each.request for each in self.desk.done]:
+        if request not in [step.request for step in self.desk.done]:
             self.desk.said_again(asked, request, also=asked.take is not None)
             self._asked = request
         return out / TAKEN
 
     def _candidates(self) -> tuple[tuple[Candidate, ...], tuple[Refusal, ...]]:
-        """Laws that can control the axis, and those that cannot."""
+        """Return the laws that can control the axis, and the refused ones."""
         if self._laws is None:
             self._laws = candidates(self.desk.needed.needed_loop())
         return self._laws

@@ -49,29 +49,29 @@ _NO_INTEGRAL = (
 )
 _FAR = 20.0  # dB above the curves, within which the picture reaches up to the limit
 _TODAY, _NOW, _BEST, _FOUND = "today", "now", "best so far", "found"
-FIELDS: Mapping[str, Field] = {each.name: each for each in fields_of(TuneRequest) if each.name in _SHOWN}
+FIELDS: Mapping[str, Field] = {field.name: field for field in fields_of(TuneRequest) if field.name in _SHOWN}
 
 
 class Goal(Room):
-    """A goal, its limits, and what the tuner finds."""
+    """The room for automatic tuning: the goal, its limits, and the result of the tuner."""
 
     name = "goal"
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
-        self.given: dict[str, Any] = {}
+        self.settings: dict[str, Any] = {}
         self.begin()
 
     def begin(self) -> None:
-        """Forget what was found for another source; goal and limits stay."""
+        """Forget the result for another source; goal and limits stay."""
         self.costs = list[float]()
         self.best: Control | None = None
-        self.found: Outcome[Tuned] | None = None
+        self.result: Outcome[Tuned] | None = None
         self._looks: dict[str, tuple[Control, Look]] = {}
         self._integral: tuple[Control, bool] | None = None  # of the control of now
 
     def show(self) -> Said:
-        """The goal with its limits, how the search goes, and the loop before and after it."""
+        """Show the goal with its limits, the progress of the search, and the loop before and after it."""
         words: dict[str, Any] = {"fields": [self._field(FIELDS[name]) for name in _SHOWN], "ready": False}
         if self.desk.bench is None:
             return Said(words)
@@ -87,33 +87,36 @@ class Goal(Room):
 
     @act
     def set(self, asked: Asked) -> None:
-        """A field, as a person writes it; empty: its usual value."""
+        """Set a field from the text that a person typed; empty: the default value."""
         field = FIELDS[asked.choice("field", FIELDS)]
         text = asked.text("value").strip()
-        given = {key: value for key, value in self.given.items() if key != field.name}
+        settings = {key: value for key, value in self.settings.items() if key != field.name}
         if text:
-            given[field.name] = self._read(field, text)
-        self._take(given)
+            settings[field.name] = self._read(field, text)
+        self._take(settings)
 
     @act
     def level(self, asked: Asked) -> None:
-        """A limit at a height of a picture: of the sensitivity in dB, or of the dynamic stiffness."""
+        """Set a limit from a height in a picture: of the sensitivity in dB, or of the dynamic stiffness."""
         height = asked.number("value")
         name = asked.choice("field", (_PEAK, _SOFT))
         if name == _PEAK:
-            given: dict[str, Any] = {**self.given, name: float(f"{max(10.0 ** min(height / 20.0, 300.0), 1.02):.3g}")}
+            settings: dict[str, Any] = {
+                **self.settings,
+                name: float(f"{max(10.0 ** min(height / 20.0, 300.0), 1.02):.3g}"),
+            }
         else:
             if not height > 0.0:
                 raise ParameterError("the dynamic stiffness must be > 0")
-            given = {**self.given, name: units.scaled(1.0 / float(f"{height:.3g}"), FIELDS[name].factor)}
-        self._take(given)
+            settings = {**self.settings, name: units.scaled(1.0 / float(f"{height:.3g}"), FIELDS[name].factor)}
+        self._take(settings)
 
     @act
     def tune(self, _: Asked) -> None:
-        """Search, from the control of now."""
+        """Run the optimizer from the current controller."""
         self.desk.check_free()
         request = self._request()
-        self.costs, self.best, self.found = [], None, None
+        self.costs, self.best, self.result = [], None, None
 
         def met(report: Found) -> None:
             if not self.costs or report.cost < min(self.costs):
@@ -121,63 +124,68 @@ class Goal(Room):
                 self.best = report.best
 
         def then(outcome: Outcome[Tuned]) -> None:
-            self.found, self.best = outcome, outcome.result.control
+            self.result, self.best = outcome, outcome.result.control
             self.desk.did("tune", request, self._best())
 
         self.desk.start(self.name, "tune", partial(perform, "tune", request), then, met)
 
     @act
     def accept(self, _: Asked) -> Said:
-        """Go on with what was found, or with the best so far of a search that was stopped."""
+        """Continue with the result, or with the best so far of a search that was stopped."""
         if self.best is None:
             raise ParameterError("nothing was found yet: press Tune first")
         self.desk.take(self._best() or self.best, self._written())
         self.begin()
-        said = self.show()
-        return Said({**said.words, "go": "tune"}, said.charts)
+        answer = self.show()
+        return Said({**answer.words, "go": "tune"}, answer.charts)
 
     def _best(self) -> Control | None:
-        """What was found, as it stands in the machine file where one was written."""
+        """Return the result as it stands in the machine file, if one was written."""
         written = self._written()
         return self.best if written is None else read_machine(written).loop(self.desk.needed.axis).control
 
     def _written(self) -> Path | None:
-        """The machine file with what was found, rounded as it was proven; None for a search that was stopped."""
-        place = None if self.found is None else self.found.files.get("Machine")
+        """Return the machine file with the result, rounded as it was proven; None for a search that was stopped."""
+        place = None if self.result is None else self.result.files.get("Machine")
         return None if place is None else Path(place)
 
     @act
     def reject(self, _: Asked) -> None:
-        """Forget what was found. Raises ParameterError while it searches, which would find it again."""
+        """Discard the result. Raises ParameterError during a search."""
         state = self.desk.job_state()
         if state is not None and state.going and state.room == self.name:
             raise ParameterError(f"{state.what} is running: cancel it first, then reject what it found so far")
         self.begin()
 
-    def _take(self, given: dict[str, Any]) -> None:
-        """Goal and limits from now on; the limits are those of tuning by hand as well."""
-        self.desk.limits = TuneRequest("ball_screw", **given).limits()  # refuses what it cannot be
-        self.given = given
+    def _take(self, settings: dict[str, Any]) -> None:
+        """Adopt goal and limits; the limits also apply to tuning by hand."""
+        self.desk.limits = TuneRequest("ball_screw", **settings).limits()  # refuses what it cannot be
+        self.settings = settings
 
     def _request(self) -> TuneRequest:
         bench = self.desk.needed
         source = bench.sources
         out = free_name(self.desk.folder, "tuned")  # one that was accepted stays what it was
-        given: dict[str, Any] = {**self.given, "out": out, "at": tuple(source.at), "axis": bench.axis or None}
+        settings: dict[str, Any] = {**self.settings, "out": out, "at": tuple(source.at), "axis": bench.axis or None}
         if bench.from_machine:
-            return TuneRequest(self.desk.machine_path(), **given)
+            return TuneRequest(self.desk.machine_path(), **settings)
         baseline = None if bench.machine is None else self.desk.machine_path()
         return TuneRequest(
-            source.source, baseline=baseline, motor=tuple(source.motor), unit=source.unit,
-            sample_time=source.sample_time, delay=source.delay, **given,
-        )  # fmt: skip
+            source.source,
+            baseline=baseline,
+            motor=tuple(source.motor),
+            unit=source.unit,
+            sample_time=source.sample_time,
+            delay=source.delay,
+            **settings,
+        )
 
     def _begins(self) -> str:
-        """What a person should know before the search; empty if there is nothing."""
+        """Return what a person should know before the search; empty if there is nothing."""
         bench = self.desk.needed
         if bench.loop is None:
             return _BY_RULE
-        goal, law = (self.given.get(name, FIELDS[name].default) for name in ("goal", "law"))
+        goal, law = (self.settings.get(name, FIELDS[name].default) for name in ("goal", "law"))
         declared = goals()[goal].goal
         if declared is None or not declared.returns or law is not None:
             return ""
@@ -201,46 +209,49 @@ class Goal(Room):
         return int(number)
 
     def _field(self, field: Field) -> dict[str, Any]:
-        value = self.given.get(field.name, field.default)
+        value = self.settings.get(field.name, field.default)
         shown = "" if value is None else str(value)
         if isinstance(value, float):
             shown = number(value / field.factor, 6)
         declared = field.declared.of_axis(self.desk.bench is not None and self.desk.bench.rotary)
         return {
-            "name": field.name, "label": field.flag.removeprefix("--").replace("-", " "), "meaning": declared.meaning,
-            "unit": declared.unit if field.kind is float else "", "options": list(declared.options or ()),
+            "name": field.name,
+            "label": field.flag.removeprefix("--").replace("-", " "),
+            "meaning": declared.meaning,
+            "unit": declared.unit if field.kind is float else "",
+            "options": list(declared.options or ()),
             "value": shown,
-        }  # fmt: skip
+        }
 
     def _levels(self, drawn: Mapping[str, Chart]) -> list[dict[str, Any]]:
-        """Limits that can be dragged in a picture: which field, and at which height."""
-        found = list[dict[str, Any]]()
-        peak = self.given.get(_PEAK, FIELDS[_PEAK].default)
+        """Return the limits that can be dragged in a picture: the field, and the height."""
+        levels = list[dict[str, Any]]()
+        peak = self.settings.get(_PEAK, FIELDS[_PEAK].default)
         if "sensitivity" in drawn:
             at, text = self._peak_limit(), f"Ms <= {peak:g}"
-            found.append({"field": _PEAK, "picture": "sensitivity", "at": at, "text": text})
+            levels.append({"field": _PEAK, "picture": "sensitivity", "at": at, "text": text})
         if "stiffness" in drawn:
-            stiffness = self.given.get(_SOFT)
+            stiffness = self.settings.get(_SOFT)
             at = self._least(drawn["stiffness"]) if stiffness is None else 1e-6 / stiffness
             text = "no limit of stiffness: drag it up" if stiffness is None else f"stiffness >= {at:.4g}"
-            found.append({"field": _SOFT, "picture": "stiffness", "at": at, "text": text})
-        return found
+            levels.append({"field": _SOFT, "picture": "stiffness", "at": at, "text": text})
+        return levels
 
     def _up_to_limit(self, chart: Chart) -> Chart:
-        """The sensitivity in dB with the limit in sight, by which it is dragged; not one far above all curves."""
+        """Scale the sensitivity in dB so that the limit can be seen and dragged; not one far above all curves."""
         first, *others = chart.panels
         limit = self._peak_limit()
-        top = max(float(np.nanmax(each.y)) for each in first.curves)
+        top = max(float(np.nanmax(curve.y)) for curve in first.curves)
         high = 3.0 + (max(top, limit) if limit < top + _FAR else top)
         return replace(chart, panels=(replace(first, high=high), *others))
 
     def _peak_limit(self) -> float:
         """The limit of Ms in dB."""
-        return 20.0 * float(np.log10(self.given.get(_PEAK, FIELDS[_PEAK].default)))
+        return 20.0 * float(np.log10(self.settings.get(_PEAK, FIELDS[_PEAK].default)))
 
     @staticmethod
     def _least(chart: Chart) -> float:
-        return 0.5 * min(float(np.nanmin(each.y)) for each in chart.panels[0].curves)
+        return 0.5 * min(float(np.nanmin(curve.y)) for curve in chart.panels[0].curves)
 
     def _look(self, name: str, control: Control) -> Look:
         known = self._looks.get(name)
@@ -253,8 +264,8 @@ class Goal(Room):
         bench = self.desk.needed
         controls = {_TODAY: bench.before.start, _NOW: bench.by_hand.control(self.desk.values)}
         if self.best is not None:
-            controls[_BEST if self.found is None else _FOUND] = self.best
-        drawn = charts(bench, {name: self._look(name, each) for name, each in controls.items()})
+            controls[_BEST if self.result is None else _FOUND] = self.best
+        drawn = charts(bench, {name: self._look(name, control) for name, control in controls.items()})
         if "sensitivity" in drawn:
             drawn["sensitivity"] = self._up_to_limit(drawn["sensitivity"])
         if len(self.costs) > 1:
@@ -264,7 +275,7 @@ class Goal(Room):
         return {name: drawn[name] for name in ("sensitivity", "stiffness", "open_loop", "search") if name in drawn}
 
     def _result(self) -> dict[str, Any]:
-        if self.found is None:
+        if self.result is None:
             none = {"said": [], "tables": [], "verdict": "", "failure": "", "bad": False}
             return {**none, "unfinished": self.best is not None}
-        return {**words_of(self.found), "unfinished": False}
+        return {**words_of(self.result), "unfinished": False}

@@ -21,7 +21,7 @@ _RULE = "the control that was tuned on the page"
 
 
 class Prove(Room):
-    """What is proven of the control of now, and what it does on the machine."""
+    """The room for proofs of the current control and for simulations on the machine."""
 
     name = "prove"
 
@@ -30,19 +30,21 @@ class Prove(Room):
         self.begin()
 
     def begin(self) -> None:
-        """Forget what was shown of another axis."""
+        """Forget the results of another axis."""
         self.shown: dict[str, tuple[Held, Shown]] = {}
         self.circles: tuple[tuple[Held, Shown], ...] = ()  # that of another control before, and the latest
 
     def show(self) -> Said:
-        """What can be proven, and what came out."""
+        """Show the available proofs and the results."""
         bench = self.desk.bench
         axes = [] if bench is None or bench.machine is None else list(bench.machine.loops)
         programs = [*_bundled(), *self.desk.programs]
         words = {
-            "ready": bool(axes), "axes": axes, "programs": programs,
-            "shown": {name: self.desk.said_of(held, each.words) for name, (held, each) in self.shown.items()},
-        }  # fmt: skip
+            "ready": bool(axes),
+            "axes": axes,
+            "programs": programs,
+            "shown": {name: self.desk.said_of(held, result.words) for name, (held, result) in self.shown.items()},
+        }
         charts = {f"{name}.{key}": chart for name, (_, of) in self.shown.items() for key, chart in of.charts.items()}
         return Said(words, charts)
 
@@ -54,15 +56,15 @@ class Prove(Room):
         request = CertifyRequest(self.desk.machine_path(), axis=bench.axis, out=self.desk.folder / "certificate")
         held = self.desk.held()
 
-        def then(found: Shown) -> None:
+        def then(shown: Shown) -> None:
             self.desk.did("certify", request, held.control)
-            self._put("certificate", held, found)
+            self._put("certificate", held, shown)
 
         self.desk.start(self.name, "certify", partial(certified, request), then)
 
     @act
     def circle(self, asked: Asked) -> None:
-        """The circle test on the simulated machine, with the axes that are named."""
+        """Run the circle test on the simulated machine, with the named axes."""
         machine = self.desk.needed.machine
         if machine is None or len(machine.loops) < 2:
             raise ParameterError("a circle needs a machine with two axes, and this one has fewer")
@@ -71,18 +73,18 @@ class Prove(Room):
         request = CircleRequest((Path(self.desk.machine_path()),), x=x, y=y, out=out)
         held = self.desk.held()
 
-        def then(found: Shown) -> None:
+        def then(shown: Shown) -> None:
             self.desk.did("circle", request, held.control)
-            alike = [each for each in self.circles if not each[0].same(held) and _alike(each[1], found)]
-            self.circles = (*alike[-1:], (held, found))
+            alike = [circle for circle in self.circles if not circle[0].same(held) and _alike(circle[1], shown)]
+            self.circles = (*alike[-1:], (held, shown))
             before = None if len(self.circles) < 2 else self.circles[0][1].result
-            self._put("circle", held, circle_shown(found, before))
+            self._put("circle", held, circle_shown(shown, before))
 
         self.desk.start(self.name, "circle test", partial(circled, request), then)
 
     @act
     def program(self, asked: Asked) -> None:
-        """A part program on the machine: one that was brought, or a bundled one."""
+        """Run a part program on the machine: an uploaded or a bundled one."""
         bench = self.desk.needed
         bench.needed_loop()
         name = asked.choice("name", [*_bundled(), *self.desk.programs])
@@ -90,30 +92,37 @@ class Prove(Room):
         source = self.desk.programs.get(name) or BUNDLED / "programs" / name
         part = self.desk.keep(Path(name).name, source.read_bytes(), _PROGRAM)
         machine = quoted(whole(self.desk.machine_path()))
-        text = [f"title = {quoted(f'{name} on {bench.title}')}", f"machine = {machine}",
-                f"axis = {quoted(bench.axis)}", f"rule = {quoted(_RULE)}", "", "[program]",
-                f"file = {quoted(part.name)}", ""]  # fmt: skip
+        text = [
+            f"title = {quoted(f'{name} on {bench.title}')}",
+            f"machine = {machine}",
+            f"axis = {quoted(bench.axis)}",
+            f"rule = {quoted(_RULE)}",
+            "",
+            "[program]",
+            f"file = {quoted(part.name)}",
+            "",
+        ]
         job = self.desk.keep("job.toml", "\n".join(text).encode(), f"the job of {part.name}, which stands beside it")
         request = RunRequest(str(job), out=free_name(self.desk.folder, "run"))
         held = self.desk.held()
 
-        def then(found: Shown) -> None:
+        def then(shown: Shown) -> None:
             self.desk.did("run", request, held.control)
-            self._put("program", held, found)
+            self._put("program", held, shown)
 
         self.desk.start(self.name, f"run {name}", partial(program_run, request), then)
 
-    def _put(self, name: str, held: Held, found: Shown) -> None:
-        """What was shown last stands behind what was shown before."""
+    def _put(self, name: str, held: Held, result: Shown) -> None:
+        """Store a result behind the earlier ones."""
         self.shown.pop(name, None)
-        self.shown[name] = held, found
+        self.shown[name] = held, result
 
 
 def _alike(one: Shown, other: Shown) -> bool:
-    """Whether two circle tests have the same radius and plane, so that one may be drawn over the other."""
+    """True if two circle tests have the same radius and plane, so that one may be drawn over the other."""
     first, second = one.result, other.result
     return first.radius == second.radius and first.circles[0].axes == second.circles[0].axes
 
 
 def _bundled() -> list[str]:
-    return sorted(each.name for each in (BUNDLED / "programs").glob("*.ngc"))
+    return sorted(path.name for path in (BUNDLED / "programs").glob("*.ngc"))

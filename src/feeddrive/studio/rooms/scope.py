@@ -27,7 +27,7 @@ from feeddrive.studio.room import Asked, Room, Said, act
 from feeddrive.workflow.follow import FollowRequest, between, window_log
 from feeddrive.workflow.request import Field, fields_of
 
-_FIELDS: Mapping[str, Field] = {each.name: each for each in fields_of(FollowRequest)}
+_FIELDS: Mapping[str, Field] = {field.name: field for field in fields_of(FollowRequest)}
 _SHOWN = ("window", "before", "level", "edge", "hysteresis", "hold", "sample_time", "time_unit")
 _OF_CHANNEL = ("level", "hysteresis")  # in the unit in which the channel of the trigger is shown
 _OF_CLOCK = ("sample_time", "time_unit")
@@ -41,7 +41,7 @@ _UNITS = ("nm", "um", "mm", "m", "um/s", "mm/s", "m/s", "m/min", "mm/s2", "m/s2"
 
 
 class Scope(Room):
-    """A source that is followed, and how it is looked at."""
+    """The oscilloscope: a source that is followed, and the view of it."""
 
     name = "scope"
 
@@ -50,7 +50,7 @@ class Scope(Room):
         self.scope = Oscilloscope()
         self.following: Following | None = None
         self.chosen = ""  # the source
-        self.given: dict[str, Any] = {}  # what was set, in SI or the unit of the source
+        self.settings: dict[str, Any] = {}  # what was set, in SI or the unit of the source
         self.mode = "auto"
         self.trigger = ""  # its channel
         self.drawn: dict[str, bool] = {}  # channels that are shown or not, as a person chose
@@ -64,92 +64,98 @@ class Scope(Room):
         desk.closing.append(self._stop)
 
     def show(self) -> Said:
-        """What may be followed, the settings, the channels, and the window of now."""
+        """Show the sources, the settings, the channels, and the current window."""
         frame = self._frame()
         channels = self._units()
         return Said(
             {
-                **frame.words, "live": False,
-                "sources": [{"name": name, "kind": each.kind} for name, each in self.desk.live.offered().items()],
-                "hint": self.desk.live.hint, "chosen": self.chosen, "fields": [self._field(name) for name in _SHOWN],
-                "mode": self.mode, "modes": dict(MODES), "trigger": self.trigger, "saved": self.saved,
+                **frame.words,
+                "live": False,
+                "sources": [{"name": name, "kind": source.kind} for name, source in self.desk.live.offered().items()],
+                "hint": self.desk.live.hint,
+                "chosen": self.chosen,
+                "fields": [self._field(name) for name in _SHOWN],
+                "mode": self.mode,
+                "modes": dict(MODES),
+                "trigger": self.trigger,
+                "saved": self.saved,
                 "channels": [self._channel(name) for name in channels],
             },
             frame.charts,
-        )  # fmt: skip
+        )
 
     @act
     def frame(self, _: Asked) -> Said:
-        """The window of now, and what the cursors read: as often as the page can draw."""
+        """Return the current window and the readings of the cursors; requested as often as the page can draw."""
         return self._frame()
 
     @act
     def follow(self, asked: Asked) -> None:
         """Follow a source."""
         name = asked.text("name")
-        request = self._request(self.given)
+        request = self._request(self.settings)
         source = self.desk.live.open(name, request.sample_time, request.time_unit)
         self._stop()
         if name != self.chosen:
             self.trigger, self.drawn, self.stated, self.in_unit = "", {}, {}, {}
             dropped = _OF_CHANNEL if self._counted == "s" else (*_OF_CHANNEL, *_OF_WINDOW)
-            self.given = {key: value for key, value in self.given.items() if key not in dropped}
+            self.settings = {key: value for key, value in self.settings.items() if key not in dropped}
             self.cursors, self._counted = None, "s"
         self.chosen, self.held, self._ranges = name, None, Ranges()
-        request = self._request(self.given)
+        request = self._request(self.settings)
         self.scope = Oscilloscope(request.window, request.before, self.mode, request.trigger())
         self.following = Following(source, self.scope, self.desk.watched)
 
     @act
     def stop(self, _: Asked) -> None:
-        """Let the source go; what was recorded stays."""
+        """Release the source; what was recorded stays."""
         self._stop()
 
     @act
     def set(self, asked: Asked) -> None:
-        """A field, as a person writes it; empty: its usual value."""
+        """Set a field from the text that a person typed; empty: the default value."""
         name = asked.choice("field", _SHOWN)
         text = asked.text("value").strip()
         another = name in _OF_CLOCK and self._counted != "s"
         dropped = (name, *_OF_WINDOW) if another else (name,)
-        given = {key: value for key, value in self.given.items() if key not in dropped}
+        settings = {key: value for key, value in self.settings.items() if key not in dropped}
         if text:
-            given[name] = self._read(_FIELDS[name], text)
-        self._apply(given, self.mode)
+            settings[name] = self._read(_FIELDS[name], text)
+        self._apply(settings, self.mode)
         self._counted = "s" if another else self._counted
         if name in _OF_CLOCK and self.following is not None:
             self.follow(Asked({"name": self.chosen}))
 
     @act
     def look(self, asked: Asked) -> None:
-        """The mode, and the channel of the trigger; empty: none."""
+        """Set the mode, and the channel of the trigger; empty: none."""
         mode, channel = asked.choice("mode", MODES), asked.text("channel")
         known = self._units()
         if channel and channel not in known:
             raise ParameterError(f"there is no channel {channel!r:.60}{nearest(channel, known)}")
-        given = dict(self.given)
+        settings = dict(self.settings)
         if channel != self.trigger:
-            given = {key: value for key, value in given.items() if key not in _OF_CHANNEL}
+            settings = {key: value for key, value in settings.items() if key not in _OF_CHANNEL}
             if channel and (middle := self._middle(channel)) is not None:
-                given["level"] = middle
+                settings["level"] = middle
         self.trigger = channel
-        self._apply(given, mode)
+        self._apply(settings, mode)
 
     @act
     def arm(self, _: Asked) -> None:
-        """Look for the trigger from now on."""
+        """Arm the trigger."""
         self.held = None
-        self._apply(self.given, self.mode)
+        self._apply(self.settings, self.mode)
 
     @act
     def hold(self, asked: Asked) -> None:
-        """Let the picture stand while recording goes on, or let it go on."""
+        """Freeze the picture while recording continues, or release it."""
         with self._lock():
             self.held = self.scope.shown() if asked.yes("on") else None
 
     @act
     def channel(self, asked: Asked) -> None:
-        """Show a channel or not; state its unit if the source does not; choose the unit in which it is shown."""
+        """Show or hide a channel; set its unit if the source states none; choose the displayed unit."""
         name, known = asked.text("name"), self._units()
         if name not in known:
             raise ParameterError(f"there is no channel {name!r:.60}{nearest(name, known)}")
@@ -171,7 +177,7 @@ class Scope(Room):
 
     @act
     def move(self, asked: Asked) -> Said:
-        """Put a cursor at a time of the picture; without a time both are taken away."""
+        """Set a cursor to a time of the picture; without a time remove both."""
         place = asked.number_or_none("x")
         if place is None:
             self.cursors = None
@@ -188,7 +194,7 @@ class Scope(Room):
 
     @act
     def save(self, asked: Asked) -> Said:
-        """Keep the window, or what lies between the cursors, as a log among the files that were brought."""
+        """Save the window, or the part between the cursors, as a log among the uploaded files."""
         shown = self._shown()
         if shown is not None and shown.triggered and not shown.whole:
             shown = self.scope.caught  # that before the one that fills
@@ -200,8 +206,8 @@ class Scope(Room):
                 raise ParameterError("set both cursors first: what lies between them is kept")
             shown = between(shown, *self.cursors)
         folder = self.desk.folder / "brought"
-        taken = {*self.desk.files, *(each.name for each in folder.glob("*"))}  # an upload may have such a name
-        name = next(each for i in count(1) if (each := f"scope_{i}.parquet") not in taken)
+        taken = {*self.desk.files, *(path.name for path in folder.glob("*"))}  # an upload may have such a name
+        name = next(candidate for i in count(1) if (candidate := f"scope_{i}.parquet") not in taken)
         log = window_log(f"{Path(self.chosen).stem}, scope", shown, self.stated, self._drawn(shown.channels))
         folder.mkdir(parents=True, exist_ok=True)
         write_log(folder / name, log)
@@ -218,35 +224,35 @@ class Scope(Room):
         if self.following is not None:
             self.following.stop()
 
-    def _request(self, given: Mapping[str, Any]) -> FollowRequest:
-        return FollowRequest(Path("x"), channel=self.trigger or None, **given)
+    def _request(self, settings: Mapping[str, Any]) -> FollowRequest:
+        return FollowRequest(Path("x"), channel=self.trigger or None, **settings)
 
-    def _apply(self, given: Mapping[str, Any], mode: str) -> None:
+    def _apply(self, settings: Mapping[str, Any], mode: str) -> None:
         with self._lock():
-            self._set(given, mode)
+            self._set(settings, mode)
 
-    def _set(self, given: Mapping[str, Any], mode: str) -> None:
-        request = self._request(given)
+    def _set(self, settings: Mapping[str, Any], mode: str) -> None:
+        request = self._request(settings)
         self.scope.set(request.window, request.before, mode, request.trigger())
-        self.given, self.mode = dict(given), mode
+        self.settings, self.mode = dict(settings), mode
 
     def _fit_clock(self) -> None:
-        """Drop a window that was set for another clock; one that nobody set has `_SAMPLES` without a clock."""
+        """Drop a window that was set for another clock; without a user's setting it has `_SAMPLES` samples."""
         clock, channels = self.scope.clock, self.scope.channels
         if not channels:
             return
         dropped = () if clock == self._counted else _OF_WINDOW
-        given = {key: value for key, value in self.given.items() if key not in dropped}
+        settings = {key: value for key, value in self.settings.items() if key not in dropped}
         if clock != "s":
-            given.setdefault("window", _SAMPLES)
+            settings.setdefault("window", _SAMPLES)
         self._counted = clock
-        if given != self.given:
+        if settings != self.settings:
             if self.trigger not in channels:
                 self.trigger = ""
-            self._set(given, self.mode)
+            self._set(settings, self.mode)
 
     def _units(self, of: Mapping[str, str] | None = None) -> dict[str, str]:
-        """Of all channels, of now or of a window: as the source states them, or as a person did."""
+        """Return the units of the current channels, or of those of a window, as the source or a person states them."""
         of = self.scope.channels if of is None else of
         return {name: unit or self.stated.get(name, "") for name, unit in of.items()}
 
@@ -255,7 +261,7 @@ class Scope(Room):
         return [name for k, name in enumerate(of) if self.drawn.get(name, k < _FEW)]
 
     def _factor(self, name: str, of: Mapping[str, str] | None = None) -> tuple[str, float]:
-        """The unit in which a channel is shown, and the factor to it from that of the source."""
+        """Return the displayed unit of a channel, and the factor to it from the unit of the source."""
         unit = self._units(of).get(name, "")
         chosen = self.in_unit.get(name)
         if not chosen or chosen not in _choices(unit):  # it may be of a channel of the same name before
@@ -274,7 +280,7 @@ class Scope(Room):
         return units.scaled(number, factor)
 
     def _middle(self, channel: str) -> float | None:
-        """Halfway between the least and the largest value of what is shown: a level that is met."""
+        """Return the middle between least and largest value in view: a level that the signal crosses."""
         shown = self._shown()
         if shown is None or shown.channels.get(channel) != self.scope.channels[channel]:
             return None
@@ -295,30 +301,34 @@ class Scope(Room):
             shown = self.scope.shown() if self.held is None else self.held
             look, channels = self._looking(shown), dict(self.scope.channels)
         words: dict[str, Any] = {
-            "live": True, "following": following is not None and following.going,
+            "live": True,
+            "following": following is not None and following.going,
             "state": "" if following is None else following.state(),
             "failed": following is not None and bool(following.failed),
             "rate": 0.0 if following is None else following.rate,
-            "held": self.held is not None, "of": [f"{name} {unit}" for name, unit in channels.items()], "look": look,
-            "readout": [], "cursors": None,
-        }  # fmt: skip
+            "held": self.held is not None,
+            "of": [f"{name} {unit}" for name, unit in channels.items()],
+            "look": look,
+            "readout": [],
+            "cursors": None,
+        }
         of = {} if shown is None else shown.channels
         drawn = [Channel(name, [*of].index(name), *self._factor(name, of)) for name in self._drawn(of)]
         if shown is None or not drawn:
             return Said(words)
         clock = shown.clock
         read = None if self.cursors is None else readout(shown, *self.cursors)
-        level = (self.trigger, self.given.get("level", 0.0)) if self.trigger else None
+        level = (self.trigger, self.settings.get("level", 0.0)) if self.trigger else None
         chart, self._ranges = scope_chart(shown, drawn, clock, level=level, cursors=read, before=self._ranges)
         if read is not None:
             words["cursors"] = [read.a, read.b]
-            words["readout"] = _said(read, drawn, clock)
+            words["readout"] = _readout_rows(read, drawn, clock)
         words["span"] = [shown.start, shown.end]
         charts: dict[str, Chart] = {"scope": chart}
         return Said(words, charts)
 
     def _looking(self, shown: Shown | None) -> str:
-        """What the trigger does, as a sentence."""
+        """Return the state of the trigger as a sentence."""
         waits, count = self.scope.waits, self.scope.count
         if self.held is not None:
             return "paused: the picture stands, recording goes on"
@@ -352,43 +362,50 @@ class Scope(Room):
             unit = self.scope.clock
         if name in _OF_CHANNEL:
             unit, factor = self._factor(self.trigger) if self.trigger else ("", 1.0)
-        value = self.given.get(name, field.default)
+        value = self.settings.get(name, field.default)
         text = "" if value is None else number(factor * value, 6) if isinstance(value, float) else str(value)
         return {
-            "name": name, "label": name.replace("_", " "), "meaning": field.declared.meaning,
-            "unit": written(unit) if field.kind is float else "", "options": list(field.declared.options or ()),
+            "name": name,
+            "label": name.replace("_", " "),
+            "meaning": field.declared.meaning,
+            "unit": written(unit) if field.kind is float else "",
+            "options": list(field.declared.options or ()),
             "value": text,
-        }  # fmt: skip
+        }
 
     def _channel(self, name: str) -> dict[str, Any]:
         known = self.scope.channels.get(name, "")
         unit = known or self.stated.get(name, "")
         return {
-            "name": name, "shown": name in self._drawn(), "states": bool(known), "unit": unit,
-            "in_unit": self._factor(name)[0], "units": _choices(unit),
-        }  # fmt: skip
+            "name": name,
+            "shown": name in self._drawn(),
+            "states": bool(known),
+            "unit": unit,
+            "in_unit": self._factor(name)[0],
+            "units": _choices(unit),
+        }
 
 
 def _choices(unit: str) -> list[str]:
-    """Usual units of the same dimension, and the unit itself."""
+    """Return usual units of the same dimension, and the unit itself."""
     if not unit:
         return []
-    found = []
-    for each in _UNITS:
+    same_dimension = []
+    for candidate in _UNITS:
         try:
-            units.factor(unit, each)
+            units.factor(unit, candidate)
         except ParameterError:
             continue
-        found.append(each)
-    return found if unit in found else [unit, *found]
+        same_dimension.append(candidate)
+    return same_dimension if unit in same_dimension else [unit, *same_dimension]
 
 
-def _said(read: Readout, drawn: list[Channel], clock: str) -> list[list[str]]:
-    """Rows of the table of the cursors: time, then each channel, at 1, at 2, and their difference."""
+def _readout_rows(read: Readout, drawn: list[Channel], clock: str) -> list[list[str]]:
+    """Return the rows of the cursor table: time, then each channel, at 1, at 2, and their difference."""
     rate = "" if read.step == 0.0 else f"; 1/Δt {number(abs(read.rate), 6)} {'Hz' if clock == 's' else 'per sample'}"
     rows = [[f"time ({clock})", number(read.a, 6), number(read.b, 6), f"{number(read.step, 6)}{rate}"]]
-    for each in drawn:
-        values = [each.factor * float(row[each.place]) for row in (read.at_a, read.at_b, read.rise)]
-        head = f"{each.name} ({written(each.unit)})" if each.unit else each.name
+    for channel in drawn:
+        values = [channel.factor * float(row[channel.place]) for row in (read.at_a, read.at_b, read.rise)]
+        head = f"{channel.name} ({written(channel.unit)})" if channel.unit else channel.name
         rows.append([head, *(number(value, 6) if math.isfinite(value) else "nothing" for value in values)])
     return rows

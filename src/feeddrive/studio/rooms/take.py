@@ -27,7 +27,7 @@ _BOUNDS = ("following_error_limit", "velocity_limit", "travel_least", "travel_mo
 
 
 class Take(Room):
-    """Files of what was tuned and proven."""
+    """The room for export: files of what was tuned and proven."""
 
     name = "take"
 
@@ -41,37 +41,41 @@ class Take(Room):
         self.verified: dict[str, dict[str, Any]] = {}
 
     def show(self) -> Said:
-        """What can be taken, and the recipe."""
+        """Show the available exports and the recipe."""
         bench = self.desk.bench
-        found = recipe_of(self.desk)
+        recipe = recipe_of(self.desk)
         words = {
-            "ready": bench is not None and bench.machine is not None, "targets": list(TARGETS),
-            "results": [{"name": name, "said": said} for name, said in self.desk.results().items()],
-            "exports": {name: self.desk.said_of(held, each.words) for name, (held, each) in self.exports.items()},
+            "ready": bench is not None and bench.machine is not None,
+            "targets": list(TARGETS),
+            "results": [{"name": name, "said": remark} for name, remark in self.desk.results().items()],
+            "exports": {name: self.desk.said_of(held, shown.words) for name, (held, shown) in self.exports.items()},
             "verified": self.verified,
             "bounds": self._bounds(),
-            "commands": found.commands, "python": found.python, "job_file": found.job,
-        }  # fmt: skip
+            "commands": recipe.commands,
+            "python": recipe.python,
+            "job_file": recipe.job,
+        }
         return Said(words)
 
     @act
     def machine(self, _: Asked) -> Said:
-        """The machine file with the control of now."""
+        """Export the machine file with the current control."""
         return self._give(self.desk.write_machine())
 
     @act
     def result(self, asked: Asked) -> Said:
-        """The directory of something that was done, packed: its report is inside."""
+        """Export the directory of a result, packed, with its report."""
         return self._give(packed(self.desk.folder / asked.choice("name", self.desk.results())))
 
     @act
     def recipe(self, asked: Asked) -> Said:
-        """Commands, Python or job as a file."""
-        found = recipe_of(self.desk)
+        """Export commands, Python or job as a file."""
+        steps = recipe_of(self.desk)
         texts = {
-            "commands": ("commands.sh", found.commands), "python": ("recipe.py", found.python),
-            "job": ("before_and_after.toml", found.job),
-        }  # fmt: skip
+            "commands": ("commands.sh", steps.commands),
+            "python": ("recipe.py", steps.python),
+            "job": ("before_and_after.toml", steps.job),
+        }
         name, text = texts[asked.choice("kind", texts)]
         if not text:
             raise ParameterError("a job needs a machine: measured responses alone move no axis")
@@ -81,49 +85,49 @@ class Take(Room):
 
     @act
     def guard(self, asked: Asked) -> None:
-        """Bounds beyond which the loop trips, as a person writes them into the fields of `_bounds`."""
+        """Set the bounds beyond which the loop trips, from the texts typed into the fields of `_bounds`."""
         bench = self.desk.needed
         bench.needed_loop()
         self.desk.check_free()
-        found = dict[str, float]()
-        for each in self._bounds():
-            value = asked.number_or_none(each["name"])
+        bounds = dict[str, float]()
+        for bound in self._bounds():
+            value = asked.number_or_none(bound["name"])
             if value is not None:
-                found[each["name"]] = value * each["factor"]
-        if not found.keys() - {"safe_force"}:
+                bounds[bound["name"]] = value * bound["factor"]
+        if not bounds.keys() - {"safe_force"}:
             raise ParameterError("a guard needs a bound: give the largest following error or the largest velocity")
-        said = ",".join(f"{name}={value!r}" for name, value in found.items())
+        text = ",".join(f"{name}={value!r}" for name, value in bounds.items())
         path = free_name(self.desk.folder, "guarded.toml")
-        request = AdjustRequest(self.desk.machine_path(), guard=said, axis=bench.axis, out=path)
-        made = perform("adjust", request, Progress()).result
+        request = AdjustRequest(self.desk.machine_path(), guard=text, axis=bench.axis, out=path)
+        result = perform("adjust", request, Progress()).result
         self.desk.did("adjust", request)
-        self.desk.exchange(made.loop(bench.axis).control, path)
+        self.desk.exchange(result.loop(bench.axis).control, path)
 
     def _bounds(self) -> list[dict[str, Any]]:
-        """Fields of a guard, for a control that has none: every export but that of parameters needs one."""
+        """Return the fields of a guard, for a control that has none: every export but that of parameters needs one."""
         bench = self.desk.bench
         if bench is None or bench.loop is None or self.desk.control.guard is not None:
             return []
-        found = list[dict[str, Any]]()
+        rows = list[dict[str, Any]]()
         for name in _BOUNDS:
             declared = declarations(Guard)[name].of_axis(bench.rotary)
             unit = "mm" if declared.unit == "m" else declared.unit
             factor = units.factor(unit, declared.unit) if unit != declared.unit else 1.0
-            found.append({"name": name, "meaning": declared.meaning, "unit": unit, "factor": factor})
-        return found
+            rows.append({"name": name, "meaning": declared.meaning, "unit": unit, "factor": factor})
+        return rows
 
     @act
     def export(self, asked: Asked) -> None:
-        """The control of now for a target."""
+        """Export the current control for a target."""
         bench, target = self.desk.needed, asked.choice("target", TARGETS)
         bench.needed_loop()
         out = self.desk.folder / f"export_{target}"
         request = ExportRequest(self.desk.machine_path(), target=target, axis=bench.axis, out=out)
         held = self.desk.held()
 
-        def then(found: Shown) -> None:
+        def then(shown: Shown) -> None:
             self.desk.did("export", request)
-            self.exports[target] = held, found
+            self.exports[target] = held, shown
             self.verified.pop(target, None)
 
         self.desk.start(self.name, f"export for {target}", partial(exported, request), then)

@@ -118,7 +118,7 @@ STEPS = (
 
 
 class Tour(Room):
-    """Where the tour is. It has no tab: its panel stands above all rooms."""
+    """The guided tour. It has no tab: its panel stands above all rooms."""
 
     name = "tour"
 
@@ -129,18 +129,24 @@ class Tour(Room):
 
     @property
     def words(self) -> dict[str, Any] | None:
-        """The step, for the page; None without a tour."""
+        """Return the step for the page; None without a tour."""
         self._follow()
         if self.at is None:
             return None
         step = STEPS[self.at]
         return {
-            "label": TITLE, "number": self.at + 1, "of": len(STEPS), "title": step.title, "text": step.text,
-            "room": step.room, "marked": step.marked, "next": "Next" if self.at + 1 < len(STEPS) else "End",
-        }  # fmt: skip
+            "label": TITLE,
+            "number": self.at + 1,
+            "of": len(STEPS),
+            "title": step.title,
+            "text": step.text,
+            "room": step.room,
+            "marked": step.marked,
+            "next": "Next" if self.at + 1 < len(STEPS) else "End",
+        }
 
     def heard(self, act: str) -> None:
-        """An act of the page was done: begin with the first step, or end a step."""
+        """Handle an action of the page: start the tour, or complete a step."""
         if act == "bring.tour":
             self._go(0)
         elif self.at is not None and STEPS[self.at].act == act:
@@ -148,23 +154,23 @@ class Tour(Room):
 
     @act
     def next(self, _: Asked) -> None:
-        """One step on, also where what it asks for was not done; after the last one the tour ends."""
+        """Go to the next step, even if the present one was not done; after the last one the tour ends."""
         if self.at is not None:
             self._go(self.at + 1)
 
     @act
     def back(self, _: Asked) -> None:
-        """One step back."""
+        """Go back one step."""
         if self.at:
             self._go(self.at - 1)
 
     @act
     def leave(self, _: Asked) -> None:
-        """End the tour; all that was done stays."""
+        """End the tour; the results stay."""
         self.at = None
 
     def show(self) -> Said:
-        """Nothing of its own: its step goes with every message."""
+        """Return an empty answer: the step is part of every message."""
         return Said()
 
     def _go(self, at: int) -> None:
@@ -172,12 +178,12 @@ class Tour(Room):
         self._before = self._done()
 
     def _done(self) -> int:
-        """How often the command of the step was done."""
+        """Count how often the command of the step was done."""
         wanted = "" if self.at is None else STEPS[self.at].command
-        return sum(1 for each in self.desk.done if each.command == wanted)
+        return sum(1 for step in self.desk.done if step.command == wanted)
 
     def _follow(self) -> None:
-        """Go on if the command of the step has come to its end."""
+        """Go to the next step if the command of the present one has finished."""
         done = self._done()
         if done > self._before and self.at is not None:
             self._go(self.at + 1)

@@ -34,7 +34,7 @@ _BESIDE = ThreadPoolExecutor(thread_name_prefix="run")  # the run is simulated w
 
 
 class _Seen(NamedTuple):
-    """A look and a run, kept until parts, numbers or limits are others."""
+    """A look and its simulations, cached until parts, numbers or limits change."""
 
     by_hand: ByHand
     values: Values
@@ -44,7 +44,7 @@ class _Seen(NamedTuple):
 
 
 class Tune(Room):
-    """The numbers of the control, moved by hand."""
+    """The room for tuning by hand: the parameters of the control."""
 
     name = "tune"
 
@@ -54,7 +54,7 @@ class Tune(Room):
         self.begin()
 
     def begin(self) -> None:
-        """Forget what was kept of the source before."""
+        """Drop the cache of the previous source."""
         self.snapshots: dict[str, Held] = {}
         self._seen: dict[str, _Seen] = {}
         self._poles = HeldPoles(self.desk)
@@ -62,7 +62,7 @@ class Tune(Room):
         self._told: ByHand | None = None  # whose numbers the page knows
 
     def show(self) -> Said:
-        """The numbers with their declarations, and the pictures."""
+        """Show the parameters with their declarations, and the pictures."""
         if self.desk.bench is None:
             return Said({"knobs": []})
         self._told = None
@@ -70,25 +70,25 @@ class Tune(Room):
 
     @act
     def see(self, asked: Asked) -> Said:
-        """The pictures that are drawn; of the others nothing is computed."""
+        """Select the pictures to draw; nothing is computed for the others."""
         wanted = asked.texts("names")
-        for each in wanted:
-            if each not in PICTURES:
-                raise ParameterError(f"there is no picture '{each:.60}': there are {', '.join(PICTURES)}")
+        for picture in wanted:
+            if picture not in PICTURES:
+                raise ParameterError(f"there is no picture '{picture:.60}': there are {', '.join(PICTURES)}")
         self.chosen = tuple(name for name in PICTURES if name in wanted)
         self._told = None
         return self._pictures()
 
     @act
     def unit(self, asked: Asked) -> Said:
-        """In which unit lengths, forces, frequencies or gains are read."""
+        """Choose the unit of lengths, forces, frequencies or gains."""
         kind = asked.choice("kind", CHOICES)
         self.units = replace(self.units, **{kind: asked.choice("unit", CHOICES[kind])})
         self._told = None
         return self._pictures()
 
     def do(self, name: str, asked: Asked) -> Said:
-        """One act; after one that fails the control of before stands again."""
+        """Run an action; if it fails, restore the previous control."""
         try:
             with self.desk.tried():
                 return super().do(name, asked)
@@ -101,7 +101,7 @@ class Tune(Room):
 
     @act
     def move(self, asked: Asked) -> Said:
-        """One number; `first` begins a drag, whose other moves are undone with it."""
+        """Set one number; `first` starts a drag, which is undone as a whole."""
         name = asked.text("name")
         if name not in self.desk.values:
             raise ParameterError(f"the control has no number '{name:.60}'")
@@ -110,36 +110,36 @@ class Tune(Room):
 
     @act
     def undo(self, _: Asked) -> Said:
-        """Back to the step before."""
+        """Undo a step."""
         self.desk.back()
         return self._pictures()
 
     @act
     def redo(self, _: Asked) -> Said:
-        """A step that was undone, again."""
+        """Redo an undone step."""
         self.desk.again()
         return self._pictures()
 
     @act
     def reset(self, _: Asked) -> Said:
-        """Today's control."""
+        """Return to today's control."""
         self.desk.take(self.desk.needed.before.start)
         return self._pictures()
 
     @act
     def add(self, asked: Asked) -> Said:
-        """One more filter: at a frequency in Hz, or where the loop is likely to want it."""
+        """Add a filter: at a frequency in Hz, or where the loop is likely to need it."""
         T, at = self._sample_time, asked.number_or_none("at")
         if at is not None and not at > 0.0:
             raise ParameterError(f"the frequency of a filter must be > 0 Hz, not {Quantity(at, 'Hz'):6}")
-        made = begun_filter(asked.choice("kind", filter_kinds()), self._now.leading.margins, T, at)
-        check_sampled(made, T)
-        self.desk.exchange(with_filters(self.desk.control, (), (made,)))
+        filter_ = begun_filter(asked.choice("kind", filter_kinds()), self._now.leading.margins, T, at)
+        check_sampled(filter_, T)
+        self.desk.exchange(with_filters(self.desk.control, (), (filter_,)))
         return self._pictures()
 
     @act
     def remove(self, asked: Asked) -> Said:
-        """A filter less, by its place in the pack."""
+        """Remove a filter, by its index."""
         place = asked.number("place")
         if place != int(place):
             raise ParameterError(f"place must be a whole number, not {place!r}")
@@ -148,7 +148,7 @@ class Tune(Room):
 
     @act
     def drag(self, asked: Asked) -> Said:
-        """A filter, by a place in the open loop: Hz and, unless only its frequency is moved, dB."""
+        """Drag a filter in the open-loop picture: to Hz and, unless only its frequency is moved, dB."""
         name, y = asked.text("name"), asked.number_or_none("y")
         y = None if y is None else self.units.to_decibel(y)
         loop = self._now.leading.margins
@@ -158,7 +158,7 @@ class Tune(Room):
 
     @act
     def step(self, asked: Asked) -> Said:
-        """The same by keys: steps across and upwards."""
+        """Move a filter by keys: steps across and upwards."""
         loop, steps = self._now.leading.margins, (asked.number("across"), asked.number("up"))
         if max(map(abs, steps)) > _STEPS:
             raise ParameterError(f"a filter is moved by at most {_STEPS} steps at once")
@@ -168,7 +168,7 @@ class Tune(Room):
 
     @act
     def pole(self, asked: Asked) -> Said:
-        """A pole, by its place in the pole map: Hz across and, unless it stays, the height in the unit shown."""
+        """Drag a pole in the pole map: Hz across and, unless it stays, the height in the unit shown."""
         _, factor = self.units.of("Hz")
         name, up = asked.text("name"), asked.number_or_none("y")
         height = self._poles.at(name).imag if up is None else 2.0 * np.pi * up / factor
@@ -178,7 +178,7 @@ class Tune(Room):
 
     @act
     def pole_step(self, asked: Asked) -> Said:
-        """The same by keys: steps across and upwards."""
+        """Move a pole by keys: steps across and upwards."""
         steps = asked.number("across"), asked.number("up")
         if max(map(abs, steps)) > _STEPS:
             raise ParameterError(f"a pole is moved by at most {_STEPS} steps at once")
@@ -188,7 +188,7 @@ class Tune(Room):
 
     @act
     def speed(self, asked: Asked) -> Said:
-        """The whole loop faster or slower, by the crossover in Hz that it would have on a free mass."""
+        """Scale the speed of the whole loop, by the crossover in Hz that it would have on a free mass."""
         wanted, first = asked.number("value"), asked.yes("first", True)
         if not wanted > 0.0:
             raise ParameterError(f"the crossover must be > 0 Hz, not {Quantity(wanted, 'Hz'):6}")
@@ -206,13 +206,13 @@ class Tune(Room):
 
     @act
     def keep(self, asked: Asked) -> Said:
-        """Keep the control of now under a letter."""
+        """Store the current control under a letter."""
         self.snapshots[asked.choice("letter", SNAPSHOTS)] = self.desk.held()
         return self._pictures()
 
     @act
     def take(self, asked: Asked) -> Said:
-        """Go to the control that was kept."""
+        """Return to a stored control."""
         letter = asked.choice("letter", SNAPSHOTS)
         if letter not in self.snapshots:
             raise ParameterError(f"nothing was kept as {letter} yet")
@@ -221,13 +221,13 @@ class Tune(Room):
 
     @act
     def drop(self, asked: Asked) -> Said:
-        """Forget what was kept."""
+        """Delete a stored control."""
         self.snapshots.pop(asked.choice("letter", SNAPSHOTS), None)
         return self._pictures()
 
     @act
     def file(self, _: Asked) -> Said:
-        """The machine file with the numbers of now."""
+        """Export the machine file with the current numbers."""
         bench = self.desk.needed
         return Said(
             {"file": bench.text(self.desk.values), "file_name": bench.machine.file.name if bench.machine else ""}
@@ -239,32 +239,44 @@ class Tune(Room):
 
     def _pictures(self) -> Said:
         bench, values = self.desk.needed, self.desk.values
-        found = {TODAY: self._look(TODAY, bench.before, bench.before.values)}
-        found |= {letter: self._look(letter, kept.bench.by_hand, kept.values)
-                  for letter, kept in sorted(self.snapshots.items())}  # fmt: skip
-        found[NOW] = self._look(NOW, bench.by_hand, values)
-        now, limits = found[NOW].look, self.desk.limits
-        looks, parts = ({name: getattr(each, what) for name, each in found.items()} for what in ("look", "parts"))
+        seen = {TODAY: self._look(TODAY, bench.before, bench.before.values)}
+        seen |= {
+            letter: self._look(letter, kept.bench.by_hand, kept.values)
+            for letter, kept in sorted(self.snapshots.items())
+        }
+        seen[NOW] = self._look(NOW, bench.by_hand, values)
+        now, limits = seen[NOW].look, self.desk.limits
+        looks, parts = ({name: getattr(entry, what) for name, entry in seen.items()} for what in ("look", "parts"))
         drawn = charts(bench, looks, parts, self.chosen, self.units)
         units = replace(self.units, rotary=bench.rotary)
         drawn = with_verdicts(drawn, now, limits, units)
         margins = now.leading.margins
-        said = {
+        answer = {
             "judged": verdict_words(now, limits, units),
             "figures": figure_words(now, units),
             "grips": self._grips(margins),
-            "speed": margins.crossover, "remarks": bench.remarks, "places": len(bench.by_hand.points),
-            "leading": now.leading.point, "stable": now.stable, "values": values,
-            "undo": len(self.desk.undo), "redo": len(self.desk.redo),
+            "speed": margins.crossover,
+            "remarks": bench.remarks,
+            "places": len(bench.by_hand.points),
+            "leading": now.leading.point,
+            "stable": now.stable,
+            "values": values,
+            "undo": len(self.desk.undo),
+            "redo": len(self.desk.redo),
             "kept": sorted(self.snapshots),
-        }  # fmt: skip
+        }
         if "poles" in drawn:
-            said |= dict(zip(("poles", "poles_said"), self._poles.shown(self.units), strict=True))
+            answer |= dict(zip(("poles", "poles_said"), self._poles.shown(self.units), strict=True))
         if self._told is not bench.by_hand:
-            said |= {"knobs": self._knobs(), "kinds": filter_kinds(), "faster": self._faster(),
-                     "pictures": choices(bench, self.chosen), "units": self._units()}  # fmt: skip
+            answer |= {
+                "knobs": self._knobs(),
+                "kinds": filter_kinds(),
+                "faster": self._faster(),
+                "pictures": choices(bench, self.chosen),
+                "units": self._units(),
+            }
             self._told = bench.by_hand
-        return Said(said, drawn)
+        return Said(answer, drawn)
 
     def _look(self, name: str, by_hand: ByHand, values: Values) -> _Seen:
         known, limits = self._seen.get(name), self.desk.limits
@@ -278,25 +290,28 @@ class Tune(Room):
         return known
 
     def _grips(self, loop: Margins) -> list[dict[str, Any]]:
-        """Where filters are held: Hz, and a height in the picture."""
-        found = filter_grips(self.desk.control, loop, self._sample_time)
-        return [{**asdict(each), "y": float(self.units.from_decibel(each.y))} for each in found]
+        """Return the handles of filters: Hz, and a height in the picture."""
+        grips = filter_grips(self.desk.control, loop, self._sample_time)
+        return [{**asdict(grip), "y": float(self.units.from_decibel(grip.y))} for grip in grips]
 
     def _units(self) -> list[dict[str, Any]]:
-        """For each kind of quantity the units that a person can choose."""
+        """Return, for each kind of quantity, the units that a person can choose."""
         rotary = self.desk.needed.rotary
         return [
-            {"kind": kind, "chosen": getattr(self.units, kind),
-             "among": [[each, turning(each) if rotary else each] for each in among]}
+            {
+                "kind": kind,
+                "chosen": getattr(self.units, kind),
+                "among": [[unit, turning(unit) if rotary else unit] for unit in among],
+            }
             for kind, among in CHOICES.items()
-        ]  # fmt: skip
+        ]
 
     @property
     def _sample_time(self) -> float:
         return self.desk.needed.by_hand.points[0].sample_time
 
     def _faster(self) -> dict[str, Any]:
-        """The slider of the loop as a whole: its range in Hz of the crossover, and what it moves."""
+        """Return the slider of the whole loop: its range in Hz of the crossover, and the parameters that it scales."""
         today = self.desk.needed.before
         names = list(speed_powers(self.desk.control))
         crossover = self._look(TODAY, today, today.values).look.leading.margins.crossover
@@ -308,16 +323,25 @@ class Tune(Room):
         return {"low": crossover / _REACH, "high": crossover * _REACH, "meaning": meaning}
 
     def _knobs(self) -> list[dict[str, Any]]:
-        """What the page shows of each number, in the units that people read."""
-        bench, found = self.desk.needed, list[dict[str, Any]]()
+        """Return the page's data of each parameter, in usual units."""
+        bench, rows = self.desk.needed, list[dict[str, Any]]()
         units = replace(self.units, rotary=bench.rotary)
-        for each in bench.by_hand.knobs:
-            declared = each.declared.of_axis(bench.rotary)
-            unit, factor = units.of(each.declared.unit)
-            dragged = each.declared.unit == "Hz" and each.name.startswith("filters.")
-            found.append({
-                "name": each.name, "block": each.block, "unit": unit, "factor": factor, "low": each.low,
-                "high": each.high, "logarithmic": each.logarithmic, "meaning": declared.meaning, "today": each.value,
-                "dragged": dragged,
-            })  # fmt: skip
-        return found
+        for knob in bench.by_hand.knobs:
+            declared = knob.declared.of_axis(bench.rotary)
+            unit, factor = units.of(knob.declared.unit)
+            dragged = knob.declared.unit == "Hz" and knob.name.startswith("filters.")
+            rows.append(
+                {
+                    "name": knob.name,
+                    "block": knob.block,
+                    "unit": unit,
+                    "factor": factor,
+                    "low": knob.low,
+                    "high": knob.high,
+                    "logarithmic": knob.logarithmic,
+                    "meaning": declared.meaning,
+                    "today": knob.value,
+                    "dragged": dragged,
+                }
+            )
+        return rows

@@ -22,7 +22,7 @@ from feeddrive.loop.loop import Loop
 
 
 class DriveQuantity(NamedTuple):
-    """A kind of number of a drive: its unit at the table, at the motor's shaft, and the power of r between the two.
+    """A quantity of a drive: its unit at the table, its unit at the motor's shaft, and the power of r between them.
 
     With r = gear · 2π / lead in rad/m, value at the shaft = value at the table · r^power.
     """
@@ -55,7 +55,7 @@ QUANTITIES: Mapping[str, DriveQuantity] = {
 
 @dataclass(frozen=True)
 class DriveTrain:
-    """Between motor and table: a screw with a gear, or a linear motor, whose lead is None."""
+    """The drive train between motor and table: a screw with a gear, or a linear motor, whose lead is None."""
 
     lead: float | None  # m
     gear: float = 1.0
@@ -63,18 +63,18 @@ class DriveTrain:
 
     @property
     def rotary(self) -> bool:
-        """Whether the motor turns."""
+        """True if the motor turns."""
         return self.lead is not None
 
     @property
     def radians_per_metre(self) -> float:
-        """r = gear · 2π / lead in rad/m of the motor's shaft; 1 for a linear motor."""
+        """The ratio r = gear · 2π / lead in rad/m of the motor's shaft; 1 for a linear motor."""
         return 1.0 if self.lead is None else float(self.gear * radians_per_metre(self.lead))
 
 
 @dataclass(frozen=True)
 class Cascade:
-    """The design: its loop, the law, and its quantities in SI, seen at the table; None where it has none."""
+    """A P-PI design: its loop, the law, and its quantities in SI at the table; None where it has none."""
 
     loop: Loop
     law: CascadePPI
@@ -82,7 +82,7 @@ class Cascade:
 
 
 def read_cascade(loop: Loop) -> Cascade:
-    """The P-PI design of a loop. Raises StructureError if the law is not a `cascade_ppi`."""
+    """Return the P-PI design of a loop. Raises StructureError if the law is not a `cascade_ppi`."""
     law = loop.control.law
     if not isinstance(law, CascadePPI):
         raise StructureError(
@@ -116,7 +116,7 @@ def read_cascade(loop: Loop) -> Cascade:
 
 
 def at_shaft(cascade: Cascade, train: DriveTrain, quantity: str, unit: str) -> float | None:
-    """A quantity in a unit that `language.units` knows, at the shaft if the motor turns; None if there is none."""
+    """Return a quantity in a unit of `language.units`, at the shaft if the motor turns; None if there is none."""
     own = {"lead": train.lead, "gear": train.gear if train.rotary else None}
     value = own[quantity] if quantity in own else cascade.values[quantity]
     if value is None:
@@ -128,7 +128,7 @@ def at_shaft(cascade: Cascade, train: DriveTrain, quantity: str, unit: str) -> f
 
 
 def _fed(loop: Loop) -> tuple[float, float]:
-    """Mass in kg and viscous friction in N s/m that are fed forward."""
+    """Return the mass in kg and the viscous friction in N s/m that are fed forward."""
     mass = viscous = 0.0
     for block in loop.control.feedforward:
         if isinstance(block, Inertia | DisturbanceCompensator):
@@ -141,7 +141,7 @@ def _fed(loop: Loop) -> tuple[float, float]:
 
 
 def drive_train(loop: Loop, lead: float | None = None, gear: float | None = None) -> DriveTrain:
-    """What connects motor and table: as given, else from the motor, else from the plant, else a linear motor.
+    """Return the drive train: from the arguments, else from the motor, else from the plant, else a linear motor.
 
     Raises ParameterError for a lead or gear that is not positive, and if the drive train is not known.
     """
@@ -157,9 +157,9 @@ def drive_train(loop: Loop, lead: float | None = None, gear: float | None = None
         )
     if isinstance(motor, Screw):
         return DriveTrain(motor.lead, motor.gear, "axis.actuator.motor")
-    found = getattr(plant, "lead", None)
-    if isinstance(found, float):
-        return DriveTrain(found, getattr(plant, "gear", 1.0), "axis.plant")
+    plant_lead = getattr(plant, "lead", None)
+    if isinstance(plant_lead, float):
+        return DriveTrain(plant_lead, getattr(plant, "gear", 1.0), "axis.plant")
     if motor is None:
         raise ParameterError(
             "axis.actuator.motor is not there, and neither motor nor plant states a lead: the makers' units are those "
@@ -180,7 +180,7 @@ SAFETY = (
 
 
 def kv_lines(Kv: float) -> tuple[str, ...]:
-    """The position gain (1/s) in the units of the trade."""
+    """Return the position gain (1/s) in the units of the trade."""
     return (
         f"Kv = {Kv:.6g} 1/s = {Kv:.6g} (mm/s)/mm",
         f"Kv = {Kv * 0.06:.6g} (m/min)/mm = {Kv * 0.06:.6g} 1000/min; 1 (m/min)/mm is 16.667 1/s",
@@ -198,7 +198,7 @@ class Item(NamedTuple):
 
 
 class LostPart(NamedTuple):
-    """An item that a target cannot represent, why, and the consequence."""
+    """An item that a target cannot represent, with the reason and the consequence."""
 
     path: str
     value: str
@@ -243,7 +243,7 @@ def _read(value: SupportsFloat, unit: str, shown: str = "SI") -> str:
 
 
 def items(cascade: Cascade) -> Iterator[Item]:
-    """Everything in the control of a P-PI design besides its gains, in the order of the signal."""
+    """Yield everything in the control of a P-PI design besides its gains, in the order of the signal."""
     control, law = cascade.loop.control, cascade.law
     if law.velocity_samples > 1:
         yield Item("velocity_samples", "control.law.velocity_samples", str(law.velocity_samples))
@@ -274,7 +274,7 @@ def items(cascade: Cascade) -> Iterator[Item]:
 
 
 def _fed_items(block: Block) -> Iterator[str]:
-    """The kinds of items of a feedforward."""
+    """Yield the kinds of items of a feedforward."""
     if isinstance(block, Inertia | DisturbanceCompensator):
         if block.mass:
             yield "inertia"
@@ -318,21 +318,21 @@ def _guarded(cascade: Cascade) -> Iterator[Item]:
 
 
 def lost(cascade: Cascade, held: Sequence[str], outside: Mapping[str, tuple[str, str]]) -> tuple[LostPart, ...]:
-    """The items that a target cannot represent.
+    """Return the items that a target cannot represent.
 
     held     kinds of items that it represents completely
     outside  kind -> why it cannot represent it, and the consequence; if empty, the general one. A kind in neither
              is one that the target does not have
     """
-    found = []
+    parts = []
     for item in items(cascade):
         if item.kind not in held:
             why, consequence = outside.get(item.kind, (UNKNOWN, ""))
-            found.append(LostPart(item.path, item.value, why, consequence or CONSEQUENCES[item.kind]))
-    return tuple(found)
+            parts.append(LostPart(item.path, item.value, why, consequence or CONSEQUENCES[item.kind]))
+    return tuple(parts)
 
 
 def numbers(block: Block) -> str:
-    """A block in a line: its kind and its numbers."""
+    """Return a block in one line: its kind and its numbers."""
     shown = (f"{name} {value:g} {tree.declaration(block, name).unit}".rstrip() for name, value in tree.leaves(block))
     return ", ".join([block.kind, *shown])

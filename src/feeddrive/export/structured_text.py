@@ -12,13 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from feeddrive.export.c.programs import stepped
+from feeddrive.export.c_bundle import stepped
 from feeddrive.export.design import CONTROL, Design
 from feeddrive.export.identifiers import bare
 from feeddrive.export.layout import Layout
 from feeddrive.export.manifest import readme, write_bundle
-from feeddrive.export.structured_text.controller import Program, program
-from feeddrive.export.structured_text.units import (
+from feeddrive.export.structured_text_code import (
     CONSTANTS,
     INDENT,
     INPUTS,
@@ -31,6 +30,7 @@ from feeddrive.export.structured_text.units import (
     decimal,
     literal,
 )
+from feeddrive.export.structured_text_control import Program, program
 from feeddrive.export.trial import Trial, trial
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.routine_run import run
@@ -38,7 +38,7 @@ from feeddrive.version import __version__
 
 
 def structured_text_files(design: Design) -> dict[str, str]:
-    """The files of the export by name, without machine file and manifest.
+    """Return the files of the export by name, without machine file and manifest.
 
     Raises ParameterError for an axis, StructureError for a table with too many entries.
     """
@@ -55,7 +55,7 @@ def structured_text_files(design: Design) -> dict[str, str]:
 
 
 def write_structured_text(design: Design, out: Path) -> Path:
-    """Write the export, completely or not at all; returns its README.
+    """Write the export, completely or not at all, and return its README.
 
     Raises as `structured_text_files`, and FileError as `new_directory`.
     """
@@ -64,16 +64,16 @@ def write_structured_text(design: Design, out: Path) -> Path:
 
 
 def header(design: Design) -> str:
-    """The comment above the function block: what it is, how it is called, and the docstrings of its blocks."""
+    """Return the comment above the function block: its title, how it is called, and the docstrings of its blocks."""
     parts = [
         design.title,
         design.made_by,
         f"Call it once in every cycle of a task with a cycle of {_time(design)}.",
     ]
     for path, block in design.routine.blocks:
-        said = inspect.getdoc(type(block))
-        if path and said:
-            parts.append(f"{path}: {block.kind}\n{textwrap.indent(said, '  ')}")
+        docstring = inspect.getdoc(type(block))
+        if path and docstring:
+            parts.append(f"{path}: {block.kind}\n{textwrap.indent(docstring, '  ')}")
     lines: list[str] = []
     for line in "\n\n".join(parts).split("\n"):
         indent = " " * (len(line) - len(line.lstrip()))
@@ -83,10 +83,15 @@ def header(design: Design) -> str:
 
 def _readme(design: Design, printed: Program) -> str:
     return readme(
-        "structured_text.md.j2", design, time=_time(design), samples=SAMPLES,
-        inputs=printed.block.sections[INPUTS], outputs=printed.block.sections[OUTPUTS],
-        fields=printed.names, fixed=printed.fixed.parameters,
-    )  # fmt: skip
+        "structured_text.md.j2",
+        design,
+        time=_time(design),
+        samples=SAMPLES,
+        inputs=printed.block.sections[INPUTS],
+        outputs=printed.block.sections[OUTPUTS],
+        fields=printed.names,
+        fixed=printed.fixed.parameters,
+    )
 
 
 def _time(design: Design) -> str:
@@ -102,13 +107,17 @@ _WHEN = "2000-01-01T00:00:00"  # the format wants a date; the same export has th
 
 
 def plcopen(name: str, parts: Iterable[Structure | Unit]) -> str:
-    """The text of the project file."""
+    """Return the text of the PLCopen project file."""
     parts = list(parts)
     project = ET.Element("project", {"xmlns": NAMESPACE})
     ET.SubElement(
-        project, "fileHeader", companyName="", productName="feeddrive", productVersion=__version__,
+        project,
+        "fileHeader",
+        companyName="",
+        productName="feeddrive",
+        productVersion=__version__,
         creationDateTime=_WHEN,
-    )  # fmt: skip
+    )
     header = ET.SubElement(project, "contentHeader", name=name)
     scales = ET.SubElement(header, "coordinateInfo")
     for language in ("fbd", "ld", "sfc"):
@@ -119,8 +128,8 @@ def plcopen(name: str, parts: Iterable[Structure | Unit]) -> str:
         if isinstance(part, Structure):
             kind = ET.SubElement(ET.SubElement(data, "dataType", name=part.name), "baseType")
             struct = ET.SubElement(kind, "struct")
-            for each in part.declared():
-                _variable(struct, each)
+            for field in part.declared():
+                _variable(struct, field)
         else:
             _unit(units, part)
     ET.SubElement(ET.SubElement(project, "instances"), "configurations")
@@ -137,12 +146,12 @@ def _unit(units: ET.Element, unit: Unit) -> None:
         if unit.sections.get(section):
             constant = {"constant": "true"} if section == CONSTANTS else {}
             variables = ET.SubElement(interface, place, constant)
-            for each in unit.sections[section]:
-                _variable(variables, each)
+            for declared in unit.sections[section]:
+                _variable(variables, declared)
     text = ET.SubElement(ET.SubElement(ET.SubElement(pou, "body"), "ST"), "xhtml", xmlns=_XHTML)
     text.text = "\n" + unit.implementation()
-    if unit.said:
-        _document(pou, unit.said)
+    if unit.comment:
+        _document(pou, unit.comment)
 
 
 def _variable(parent: ET.Element, declared: Declared) -> None:
@@ -179,30 +188,30 @@ def _type(parent: ET.Element, kind: str) -> None:
 _HEAD = '<?xml version="1.0" encoding="utf-8"?>\n<TcPlcObject Version="1.1.0.1" ProductVersion="3.1.4024.12">\n'
 
 
-def twincat_file(each: Structure | Unit) -> tuple[str, str]:
-    """Name and content of the file of a structure, function or function block."""
-    if isinstance(each, Structure):
-        body = f"    <Declaration><![CDATA[{_cdata(each.text())}]]></Declaration>\n"
-        return f"{each.name}.TcDUT", _wrapped("DUT", each.name, "", body)
+def twincat_file(part: Structure | Unit) -> tuple[str, str]:
+    """Return name and content of the file of a structure, function or function block."""
+    if isinstance(part, Structure):
+        body = f"    <Declaration><![CDATA[{_cdata(part.text())}]]></Declaration>\n"
+        return f"{part.name}.TcDUT", _wrapped("DUT", part.name, "", body)
     body = (
-        f"    <Declaration><![CDATA[{_cdata(each.declaration())}]]></Declaration>\n"
-        f"    <Implementation>\n      <ST><![CDATA[{_cdata(each.implementation())}]]></ST>\n    </Implementation>\n"
+        f"    <Declaration><![CDATA[{_cdata(part.declaration())}]]></Declaration>\n"
+        f"    <Implementation>\n      <ST><![CDATA[{_cdata(part.implementation())}]]></ST>\n    </Implementation>\n"
     )
-    return f"{each.name}.TcPOU", _wrapped("POU", each.name, ' SpecialFunc="None"', body)
+    return f"{part.name}.TcPOU", _wrapped("POU", part.name, ' SpecialFunc="None"', body)
 
 
 def _wrapped(tag: str, name: str, more: str, body: str) -> str:
-    """The same name has the same identity, so that a repeated export replaces the file in a project."""
+    """Wrap an element. Its GUID depends on the name alone, so that a repeated export replaces the file in a project."""
     identity = uuid.uuid5(uuid.NAMESPACE_URL, f"feeddrive/{tag}/{name}")
     return f'{_HEAD}  <{tag} Name="{name}" Id="{{{identity}}}"{more}>\n{body}  </{tag}>\n</TcPlcObject>\n'
 
 
 def _cdata(text: str) -> str:
-    """Text that cannot end its CDATA section."""
+    """Return text that cannot end its CDATA section."""
     return text.replace("]]>", "]] >")
 
 
-SAMPLES = 100
+SAMPLES = 100  # they are constants in the memory of the PLC
 _SAID = """\
 Tries {name} on this PLC: call it in any task until done. It gives {samples} stored samples to the controller, with
 a live change of parameters in between, and compares every output with the simulator's, all bits.
@@ -210,7 +219,7 @@ wrong = 0 says that this PLC computes what was simulated; otherwise first_wrong 
 
 
 def check(layout: Layout, program: Program, seed: int = 0) -> Unit:
-    """The function block `axis_x_check`."""
+    """Return the function block `axis_x_check`, which compares the controller with stored samples."""
     routine, name = layout.routine, layout.routine.name
     real = "LREAL" if layout.precision == "double" else "REAL"
     tried = trial(routine, SAMPLES, seed, changes=1, broken=0.0)
@@ -220,14 +229,14 @@ def check(layout: Layout, program: Program, seed: int = 0) -> Unit:
     }
     tried = Trial(tried.inputs, changes)
     expected = run(routine, tried.inputs, changes) if real == "LREAL" else stepped(layout, tried)
-    given = {v.name: tried.inputs[:, i] for i, v in enumerate(routine.inputs)}
+    signals = {v.name: tried.inputs[:, i] for i, v in enumerate(routine.inputs)}
     wanted = {v.name: expected[:, i] for i, v in enumerate(routine.outputs)}
-    constants = [_array(f"given_{each}", each, row, real) for each, row in given.items()]
-    constants += [_array(f"wanted_{each}", each, row, real) for each, row in wanted.items()]
+    constants = [_array(f"given_{signal}", signal, row, real) for signal, row in signals.items()]
+    constants += [_array(f"wanted_{signal}", signal, row, real) for signal, row in wanted.items()]
     retunes = [f"(k = {sample})" for sample in changes]
-    calls = [f"{each} := given_{each}[k]" for each in given]
+    calls = [f"{signal} := given_{signal}[k]" for signal in signals]
     calls += [f"retune := {' OR '.join(retunes) or 'FALSE'}", "parameters := parameters"]
-    differs = " OR ".join(f"(tried.{each} <> wanted_{each}[k])" for each in wanted)
+    differs = " OR ".join(f"(tried.{signal} <> wanted_{signal}[k])" for signal in wanted)
     body = [
         "IF NOT done THEN",
         *(INDENT + line for line in _changes(changes, program)),
@@ -244,19 +253,23 @@ def check(layout: Layout, program: Program, seed: int = 0) -> Unit:
         "END_IF;",
     ]
     return Unit(
-        f"{name}_check", _SAID.format(name=name, samples=SAMPLES),
+        f"{name}_check",
+        _SAID.format(name=name, samples=SAMPLES),
         sections={
             OUTPUTS: [
-                Declared("done", "BOOL", "FALSE"), Declared("wrong", "DINT", "0", "samples that differ"),
+                Declared("done", "BOOL", "FALSE"),
+                Declared("wrong", "DINT", "0", "samples that differ"),
                 Declared("first_wrong", "DINT", "-1"),
             ],
             VARIABLES: [
-                Declared("tried", name), Declared("parameters", f"{name}_parameters"), Declared("k", "DINT", "0")
+                Declared("tried", name),
+                Declared("parameters", f"{name}_parameters"),
+                Declared("k", "DINT", "0"),
             ],
             CONSTANTS: constants,
         },
         body=body,
-    )  # fmt: skip
+    )
 
 
 def _changes(changes: dict[int, dict[str, float]], program: Program) -> list[str]:
@@ -269,7 +282,7 @@ def _changes(changes: dict[int, dict[str, float]], program: Program) -> list[str
 
 
 def _array(name: str, signal: str, row: Sequence[float] | np.ndarray, real: str) -> Declared:
-    """A signal over the samples, as an array in the type of the controller's border."""
+    """Return a signal over the samples, as an array in the type of the controller's interface."""
     if signal in ("enable", "enabled"):
         kind, texts = "BOOL", ["TRUE" if x > 0.5 else "FALSE" for x in row]
     elif signal == "trip":

@@ -21,8 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from feeddrive.export.design import Design
-from feeddrive.export.linuxcnc import component
-from feeddrive.export.linuxcnc.component import hal
+from feeddrive.export.linuxcnc import hal, input_pin, servo_period
 from feeddrive.export.trial import Answers, Trial
 from feeddrive.language.errors import FeeddriveError, MissingProgramError, ParameterError
 from feeddrive.language.quantity import Quantity
@@ -46,7 +45,7 @@ class HalError(FeeddriveError):
 
 
 def check_programs() -> None:
-    """Raise MissingProgramError, with the packages, unless LinuxCNC and what compiles for it are installed."""
+    """Raise MissingProgramError, with the packages, unless LinuxCNC and its compiler are installed."""
     missing = [program for program in _PACKAGES if shutil.which(program) is None]
     if missing:
         packages = " ".join(dict.fromkeys(_PACKAGES[program] for program in missing))
@@ -65,9 +64,9 @@ def check_session() -> None:
         check=False,
     )
     if tried.returncode != 0:
-        said = (tried.stderr.splitlines() or ["no message."])[0]
+        reason = (tried.stderr.splitlines() or ["no message."])[0]
         raise HalError(
-            f"LinuxCNC cannot be run apart from the rest of this machine: {said} Run it as "
+            f"LinuxCNC cannot be run apart from the rest of this machine: {reason} Run it as "
             f"root, outside of a container or in a privileged one, or allow user namespaces"
         )
 
@@ -78,7 +77,7 @@ def _alone() -> list[str]:
 
 
 def session(folder: Path, components: Sequence[Path], run: str, patience: float = 60.0) -> str:
-    """Install components, run a line of bash in a folder, and give back what was printed.
+    """Install components, run a line of bash in a folder, and return what was printed.
 
     components  .comp files, each with the files that it includes beside it; they are copied into the folder
     patience    s until all of it is killed
@@ -86,11 +85,11 @@ def session(folder: Path, components: Sequence[Path], run: str, patience: float 
     Raises MissingProgramError without LinuxCNC, and HalError if it cannot be alone, fails or does not end in time.
     """
     check_session()
-    for each in components:
-        for file in each.parent.iterdir():
+    for component in components:
+        for file in component.parent.iterdir():
             if file.suffix in (".comp", ".h") and file.parent != folder:
                 shutil.copy(file, folder / file.name)
-    names = " ".join(each.name for each in components)
+    names = " ".join(component.name for component in components)
     user = _NOBODY if os.geteuid() == 0 else _USER
     script = folder / "session.sh"
     script.write_text(_SESSION.format(modules=MODULES, components=names, user=user), encoding="utf-8")
@@ -105,11 +104,18 @@ def session(folder: Path, components: Sequence[Path], run: str, patience: float 
 
 
 def _ran(script: Path, patience: float) -> tuple[int, str]:
-    """Status and output of a session's script."""
+    """Run a session's script; return its exit status and output."""
     program = subprocess.Popen(
-        [*_alone(), "bash", script.name], cwd=script.parent, text=True, encoding="utf-8", errors="replace",
-        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True,
-    )  # fmt: skip
+        [*_alone(), "bash", script.name],
+        cwd=script.parent,
+        text=True,
+        encoding="utf-8",
+        errors="replace",
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        start_new_session=True,
+    )
     try:
         printed, _ = program.communicate(timeout=patience)
     except BaseException as error:
@@ -152,7 +158,7 @@ STREAMER_PINS = 20  # of one streamer and of one sampler
 
 @dataclass(frozen=True, eq=False)
 class HalRun:
-    """What a run gave back: a row of numbers for each sample, and what the programs printed."""
+    """The result of a run: a row of numbers for each sample, and the printed output."""
 
     rows: np.ndarray
     printed: str
@@ -163,7 +169,7 @@ def halrun(
     folder: Path,
     period: int,
     wiring: Sequence[str],
-    given: np.ndarray,
+    samples: np.ndarray,
     types: str,
     taken: str,
     *,
@@ -172,14 +178,14 @@ def halrun(
     paced: bool = False,
     patience: float = 60.0,
 ) -> HalRun:
-    """Install components, stream rows in and take rows out, one a period of a servo thread.
+    """Install components, stream rows through them, one a period of a servo thread, and record the rows that come out.
 
     components  .comp files, each with the files that it includes beside it
     folder      an empty place for what is made on the way
     period      of the thread `servo-thread`, ns
     wiring      commands of halcmd: they load and add components between streamer and sampler, and connect
                 `streamer.0.pin.N` and `sampler.0.pin.N`
-    given       the rows, shape (n, len(types)); types and taken: one letter a pin, f float, b bit, s signed, u unsigned
+    samples     the rows, shape (n, len(types)); types and taken: one letter a pin, f float, b bit, s signed, u unsigned
     meanwhile   commands of halcmd once the thread runs;  at_end: once all rows are there
     paced       wait for every period, as on a machine
     patience    s until the run is given up
@@ -188,35 +194,39 @@ def halrun(
     """
     if not 0 < len(types) < STREAMER_PINS or not 0 < len(taken) <= STREAMER_PINS:
         raise ParameterError(f"a run has 1 to {STREAMER_PINS - 1} numbers in and 1 to {STREAMER_PINS} out")
-    (folder / "in.txt").write_text(_rows(given, types), encoding="utf-8")
+    (folder / "in.txt").write_text(_rows(samples, types), encoding="utf-8")
     (folder / "drain.py").write_text(_DRAIN, encoding="utf-8")
     (folder / "unpaced.c").write_text(_UNPACED, encoding="utf-8")
     lines = [
         f"loadrt threads name1=servo-thread period1={period}",
-        f"loadrt streamer depth={len(given) + 2} cfg={types}b",
-        f"loadrt sampler depth={len(given) + 2} cfg={taken}",
-        "addf streamer.0 servo-thread", *wiring, "addf sampler.0 servo-thread",
+        f"loadrt streamer depth={len(samples) + 2} cfg={types}b",
+        f"loadrt sampler depth={len(samples) + 2} cfg={taken}",
+        "addf streamer.0 servo-thread",
+        *wiring,
+        "addf sampler.0 servo-thread",
         f"net valid streamer.0.pin.{len(types)} => sampler.0.enable",
         "loadusr -w halstreamer in.txt",
-        "start", *meanwhile,
-        f"loadusr -w /usr/bin/python3 drain.py {len(given)} {patience}", *at_end,
-    ]  # fmt: skip
+        "start",
+        *meanwhile,
+        f"loadusr -w /usr/bin/python3 drain.py {len(samples)} {patience}",
+        *at_end,
+    ]
     (folder / "run.hal").write_text("\n".join(lines) + "\n", encoding="utf-8")
     unpaced = "gcc -shared -fPIC -O1 -o unpaced.so unpaced.c; LD_PRELOAD=$PWD/unpaced.so "
     printed = session(folder, components, f"{'' if paced else unpaced}halrun -f run.hal", patience)
     out = folder / "out.bin"
     rows = np.fromfile(out, dtype="<f8").reshape(-1, len(taken)) if out.exists() else np.empty((0, len(taken)))
-    if len(rows) != len(given):
-        raise HalError(f"LinuxCNC's HAL gave {len(rows)} of {len(given)} samples back; it said:\n{printed[-2000:]}")
+    if len(rows) != len(samples):
+        raise HalError(f"LinuxCNC's HAL gave {len(rows)} of {len(samples)} samples back; it said:\n{printed[-2000:]}")
     return HalRun(rows, printed)
 
 
-def _rows(given: np.ndarray, types: str) -> str:
-    """Rows for halstreamer, to the last digit, each with a 1; behind them a row that does not count."""
+def _rows(values: np.ndarray, types: str) -> str:
+    """Return rows for halstreamer, to the last digit, each with a 1; the last row is a filler with a 0."""
     words = [repr if letter == "f" else _whole for letter in types]
     lines = [
         " ".join([*(word(value) for word, value in zip(words, row, strict=True)), "1"])
-        for row in np.asarray(given, dtype=float).tolist()
+        for row in np.asarray(values, dtype=float).tolist()
     ]
     return "\n".join([*lines, " ".join(["0"] * (len(types) + 1))]) + "\n"
 
@@ -282,7 +292,7 @@ def answers(
     period: int | None = None,
     patience: float = 60.0,
 ) -> HalRun:
-    """The outputs of an exported controller to inputs in SI, shape (n, inputs), in the order of the routine.
+    """Return the outputs of an exported controller to inputs in SI, shape (n, inputs), in the order of the routine.
 
     directory    what `write_linuxcnc` wrote;  folder: an empty one to work in
     units_per_m  lengths go in multiplied by it; with 1 the component gets the very numbers of `inputs`
@@ -295,15 +305,17 @@ def answers(
     Raises MissingProgramError and HalError as `halrun`.
     """
     name = hal(routine.name)
-    pins = [*(component.input_pin(v.name) for v in routine.inputs), *(also or {})]
+    pins = [*(input_pin(v.name) for v in routine.inputs), *(also or {})]
     taken = [OUTPUTS[v.name] for v in routine.outputs] + list(more)
     wiring = [
-        f"loadrt {routine.name}", f"addf {name} servo-thread",
+        f"loadrt {routine.name}",
+        f"addf {name} servo-thread",
         f"setp {name}.units-per-m {units_per_m!r}",
-        f"setp {name}.late-limit 0", *setup,  # not in real time here
+        f"setp {name}.late-limit 0",
+        *setup,  # not in real time here
         *(f"net in-{i} streamer.0.pin.{i} => {name}.{pin}" for i, pin in enumerate(pins)),
         *(f"net out-{i} {name}.{pin} => sampler.0.pin.{i}" for i, (pin, _) in enumerate(taken)),
-    ]  # fmt: skip
+    ]
     rows = np.array(inputs, dtype=float)
     for i, variable in enumerate(routine.inputs):
         if variable.name == "enable":
@@ -312,10 +324,18 @@ def answers(
             rows[:, i] *= units_per_m
     rows = np.column_stack([rows, *(also or {}).values()])
     return halrun(
-        [directory / f"{routine.name}.comp"], folder, period or component.period(routine), wiring, rows,
+        [directory / f"{routine.name}.comp"],
+        folder,
+        period or servo_period(routine),
+        wiring,
+        rows,
         "".join("b" if pin == "enable" or pin in (also or {}) else "f" for pin in pins),
-        "".join(kind for _, kind in taken), meanwhile=meanwhile, at_end=at_end, paced=paced, patience=patience,
-    )  # fmt: skip
+        "".join(kind for _, kind in taken),
+        meanwhile=meanwhile,
+        at_end=at_end,
+        paced=paced,
+        patience=patience,
+    )
 
 
 def prove(directory: Path, design: Design, tried: Trial) -> Answers:

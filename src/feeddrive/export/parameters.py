@@ -9,10 +9,7 @@ from typing import NamedTuple, TypeVar
 
 from feeddrive.analysis.stability import stability
 from feeddrive.export.design import Design
-from feeddrive.export.linuxcnc_pid import COEFFICIENTS, GAINS
-from feeddrive.export.manifest import readme, write_bundle
-from feeddrive.export.parameters.maker import NOT_CHECKED, ODRIVE, Line, Maker, csv_text, lines_of
-from feeddrive.export.parameters.quantities import (
+from feeddrive.export.drive_quantities import (
     SAFETY,
     Cascade,
     DriveTrain,
@@ -23,9 +20,9 @@ from feeddrive.export.parameters.quantities import (
     numbers,
     read_cascade,
 )
-from feeddrive.export.parameters.sinumerik import SINUMERIK
-from feeddrive.export.parameters.twincat import TWINCAT
-from feeddrive.export.stock_pids import left_out, period, stock_law, stock_loop
+from feeddrive.export.linuxcnc_pid import COEFFICIENTS, GAINS, left_out, period, stock_law, stock_loop
+from feeddrive.export.makers import NOT_CHECKED, ODRIVE, SINUMERIK, TWINCAT, Line, Maker, csv_text, lines_of
+from feeddrive.export.manifest import readme, write_bundle
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.loop import Loop
@@ -37,7 +34,7 @@ Row = TypeVar("Row", Line, LostPart)
 
 
 class Part(NamedTuple):
-    """A section of the README: the file of a maker, what it has and lacks, or why it is absent."""
+    """A section of the README: the file of a maker, what it holds and lacks, or why it is absent."""
 
     title: str
     file: str = ""
@@ -48,9 +45,9 @@ class Part(NamedTuple):
 
     @property
     def unread(self) -> list[str]:
-        """Names without a manual, or whose unit is only the one in common use."""
-        said = ("NOT CHECKED", "in common use")
-        return [line.name for line in self.lines if line.name and any(each in line.source for each in said)]
+        """Names whose manual was not read, or whose unit is only the one in common use."""
+        marks = ("NOT CHECKED", "in common use")
+        return [line.name for line in self.lines if line.name and any(mark in line.source for mark in marks)]
 
 
 def write_parameters(
@@ -61,7 +58,7 @@ def write_parameters(
     lead: float | None = None,
     gear: float | None = None,
 ) -> Path:
-    """Write the files, completely or not at all; returns the README.
+    """Write the files, completely or not at all, and return the README.
 
     makers      of sinumerik, twincat, odrive, linuxcnc, csv; default: all that fit the axis
     lead, gear  of the screw (m, and turns of the motor in one turn of the screw), where the machine file does not
@@ -72,22 +69,22 @@ def write_parameters(
     FileError as `new_directory`.
     """
     wanted = list(makers) or [*MAKERS, *OTHERS]
-    for each in wanted:
-        if each not in (*MAKERS, *OTHERS):
-            raise ParameterError(f"maker '{each}' is not known; there are {', '.join((*MAKERS, *OTHERS))}")
+    for wanted_maker in wanted:
+        if wanted_maker not in (*MAKERS, *OTHERS):
+            raise ParameterError(f"maker '{wanted_maker}' is not known; there are {', '.join((*MAKERS, *OTHERS))}")
     cascade = read_cascade(design.loop)
-    at_motor = [each for each in wanted if each in MAKERS]
+    at_motor = [wanted_maker for wanted_maker in wanted if wanted_maker in MAKERS]
     train = drive_train(design.loop, lead, gear) if at_motor or lead is not None or gear is not None else None
     files: dict[str, str] = {}
     parts: list[Part] = []
-    for each in wanted:
-        if each in MAKERS:
+    for wanted_maker in wanted:
+        if wanted_maker in MAKERS:
             assert train is not None
-            maker = MAKERS[each]
+            maker = MAKERS[wanted_maker]
             if maker.rotary and not train.rotary:
                 reason = (
-                    f"{each} counts in turns of a motor, and axis.actuator.motor is direct: a linear motor, or a screw "
-                    f"whose lead is not stated; give lead, or leave {each} out"
+                    f"{wanted_maker} counts in turns of a motor, and axis.actuator.motor is direct: a linear motor, or "
+                    f"a screw whose lead is not stated; give lead, or leave {wanted_maker} out"
                 )
                 reason = tree.in_paths(cascade.loop, reason)
                 if makers:
@@ -100,32 +97,35 @@ def write_parameters(
             bare = replace(cascade.loop, control=replace(cascade.loop.control, filters=kept))
             warning = _warning(bare, cascade.loop)
             head = [maker.title, *warning, *_head(design, cascade, train), *maker.notes]
-            files[f"{each}.txt"] = _text(head, lines, maker.comment, maker.key)
-            parts.append(Part(maker.title, f"{each}.txt", warning, lines, missing))
-        elif each == "linuxcnc":
+            files[f"{wanted_maker}.txt"] = _text(head, lines, maker.comment, maker.key)
+            parts.append(Part(maker.title, f"{wanted_maker}.txt", warning, lines, missing))
+        elif wanted_maker == "linuxcnc":
             lines, missing = halcmd_lines(cascade)
             lines, missing = _in_paths(cascade.loop, lines), _in_paths(cascade.loop, missing)
             title = "LinuxCNC's pid, as lines of halcmd"
             warning = _warning(stock_loop(cascade, stock_law(cascade, units=STOCK_UNITS)), cascade.loop)
             head = [title, *warning, *_head(design, cascade, None)]
-            files["linuxcnc.txt"] = _text(head, lines, "#", each)
+            files["linuxcnc.txt"] = _text(head, lines, "#", wanted_maker)
             parts.append(Part(title, "linuxcnc.txt", warning, lines, missing))
         else:
             files["parameters.csv"] = csv_text(cascade, train, _head(design, cascade, train))
     files["README.md"] = readme(
-        "parameters.md.j2", design, head=_head(design, cascade, train), parts=parts,
+        "parameters.md.j2",
+        design,
+        head=_head(design, cascade, train),
+        parts=parts,
         not_checked=NOT_CHECKED.split(":")[0],
-    )  # fmt: skip
+    )
     return write_bundle(design, "parameters", out, files, makers=wanted, lead=lead, gear=gear)
 
 
 def _in_paths(loop: Loop, rows: Sequence[Row]) -> list[Row]:
-    """Lines or losses with the paths of the machine file."""
+    """Return lines or losses with the paths of the machine file."""
     return [row._replace(path=tree.in_paths(loop, row.path)) for row in rows]
 
 
 def _head(design: Design, cascade: Cascade, train: DriveTrain | None) -> list[str]:
-    """The head of each file: what it is, safety, Kv in four units, and the drive train."""
+    """Return the head of each file: title, safety, Kv in four units, and the drive train."""
     lines = [f"{design.title}.", design.made_by, "", *SAFETY, "", *kv_lines(cascade.law.Kv)]
     if train is not None and train.lead is not None:
         lines.append(
@@ -138,7 +138,7 @@ def _head(design: Design, cascade: Cascade, train: DriveTrain | None) -> list[st
 
 
 def _text(head: Sequence[str], lines: Sequence[Line], comment: str, key: str) -> str:
-    """A file of a maker: one number a line, with its meaning and source in comments above."""
+    """Return the file of a maker: one number a line, with its meaning and source in comments above."""
     out = [f"{comment} {line}".rstrip() for line in head]
     before = "setp " if key == "linuxcnc" else ""
     join = " " if key == "linuxcnc" else " = "
@@ -155,28 +155,28 @@ def _text(head: Sequence[str], lines: Sequence[Line], comment: str, key: str) ->
 
 
 def _lost(maker: Maker, cascade: Cascade) -> list[LostPart]:
-    """The parts of the design that a maker cannot represent: filters one by one, the rest by kind."""
-    found = list(lost(cascade, (*maker.held, "filters"), maker.outside))
+    """Return the parts of the design that a maker cannot represent: filters one by one, the rest by kind."""
+    parts = list(lost(cascade, (*maker.held, "filters"), maker.outside))
     for i, block in enumerate(cascade.loop.control.filters):
         why = maker.filters(block, i).why
         if why:
-            found += [
-                each._replace(why=why)
-                for each in lost(cascade, maker.held, maker.outside)
-                if each.path == f"control.filters.{i}"
+            parts += [
+                part._replace(why=why)
+                for part in lost(cascade, maker.held, maker.outside)
+                if part.path == f"control.filters.{i}"
             ]
-    return [*found, *maker.always]
+    return [*parts, *maker.always]
 
 
 def _warning(bare: Loop, whole: Loop) -> list[str]:
-    """A warning if the loop is stable as designed but unstable with the numbers of a file alone."""
+    """Return a warning if the loop is stable as designed but unstable with the numbers of a file alone."""
     if bare is whole or not stability(whole).stable:
         return []
-    found = stability(bare)
-    if found.stable:
+    verdict = stability(bare)
+    if verdict.stable:
         return []
     return [
-        f"UNSTABLE WITH THESE NUMBERS ALONE: {found.sentence()!s}.  Filters of the design are missing: see README.md."
+        f"UNSTABLE WITH THESE NUMBERS ALONE: {verdict.sentence()!s}.  Filters of the design are missing: see README.md."
     ]
 
 
@@ -194,10 +194,10 @@ _MEANINGS = {
 
 
 def halcmd_lines(cascade: Cascade) -> tuple[list[Line], list[LostPart]]:
-    """The settings of the two pids and of their bias; zeros that are the default are left out."""
+    """Return the settings of the two pids and of their bias; zeros that are the default are left out."""
     law = stock_law(cascade, units=STOCK_UNITS)
     assert law.velocity is not None
-    found = list(_gains(cascade, "position", law.position)) + list(_gains(cascade, "velocity", law.velocity))
+    lines = list(_gains(cascade, "position", law.position)) + list(_gains(cascade, "velocity", law.velocity))
     for name, value, unit, quantity in (
         ("forward.gain0", law.acceleration_gain, "output/(mm/s^2)", "mass"),
         ("forward.gain1", law.velocity_gain, "output/(mm/s)", "viscous"),
@@ -205,20 +205,20 @@ def halcmd_lines(cascade: Cascade) -> tuple[list[Line], list[LostPart]]:
         if value:
             meaning = f"gain of sum2 at velocity.bias: {quantity} that is fed forward"
             si = f"{cascade.values[quantity] or 0.0!r} {'kg' if quantity == 'mass' else 'N s/m'}"
-            found.append(Line(name, f"{value:.9g}", unit, meaning, f"control.feedforward, {quantity}", si, _SOURCE))
+            lines.append(Line(name, f"{value:.9g}", unit, meaning, f"control.feedforward, {quantity}", si, _SOURCE))
     if law.velocity.bias:
         si = f"{cascade.values['weight']!r} N"
         meaning = "offset of the same sum2: the weight of a hanging axis"
         value = f"{law.velocity.bias:.9g}"
-        found.append(Line("forward.offset", value, "output", meaning, "control.guard.safe_force", si, _SOURCE))
+        lines.append(Line("forward.offset", value, "output", meaning, "control.guard.safe_force", si, _SOURCE))
     for i, (block, design) in enumerate(zip(law.filters, cascade.loop.control.filters, strict=True)):
         for name in COEFFICIENTS:
             meaning = f"biquad {i}, type 0, at a period of {1e3 * period(cascade.loop):.6g} ms: {numbers(design)}"
             value = getattr(block, name)
-            found.append(Line(f"filter{i}.{name}", f"{value:.17g}", "", meaning, f"control.filters.{i}", "", _BIQUAD))
+            lines.append(Line(f"filter{i}.{name}", f"{value:.17g}", "", meaning, f"control.filters.{i}", "", _BIQUAD))
     output = f"The output is in {_unit(cascade)}; 1 of it is {float(law.force_per_output):.6g} N at the table."
-    found.insert(0, Line("", "", "", output, "", "", ""))
-    return found, list(left_out(cascade))
+    lines.insert(0, Line("", "", "", output, "", "", ""))
+    return lines, list(left_out(cascade))
 
 
 def _gains(cascade: Cascade, name: str, pid: object) -> Iterator[Line]:
@@ -231,7 +231,7 @@ def _gains(cascade: Cascade, name: str, pid: object) -> Iterator[Line]:
 
 
 def _si(cascade: Cascade, path: str) -> str:
-    """The value in the machine file, in SI."""
+    """Return the value in the machine file, in SI."""
     values = {
         "control.law.Kv": ("Kv", "1/s"),
         "control.law.velocity_feedforward": ("velocity_feedforward", ""),

@@ -1,4 +1,4 @@
-"""C programs around an export, and the compiler that builds them: a self-test, and one that reads samples."""
+"""The target `c`: sources, a self-test, builds for make and CMake, a README; and the programs that run an export."""
 
 from __future__ import annotations
 
@@ -13,21 +13,23 @@ from pathlib import Path
 
 import numpy as np
 
-from feeddrive.export.c.arithmetic import SENTENCE
-from feeddrive.export.c.statements import number
-from feeddrive.export.design import Design
-from feeddrive.export.layout import Layout
-from feeddrive.export.layout_run import LayoutRun
+from feeddrive.export.c_code import SENTENCE, header_only, number, texts
+from feeddrive.export.design import CONTROL, Design
+from feeddrive.export.layout import Layout, LayoutRun
+from feeddrive.export.manifest import readme, write_bundle
 from feeddrive.export.trial import Answers, Trial, trial
 from feeddrive.language.errors import FileError, MissingProgramError
 from feeddrive.loop.routine import Routine
 from feeddrive.loop.routine_run import run
 
+# C programs that run an export, a self-test and one that reads samples, and the compiler that builds them.
+
+# Few, so that the vectors stay small; broken readings are ten times as frequent as in `trial`, so that some occur.
 SAMPLES, CHANGES, BROKEN = 400, 4, 2e-3
 
 
 def self_test(layout: Layout, seed: int = 0) -> tuple[str, str]:
-    """The program `P_selftest.c` and its samples `P_vectors.h`.
+    """Return the program `P_selftest.c` and its samples `P_vectors.h`.
 
     In double precision the expected outputs are the simulator's; in single precision those of the same operations in
     Python, each rounded to single precision.  The tolerance is none: all bits count.
@@ -38,38 +40,48 @@ def self_test(layout: Layout, seed: int = 0) -> tuple[str, str]:
     expected = run(routine, tried.inputs, tried.changes) if double else stepped(layout, tried)
     retuned = _parameter_rows(layout, tried)
     program = _PROGRAM.format(
-        P=P, real=layout.precision, inputs=filled(routine),
+        P=P,
+        real=layout.precision,
+        inputs=filled(routine),
         outputs=_compared([v.name for v in routine.outputs]),
         parameters="\n".join(
             f"            parameters.{v.name} = changes[change].parameters[{i}];"
             for i, v in enumerate(routine.parameters)
         ),
-    )  # fmt: skip
+    )
     vectors = _VECTORS.format(
-        P=P.upper(), real=layout.precision, bits=f"uint{64 if double else 32}_t", count=len(tried.inputs),
-        inputs=len(routine.inputs), seed=seed,
-        outputs=len(routine.outputs), parameters=len(routine.parameters), changes=max(1, len(retuned)),
-        held=len(retuned), samples=_rows(tried.inputs, layout.precision), expected=_rows(expected, layout.precision),
+        P=P.upper(),
+        real=layout.precision,
+        bits=f"uint{64 if double else 32}_t",
+        count=len(tried.inputs),
+        inputs=len(routine.inputs),
+        seed=seed,
+        outputs=len(routine.outputs),
+        parameters=len(routine.parameters),
+        changes=max(1, len(retuned)),
+        held=len(retuned),
+        samples=_rows(tried.inputs, layout.precision),
+        expected=_rows(expected, layout.precision),
         rows=",\n".join(f"    {{{k}, {{{', '.join(map(number, values))}}}}}" for k, values in retuned)
         or "    {0, {0.0}}",
-    )  # fmt: skip
+    )
     return program, vectors
 
 
 def stepped(layout: Layout, tried: Trial) -> np.ndarray:
-    """The outputs of a trial by the layout's own operations in Python."""
+    """Return the outputs of a trial, computed by the layout's own operations in Python."""
     held = LayoutRun(layout)
     held.reset(tried.inputs[0])
-    found = []
+    outputs = []
     for k, inputs in enumerate(tried.inputs):
         if k in tried.changes:
             held.retune(tried.changes[k])
-        found.append([float(x) for x in held.step(inputs)])
-    return np.array(found)
+        outputs.append([float(x) for x in held.step(inputs)])
+    return np.array(outputs)
 
 
 def _parameter_rows(layout: Layout, tried: Trial) -> list[tuple[int, list[float]]]:
-    """All parameters after each change."""
+    """Return all parameters after each change."""
     values = {v.path: v.value for v in layout.routine.parameters}
     rows = []
     for sample in sorted(tried.changes):
@@ -79,16 +91,16 @@ def _parameter_rows(layout: Layout, tried: Trial) -> list[tuple[int, list[float]
 
 
 def _rows(values: np.ndarray, real: str) -> str:
-    """Numbers by their bits: not every compiler takes NaN and infinity for constants."""
+    """Return numbers by their bits: not every compiler accepts NaN and infinity as constants."""
     with np.errstate(over="ignore"):
         held = np.ascontiguousarray(values, np.float64 if real == "double" else np.float32)
     digits = 2 * held.itemsize
     bits = held.view(f"u{held.itemsize}")
-    return ",\n".join(f"    {{{', '.join(f'0x{int(each):0{digits}X}' for each in row)}}}" for row in bits)
+    return ",\n".join(f"    {{{', '.join(f'0x{int(word):0{digits}X}' for word in row)}}}" for row in bits)
 
 
 def filled(routine: Routine) -> str:
-    """The lines that take the inputs of a stored sample k."""
+    """Return the lines that copy the inputs of stored sample k."""
     return "\n".join(f"        inputs.{v.name} = value(samples[k][{i}]);" for i, v in enumerate(routine.inputs))
 
 
@@ -205,12 +217,16 @@ def streamed(
     """
     routine, P = layout.routine, layout.routine.name
     program = _STREAM_PROGRAM.format(
-        P=P, real=layout.precision, inputs=len(routine.inputs), outputs=len(routine.outputs),
+        P=P,
+        real=layout.precision,
+        inputs=len(routine.inputs),
+        outputs=len(routine.outputs),
         parameters=max(1, len(routine.parameters)),
         filled=_stream_filled("inputs", [v.name for v in routine.inputs], "row", f"({layout.precision})"),
         retuned=_stream_filled("parameters", [v.name for v in routine.parameters], "values", ""),
-        answered=_answered([v.name for v in routine.outputs]), refused=_REFUSED,
-    )  # fmt: skip
+        answered=_answered([v.name for v in routine.outputs]),
+        refused=_REFUSED,
+    )
     with tempfile.TemporaryDirectory(prefix="feeddrive-") as folder:
         place = Path(folder)
         for name, text in {**files, f"{P}_stream.c": program}.items():
@@ -218,21 +234,21 @@ def streamed(
         sources = [f"{P}_stream.c", *(name for name in (f"{P}.c", f"{P}_configure.c") if name in files)]
         binary = compiled(place, sources, flags, command)
         (place / "in").write_bytes(_packed(layout, tried))
-        with open(place / "in", "rb") as given, open(place / "out", "wb") as answers:
-            done = subprocess.run([str(binary)], stdin=given, stdout=answers, check=False)
+        with open(place / "in", "rb") as samples, open(place / "out", "wb") as answers:
+            done = subprocess.run([str(binary)], stdin=samples, stdout=answers, check=False)
         if done.returncode == _REFUSED:
             words = " ".join([*compiler(command), *flags])
             raise FileError(f"{P}: what {words} makes of it refuses to run: not {SENTENCE}")
         if done.returncode != 0:
             raise FileError(f"{P}: the compiled program ended with status {done.returncode}")
-        found = np.fromfile(place / "out", dtype=np.float64).reshape(-1, len(routine.outputs))
-    if len(found) != len(tried.inputs):
-        raise FileError(f"{P}: the compiled program answered {len(found)} of {len(tried.inputs)} samples")
-    return Streamed(found, version(command), tuple(flags))
+        outputs = np.fromfile(place / "out", dtype=np.float64).reshape(-1, len(routine.outputs))
+    if len(outputs) != len(tried.inputs):
+        raise FileError(f"{P}: the compiled program answered {len(outputs)} of {len(tried.inputs)} samples")
+    return Streamed(outputs, version(command), tuple(flags))
 
 
 def _packed(layout: Layout, tried: Trial) -> bytes:
-    """The input of the program: pieces of samples, and between them all parameters."""
+    """Return the input of the program: blocks of samples, with all parameters between them."""
     values = {v.path: v.value for v in layout.routine.parameters}
     pieces, start = [], 0
     for place in [*sorted(tried.changes), len(tried.inputs)]:
@@ -306,21 +322,21 @@ int main(void)
 
 
 def compiler(command: str | None = None) -> list[str]:
-    """The words that start the C compiler: the one named, else gcc, cc or clang, else that of the package ziglang.
+    """Return the command that starts the C compiler: the one named, else gcc, cc or clang, else the package ziglang.
 
     Raises MissingProgramError if there is none.
     """
     for name in (command,) if command else ("gcc", "cc", "clang"):
-        found = shutil.which(name)
-        if found is not None:
-            return [found]
+        path = shutil.which(name)
+        if path is not None:
+            return [path]
     if command is None and importlib.util.find_spec("ziglang") is not None:
         return [sys.executable, "-m", "ziglang", "cc"]
     raise MissingProgramError(command or "gcc", "gcc libc6-dev", "compiling exported C")
 
 
 def version(command: str | None = None) -> str:
-    """The first line of the compiler's version text."""
+    """Return the first line of the compiler's version text."""
     done = subprocess.run(
         [*compiler(command), "--version"],
         capture_output=True,
@@ -334,7 +350,7 @@ def version(command: str | None = None) -> str:
 
 
 def compiled(folder: Path, sources: Sequence[str], flags: Sequence[str], command: str | None = None) -> Path:
-    """The program made of some C files of a folder.
+    """Compile C files of a folder into a program and return its path.
 
     The code that runs once, `*_configure.c`, is compiled without optimization, which would take seconds.
     Raises MissingProgramError without a compiler and FileError with its first message if it refuses.
@@ -354,8 +370,8 @@ def _run(words: Sequence[str], folder: Path) -> None:
         words, cwd=folder, capture_output=True, text=True, encoding="utf-8", errors="replace", check=False
     )
     if done.returncode != 0:
-        said = (done.stderr.strip() or "no message").splitlines()
-        first = next((line for line in said if "error" in line), said[0])
+        messages = (done.stderr.strip() or "no message").splitlines()
+        first = next((line for line in messages if "error" in line), messages[0])
         raise FileError(f"the C compiler {words[0]} refuses: {first}")
 
 
@@ -368,3 +384,75 @@ def prove(directory: Path, design: Design, tried: Trial, flags: Sequence[str], c
     files = {name: (directory / name).read_text(encoding="utf-8") for name in names}
     ran = streamed(design.layout, files, tried, flags=(*FLAGS, *flags), command=command)
     return Answers(ran.outputs, ran.compiler, " ".join(ran.flags))
+
+
+# The target `c`: a directory with a routine as C99, a self-test, builds for make and CMake, and a README.
+
+BUILD_FLAGS = "-std=c99 -O2 -ffp-contract=off"
+WARNINGS = "-Wall -Wextra -Wconversion -Wdouble-promotion"
+
+
+def c_files(design: Design, *, single_header: bool = False) -> dict[str, str]:
+    """Return the files of the export by name, without machine file and manifest."""
+    P = design.name
+    written = texts(design.layout, design.title, design.made_by)
+    if single_header:
+        files = {f"{P}.h": header_only(P, written)}
+    else:
+        files = {f"{P}.h": written.header, f"{P}.c": written.source, f"{P}_configure.c": written.configure}
+    sources = [name for name in files if name.endswith(".c")]
+    if design.what == CONTROL:
+        files[f"{P}_selftest.c"], files[f"{P}_vectors.h"] = self_test(design.layout)
+        files["Makefile"] = _makefile(P, sources)
+    files["CMakeLists.txt"] = _cmake(P, sources, tested=design.what == CONTROL)
+    files["README.md"] = readme("c.md.j2", design, samples=SAMPLES, flags=BUILD_FLAGS)
+    return files
+
+
+def write_c(design: Design, out: str | Path, *, single_header: bool = False) -> Path:
+    """Write the export, completely or not at all, and return the README. Raises FileError as `new_directory`."""
+    files = c_files(design, single_header=single_header)
+    return write_bundle(design, "c", Path(out), files, single_header=single_header)
+
+
+def _makefile(P: str, sources: list[str]) -> str:
+    files = " ".join([*sources, f"{P}_selftest.c"])
+    return f"""\
+# make        builds and runs the self-test
+CC ?= cc
+CFLAGS ?= {BUILD_FLAGS} {WARNINGS}
+
+selftest: {P}_selftest
+\t./{P}_selftest
+
+{P}_selftest: {files} {P}.h {P}_vectors.h
+\t$(CC) $(CFLAGS) -o $@ {files} -lm
+
+clean:
+\t$(RM) {P}_selftest
+
+.PHONY: selftest clean
+"""
+
+
+def _cmake(P: str, sources: list[str], *, tested: bool) -> str:
+    kind, scope = ("STATIC " + " ".join(sources), "PUBLIC") if sources else ("INTERFACE", "INTERFACE")
+    test = f"""
+enable_testing()
+add_executable({P}_selftest {P}_selftest.c)
+target_link_libraries({P}_selftest PRIVATE {P})
+add_test(NAME {P} COMMAND {P}_selftest)
+"""
+    return f"""\
+cmake_minimum_required(VERSION 3.13)
+project({P} C)
+
+add_library({P} {kind})
+target_include_directories({P} {scope} ${{CMAKE_CURRENT_SOURCE_DIR}})
+target_compile_features({P} {scope} c_std_99)
+if(NOT MSVC)
+  # a fused multiply-add rounds once and would give other bits than the simulation
+  target_compile_options({P} {scope} -ffp-contract=off)
+  target_link_libraries({P} {scope} m)
+endif()
+{test if tested else ""}"""

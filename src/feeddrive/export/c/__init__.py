@@ -1,1 +1,0 @@
-"""Export of a routine as C99."""

@@ -1,0 +1,708 @@
+"""The target `linuxcnc`: components, wiring, limits of the axis checked in a simulation, and a README."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from string import Template
+from typing import NamedTuple
+
+import numpy as np
+
+from feeddrive.blocks.reference.trapezoidal_move import TrapezoidalMove
+from feeddrive.export.c_code import Texts, header_only, rules, texts
+from feeddrive.export.design import CONTROL, Design, require_alone
+from feeddrive.export.identifiers import HAL_LENGTH, check_name
+from feeddrive.export.layout import layout
+from feeddrive.export.manifest import readme, write_bundle
+from feeddrive.files.atomic_io import check_directory
+from feeddrive.language.errors import DivergedError, ParameterError, StructureError
+from feeddrive.language.quantity import Quantity
+from feeddrive.loop.guard import TRIPS
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.routine import Routine, Variable
+from feeddrive.loop.routine_trace import plant_routine
+from feeddrive.loop.simulate import simulate
+
+# The .comp files of a controller and of a simulated axis: HAL names, declarations, and the C text behind them.
+
+FAULT_PERIOD, FAULT_LATE, FAULT_PARAMETER = 11, 12, 13  # beside the trip codes of the guard
+FAULTS = {int(code): word for code, word in TRIPS.items()} | {
+    FAULT_PERIOD: "a thread with another period than the sample time",
+    FAULT_LATE: "a call that came too late",
+    FAULT_PARAMETER: "parameters that break a rule when enable is set",
+}
+LATE = 10  # periods, the longest time from call to call
+# pin and meaning of each input of the law; lengths are in the unit of the machine
+_INPUTS = {
+    "set_position": ("position-cmd", "set position"),
+    "set_velocity": ("velocity-cmd", "set velocity"),
+    "set_acceleration": ("acceleration-cmd", "set acceleration"),
+    "set_jerk": ("jerk-cmd", "set jerk; 0 unless the planner gives it"),
+    "set_snap": ("snap-cmd", "set snap; 0 unless the planner gives it"),
+    "reading": ("position-fb", "position that the encoder reads"),
+    "reading_motor": ("motor-position-fb", "position that the motor's encoder reads, as travel of the table"),
+    "reading_load": ("load-position-fb", "position that the encoder at the table reads"),
+}
+_UNITS = {"m": "mm", "m/s": "mm/s", "m/s2": "mm/s2", "m/s3": "mm/s3", "m/s4": "mm/s4"}
+
+
+def input_pin(name: str) -> str:
+    """Return the pin of an input of the routine."""
+    return "enable" if name == "enable" else _INPUTS[name][0]
+
+
+def reading_pin(routine: Routine) -> str:
+    """Return the pin of the controlled position."""
+    return _INPUTS["reading_load" if any(v.name == "reading_load" for v in routine.inputs) else "reading"][0]
+
+
+def pins(routine: Routine) -> list[Item]:
+    """Return all pins."""
+    codes = "; ".join(f"{code} {word}" for code, word in FAULTS.items())
+    outputs = {v.name: v for v in routine.outputs}
+    items = [
+        pin(_INPUTS[v.name][0], "float", "in", f"{_INPUTS[v.name][1]}, {_UNITS[v.unit]} (units-per-m)")
+        for v in routine.inputs
+        if v.name in _INPUTS
+    ]
+    items += [
+        pin("enable", "bit", "in", "the loop runs while it is on; a rising edge starts anew and clears a fault"),
+        pin("reset", "bit", "in", "a rising edge clears a fault while enable is off"),
+        pin("hold-parameters", "bit", "in", "while on, changed parameters wait; they act together when it goes off"),
+        pin("force-cmd", "float", "out", f"{outputs['force'].meaning}, N"),
+    ]
+    if "command" in outputs:
+        items.append(pin("drive-cmd", "float", "out", outputs["command"].meaning))
+    return [
+        *items,
+        pin("running", "bit", "out", "on while the loop runs: enabled, without trip or fault"),
+        pin("trip-code", "s32", "out", "trip of the guard now, 0 none; it ends when enable goes off"),
+        pin("fault", "bit", "out", "on from a trip or fault until the next rising edge of enable or reset"),
+        pin("fault-code", "s32", "out", f"why: 0 none; {codes}"),
+        pin("ok", "bit", "out", "the opposite of fault, for an emergency stop chain"),
+        pin("heartbeat", "bit", "out", "changes at every call while there is no fault: for a watchdog or charge pump"),
+        pin("parameter-bad", "bit", "out", "the parameters break a rule: no change acts until they are corrected"),
+        pin("parameter-rule", "s32", "out", "code of the broken rule, 0 none; the README explains it"),
+        pin("retunes", "u32", "out", "number of parameter changes that have acted"),
+    ]
+
+
+def settings(routine: Routine) -> dict[Item, float]:
+    """Return the parameters of the component itself, with their values."""
+    T = servo_period(routine)
+    return {
+        Item(
+            "units-per-m",
+            "float",
+            "rw",
+            "length units of the machine in a metre: 1000 for mm, 39.37007874015748 for inch; read at the first call",
+        ): 1000.0,
+        Item(
+            "period-tolerance", "u32", "rw", f"largest deviation of the period of the thread from {T} ns, in ns"
+        ): tolerance(routine),
+        Item("late-limit", "u32", "rw", "longest time from call to call, ns; 0: not watched"): LATE * T,
+    }
+
+
+def tolerance(routine: Routine) -> int:
+    """Return the largest deviation of the thread's period from the sample time, ns."""
+    return max(servo_period(routine) // 1000, 1)
+
+
+def controller_comp(routine: Routine, title: str, made_by: str) -> str:
+    """Return the text of the controller's .comp file, which includes P.h.
+
+    Raises ParameterError and StructureError for names and sample times that LinuxCNC cannot have.
+    """
+    items, own = pins(routine), settings(routine)
+    tuned = {parameter(v): v for v in routine.parameters}
+    check_component(routine.name, ("",), [*items, *own, *tuned])
+    return component_text(
+        routine.name,
+        f"{title}. {made_by} Pins in mm, mm/s, ... (units-per-m), N; parameters in SI as in the machine file.",
+        items,
+        own | {item: v.value for item, v in tuned.items()},
+        ["_"],
+        filled(
+            "controller.c",
+            P=routine.name,
+            hal=hal(routine.name),
+            period=servo_period(routine),
+            wanted=numbers([item.c for item in tuned]),
+            inputs=numbers([_input_expression(v.name) for v in routine.inputs]),
+            drive=where(any(v.name == "command" for v in routine.outputs), "    drive_cmd = result.command;\n"),
+            period_fault=FAULT_PERIOD,
+            late_fault=FAULT_LATE,
+            parameter_fault=FAULT_PARAMETER,
+        ),
+    )
+
+
+def _input_expression(name: str) -> str:
+    """Return a C expression for an input of the law."""
+    return "on ? 1.0 : 0.0" if name == "enable" else f"{pin(_INPUTS[name][0], '', '', '').c} / scale"
+
+
+FUNCTIONS = ("read", "write")
+_OUTPUTS = {
+    "reading_motor": ("motor-position-fb", "position that the motor's encoder reads, as travel of the table, mm", True),
+    "reading_load": ("load-position-fb", "position that the encoder at the table reads, mm", True),
+    "position_motor": ("motor-position", "true position of the motor's body, mm", True),
+    "position_load": ("load-position", "true position of the table, mm", True),
+    "velocity_motor": ("motor-velocity", "true velocity of the motor's body, mm/s", True),
+    "velocity_load": ("load-velocity", "true velocity of the table, mm/s", True),
+}
+_PLANT_INPUTS = {
+    "force": ("force", "force of the drive at the table, N: force-cmd of the controller"),
+    "load_force": ("load-force", "force of the process on the table, N"),
+}
+
+
+def plant_comp(routine: Routine, title: str, made_by: str) -> str:
+    """Return the text of the simulated axis's .comp file, which includes P.h; `read` and `write` replace those of a
+    card.
+
+    Raises ParameterError and StructureError for names and sample times that LinuxCNC cannot have.
+    """
+    T = servo_period(routine)
+    pins = [
+        pin(*_PLANT_INPUTS[v.name][:1], "float", "in", _PLANT_INPUTS[v.name][1])
+        for v in routine.inputs
+        if v.name in _PLANT_INPUTS
+    ]
+    pins += [pin(_OUTPUTS[v.name][0], "float", "out", _OUTPUTS[v.name][1]) for v in routine.outputs]
+    own = {
+        Item("units-per-m", "float", "rw", "length units of the machine in a metre; read at the first call"): 1000.0,
+        Item("start-position", "float", "rw", "where the axis stands at first, mm; read at the first call"): 0.0,
+    }
+    physics = {parameter(v): v.value for v in routine.parameters}
+    check_component(routine.name, FUNCTIONS, [*pins, *own, *physics])
+    pin_names = {name: pin(place, "", "", "").c for name, (place, _) in _PLANT_INPUTS.items()}
+    pin_names["start_position"] = "start_position / scale"
+    return component_text(
+        routine.name,
+        f"{title}. {made_by} For the desk only: call read before and write after the controller, every {T} ns. "
+        "Parameters in SI; they act if set before the first call.",
+        pins,
+        own | physics,
+        FUNCTIONS,
+        filled(
+            "plant.c",
+            P=routine.name,
+            wanted=numbers([item.c for item in physics]),
+            inputs=numbers([pin_names[v.name] for v in routine.inputs]),
+            outputs="\n".join(
+                f"    {pin(_OUTPUTS[v.name][0], '', '', '').c} = now.{v.name} * scale;" for v in routine.outputs
+            ),
+        ),
+    )
+
+
+def text(name: str) -> str:
+    """Return a file of `templates/linuxcnc/`."""
+    return (Path(__file__).parent / "templates" / "linuxcnc" / name).read_text(encoding="utf-8")
+
+
+def filled(name: str, /, **values: object) -> str:
+    """Return a file of `templates/linuxcnc/` with the values filled in."""
+    return Template(text(name)).substitute({key: str(value) for key, value in values.items()})
+
+
+# Components of LinuxCNC 2.9: one of the same name would take their place on the user's machine, or not load.
+STOCK = frozenset(text("stock.txt").split())
+FASTEST, SLOWEST = 10_000, 100_000_000  # ns; shortest period of a PC at best, and a period slower than any servo loop
+MEASURED = ("time", "tmax", "tmax-increased")  # pins that HAL adds to every function
+
+
+class Item(NamedTuple):
+    """A pin or a parameter that the .comp file declares."""
+
+    name: str
+    type: str  # "float", "bit", "s32" or "u32"
+    direction: str  # "in", "out" or "rw"
+    meaning: str  # plain ASCII, with the unit
+
+    @property
+    def c(self) -> str:
+        """The name by which halcompile lets C text read and write it."""
+        return re.sub("_+", "_", re.sub("[-.]", "_", self.name))
+
+
+def pin(name: str, kind: str, direction: str, meaning: str) -> Item:
+    """Return a pin."""
+    return Item(name, kind, direction, plain(meaning))
+
+
+def parameter(variable: Variable) -> Item:
+    """Return the HAL parameter of a routine's parameter: `axis.x.control.law.Kv` is `law.Kv` of the
+    component `axis-x`.
+    """
+    name = re.sub(r"^axis\.[^.]+\.(control\.|actuator\.(?=motor\.))?", "", variable.path).replace("_", "-")
+    return Item(name, "float", "rw", plain(f"{variable.meaning}, {variable.unit or 'no unit'}"))
+
+
+def hal(name: str) -> str:
+    """`axis_x` is written `axis-x` in HAL."""
+    return name.replace("_", "-")
+
+
+def check_component(name: str, functions: Sequence[str], items: Iterable[Item]) -> None:
+    """Raise ParameterError for a name that is LinuxCNC's own or too long, StructureError for two that are the same."""
+    if name in STOCK:
+        raise ParameterError(
+            f"the name '{name}' is that of a component of LinuxCNC, which the installed one would replace; "
+            f"take another, such as axis_{name}"
+        )
+    seen: dict[str, str] = {}
+    measured = [".".join((*filter(None, (function,)), last)) for function in functions for last in MEASURED]
+    for entry in (*(item.name for item in items), *measured):
+        whole = f"{hal(name)}.{entry}"
+        if len(whole) > HAL_LENGTH:
+            raise ParameterError(
+                f"'{whole}' has {len(whole)} characters, {len(whole) - HAL_LENGTH} more than the {HAL_LENGTH} of a "
+                f"name in LinuxCNC's HAL; take a shorter name than '{name}'"
+            )
+        key = re.sub("[-._]+", "_", entry)
+        if key in seen:
+            raise StructureError(f"'{hal(name)}.{seen[key]}' and '{whole}' are one name in LinuxCNC's HAL")
+        seen[key] = entry
+
+
+def plain(words: str) -> str:
+    """Return text that halcompile and its manual pages accept: ASCII, without quotes and backslashes."""
+    words = words.replace("²", "2").replace("³", "3").replace("µ", "u").replace("·", " ").replace("−", "-")
+    words = words.replace('"', "'").replace("\\", "/").replace("\n", " ")
+    return words.encode("ascii", "replace").decode()
+
+
+def servo_period(routine: Routine) -> int:
+    """Return the sample time in ns. Raises ParameterError for one that no servo thread of LinuxCNC can have."""
+    exact = routine.sample_time * 1e9
+    whole = round(exact)
+    if abs(exact - whole) > 1e-3:
+        raise ParameterError(
+            f"sample_time = {Quantity(routine.sample_time, 's'):12 SI} is not a whole number of nanoseconds, the unit "
+            f"of thread periods in LinuxCNC; the nearest is {Quantity(max(whole, FASTEST) * 1e-9, 's'):9 SI}"
+        )
+    if not FASTEST <= whole <= SLOWEST:
+        raise ParameterError(
+            f"sample_time = {Quantity(routine.sample_time, 's'):9 SI}: a servo thread of LinuxCNC has a period from "
+            f"{Quantity(FASTEST * 1e-9, 's'):6} to {Quantity(SLOWEST * 1e-9, 's'):6}; take a sample time in between"
+        )
+    return whole
+
+
+# LinuxCNC's flags do not forbid a fused multiply-add, which processors other than x86 would take.
+_EXACT = '#pragma GCC optimize("fp-contract=off")\n\n'
+_AS_IT_STANDS = """\
+#pragma GCC push_options
+#pragma GCC optimize("O0")
+#pragma GCC diagnostic ignored "-Wframe-larger-than="
+"""
+
+
+def core(name: str, parts: Texts) -> str:
+    """Return the header that a component includes: the complete routine.
+
+    Code that runs once or at a change of parameters may have thousands of lines: it is compiled without optimization,
+    in a tenth of the time.
+    """
+    once = re.compile(
+        rf"^static (?:inline bool {name}_retune|int {name}_designed)\([^;{{]*\)\n\{{.*?^\}}\n", re.DOTALL | re.MULTILINE
+    )
+    whole = header_only(name, parts)
+    return _EXACT + once.sub(lambda match: f"{_AS_IT_STANDS}{match[0]}#pragma GCC pop_options\n", whole)
+
+
+def component_text(
+    name: str,
+    description: str,
+    pins: Iterable[Item],
+    parameters: Mapping[Item, float],
+    functions: Sequence[str],
+    body: str,
+) -> str:
+    """Return the text of a .comp file that includes `name`.h, for `halcompile --install`."""
+    lines = [f'component {name} "{plain(description)}";', ""]
+    lines += [f'pin {item.direction} {_TYPES[item.type]} {item.name} "{item.meaning}";' for item in pins]
+    lines.append("")
+    lines += [
+        f'param rw {_TYPES[item.type]} {item.name} = {_number(item, value)} "{item.meaning}";'
+        for item, value in parameters.items()
+    ]
+    lines.append("")
+    lines += [f"function {function} fp;" for function in functions]
+    lines += ["option singleton yes;", f'include "{name}.h";', 'license "MIT";', 'author "feeddrive";', "", ";;"]
+    return "\n".join(lines) + f"\n{body}"
+
+
+_TYPES = {"float": "float", "bit": "bit", "s32": "signed", "u32": "unsigned"}
+
+
+def _number(item: Item, value: float) -> str:
+    """Return a default as halcompile reads it: without the `+` of an exponent."""
+    return repr(float(value)).replace("e+", "e") if item.type == "float" else str(int(value))
+
+
+def numbers(texts: Iterable[str]) -> str:
+    """Return a C initializer, broken into lines."""
+    lines = [""]
+    for number_text in texts:
+        if len(lines[-1]) + len(number_text) > 90:
+            lines.append("")
+        lines[-1] += f" {number_text},"
+    return "\n        ".join(line.strip() for line in lines).rstrip(",")
+
+
+def where(wanted: bool, text: str) -> str:
+    """Return the text if `wanted`, else an empty text."""
+    return text if wanted else ""
+
+
+# The target `linuxcnc`: components, wiring, limits of the axis checked in a simulation, and a README.
+
+
+def write_linuxcnc(design: Design, out: str | Path, *, joint: int | None = None) -> Path:
+    """Write the control of a design as a component of LinuxCNC, with the files that run it.
+
+    joint  number of the joint in LinuxCNC; absent: the place of the axis in the machine file
+
+    The directory holds `<name>.comp` with `<name>.h`, `<name>.hal`, `<name>.ini`, the axis as `<name>_plant.comp`,
+    `desk.ini` and `desk.hal`, and a README, which is returned. It is written completely or not at all.
+    Raises ParameterError for an axis instead of a control, for one that is coupled with others (the desk holds one
+    alone), for a name or a sample time that LinuxCNC cannot have, a precision other than double, a wrong joint number,
+    or a loop that cannot follow LinuxCNC's motion; FileError for a directory that cannot be written.
+    """
+    out = Path(out)
+    check_directory(out)
+    if design.what != CONTROL:
+        raise ParameterError("linuxcnc: export the control; the axis comes with it, for the desk")
+    if design.layout.precision != "double":
+        raise ParameterError("LinuxCNC computes in double precision: export without single precision")
+    require_alone(design, "linuxcnc, on its desk,")
+    place = list(design.machine.loops).index(design.axis)
+    number = place if joint is None else joint
+    if not 0 <= number < len(LETTERS):
+        raise ParameterError(f"joint = {number} must be from 0 to {len(LETTERS) - 1}")
+    letter = design.axis.upper() if design.axis.upper() in LETTERS else LETTERS[number]
+    routine, title, made_by = design.routine, design.title, design.made_by
+    check_name(f"{design.name}_plant", "the name of the axis on the desk")
+    plant = layout(plant_routine(design.loop, f"{design.name}_plant"))
+    physics = f"Physics of axis {design.axis} of '{design.machine.name}': {design.loop.axis.plant.kind}"
+    limit = limits(design.loop)
+    files = {
+        f"{design.name}.comp": controller_comp(routine, title, made_by),
+        f"{design.name}.h": core(design.name, texts(design.layout, title, made_by)),
+        f"{design.name}.hal": axis_hal(routine, number, title, made_by),
+        f"{design.name}.ini": axis_ini(routine, number, letter, limit, title, made_by),
+        f"{design.name}_plant.comp": plant_comp(plant.routine, physics, made_by),
+        f"{design.name}_plant.h": core(plant.routine.name, texts(plant, physics, made_by)),
+        "desk.hal": desk_hal(routine, plant.routine, number),
+        "desk.ini": desk_ini(routine, number, letter),
+        "README.md": _readme(design, plant.routine, number, limit),
+    }
+    return write_bundle(design, "linuxcnc", out, files, joint=number)
+
+
+def _readme(design: Design, plant: Routine, joint: int, limit: Limits) -> str:
+    routine = design.routine
+    period = servo_period(routine)
+    tuned = {parameter(v): v.value for v in routine.parameters}
+    return readme(
+        "linuxcnc.md.j2",
+        design,
+        plant=plant.name,
+        hal=hal(routine.name),
+        joint=joint,
+        period=period,
+        tolerance=tolerance(routine),
+        late=LATE * period,
+        velocity=f"{1e3 * limit.velocity:.9g}",
+        acceleration=f"{1e3 * limit.acceleration:.9g}",
+        ferror=f"{1e3 * limit.following_error:.9g}",
+        pins=dict.fromkeys(pins(routine)),
+        parameters=settings(routine) | tuned,
+        faults=FAULTS,
+        rules={code: plain(text) for code, text in rules(routine).items()},
+    )
+
+
+LETTERS = "XYZABCUVW"
+
+
+def axis_hal(routine: Routine, joint: int, title: str, made_by: str) -> str:
+    """Return the wiring of the controller: from the joint's commands to the force, without the lines of the I/O
+    card.
+    """
+    name, P = hal(routine.name), routine.name
+    x = _prefix(routine)
+    reading = reading_pin(routine)
+    two = any(v.name == "reading_motor" for v in routine.inputs)
+    drive = any(v.name == "command" for v in routine.outputs)
+    unit = next((v.meaning.rsplit(" ", 1)[-1] for v in routine.outputs if v.name == "command"), "")
+    lines = [
+        f"# {plain(title)}",
+        f"# {plain(made_by)}",
+        "#",
+        f"# Joint {joint} of LinuxCNC. Load this file behind the one that loads motmod and the driver of your card.",
+        f"# Once before:  sudo halcompile --install {P}.comp",
+        "",
+        f"loadrt {P}",
+        "# Order in the thread: card read, motion-command-handler, motion-controller, this, card write.",
+        f"addf {name} servo-thread",
+        "",
+        "# Commands of the planner. LinuxCNC 2.9 gives no jerk and no snap: their pins stay 0. With LinuxCNC 2.10:",
+        f"#   net {x}-jerk-cmd joint.{joint}.jerk-cmd => {name}.jerk-cmd",
+        f"net {x}-position-cmd joint.{joint}.motor-pos-cmd => {name}.position-cmd",
+        f"net {x}-velocity-cmd joint.{joint}.vel-cmd => {name}.velocity-cmd",
+        f"net {x}-acceleration-cmd joint.{joint}.acc-cmd => {name}.acceleration-cmd",
+        "",
+        "# Positions of the encoders, in machine units.",
+        f"net {x}-{reading} => {name}.{reading} joint.{joint}.motor-pos-fb",
+        *([f"net {x}-motor-position-fb => {name}.motor-position-fb"] if two else []),
+        "",
+        "# Enable and fault: a trip switches the machine off, and the next F2 clears it.",
+        f"net {x}-enable joint.{joint}.amp-enable-out => {name}.enable",
+        f"net {x}-fault {name}.fault => joint.{joint}.amp-fault-in",
+        f"net {x}-ok {name}.ok",
+        f"net {x}-heartbeat {name}.heartbeat",
+        f"net {x}-running {name}.running",
+        "",
+        "# Command to the drive.",
+        f"net {x}-force-cmd {name}.force-cmd",
+        *([f"net {x}-drive-cmd {name}.drive-cmd"] if drive else []),
+        "",
+        "# Your card: put its pins in and uncomment the lines. Try signs and scales with the motor uncoupled.",
+        f"#   net {x}-{reading} <= CARD.encoder.0.position",
+        *([f"#   net {x}-motor-position-fb <= CARD.encoder.1.position"] if two else []),
+        f"# The command is in {unit or 'N'}; the heartbeat is for a charge pump or a watchdog.",
+        f"#   net {x}-{'drive' if drive else 'force'}-cmd => CARD.analogout.0.value",
+        f"#   net {x}-running => CARD.analogout.0.enable",
+        f"#   net {x}-heartbeat => CARD.charge-pump",
+        "",
+        "# Parameters, in SI units as in the machine file; they may be changed while the axis runs.",
+        *(
+            line
+            for v in routine.parameters
+            if ".control." in v.path
+            for item in [parameter(v)]
+            for line in (f"# {item.meaning}", f"#   setp {name}.{item.name} {float(v.value)!r}")
+        ),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def axis_ini(routine: Routine, joint: int, letter: str, limit: Limits, title: str, made_by: str) -> str:
+    """Return the sections of the joint and of the axis; in mm, the LINEAR_UNITS of the desk."""
+    velocity, acceleration, error = 1e3 * limit.velocity, 1e3 * limit.acceleration, 1e3 * limit.following_error
+    # inside the guard's travel: at its very end the smallest overshoot would trip
+    room = error if limit.travel_known else 0.0
+    ends = [f"MIN_LIMIT = {1e3 * limit.least + room:.9g}", f"MAX_LIMIT = {1e3 * limit.most - room:.9g}"]
+    moves = [f"MAX_VELOCITY = {velocity:.9g}", f"MAX_ACCELERATION = {acceleration:.9g}"]
+    lines = [
+        f"# {plain(title)}",
+        f"# {plain(made_by)}",
+        "#",
+        "# In your .ini these must stand as well:",
+        "#   [TRAJ]   LINEAR_UNITS = mm",
+        f"#   [EMCMOT] SERVO_PERIOD = {servo_period(routine)}",
+        "",
+        *_unknown(limit),
+        f"[AXIS_{letter}]",
+        *moves,
+        *ends,
+        "",
+        f"[JOINT_{joint}]",
+        "TYPE = LINEAR",
+        *moves,
+        *ends,
+        f"# In a simulated move within these limits the following error was at most {1e3 * limit.peak_error:.3g} mm,",
+        f"# the force {limit.peak_force:.3g} N. MIN_FERROR is as large: the error of a servo loop outlasts the motion.",
+        f"FERROR = {error:.9g}",
+        f"MIN_FERROR = {error:.9g}",
+        "# Homing at the present position; enter your switch or index.",
+        "HOME_SEARCH_VEL = 0",
+        "HOME_LATCH_VEL = 0",
+        "HOME_SEQUENCE = 0",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _unknown(limit: Limits) -> list[str]:
+    """Return settings that the machine file does not contain and that must not be assumed."""
+    if limit.travel_known:
+        return []
+    return [
+        "# THE TRAVEL IS NOT KNOWN: the machine file has no travel_least and travel_most in its guard.",
+        "# MIN_LIMIT and MAX_LIMIT are placeholders; enter yours before the axis moves.",
+    ]
+
+
+def desk_hal(routine: Routine, plant: Routine, joint: int) -> str:
+    """Return the HAL file for a desk: the planner, the controller of this axis, and its physics in place of a card."""
+    x, p, name = _prefix(routine), hal(plant.name), hal(routine.name)
+    readings = [r for r in ("motor-position-fb", "load-position-fb", "position-fb") if _has(routine, r)]
+    lines = [
+        "# The axis on the desk: its physics in place of drive, motor and encoders. Nothing moves.",
+        "loadrt [KINS]KINEMATICS",
+        "loadrt [EMCMOT]EMCMOT servo_period_nsec=[EMCMOT]SERVO_PERIOD num_joints=[KINS]JOINTS",
+        f"loadrt {plant.name}",
+        "",
+        f"addf {p}.read servo-thread",
+        "addf motion-command-handler servo-thread",
+        "addf motion-controller servo-thread",
+        f"source {routine.name}.hal",
+        f"addf {p}.write servo-thread",
+        "",
+        *(f"net {x}-{r} <= {p}.{'load-position-fb' if r == 'position-fb' else r}" for r in readings),
+        f"net {x}-force-cmd => {p}.force",
+        "",
+        "# A desk has no real-time kernel: a late call is no fault here. On a machine it is.",
+        f"setp {name}.late-limit 0",
+        "",
+        *(f"net joint-{i}-loop joint.{i}.motor-pos-cmd => joint.{i}.motor-pos-fb" for i in range(joint)),
+        "net estop-loop iocontrol.0.user-enable-out iocontrol.0.emc-enable-in",
+        "net tool-prepared iocontrol.0.tool-prepare iocontrol.0.tool-prepared",
+        "net tool-changed iocontrol.0.tool-change iocontrol.0.tool-changed",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def desk_ini(routine: Routine, joint: int, letter: str) -> str:
+    """Return a LinuxCNC configuration with this axis, for `linuxcnc desk.ini`; joints before it follow their
+    commands.
+    """
+    others = [other for other in LETTERS if other != letter][:joint]
+    ideal = "".join(_IDEAL.format(letter=other, joint=i) for i, other in enumerate(others))
+    return filled(
+        "desk.ini",
+        name=routine.name,
+        period=servo_period(routine),
+        coordinates="".join([*others, letter]),
+        joints=joint + 1,
+        ideal=ideal,
+    )
+
+
+def _prefix(routine: Routine) -> str:
+    """Return the prefix of the signals, different for each axis."""
+    return hal(routine.name)
+
+
+def _has(routine: Routine, wanted: str) -> bool:
+    return any(item.name == wanted for item in pins(routine))
+
+
+_IDEAL = """
+[AXIS_{letter}]
+MAX_VELOCITY = 500
+MAX_ACCELERATION = 2500
+
+[JOINT_{joint}]
+TYPE = LINEAR
+MAX_VELOCITY = 500
+MAX_ACCELERATION = 2500
+HOME_SEARCH_VEL = 0
+HOME_LATCH_VEL = 0
+HOME_SEQUENCE = 0
+"""
+
+
+_VELOCITIES = (0.5, 0.25, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)  # m/s, tried one after the other
+_RAMP = 0.2  # s from rest to the velocity, and of the way between two ramps
+_SHARE = 0.7  # of the limits of force, following error and speed that a move may use
+_MARGIN = 2.0  # between the following error of the move and FERROR
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of an axis in LinuxCNC: velocity (m/s), acceleration (m/s2), following error (m), ends of the travel (m).
+
+    `peak_error` (m) and `peak_force` (N) are those of the move in which the axis was tried; `travel_known`: the ends
+    are those of the guard, not placeholders.
+    """
+
+    velocity: float
+    acceleration: float
+    following_error: float
+    least: float
+    most: float
+    peak_error: float
+    peak_force: float
+    travel_known: bool
+
+
+def limits(loop: Loop) -> Limits:
+    """Return the fastest of some moves that keep a margin of 30 % to the limits of the control and of the motor.
+
+    The move is LinuxCNC's own, a trapezoid of velocity.  Its following error is counted as LinuxCNC does, against the
+    reading of one period later.  Raises ParameterError if even the slowest move is too much.
+    """
+    least, most = _travel(loop)
+    tried = None
+    for velocity in _VELOCITIES:
+        tried = _tried(loop, velocity, least, most)
+        if tried is not None:
+            break
+    if tried is None:
+        raise ParameterError(
+            f"the axis cannot be moved at {Quantity(_VELOCITIES[-1], 'm/s'):6 SI} within 70 % of its limits of force, "
+            "following error and speed: LinuxCNC would switch it off at once; look at the simulation of this loop "
+            "first"
+        )
+    return tried
+
+
+def _travel(loop: Loop) -> tuple[float, float]:
+    """Return the ends of the travel in m: those of the guard, else half a metre to either side."""
+    guard = loop.control.guard
+    least, most = (None, None) if guard is None else (guard.travel_least, guard.travel_most)
+    if least is not None and most is not None:
+        return least, most
+    if least is not None:
+        return least, least + 1.0
+    if most is not None:
+        return most - 1.0, most
+    return -0.5, 0.5
+
+
+def _tried(loop: Loop, velocity: float, least: float, most: float) -> Limits | None:
+    """Simulate a move and return its limits; None if it is too fast or too long."""
+    acceleration = velocity / _RAMP
+    distance = 2.0 * _RAMP * velocity
+    if distance > most - least:
+        return None
+    middle = 0.5 * (least + most)
+    move = TrapezoidalMove(
+        distance=distance, start=middle - 0.5 * distance, velocity=velocity, acceleration=acceleration, dwell_after=0.1
+    )
+    try:
+        run = simulate(
+            loop, move, record=("set_position", "reading_load", "requested", "force", "trip", "velocity_load")
+        )
+    except DivergedError:
+        return None
+    error = float(np.max(np.abs(run["set_position"][:-1] - run["reading_load"][1:])))
+    force = float(np.max(np.abs(run["requested"])))
+    speed = float(np.max(np.abs(run["velocity_load"])))
+    guard, motor = loop.control.guard, loop.axis.actuator.motor
+    forces = [loop.control.force_limit, None if motor is None else motor.limits()[0]]
+    bounds = [(force, limit) for limit in forces]
+    bounds.append((speed, None if motor is None else motor.velocity_limit()))
+    if guard is not None:
+        bounds += [(error, guard.following_error_limit), (speed, guard.velocity_limit)]
+    if np.any(run["trip"] > 0.0) or any(bound is not None and value > _SHARE * bound for value, bound in bounds):
+        return None
+    known = guard is not None and guard.travel_least is not None and guard.travel_most is not None
+    return Limits(velocity, acceleration, _rounded_up(_MARGIN * error), least, most, error, force, known)
+
+
+def _rounded_up(value: float) -> float:
+    """Round up to 1, 2 or 5 times a power of ten, in m, and to at least 10 um."""
+    value = max(value, 1e-5)
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(round(step * power, 9) for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value * (1.0 - 1e-9))
