@@ -37,7 +37,7 @@ from feeddrive.language.declaration import Declaration
 from feeddrive.language.errors import ParameterError, plain, shown
 from feeddrive.language.table import Result, Table
 from feeddrive.study.base import Base
-from feeddrive.study.jobs import STUDY_KEYS, check_rows, read_jobs
+from feeddrive.study.chosen_jobs import STUDY_KEYS, check_rows, read_jobs
 from feeddrive.study.points import BITS
 from feeddrive.study.specification import Bound, read_measure, read_specification
 from feeddrive.study.vary import Choice, Varied
