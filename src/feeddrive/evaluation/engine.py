@@ -18,11 +18,12 @@ from contextlib import closing
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from feeddrive.evaluation import cores
 from feeddrive.evaluation.case import Case
+from feeddrive.evaluation.cores import by_processes, by_threads
 from feeddrive.evaluation.store import Store
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
+from feeddrive.loop.runner import cores
 
 T = TypeVar("T")
 C = TypeVar("C", bound=Case[Any])
@@ -94,6 +95,18 @@ class Engine:
         if not 1 <= self.workers <= MOST_WORKERS:
             raise ParameterError(f"workers = {self.workers} must be 1 to {MOST_WORKERS}")
 
+    @classmethod
+    def of(cls, workers: int | None, scheduler: str | None = None, store: Store | None = None) -> Engine:
+        """Return the engine that options ask for; without `workers` it has all cores.
+
+        Raises ParameterError for both workers and a scheduler, which has its own.
+        """
+        if workers is not None and scheduler is not None:
+            raise ParameterError(
+                f"workers = {workers} are of this machine, and the scheduler has its own: give one of them"
+            )
+        return cls(cores() if workers is None else workers, scheduler, store)
+
     def evaluate(self, cases: Sequence[Case[T]], progress: Progress | Bar | None = None) -> list[T]:
         """Return the outcomes of cases in their order; known ones are taken from the store, others kept as they end.
 
@@ -137,9 +150,9 @@ class Engine:
 
             yield from cluster.finished(cases, self.scheduler, bar.progress)
         elif some[0].threaded:
-            yield from cores.by_threads(cases, self.workers, bar.progress)
+            yield from by_threads(cases, self.workers, bar.progress)
         elif some[0].isolated or min(self.workers, len(some)) > 1:
-            yield from cores.by_processes(cases, self.workers, bar.progress, bar.stage)
+            yield from by_processes(cases, self.workers, bar.progress, bar.stage)
         else:
             for case in cases:
                 bar.progress.check()

@@ -17,12 +17,11 @@ from functools import cached_property
 from pathlib import Path
 
 from feeddrive.evaluation.engine import Engine
-from feeddrive.language.errors import CancelledError, ParameterError, WorkerError
+from feeddrive.language.errors import CancelledError, WorkerError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
-from feeddrive.loop.runner import cores
 from feeddrive.study.chunk import REASON, VARIANT, Chunk
 from feeddrive.study.store import Manifest, Store
 from feeddrive.study.study import Study, StudyLike, read_study
@@ -84,11 +83,7 @@ def sweep(
     WorkerError for workers that cannot be reached or are lost again and again; CancelledError after a cancel or Ctrl-C.
     After each of them `resume` goes on.
     """
-    if workers is not None and scheduler is not None:
-        raise ParameterError(
-            f"workers = {workers} are of this machine, and the scheduler has its own: give one of them"
-        )
-    engine = Engine(cores() if workers is None else workers, scheduler)
+    engine = Engine.of(workers, scheduler)
     study = read_study(study, allow)
     store, progress = Store(out), progress or Progress()
     begun = time.perf_counter()

@@ -14,15 +14,15 @@ from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, capitalized
-from feeddrive.loop.runner import cores
 from feeddrive.tuning.candidates import PLAIN
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import OUT, Request, option
+from feeddrive.workflow.evaluated import EvaluationRequest, engine_of
+from feeddrive.workflow.request import OUT, option
 
 _MANY = 1.02  # times better than P-PI that is worth a sentence
 
 
-class BenchmarkRequest(Request):
+class BenchmarkRequest(EvaluationRequest):
     """Which plants and laws, and whether they are searched anew."""
 
     plant: tuple[str, ...] = option("A plant that is wanted; may be repeated; default: all", default=())
@@ -53,20 +53,20 @@ def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmar
     rules = read_rules(request.rules)
     plants = rules.chosen(request.plant)
     own = own_laws(plants[0], request.law)
-    with TemporaryDirectory() as forgotten:
+    files: dict[str, Path] = {}
+    with engine_of(request, None, request.out) as engine, TemporaryDirectory() as forgotten:
         keep = request.keep or Path(forgotten)
         if request.retune or own:
             search(
-                rules, plants, keep, laws=request.law if request.retune else own, workers=cores(),
+                rules, plants, keep, laws=request.law if request.retune else own, engine=engine,
                 stored=not request.retune, progress=progress,
             )  # fmt: skip
         found = score(
-            rules, plants, laws=request.law, designs=[keep], own=request.seed, workers=cores(), progress=progress
+            rules, plants, laws=request.law, designs=[keep], own=request.seed, engine=engine, progress=progress
         )
-    files: dict[str, Path] = {}
-    if request.out is not None:
-        progress.step("report")
-        files["Report"] = write_benchmark(found, request.out)
+        if request.out is not None:
+            progress.step("report")
+            files["Report"] = write_benchmark(found, request.out)
     judgment, verdict = advice(found, asked=bool(request.law))
     missing = [reasons(found)] if found.unplaced() else []
     named = missing if request.law else []  # who asks for a law is told why it has no place

@@ -135,12 +135,13 @@ def option(
     options: tuple[str, ...] = (),
     flag: str = "",
     short: str = "",
+    last: bool = False,
     kw_only: Literal[True] = True,
 ) -> Any:
-    """Declare an option; without a default it must be given."""
+    """Declare an option; without a default it must be given. `last`: it is shown after those of the subclasses."""
     declared = Declaration(role="option", unit=entered or unit, meaning=meaning, above=above, least=least, below=below,
                            most=most, options=options)  # fmt: skip
-    metadata = {"declared": declared, "unit": unit, "short": short, "flag": flag}
+    metadata = {"declared": declared, "unit": unit, "short": short, "flag": flag, "last": last}
     return dataclasses.field(default=default, kw_only=kw_only, metadata=metadata)
 
 
@@ -198,10 +199,11 @@ class Request:
 
 @cache
 def fields_of(request: type[Request]) -> tuple[Field, ...]:
-    """The fields of a request in their order."""
+    """The fields of a request in their order, those declared as last after all others."""
     hints = typing.get_type_hints(request)
     found: list[Field] = []
-    for spec in dataclasses.fields(request):  # type: ignore[arg-type]
+    specs = dataclasses.fields(request)  # type: ignore[arg-type]
+    for spec in sorted(specs, key=lambda spec: spec.metadata.get("last", False)):
         kinds, many = _kind(hints[spec.name])
         given = spec.metadata
         positional = given["declared"].role == "argument"
