@@ -1,5 +1,6 @@
 """What each command does, as a function with a declared request, by the name of the command; and what they write."""
 
+from feeddrive.jobs.run_laws import JobResult as JobResult
 from feeddrive.workflow.adjust import adjust as adjust
 from feeddrive.workflow.benchmark import benchmark as benchmark
 from feeddrive.workflow.certify import certify as certify
@@ -20,7 +21,6 @@ from feeddrive.workflow.frf import frf as frf
 from feeddrive.workflow.friction import friction as friction
 from feeddrive.workflow.identify import identify as identify
 from feeddrive.workflow.iterate import iterate as iterate
-from feeddrive.workflow.jobs import JobResult as JobResult
 from feeddrive.workflow.lobes import lobes as lobes
 from feeddrive.workflow.new import new as new
 from feeddrive.workflow.plan import plan as plan

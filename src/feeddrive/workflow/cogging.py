@@ -17,6 +17,7 @@ from feeddrive.blocks.force.cogging import Cogging
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.columns import ROLES, Column, is_time
+from feeddrive.files.drive import Drive
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.read_log import read_arrays
@@ -33,7 +34,6 @@ from feeddrive.language.text import Text
 from feeddrive.report.page import Shown, definitions, header, page, picture, remarks, tabled
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import (
-    Drive,
     DriveLogsRequest,
     chosen,
     columns_said,

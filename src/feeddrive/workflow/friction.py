@@ -13,6 +13,7 @@ from feeddrive.blocks.families import Friction
 from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
+from feeddrive.files.drive import Drive
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile
@@ -37,7 +38,6 @@ from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import (
     FORCES,
     MOTIONS,
-    Drive,
     DriveLogsRequest,
     columns_said,
     drive_of,

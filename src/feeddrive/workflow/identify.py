@@ -16,6 +16,7 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.columns import Column
+from feeddrive.files.drive import Drive, axis_name, drive_with
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.frf import read_frfs
 from feeddrive.files.log import Log
@@ -39,7 +40,7 @@ from feeddrive.report.page import Shown, definitions, header, page, page_units, 
 from feeddrive.tuning.filter_pack import read_block
 from feeddrive.workflow.channels import mapped, no_column
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.drive_logs import Drive, axis_name, columns_said, drive_with, narrow, written
+from feeddrive.workflow.drive_logs import columns_said, narrow, written
 from feeddrive.workflow.identify_responses import IdentifyRequest, identify_responses, responses_in
 from feeddrive.workflow.readings import Doubt
 from feeddrive.workflow.request import called

@@ -11,6 +11,7 @@ from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.blocks_to_toml import to_toml
+from feeddrive.files.drive import drive_with
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.job import Job, JobLike, read_job
 from feeddrive.files.log import Log
@@ -28,7 +29,7 @@ from feeddrive.tuning.trial import Trial, measured_trial
 from feeddrive.tuning.trials import iterate_trials
 from feeddrive.workflow.channels import mapped
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.drive_logs import chosen, drive_with
+from feeddrive.workflow.drive_logs import chosen
 from feeddrive.workflow.request import CHANNELS, UNIT, Request, argument, called, option
 
 _WANTED = ("time", "setpoint_position", "position_load", "position_motor", "force", "command")
