@@ -273,4 +273,6 @@ def frequencies(band: str) -> tuple[float, float]:
 def signature(request: Callable[..., Any], work: Callable[..., Any]) -> inspect.Signature:
     """Return the fields of the request as parameters, and what the outcome of the work holds as the result."""
     result = str(work.__annotations__["return"]).removeprefix("Outcome[").removesuffix("]")
-    return inspect.signature(request).replace(return_annotation=result)
+    made = inspect.signature(request)
+    parameters = [made.parameters[field.name] for field in fields_of(request)]  # type: ignore[arg-type]
+    return made.replace(parameters=parameters, return_annotation=result)
