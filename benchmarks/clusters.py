@@ -14,7 +14,7 @@ import numpy as np
 
 from feeddrive.path.geometry.joints import Joiner
 from feeddrive.path.geometry.segments import AT_ONCE, Chain
-from feeddrive.path.pieces import LINE, Pieces
+from feeddrive.path.motion import LINE, Pieces
 from feeddrive.path.proof.prove import Prover
 from feeddrive.path.schedule.run import Schedule
 

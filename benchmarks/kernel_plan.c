@@ -1,4 +1,4 @@
-/* kernel_plan.py, feeddrive/path/ramp.py and feeddrive/path/pieces.py by hand: the same bits, without checks. */
+/* kernel_plan.py, feeddrive/path/ramp.py and feeddrive/path/motion.py by hand: the same bits, without checks. */
 #include <math.h>
 #include <stdint.h>
 

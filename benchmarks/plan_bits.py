@@ -30,8 +30,8 @@ import feeddrive
 from feeddrive.language.errors import ProgramError
 from feeddrive.path.motion import Pause
 from feeddrive.path.override import Override, override
-from feeddrive.path.plan import planned
 from feeddrive.path.program.reading import read_program
+from feeddrive.path.setpoints import planned
 
 BUNDLED = Path(feeddrive.__file__).parent / "files" / "bundled" / "programs"
 

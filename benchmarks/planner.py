@@ -22,12 +22,11 @@ from pathlib import Path
 import numpy as np
 
 from feeddrive.path.geometry.segments import Pause
-from feeddrive.path.plan import planned
 from feeddrive.path.program.lines import Line
 from feeddrive.path.program.moves import Arc, Feed, Move, PathMode, Straight
 from feeddrive.path.program.reading import read_program
 from feeddrive.path.proof.prove import Prover
-from feeddrive.path.sample import Sampler
+from feeddrive.path.setpoints import Sampler, planned
 
 LIMITS = np.array([[0.5, 5.0, 100.0, 5e4]] * 3)  # m/s .. m/s⁴
 EVERY = 10_000  # blocks between looks at the memory

@@ -11,8 +11,8 @@ import pytest
 
 import feeddrive as fd
 from feeddrive.certificate import check
-from feeddrive.certificate.deployed import deployed, rounded
-from feeddrive.certificate.discs import LoopResponse, deviations, given
+from feeddrive.certificate.discs import LoopResponse, deviations, radius_steps
+from feeddrive.certificate.systems import deployed, rounded
 from feeddrive.language.errors import NotCertifiedError, ParameterError
 from feeddrive.loop.linearize import StateSpace
 from feeddrive.tuning.control_response import ControlResponse
@@ -296,7 +296,7 @@ def test_a_radius_over_frequency_and_several_plants() -> None:
     points = [(10.0, 0.1), (100.0, 0.3), (1000.0, 1.0)]
     found = fd.certificate.certify_loop(loop, {"light": loop, "heavy": heavy.axis}, radius=points)
     assert [each["name"] for each in found.document["plants"]] == ["light", "heavy"]
-    for to, r in given(points, 5000.0):
+    for to, r in radius_steps(points, 5000.0):
         assert r >= np.interp(np.log(to), np.log([p[0] for p in points]), [p[1] for p in points]) - 1e-12
     assert len(found.verify()) == 2
 

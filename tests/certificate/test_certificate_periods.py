@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
-from feeddrive.certificate import check, check_periods
+from feeddrive.certificate import check
 from feeddrive.certificate.certificate import Certificate
 from feeddrive.certificate.discs import LoopResponse
 from feeddrive.language.errors import NotCertifiedError, ParameterError
@@ -40,7 +40,7 @@ def found(loop: fd.Loop) -> Certificate:
     return fd.certificate.certify_loop(loop, arithmetic="float32")
 
 
-def random_lifted(seed: int, every: int) -> tuple[check_periods.Lifted, np.ndarray]:
+def random_lifted(seed: int, every: int) -> tuple[check.Lifted, np.ndarray]:
     """A random loop whose samples differ, exactly lifted, and its product A in floats."""
     rng = np.random.default_rng(seed)
     n, m = 3, 2
@@ -57,7 +57,7 @@ def random_lifted(seed: int, every: int) -> tuple[check_periods.Lifted, np.ndarr
         C = {name: np.array(x) for name, x in each.items()}
         closed = np.block([[C["A"], C["B"] @ P["C"]], [P["B"] @ C["C"], P["A"] + P["B"] @ C["D"] @ P["C"]]])
         product = closed @ product
-    return check_periods.lifted(samples, plant), product
+    return check.lifted(samples, plant), product
 
 
 def test_a_law_with_one_rate_told_as_three_equal_samples_has_the_same_discs() -> None:
@@ -92,10 +92,10 @@ def test_checker_and_certificate_agree_on_every_image(found: Certificate) -> Non
     control = check.prepared(document["control"])
     model = check.system(document["plants"][0]["model"], "model")
     assert isinstance(control, list)
-    lifted = check_periods.lifted(control, model)
+    lifted = check.lifted(control, model)
     f = np.linspace(0.3, 499.7, 41)
     sums = np.abs(found.loops["model"].images(f)).sum(axis=1)
-    assert [check_periods.at(lifted, x, 1e-3) for x in f] == pytest.approx(sums.tolist(), rel=1e-8, abs=1e-10)
+    assert [check.image_sum(lifted, x, 1e-3) for x in f] == pytest.approx(sums.tolist(), rel=1e-8, abs=1e-10)
 
 
 @pytest.mark.parametrize("every", [2, 3, 5])
@@ -118,17 +118,17 @@ def test_the_bound_of_a_stretch_holds_and_is_of_second_order(seed: int) -> None:
     for center in rng.uniform(0.2, 3.0, 6):
         added: list[float] = []
         for h in (2e-2, 2e-3):
-            stretch = check_periods.Stretch(lifted, float(center), h)
+            stretch = check.Stretch(lifted, float(center), h)
             if not stretch.fits:
                 break
             for k in range(every):
-                most = check_periods.most_of(stretch, k, 0.0)
-                inner = [check_periods.Stretch(lifted, float(center + x), 0.0) for x in (-h, -0.6 * h, 0.3 * h, h)]
-                values = [check_periods.most_of(each, k, 0.0) for each in inner]
+                most = check.most_of(stretch, k, 0.0)
+                inner = [check.Stretch(lifted, float(center + x), 0.0) for x in (-h, -0.6 * h, 0.3 * h, h)]
+                values = [check.most_of(each, k, 0.0) for each in inner]
                 assert max(values) <= most * (1.0 + 1e-9)
-                assert check_periods.most_of(stretch, k, 1e9) >= most * (1.0 - 1e-9)
+                assert check.most_of(stretch, k, 1e9) >= most * (1.0 - 1e-9)
                 y0, y1, _ = stretch.forces(k)
-                here = check_periods.most_of(check_periods.Stretch(lifted, float(center), 0.0), k, 0.0)
+                here = check.most_of(check.Stretch(lifted, float(center), 0.0), k, 0.0)
                 added.append(most - max(values))
                 assert here <= most
                 assert len(y0) == len(y1) == every
@@ -139,13 +139,13 @@ def test_the_bound_of_a_stretch_holds_and_is_of_second_order(seed: int) -> None:
     assert tried > 2
 
 
-def one_state(a: float, every: int = 4) -> check_periods.Lifted:
+def one_state(a: float, every: int = 4) -> check.Lifted:
     """x' = a x over a period, moved by its first sample and read in its last."""
     silent = [[0.0]] * (every - 1)
-    return check_periods.Lifted([[a]], [[1.0], *silent], [*silent, [1.0]], [[0.0] * k for k in range(every)])
+    return check.Lifted([[a]], [[1.0], *silent], [*silent, [1.0]], [[0.0] * k for k in range(every)])
 
 
-LATE = check_periods.Lifted([[0.0]], [[0.0]] * 4, [[0.0]] * 4, [[], [1.0], [1.0, 1.0], [1.0, 1.0, 1.0]])
+LATE = check.Lifted([[0.0]], [[0.0]] * 4, [[0.0]] * 4, [[], [1.0], [1.0, 1.0], [1.0, 1.0, 1.0]])
 
 
 @pytest.mark.parametrize(
@@ -153,11 +153,9 @@ LATE = check_periods.Lifted([[0.0]], [[0.0]] * 4, [[0.0]] * 4, [[], [1.0], [1.0,
     [(LATE, 1.0, 0.5), (one_state(0.0), 1.0, 0.3), (one_state(0.99), 0.0, 1e-3), (one_state(0.99), 0.0, 7.4e-3)],
     ids=["what goes through at once", "without a pole", "near a pole", "as near as is tried"],
 )
-def test_the_rest_is_at_least_what_a_straight_line_leaves(
-    lifted: check_periods.Lifted, center: float, h: float
-) -> None:
+def test_the_rest_is_at_least_what_a_straight_line_leaves(lifted: check.Lifted, center: float, h: float) -> None:
     """Loops of one term each, in which the bound cannot be far above: up to five times, near a pole too."""
-    stretch = check_periods.Stretch(lifted, center, h)
+    stretch = check.Stretch(lifted, center, h)
     assert stretch.fits
     M, one = np.array(stretch.M), np.ones(len(stretch.M))
     assert np.all((np.eye(len(M)) - M) @ stretch.bounded(one.tolist()) >= one)
@@ -319,23 +317,22 @@ def test_a_wrong_certificate_is_refused(change: Callable[[Document], None], reas
         check.verified(changed(found, change))
 
 
-def test_a_copy_of_both_files_proves_it_alone_and_one_says_what_it_lacks(found: Certificate, tmp_path: Path) -> None:
+def test_a_copy_of_the_checker_in_an_empty_folder_proves_it(found: Certificate, tmp_path: Path) -> None:
+    """One file is enough for two rates too; isolated from this package and from every other one."""
     (tmp_path / "loop.json").write_text(found.text())
     (tmp_path / "empty.json").write_text(json.dumps(changed(found, nothing)))
-    for name in ("check.py", "check_periods.py"):
-        program = tmp_path / name
-        program.write_text(Path(check.__file__).with_name(name).read_text())
-        assert "feeddrive" not in "".join(line for line in program.read_text().split("\n") if "import" in line)
-        command = [sys.executable, "-I", str(tmp_path / "check.py")]
-        for file in ("loop.json", "empty.json"):
-            done = subprocess.run([*command, str(tmp_path / file)], capture_output=True, text=True, check=False)
-            assert not done.stderr
-            proves = name == "check_periods.py" and file == "loop.json"
-            assert done.returncode == (0 if proves else 1)
-            assert done.stdout.startswith("REFUSED: ") != proves
-            if file == "loop.json":
-                words = "PROVEN: plants: 1, coefficients: float32" if proves else "check_periods.py must stand beside"
-                assert words in done.stdout
+    folder = tmp_path / "empty"
+    folder.mkdir()
+    program = folder / "check.py"
+    program.write_text(Path(check.__file__).read_text())
+    assert "feeddrive" not in "".join(line for line in program.read_text().split("\n") if "import" in line)
+    for file, proves in (("loop.json", True), ("empty.json", False)):
+        command = [sys.executable, "-I", str(program), str(tmp_path / file)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert not done.stderr
+        assert done.returncode == (0 if proves else 1)
+        assert done.stdout.startswith("REFUSED: ") != proves
+        assert ("PROVEN: plants: 1, coefficients: float32" in done.stdout) == proves
 
 
 def test_what_cannot_be_certified_says_where_and_what_to_do(loop: fd.Loop) -> None:

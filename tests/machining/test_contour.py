@@ -10,8 +10,7 @@ from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import simulate
-from feeddrive.machining.contour import contour_error
-from feeddrive.machining.curve import curve_through, feet
+from feeddrive.machining.contour import contour_error, curve_through, feet
 from machining.circles import axis, circle, response, smooth_xy_table
 
 UM = 1e-6

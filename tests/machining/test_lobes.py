@@ -20,11 +20,9 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
-from feeddrive.machining.lobe_theory import semi_discretisation, zero_order
-from feeddrive.machining.lobes import cut_stability, kind_of, stability_lobes
-from feeddrive.machining.regeneration import Regeneration, regeneration
+from feeddrive.machining.lobes import cut_stability, kind_of, semi_discretisation, stability_lobes, zero_order
+from feeddrive.machining.regeneration import Regeneration, ToothPassage, regeneration
 from feeddrive.machining.tool_point import ToolMode, ToolPoint, tool_modes, tool_point
-from feeddrive.machining.tooth_passage import ToothPassage
 
 # the benchmark of the literature: Insperger & Stépán 2004, one mode along the feed, two straight teeth
 MODE = ToolMode(frequency=922.0, damping_ratio=0.011, mass=0.03993)

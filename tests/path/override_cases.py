@@ -12,9 +12,8 @@ from sample_check import Curve, check_limits, check_path, curves
 from feeddrive.path.limits import AxisLimits, MachineLimits
 from feeddrive.path.motion import Part
 from feeddrive.path.override import MOST, Override, override
-from feeddrive.path.plan import planned
 from feeddrive.path.program.moves import Arc, Feed, Move, Spline, Straight
-from feeddrive.path.setpoints import Setpoints
+from feeddrive.path.setpoints import Setpoints, planned
 
 ALL_KINDS = (*KINDS, "all axes")
 _SAMPLES = 1999.3  # of a whole motion, nearly; its end is no instant
@@ -177,8 +176,9 @@ def check_case(case: Case) -> int:
     count = len(values)
     for time, _ in case.steps[:2]:
         fine = max(T / _FINE, (time + 0.5 * _SAMPLES * T / _FINE) / (_SAMPLES * _FINE))
-        values = samples(case, fine, time - 0.5 * _SAMPLES * fine, time + 0.5 * _SAMPLES * fine)
+        until = time + 0.5 * _SAMPLES * fine
+        values = samples(case, fine, time - 0.5 * _SAMPLES * fine, until)
         if len(values):
-            check_limits(fine, values, case.limits, way)
+            check_limits(fine, values, case.limits, way, until)
         count += len(values)
     return count

@@ -7,12 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from feeddrive.path.motion import Part
-from feeddrive.path.pieces import ARC, LINE, POLYNOMIAL, Pieces, derivatives
-from feeddrive.path.plan import planned
+from feeddrive.path.motion import ARC, LINE, POLYNOMIAL, Part, Pieces, derivatives
 from feeddrive.path.program.lines import Line
 from feeddrive.path.program.moves import Arc, Feed, Move, PathMode, Point, Spline, Straight
 from feeddrive.path.proof.prove import Prover
+from feeddrive.path.setpoints import planned
 
 # m/s, m/s², m/s³, m/s⁴ of each of three axes
 LIMITS = np.array([[0.5, 5.0, 100.0, 5e4]] * 3)

@@ -14,13 +14,12 @@ from test_plan_program import LOGS, logged, moving, proven
 from feeddrive.language.kernels.kernel import interpreted
 from feeddrive.path.geometry.joints import Joiner, Joint, join, joined
 from feeddrive.path.geometry.segments import Chain
-from feeddrive.path.motion import Part
-from feeddrive.path.pieces import LINE, Pieces, Section, derivatives, part_of_pieces
-from feeddrive.path.plan import planned
+from feeddrive.path.motion import LINE, Part, Pieces, Section, derivatives, part_of_pieces
 from feeddrive.path.program.moves import Feed, Move, PathMode
 from feeddrive.path.program.reading import read_program
 from feeddrive.path.proof.prove import Prover
 from feeddrive.path.schedule.run import Schedule, plan_run
+from feeddrive.path.setpoints import planned
 
 PUBLIC = LOGS.parent / "gcode" / "linuxcnc"
 DRAW = np.random.default_rng(13)

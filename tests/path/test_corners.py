@@ -11,14 +11,12 @@ from paths import LIMITS, arc, joined_up, lines, random_limits
 
 from feeddrive.path.geometry.joints import Joiner, joined
 from feeddrive.path.geometry.segments import Chain
-from feeddrive.path.motion import Motion, Part
-from feeddrive.path.pieces import Pieces
+from feeddrive.path.motion import Motion, Part, Pieces
 from feeddrive.path.proof.prove import Proof, Prover
-from feeddrive.path.sample import Sampler
-from feeddrive.path.schedule.bump import ROWS, straight, width
+from feeddrive.path.schedule.corner import ROWS, overlapped, straight, width
 from feeddrive.path.schedule.crossing import Crossings
-from feeddrive.path.schedule.overlap import overlapped
 from feeddrive.path.schedule.run import Schedule, plan_run
+from feeddrive.path.setpoints import Sampler
 from fresh_draws import Seeded
 
 

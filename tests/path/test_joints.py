@@ -7,7 +7,7 @@ import pytest
 from paths import arc, joined_up, lines
 
 from feeddrive.path.geometry.joints import joined
-from feeddrive.path.pieces import ARC, LINE, POLYNOMIAL, Pieces, derivatives
+from feeddrive.path.motion import ARC, LINE, POLYNOMIAL, Pieces, derivatives
 
 
 def points(pieces: Pieces, count: int) -> np.ndarray:

@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 from paths import LIMITS, arc, lines, random_curve, random_limits
 
-from feeddrive.path.motion import Motion, Part
-from feeddrive.path.pieces import Pieces, Section
-from feeddrive.path.plan import planned
+from feeddrive.path.motion import Motion, Part, Pieces, Section
 from feeddrive.path.program.reading import read_program
 from feeddrive.path.proof.prove import Prover
 from feeddrive.path.schedule import lift
 from feeddrive.path.schedule.lift import Lifter
 from feeddrive.path.schedule.run import Schedule
 from feeddrive.path.schedule.spline import at, basis
+from feeddrive.path.setpoints import planned
 from kernel_oracle import compare
 
 CHIPS = Path(__file__).parents[3] / "shared" / "data" / "gcode" / "linuxcnc" / "3D_Chips.ngc"

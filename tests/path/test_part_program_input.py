@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from counting import lines_run
 from feeddrive.language.errors import FileError, ProgramError
+from feeddrive.path.program.expressions import read_offsets
 from feeddrive.path.program.moves import Arc, Offsets, Spline, Straight, ToolChange
-from feeddrive.path.program.parameters import read_offsets
 from feeddrive.path.program.reading import read_program
-from feeddrive.path.program.tools import read_tools
+from feeddrive.path.program.state import read_tools
 
 AXES = {"X": (-10.0, 10.0), "Y": (-10.0, 10.0), "Z": None, "A": None}
 NUMBERS = st.one_of(

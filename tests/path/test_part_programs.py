@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from feeddrive.language.errors import FileError, ParameterError, ProgramError
-from feeddrive.path.program.codes import G_CODES, M_CODES, REFUSED, name_of
+from feeddrive.path.program.blocks import G_CODES, M_CODES, REFUSED, name_of
 from feeddrive.path.program.commands import Command, canonical_text, read_command
 from feeddrive.path.program.moves import Arc, Feed, Message, Move, PathMode, Spline, Straight, Switch, Synchronized
 from feeddrive.path.program.reading import read_commands, read_program

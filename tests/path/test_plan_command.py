@@ -21,10 +21,9 @@ from feeddrive.language.errors import CancelledError, FeeddriveError, ParameterE
 from feeddrive.language.progress import Progress
 from feeddrive.path import setpoints
 from feeddrive.path.motion import Part
-from feeddrive.path.plan import planned
 from feeddrive.path.planned import Recorder
 from feeddrive.path.program.reading import read_program
-from feeddrive.path.sample import Sampler
+from feeddrive.path.setpoints import Sampler, planned
 from feeddrive.workflow.plan import FAULT, PlanRequest, plan
 from hal_programs import needs_linuxcnc
 

@@ -19,15 +19,12 @@ from scipy.spatial import KDTree
 from feeddrive.language.errors import ProgramError
 from feeddrive.path.geometry.segments import Chain, chains
 from feeddrive.path.limits import AxisLimits, MachineLimits
-from feeddrive.path.motion import Part, Pause
-from feeddrive.path.pieces import LINE, POLYNOMIAL, Pieces, Section, derivatives, part_of_pieces
-from feeddrive.path.plan import planned
+from feeddrive.path.motion import LINE, POLYNOMIAL, Part, Pause, Pieces, Section, derivatives, part_of_pieces
 from feeddrive.path.program.moves import Arc, Move, PathMode, Spline, Straight
 from feeddrive.path.program.reading import read_program
 from feeddrive.path.proof.prove import Proof, Prover
-from feeddrive.path.sample import Sampler
 from feeddrive.path.schedule.run import Schedule, plan_run
-from feeddrive.path.setpoints import Setpoints
+from feeddrive.path.setpoints import Sampler, Setpoints, planned
 
 LOGS = Path(__file__).parents[3] / "shared" / "data" / "linuxcnc_logs"
 

@@ -10,13 +10,11 @@ import pytest
 from paths import LIMITS, arc, lines, random_curve, random_limits, square
 
 from feeddrive.path.geometry.joints import joined
-from feeddrive.path.motion import Motion, Part
-from feeddrive.path.pieces import Pieces, derivatives
+from feeddrive.path.motion import Motion, Part, Pieces, derivatives
 from feeddrive.path.proof.prove import Proof, Prover
-from feeddrive.path.sample import Sampler
-from feeddrive.path.schedule.ramp import boxcars
-from feeddrive.path.schedule.room import bounds, cube_root
+from feeddrive.path.schedule.ramp import bounds, boxcars, cube_root
 from feeddrive.path.schedule.run import plan_run
+from feeddrive.path.setpoints import Sampler
 
 
 def proof(pieces: Pieces, motion: Motion, limits: np.ndarray = LIMITS) -> Proof:

@@ -13,9 +13,16 @@ import pytest
 from feeddrive.certificate.certificate import Certificate
 from feeddrive.comparison.pictures import HEIGHTS, X, tradeoff_chart
 from feeddrive.language.quantity import DRAWN, number
-from feeddrive.machining.circle_test import CirclePath, CircleTest, circle_test
+from feeddrive.machining.circle_test import (
+    NEAR,
+    CirclePath,
+    CircleTest,
+    circle_test,
+    deviations,
+    peaks_table,
+    quadrant_peaks,
+)
 from feeddrive.machining.contour import ContourError, contour_error
-from feeddrive.machining.quadrant_peaks import NEAR, deviations, peaks_table, quadrant_peaks
 from feeddrive.plot import style
 from feeddrive.plot.certificate import certificate_chart, discs_chart
 from feeddrive.plot.chart import THIN

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from feeddrive.machining.quadrant_peaks import quadrant_peaks
+from feeddrive.machining.circle_test import quadrant_peaks
 from feeddrive.studio.bench import Bench, bench_of
 from feeddrive.studio.jobs import CANCELLED, DONE
 from feeddrive.studio.recipe import recipe_of

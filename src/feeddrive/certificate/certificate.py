@@ -30,16 +30,16 @@ class Certificate(Result):
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> Certificate:
-        """The certificate of a document, with the digest of its content."""
+        """Return the certificate of a document, with the digest of its content."""
         plain = json.loads(json.dumps(content))
         return cls({**plain, "sha256": check.digest(plain)})
 
     def text(self) -> str:
-        """The JSON text; `python -m feeddrive.certificate.check FILE` checks it."""
+        """Return the JSON text; `python -m feeddrive.certificate.check FILE` checks it."""
         return json.dumps(self.document, indent=1, ensure_ascii=False) + "\n"
 
     def verify(self) -> tuple[str, ...]:
-        """The checker's sentences, one a plant. Raises NotCertifiedError if it refuses."""
+        """Return the checker's sentences, one a plant. Raises NotCertifiedError if it refuses."""
         try:
             return tuple(check.verified(self.document))
         except check.RefusedError as error:
@@ -47,12 +47,12 @@ class Certificate(Result):
 
     @property
     def sample_time(self) -> float:
-        """s."""
+        """The sample time, s."""
         return float.fromhex(self.document["sample_time_s"])
 
     @property
     def two_rates(self) -> bool:
-        """Whether the law repeats itself only after several samples."""
+        """True if the law repeats itself only after several samples."""
         return "samples" in self.document["control"]
 
     @property
@@ -72,17 +72,19 @@ class Certificate(Result):
         readings = control["readings"]
         own = control_of(control, T)
         return {
-            each["name"]: LoopResponse(own, matrices(each["model"], ["cut"], readings, T), each["radius"])
-            for each in self.document["plants"]
+            plant["name"]: LoopResponse(own, matrices(plant["model"], ["cut"], readings, T), plant["radius"])
+            for plant in self.document["plants"]
         }
 
     @property
     def reserve(self) -> float | None:
         """The factor by which the discs of the nearest plant could be wider; None if all are points."""
-        return min((each["reserve"] for each in self.document["plants"] if each["reserve"] is not None), default=None)
+        return min(
+            (plant["reserve"] for plant in self.document["plants"] if plant["reserve"] is not None), default=None
+        )
 
     def sentence(self) -> str:
-        """The result as a sentence, with the plant that has the least room."""
+        """Return the result as a sentence, with the plant that has the smallest reserve."""
         plants = self.document["plants"]
         count = (
             "1 plant and everything in its disc"
@@ -91,7 +93,7 @@ class Certificate(Result):
         )
         room = ""
         if self.reserve is not None:
-            least = min((each for each in plants if each["reserve"] is not None), key=lambda each: each["reserve"])
+            least = min((plant for plant in plants if plant["reserve"] is not None), key=lambda plant: plant["reserve"])
             room = Text(
                 f"; the least room is at {Quantity(least['reserve_at_Hz'], 'Hz'):3}, where the disc of "
                 f"'{least['name']}' could be {Quantity(self.reserve):2} times as wide"
@@ -99,7 +101,7 @@ class Certificate(Result):
         return Text(f"stable for {count}, with {self.arithmetic} coefficients{room}")
 
     def table(self) -> Table:
-        """One row a plant, that with the least room first."""
+        """One row a plant, the smallest reserve first."""
         rows: list[list[str | float | int | None]] = []
         for plant in sorted(self.document["plants"], key=lambda plant: plant["reserve"] or math.inf):
             radii = [x for band in plant["radius"] for x in band["r"]]
@@ -107,12 +109,24 @@ class Certificate(Result):
             loop = self.loops[plant["name"]]
             f = loop.lines()
             peak = float(np.max(loop.size(f) / loop.room(f)[0]))
-            rows.append([
-                plant["name"], Text(f"{Quantity(least):3} .. {Quantity(most):3}") if least < most else radii[0], peak,
-                plant["reserve"], plant["reserve_at_Hz"], loop.growth, sum(len(lines) for lines in plant["lines"]),
-            ])  # fmt: skip
+            rows.append(
+                [
+                    plant["name"],
+                    Text(f"{Quantity(least):3} .. {Quantity(most):3}") if least < most else radii[0],
+                    peak,
+                    plant["reserve"],
+                    plant["reserve_at_Hz"],
+                    loop.growth,
+                    sum(len(lines) for lines in plant["lines"]),
+                ]
+            )
         columns = [
-            "plant", Column("r", "", "3"), Column("max Σ|H|" if self.two_rates else "max |L/(1+L)|", "", "3"),
-            Column("wider by", "", "3"), Column("at", "Hz", "3"), Column("max |z|", "", ".6f"), "lines",
-        ]  # fmt: skip
+            "plant",
+            Column("r", "", "3"),
+            Column("max Σ|H|" if self.two_rates else "max |L/(1+L)|", "", "3"),
+            Column("wider by", "", "3"),
+            Column("at", "Hz", "3"),
+            Column("max |z|", "", ".6f"),
+            "lines",
+        ]
         return Table(self.sentence(), columns, rows)

@@ -10,9 +10,8 @@ import numpy as np
 
 from feeddrive.certificate import check
 from feeddrive.certificate.certificate import Certificate
-from feeddrive.certificate.deployed import Deployed, deployed
-from feeddrive.certificate.discs import LoopResponse, Radius, deviations, given, measured, together
-from feeddrive.certificate.plants import NominalPlant, measured_plant, modelled_plant
+from feeddrive.certificate.discs import LoopResponse, Radius, deviations, measured, radius_steps, together
+from feeddrive.certificate.systems import Deployed, NominalPlant, deployed, measured_plant, modelled_plant
 from feeddrive.language import tree
 from feeddrive.language.errors import NotCertifiedError, ParameterError
 from feeddrive.language.quantity import Quantity
@@ -67,20 +66,21 @@ OUTSIDE = [
 ]
 
 
-def refusal(made: Deployed, plant: NominalPlant, loop: LoopResponse, place: float | None) -> str:
-    """The refusal: where, by how much, and what to do. `place` in Hz; None for an unstable loop."""
+def refusal(controller: Deployed, plant: NominalPlant, loop: LoopResponse, place: float | None) -> str:
+    """Return the refusal: where, by how much, and what to do. `place` in Hz; None for an unstable loop."""
     lost = ""
-    if made.coarse:
-        name = max(made.coarse, key=lambda each: made.coarse[each])
+    if controller.coarse:
+        name = max(controller.coarse, key=lambda coefficient: controller.coarse[coefficient])
         lost = Text(
-            f"; rounding to {made.arithmetic} moves {name} by {Quantity(made.coarse[name], 'share'):3}: use more digits"
+            f"; rounding to {controller.arithmetic} moves {name} by {Quantity(controller.coarse[name], 'share'):3}: "
+            "use more digits"
         )
-    T = made.model.sample_time
+    T = controller.model.sample_time
     if place is None:
         turning = abs(np.angle(loop.pole)) / (2.0 * np.pi * T * len(loop.samples))
         motion = Text(f"an oscillation of {Quantity(turning, 'Hz')}") if turning > 0.0 else "a drift"
         grows = "grows" if loop.growth > 1.0 else "does not die out"
-        rounded = "" if made.arithmetic == "float64" else f" with {made.arithmetic} coefficients"
+        rounded = "" if controller.arithmetic == "float64" else f" with {controller.arithmetic} coefficients"
         remedy = "lower the gains, or put a notch there" if turning > 0.0 else "lower the gains"
         if plant.lines and turning == 0.0:
             remedy += ", or multiply the response by -1 if its sign is reversed"
@@ -89,7 +89,7 @@ def refusal(made: Deployed, plant: NominalPlant, loop: LoopResponse, place: floa
             f"{Quantity(loop.growth):9}): {remedy}{lost}"
         )
     at = np.array([place])
-    distance, taken = (float(each[0]) for each in loop.room(at))
+    distance, taken = (float(values[0]) for values in loop.room(at))
     share = distance / taken if taken else np.inf
     r = float(np.max(loop.radii(at)))
     reason = Text(
@@ -100,7 +100,7 @@ def refusal(made: Deployed, plant: NominalPlant, loop: LoopResponse, place: floa
 
 
 def _remedy(plant: NominalPlant, place: float) -> str:
-    """The advice, by the cause of the wide disc."""
+    """Return the advice, by the cause of the wide disc."""
     T = plant.model.sample_time
     if plant.lines:
         lines = plant.lines[0]
@@ -147,14 +147,14 @@ def certify_loop(
     velocity: float = 0.05,
     machine: Mapping[str, str] | None = None,
 ) -> Certificate:
-    """Proves a control, as it will run, for a list of plants with a disc |dP/P| <= r(f) around each.
+    """Prove a control, as it will run, for a list of plants with a disc |dP/P| <= r(f) around each.
 
         nominal stability, and |1 + L| > r|L| at all frequencies up to half the sample rate;
         with two encoders measured apart: |1 + L| > r₁|C₁P₁| + r₂|C₂P₂|
         with two rates: r Σ|Hl| < 1, Hl the force at f + l/(NT) that a sine of 1 N at f adds to in the closed loop
 
-    The proof is that of `check.py`, in exact integer arithmetic; with two rates that of `check_periods.py`, which
-    bounds every rounding. A returned certificate has passed it.
+    The proof is that of `check.py`, in exact integer arithmetic; with two rates in
+    floats with a bound of every rounding error. A returned certificate has passed it.
 
     loop         the loop whose control is certified, or a control with `sample_time` in s
     plants       by name: a loop or an axis (a model), a response in m/N (a model is fitted to its lines), or a row of
@@ -193,15 +193,15 @@ def certify_loop(
         plants = {"model": loop}
     if not plants:
         raise ParameterError("there is no plant: give at least one in `plants`")
-    made = deployed(control, T, arithmetic, velocity)
-    nominal = [_plant(name, each, control, T, made.model.inputs, velocity) for name, each in plants.items()]
-    sure = deviations(sum(lines.frequency.size for each in nominal for lines in each.lines), confidence)
+    controller = deployed(control, T, arithmetic, velocity)
+    nominal = [_plant(name, plant, control, T, controller.model.inputs, velocity) for name, plant in plants.items()]
+    sure = deviations(sum(lines.frequency.size for plant in nominal for lines in plant.lines), confidence)
     document: dict[str, Any] = {
         "format": check.FORMAT,
         "version": check.VERSION,
         "claim": CLAIM,
-        "theorem": THEOREM_OF_TWO_RATES if isinstance(made.model, Lifted) else THEOREM,
-        "assumed": [*ASSUMED, *([BETWEEN] if any(each.lines for each in nominal) else [])],
+        "theorem": THEOREM_OF_TWO_RATES if isinstance(controller.model, Lifted) else THEOREM,
+        "assumed": [*ASSUMED, *([BETWEEN] if any(plant.lines for plant in nominal) else [])],
         "outside": OUTSIDE,
         "not_checked": NOT_CHECKED,
         "machine": dict(machine or {}),
@@ -213,30 +213,30 @@ def certify_loop(
             "law": control.law.kind,
             "parameters": {name: float(value) for name, value in tree.leaves(control)},
             "units": {name: tree.declaration(control, name).unit for name, _ in tree.leaves(control)},
-            "readings": list(made.model.inputs),
-            **_control(made.model),
+            "readings": list(controller.model.inputs),
+            **_control(controller.model),
         },
-        "numbers": {name: value.hex() for name, value in made.numbers.items()},
+        "numbers": {name: value.hex() for name, value in controller.numbers.items()},
     }
     also: list[float] = []
     while True:
-        rows = [_certified(made, each, radius, beyond, sure, also) for each in nominal]
-        found = Certificate.of({**document, "plants": rows})
+        rows = [_certified(controller, plant, radius, beyond, sure, also) for plant in nominal]
+        certificate = Certificate.of({**document, "plants": rows})
         try:
-            check.verified(found.document)
+            check.verified(certificate.document)
         except check.RefusedError as error:
             if not error.frequency or len(also) == _ROUNDS:
                 raise NotCertifiedError(f"not certified: {error}") from None
             also.append(error.frequency)  # a peak between the lines of the search
         else:
-            return found
+            return certificate
 
 
 def _plant(
-    name: str, each: PlantLike, control: Control, T: float, readings: Sequence[str], velocity: float
+    name: str, entry: PlantLike, control: Control, T: float, readings: Sequence[str], velocity: float
 ) -> NominalPlant:
-    """A plant of the list, from the argument for it."""
-    parts = each if isinstance(each, Sequence) else (each,)
+    """Return a plant of the list from the argument for it."""
+    parts = entry if isinstance(entry, Sequence) else (entry,)
     loops = [part for part in parts if isinstance(part, Loop)]
     axes = [part.axis if isinstance(part, Loop) else part for part in parts if isinstance(part, (Loop, Axis))]
     responses = [part for part in parts if isinstance(part, FRF)]
@@ -261,10 +261,12 @@ def _plant(
 
 
 def _certified(
-    made: Deployed, plant: NominalPlant, radius: Radius | None, beyond: float, sure: float, also: Sequence[float]
+    controller: Deployed, plant: NominalPlant, radius: Radius | None, beyond: float, sure: float, also: Sequence[float]
 ) -> dict[str, Any]:
-    """A plant in the form of the certificate, its reserve searched `also` near these Hz. Raises NotCertifiedError."""
-    T = made.model.sample_time
+    """Return a plant in the form of the certificate; its reserve is also searched near `also`, Hz. Raises
+    NotCertifiedError.
+    """
+    T = controller.model.sample_time
     nyquist = 0.5 / T
     if plant.lines:
         if radius is not None and not isinstance(radius, (int, float)):
@@ -272,19 +274,20 @@ def _certified(
         steps = measured(plant, sure, _LEAST if radius is None else float(radius), beyond, nyquist)
         if len(steps) == 1 and len(plant.model.outputs) > 1 and not _same(plant.model):
             raise ParameterError(f"'{plant.name}': one measured response for two readings that differ")
-        if len(steps) > 1 and isinstance(made.model, Lifted):
+        if len(steps) > 1 and isinstance(controller.model, Lifted):
             raise ParameterError(
                 f"'{plant.name}': a law with two rates is certified with one disc for both encoders, and their "
                 f"responses were measured apart: certify the machine's model, or a law that reads one encoder"
             )
     else:
-        steps = [given(_MODEL if radius is None else radius, nyquist)]
-    loop = LoopResponse(made.model, plant.model, together(steps))
+        steps = [radius_steps(_MODEL if radius is None else radius, nyquist)]
+    loop = LoopResponse(controller.model, plant.model, together(steps))
+    # the search below assumes a stable loop; the checker proves both in exact arithmetic
     if loop.growth >= 1.0:
-        raise NotCertifiedError(refusal(made, plant, loop, None))
+        raise NotCertifiedError(refusal(controller, plant, loop, None))
     reserve, place = loop.reserve(also)
     if reserve <= 1.0:
-        raise NotCertifiedError(refusal(made, plant, loop, place))
+        raise NotCertifiedError(refusal(controller, plant, loop, place))
     discs = "each" if len(steps) > 1 or len(plant.model.outputs) == 1 else "one"
     return {
         "name": plant.name,
@@ -310,28 +313,28 @@ def _same(model: StateSpace) -> bool:
 
 
 def _held(model: StateSpace) -> dict[str, Any]:
-    """The matrices in hexadecimal, so that no digit is lost, and the names of the states."""
-    found: dict[str, Any] = {"states": list(model.states)}
+    """Write the matrices in hexadecimal, which loses no digit, with the names of the states."""
+    entry: dict[str, Any] = {"states": list(model.states)}
     for name in ("A", "B", "C", "D"):
-        found[name] = [[float(x).hex() for x in line] for line in getattr(model, name)]
-    return found
+        entry[name] = [[float(x).hex() for x in line] for line in getattr(model, name)]
+    return entry
 
 
 def _control(model: StateSpace | Lifted) -> dict[str, Any]:
-    """The matrices of a control; with two rates those of each sample of a period."""
+    """Write the matrices of a control; with two rates those of each sample of a period."""
     if isinstance(model, StateSpace):
         return _held(model)
-    samples = [_held(each) for each in model.samples]
-    return {"states": samples[0]["states"], "samples": [{name: each[name] for name in "ABCD"} for each in samples]}
+    samples = [_held(sample) for sample in model.samples]
+    return {"states": samples[0]["states"], "samples": [{name: sample[name] for name in "ABCD"} for sample in samples]}
 
 
 def point_plants(points: Sequence[OperatingPoint | Loop]) -> dict[str, PlantLike]:
-    """By name: the loops of models, and the lines of measurements with their variance after smoothing."""
+    """Return plants by name: the loops of models, and the lines of measurements with their variance after smoothing."""
     plants: dict[str, PlantLike] = {}
-    for each in points:
-        name = each.name if isinstance(each, OperatingPoint) else "model"
+    for point in points:
+        name = point.name if isinstance(point, OperatingPoint) else "model"
         count = sum(other == name or other.startswith(f"{name} ") for other in plants)
-        plants[name if count == 0 else f"{name} {count + 1}"] = _plant_like(each)
+        plants[name if count == 0 else f"{name} {count + 1}"] = _plant_like(point)
     return plants
 
 

@@ -1,8 +1,7 @@
-"""Checks a certificate of a servo loop in exact integer arithmetic. Standard library alone: copy this file anywhere.
+"""Check a certificate of a servo loop with proofs in exact arithmetic. Standard library alone: copy this file anywhere.
 
-    python check.py CERTIFICATE.json        exit code 0: proven; 1: refused, with one line that says why
+    python check.py CERTIFICATE.json        exit code 0: proven; 1: refused, with one line that gives the reason
 
-For a law with two rates it takes `check_periods.py`, which must stand beside it.
 It trusts no figure that it can compute.  With C = Nc/Dc of the control (force over readings), P = Np/Dp of a plant:
 
     F = Dc Dp - Σ Nci Npi           characteristic polynomial of the closed loop, of degree n: all states of both
@@ -12,27 +11,43 @@ Nominal stability: the Routh array of F((1 + s)/(1 - s)), free of fractions, has
 All frequencies: with u = sin²(πfT), |F|² and |N|² on the unit circle are polynomials in u.  Over a stretch of u the
 difference is positive if all its Bernstein coefficients are; a stretch where they are not is halved, exactly.
 By Rouché's theorem every plant in the discs, P (1 + Δ), then has a stable loop.
+
+A control with two rates repeats itself only after N samples.  Its loop is lifted (Meyer 1990), with θ = 2πfNT:
+
+    x(k+N) = A x(k) + B u,   y = C x(k) + D u       u, y: all N samples at the plant's input and of the force
+    Hl(f) = part at f + l/(NT) of the force that a sine of 1 N at f adds to, l = 0 .. N-1, in the closed loop
+    r(f) Σl |Hl(f)| < 1 at all f from 0 to half the sample rate
+
+A, B, C, D are computed without rounding and then rounded once.  Over a stretch |θ - θ0| <= h the states are
+approximated by x0 + t x1, t = θ - θ0, with a bound of the remainder that includes every rounding error.  With R close
+to (ζ0 - A)⁻¹ and W = |R|:
+
+    (I - E + (ζ - ζ0) R) (x - x0 - t x1) = rest,   |x - x0 - t x1| <= (I - |E| - h W)⁻¹ |rest|,   E = I - R (ζ0 - A)
+
+A stretch that is too wide for its bound is halved.  The bound also implies that no pole lies on the circle, for the
+matrices before and after their rounding and everywhere between them; so both have equally many poles outside.
 """
 
 from __future__ import annotations
 
 import bisect
+import cmath
 import hashlib
 import json
 import math
-import pathlib
 import re
-import runpy
 import struct
 import sys
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from itertools import pairwise
 from operator import mul
-from typing import Any
+from typing import Any, NamedTuple
 
 Poly = list[int]  # whole coefficients, lowest power first
 Matrix = list[list[float]]
+System = dict[str, Matrix]  # A, B, C, D
+Complexes = list[complex]
 Numerators = dict[tuple[int, int], Poly]  # by output and input
 Polynomials = tuple[Poly, Numerators]
 
@@ -45,7 +60,7 @@ HEX = re.compile(r"-?0x[01](\.[0-9a-f]{1,13})?p[+-]\d{1,4}")
 
 
 class RefusedError(Exception):
-    """The reason why a certificate is refused, in one line, with the frequency in Hz, if there is one."""
+    """The reason why a certificate is refused, in one line; `frequency` in Hz where the reason has one."""
 
     def __init__(self, reason: str, frequency: float | None = None) -> None:
         super().__init__(reason)
@@ -59,49 +74,50 @@ def need(condition: Any, reason: str, frequency: float | None = None) -> None:
 
 
 def exact(text: Any, what: str) -> float:
-    """A number in hexadecimal, as a float: no digit can be lost."""
+    """Read a hexadecimal number, which has exactly one float; decimal digits would depend on the reader."""
     need(isinstance(text, str) and HEX.fullmatch(text), f"{what} is not a hexadecimal number")
     need(abs(int(text.partition("p")[2])) <= 300, f"{what} is out of range")
     return float.fromhex(text)
 
 
 def plain(value: Any, what: str, least: float = 0.0, most: float = 1e12) -> float:
-    """A number of a JSON file between two bounds."""
+    """Read a JSON number between two bounds."""
     fine = isinstance(value, (int, float)) and not isinstance(value, bool) and least <= value <= most
     need(fine, f"{what} is not a number from {least:g} to {most:g}")
     return float(value)
 
 
 def row(value: Any, length: int | None, what: str) -> list[Any]:
-    """A list, of a length if one is given."""
+    """Read a list; `length` is the required length, None for any."""
     need(isinstance(value, list) and (length is None or len(value) == length), f"{what} has not the right length")
     return value
 
 
-def system(given: Any, what: str) -> dict[str, Matrix]:
-    """A, B, C, D of a linear system."""
-    need(isinstance(given, dict) and {"A", "B", "C", "D"} <= set(given), f"{what} has no matrices A, B, C, D")
-    A = row(given["A"], None, what)
-    n, outputs = len(A), len(row(given["C"], None, what))
-    inputs = len(row(given["D"], outputs, what)[0]) if outputs and isinstance(given["D"][0], list) else 0
+def system(entry: Any, what: str) -> System:
+    """Read A, B, C, D of a linear system."""
+    need(isinstance(entry, dict) and {"A", "B", "C", "D"} <= set(entry), f"{what} has no matrices A, B, C, D")
+    A = row(entry["A"], None, what)
+    n, outputs = len(A), len(row(entry["C"], None, what))
+    inputs = len(row(entry["D"], outputs, what)[0]) if outputs and isinstance(entry["D"][0], list) else 0
     need(1 <= inputs <= 2 and 1 <= outputs <= 2 and n <= 60, f"{what} is empty or too large")
     sizes = {"A": (n, n), "B": (n, inputs), "C": (outputs, n), "D": (outputs, inputs)}
     return {
-        name: [[exact(x, what) for x in row(line, n, what)] for line in row(given[name], m, what)]
+        name: [[exact(x, what) for x in row(line, n, what)] for line in row(entry[name], m, what)]
         for name, (m, n) in sizes.items()
     }
 
 
 def whole(values: Matrix) -> tuple[list[Poly], int]:
-    """A matrix of floats as integers over one power of two."""
+    """Write a matrix of floats as integers over one power of two: every float is such a fraction."""
     bits = max([x.as_integer_ratio()[1].bit_length() - 1 for line in values for x in line], default=0)
     return [[int(Fraction(x) * 2**bits) for x in line] for line in values], bits
 
 
-def polynomials(system: dict[str, Matrix]) -> Polynomials:
-    """det(z - A) and C adj(z - A) B + D det(z - A), lowest power first, as integers over one common factor.
+def polynomials(system: System) -> Polynomials:
+    """Compute det(z - A) and C adj(z - A) B + D det(z - A), lowest power first, as integers over one common factor.
 
-    Faddeev and Le Verrier: M <- A M + c, c = -trace(A M)/k.
+    Faddeev and Le Verrier: M <- A M + c, c = -trace(A M)/k.  In floats this recursion loses all digits; integers lose
+    none, and each division by k leaves no remainder.
     """
     (A, a), (B, b), (C, c), (D, d) = (whole(system[name]) for name in "ABCD")
     n, entries = len(A), [(i, j) for i in range(len(C)) for j in range(len(D[0]))]
@@ -111,11 +127,11 @@ def polynomials(system: dict[str, Matrix]) -> Polynomials:
     sparse = [[(j, x) for j, x in enumerate(line) if x] for line in A]
     for k in range(1, n + 1):
         for i, j in entries:
-            seen = sum(C[i][p] * sum(m[p][q] * B[q][j] for q in range(n)) for p in range(n) if C[i][p])
-            above[i, j][n - k] = seen << (a + scale - b - c)
+            markov = sum(C[i][p] * sum(m[p][q] * B[q][j] for q in range(n)) for p in range(n) if C[i][p])
+            above[i, j][n - k] = markov << (a + scale - b - c)
         m = [[sum(x * m[q][j] for q, x in line) for j in range(n)] for line in sparse]
-        coefficient, rest = divmod(-sum(m[i][i] for i in range(n)), k)
-        need(rest == 0, "the characteristic polynomial is not whole")
+        coefficient, remainder = divmod(-sum(m[i][i] for i in range(n)), k)
+        need(remainder == 0, "the characteristic polynomial is not whole")
         det[n - k] = coefficient << scale
         for i in range(n):
             m[i][i] += coefficient
@@ -127,13 +143,16 @@ def polynomials(system: dict[str, Matrix]) -> Polynomials:
 
 
 def times(p: Poly, q: Poly) -> Poly:
-    """The product of two polynomials."""
+    """Multiply two polynomials."""
     places = range(len(p) + len(q) - 1)
     return [sum(p[i] * q[k - i] for i in range(max(0, k - len(q) + 1), min(len(p), k + 1))) for k in places]
 
 
 def stable(F: Poly) -> bool:
-    """All zeros inside the unit circle: the Routh array of F((1 + s)/(1 - s)) (1 - s)^n has one sign (Jeltsch 1979)."""
+    """True if all zeros lie inside the unit circle.
+
+    The first column of the Routh array of F((1 + s)/(1 - s)) (1 - s)^n then has one sign (Jeltsch 1979).
+    """
     n, out = len(F) - 1, [F[-1]]
     powers = [1]
     for k in range(n - 1, -1, -1):  # Horner in z = (1 + s)/(1 - s)
@@ -146,13 +165,14 @@ def stable(F: Poly) -> bool:
         if rows[k - 1][0] <= 0 or rows[k][0] <= 0:
             return False
         p, q = rows[k - 1], rows[k] + [0]
-        by = rows[k - 2][0] if k > 2 else 1
-        rows.append([(q[0] * p[i + 1] - p[0] * q[i + 1]) // by for i in range(len(p) - 1)] or [0])
+        # dividing by the entry two rows above is exact (Bareiss) and keeps the integers from doubling with every row
+        divisor = rows[k - 2][0] if k > 2 else 1
+        rows.append([(q[0] * p[i + 1] - p[0] * q[i + 1]) // divisor for i in range(len(p) - 1)] or [0])
     return True
 
 
 def squared(p: Poly, n: int) -> Poly:
-    """Bernstein coefficients on u = 0..1 of |p|² on the unit circle, times lcm of all binomials n over k."""
+    """Return Bernstein coefficients on u = 0..1 of |p|² on the unit circle, times the lcm of all binomials (n, k)."""
     p = p + [0] * (n + 1 - len(p))
     power, last, now = [0] * (n + 1), [0] * (n + 1), [1] + [0] * n
     for m in range(n + 1):  # cos(m w) = T_m(1 - 2u)
@@ -166,7 +186,7 @@ def squared(p: Poly, n: int) -> Poly:
 
 
 def halved(b: Poly) -> tuple[Poly, Poly]:
-    """The Bernstein coefficients of both halves, times 2^n."""
+    """Return the Bernstein coefficients of both halves, times 2^n (de Casteljau, without a division)."""
     n, left, right, now = len(b) - 1, [], [], b
     for k in range(n + 1):
         left.append(now[0] << (n - k))
@@ -176,7 +196,7 @@ def halved(b: Poly) -> tuple[Poly, Poly]:
 
 
 def ratio(a: int, b: int) -> float:
-    """√(a/b) of two whole numbers >= 0, as a float."""
+    """Return √(a/b) of two integers >= 0 as a float."""
     try:
         return math.sqrt(a / b)
     except (OverflowError, ZeroDivisionError):
@@ -184,11 +204,11 @@ def ratio(a: int, b: int) -> float:
 
 
 class Bands:
-    """The radii over u; the edges are widened by more than sin² in floats can be wrong."""
+    """The radii over u. The edges are widened by more than the rounding error of sin² in floats."""
 
-    def __init__(self, given: Any, discs: int, T: float) -> None:
+    def __init__(self, entries: Any, discs: int, T: float) -> None:
         self.edges, self.radii, low = [], [], 0.0
-        for k, band in enumerate(row(given, None, "radius")):
+        for k, band in enumerate(row(entries, None, "radius")):
             need(isinstance(band, dict) and set(band) == {"from_Hz", "to_Hz", "r"}, f"radius.{k} is not a band")
             need(band["from_Hz"] == low, f"there is a gap in the radius at {low:.6g} Hz")
             low = plain(band["to_Hz"], f"radius.{k}.to_Hz", math.nextafter(low, math.inf), 1e9)
@@ -201,18 +221,18 @@ class Bands:
         self.ends = [*(u * (1.0 + 1e-12) for u in self.u[:-1]), 1.0]
 
     def most(self, low: float, high: float) -> list[float]:
-        """The largest radii on a closed stretch of u."""
+        """Return the largest radii on a closed stretch of u."""
         first, last = bisect.bisect_left(self.ends, low), bisect.bisect_right(self.starts, high)
-        return [max(each) for each in zip(*self.radii[first:last], strict=True)]
+        return [max(radii) for radii in zip(*self.radii[first:last], strict=True)]
 
     def at(self, f: float) -> list[float]:
-        """The radii at a frequency in Hz, on an edge the larger ones."""
+        """Return the radii at a frequency in Hz; on an edge the larger ones."""
         u = min(1.0, math.sin(math.pi * f * self.T) ** 2)
         return self.most(u, u)
 
 
 def separated(F: Poly, N: list[Poly], bands: Bands, reserve: Fraction) -> int:
-    """Refuses unless |F| > reserve Σ ri |Ni| for all u in 0..1; returns the number of stretches."""
+    """Refuse unless |F| > reserve Σ ri |Ni| for all u in 0..1; return the number of stretches."""
     n, nodes = len(F) - 1, 0
     waiting = [(0, 0, [squared(p, n) for p in (F, *N)])]
     while waiting:
@@ -238,20 +258,244 @@ def separated(F: Poly, N: list[Poly], bands: Bands, reserve: Fraction) -> int:
 
 
 def at(polynomials: Sequence[Poly], f: float, T: float) -> list[complex]:
-    """Polynomials at e^(j2πfT), all over one factor: a point of 60 binary digits, and from there on exact."""
-    angle, most, found = 2.0 * math.pi * f * T, max(map(len, polynomials)), []
+    """Evaluate polynomials at e^(j2πfT), all over one factor.
+
+    The point is rounded to 60 binary digits; from there on the evaluation is exact.
+    """
+    angle, length, values = 2.0 * math.pi * f * T, max(map(len, polynomials)), []
     x, y = (round(Fraction(part) * 2**60) for part in (math.cos(angle), math.sin(angle)))
     for p in polynomials:
         re, im = 0, 0
-        for k, c in enumerate(reversed(p + [0] * (most - len(p)))):
+        for k, c in enumerate(reversed(p + [0] * (length - len(p)))):
             re, im = re * x - im * y + (c << (60 * k)), re * y + im * x
-        found.append((re, im))
-    digits = max(0, max(abs(part) for each in found for part in each).bit_length() - 900)
-    return [complex(re >> digits, im >> digits) for re, im in found]
+        values.append((re, im))
+    # float() of an integer overflows at 2^1024; ratios of the values do not change by a common shift
+    digits = max(0, max(abs(part) for value in values for part in value).bit_length() - 900)
+    return [complex(re >> digits, im >> digits) for re, im in values]
+
+
+ROUND = 1e-12  # of a sum of at most 200 products of floats: thirty times the largest rounding error of such a sum
+ANGLE_DEPTH = 40  # halvings of the range of θ; a narrower stretch is lost in the rounding of its center
+NEAR = 0.75  # of |E| + h W: the spectral radius up to which a stretch is tried; the bound grows as 1/(1 - NEAR)
+
+
+class Lifted(NamedTuple):
+    """Over a period: A (n rows), B (N columns of n), C (N rows of n), D (row a has the samples before a)."""
+
+    A: Matrix
+    B: Matrix
+    C: Matrix
+    D: Matrix
+
+
+def lifted(samples: Sequence[System], plant: System) -> Lifted:
+    """Lift the closed loop of a plant with the samples of a control, from the plant's input to the force."""
+    steps = [_closed(sample, plant) for sample in samples]
+    n, bits = len(steps[0]) - 1, max(x.denominator.bit_length() for rows in steps for line in rows for x in line) - 1
+    into = [0] * len(samples[0]["A"]) + [int(Fraction(x) * 2**bits) for (x,) in plant["B"]]
+    through = [[int(i == j) for j in range(n)] for i in range(n)]  # of the states, then of the samples so far
+    C, D, before, after = list[list[float]](), list[list[float]](), 1, 1  # `through` over `after`, a power of two
+    for rows in steps:
+        sparse = [[(j, int(x * 2**bits)) for j, x in enumerate(line) if x] for line in rows]
+        moved = [[sum(x * through[j][k] for j, x in line) for k in range(len(through[0]))] for line in sparse]
+        before, after = after, after << bits
+        force = [_float(x, after) for x in moved.pop()]
+        C.append(force[:n])
+        D.append(force[n:])
+        through = [[*line, x * before] for line, x in zip(moved, into, strict=True)]
+    last = [[_float(x, after) for x in line] for line in through]
+    return Lifted([line[:n] for line in last], [list(column) for column in zip(*last, strict=True)][n:], C, D)
+
+
+def _closed(control: System, plant: System) -> list[list[Fraction]]:
+    """Return A of the closed loop in one sample, with the row of the force below it."""
+    Ac, Bc, Cc, Dc, Ap, Bp, Cp = (
+        [[Fraction(x) for x in line] for line in matrix]
+        for matrix in (*(control[name] for name in "ABCD"), *(plant[name] for name in "ABC"))
+    )
+
+    def over_both(states: list[Fraction], gains: list[Fraction]) -> list[Fraction]:
+        return states + [sum(map(mul, gains, column), Fraction(0)) for column in zip(*Cp, strict=True)]
+
+    m, force = len(Ac), over_both(Cc[0], Dc[0])
+    axis = [[Fraction(0)] * m + line for line in Ap]
+    driven = [[x + b * y for x, y in zip(line, force, strict=True)] for line, (b,) in zip(axis, Bp, strict=True)]
+    return [*(over_both(line, gains) for line, gains in zip(Ac, Bc, strict=True)), *driven, force]
+
+
+def _float(x: int, scale: int) -> float:
+    value = x / scale
+    if x and not 1e-280 < abs(value) < 1e280:
+        raise ArithmeticError("a number of the loop over a period is out of range")
+    return value
+
+
+def inverse(matrix: Sequence[Complexes]) -> list[Complexes]:
+    """Invert a matrix by Gauss and Jordan, with the pivot that is largest in the scale of its row.
+
+    The result need not be exact: its residual E enters the bounds.
+    """
+    n = len(matrix)
+    rows = [[*line, *(complex(i == j) for j in range(n))] for i, line in enumerate(matrix)]
+    scale = [max(map(abs, line)) or 1.0 for line in matrix]
+    for k in range(n):
+        best = max(range(k, n), key=lambda i: abs(rows[i][k]) / scale[i])
+        rows[k], rows[best], scale[k], scale[best] = rows[best], rows[k], scale[best], scale[k]
+        pivot = rows[k][k] or 1e-300
+        top = rows[k] = [x / pivot for x in rows[k]]
+        for i in range(n):
+            factor = rows[i][k]
+            if factor and i != k:
+                rows[i] = [x - factor * y for x, y in zip(rows[i], top, strict=True)]
+    return [line[n:] for line in rows]
+
+
+def sums(rows: Sequence[Sequence[complex]], vector: Sequence[complex]) -> list[Any]:
+    """Multiply a matrix by a vector."""
+    return [sum(map(mul, line, vector)) for line in rows]
+
+
+class Stretch:
+    """(ζ - A)⁻¹ for |θ - θ0| <= h, with the bounds that hold for every input; `fits` unless it is too wide."""
+
+    def __init__(self, loop: Lifted, center: float, h: float) -> None:
+        self.loop, self.center, self.h, self.zeta = loop, center, h, cmath.exp(1j * center)
+        shifted = [[(self.zeta if i == j else 0j) - x for j, x in enumerate(line)] for i, line in enumerate(loop.A)]
+        self.R = inverse(shifted)
+        self.W = [[abs(x) for x in line] for line in self.R]
+        columns = [(column, [2.0 * ROUND * abs(x) for x in column]) for column in zip(*shifted, strict=True)]
+        self.E = [
+            [abs((i == j) - sum(map(mul, line, c))) + sum(map(mul, w, size)) for j, (c, size) in enumerate(columns)]
+            for i, (line, w) in enumerate(zip(self.R, self.W, strict=True))
+        ]
+        self.M = [[e + h * w for e, w in zip(*lines, strict=True)] for lines in zip(self.E, self.W, strict=True)]
+        self.p, self.q = [1.0] * len(loop.A), 0.0  # M p <= q p
+        for _ in range(8):
+            after = sums(self.M, self.p)
+            self.q = max((x / y for x, y in zip(after, self.p, strict=True)), default=0.0) * (1.0 + ROUND)
+            self.p = after
+        self.fits = self.q <= NEAR
+
+    def bounded(self, rest: list[float]) -> list[float]:
+        """Return an upper bound of (I - M)⁻¹ rest: v + c p with (I - M)(v + c p) >= rest."""
+        v = rest
+        for _ in range(2):
+            v = [x + y for x, y in zip(rest, sums(self.M, v), strict=True)]
+        left = [x + y - z for x, y, z in zip(rest, sums(self.M, v), v, strict=True)]
+        c = max((max(x, 0.0) / y for x, y in zip(left, self.p, strict=True)), default=0.0) / (1.0 - self.q)
+        return [(x + c * y) * (1.0 + ROUND) for x, y in zip(v, self.p, strict=True)]
+
+    def forces(self, k: int) -> tuple[Complexes, Complexes, float]:
+        """Return y0, y1 and √Σ(remainder²) for a sine at (θ + 2πk)/(2πNT).
+
+        All samples of the force, divided by that sine, are y0 + (θ - θ0) y1 within the remainder.
+        """
+        (_, B, C, D), h, N = self.loop, self.h, len(self.loop.C)
+        turn = [cmath.exp(1j * (self.center + 2.0 * math.pi * k) * b / N) for b in range(N)]
+        rows = list(zip(*B, strict=True))
+        size = [sum(map(abs, line)) for line in rows]
+        x0 = sums(self.R, sums(rows, turn))
+        b1 = sums(rows, [1j * b / N * w for b, w in enumerate(turn)])
+        x1 = sums(self.R, [b - 1j * self.zeta * x for b, x in zip(b1, x0, strict=True)])
+        most = [abs(x) + h * abs(y) for x, y in zip(x0, x1, strict=True)]
+        bent = [0.5 * h * h * sum((b / N) ** 2 * abs(x) for b, x in enumerate(line)) for line in rows]
+        moved = [
+            s + ROUND * (1.0 + h) * (b + m) + 0.5 * h * h * abs(x) + h * h * abs(y)
+            for s, b, m, x, y in zip(bent, size, most, x0, x1, strict=True)
+        ]
+        rest = [w + e + ROUND * m for w, e, m in zip(sums(self.W, moved), sums(self.E, most), most, strict=True)]
+        rest = self.bounded(rest)
+        y0, y1, square = list[complex](), list[complex](), 0.0
+        for a in range(N):
+            back, s0, s1 = turn[a].conjugate(), sum(map(mul, C[a], x0)), sum(map(mul, C[a], x1))
+            lag = [(b - a) / N for b in range(a)]
+            there = [d * w * back for d, w in zip(D[a], turn, strict=False)]
+            y0.append(back * s0 + sum(there))
+            y1.append(back * (s1 - 1j * a / N * s0) + 1j * sum(map(mul, lag, there)))
+            gains = [abs(c) for c in C[a]]
+            loose = sum(map(mul, gains, rest)) + 0.5 * h * h * (a / N) ** 2 * (abs(s0) + h * abs(s1))
+            loose += h * h * a / N * abs(s1) + 0.5 * h * h * sum(x * x * abs(d) for x, d in zip(lag, D[a], strict=True))
+            loose += 4.0 * ROUND * (sum(map(mul, gains, most)) + sum(map(abs, D[a])))
+            square += loose * loose
+        return y0, y1, math.sqrt(square)
+
+
+def most_of(stretch: Stretch, k: int, enough: float) -> float:
+    """Return an upper bound of Σl |Hl| over the stretch; a rougher one if that is already below `enough`."""
+    y0, y1, rest = stretch.forces(k)
+    N, h = len(y0), stretch.h
+    # the parts at all images have the mean square of all samples, and Σ|Hl| <= √N √Σ|Hl|²
+    rough = math.sqrt(sum((abs(x) + h * abs(y)) ** 2 for x, y in zip(y0, y1, strict=True))) + rest
+    if rough < enough:
+        return rough
+    ends = [0.0, 0.0]
+    for image in range(N):
+        back = [cmath.exp(-2j * math.pi * (image * a % N) / N) / N for a in range(N)]
+        first, slope = sum(map(mul, back, y0)), h * sum(map(mul, back, y1))
+        ends = [ends[0] + abs(first + slope), ends[1] + abs(first - slope)]  # convex in θ: largest at an end
+    return max(ends) + rest + 10.0 * ROUND * rough
+
+
+def image_sum(loop: Lifted, f: float, T: float) -> float:
+    """Return an upper bound of Σl |Hl| at a frequency in Hz from 0 to half the sample rate, tight to ten digits."""
+    N = len(loop.C)
+    turns = round(f * T * N)
+    theta = 2.0 * math.pi * (f * T * N - turns)
+    # at a negative θ the sum equals that of the mirrored image
+    stretch = Stretch(loop, abs(theta), 0.0)
+    return most_of(stretch, (turns if theta >= 0.0 else -turns) % N, 0.0) if stretch.fits else math.inf
+
+
+def widest(bands: Bands, low: float, high: float) -> float:
+    """Return the largest radius between two frequencies in Hz; above half the sample rate the radii are mirrored."""
+    u = sorted(math.sin(math.pi * f * bands.T) ** 2 for f in (low, high))
+    return bands.most(u[0] if low > 0.0 else 0.0, 1.0 if low <= 0.5 / bands.T <= high else u[1])[0]
+
+
+def separated_with_images(loop: Lifted, bands: Bands, factor: float) -> int:
+    """Refuse unless factor r Σl |Hl| < 1 at all frequencies; return the number of stretches."""
+    N, T, nodes, waiting = len(loop.C), bands.T, 0, [(0, 0)]
+    per = 1.0 / (2.0 * math.pi * N * T)  # Hz
+    while waiting:
+        i, depth = waiting.pop()
+        nodes += 1
+        h = 0.5 * math.pi / 2**depth
+        wide = h + 1e-14  # neighboring stretches overlap by more than the rounding of their centers
+        stretch = Stretch(loop, (2 * i + 1) * h, wide)
+        hertz = [(stretch.center + 2.0 * math.pi * k) * per for k in range(N)]
+        near = f"near {hertz[0]:.6g} Hz and its images"
+        need(nodes <= NODES and depth <= ANGLE_DEPTH, f"r Σ|H| < 1 cannot be shown {near}", hertz[0])
+        fits = stretch.fits
+        for k, f in enumerate(hertz if fits else []):
+            r = widest(bands, f - wide * per, f + wide * per) * factor * (1.0 + 1e-12)
+            if r == 0.0 or most_of(stretch, k, 0.999 / r) * r < 1.0:
+                continue
+            fits, f = False, min(f, 1.0 / T - f)
+            there = bands.at(f)[0] * factor * image_sum(loop, f, T)
+            need(there < 1.0 + 1e-9, f"r Σ|H| is {there:.4g} at {f:.6g} Hz", f)
+            break
+        if not fits:
+            waiting += [(2 * i + 1, depth + 1), (2 * i, depth + 1)]
+    return nodes
+
+
+def proven_over_period(
+    samples: Sequence[System], plant: System, bands: Bands, factor: float, f: float
+) -> tuple[int, int, float]:
+    """Refuse unless the loop is stable and factor r Σl |Hl| < 1 at all frequencies.
+
+    Returns the number of poles, the number of stretches, and r Σl |Hl| at f.
+    """
+    need(len(bands.radii[0]) == 1, "with two rates there must be one disc for all readings")
+    loop = lifted(samples, plant)
+    n = len(loop.A)
+    silent = {"A": loop.A, "B": [[0.0]] * n, "C": [[0.0] * n], "D": [[0.0]]}  # only the poles matter
+    need(stable(polynomials(silent)[0]), "the nominal loop is not stable")
+    return n, separated_with_images(loop, bands, factor), bands.at(f)[0] * image_sum(loop, f, bands.T)
 
 
 def parse(content: bytes) -> dict[str, Any]:
-    """The document; refuses JSON that other readers may read differently."""
+    """Parse the document; refuse JSON that other readers may read differently."""
     need(len(content) <= MOST_BYTES, f"it is larger than {MOST_BYTES} bytes")
 
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -270,28 +514,31 @@ def parse(content: bytes) -> dict[str, Any]:
 
 
 def digest(document: Mapping[str, Any]) -> str:
-    """SHA-256 over everything but the digest."""
+    """Return the SHA-256 over everything but the digest."""
     rest = {name: value for name, value in document.items() if name != "sha256"}
     return hashlib.sha256(json.dumps(rest, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 def represented(x: float, arithmetic: str) -> bool:
-    """Whether the arithmetic has the number: float64, float32, or fixed with so many binary places."""
+    """True if the number exists in the arithmetic: float64, float32, or fixedN with N binary places."""
     if arithmetic == "float32":
         return struct.unpack("f", struct.pack("f", x))[0] == x
     return not arithmetic.startswith("fixed") or (Fraction(x) * 2 ** int(arithmetic[5:])).denominator == 1
 
 
 def prepared(control: Any) -> Polynomials | list[Any]:
-    """The control of a certificate: its polynomials, or its linear systems over a period."""
-    samples = [system(each, "control") for each in control.get("samples", [control])]
-    need(all(len(each["C"]) == 1 for each in samples), "the control must have one output, the force")
-    need(len({(len(each["A"]), len(each["D"][0])) for each in samples}) == 1, "its samples do not fit each other")
+    """Return the control of a certificate: its polynomials, or with two rates its linear systems over a period."""
+    samples = [system(entry, "control") for entry in control.get("samples", [control])]
+    need(all(len(sample["C"]) == 1 for sample in samples), "the control must have one output, the force")
+    need(len({(len(sample["A"]), len(sample["D"][0])) for sample in samples}) == 1, "its samples do not fit each other")
     return samples if "samples" in control else polynomials(samples[0])
 
 
 def proven(control: Polynomials | list[Any], plant: Any, T: float) -> tuple[Poly, Numerators, Bands, int, int]:
-    """Stability and margin of a plant; its det(z - A), its numerators and bands, how many poles and stretches."""
+    """Prove stability and margin of a plant.
+
+    Returns its det(z - A), its numerators and bands, the number of poles and the number of stretches.
+    """
     model = system(plant["model"], "model")
     readings = len(control[1]) if isinstance(control, tuple) else len(control[0]["D"][0])
     need(len(model["D"][0]) == 1 and len(model["C"]) == readings, "it does not fit the control")
@@ -302,27 +549,25 @@ def proven(control: Polynomials | list[Any], plant: Any, T: float) -> tuple[Poly
     f = plain(plant["reserve_at_Hz"], "reserve_at_Hz", 0.0, 0.5 / T * (1.0 + 1e-9))
     Dp, Np = polynomials(model)
     if isinstance(control, list):
-        second = pathlib.Path(__file__).with_name("check_periods.py")
-        need(second.is_file(), "it has two rates: check_periods.py must stand beside the checker")
-        prove = runpy.run_path(str(second))["proven"]
-        poles, nodes, there = prove(control, model, bands, float(factor), f, need, lambda A: stable(polynomials(A)[0]))
+        poles, nodes, there = proven_over_period(control, model, bands, float(factor), f)
     else:
         parts = [times(control[1][0, i], Np[i, 0]) for i in range(readings)]
-        loop = [sum(each) for each in zip(*parts, strict=True)]
+        loop = [sum(terms) for terms in zip(*parts, strict=True)]
         closed = [x - y for x, y in zip(times(control[0], Dp), loop, strict=True)]
         split = parts if plant["discs"] == "each" else [loop]
+        # a common power of two is dropped: it would be squared, and slows every product
         spare = min((x & -x).bit_length() for p in (closed, *split) for x in p if x) - 1
         F, *N = [[x >> spare for x in p] for p in (closed, *split)]
         need(stable(F), "the nominal loop is not stable")
         poles, nodes = len(F) - 1, separated(F, N, bands, factor)
-        whole, *each = at((F, *N), f, T)
-        there = sum(r * abs(x / whole) for r, x in zip(bands.at(f), each, strict=True))
+        denominator, *numerators = at((F, *N), f, T)
+        there = sum(r * abs(x / denominator) for r, x in zip(bands.at(f), numerators, strict=True))
     need(reserve is None or abs(reserve * there - 1.0) < 2e-3, f"its reserve is not {reserve} at {f:.6g} Hz", f)
     return Dp, Np, bands, poles, nodes
 
 
 def inside(plant: Any, Dp: Poly, Np: Numerators, bands: Bands, sure: float, T: float) -> int:
-    """Refuses unless |G - P| + sure √variance <= r|P| on every measured line; returns their number."""
+    """Refuse unless |G - P| + sure √variance <= r|P| on every measured line; return the number of lines."""
     rows, discs = row(plant["lines"], None, "lines"), len(bands.radii[0])
     need(not rows or len(rows) == len(Np) or all(Np[i, 0] == Np[0, 0] for i in range(len(Np))), "lines are missing")
     need(len(rows) <= discs, "lines of two readings need a disc each")
@@ -337,7 +582,7 @@ def inside(plant: Any, Dp: Poly, Np: Numerators, bands: Bands, sure: float, T: f
 
 
 def verified(document: Mapping[str, Any]) -> list[str]:
-    """The proof, a sentence for each plant; RefusedError with the reason if anything does not hold."""
+    """Prove the whole certificate; return one sentence a plant. Raise RefusedError if anything does not hold."""
     need(document.get("format") == FORMAT, OTHER)
     need(document.get("version") == VERSION, f"its version is {document.get('version')!r:.20}, this is for {VERSION}")
     missing = {"sample_time_s", "arithmetic", "numbers", "control", "plants", "outside", "confidence"} - set(document)
@@ -350,7 +595,7 @@ def verified(document: Mapping[str, Any]) -> list[str]:
         need(represented(exact(x, name), arithmetic), f"{name} is not a number of {arithmetic}")
     outside = " ".join(document["outside"])
     need("saturation" in outside and "friction" in outside, "it does not list saturation and friction as outside")
-    answers, plants, said = prepared(document["control"]), row(document["plants"], None, "plants"), []
+    control, plants, sentences = prepared(document["control"]), row(document["plants"], None, "plants"), []
     need(0 < len(plants) <= 100, "there is no plant, or more than a hundred")
     confidence = plain(document["confidence"], "confidence", 0.0, 1.0 - 1e-12)
     count = sum(len(lines) for plant in plants for lines in plant["lines"])
@@ -358,41 +603,43 @@ def verified(document: Mapping[str, Any]) -> list[str]:
     for plant in plants:
         name = str(plant["name"])[:60]
         try:
-            Dp, Np, bands, degree, nodes = proven(answers, plant, T)
+            Dp, Np, bands, degree, nodes = proven(control, plant, T)
             lines = inside(plant, Dp, Np, bands, sure, T)
         except RefusedError as error:
             raise RefusedError(f"'{name}': {error}", error.frequency) from None
         room = "" if plant["reserve"] is None else f"; the discs could be {plant['reserve']:.4g} times as wide"
         r = f"{min(map(min, bands.radii)):.4g} to {max(map(max, bands.radii)):.4g}{room}"
         count = f"{degree} poles, {nodes} stretches, {lines} measured lines inside"
-        margin = "|1 + L| > r|L|" if isinstance(answers, tuple) else "r sum|H| < 1"
-        said.append(f"'{name}': stable, and {margin} at all frequencies, with discs of r = {r}; {count}")
-    return said
+        margin = "|1 + L| > r|L|" if isinstance(control, tuple) else "r sum|H| < 1"
+        sentences.append(f"'{name}': stable, and {margin} at all frequencies, with discs of r = {r}; {count}")
+    return sentences
 
 
 def checked(path: str) -> tuple[list[str], bool]:
-    """The sentences on a file, the verdict last, and whether it is proven."""
+    """Return the sentences on a file, the verdict last, and True if it is proven."""
     proven = False
     try:
         with open(path, "rb") as file:
             document = parse(file.read(MOST_BYTES + 1))
-        said = [*verified(document), f"outside: {'; '.join(document['outside'])}"]
-        said.append(f"PROVEN: plants: {len(said) - 1}, coefficients: {document['arithmetic']}")
+        sentences = [*verified(document), f"outside: {'; '.join(document['outside'])}"]
+        sentences.append(f"PROVEN: plants: {len(sentences) - 1}, coefficients: {document['arithmetic']}")
         proven = True
     except OSError as error:
-        said = [f"REFUSED: {path} cannot be read: {error.strerror}"]
+        sentences = [f"REFUSED: {path} cannot be read: {error.strerror}"]
     except RefusedError as error:
-        said = [f"REFUSED: {path}: {error}"]
+        sentences = [f"REFUSED: {path}: {error}"]
     except BROKEN as error:
-        said = [f"REFUSED: {path}: it is not built as a certificate is: {type(error).__name__} {error}"]
-    shown = (" ".join(line.split()) for line in said)
+        sentences = [f"REFUSED: {path}: it is not built as a certificate is: {type(error).__name__} {error}"]
+    shown = (" ".join(line.split()) for line in sentences)
     return ["".join(c if c.isprintable() and c.isascii() else "?" for c in line) for line in shown], proven
 
 
 def main(arguments: list[str]) -> int:
-    """Check one file; the last line is the verdict."""
-    said, proven = checked(arguments[0]) if len(arguments) == 1 else (["REFUSED: give one certificate.json"], False)
-    sys.stdout.write("\n".join(said) + "\n")
+    """Check one file and print the sentences; the last line is the verdict."""
+    sentences, proven = (
+        checked(arguments[0]) if len(arguments) == 1 else (["REFUSED: give one certificate.json"], False)
+    )
+    sys.stdout.write("\n".join(sentences) + "\n")
     return 0 if proven else 1
 
 

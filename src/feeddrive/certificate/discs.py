@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.certificate.plants import NominalPlant
+from feeddrive.certificate.systems import NominalPlant
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.loop.lifting import Lifted
@@ -21,28 +21,36 @@ _PER_DECADE, _LOWEST = 150, 1e-6  # of Nyquist
 _REFINED = 6  # rounds, each of which takes the search ten times nearer
 
 
-def control_of(given: Mapping[str, Any], T: float) -> StateSpace | Lifted:
-    """The control of a certificate."""
-    rates = given.get("samples", [given])
-    found = tuple(matrices({"states": given["states"], **each}, given["readings"], ["force"], T) for each in rates)
-    return Lifted(found) if "samples" in given else found[0]
-
-
-def matrices(given: Mapping[str, Any], inputs: Sequence[str], outputs: Sequence[str], T: float) -> StateSpace:
-    """A linear system in the form of a certificate."""
-    A, B, C, D = (
-        np.array([[float.fromhex(x) for x in row] for row in given[name]], dtype=float) for name in ("A", "B", "C", "D")
+def control_of(entry: Mapping[str, Any], T: float) -> StateSpace | Lifted:
+    """Read the control of a certificate."""
+    rates = entry.get("samples", [entry])
+    systems = tuple(
+        matrices({"states": entry["states"], **sample}, entry["readings"], ["force"], T) for sample in rates
     )
-    n = len(given["A"])
+    return Lifted(systems) if "samples" in entry else systems[0]
+
+
+def matrices(entry: Mapping[str, Any], inputs: Sequence[str], outputs: Sequence[str], T: float) -> StateSpace:
+    """Read a linear system of a certificate."""
+    A, B, C, D = (
+        np.array([[float.fromhex(x) for x in row] for row in entry[name]], dtype=float) for name in ("A", "B", "C", "D")
+    )
+    n = len(entry["A"])
     return StateSpace(
-        A.reshape(n, n), B.reshape(n, len(inputs)), C.reshape(len(outputs), n), D.reshape(len(outputs), len(inputs)),
-        T, tuple(given["states"]), tuple(inputs), tuple(outputs),
-    )  # fmt: skip
+        A.reshape(n, n),
+        B.reshape(n, len(inputs)),
+        C.reshape(len(outputs), n),
+        D.reshape(len(outputs), len(inputs)),
+        T,
+        tuple(entry["states"]),
+        tuple(inputs),
+        tuple(outputs),
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class LoopResponse:
-    """Control and plant of a certificate. `bands` are its steps of r, with one radius or one for each reading.
+    """The control and a plant of a certificate. `bands` are the steps of r, with one radius or one for each reading.
 
     With two rates Hl is the force at f + l/(NT) that a sine of 1 N at f, at the plant's input, adds to in the closed
     loop: with discs of r it is stable if r Σ|Hl| < 1 at all f.  At N = 1 that is r |L| < |1 + L|.
@@ -63,12 +71,12 @@ class LoopResponse:
         P = self.plant
         n = self.samples[0].A.shape[0]
         names = (*self.samples[0].states, *P.states), ("cut",), ("force",)
-        found: list[StateSpace] = []
+        closed_samples: list[StateSpace] = []
         for C in self.samples:
             A = np.block([[C.A, C.B @ P.C], [P.B @ C.C, P.A + P.B @ C.D @ P.C]])
             B, row = np.vstack([np.zeros((n, 1)), P.B]), np.hstack([C.C, C.D @ P.C])
-            found.append(StateSpace(A, B, row, np.zeros((1, 1)), P.sample_time, *names))
-        return Lifted(tuple(found))
+            closed_samples.append(StateSpace(A, B, row, np.zeros((1, 1)), P.sample_time, *names))
+        return Lifted(tuple(closed_samples))
 
     @cached_property
     def pole(self) -> complex:
@@ -81,7 +89,7 @@ class LoopResponse:
         return abs(self.pole)
 
     def images(self, frequency: np.ndarray) -> np.ndarray:
-        """Hl of shape (lines, N)."""
+        """Return Hl, shape (lines, N)."""
         A, B, C, D = self.closed.stacked(["cut"], ["force"])
         N, n, T = len(self.samples), A.shape[0], self.control.sample_time
         turn = np.exp(2j * np.pi * T * np.outer(frequency, np.arange(N)))
@@ -90,18 +98,20 @@ class LoopResponse:
         return np.fft.fft((states @ C.T + turn @ D.T) * np.conj(turn), axis=1) / N
 
     def gains(self, frequency: np.ndarray) -> np.ndarray:
-        """-Ci Pi for each reading, shape (readings, lines); with two rates the gain that a sine meets, in one row."""
+        """Return -Ci Pi for each reading, shape (readings, lines); with two rates the effective gain for a sine, in one
+        row.
+        """
         if isinstance(self.control, Lifted):
             return 1.0 / (1.0 + self.images(frequency)[None, :, 0]) - 1.0
-        found = [
+        loop_gains = [
             -self.control.response(frequency, input=reading).response
             * self.plant.response(frequency, output=output).response
             for reading, output in zip(self.control.inputs, self.plant.outputs, strict=True)
         ]
-        return np.array(found)
+        return np.array(loop_gains)
 
     def radii(self, frequency: np.ndarray) -> np.ndarray:
-        """r of each disc, on an edge the larger one; shape (discs, lines)."""
+        """Return r of each disc, on an edge the larger one; shape (discs, lines)."""
         edges = np.array([band["to_Hz"] for band in self.bands])
         r = np.array([band["r"] for band in self.bands], dtype=float)
         left = np.minimum(np.searchsorted(edges, frequency * (1.0 - 1e-12), side="left"), edges.size - 1)
@@ -109,7 +119,9 @@ class LoopResponse:
         return np.maximum(r[left], r[right]).T
 
     def room(self, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """|1 + L|, and what the discs take of it: Σ ri |Li|, or r |L| with one disc; with two rates r |1 + L| Σ|Hl|."""
+        """Return |1 + L| and the share that the discs use: Σ ri |Li|, or r |L| with one disc; with two rates r |1 + L|
+        Σ|Hl|.
+        """
         if isinstance(self.control, Lifted):
             images = self.images(frequency)
             distance = 1.0 / np.abs(1.0 + images[:, 0])
@@ -120,18 +132,20 @@ class LoopResponse:
         return np.abs(1.0 + whole), taken
 
     def size(self, frequency: np.ndarray) -> np.ndarray:
-        """What a disc of r = 1 takes of |1 + L|: |L|, with two rates |1 + L| Σ|Hl|."""
+        """Return the use of |1 + L| by a disc of r = 1: |L|, with two rates |1 + L| Σ|Hl|."""
         if isinstance(self.control, Lifted):
             images = self.images(frequency)
             return np.sum(np.abs(images), axis=1) / np.abs(1.0 + images[:, 0])
         return np.abs(self.gains(frequency).sum(axis=0))
 
     def lines(self) -> np.ndarray:
-        """Hz up to Nyquist: even over ln f, denser around every resonance, and on every edge of the radius."""
+        """Return frequencies up to Nyquist, Hz: even over ln f, denser around every resonance, and on every edge of the
+        radius.
+        """
         T = self.control.sample_time
         nyquist = 0.5 / T
         last = self.samples[-1], self.closed.samples[-1]
-        poles = np.concatenate([each.poles() for each in (self.plant, *last)])
+        poles = np.concatenate([system.poles() for system in (self.plant, *last)])
         poles = poles[(np.abs(poles) > 0.1) & (np.abs(poles.imag) > 0.0)]
         s = np.log(poles) / T
         near = (np.abs(s.imag)[:, None] + np.abs(s.real)[:, None] * _BESIDE).ravel() / (2.0 * np.pi)
@@ -142,10 +156,11 @@ class LoopResponse:
         return every[np.append(np.diff(every) > 1e-13 * every[:-1], True)]
 
     def reserve(self, also: Sequence[float] = ()) -> tuple[float, float]:
-        """The factor by which all discs could be wider, and the frequency in Hz that limits it."""
+        """Return the factor by which all discs could be wider, and the frequency in Hz that limits it."""
         f = self.lines()
         if also:
             spread = np.concatenate([x * np.geomspace(0.98, 1.0 / 0.98, 81) for x in also])
+            # a peak that the checker found between the lines of an earlier search
             f = np.unique(np.concatenate([f, spread[spread <= f[-1]]]))
         room = self._ratio(f)
         best = float(np.min(room)), float(f[np.argmin(room)])  # it may lie on an edge of the radius
@@ -163,6 +178,7 @@ class LoopResponse:
         return best
 
     def _ratio(self, f: np.ndarray) -> np.ndarray:
+        # a disc of radius 0 takes nothing: the floor keeps the quotient finite
         distance, taken = self.room(f)
         return distance / np.maximum(taken, 1e-12 * distance)
 
@@ -172,7 +188,7 @@ _ALIKE = 1.15  # radii of neighboring lines that become one step
 
 
 def deviations(lines: int, confidence: float) -> float:
-    """Radius of a line's disc in √variance, such that all lines together lie inside with the confidence.
+    """Return the radius of a line's disc in √variance such that all lines together lie inside with the confidence.
 
     For a complex normal error P(|dG|² > q var) = e^-q, and q = ln(lines/(1 - confidence)) for all of them (Bonferroni),
     for any correlation of their errors.
@@ -180,8 +196,8 @@ def deviations(lines: int, confidence: float) -> float:
     return math.sqrt(math.log(max(lines, 1) / (1.0 - confidence)))
 
 
-def given(radius: Radius, nyquist: float) -> list[tuple[float, float]]:
-    """Steps (up to Hz, r) from a number, or from points (Hz, r) with straight lines over ln f between them.
+def radius_steps(radius: Radius, nyquist: float) -> list[tuple[float, float]]:
+    """Return steps (up to Hz, r) from a number, or from points (Hz, r) that are interpolated linearly over ln f.
 
     A step has the larger radius of its ends.  Raises ParameterError for radii below 0 and frequencies that do not rise.
     """
@@ -199,7 +215,7 @@ def given(radius: Radius, nyquist: float) -> list[tuple[float, float]]:
 
 
 def needed(plant: NominalPlant, reading: int, sure: float) -> np.ndarray:
-    """|G - P| + sure √variance over |P| on each measured line of a reading."""
+    """Return |G - P| + sure √variance over |P| on each measured line of a reading."""
     lines = plant.lines[reading]
     model = plant.model.response(lines.frequency, output=plant.model.outputs[reading]).response
     return (np.abs(lines.response - model) + sure * np.sqrt(lines.variance)) / np.abs(model)
@@ -208,41 +224,41 @@ def needed(plant: NominalPlant, reading: int, sure: float) -> np.ndarray:
 def measured(
     plant: NominalPlant, sure: float, least: float, beyond: float, nyquist: float
 ) -> list[list[tuple[float, float]]]:
-    """For each reading steps that hold every line with its confidence.
+    """Return steps for each reading that contain every line with its confidence.
 
     Between two lines the larger of both; below the first one the most of its octave; above the last one the most of its
     octave, and at least `beyond`; nowhere less than `least`.
     """
-    found: list[list[tuple[float, float]]] = []
+    steps: list[list[tuple[float, float]]] = []
     for reading, lines in enumerate(plant.lines):
         f, r = lines.frequency, np.maximum(needed(plant, reading, sure), least)
         low, high = float(np.max(r[f <= 2.0 * f[0]])), float(np.max(r[f >= 0.5 * f[-1]]))
-        found.append(_steps(f, r, low, max(high, beyond), nyquist, _ALIKE))
-    return found
+        steps.append(_steps(f, r, low, max(high, beyond), nyquist, _ALIKE))
+    return steps
 
 
 def _steps(
     f: np.ndarray, r: np.ndarray, low: float, high: float, nyquist: float, alike: float
 ) -> list[tuple[float, float]]:
-    """Steps from lines: neighbors whose radii differ by less than a factor become one."""
+    """Merge lines into steps: neighbors whose radii differ by less than a factor become one."""
     inside = f < nyquist
     f, r = f[inside], r[inside]
     raw = [(float(f[0]), low), *zip(f[1:].tolist(), np.maximum(r[:-1], r[1:]).tolist(), strict=True), (nyquist, high)]
-    made: list[tuple[float, float]] = []
+    steps: list[tuple[float, float]] = []
     least = math.inf
     for to, radius in raw:
         radius = _up(radius)
-        if made and max(made[-1][1], radius) <= alike * min(least, radius):
-            made[-1] = to, max(made[-1][1], radius)
+        if steps and max(steps[-1][1], radius) <= alike * min(least, radius):
+            steps[-1] = to, max(steps[-1][1], radius)
             least = min(least, radius)
         else:
-            made.append((to, radius))
+            steps.append((to, radius))
             least = radius
-    return made
+    return steps
 
 
 def _up(radius: float) -> float:
-    """Rounded up to four digits."""
+    """Round up to four digits."""
     if radius == 0.0:
         return 0.0
     unit = 10.0 ** (math.floor(math.log10(radius)) - 3)
@@ -250,7 +266,7 @@ def _up(radius: float) -> float:
 
 
 def together(readings: Sequence[Sequence[tuple[float, float]]]) -> list[dict[str, Any]]:
-    """The steps of all readings on common edges, in the form of a certificate."""
+    """Put the steps of all readings on common edges, in the form of a certificate."""
     edges = sorted({to for steps in readings for to, _ in steps})
     bands: list[dict[str, Any]] = []
     low = 0.0

@@ -23,9 +23,8 @@ from feeddrive.loop.simulate import Run
 from feeddrive.machining.cutting_force import cutting_forces
 from feeddrive.machining.load import SpindleLoad, spindle_load
 from feeddrive.machining.part_run import PartRun, part_run
-from feeddrive.machining.regeneration import regeneration
+from feeddrive.machining.regeneration import ToothPassage, regeneration
 from feeddrive.machining.tool_point import tool_point
-from feeddrive.machining.tooth_passage import ToothPassage
 from feeddrive.report.page import Entry, ShownTable
 from feeddrive.report.sentences import block_sentence
 from feeddrive.tuning.candidates import PLAIN, candidates

@@ -41,14 +41,14 @@ class ChatterSigns(Result):
 
     @property
     def chatter(self) -> float:
-        """The strongest line beside all harmonics, Hz; where it is a cut that is stable it means nothing."""
+        """The strongest line beside all harmonics, Hz; for a stable cut it means nothing."""
         beside = np.where(self.harmonic, 0.0, self.spectrum.amplitude)
         return float(self.spectrum.frequency[np.argmax(beside)])
 
     def sentence(self) -> str:
-        """What the samples say."""
+        """The interpretation of the samples as a sentence."""
         spread = float(np.std(self.samples)) / self.swing if self.swing else 0.0
-        said = {
+        phrase = {
             1: "no chatter: samples once per tooth agree",
             2: Text(f"flip chatter at {Quantity(self.chatter, 'Hz')}: every second tooth cuts deeper"),
             0: Text(
@@ -56,10 +56,10 @@ class ChatterSigns(Result):
                 "run round"
             ),
         }[self.dots]
-        return Text(f"{said} (they spread by {Quantity(spread, 'share'):2} of the swing within a tooth)")
+        return Text(f"{phrase} (they spread by {Quantity(spread, 'share'):2} of the swing within a tooth)")
 
     def table(self) -> Table:
-        """The strongest lines, and to what they belong."""
+        """The strongest lines and their origin."""
         rows: list[list[str | float]] = []
         for frequency, amplitude in self.spectrum.largest():
             line = int(np.searchsorted(self.spectrum.frequency, frequency))
@@ -81,7 +81,8 @@ def chatter_signs(
     start: float | None = None,
     runout: bool = False,
 ) -> ChatterSigns:
-    """The signs of chatter in equidistant samples of a force, an error or a sound, once the cut is established.
+    """Look for the signs of chatter in equidistant samples of a force, an error or a sound, once the cut is
+    established.
 
     speed   of the spindle in rpm, constant; teeth: of the tool
     start   s, time of the first once-per-tooth sample after the first value; None: where samples spread most
@@ -91,12 +92,12 @@ def chatter_signs(
     come together to one.  At a flip they are two dots, else a ring.
     Raises ParameterError for fewer than 16 teeth (turns, with run-out) and for fewer than four samples a tooth.
     """
-    found = np.asarray(values, float)
+    signal = np.asarray(values, float)
     if not speed > 0.0 or teeth < 1:
         raise ParameterError(f"speed = {Quantity(speed, 'rpm'):6} must be > 0 and teeth = {teeth} must be 1 or more")
     passing = teeth * speed / 60.0
     period = 60.0 / speed if runout else 1.0 / passing
-    count = int(((found.size - 1) * sample_time - (start or 0.0)) / period)
+    count = int(((signal.size - 1) * sample_time - (start or 0.0)) / period)
     if 1.0 / passing < 4.0 * sample_time:
         raise ParameterError(
             f"a tooth passes every {Quantity(1.0 / passing, 's')}, and {name} has a sample every "
@@ -105,11 +106,11 @@ def chatter_signs(
     if count < _TEETH:
         what = "turns" if runout else "teeth"
         raise ParameterError(f"{name} lasts {max(count, 0)} {what}: at least {_TEETH} are needed, give a longer record")
-    lines = spectrum(found, sample_time, name=name, unit=unit)
+    lines = spectrum(signal, sample_time, name=name, unit=unit)
     width = lines.frequency[1] - lines.frequency[0]
     times = lines.frequency * period
     harmonic = np.abs(times - np.round(times)) <= (_LINES + 0.5) * width * period
-    curve = CubicSpline(sample_time * np.arange(found.size), found)
+    curve = CubicSpline(sample_time * np.arange(signal.size), signal)
     at = (start or 0.0) + period * np.arange(count)
     inside = curve(at[:-1, None] + period / _PLACES * np.arange(_PLACES))
     samples = curve(at) if start is not None else inside[:, np.argmax(np.std(inside, axis=0))]
@@ -118,7 +119,7 @@ def chatter_signs(
 
 
 def _dots(samples: np.ndarray, swing: float) -> int:
-    """1 or 2 dots, 0 for a ring."""
+    """Return 1 or 2 dots, 0 for a ring."""
     spread, half = float(np.std(samples)), samples.size // 2
     if spread <= _STILL * swing or np.std(samples[half:]) < _FALLS * np.std(samples[:half]):
         return 1

@@ -1,18 +1,263 @@
-"""What draws the deviations of circles: a fit of scale, squareness, lag, backlash, reversal spikes and screws."""
+"""The causes of the deviations of circles: scale, squareness, lag, backlash, reversal spikes and screws.
+
+All circles are one linear least-squares fit, with one column a cause: the deviation that it draws on each circle.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import UNIT, Cell, Column, Result, Table
-from feeddrive.machining.circle_columns import Fit, Rows, Solved, since_reversal, window
 from feeddrive.machining.circle_test import DIRECTIONS, CirclePath, about_origin, circle_fit, circle_test
+
+PASSES = 30
+_NULL = 1e-7  # singular value of a combination that the circles do not show, of the largest
+_PART = 0.02  # of such a combination: a column with less is not part of it
+_NODES = 24  # of the free course of a spike after a reversal
+_DECAYS = (1e-3, 0.2)  # s, of a spike
+_WINDOW = 0.25  # s after a reversal in which a spike may last
+_WIDEST = np.radians(50.0)
+_NARROWEST = np.radians(4.0)
+_CORRELATED = 36  # blocks of a circle within which residuals may be alike
+
+
+class Rows(NamedTuple):
+    """One circle: polar angle about the fitted center, deviation about that of the set-up, direction, feed, radius."""
+
+    angle: np.ndarray
+    deviation: np.ndarray
+    d: int
+    V: float
+    R: float
+
+    @property
+    def turning(self) -> float:
+        """V/R, rad/s."""
+        return self.V / self.R
+
+
+class Fit(NamedTuple):
+    """The problem to fit: circles, names of the axes, pitches of screws, and True if the table stands within a
+    backlash.
+    """
+
+    data: list[Rows]
+    names: tuple[str, str]
+    pitches: Mapping[str, float]
+    stands: bool
+
+    def best_decay(self) -> float:
+        """Return the decay with the smallest residual: a coarse grid, then a search between the neighbors of its best
+        value.
+        """
+        from scipy.optimize import minimize_scalar  # not for commands that only read
+
+        grid = np.geomspace(*_DECAYS, 16)
+        left = [self.settled(float(t), 4).square for t in grid]
+        best = int(np.argmin(left))
+        optimum: Any = minimize_scalar(
+            lambda u: self.settled(float(np.exp(u)), 6).square,
+            bounds=np.log(grid[[max(best - 1, 0), min(best + 1, len(grid) - 1)]]),
+            method="bounded",
+            options={"xatol": 1e-4},
+        )
+        return float(np.exp(optimum.x))
+
+    def settled(self, decay: float | None, passes: int = PASSES) -> Solved:
+        """Repeat the pass with lag mismatch and backlash of the previous one until they converge."""
+        shape = Shape(0.0, (0.0, 0.0))
+        solved = Solved(self, shape, decay, 1)
+        for count in range(2, passes + 1):
+            gaps = [max(solved.value(f"backlash {axis}"), 0.0) if self.stands else 0.0 for axis in self.names]
+            solution = Shape(solved.value("lag mismatch"), (gaps[0], gaps[1]))
+            if solution.near(shape):
+                break
+            shape = solution
+            solved = Solved(self, shape, decay, count)
+        return solved
+
+
+class Shape(NamedTuple):
+    """The values that the columns of a pass take from the previous one: lag mismatch, s, and the gap of each
+    axis, m.
+    """
+
+    mismatch: float
+    gaps: tuple[float, float]
+
+    def near(self, other: Shape) -> bool:
+        """True if another pass would change nothing."""
+        away = abs(self.mismatch - other.mismatch) <= 1e-9 * abs(self.mismatch) + 1e-12
+        return away and all(abs(a - b) <= 1e-4 * a + 1e-9 for a, b in zip(self.gaps, other.gaps, strict=True))
+
+
+def since_reversal(phase: np.ndarray, d: int, reversal: float) -> np.ndarray:
+    """Return the angle since the last of an axis's two reversals in a turn."""
+    return np.mod(d * (phase - reversal), np.pi)
+
+
+class Solved:
+    """One pass: the columns of all circles, and their least-squares solution."""
+
+    def __init__(self, fit: Fit, shape: Shape, decay: float | None, passes: int) -> None:
+        self.data, self.names, self.shape, self.decay, self.passes = fit.data, fit.names, shape, decay, passes
+        data = fit.data
+        self.units: dict[str, str] = {}
+        self.feeds = distinct_feeds(data)
+        blocks = [self._columns(rows, fit.pitches) for rows in data]
+        self.labels = list(blocks[0])
+        self.design = np.vstack([np.column_stack(list(block.values())) for block in blocks])
+        self.wanted = np.concatenate([rows.deviation for rows in data])
+        norms = np.linalg.norm(self.design, axis=0)
+        self.seen = norms > 1e-12 * np.max(norms)
+        self.scale = np.where(self.seen, norms, 1.0)
+        # triangular: all that the solution needs of the many rows; the last column is what is wanted
+        whole: Any = np.linalg.qr(np.column_stack([self.design / self.scale, self.wanted]), mode="r")
+        self._triangle, wanted = whole[:, :-1], whole[:, -1]
+        self.kept = self._independent()
+        left, sizes, right = np.linalg.svd(self._triangle[:, self.kept], full_matrices=False)
+        self.condition = float(sizes[0] / sizes[-1])
+        self.solution = np.zeros(len(self.labels))
+        self.solution[self.kept] = (right.T @ ((left.T @ wanted) / sizes)) / self.scale[self.kept]
+        self._inverse = (right.T / sizes**2) @ right
+        self.residual = self.wanted - self.design @ self.solution
+        self.square = float(self.residual @ self.residual)
+
+    def _independent(self) -> np.ndarray:
+        """Return the columns without the last one of each combination that the circles do not excite."""
+        kept = np.flatnonzero(self.seen)
+        while True:
+            _, sizes, right = np.linalg.svd(self._triangle[:, kept], full_matrices=False)
+            if sizes[-1] > _NULL * sizes[0]:
+                return kept
+            part = np.max(np.abs(right[sizes <= _NULL * sizes[0]]), axis=0) > _PART
+            kept = np.delete(kept, np.flatnonzero(part)[-1])
+
+    @cached_property
+    def unseparable(self) -> dict[int, list[int]]:
+        """Return, for each column, the columns from which it cannot be separated."""
+        mixed: dict[int, list[int]] = {}
+        for i in np.flatnonzero(self.seen):
+            if i in self.kept:
+                continue
+            parts = np.linalg.lstsq(self._triangle[:, self.kept], self._triangle[:, i], rcond=None)[0]
+            together = [int(i), *(int(k) for k in self.kept[np.abs(parts) > _PART])]
+            for cause in together:
+                mixed.setdefault(cause, []).extend(k for k in together if k != cause)
+        return mixed
+
+    def _columns(self, rows: Rows, pitches: Mapping[str, float]) -> dict[str, np.ndarray]:
+        x, y = self.names
+        angle, d, V, R = rows.angle, rows.d, rows.V, rows.R
+        ahead = d * rows.turning * self.shape.mismatch
+        at_x, at_y = angle - ahead, angle + ahead
+        cos, sin = np.cos(angle), np.sin(angle)
+        since = {x: since_reversal(at_x, d, 0.0), y: since_reversal(at_y, d, 0.5 * np.pi)}
+        held = [_held(since[axis], R, gap) for axis, gap in zip(self.names, self.shape.gaps, strict=True)]
+        one = np.ones_like(angle)
+        columns = {
+            f"set-up offset {x}": ("m", cos),
+            f"set-up offset {y}": ("m", sin),
+            "scale, mean": ("", R * one),
+            "scale, difference": ("", R * np.cos(2.0 * angle)),
+            "squareness": ("rad", 0.5 * R * np.sin(2.0 * angle)),
+            "lag radius, mean": ("s2", -(V**2) / (2.0 * R) * one),
+            "lag radius, difference": ("s2", -(V**2) / (4.0 * R) * np.cos(2.0 * angle)),
+            "lag mismatch": ("s", 0.5 * d * V * np.sin(2.0 * angle)),
+            f"backlash {x}": ("m", 0.5 * d * np.sign(np.sin(at_x)) * cos - held[0] * np.abs(cos)),
+            f"backlash {y}": ("m", -0.5 * d * np.sign(np.cos(at_y)) * sin - held[1] * np.abs(sin)),
+        }
+        for axis, part in ((x, cos), (y, sin)):
+            if axis in pitches:
+                wave = 2.0 * np.pi * R * part / pitches[axis]
+                columns[f"screw {axis} sine"] = ("m", np.sin(wave) * part)
+                columns[f"screw {axis} cosine"] = ("m", np.cos(wave) * part)
+        for axis, part in ((x, cos), (y, sin)):
+            if self.decay is not None:
+                course = np.exp(-since[axis] / (rows.turning * self.decay))
+                columns[f"reversal spike {axis}"] = ("m", course * np.abs(part))
+                continue
+            for i, feed in enumerate(self.feeds):
+                here = abs(rows.V - feed) <= 0.02 * feed
+                for k, hat in enumerate(_hats(since[axis], window(feed / R))):
+                    columns[f"spike {axis} {i} {k}"] = ("m", hat * np.abs(part) if here else np.zeros_like(hat))
+        self.units |= {name: unit for name, (unit, _) in columns.items()}
+        return {name: column for name, (_, column) in columns.items()}
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """Return the covariance of the kept columns, for residuals that are correlated within blocks: (A'A)⁻¹ Σ g g'
+        (A'A)⁻¹.
+        """
+        scores = (self.design[:, self.kept] / self.scale[self.kept]) * self.residual[:, None]
+        middle = np.zeros((len(self.kept), len(self.kept)))
+        begin = 0
+        for rows in self.data:
+            own = scores[begin : begin + len(rows.angle)]
+            begin += len(rows.angle)
+            width = max(1, len(own) // _CORRELATED)
+            around = np.cumsum(np.vstack([np.zeros((1, own.shape[1])), own, own[:width]]), axis=0)
+            blocks = around[width : width + len(own)] - around[: len(own)]
+            middle += blocks.T @ blocks / width
+        n, k = self.design.shape[0], len(self.kept)
+        return self._inverse @ middle @ self._inverse * (n / max(n - k, 1))
+
+    def value(self, name: str) -> float:
+        """Return the fitted value of a column, 0 where it was dropped."""
+        return float(self.solution[self.labels.index(name)])
+
+    def error(self, name: str) -> float:
+        """Return the standard error of a column; inf where it cannot be separated."""
+        i = self.labels.index(name)
+        if i in self.unseparable or i not in self.kept:
+            return float("inf")
+        k = int(np.flatnonzero(self.kept == i)[0])
+        return float(np.sqrt(max(self.covariance[k, k], 0.0))) / float(self.scale[i])
+
+    def drawn(self, names: Sequence[str]) -> list[np.ndarray]:
+        """Return the deviation that some columns draw on each circle, m."""
+        chosen = [self.labels.index(name) for name in names]
+        whole = self.design[:, chosen] @ self.solution[chosen]
+        return np.split(whole, np.cumsum([len(rows.angle) for rows in self.data])[:-1])
+
+
+def _held(since: np.ndarray, R: float, gap: float) -> np.ndarray:
+    """Return the part of a gap, by the angle since the reversal, by which a table that still stands deviates from the
+    step.
+    """
+    if gap <= 0.0:
+        return np.zeros_like(since)
+    return np.maximum(0.0, 1.0 - since**2 * (0.5 * R / gap))
+
+
+def distinct_feeds(data: list[Rows]) -> list[float]:
+    """Return the feeds of all circles, merging those that differ by 2 % at most."""
+    feeds: list[float] = []
+    for rows in data:
+        if not any(abs(rows.V - feed) <= 0.02 * feed for feed in feeds):
+            feeds.append(rows.V)
+    return feeds
+
+
+def window(turning: float) -> float:
+    """Return the angle after a reversal in which a spike may last, rad."""
+    return float(np.clip(_WINDOW * turning, _NARROWEST, _WIDEST))
+
+
+def _hats(since: np.ndarray, window: float) -> list[np.ndarray]:
+    """Return piecewise linear basis functions of the angle since a reversal, finer at its start, 0 beyond the
+    window.
+    """
+    nodes = window * (np.arange(_NODES + 1) / _NODES) ** 1.5
+    return [np.interp(since, nodes, row, right=0.0) for row in np.eye(_NODES + 1)[:_NODES]]
+
 
 _AT_ONCE = np.radians(0.2)  # after a reversal: what happens there is the reversal of a backlash, not a spike
 
@@ -40,7 +285,7 @@ class Cause(NamedTuple):
 
 
 class Spike(NamedTuple):
-    """The course after the reversals of an axis at one feed: outward deviations behind all other causes.
+    """The deviation after the reversals of an axis at one feed: outward, without all other causes.
 
     axis, feed  feed in m/s
     angle       since the reversal, rad, shape (n,)
@@ -54,18 +299,18 @@ class Spike(NamedTuple):
 
     @property
     def peak(self) -> float:
-        """The largest, m, signed."""
+        """The largest deviation, m, signed."""
         return float(self.height[int(np.argmax(np.abs(self.height)))])
 
     @property
     def peak_angle(self) -> float:
-        """Where it is, rad since the reversal."""
+        """The angle of the peak, rad since the reversal."""
         return float(self.angle[int(np.argmax(np.abs(self.height)))])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CircleCauses(Result):
-    """The causes of what some circles show, and what is left.
+    """The causes of the deviations of some circles, and the residual.
 
     causes    all that were fitted
     spikes    after the reversals of each axis at each feed
@@ -85,15 +330,15 @@ class CircleCauses(Result):
     left: tuple[np.ndarray, ...]
 
     def __getitem__(self, name: str) -> Cause:
-        for each in self.causes:
-            if each.name == name:
-                return each
-        raise ParameterError(f"there is no cause '{name}'; there are {', '.join(each.name for each in self.causes)}")
+        for cause in self.causes:
+            if cause.name == name:
+                return cause
+        raise ParameterError(f"there is no cause '{name}'; there are {', '.join(cause.name for cause in self.causes)}")
 
     @property
     def ranked(self) -> list[Cause]:
-        """The largest effect first; the offset of the set-up, which is no fault of the machine, is left out."""
-        return sorted((each for each in self.causes if not each.name.startswith("set-up")), key=lambda c: -c.effect)
+        """The causes, largest effect first; the offset of the set-up, which is no fault of the machine, is left out."""
+        return sorted((cause for cause in self.causes if not cause.name.startswith("set-up")), key=lambda c: -c.effect)
 
     def table(self) -> Table:
         """One row for each cause, the largest first."""
@@ -104,9 +349,14 @@ class CircleCauses(Result):
             error = Quantity(cause.error, cause.unit, form=f"2 {unit}") if np.isfinite(cause.error) else None
             rows.append([cause.name, value, error, UNIT, cause.effect, cause.share, cause.note])
         columns = [
-            "cause", "value", "+-", "unit", Column("draws", "m"), Column("of G", "share", "3"),
+            "cause",
+            "value",
+            "+-",
+            "unit",
+            Column("draws", "m"),
+            Column("of G", "share", "3"),
             Column("", sentences=True),
-        ]  # fmt: skip
+        ]
         return Table(f"causes; {Quantity(self.residual, 'm'):3} RMS are not explained", columns, rows)
 
 
@@ -138,8 +388,9 @@ def circle_causes(
     figures = circle_test(circles)
     names = circles[0].axes
     for what, value, options in (
-        ("spike", spike, ("free", "exponential")), ("backlash", backlash, ("stands", "step")),
-    ):  # fmt: skip
+        ("spike", spike, ("free", "exponential")),
+        ("backlash", backlash, ("stands", "step")),
+    ):
         if value not in options:
             raise ParameterError(f"{what} = {value!r} must be one of {', '.join(options)}")
     for axis, length in (pitch or {}).items():
@@ -147,7 +398,7 @@ def circle_causes(
             raise ParameterError(
                 f"pitch of '{axis}' = {Quantity(length, 'm'):6 SI}: a pitch > 0 m of {' or '.join(names)} is needed"
             )
-    placed = [about_origin(each) for each in circles]
+    placed = [about_origin(circle) for circle in circles]
     center, _ = circle_fit(np.concatenate([c.x for c in placed]), np.concatenate([c.y for c in placed]))
     data = [
         Rows(np.arctan2(c.y - center[1], c.x - center[0]), np.hypot(c.x, c.y) - c.radius, c.direction, c.feed, c.radius)
@@ -160,7 +411,7 @@ def circle_causes(
 
 
 def _result(solved: Solved, G: float) -> CircleCauses:
-    """All causes, with their effects."""
+    """Return all causes with their effects."""
     x, y = solved.names
     decay = solved.decay
     plain = [name for name in solved.labels if not name.startswith(("screw ", "spike "))]
@@ -176,7 +427,7 @@ def _result(solved: Solved, G: float) -> CircleCauses:
     spikes = [_spike(solved, axis, i) for axis in (x, y) for i in range(len(solved.feeds))] if decay is None else []
     for axis in (x, y) if decay is None else ():
         hats = [name for name in solved.labels if name.startswith(f"spike {axis} ")]
-        highest = max((each for each in spikes if each.axis == axis), key=lambda each: abs(each.peak))
+        highest = max((spike for spike in spikes if spike.axis == axis), key=lambda spike: abs(spike.peak))
         first = next(name for name in hats if solved.labels.index(name) in solved.kept)
         error = float(np.median([solved.error(name) for name in hats if solved.labels.index(name) in solved.kept]))
         cause = _cause(solved, f"reversal spike {axis}", hats, highest.peak, error, G, like=first)
@@ -190,11 +441,11 @@ def _cause(
     solved: Solved, name: str, columns: list[str], value: float, error: float, G: float, like: str | None = None
 ) -> Cause:
     drawn = solved.drawn(columns)
-    effect = max(float(np.max(np.abs(each))) for each in drawn)
-    share = max(float(np.ptp(each)) for each in drawn) / G if G > 0.0 else 0.0
+    effect = max(float(np.max(np.abs(column))) for column in drawn)
+    share = max(float(np.ptp(column)) for column in drawn) / G if G > 0.0 else 0.0
     index = solved.labels.index(columns[0] if like is None else like)
     others = list(dict.fromkeys(_named(solved, i) for i in solved.unseparable.get(index, [])))
-    others = [each for each in others if each != name]
+    others = [other for other in others if other != name]
     note = f"not separable from {', '.join(others)}: {_remedy(solved)}" if others else ""
     if not note and not solved.seen[index]:
         note = "these circles do not show it"
@@ -202,7 +453,7 @@ def _cause(
 
 
 def _named(solved: Solved, i: int) -> str:
-    """The cause of a column."""
+    """Return the cause of a column."""
     words = solved.labels[i].split(" ")
     if words[0] == "screw":
         return f"screw error {words[1]}"
@@ -210,7 +461,7 @@ def _named(solved: Solved, i: int) -> str:
 
 
 def _remedy(solved: Solved) -> str:
-    """The circles that are missing."""
+    """Name the circles that are missing for a separation."""
     there = {rows.d for rows in solved.data}
     missing = [f"run {DIRECTIONS[d]}" for d in (1, -1) if d not in there]
     missing += ["run a second feed"] if len(solved.feeds) == 1 else []
@@ -218,7 +469,7 @@ def _remedy(solved: Solved) -> str:
 
 
 def _spike(solved: Solved, axis: str, place: int) -> Spike:
-    """The mean outward deviation after the reversals of an axis at a feed, behind all other causes."""
+    """Return the mean outward deviation after the reversals of an axis at a feed, without all other causes."""
     first = axis == solved.names[0]
     feed = solved.feeds[place]
     hats = [name for name in solved.labels if name.startswith(f"spike {axis} ")]
@@ -230,9 +481,11 @@ def _spike(solved: Solved, axis: str, place: int) -> Spike:
         if abs(rows.V - feed) > 0.02 * feed:
             continue
         ahead = rows.d * rows.turning * solved.shape.mismatch
-        since = since_reversal(rows.angle - ahead, rows.d, 0.0) if first else since_reversal(
-            rows.angle + ahead, rows.d, 0.5 * np.pi
-        )  # fmt: skip
+        since = (
+            since_reversal(rows.angle - ahead, rows.d, 0.0)
+            if first
+            else since_reversal(rows.angle + ahead, rows.d, 0.5 * np.pi)
+        )
         inside = since < reach
         part = np.abs(np.cos(rows.angle) if first else np.sin(rows.angle))
         places.append(since[inside])

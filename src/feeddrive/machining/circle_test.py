@@ -1,4 +1,7 @@
-"""The circular test of ISO 230-4: full circles at constant feed, and what their radial deviations say of a machine."""
+"""The circular test of ISO 230-4: full circles at constant feed, and what their radial deviations say of a machine.
+
+A quadrant peak is how far a circle springs outward after an axis has reversed.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +54,7 @@ class CirclePath:
 
     @property
     def name(self) -> str:
-        """Direction and feed, as people write them."""
+        """Direction and feed as text."""
         return Text(f"{DIRECTIONS[self.direction]} {Quantity(self.feed, 'm/s'):mm/min}")
 
 
@@ -89,7 +92,9 @@ class Figures(NamedTuple):
 
 
 def circle_fit(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
-    """Center and radius (m) with the least Σ (|p - c| - R)², by Gauss-Newton steps from the center of gravity."""
+    """Return center and radius (m) with the least Σ (|p - c| - R)², by Gauss-Newton steps from the center of
+    gravity.
+    """
     center = np.array([np.mean(x), np.mean(y)])
     for _ in range(50):
         dx, dy = x - center[0], y - center[1]
@@ -105,7 +110,7 @@ def circle_fit(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def minimum_zone(x: np.ndarray, y: np.ndarray) -> Zone:
-    """The two nearest concentric circles around a path: min (s - l) with l <= r - u·δc <= s, repeated.
+    """Return the two nearest concentric circles around a path: min (s - l) with l <= r - u·δc <= s, repeated.
 
     Linear programs on the outermost and innermost points; those that a solution cuts off join until none does.
     """
@@ -128,18 +133,18 @@ def minimum_zone(x: np.ndarray, y: np.ndarray) -> Zone:
             zero = np.zeros_like(one)
             # unknown: δc (as a part of `scale`), s, l
             bounds = np.vstack([np.hstack([-u, -one, zero]), np.hstack([u, zero, one])])
-            found = linprog([0, 0, 1, -1], bounds, np.concatenate([-e, e]), bounds=(None, None), method="highs")
-            if found.x is None:
+            solution = linprog([0, 0, 1, -1], bounds, np.concatenate([-e, e]), bounds=(None, None), method="highs")
+            if solution.x is None:
                 return best
-            step = scale * found.x[:2]
+            step = scale * solution.x[:2]
             left = r - ux * step[0] - uy * step[1] - middle
             slack = 1e-6 * scale  # ten times what the linear program leaves
-            beyond = np.flatnonzero((left > scale * found.x[2] + slack) | (left < scale * found.x[3] - slack))
+            beyond = np.flatnonzero((left > scale * solution.x[2] + slack) | (left < scale * solution.x[3] - slack))
             if not len(beyond):
                 break
             chosen |= set(beyond[np.argsort(-np.abs(left[beyond]))][:40].tolist())
         center = center + step
-        best = min(best, _zone(x, y, center), key=lambda each: each.width)
+        best = min(best, _zone(x, y, center), key=lambda zone: zone.width)
         if np.max(np.abs(step)) < 1e-6 * scale:
             break
     return best
@@ -163,7 +168,7 @@ def circle_path(
     points: int = POINTS,
     name: str = "circle",
 ) -> CirclePath:
-    """The last full turn at constant feed of a motion, resampled evenly in angle about its least-squares center.
+    """Return the last full turn at constant feed of a motion, resampled evenly in angle about its least-squares center.
 
     x, y         m, shape (n,), of the whole motion: run-in, turns, run-out
     sample_time  s; or the time of each row, s
@@ -173,14 +178,16 @@ def circle_path(
     Raises LogError for fewer than a full turn at constant feed and for a turn that does not close, ParameterError for
     rows that do not fit.
     """
-    x, y = (np.asarray(each, dtype=np.float64) for each in (x, y))
+    x, y = (np.asarray(coordinate, dtype=np.float64) for coordinate in (x, y))
     if time is None:
         if sample_time is None:
             raise ParameterError(f"{name}: a circle needs its sample_time or the time of each row, s")
         time = sample_time * np.arange(len(x))
     if x.ndim != 1 or x.shape != y.shape or x.shape != np.shape(time) or len(x) < 16:
-        raise ParameterError(f"{name}: {axes[0]}, {axes[1]} and time need equal rows, 16 or more, not "
-                             f"{np.size(x)}, {np.size(y)} and {np.size(time)}")  # fmt: skip
+        raise ParameterError(
+            f"{name}: {axes[0]}, {axes[1]} and time need equal rows, 16 or more, not "
+            f"{np.size(x)}, {np.size(y)} and {np.size(time)}"
+        )
     if not (np.all(np.isfinite(x)) and np.all(np.isfinite(y))):
         raise ParameterError(f"{name}: a position is not finite")
     middle, _ = circle_fit(x, y)
@@ -228,7 +235,7 @@ def circle_path(
 
 
 def _at_feed(x: np.ndarray, y: np.ndarray, time: np.ndarray, middle: np.ndarray, name: str) -> tuple[int, int]:
-    """First row and end of the longest stretch in which the angle changes at an even rate."""
+    """Return first row and end of the longest stretch in which the angle changes at a constant rate."""
     angle = np.unwrap(np.arctan2(y - middle[1], x - middle[0]))
     whole = abs(float(angle[-1] - angle[0]))
     if whole < 2.0 * np.pi:
@@ -255,7 +262,7 @@ def _at_feed(x: np.ndarray, y: np.ndarray, time: np.ndarray, middle: np.ndarray,
 
 
 def _averaged(places: np.ndarray, r: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """The mean radius between the middles of wanted angles, where there are many rows for each."""
+    """Average the radius between the midpoints of the wanted angles, where there are many rows for each."""
     step = wanted[1] - wanted[0]
     edges = np.searchsorted(places, np.append(wanted - 0.5 * step, wanted[-1] + 0.5 * step))
     sums = np.concatenate([[0.0], np.cumsum(r)])
@@ -264,15 +271,29 @@ def _averaged(places: np.ndarray, r: np.ndarray, wanted: np.ndarray) -> np.ndarr
 
 
 def circle_of_run(
-    run: Run, axes: tuple[str, str] = ("x", "y"), *, radius: float | None = None,
-    center: tuple[float, float] | None = None, signal: str = "tool", points: int = POINTS,
-) -> CirclePath:  # fmt: skip
-    """The circle of a simulated run; `signal` as in `contour_error`, readings are labelled as those of encoders."""
+    run: Run,
+    axes: tuple[str, str] = ("x", "y"),
+    *,
+    radius: float | None = None,
+    center: tuple[float, float] | None = None,
+    signal: str = "tool",
+    points: int = POINTS,
+) -> CirclePath:
+    """Return the circle of a simulated run; `signal` as in `contour_error`; readings are labelled as those of
+    encoders.
+    """
     position = tool_columns(run, axes, signal)
     return circle_path(
-        position[:, 0], position[:, 1], sample_time=run.sample_time, radius=radius, center=center, axes=axes,
-        source="encoder" if signal.startswith("reading") else "tool", points=points, name=run.name,
-    )  # fmt: skip
+        position[:, 0],
+        position[:, 1],
+        sample_time=run.sample_time,
+        radius=radius,
+        center=center,
+        axes=axes,
+        source="encoder" if signal.startswith("reading") else "tool",
+        points=points,
+        name=run.name,
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -290,14 +311,14 @@ class CircleTest(Result):
 
     @property
     def radius(self) -> float:
-        """Nominal, m."""
+        """The nominal radius, m."""
         return self.circles[0].radius
 
     @property
     def largest(self) -> Figures:
-        """Those with the largest circular deviation, of both directions where there are some."""
-        both = [each for each in self.figures if each.both]
-        return max(both or self.figures, key=lambda each: each.G)
+        """The figures with the largest circular deviation, of both directions if there are any."""
+        both = [figure for figure in self.figures if figure.both]
+        return max(both or self.figures, key=lambda figure: figure.G)
 
     def table(self) -> Table:
         """One row for each circle and each pair, in um."""
@@ -308,18 +329,23 @@ class CircleTest(Result):
             f"{self.about} center{label}"
         )
         rows = [
-            [Text(f"both {circle.name}") if circle.both else circle.name,
-             Text(f"{Quantity(circle.G, 'm', bare=True)} (b)") if circle.both else circle.G,
-             circle.F_max, circle.F_min, circle.D, *map(float, circle.center)]
+            [
+                Text(f"both {circle.name}") if circle.both else circle.name,
+                Text(f"{Quantity(circle.G, 'm', bare=True)} (b)") if circle.both else circle.G,
+                circle.F_max,
+                circle.F_min,
+                circle.D,
+                *map(float, circle.center),
+            ]
             for circle in self.figures
-        ]  # fmt: skip
+        ]
         signed = [Column(head, "m", "+.4g") for head in ("F max", "F min", "D")]
         centers = [Column(f"center {axis}", "m", "7 mm") for axis in "xy"]
         return Table(title, ["circle", Column("G", "m"), *signed, *centers], rows)
 
 
 def circle_test(circles: Sequence[CirclePath], *, about: str = "least squares") -> CircleTest:
-    """G, F and D of circles, and G(b) and D of both directions at one feed.
+    """Compute G, F and D of circles, and G(b) and D of both directions at one feed.
 
     G is the minimum zone, in which the radius is free; F and D are about the nominal radius.
 
@@ -332,29 +358,31 @@ def circle_test(circles: Sequence[CirclePath], *, about: str = "least squares") 
     if about not in ("least squares", "set-up"):
         raise ParameterError(f"about = {about!r} must be one of least squares, set-up")
     first = circles[0]
-    for each in circles[1:]:
-        if abs(each.radius - first.radius) > 1e-9 or each.axes != first.axes or each.source != first.source:
+    for circle in circles[1:]:
+        if abs(circle.radius - first.radius) > 1e-9 or circle.axes != first.axes or circle.source != first.source:
             raise ParameterError(
                 f"the circles of one test have one radius, plane and source: {first.name} has "
-                f"{Quantity(first.radius, 'm'):5 mm} in {''.join(first.axes)} by {first.source}, {each.name} "
-                f"{Quantity(each.radius, 'm'):5 mm} in {''.join(each.axes)} by {each.source}"
+                f"{Quantity(first.radius, 'm'):5 mm} in {''.join(first.axes)} by {first.source}, {circle.name} "
+                f"{Quantity(circle.radius, 'm'):5 mm} in {''.join(circle.axes)} by {circle.source}"
             )
-    if about == "set-up" and any(each.center is None for each in circles):
+    if about == "set-up" and any(circle.center is None for circle in circles):
         raise ParameterError("F about the set-up center needs the center of each circle")
-    figures = [_figures([each], about) for each in circles]
-    for i, each in enumerate(circles):
-        others = [other for other in circles[i + 1 :] if other.direction == -each.direction and same_feed(each, other)]
-        figures += [_figures([each, other], about) for other in others[:1]]
+    figures = [_figures([circle], about) for circle in circles]
+    for i, circle in enumerate(circles):
+        others = [
+            other for other in circles[i + 1 :] if other.direction == -circle.direction and same_feed(circle, other)
+        ]
+        figures += [_figures([circle, other], about) for other in others[:1]]
     return CircleTest(tuple(circles), tuple(figures), about)
 
 
 def same_feed(one: CirclePath, other: CirclePath) -> bool:
-    """Whether two feeds differ by 2 % at most."""
+    """True if two feeds differ by 2 % at most."""
     return abs(one.feed - other.feed) <= _SAME_FEED * max(one.feed, other.feed)
 
 
 def _figures(circles: list[CirclePath], about: str) -> Figures:
-    x, y = (np.concatenate([getattr(each, name) for each in circles]) for name in ("x", "y"))
+    x, y = (np.concatenate([getattr(circle, name) for circle in circles]) for name in ("x", "y"))
     center, mean = circle_fit(x, y)
     first = circles[0]
     if about == "set-up" and first.center is not None:
@@ -373,6 +401,71 @@ def _figures(circles: list[CirclePath], about: str) -> Figures:
 
 
 def about_origin(circle: CirclePath) -> CirclePath:
-    """The circle in coordinates in which its set-up center, or else its least-squares center, is 0."""
+    """Shift a circle so that its set-up center, or else its least-squares center, is 0."""
     center = circle_fit(circle.x, circle.y)[0] if circle.center is None else np.array(circle.center)
     return replace(circle, x=circle.x - center[0], y=circle.y - center[1], center=(0.0, 0.0))
+
+
+NEAR = np.radians(10.0)
+"""Of a peak: the angle behind a reversal in which it is looked for, rad; the base is taken from as much before it."""
+
+
+class QuadrantPeak(NamedTuple):
+    """The peak after one reversal on one circle.
+
+    circle     its place among the circles of the test
+    axis, side  that reverses, as "x" and "+": at its most positive or its most negative place
+    angle      polar, of the peak, rad, 0 to 2π
+    deviation  radial, there, m
+    height     of the peak above the mean deviation of the 10° before the reversal, m
+    """
+
+    circle: int
+    axis: str
+    side: str
+    angle: float
+    deviation: float
+    height: float
+
+
+def deviation(circle: CirclePath, center: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return polar angle about a center, rad, 0 to 2π, and radial deviation from nominal, m, in the order of the
+    motion.
+    """
+    dx, dy = circle.x - center[0], circle.y - center[1]
+    return np.arctan2(dy, dx) % (2.0 * np.pi), np.hypot(dx, dy) - circle.radius
+
+
+def deviations(test: CircleTest) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return `deviation` of each circle, about the center of its figures."""
+    centers = [figure.center for figure in test.figures if not figure.both]
+    return [deviation(circle, center) for circle, center in zip(test.circles, centers, strict=True)]
+
+
+def quadrant_peaks(test: CircleTest) -> list[QuadrantPeak]:
+    """Return four peaks for each circle, the highest first: the largest outward deviation in the 10° after a
+    reversal.
+    """
+    peaks = list[QuadrantPeak]()
+    for k, (circle, (angle, r)) in enumerate(zip(test.circles, deviations(test), strict=True)):
+        for quarter in range(4):
+            since = circle.direction * (angle - 0.5 * np.pi * quarter)
+            since = (since + np.pi) % (2.0 * np.pi) - np.pi
+            before, after = (since < 0.0) & (since >= -NEAR), np.flatnonzero((since >= 0.0) & (since <= NEAR))
+            if not np.any(before) or not len(after):
+                continue
+            top = int(after[np.argmax(r[after])])
+            axis, side = circle.axes[quarter % 2], "+" if quarter < 2 else "-"
+            height = float(r[top] - np.mean(r[before]))
+            peaks.append(QuadrantPeak(k, axis, side, float(angle[top]), float(r[top]), height))
+    return sorted(peaks, key=lambda peak: -peak.height)
+
+
+def peaks_table(test: CircleTest) -> Table:
+    """Return a table with one row for each circle: the heights behind its four reversals."""
+    first = test.circles[0]
+    places = [(axis, side) for side in "+-" for axis in first.axes]
+    heights = {(peak.circle, peak.axis, peak.side): peak.height for peak in quadrant_peaks(test)}
+    rows = [[circle.name, *(heights.get((k, *place)) for place in places)] for k, circle in enumerate(test.circles)]
+    title = "quadrant peaks: outward, in the 10° after a reversal, above the mean of the 10° before it"
+    return Table(title, ["circle", *(Column(f"{side}{axis}", "m") for axis, side in places)], rows)

@@ -1,21 +1,286 @@
-"""Contour error: how far the tool is from the commanded path, whatever its delay along it."""
+"""Contour error: the distance of the tool from the commanded path, whatever its delay along the path.
+
+The path is a curve through the set positions; the error is taken to its nearest point.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from feeddrive.blocks.families import Reference
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.kernels.kernel import kernel
+from feeddrive.language.kernels.source import Floats, Floats2, Ints
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.simulate import Run
-from feeddrive.machining.curve import CORNER, Curve, curve_through, feet, lengths, size, unit
+
+_SAME = 1e-9  # m: set positions that lie closer are one
+_BEND = 0.35  # rad: between two chords; a larger one is a corner where no velocity tells the tangent
+_ALONG = 0.5  # cosine to the chord: a velocity that differs more is that of another side, or of a standstill
+CORNER = 1e-3  # rad: a smaller turn of the tangent at a set position is none
+
+
+class Curve(NamedTuple):
+    """A piecewise cubic (Hermite) curve from node to node; a turn between two pieces is a corner.
+
+    node    m, shape (n, N)
+    along   path length at each node, m, shape (n,)
+    begin, end  derivatives of piece k at its two ends by the share of the piece, m, shape (n - 1, N)
+    row     of the set position that each node is, shape (n,)
+    """
+
+    node: np.ndarray
+    along: np.ndarray
+    begin: np.ndarray
+    end: np.ndarray
+    row: np.ndarray
+
+    @property
+    def turn(self) -> np.ndarray:
+        """The turn of the tangent at each node, rad, 0 at both ends of the path, shape (n,)."""
+        angles = np.zeros(len(self.node))
+        step = unit(self.begin[1:]) - unit(self.end[:-1])
+        angles[1:-1] = 2.0 * np.arcsin(np.minimum(1.0, 0.5 * size(step)))
+        return angles
+
+    def place(self, rows: int) -> np.ndarray:
+        """The path length at each of the set positions of which it was made, m, shape (rows,)."""
+        return self.along[np.searchsorted(self.row, np.arange(rows), side="right") - 1]
+
+
+def size(vectors: np.ndarray) -> np.ndarray:
+    """Return the length of vectors, shape (n,); takes a third of the time of numpy's norm."""
+    return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """Normalize vectors to length 1, shape (n, N); one of length 0 stays."""
+    length = size(vectors)
+    return vectors / np.where(length > 0.0, length, 1.0)[:, None]
+
+
+def lengths(position: np.ndarray) -> np.ndarray:
+    """Return the length of the polyline up to each position, m, shape (n,)."""
+    return np.concatenate([[0.0], np.cumsum(size(np.diff(position, axis=0)))])
+
+
+def curve_through(position: np.ndarray, velocity: np.ndarray | None = None) -> Curve:
+    """Return the curve through set positions, m, shape (n, N); standstills become one node.
+
+    The tangent is that of the velocity (m/s, the same shape); without one, that of the circle through three nodes
+    unless their chords turn by more than 20°, a corner.  On an arc that turns by δ from row to row the curve is right
+    to R δ⁶/1000.
+
+    Raises ParameterError if the positions are no such array or do not move by 1 nm.
+    """
+    passed = np.floor(lengths(position) / _SAME)
+    row = np.flatnonzero(np.diff(passed, prepend=-1.0) > 0.0)
+    if len(row) < 2:
+        raise ParameterError("the set positions do not move: a contour error needs a path")
+    node = np.ascontiguousarray(position[row])
+    chord = np.diff(node, axis=0)
+    length = size(chord)
+    direction = unit(chord)
+    if velocity is None:
+        both = length[1:, None] * direction[:-1] + length[:-1, None] * direction[1:]
+        at = unit(np.vstack([direction[:1], both, direction[-1:]]))
+        if len(node) > 2:  # the ends of the circle through the first, the last three nodes
+            at[0] = 2.0 * (at[1] @ direction[0]) * direction[0] - at[1]
+            at[-1] = 2.0 * (at[-2] @ direction[-1]) * direction[-1] - at[-2]
+            sharp = np.einsum("ij,ij->i", direction[1:], direction[:-1]) < np.cos(_BEND)
+            at[1:-1][sharp] = np.nan
+            at[0] = np.nan if sharp[0] else at[0]
+            at[-1] = np.nan if sharp[-1] else at[-1]
+    else:
+        at = unit(velocity[row])
+    sides = []
+    for tangent in (at[:-1], at[1:]):
+        fits = np.einsum("ij,ij->i", tangent, direction) > _ALONG
+        sides.append(np.where(fits[:, None], tangent, direction))
+    bent = size(sides[1] - sides[0]) ** 2
+    arc = (length * (1.0 + bent / 16.0))[:, None]  # the length of the tangents with which a piece is an arc
+    along = np.concatenate([[0.0], np.cumsum(length * (1.0 + bent / 24.0))])
+    return Curve(node, along, np.ascontiguousarray(arc * sides[0]), np.ascontiguousarray(arc * sides[1]), row)
+
+
+class Feet(NamedTuple):
+    """The nearest point of a curve to each of some positions.
+
+    along   its path length, m, shape (n,)
+    vector  from it to the position, m, shape (n, N)
+    tangent of the curve there, length 1, shape (n, N)
+    corner  whether it is a corner or an end of the path, which has no normal, shape (n,)
+    """
+
+    along: np.ndarray
+    vector: np.ndarray
+    tangent: np.ndarray
+    corner: np.ndarray
+
+
+def feet(curve: Curve, position: np.ndarray, expected: np.ndarray | None, window: float) -> Feet:
+    """Return the points nearest to positions, m, shape (n, N), each within `window` m of path length around its
+    expected place.
+
+    expected  path length at which each belongs, m, shape (n,); without it that of the foot before, and the whole path
+              for the first one
+    """
+    position = np.ascontiguousarray(position, dtype=np.float64)
+    n, axes = position.shape
+    along, vector, tangent = np.empty(n), np.empty((n, axes)), np.empty((n, axes))
+    corner = np.zeros(n, np.int64)
+    around = np.zeros(0) if expected is None else np.ascontiguousarray(expected, dtype=np.float64)
+    turn = curve.turn > CORNER
+    turn[[0, -1]] = True
+    longest = float(np.max(np.diff(curve.along)))
+    path = (curve.node, curve.along, curve.begin, curve.end, np.ascontiguousarray(turn, dtype=np.int64))
+    _feet(position, *path, around, window, longest, along, vector, tangent, corner)
+    return Feet(along, vector, tangent, corner > 0)
+
+
+@kernel
+def _share(place: Floats, begin: Floats, end: Floats) -> float:
+    """Return the share of a straight piece, 0 .. 1, at which it is nearest to a place."""
+    on = 0.0
+    length = 0.0
+    for i in range(len(place)):
+        d = end[i] - begin[i]
+        on = on + d * (place[i] - begin[i])
+        length = length + d * d
+    return min(max(on / length, 0.0), 1.0)
+
+
+@kernel
+def _cubic(d: float, begin: float, end: float, u: float) -> tuple[float, float, float]:
+    """Evaluate a piece by its chord and the derivatives at its ends: distance from its start, first and second
+    derivative by u.
+    """
+    b = 3.0 * d - 2.0 * begin - end
+    c = begin + end - 2.0 * d
+    return u * (begin + u * (b + u * c)), begin + u * (2.0 * b + 3.0 * c * u), 2.0 * b + 6.0 * c * u
+
+
+@kernel
+def _chord(place: Floats, begin: Floats, end: Floats) -> float:
+    """Return the squared distance of a place from a straight piece."""
+    u = _share(place, begin, end)
+    square = 0.0
+    for i in range(len(place)):
+        r = place[i] - begin[i] - u * (end[i] - begin[i])
+        square = square + r * r
+    return square
+
+
+@kernel
+def _on_piece(place: Floats, node: Floats, after: Floats, begin: Floats, end: Floats) -> tuple[float, float]:
+    """Return the nearest point of a piece by Newton's method: its share of the piece, 0 .. 1, and the squared
+    distance.
+    """
+    u = _share(place, node, after)
+    square = 0.0
+    for _ in range(8):
+        slope = 0.0
+        bend = 0.0
+        speed = 0.0
+        square = 0.0
+        for i in range(len(place)):
+            way, v, w = _cubic(after[i] - node[i], begin[i], end[i], u)
+            r = way - (place[i] - node[i])
+            slope = slope + r * v
+            speed = speed + v * v
+            bend = bend + r * w
+            square = square + r * r
+        curved = speed + bend
+        if curved <= 0.0:
+            curved = speed  # beyond the center of the curvature: downhill still
+        moved = min(max(u - slope / curved, 0.0), 1.0)
+        if abs(moved - u) < 1e-13:
+            break
+        u = moved
+    return u, square
+
+
+@kernel
+def _feet(
+    position: Floats2,
+    node: Floats2,
+    along: Floats,
+    begin: Floats2,
+    end: Floats2,
+    turn: Ints,
+    expected: Floats,
+    window: float,
+    longest: float,
+    arc_length: Floats,
+    vector: Floats2,
+    tangent: Floats2,
+    corner: Ints,
+) -> int:
+    """Find the foot of each position: straight pieces select the piece, Newton's method the point on it."""
+    last = len(node) - 2
+    k = 0
+    low = 0
+    foot = 0.0
+    for n in range(len(position)):
+        place = position[n]
+        reach = window
+        if len(expected) > 0:
+            foot = expected[n]
+        elif n == 0:
+            reach = along[-1] + longest
+        while low < last and along[low + 1] < foot - reach:
+            low = low + 1
+        while low > 0 and along[low] > foot - reach:
+            low = low - 1
+        k = min(max(k, low), last)
+        while k > low and along[k] > foot + reach:
+            k = k - 1
+        least = _chord(place, node[k], node[k + 1])
+        j = low
+        while j <= last and along[j] <= foot + reach:
+            square = _chord(place, node[j], node[j + 1])
+            if square < least:
+                least = square
+                k = j
+            away = 0.0
+            for i in range(len(place)):
+                away = away + (place[i] - node[j, i]) * (place[i] - node[j, i])
+            # no point that is nearer along the path can be nearer than the nearest one so far
+            j = j + max(1, int((sqrt(away) - sqrt(least)) / longest))
+        u, square = _on_piece(place, node[k], node[k + 1], begin[k], end[k])
+        for side in range(-1, 2, 2):
+            other = k + side
+            if other >= 0 and other <= last and ((side < 0 and u < 0.1) or (side > 0 and u > 0.9)):
+                w, beside = _on_piece(place, node[other], node[other + 1], begin[other], end[other])
+                if beside < square:
+                    u = w
+                    square = beside
+                    k = other
+                    break
+        at = k
+        if u >= 1.0:
+            at = k + 1
+        corner[n] = turn[at] if u <= 0.0 or u >= 1.0 else 0
+        speed = 0.0
+        for i in range(len(place)):
+            way, v, _ = _cubic(node[k + 1, i] - node[k, i], begin[k, i], end[k, i], u)
+            tangent[n, i] = v
+            speed = speed + v * v
+            vector[n, i] = place[i] - node[k, i] - way
+        for i in range(len(place)):
+            tangent[n, i] = tangent[n, i] / sqrt(speed)
+        foot = along[k] + u * (along[k + 1] - along[k])
+        arc_length[n] = foot
+    return len(position)
+
 
 WORST = 5  # places that the table names
 _SLOW = 1e-6  # m/s: below it a path has no direction
@@ -24,7 +289,7 @@ _LARGE = 0.5  # of a worst error: what is larger around it belongs to it
 
 
 class Worst(NamedTuple):
-    """A place of a large contour error: when (s), at which path length (m), how much (m, signed), where, which line."""
+    """A large contour error: time (s), path length (m), error (m, signed), position and program line."""
 
     time: float
     along: float
@@ -91,7 +356,7 @@ class ContourError(Result):
 
     @property
     def signed(self) -> bool:
-        """Whether left and right of the path are told apart: for two axes."""
+        """True if left and right of the path are distinguished: for two axes."""
         return len(self.axes) == 2
 
     @property
@@ -101,7 +366,7 @@ class ContourError(Result):
 
     @cached_property
     def weights(self) -> np.ndarray:
-        """The share of each sample in the path that counts: half of the way to both neighbors, 0 at a standstill."""
+        """The weight of each sample in the path that counts: half of the way to both neighbors, 0 at a standstill."""
         way = np.diff(lengths(self.set_position))
         share = 0.5 * (np.append(way, 0.0) + np.insert(way, 0, 0.0)) * self.counted
         total = float(np.sum(share))
@@ -109,28 +374,30 @@ class ContourError(Result):
 
     @property
     def rms(self) -> float:
-        """Root of the mean square along the path, m."""
+        """The root mean square along the path, m."""
         return float(np.sqrt(np.sum(self.weights * self.error**2)))
 
     def within(self, share: float = 0.95) -> float:
-        """The distance that is kept on this share of the path that counts, m; 0 where nothing counts."""
+        """Return the distance that is kept on this share of the path that counts, m; 0 where nothing counts."""
         sizes, weights = np.abs(self.error[self.counted]), self.weights[self.counted]
         order = np.argsort(sizes)
         place = np.searchsorted(np.cumsum(weights[order]), share - 1e-12)
         return float(sizes[order[min(int(place), len(order) - 1)]]) if len(order) else 0.0
 
     def worst(self, count: int = WORST, apart: float | None = None) -> list[Worst]:
-        """The largest errors that count, largest first: peaks that fall to half between them.
+        """Return the largest errors that count, largest first: peaks that fall to half between them.
 
         apart  least path length between two of them, m; default: a thousandth of the path
         """
         reach = _NEAR * float(self.curve.along[-1]) if apart is None else apart
         left = np.where(self.counted, np.abs(self.error), 0.0)
-        found: list[Worst] = []
-        while len(found) < count and np.max(left, initial=0.0) > 0.0:
+        places: list[Worst] = []
+        while len(places) < count and np.max(left, initial=0.0) > 0.0:
             i = int(np.argmax(left))
             line = None if self.line is None else int(self.line[i])
-            found.append(Worst(float(self.time[i]), float(self.along[i]), float(self.error[i]), self.position[i], line))
+            places.append(
+                Worst(float(self.time[i]), float(self.along[i]), float(self.error[i]), self.position[i], line)
+            )
             # one place is its neighborhood on the path, and all around it where the error stays large
             away = np.abs(self.along - self.along[i]) > reach
             calm = np.flatnonzero(away & (np.abs(self.error) < _LARGE * abs(self.error[i])))
@@ -138,10 +405,10 @@ class ContourError(Result):
             begin, end = calm[k - 1] + 1 if k else 0, calm[k] if k < len(calm) else len(left)
             left[begin:end] = 0.0
             left[~away] = 0.0
-        return found
+        return places
 
     def corners(self, least: float = np.radians(5.0), reach: float | None = None) -> list[Corner]:
-        """Corners of the path that turn by at least so many radians.
+        """Return the corners of the path that turn by at least this angle, rad.
 
         reach  path length before and behind a corner that counts as around it, m; default: twice the largest lag, but
                not beyond the middle to the next corner
@@ -156,7 +423,7 @@ class ContourError(Result):
         middles = 0.5 * (places[1:] + places[:-1])
         lows = np.maximum(np.concatenate([[0.0], middles]), places - most)
         highs = np.minimum(np.concatenate([middles, self.curve.along[-1:]]), places + most)
-        found: list[Corner] = []
+        corners_seen: list[Corner] = []
         for node, place, low, high in zip(nodes, places, lows, highs, strict=True):
             begin, stop = np.searchsorted(commanded, [low, high + (high - place)])
             rows = slice(int(begin), max(int(stop), int(begin) + 1))
@@ -165,10 +432,10 @@ class ContourError(Result):
             distance = _to_point(self.position[rows], vertex)
             behind = min(int(np.searchsorted(commanded, place, side="right")), len(self.time) - 1)
             line = None if self.line is None else int(self.line[behind])
-            found.append(
+            corners_seen.append(
                 Corner(float(place), vertex, float(turn[node]), distance, float(np.max(here, initial=0.0)), rows, line)
             )
-        return found
+        return corners_seen
 
     def table(self) -> Table:
         """Largest, RMS and 95 % of the error, and the worst places."""
@@ -178,20 +445,29 @@ class ContourError(Result):
             f"most {Quantity(float(np.max(np.abs(self.lag))), 'm')}"
         )
         columns = [
-            Column("worst places"), Column("error", "m", "+.4g" if self.signed else ""), Column("time", "s", "4 s"),
-            Column("along the path", "m", "5 mm"), *(Column(name, "m", "5 mm") for name in self.axes),
+            Column("worst places"),
+            Column("error", "m", "+.4g" if self.signed else ""),
+            Column("time", "s", "4 s"),
+            Column("along the path", "m", "5 mm"),
+            *(Column(name, "m", "5 mm") for name in self.axes),
             *([] if self.line is None else [Column("line")]),
-        ]  # fmt: skip
+        ]
         rows = [
-            [i + 1, place.error, place.time, place.along, *map(float, place.position),
-             *([] if self.line is None else [place.line])]
+            [
+                i + 1,
+                place.error,
+                place.time,
+                place.along,
+                *map(float, place.position),
+                *([] if self.line is None else [place.line]),
+            ]
             for i, place in enumerate(self.worst())
-        ]  # fmt: skip
+        ]
         return Table(title, columns, rows)
 
 
 def _to_point(position: np.ndarray, point: np.ndarray) -> float:
-    """The distance at which straight lines between positions pass a point, m."""
+    """Return the distance at which the polyline through positions passes a point, m."""
     if len(position) < 2:
         return float(np.min(size(position - point)))
     step, from_begin = np.diff(position, axis=0), point - position[:-1]
@@ -214,7 +490,7 @@ def contour_error(
     window: float | None = None,
     name: str | None = None,
 ) -> ContourError:
-    """The distance of the tool from its path:  ε = ± |P - c(u)|  with  (c(u) - P) · c'(u) = 0.
+    """Compute the distance of the tool from its path: ε = ± |P - c(u)| with (c(u) - P) · c'(u) = 0.
 
         estimate  ε = -e_n - κ e_t²/2,  e = set - actual position, n left of the direction t, κ > 0 in a left turn
 
@@ -258,8 +534,8 @@ def contour_error(
         raise ParameterError("positions need a path: give the set positions, or references by axis")
     if isinstance(path, Mapping):
         path, velocity, acceleration = _followed(path, chosen, time)
-    given = {"path": path, "velocity": velocity, "acceleration": acceleration}
-    rows = {key: _checked(key, value, position) for key, value in given.items() if value is not None}
+    optional = {"path": path, "velocity": velocity, "acceleration": acceleration}
+    rows = {key: _checked(key, value, position) for key, value in optional.items() if value is not None}
     _checked("positions", position, position)
     if "velocity" in rows and _differenced(rows["path"], rows["velocity"], step):
         del rows["velocity"]
@@ -292,7 +568,7 @@ def contour_error(
 
 
 def _signed(vector: np.ndarray, tangent: np.ndarray, corner: np.ndarray) -> np.ndarray:
-    """Of two axes positive at the left of the path, and unsigned at corners; else unsigned."""
+    """Return the sign for two axes, positive at the left of the path, unsigned at corners; otherwise unsigned."""
     distance = size(vector)
     if vector.shape[1] != 2:
         return distance
@@ -301,7 +577,7 @@ def _signed(vector: np.ndarray, tangent: np.ndarray, corner: np.ndarray) -> np.n
 
 
 def _estimate(e: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
-    """ε = -e_n - κ e_t²/2; NaN where the set position stands."""
+    """Return ε = -e_n - κ e_t²/2; NaN where the set position stands still."""
     speed = size(velocity)
     moves = speed > _SLOW
     t = unit(velocity)
@@ -313,15 +589,15 @@ def _estimate(e: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> 
 
 
 def _differenced(position: np.ndarray, velocity: np.ndarray, T: float) -> bool:
-    """Whether the velocities are backward differences of the positions, which are no tangents."""
+    """True if the velocities are backward differences of the positions, which are no tangents."""
     step = np.diff(position, axis=0)
     away = np.max(np.abs(T * velocity[1:] - step), initial=0.0)
     return bool(away <= 1e-9 * np.max(np.abs(step), initial=0.0))
 
 
 def _axes(run: Run, axes: Sequence[str] | None) -> tuple[str, ...]:
-    """The axes of a run that are asked for, or all that do not turn."""
-    ports = [each.removesuffix("set_position") for each in run.signals if each.endswith(".set_position")]
+    """Return the requested axes of a run, or all that do not turn."""
+    ports = [signal.removesuffix("set_position") for signal in run.signals if signal.endswith(".set_position")]
     if axes is None:
         return tuple(port[:-1] for port in ports if port not in run.turning)
     for name in axes:
@@ -331,7 +607,7 @@ def _axes(run: Run, axes: Sequence[str] | None) -> tuple[str, ...]:
 
 
 def tool_columns(run: Run, axes: Sequence[str], signal: str) -> np.ndarray:
-    """Positions of axes, m, shape (n, N): the tool point where the run has it, or a signal of each axis."""
+    """Return positions of axes, m, shape (n, N): the tool point where the run has it, or a signal of each axis."""
     if signal == "tool":
         there = all(f"tool.{name}" in run.signals for name in axes)
         names = [f"tool.{name}" if there else f"{name}.position_load" for name in axes]
@@ -341,21 +617,21 @@ def tool_columns(run: Run, axes: Sequence[str], signal: str) -> np.ndarray:
 
 
 def _followed(path: Mapping[str, Reference], axes: Sequence[str], time: np.ndarray) -> tuple[Any, Any, Any]:
-    """Position, velocity and acceleration of references at instants, s."""
+    """Return position, velocity and acceleration of references at instants, s."""
     absent = [name for name in axes if name not in path]
     if absent:
         raise ParameterError(f"there is no reference of axis {', '.join(absent)}; there are {', '.join(path)}")
     points = [path[name].at(time) for name in axes]
-    position, velocity, acceleration = (np.column_stack([each[i] for each in points]) for i in range(3))
+    position, velocity, acceleration = (np.column_stack([row[i] for row in points]) for i in range(3))
     return position, velocity, acceleration
 
 
 def _checked(name: str, values: Any, position: np.ndarray) -> np.ndarray:
-    """An array of the shape of the positions, all finite."""
-    found = np.asarray(values, dtype=np.float64)
-    if found.shape != position.shape:
-        raise ParameterError(f"{name} is of shape {found.shape}, the positions are of shape {position.shape}")
-    if not np.all(np.isfinite(found)):
-        row = int(np.flatnonzero(~np.all(np.isfinite(found), axis=1))[0])
+    """Check an array: the shape of the positions, all finite."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape != position.shape:
+        raise ParameterError(f"{name} is of shape {array.shape}, the positions are of shape {position.shape}")
+    if not np.all(np.isfinite(array)):
+        row = int(np.flatnonzero(~np.all(np.isfinite(array), axis=1))[0])
         raise ParameterError(f"{name}: row {row} holds a number that is not finite")
-    return found
+    return array

@@ -69,7 +69,7 @@ class CuttingForces(Result):
 
 
 def cutting_forces(run: Run, cut: MillingCut) -> CuttingForces:
-    """What the cut of a machine made of the motion of a run, by the step that also ran in it.
+    """Compute the cutting forces of a run from the motion of its axes, by the same step that ran in it.
 
     With one substep it is the force of the run; with more it is that of substeps as long as a sample.
     Raises ParameterError for a run that does not begin at 0 s or without the positions and velocities of x and y.
@@ -98,29 +98,33 @@ def cutting_forces(run: Run, cut: MillingCut) -> CuttingForces:
     outputs = np.empty((run.samples, len(compiled.plan.outputs), 1))
     rows = [np.asarray(tables[name]) for name, _ in compiled.plan.tables]
     compiled.run(run.samples, 0, constants, np.ascontiguousarray(inputs), states, outputs, rows)
-    found = {name: outputs[:, i, 0].copy() for i, (name, _) in enumerate(compiled.plan.outputs)}
+    results = {name: outputs[:, i, 0].copy() for i, (name, _) in enumerate(compiled.plan.outputs)}
     middle = run.time + 0.5 * run.sample_time
     acts = middle >= cut.cut_from
     if cut.cut_to is not None:
         acts &= middle < cut.cut_to
-    forces = {name: np.where(acts, found[name], 0.0) for name in ("feed", "normal", "axial", "torque")}
+    forces = {name: np.where(acts, results[name], 0.0) for name in ("feed", "normal", "axial", "torque")}
     speed = _speed(cut, middle)
     turns = (
         np.concatenate([[0.0], np.cumsum(speed[:-1] * (run.sample_time / 60.0))]) + 0.5 * speed * run.sample_time / 60.0
     )
     return CuttingForces(
-        run.time, **forces, spindle_speed=speed, angle=cut.start_angle + 2.0 * np.pi * turns, along=found["along"],
-        across=found["across"],
-    )  # fmt: skip
+        run.time,
+        **forces,
+        spindle_speed=speed,
+        angle=cut.start_angle + 2.0 * np.pi * turns,
+        along=results["along"],
+        across=results["across"],
+    )
 
 
 def _motions(cut: MillingCut, signals: Any, ahead: Any) -> dict[str, Motion]:
-    """The motions of the axes, predicted by a time in s."""
-    found: dict[str, Motion] = {}
+    """Return the motions of the axes, predicted by a time in s."""
+    motions: dict[str, Motion] = {}
     for axis in (cut.along_x, cut.along_y):
         x, v = signals[f"{axis}.position_load"], signals[f"{axis}.velocity_load"]
-        found[axis] = Motion(x, x + ahead * v, v, v)
-    return found
+        motions[axis] = Motion(x, x + ahead * v, v, v)
+    return motions
 
 
 def _speed(cut: MillingCut, time: np.ndarray) -> np.ndarray:
@@ -132,18 +136,18 @@ def _speed(cut: MillingCut, time: np.ndarray) -> np.ndarray:
 
 
 def _program(cut: MillingCut, begun: Any, tables: dict[str, Any]) -> Program:
-    """One substep of the cut between named numbers."""
+    """Trace one substep of the cut between named numbers."""
     graph = Graph()
     symbolic = tree.rebuild(cut, (graph.input(name) for name, _ in tree.leaves(cut)))
     symbolic = tree.with_tables(symbolic, {name: graph.table(name, len(row)) for name, row in tables.items()})
     names = [name for name, _ in tree.leaves(begun)]
     before = tree.rebuild(begun, (leaf(graph, f"state.{name}", value) for name, value in tree.leaves(begun)))
     signals = [f"{axis}.{what}" for axis in (cut.along_x, cut.along_y) for what in ("position_load", "velocity_load")]
-    given = {name: graph.input(name) for name in signals}
+    symbols = {name: graph.input(name) for name in signals}
     sample = graph.input("sample")
     T: Any = graph.input("T")
     after, (along, across), forces = symbolic.forces(
-        before, _motions(cut, given, 0.5 * T), cast(Number, sample * T + 0.5 * T), T
+        before, _motions(cut, symbols, 0.5 * T), cast(Number, sample * T + 0.5 * T), T
     )
     carried = tuple(
         Carried(name, node(graph, old), node(graph, new))
@@ -153,7 +157,7 @@ def _program(cut: MillingCut, begun: Any, tables: dict[str, Any]) -> Program:
     return Program(
         graph=graph,
         constants={name: graph.input(name).index for name in (*dict(tree.leaves(cut)), "T")},
-        inputs={name: symbol.index for name, symbol in given.items()},
+        inputs={name: symbol.index for name, symbol in symbols.items()},
         states=carried,
         outputs={name: graph.symbol(value).index for name, value in outputs.items()},
         sample=sample.index,

@@ -24,7 +24,7 @@ _ENDS = 0.05  # of an element, left out at both ends, where the axes settle behi
 
 
 class Element(NamedTuple):
-    """A line or an arc of the path, and what the tool made of it.
+    """A line or an arc of the path with the form errors of the tool's motion.
 
     kind    "line" or "arc"
     begin, end  path length, m
@@ -51,7 +51,7 @@ class Element(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Elements(Result):
-    """The lines and arcs of a path in their order, and its corners."""
+    """The lines and arcs of a path in order, and its corners."""
 
     name: str
     elements: tuple[Element, ...]
@@ -60,20 +60,37 @@ class Elements(Result):
     def table(self) -> Table:
         """One row for each element, then one for each corner."""
         rows: list[list[str | float | Quantity]] = [
-            [f"{i + 1} {element.kind}{_in_line(element.line)}", element.end - element.begin, element.angle,
-             element.form, Quantity(element.tilt, "rad", form="4 urad") if element.kind == "line" else
-             Quantity(element.size, "m", form="+.4g"), element.error]
+            [
+                f"{i + 1} {element.kind}{_in_line(element.line)}",
+                element.end - element.begin,
+                element.angle,
+                element.form,
+                Quantity(element.tilt, "rad", form="4 urad")
+                if element.kind == "line"
+                else Quantity(element.size, "m", form="+.4g"),
+                element.error,
+            ]
             for i, element in enumerate(self.elements)
-        ]  # fmt: skip
+        ]
         rows += [
-            [f"corner{_in_line(corner.line)}", "", corner.turn, "",
-             Text(f"passed at {Quantity(corner.nearest, 'm')}"), corner.error]
+            [
+                f"corner{_in_line(corner.line)}",
+                "",
+                corner.turn,
+                "",
+                Text(f"passed at {Quantity(corner.nearest, 'm')}"),
+                corner.error,
+            ]
             for corner in self.corners
-        ]  # fmt: skip
+        ]
         columns = [
-            "element", Column("length", "m", "4 mm"), Column("angle", "rad", "4 deg"), Column("straight, round", "m"),
-            "tilt, radius", Column("contour error", "m"),
-        ]  # fmt: skip
+            "element",
+            Column("length", "m", "4 mm"),
+            Column("angle", "rad", "4 deg"),
+            Column("straight, round", "m"),
+            "tilt, radius",
+            Column("contour error", "m"),
+        ]
         return Table(f"{self.name}: {len(self.elements)} elements, {len(self.corners)} corners", columns, rows)
 
 
@@ -82,7 +99,7 @@ def _in_line(line: int | None) -> str:
 
 
 def elements(contour: ContourError, *, ends: float = _ENDS) -> Elements:
-    """The lines and arcs of the path of a contour error of two axes.
+    """Split the path of a contour error of two axes into lines and arcs.
 
     ends  share of each element that is left out at both ends, 0 to 0.4
 
@@ -105,7 +122,7 @@ def elements(contour: ContourError, *, ends: float = _ENDS) -> Elements:
     bend = np.diff(heading) / (0.5 * (length[1:] + length[:-1]))  # at the nodes between two stretches
     change = np.abs(np.diff(bend)) > _SAME * np.maximum(np.abs(bend[1:]), np.abs(bend[:-1])) + _STRAIGHT
     cuts = np.concatenate([[0], np.flatnonzero(change) + 1, [len(bend)]])
-    found: list[Element] = []
+    parts: list[Element] = []
     for first, last in pairwise(cuts.tolist()):
         begin, end = float(along[first]), float(along[last + 1])
         if end - begin < _SHORTEST:
@@ -124,15 +141,15 @@ def elements(contour: ContourError, *, ends: float = _ENDS) -> Elements:
         error = float(np.max(np.abs(contour.error[inside])))
         if straight:
             angle, form, tilt = _line(place, nodes[-1] - nodes[0])
-            found.append(Element("line", begin, end, angle, 0.0, form, tilt, 0.0, error, line))
+            parts.append(Element("line", begin, end, angle, 0.0, form, tilt, 0.0, error, line))
         else:
             radius, form, size = _arc(place, nodes, abs(turn))
-            found.append(Element("arc", begin, end, turn, radius, form, 0.0, size, error, line))
-    return Elements(contour.name, tuple(found), tuple(contour.corners()))
+            parts.append(Element("arc", begin, end, turn, radius, form, 0.0, size, error, line))
+    return Elements(contour.name, tuple(parts), tuple(contour.corners()))
 
 
 def _line(place: np.ndarray, along: np.ndarray) -> tuple[float, float, float]:
-    """Angle of a line, straightness and tilt of the places along it."""
+    """Return angle, straightness and tilt of a line through places."""
     t = along / np.linalg.norm(along)
     middle = place - np.mean(place, axis=0)
     s, off = middle @ t, middle @ np.array([-t[1], t[0]])
@@ -142,7 +159,7 @@ def _line(place: np.ndarray, along: np.ndarray) -> tuple[float, float, float]:
 
 
 def _arc(place: np.ndarray, nodes: np.ndarray, turn: float) -> tuple[float, float, float]:
-    """Radius of an arc, roundness of the places on it, and by how much their radius is larger."""
+    """Return the radius of an arc, the roundness of the places on it, and the excess of their radius."""
     center, radius = circle_fit(nodes[:, 0], nodes[:, 1])
     if turn >= np.pi:
         zone = minimum_zone(place[:, 0], place[:, 1])

@@ -22,7 +22,7 @@ WARN, TRIP = 0.8, 1.0
 
 @dataclass(frozen=True, eq=False, repr=False)
 class AxisLoad(Result):
-    """What a motion asks of one motor.  Forces in N at the table, of an axis that turns torques in N m.
+    """The load of one motor by a motion. Forces in N at the table; for an axis that turns torques in N m.
 
     axis            its name
     sample_time     s
@@ -55,17 +55,17 @@ class AxisLoad(Result):
 
     @property
     def duration(self) -> float:
-        """s."""
+        """The duration, s."""
         return len(self.force) * self.sample_time
 
     @property
     def of_continuous(self) -> float | None:
-        """RMS force by continuous force."""
+        """RMS force over continuous force."""
         return None if self.continuous_force is None else self.rms / self.continuous_force
 
     @property
     def of_peak(self) -> float | None:
-        """Peak force by the largest of the motor."""
+        """Peak force over the largest force of the motor."""
         return None if self.peak_force is None else self.peak / self.peak_force
 
     @property
@@ -80,7 +80,9 @@ class AxisLoad(Result):
 
     @property
     def verdict(self) -> str:
-        """Whether the motor can do this for ever: fits, warns (from 80 % of the heat), trips, or what is not known."""
+        """The verdict for continuous operation: fits, warns (from 80 % of the heat), trips, or the data that are
+        missing.
+        """
         shares = [] if self.of_continuous is None else [self.of_continuous**2]
         shares += [] if self.heat_repeated is None else [self.heat_repeated]
         if self.of_peak is not None and self.of_peak > 1.0:
@@ -114,9 +116,12 @@ class SpindleLoad(Result):
     def table(self) -> Table:
         """One row."""
         columns = [
-            "", Column("mean", "W"), Column("peak", "W"), Column("energy", "J"),
+            "",
+            Column("mean", "W"),
+            Column("peak", "W"),
+            Column("energy", "J"),
             Column("energy by volume", "J/m3", "4 J/mm3"),
-        ]  # fmt: skip
+        ]
         return Table("spindle", columns, [["spindle", self.power, self.peak, self.energy, self.specific_energy]])
 
 
@@ -128,9 +133,11 @@ class MachineLoad(Result):
     spindle: SpindleLoad | None = field(default=None)
 
     def energy(self, *, recovers: bool = True) -> float:
-        """Mechanical energy of the axes, losses in their windings where they are known, and the spindle's, J."""
-        found = sum((each.work if recovers else each.drawn) + (each.loss or 0.0) for each in self.axes.values())
-        return found + (0.0 if self.spindle is None else self.spindle.energy)
+        """Return the mechanical energy of the axes, the losses in their windings where known, and the spindle's energy,
+        J.
+        """
+        total = sum((axis.work if recovers else axis.drawn) + (axis.loss or 0.0) for axis in self.axes.values())
+        return total + (0.0 if self.spindle is None else self.spindle.energy)
 
     def table(self) -> Table:
         """One row for each axis; the energy of all in the title."""
@@ -144,17 +151,35 @@ class MachineLoad(Result):
 
 def _table(rows: list[AxisLoad], title: str) -> Table:
     columns = [
-        "axis", "RMS", "of continuous", "peak", "of peak", "heat, repeated", Column("copper", "W"), Column("work", "J"),
-        Column("drawn", "J"), "",
-    ]  # fmt: skip
+        "axis",
+        "RMS",
+        "of continuous",
+        "peak",
+        "of peak",
+        "heat, repeated",
+        Column("copper", "W"),
+        Column("work", "J"),
+        Column("drawn", "J"),
+        "",
+    ]
     lines: list[list[str | float | Quantity | None]] = []
     for load in rows:
         unit = turning("N") if load.turning else "N"
         of_continuous, of_peak, heat = map(_percent, (load.of_continuous, load.of_peak, load.heat_repeated))
-        lines.append([
-            load.axis, Quantity(load.rms, unit), of_continuous, Quantity(load.peak, unit), of_peak, heat,
-            load.copper_loss, load.work, load.drawn, load.verdict,
-        ])  # fmt: skip
+        lines.append(
+            [
+                load.axis,
+                Quantity(load.rms, unit),
+                of_continuous,
+                Quantity(load.peak, unit),
+                of_peak,
+                heat,
+                load.copper_loss,
+                load.work,
+                load.drawn,
+                load.verdict,
+            ]
+        )
     return Table(title, columns, lines)
 
 
@@ -174,7 +199,7 @@ def axis_load(
     axis: str = "x",
     turning: bool = False,
 ) -> AxisLoad:
-    """The load of a motor whose force is held from sample to sample.
+    """Compute the load of a motor whose force is held from sample to sample.
 
         F_rms² = mean F²,   θ' = ((F / F_continuous)² - θ) / τ,   loss = (F / K_m)²,   work = Σ F(k) (x(k+1) - x(k))
 
@@ -193,11 +218,14 @@ def axis_load(
         )
     if not (np.all(np.isfinite(force)) and np.all(np.isfinite(position))):
         raise ParameterError(f"axis {axis}: a force or a position is not finite")
-    given = {
-        "sample_time": (sample_time, "s"), "continuous_force": (continuous_force, "N"), "peak_force": (peak_force, "N"),
-        "motor_constant": (motor_constant, "N/W^0.5"), "time_constant": (time_constant, "s"),
-    }  # fmt: skip
-    for name, (value, unit) in given.items():
+    constants = {
+        "sample_time": (sample_time, "s"),
+        "continuous_force": (continuous_force, "N"),
+        "peak_force": (peak_force, "N"),
+        "motor_constant": (motor_constant, "N/W^0.5"),
+        "time_constant": (time_constant, "s"),
+    }
+    for name, (value, unit) in constants.items():
         if value is not None and not 0.0 < value < float("inf"):
             raise ParameterError(
                 f"axis {axis}: {name} = {Quantity(value, unit):6 SI} must be finite and > 0 {unit_name(unit, 'SI')}"
@@ -235,7 +263,7 @@ def axis_load(
 def spindle_load(
     torque: np.ndarray, spindle_speed: float | np.ndarray, sample_time: float, volume: float | None = None
 ) -> SpindleLoad:
-    """Power = torque · ω of a spindle.
+    """Compute power = torque · ω of a spindle.
 
     torque         N m, shape (n,)
     spindle_speed  rpm, one number or of each sample
@@ -251,8 +279,8 @@ def spindle_load(
             f"volume = {Quantity(volume, 'm3'):6} of chips must be > 0 m3: leave it out where nothing is cut"
         )
     energy = float(np.sum(power)) * sample_time
-    each = None if volume is None else energy / volume
-    return SpindleLoad(float(np.mean(power)), float(np.max(np.abs(power))), energy, volume, each)
+    specific = None if volume is None else energy / volume
+    return SpindleLoad(float(np.mean(power)), float(np.max(np.abs(power))), energy, volume, specific)
 
 
 def machine_load(
@@ -263,7 +291,7 @@ def machine_load(
     time_constant: Mapping[str, float] | None = None,
     spindle: SpindleLoad | None = None,
 ) -> MachineLoad:
-    """The load of each axis of a run, with the limits that its motor states in the machine file.
+    """Compute the load of each axis of a run, with the limits that its motor states in the machine file.
 
     The force is that which acts in the last substep of a sample (`drive_force`), taken for all of it: with a dead time
     that is no whole number of samples, and with a slow current loop, the energy is right to first order of the sample
@@ -275,26 +303,26 @@ def machine_load(
     check_system(system)
     loops: dict[str, Loop] = dict(zip(system.ports(), system.loops().values(), strict=True))
     names = dict(zip(system.ports(), system.loops(), strict=True))
-    given = (motor_constant or {}, time_constant or {})
-    for constants in given:
+    by_axis = (motor_constant or {}, time_constant or {})
+    for constants in by_axis:
         absent = [name for name in constants if name not in names.values()]
         if absent:
             raise ParameterError(f"there is no axis '{absent[0]}'; there are {', '.join(names.values())}")
     if run.samples < 2:
         raise ParameterError("a load needs a run of two samples or more")
-    found: dict[str, AxisLoad] = {}
+    loads: dict[str, AxisLoad] = {}
     for port, loop in loops.items():
         name = names[port]
         peak, continuous = (None, None) if loop.axis.actuator.motor is None else loop.axis.actuator.motor.limits()
-        found[name] = axis_load(
+        loads[name] = axis_load(
             run[f"{port}drive_force"][:-1],
             run[f"{port}position_motor"],
             run.sample_time,
             continuous_force=None if continuous is None else float(continuous),
             peak_force=None if peak is None else float(peak),
-            motor_constant=given[0].get(name),
-            time_constant=given[1].get(name),
+            motor_constant=by_axis[0].get(name),
+            time_constant=by_axis[1].get(name),
             axis=name,
             turning=bool(loop.axis.rotary),
         )
-    return MachineLoad(found, spindle)
+    return MachineLoad(loads, spindle)

@@ -30,7 +30,7 @@ _APART = 3e-3  # m of path: places that lie closer are one
 
 
 class AxisRun(NamedTuple):
-    """One axis under a part program, in SI; `line` and `time` are those of the largest following error.
+    """One axis under a part program, in SI; `line` and `time` belong to the largest following error.
 
     following_rms, following_peak  m, over all samples
     glitch, glitches               m, the largest contour error in the 50 ms after a reversal; how many reversals
@@ -63,7 +63,7 @@ class Estimated(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PartRun(Result):
-    """A law under a part program.
+    """The result of a law under a part program.
 
     contour    of all moving axes, in space; those samples count that cut, or all but traverses
     axes       by name
@@ -87,7 +87,7 @@ class PartRun(Result):
 
     @property
     def cutting_rms(self) -> float | None:
-        """N, of the resultant of the cut on all axes, while it cuts; None without a cut."""
+        """RMS of the resultant cutting force on all axes while it cuts, N; None without a cut."""
         if self.cutting is None or not np.any(self.contour.counted):
             return None
         return _rms(np.linalg.norm(self.cutting[self.contour.counted], axis=1))
@@ -95,26 +95,26 @@ class PartRun(Result):
     @property
     def duty(self) -> float | None:
         """The largest share of a motor's continuous force that an axis needs in the RMS; None if none is stated."""
-        shares = [each.of_continuous for each in self.load.axes.values() if each.of_continuous is not None]
+        shares = [axis.of_continuous for axis in self.load.axes.values() if axis.of_continuous is not None]
         return max(shares, default=None)
 
     def numbers(self) -> dict[str, float | None]:
-        """All figures by name, in SI."""
-        found: dict[str, float | None] = {
+        """Return all figures by name, in SI."""
+        figures: dict[str, float | None] = {
             "contour_error_rms_m": self.contour.rms,
             "contour_error_95_percent_m": self.contour.within(),
             "contour_error_peak_m": self.contour.largest,
         }
-        for axis, each in self.axes.items():
-            found |= {
-                f"{axis}.following_error_rms_m": each.following_rms,
-                f"{axis}.following_error_peak_m": each.following_peak,
-                f"{axis}.following_error_peak_line": float(each.line),
-                f"{axis}.reversals": float(each.glitches),
-                f"{axis}.reversal_glitch_m": each.glitch,
+        for axis, axis_run in self.axes.items():
+            figures |= {
+                f"{axis}.following_error_rms_m": axis_run.following_rms,
+                f"{axis}.following_error_peak_m": axis_run.following_peak,
+                f"{axis}.following_error_peak_line": float(axis_run.line),
+                f"{axis}.reversals": float(axis_run.glitches),
+                f"{axis}.reversal_glitch_m": axis_run.glitch,
             }
         for axis, motor in self.load.axes.items():
-            found |= {
+            figures |= {
                 f"{axis}.drive_force_rms_N": motor.rms,
                 f"{axis}.drive_force_peak_N": motor.peak,
                 f"{axis}.force_rms_of_continuous": motor.of_continuous,
@@ -122,40 +122,52 @@ class PartRun(Result):
                 f"{axis}.work_J": motor.work,
                 f"{axis}.drawn_without_recovery_J": motor.drawn,
             }
-        found["energy_J"] = self.load.energy()
-        found["energy_without_recovery_J"] = self.load.energy(recovers=False)
+        figures["energy_J"] = self.load.energy()
+        figures["energy_without_recovery_J"] = self.load.energy(recovers=False)
         if self.load.spindle is not None:
-            found["spindle_power_mean_W"] = self.load.spindle.power
-            found["spindle_power_peak_W"] = self.load.spindle.peak
-            found["spindle_energy_J"] = self.load.spindle.energy
-            found["chip_volume_m3"] = self.load.spindle.volume
-            found["specific_energy_J_per_m3"] = self.load.spindle.specific_energy
+            figures["spindle_power_mean_W"] = self.load.spindle.power
+            figures["spindle_power_peak_W"] = self.load.spindle.peak
+            figures["spindle_energy_J"] = self.load.spindle.energy
+            figures["chip_volume_m3"] = self.load.spindle.volume
+            figures["specific_energy_J_per_m3"] = self.load.spindle.specific_energy
         if self.cutting is not None:
-            found["cutting_force_rms_N"] = self.cutting_rms
-            found["cutting_force_peak_N"] = float(np.max(np.linalg.norm(self.cutting, axis=1)))
+            figures["cutting_force_rms_N"] = self.cutting_rms
+            figures["cutting_force_peak_N"] = float(np.max(np.linalg.norm(self.cutting, axis=1)))
         for observer, axes in self.estimates.items():
-            for axis, each in axes.items():
-                found[f"{axis}.{observer}.disturbance_error_rms_N"] = each.error
-                found[f"{axis}.{observer}.disturbance_error_over_a_turn_rms_N"] = each.slow
-                found[f"{axis}.disturbance_deviation_N"] = each.true
-        return found
+            for axis, estimate in axes.items():
+                figures[f"{axis}.{observer}.disturbance_error_rms_N"] = estimate.error
+                figures[f"{axis}.{observer}.disturbance_error_over_a_turn_rms_N"] = estimate.slow
+                figures[f"{axis}.disturbance_deviation_N"] = estimate.true
+        return figures
 
     def table(self) -> Table:
-        """A row for each axis."""
+        """One row for each axis."""
         title = Text(
             f"{self.name}: contour error {Quantity(self.contour.largest, 'm')} at most, "
             f"{Quantity(self.contour.rms, 'm')} RMS, {Quantity(self.contour.within(), 'm')} on 95 % of the path that "
             "counts"
         )
         columns = [
-            "axis", Column("following RMS", "m"), Column("peak", "m"), "in line", Column("force RMS", "N"),
-            Column("peak", "N"), Column("reversal", "m"),
-        ]  # fmt: skip
+            "axis",
+            Column("following RMS", "m"),
+            Column("peak", "m"),
+            "in line",
+            Column("force RMS", "N"),
+            Column("peak", "N"),
+            Column("reversal", "m"),
+        ]
         rows = [
-            [name, axis.following_rms, axis.following_peak, axis.line, motor.rms, motor.peak,
-             axis.glitch if axis.glitches else None]
+            [
+                name,
+                axis.following_rms,
+                axis.following_peak,
+                axis.line,
+                motor.rms,
+                motor.peak,
+                axis.glitch if axis.glitches else None,
+            ]
             for name, axis, motor in ((name, axis, self.load.axes[name]) for name, axis in self.axes.items())
-        ]  # fmt: skip
+        ]
         return Table(title, columns, rows)
 
 
@@ -171,7 +183,7 @@ def part_run(
     spindle: SpindleLoad | None = None,
     observers: Mapping[str, Mapping[str, Observer]] | None = None,
 ) -> PartRun:
-    """The figures of a run of a machine along a part program.
+    """Evaluate a run of a machine along a part program.
 
     run        of a machine, with all signals
     machine    that ran
@@ -193,16 +205,18 @@ def part_run(
     mask = np.ones(run.samples, bool) if counted is None else np.append(counted[:n], np.zeros(run.samples - n, bool))
     contour = contour_error(run, axes=names, line=lines, counted=mask)
     speed = np.sqrt(sum(run[f"{axis}.set_velocity"] ** 2 for axis in names))
-    found = {axis: _axis(run, axis, lines, contour, speed) for axis in names}
+    by_axis = {axis: _axis(run, axis, lines, contour, speed) for axis in names}
     cutting = np.column_stack([run[f"{axis}.load_force"] for axis in names]) if cuts else None
     heard = {axis for by in (observers or {}).values() for axis in by if axis in names}
     true = {axis: disturbance_of(run, loops[axis], axis) for axis in names if axis in heard}
     estimates = {
-        name: {axis: _estimated(run, axis, each, true[axis], turn) for axis, each in by.items() if axis in names}
+        name: {
+            axis: _estimated(run, axis, observer, true[axis], turn) for axis, observer in by.items() if axis in names
+        }
         for name, by in (observers or {}).items()
     }
-    acting = {axis: each.astype(np.float32) for axis, each in true.items()}
-    return PartRun(run.name, contour, found, machine_load(run, machine, spindle=spindle), cutting, estimates, acting)
+    acting = {axis: disturbance.astype(np.float32) for axis, disturbance in true.items()}
+    return PartRun(run.name, contour, by_axis, machine_load(run, machine, spindle=spindle), cutting, estimates, acting)
 
 
 def _axis(run: Run, axis: str, line: np.ndarray, contour: ContourError, speed: np.ndarray) -> AxisRun:
@@ -214,13 +228,17 @@ def _axis(run: Run, axis: str, line: np.ndarray, contour: ContourError, speed: n
     after = max(1, round(_AFTER / run.sample_time))
     heights = [float(np.max(np.abs(contour.error[i : i + after]))) for i in turns]
     return AxisRun(
-        _rms(error), float(np.abs(error[worst])), int(line[worst]), float(run.time[worst]),
-        max(heights, default=0.0), len(heights),
-    )  # fmt: skip
+        _rms(error),
+        float(np.abs(error[worst])),
+        int(line[worst]),
+        float(run.time[worst]),
+        max(heights, default=0.0),
+        len(heights),
+    )
 
 
 def _estimated(run: Run, axis: str, observer: Observer, true: np.ndarray, turn: float | None) -> Estimated:
-    """An observer that listens, against the force of cut, friction and weight in the same run."""
+    """Compare an observer with the force of cut, friction and weight in the same run."""
     encoder = getattr(observer, "encoder", "load")
     T, before = run.sample_time, float(run[f"{axis}.force"][0])
     seen = observe(observer, run[f"{axis}.reading_{encoder}"], run[f"{axis}.force"], T, before=before)
@@ -241,10 +259,12 @@ def _rms(values: np.ndarray) -> float:
 
 
 def disturbance_of(run: Run, loop: Loop, axis: str) -> np.ndarray:
-    """N, all that acts on an axis beside its drive over each sample: cut, friction, weight; shape (n,)."""
+    """Return everything that acts on an axis beside its drive over each sample, N: cut, friction, weight; shape
+    (n,).
+    """
     mechanics = loop.axis.mechanics()
     along = mechanics.rigid_motion()
     viscous = float(matrix.dot([matrix.dot(row, along) for row in mechanics.damping], along))
-    weight = sum(float(each.force) for each in loop.axis.forces if isinstance(each, Gravity))
+    weight = sum(float(force.force) for force in loop.axis.forces if isinstance(force, Gravity))
     dry = run[f"{axis}.friction_motor"] + run[f"{axis}.friction_load"]
     return run[f"{axis}.load_force"] + weight + dry - viscous * run[f"{axis}.velocity_load"]

@@ -56,20 +56,34 @@ class Reversals(Result):
     def table(self) -> Table:
         """One row for each reversal."""
         rows = [
-            [f"{turn.axis} {turn.side}", turn.time, turn.height, turn.peak_time, turn.width, turn.stick_begin,
-             turn.stick_time, turn.base]
+            [
+                f"{turn.axis} {turn.side}",
+                turn.time,
+                turn.height,
+                turn.peak_time,
+                turn.width,
+                turn.stick_begin,
+                turn.stick_time,
+                turn.base,
+            ]
             for turn in self.reversals
-        ]  # fmt: skip
+        ]
         highest = max((abs(turn.height) for turn in self.reversals), default=0.0)
         columns = [
-            "reversal", Column("at", "s", "5 s"), Column("height", "m"), Column("after", "s"), Column("width", "s"),
-            Column("stands from", "s"), Column("for", "s"), Column("base", "m"),
-        ]  # fmt: skip
+            "reversal",
+            Column("at", "s", "5 s"),
+            Column("height", "m"),
+            Column("after", "s"),
+            Column("width", "s"),
+            Column("stands from", "s"),
+            Column("for", "s"),
+            Column("base", "m"),
+        ]
         return Table(f"{self.name}: quadrant glitches up to {Quantity(highest, 'm')}", columns, rows)
 
 
 def reversals(run: Run, contour: ContourError | None = None, *, begin: float = 0.0) -> Reversals:
-    """The reversals of the two axes of a run along a curved path, such as a circle.
+    """Return the reversals of the two axes of a run along a curved path, such as a circle.
 
     contour  the contour error of the run, if it is there already
     begin    reversals before this time are left out, s: of the run-in
@@ -77,31 +91,33 @@ def reversals(run: Run, contour: ContourError | None = None, *, begin: float = 0
     The base is the mean of the last fifth of the way from the reversal before, or from the begin of the run.
     Raises ParameterError for a run of other than two axes, or without velocities.
     """
-    found = contour_error(run) if contour is None else contour
-    if not found.signed:
-        raise ParameterError(f"reversals are those of a plane path: give the contour error of two axes, not of "
-                             f"{', '.join(found.axes)}")  # fmt: skip
-    v = np.column_stack([run[f"{axis}.set_velocity"] for axis in found.axes])
-    a = np.column_stack([run[f"{axis}.set_acceleration"] for axis in found.axes])
+    deviation = contour_error(run) if contour is None else contour
+    if not deviation.signed:
+        raise ParameterError(
+            f"reversals are those of a plane path: give the contour error of two axes, not of "
+            f"{', '.join(deviation.axes)}"
+        )
+    v = np.column_stack([run[f"{axis}.set_velocity"] for axis in deviation.axes])
+    a = np.column_stack([run[f"{axis}.set_acceleration"] for axis in deviation.axes])
     left_turn = v[:, 0] * a[:, 1] - v[:, 1] * a[:, 0] >= 0.0
-    outward = np.where(left_turn, -found.error, found.error)
+    outward = np.where(left_turn, -deviation.error, deviation.error)
     places: list[tuple[float, int, int]] = []
     for i in range(2):
         moves = np.flatnonzero(v[:, i] != 0.0)
         turned = np.flatnonzero(np.sign(v[moves[1:], i]) != np.sign(v[moves[:-1], i]))
         for before, after in zip(moves[turned], moves[turned + 1], strict=True):
             share = v[before, i] / (v[before, i] - v[after, i])
-            time = float(found.time[before] + share * (found.time[after] - found.time[before]))
+            time = float(deviation.time[before] + share * (deviation.time[after] - deviation.time[before]))
             if time >= begin:
                 places.append((time, int(after), i))
     places.sort()
     ends = [row for _, row, _ in places[1:]] + [len(outward)]
     starts = [0] + [row for _, row, _ in places[:-1]]
     rows = [
-        _reversal(run, found, outward, place, start, end)
+        _reversal(run, deviation, outward, place, start, end)
         for place, start, end in zip(places, starts, ends, strict=True)
     ]
-    return Reversals(found.name, tuple(rows), found.time, outward)
+    return Reversals(deviation.name, tuple(rows), deviation.time, outward)
 
 
 def _reversal(
@@ -142,7 +158,7 @@ def _reversal(
 def stick_time(
     acceleration: float, *, mass: float, coulomb: float, breakaway: float, Kv: float, Kp: float, Tn: float | None = None
 ) -> float:
-    """How long an axis under P-PI stands at a reversal, s, to about 0.5 %: the root of
+    """Return how long an axis under P-PI sticks at a reversal, s, to about 0.5 %: the root of
 
         Kp A (t + (Kv + 1/Tn) t²/2 + Kv t³/(6 Tn)) = F_c + F_s - m A,   A = V²/R
 
@@ -150,8 +166,11 @@ def stick_time(
     the axis does not stand, F_c + F_s <= m A.  Raises ParameterError for numbers that are not > 0.
     """
     positive = {
-        "acceleration": (acceleration, "m/s2"), "mass": (mass, "kg"), "Kv": (Kv, "1/s"), "Kp": (Kp, "N s/m"),
-    } | ({} if Tn is None else {"Tn": (Tn, "s")})  # fmt: skip
+        "acceleration": (acceleration, "m/s2"),
+        "mass": (mass, "kg"),
+        "Kv": (Kv, "1/s"),
+        "Kp": (Kp, "N s/m"),
+    } | ({} if Tn is None else {"Tn": (Tn, "s")})
     for name, (value, unit) in positive.items():
         if not 0.0 < value < float("inf"):
             raise ParameterError(f"{name} = {Quantity(value, unit):6 SI} must be finite and > 0")
@@ -165,5 +184,5 @@ def stick_time(
 
     from scipy.optimize import brentq  # not for commands that only read
 
-    found: Any = brentq(left, 0.0, wanted, xtol=1e-15)  # the left side is at least t
-    return float(found)
+    root: Any = brentq(left, 0.0, wanted, xtol=1e-15)  # the left side is at least t
+    return float(root)

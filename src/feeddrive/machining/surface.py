@@ -21,7 +21,7 @@ SIDES = ("up", "down")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Surface(Result):
-    """A wall over a patch: how far it stands out of the material that was meant, positive where material is left.
+    """A machined wall over a patch: its height above the nominal surface, positive where material is left.
 
     along    m of feed, shape (n,)
     heights  m above the tip of the tool, shape (k,)
@@ -37,19 +37,19 @@ class Surface(Result):
 
     @property
     def roughness(self) -> tuple[float, float]:
-        """Ra and Rz in m: mean distance from the mean, and from the deepest to the highest, of the whole patch."""
+        """Ra and Rz of the whole patch, m: mean distance from the mean, and from the deepest to the highest point."""
         off = self.map - np.mean(self.map)
         return float(np.mean(np.abs(off))), float(np.ptp(self.map))
 
     def table(self) -> Table:
-        """Roughness, mean place and the closed form of the mark."""
+        """Roughness, mean height and the closed form of the feed mark."""
         ra, rz = self.roughness
         columns = ["", *(Column(head, "m") for head in ("Ra", "Rz", "mean", "feed mark"))]
         return Table("wall that the edges leave", columns, [["patch", ra, rz, float(np.mean(self.map)), self.mark]])
 
 
 def feed_mark(radius: float, feed: float, teeth: int, milling: str) -> float:
-    """Height in m of the marks of teeth of equal length along a straight feed: c²/(8R (1 ± cN/2πR)²), + in up milling.
+    """Return the height in m of the marks of equal teeth along a straight feed: c²/(8R (1 ± cN/2πR)²), + in up milling.
 
     radius, feed  of the tool and of a tooth, m.   Source: Martellotti 1941, of which this is the second order.
     """
@@ -59,7 +59,7 @@ def feed_mark(radius: float, feed: float, teeth: int, milling: str) -> float:
 
 
 def runout_mark(radius: float, feed: float, difference: float) -> float:
-    """Height in m of the marks of two teeth whose radii differ by so many m, on a circle: (R/2)(Δ/c + c/2R)².
+    """Return the height in m of the marks of two teeth whose radii differ by Δ, on a circle: (R/2)(Δ/c + c/2R)².
 
     From Δ = c²/2R on one tooth makes them alone, and they are those of twice the feed: 1 µm often erases a tooth.
     """
@@ -69,15 +69,24 @@ def runout_mark(radius: float, feed: float, difference: float) -> float:
 
 
 def scallop(radius: float, step: float) -> float:
-    """Height in m of what a ball of this radius leaves between two passes a step apart: R - √(R² - s²/4)."""
+    """Return the scallop height in m that a ball of this radius leaves between two passes a step apart: R - √(R² -
+    s²/4).
+    """
     return radius - float(np.sqrt(radius**2 - 0.25 * step**2))
 
 
 def wall(
-    run: Run, cut: MillingCut, begin: float, end: float, milling: str, *, points: int = 400, levels: int = 1,
+    run: Run,
+    cut: MillingCut,
+    begin: float,
+    end: float,
+    milling: str,
+    *,
+    points: int = 400,
+    levels: int = 1,
     axial_depth: float | None = None,
-) -> Surface:  # fmt: skip
-    """The finished wall that a run leaves between two instants, on a straight feed.
+) -> Surface:
+    """Compute the finished wall of a run between two instants, on a straight feed.
 
     For each line across the wall the deepest edge is kept; an edge stands at v = angle + 2πj/N - k z and makes the
     wall near v = 0 in up milling, near π in down milling, so that the vibration at that instant is the surface.
@@ -129,7 +138,7 @@ def wall(
     middle, outward = (0.0, 1.0) if milling == "up" else (np.pi, -1.0)
     half = _WIDE * feed / radius
     walk = np.linspace(-half, half, 2 * int(np.ceil(half / np.sqrt(8.0 * _SAG / radius))) + 1)
-    found = np.full((levels, points), -np.inf)
+    envelope = np.full((levels, points), -np.inf)
     for level, z in enumerate(heights):
         for tooth in range(edge.teeth):
             offset = middle - 2.0 * np.pi * tooth / edge.teeth + lag * z - turned
@@ -143,8 +152,8 @@ def wall(
                 if s[0] > s[-1]:
                     s, w = s[::-1], w[::-1]
                 reached = np.interp(along, s, outward * w - radius, left=-np.inf, right=-np.inf)
-                found[level] = np.maximum(found[level], reached)
-    return Surface(along, heights, -found, feed, feed_mark(radius, feed, edge.teeth, milling))
+                envelope[level] = np.maximum(envelope[level], reached)
+    return Surface(along, heights, -envelope, feed, feed_mark(radius, feed, edge.teeth, milling))
 
 
 def _side(milling: str) -> None:

@@ -64,14 +64,14 @@ class ToolPoint(Result):
         return ToolPoint(A, np.vstack([self.B, other.B]), np.hstack([self.C, other.C]), max(self.missed, other.missed))
 
     def turned(self, angle: float) -> ToolPoint:
-        """The same seen from a feed that is turned by an angle in rad, counterclockwise, from t towards n."""
+        """Return the tool point for a feed that is turned by an angle in rad, counterclockwise, from t towards n."""
         # rounded, so that a quarter turn leaves nothing of the other direction
         cosine, sine = round(float(np.cos(angle)), 15), round(float(np.sin(angle)), 15)
         turn = np.array([[cosine, sine], [-sine, cosine]])
         return ToolPoint(self.A, self.B @ turn.T, turn @ self.C, self.missed)
 
     def response(self, frequency: np.ndarray) -> np.ndarray:
-        """C (jω - A)⁻¹ B in m/N at frequencies in Hz, shape (n, 2, 2)."""
+        """Return C (jω - A)⁻¹ B in m/N at frequencies in Hz, shape (n, 2, 2)."""
         s = 2j * np.pi * np.atleast_1d(np.asarray(frequency, float))
         poles, shapes = np.linalg.eig(self.A)
         if np.linalg.cond(shapes) < _DISTINCT:
@@ -81,20 +81,22 @@ class ToolPoint(Result):
         return self.C @ np.linalg.solve(inside, np.broadcast_to(self.B.astype(complex), (s.size, *self.B.shape)))
 
     def moving(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A, B, C with the directions only along which anything gives way. Raises ParameterError if none does."""
+        """Return A, B, C with the compliant directions only. Raises ParameterError if there is none."""
         kept = [i for i in range(self.C.shape[0]) if np.any(self.C[i]) and np.any(self.B[:, i])]
         if not kept:
             raise ParameterError("the tool gives way in no direction: add a mode, or an axis that feels the cut")
         return self.A, self.B[:, kept], self.C[kept]
 
     def directions(self) -> list[int]:
-        """0 for t, 1 for n: along which anything gives way."""
+        """Return the compliant directions: 0 for t, 1 for n."""
         return [i for i in range(self.C.shape[0]) if np.any(self.C[i]) and np.any(self.B[:, i])]
 
     def fastest(self) -> float:
-        """The fastest swing that counts, rad/s: a pole damped by 30 % or more that hardly moves the tool does not."""
-        found: Any = np.linalg.eig(self.A)
-        poles, shapes = found
+        """Return the fastest pole that counts, rad/s: one damped by 30 % or more that hardly moves the tool does
+        not.
+        """
+        eigen: Any = np.linalg.eig(self.A)
+        poles, shapes = eigen
         counts = np.ones(poles.size, bool)
         if np.linalg.cond(shapes) < _DISTINCT:
             into = np.linalg.norm(np.linalg.solve(shapes, self.B), axis=1)
@@ -103,7 +105,7 @@ class ToolPoint(Result):
         return float(np.max(np.abs(poles.imag[counts]), initial=0.0))
 
     def table(self) -> Table:
-        """The modes: frequency and damping of the poles, and the stiffness along t and n at rest."""
+        """The modes: frequency and damping of the poles, and the static stiffness along t and n."""
         poles = np.linalg.eigvals(self.A)
         upper = sorted(poles[poles.imag >= 0.0], key=abs)
         rows = [[float(abs(p)) / (2.0 * np.pi), float(-p.real / abs(p) if p else 1.0)] for p in upper]
@@ -111,7 +113,7 @@ class ToolPoint(Result):
 
 
 def tool_modes(*modes: ToolMode) -> ToolPoint:
-    """The tool point of modes that act in parallel, of the tool, or of the work. Raises ParameterError for none."""
+    """Return the tool point of parallel modes, of the tool or of the work. Raises ParameterError for none."""
     if not modes:
         raise ParameterError("a tool point needs at least one mode")
     n = len(modes)
@@ -131,7 +133,7 @@ def tool_point(
     velocity: float = 0.05,
     lowest: float = 0.1,
 ) -> ToolPoint:
-    """The tool point of a loop or a machine with its sampled controls, from a force at the load to its position.
+    """Return the tool point of a loop or a machine with its sampled controls, from a force at the load to its position.
 
     along     the axes that move along feed and normal, None for one that is rigid; of a loop its own along the feed
     velocity  m/s at which the axes move, as in `linearize`
@@ -160,7 +162,8 @@ def tool_point(
         names = tuple(along) or _moved(system)
         if isinstance(system, Machine):
             system = dataclasses.replace(
-                system, couplings=tuple(each for each in system.couplings if not isinstance(each, MillingCut))
+                system,
+                couplings=tuple(coupling for coupling in system.couplings if not isinstance(coupling, MillingCut)),
             )
         if len(names) > 2 or all(name is None for name in names):
             raise ParameterError("along names the axis of the feed and that of the normal: two, or one and None")
@@ -174,32 +177,36 @@ def tool_point(
         axes = [ports[name] for name in names if name is not None]
         inputs, outputs = [f"{port}load_force" for port in axes], [f"{port}position_load" for port in axes]
         model = linearize(system, inputs, outputs, velocity=velocity)
-    found = _continuous(model, lowest)
-    B, C = np.zeros((found.A.shape[0], 2)), np.zeros((2, found.A.shape[0]))
-    B[:, kept], C[kept] = found.B, found.C
-    return ToolPoint(found.A, B, C, found.missed)
+    continuous = _continuous(model, lowest)
+    B, C = np.zeros((continuous.A.shape[0], 2)), np.zeros((2, continuous.A.shape[0]))
+    B[:, kept], C[kept] = continuous.B, continuous.C
+    return ToolPoint(continuous.A, B, C, continuous.missed)
 
 
 def cut_of(machine: Machine) -> MillingCut:
-    """The milling cut of a machine. Raises ParameterError if it has none, or several."""
-    cuts = [each for each in machine.couplings if isinstance(each, MillingCut)]
+    """Return the milling cut of a machine. Raises ParameterError if it has none, or several."""
+    cuts = [coupling for coupling in machine.couplings if isinstance(coupling, MillingCut)]
     if len(cuts) != 1:
-        said = "no milling_cut" if not cuts else f"{len(cuts)} milling_cuts"
+        count = "no milling_cut" if not cuts else f"{len(cuts)} milling_cuts"
         raise ParameterError(
-            f"the machine has {said} among its couplings: the lobes need one, with cutter and spindle_speed "
+            f"the machine has {count} among its couplings: the lobes need one, with cutter and spindle_speed "
             f'([[couplings]] kind = "milling_cut")'
         )
     return cuts[0]
 
 
 def _moved(system: Loop | Machine) -> tuple[str, ...]:
-    """The axes of the feed and the normal that the cut names, or the first two."""
-    cuts = [each for each in system.couplings if isinstance(each, MillingCut)] if isinstance(system, Machine) else []
+    """Return the axes of the feed and the normal that the cut names, or the first two."""
+    cuts = (
+        [coupling for coupling in system.couplings if isinstance(coupling, MillingCut)]
+        if isinstance(system, Machine)
+        else []
+    )
     return (cuts[0].along_x, cuts[0].along_y) if cuts else tuple(system.loops())[:2]
 
 
 def _continuous(model: StateSpace, lowest: float) -> ToolPoint:
-    """The continuous system with the poles of a sampled one whose response is the given one without the hold."""
+    """Return the continuous system with the poles of a sampled one that has the same response without the hold."""
     T, q = model.sample_time, len(model.inputs)
     z = model.poles()
     if z.size and abs(z[0]) >= 1.0:
@@ -208,24 +215,38 @@ def _continuous(model: StateSpace, lowest: float) -> ToolPoint:
             "stable first"
         )
     poles = _poles(z, T)
-    frequency = np.unique(np.concatenate([
-        np.geomspace(lowest, 0.4 / T, 400),
-        *(abs(p.imag) / (2.0 * np.pi) + np.linspace(-3.0, 3.0, 25) * abs(p.real) / (2.0 * np.pi) for p in poles),
-    ]))  # fmt: skip
+    # a grid over ln f would miss narrow resonances: lines are added within three half widths of each pole
+    frequency = np.unique(
+        np.concatenate(
+            [
+                np.geomspace(lowest, 0.4 / T, 400),
+                *(
+                    abs(p.imag) / (2.0 * np.pi) + np.linspace(-3.0, 3.0, 25) * abs(p.real) / (2.0 * np.pi)
+                    for p in poles
+                ),
+            ]
+        )
+    )
     frequency = frequency[(frequency >= lowest) & (frequency <= 0.4 / T)]
     s = 2j * np.pi * frequency
+    # the force of the cut is continuous: the hold of the sampled model is divided out
     hold = (1.0 - np.exp(-s * T)) / (s * T)
-    given = np.stack([
-        np.stack([model.response(frequency, row, column).response / hold for column in model.inputs], axis=-1)
-        for row in model.outputs
-    ], axis=-2)  # fmt: skip
+    responses = np.stack(
+        [
+            np.stack([model.response(frequency, row, column).response / hold for column in model.inputs], axis=-1)
+            for row in model.outputs
+        ],
+        axis=-2,
+    )
     columns = [column for pole in poles for column in _terms(s, pole)]
     basis = np.stack(columns, axis=1)
-    size = np.abs(given).reshape(s.size, -1).max(axis=1)
+    size = np.abs(responses).reshape(s.size, -1).max(axis=1)
+    # relative errors, with a floor so that antiresonances do not dominate
     weight = 1.0 / (size + 1e-4 * size.max()) / (1.0 + (frequency * T / _KNEE) ** 2)
     tall = np.vstack([(basis * weight[:, None]).real, (basis * weight[:, None]).imag])
-    flat = given.reshape(s.size, q * q)
+    flat = responses.reshape(s.size, q * q)
     right = np.vstack([(flat * weight[:, None]).real, (flat * weight[:, None]).imag])
+    # columns of fast and slow poles differ by many powers of ten
     scale = np.linalg.norm(tall, axis=0)
     residues = np.linalg.lstsq(tall / scale, right, rcond=1e-13)[0] / scale[:, None]
     missed = float(np.max(np.abs(basis @ residues - flat)) / np.max(size))
@@ -238,7 +259,7 @@ def _continuous(model: StateSpace, lowest: float) -> ToolPoint:
 
 
 def _poles(z: np.ndarray, T: float) -> list[complex]:
-    """One of each pair, in 1/s; those that the hold and the dead time leave at 0 are replaced by a few fast ones."""
+    """Return one pole of each pair, in 1/s; poles that hold and dead time leave at 0 become a few fast ones."""
     slow = [complex(np.log(complex(p)) / T) for p in z if abs(p) > 1e-3 and p.imag >= 0.0 and not _alternates(p)]
     return [*slow, *(complex(-rate / T) for rate in _FAST)]
 
@@ -248,7 +269,7 @@ def _alternates(p: complex) -> bool:
 
 
 def _terms(s: np.ndarray, pole: complex) -> list[np.ndarray]:
-    """1/(s - p), or 1 and s over the two of a pair."""
+    """Return 1/(s - p), or 1 and s over the denominator of a pair."""
     if abs(pole.imag) < 1e-9 * abs(pole):
         return [abs(pole) / (s - pole.real)]
     below = s * s - 2.0 * pole.real * s + abs(pole) ** 2
@@ -256,7 +277,7 @@ def _terms(s: np.ndarray, pole: complex) -> list[np.ndarray]:
 
 
 def _realized(poles: Sequence[complex], residues: np.ndarray, missed: float) -> ToolPoint:
-    """A block for each pole and each direction of the force."""
+    """Realize one block for each pole and each direction of the force."""
     q = residues.shape[1]
     blocks: list[tuple[np.ndarray, np.ndarray, Any]] = []
     at = 0

@@ -30,10 +30,19 @@ from feeddrive.report.page import Shown, render
 
 # SI unit and name of a unit in which a paper states its figures, where that is no SI unit
 _STATED = {
-    "nm": ("m", "nm"), "um": ("m", "um"), "µm": ("m", "um"), "mm": ("m", "mm"), "ms": ("s", "ms"), "%": ("share", "%"),
-    "um/N": ("m/N", "um/N"), "µm/N": ("m/N", "um/N"), "N/µm": ("N/m", "N/um"), "µm/s": ("m/s", "um/s"),
-    "kN": ("N", "kN"), "kW": ("W", "kW"),
-}  # fmt: skip
+    "nm": ("m", "nm"),
+    "um": ("m", "um"),
+    "µm": ("m", "um"),
+    "mm": ("m", "mm"),
+    "ms": ("s", "ms"),
+    "%": ("share", "%"),
+    "um/N": ("m/N", "um/N"),
+    "µm/N": ("m/N", "um/N"),
+    "N/µm": ("N/m", "N/um"),
+    "µm/s": ("m/s", "um/s"),
+    "kN": ("N", "kN"),
+    "kW": ("W", "kW"),
+}
 
 
 def stated(value: float, unit: str = "", digits: str = "4", *, bare: bool = False) -> Quantity:
@@ -71,7 +80,7 @@ class Claim:
 
     @property
     def holds(self) -> bool:
-        """Whether the figure lies within its bounds; NaN is never within them."""
+        """True if the figure lies within its bounds; NaN is never within them."""
         above = self.least is None or self.got >= self.least
         below = self.most is None or self.got <= self.most
         return above and below and not math.isnan(self.got)
@@ -143,7 +152,7 @@ class Experiment(Result):
 
 
 def build(experiment: Experiment) -> str:
-    """The experiment as one HTML page: no scripts, no other files. Pure: the same experiment gives the same text."""
+    """Return the experiment as one HTML page: no scripts, no other files. The same experiment gives the same text."""
     pictures = [(f"figure-{shown.key}", shown.title) for shown in experiment.pictures]
     return render(
         "paper.html",
@@ -175,7 +184,7 @@ class Reproduced:
 
 
 def chosen(paper: str) -> tuple[str, ...]:
-    """The papers of a name; `all` means every one. Raises ParameterError for an unknown name."""
+    """Return the papers of a name; `all` means every one. Raises ParameterError for an unknown name."""
     if paper == "all":
         return PAPERS
     if paper in PAPERS:
@@ -186,7 +195,7 @@ def chosen(paper: str) -> tuple[str, ...]:
 
 
 def run(paper: str, progress: Progress) -> Experiment:
-    """The experiments of a paper. `progress` reports each step."""
+    """Run the experiments of a paper. `progress` reports each step."""
     module = import_module(f"feeddrive.papers.{paper}")
     return getattr(module, paper)(progress)
 
@@ -235,7 +244,7 @@ def _reproduced(paper: str) -> Reproduced:
 
 
 def _heard(told: Any, futures: Sequence[Future[Reproduced]], progress: Progress) -> Iterator[tuple[str, str]]:
-    """The progress of the processes until all are done; the first error ends it."""
+    """Report the progress of the processes until all are done; the first error ends it."""
     while not all(future.done() for future in futures):
         if any(future.done() and future.exception() for future in futures):
             return
@@ -257,18 +266,18 @@ def write_reproduced(reproduced: Sequence[Reproduced], out: str | Path) -> Path:
 
 def fill(folder: Path, reproduced: Sequence[Reproduced]) -> None:
     """Write the files into a directory that was created before the work began."""
-    for each in reproduced:
-        name = "report" if len(reproduced) == 1 else each.name
-        (folder / f"{name}.html").write_text(each.page, encoding="utf-8")
+    for paper in reproduced:
+        name = "report" if len(reproduced) == 1 else paper.name
+        (folder / f"{name}.html").write_text(paper.page, encoding="utf-8")
     if len(reproduced) > 1:
         (folder / "report.html").write_text(_index(reproduced), encoding="utf-8")
     (folder / "claims.json").write_text(json.dumps(_figures(reproduced), indent=2) + "\n", encoding="utf-8")
 
 
 def _figures(reproduced: Sequence[Reproduced]) -> dict[str, object]:
-    """All claims as plain figures; NaN and infinity are null."""
+    """Return all claims as plain figures; NaN and infinity are null."""
     papers = {
-        each.name: [
+        paper.name: [
             {
                 "key": claim.key,
                 "claim": claim.claim,
@@ -281,9 +290,9 @@ def _figures(reproduced: Sequence[Reproduced]) -> dict[str, object]:
                 "holds": claim.holds,
                 "equations": list(claim.equations),
             }
-            for claim in each.claims
+            for claim in paper.claims
         ]
-        for each in reproduced
+        for paper in reproduced
     }
     return {"versions": versions(), "papers": papers}
 
@@ -292,8 +301,8 @@ def _index(reproduced: Sequence[Reproduced]) -> str:
     return render(
         "papers.html",
         title="The four papers, reproduced",
-        lead=[f"{each.title}: {each.sentence}" for each in reproduced],
-        links=[(each.name, each.title) for each in reproduced],
+        lead=[f"{paper.title}: {paper.sentence}" for paper in reproduced],
+        links=[(paper.name, paper.title) for paper in reproduced],
         heads=CELLS,
         papers=reproduced,
     )

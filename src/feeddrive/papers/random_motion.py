@@ -23,11 +23,11 @@ class RandomMotion:
         self.derivatives: list[Callable[[Any], Any]] = [whole.deriv(i) if i else whole for i in range(5)]
 
     def __call__(self, order: int, t: np.ndarray) -> np.ndarray:
-        """The derivative of an order at times t."""
+        """Return the derivative of an order at times t."""
         return np.asarray(self.derivatives[order](t), dtype=float)
 
     def setpoints(self, t: np.ndarray) -> list[Setpoint]:
-        """The setpoints at times t."""
+        """Return the setpoints at times t."""
         return [Setpoint(*row) for row in np.stack([self(i, t) for i in range(5)], axis=1).tolist()]
 
 
@@ -41,7 +41,7 @@ class RandomReadings:
         self.applied[0] = self.requested[0] = 0.0
 
     def readings(self) -> list[Reading]:
-        """The readings as blocks take them."""
+        """Return the readings in the form that blocks take."""
         rows = np.stack([self.motor, self.load, self.applied, self.requested], axis=1).tolist()
         return [Reading(*row) for row in rows]
 
@@ -49,7 +49,7 @@ class RandomReadings:
 def stepped(
     law: Law, T: float, setpoints: Sequence[Setpoint], readings: Sequence[Reading]
 ) -> tuple[list[Any], np.ndarray]:
-    """States and forces of a law that starts at the first reading; both of the samples from the second on."""
+    """Return states and forces of a law that starts at the first reading; both of the samples from the second on."""
     prepared = law.prepare(T)
     state = law.start(prepared, setpoints[0], readings[0])
     states, forces = [], []
@@ -60,6 +60,6 @@ def stepped(
     return states, np.array(forces)
 
 
-def misfit(found: Sequence[Any] | np.ndarray, expected: np.ndarray) -> float:
-    """Largest difference over the largest expected value."""
-    return float(np.max(np.abs(np.asarray(found, dtype=float) - expected)) / np.max(np.abs(expected)))
+def misfit(actual: Sequence[Any] | np.ndarray, expected: np.ndarray) -> float:
+    """Return the largest difference over the largest expected value."""
+    return float(np.max(np.abs(np.asarray(actual, dtype=float) - expected)) / np.max(np.abs(expected)))

@@ -41,7 +41,9 @@ FEED, NONE, STANDSTILL = "feed", "no limit above half", "standstill"
 
 
 class AxisLimits(Block):
-    """What a planned motion keeps on an axis, in continuous time: |q'|, |q''|, |q'''| and |q''''|, and its travel."""
+    """The limits that a planned motion keeps on an axis in continuous time: |q'|, |q''|, |q'''|, |q''''|, and its
+    travel.
+    """
 
     velocity: Number = parameter("m/s", "largest speed of the axis", above=0)
     acceleration: Number = parameter("m/s2", "largest acceleration", above=0)
@@ -54,13 +56,13 @@ class AxisLimits(Block):
     )
 
     def rules(self) -> Iterator[Rule]:
-        """The travel has two ends and a length."""
+        """Check that the travel has two ends and a length."""
         yield from travel_rules("limits", self.travel_least, self.travel_most)
 
 
 @dataclass(frozen=True)
 class MachineLimits:
-    """Of all axes by letter: X, Y, Z ..., in the order in which setpoints have them."""
+    """The limits of all axes by letter: X, Y, Z ..., in the order of the setpoints."""
 
     axes: Mapping[str, AxisLimits]
 
@@ -75,41 +77,41 @@ class MachineLimits:
 
     @property
     def letters(self) -> str:
-        """Such as XYZ."""
+        """The letters of the axes, such as XYZ."""
         return "".join(self.axes)
 
     @property
     def rotary(self) -> bool:
-        """Whether an axis turns."""
+        """True if any axis turns."""
         return any(letter in ROTARY for letter in self.axes)
 
     @property
     def shown(self) -> list[tuple[float, str]]:
-        """Of each axis the unit in which people read its places, and how many of it are 1 m or 1 rad: mm or degrees."""
+        """The display unit of each axis's positions and its factor to 1 m or 1 rad: mm or degrees."""
         return [(math.degrees(1.0), "deg") if letter in ROTARY else (1e3, "mm") for letter in self.axes]
 
     @property
     def array(self) -> np.ndarray:
-        """Limits of velocity .. snap of each axis, m/s .. m/s⁴ (rad/s .. rad/s⁴), shape (N, 4)."""
-        rows = [(each.velocity, each.acceleration, each.jerk, each.snap) for each in self.axes.values()]
+        """The limits of velocity .. snap of each axis, m/s .. m/s⁴ (rad/s .. rad/s⁴), shape (N, 4)."""
+        rows = [(axis.velocity, axis.acceleration, axis.jerk, axis.snap) for axis in self.axes.values()]
         return np.array(rows, float)
 
     @property
     def travel(self) -> dict[str, tuple[float, float] | None]:
-        """The soft limits, as `read_program` takes them; where an end is missing, 1e6 m."""
-        return {letter: _travel(each) for letter, each in self.axes.items()}
+        """The soft limits, as `read_program` takes them; a missing end is 1e6 m."""
+        return {letter: _travel(axis) for letter, axis in self.axes.items()}
 
     @property
     def causes(self) -> list[str]:
-        """What may limit a motion: each limit of each axis, the feed, none of them, a standstill."""
+        """The causes that may limit a motion: each limit of each axis, the feed, none of them, a standstill."""
         return [*(f"{what} of {letter}" for letter in self.axes for what in DERIVATIVES), FEED, NONE, STANDSTILL]
 
     def named(self, text: str) -> str:
-        """A text about `axis 0`, as the planner counts them, with the letter of the axis."""
-        return re.sub(r"\baxis (\d+)", lambda found: f"axis {self.letters[int(found[1])]}", text)
+        """Replace `axis 0`, as the planner counts axes, by the letter of the axis."""
+        return re.sub(r"\baxis (\d+)", lambda match: f"axis {self.letters[int(match[1])]}", text)
 
     def resolved(self, moves: Iterable[Move]) -> Iterator[Move]:
-        """The moves, of which no tolerance is smaller than what an axis resolves, nor than rounding, nor absurd.
+        """Yield the moves; refuse a path tolerance below the resolution of an axis or rounding, or an absurd one.
 
         Raises ProgramError at the line of a tolerance that is.
         """
@@ -120,19 +122,19 @@ class MachineLimits:
             yield move
 
     def unfit(self, tolerance: float) -> str:
-        """Why a tolerance of the path, m, is smaller than what an axis resolves or than rounding, or too large."""
+        """Return the reason why a path tolerance, m, is below the resolution of an axis or rounding, or too large."""
         if tolerance > LARGEST:
             return Text(
                 f"the tolerance of {Quantity(tolerance, 'm'):mm} is more than {Quantity(LARGEST, 'm'):6 mm}: give a "
                 "smaller one"
             )
-        known = {letter: float(each.resolution or 0.0) for letter, each in self.axes.items() if letter not in ROTARY}
+        known = {letter: float(axis.resolution or 0.0) for letter, axis in self.axes.items() if letter not in ROTARY}
         coarse = max(known, key=lambda letter: known[letter], default="")
-        found = known.get(coarse, 0.0)
-        resolution = max(found, ROUNDING)
+        resolved = known.get(coarse, 0.0)
+        resolution = max(resolved, ROUNDING)
         if not 0.0 < tolerance < resolution:
             return ""
-        what = f"the resolution of axis {coarse}" if found >= ROUNDING else "the rounding of positions"
+        what = f"the resolution of axis {coarse}" if resolved >= ROUNDING else "the rounding of positions"
         return Text(
             f"the tolerance of {Quantity(tolerance, 'm'):mm} is smaller than {what}, {Quantity(resolution, 'm'):mm}: "
             "give a larger one"

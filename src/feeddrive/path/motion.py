@@ -1,14 +1,140 @@
-"""A motion along a path as pieces of constant snap in time, and where it is when."""
+"""A path r(x) in pieces, and a motion along it in pieces of constant snap in time.
+
+A piece of path is a line, an arc or a polynomial of seventh degree, one row of arrays a piece.  It counts x from its
+own start and holds displacements from its own origin, so that no digit is lost to the distance from the machine's zero.
+x is in m and nearly the length of the path; |r'| need not be 1.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from math import floor
 from typing import NamedTuple
 
 import numpy as np
 
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats2
-from feeddrive.path.pieces import Pieces
+
+LINE, ARC, POLYNOMIAL = 0, 1, 2
+
+# π/2 as a sum of two numbers, the first of them so short that small multiples of it are exact
+_HALF_PI_HIGH = float.fromhex("0x1.921fb54400000p+0")
+_HALF_PI_LOW = float.fromhex("0x1.0b4611a626331p-34")
+
+
+class Pieces(NamedTuple):
+    """n pieces of a path of N axes; in each 0 <= x <= length, and ξ = x / length.
+
+        line, polynomial   r_i = origin_i + Σ_{k=1..7} shape_ik ξᵏ; a line has k = 1 alone
+        arc, helix         r_i = origin_i + E1_i (cos θ - 1) + E2_i sin θ + slope_i x,   θ = κ x
+
+    kind    LINE, ARC or POLYNOMIAL, shape (n,)
+    length  m, shape (n,)
+    origin  r(0), m, shape (n, N)
+    shape   (n, N, 8), m; of an arc E1, E2, slope and κ in 1/m (on each axis) are columns 0 to 3
+    feed    the largest path speed |r'| u', m/s, shape (n,)
+    line    of the part program, shape (n,)
+    """
+
+    kind: np.ndarray
+    length: np.ndarray
+    origin: np.ndarray
+    shape: np.ndarray
+    feed: np.ndarray
+    line: np.ndarray
+
+
+class Section(NamedTuple):
+    """A section of a run: pieces that go on from the section before; `ends` says that the run does.
+
+    tolerance  of the corner in which it ends then, m; 0: it stops there
+    """
+
+    pieces: Pieces
+    ends: bool
+    tolerance: float = 0.0
+
+
+def part_of_pieces(pieces: Pieces, first: int, last: int) -> Pieces:
+    """Return the pieces `first` to before `last`."""
+    return Pieces(*(column[first:last] for column in pieces))
+
+
+def one_after_the_other(pieces: Sequence[Pieces]) -> Pieces:
+    """Concatenate pieces of one path."""
+    return Pieces(*(np.concatenate(columns) for columns in zip(*pieces, strict=True)))
+
+
+@kernel
+def turned(theta: float) -> tuple[float, float]:
+    """Return sin θ and 1 - cos θ, which keeps its digits at small angles; θ in rad, |θ| < 1e6."""
+    # reduce to |r| <= π/4, where the series below are short
+    k = floor(theta * 0.6366197723675814 + 0.5)
+    r = (theta - k * _HALF_PI_HIGH) - k * _HALF_PI_LOW
+    z = r * r
+    # Taylor series to r¹⁷ and r¹⁸, summed from the smallest terms, so that rounding stays in the last places
+    s = z * (1.0 / 6.227020800e9 - z * (1.0 / 1.307674368e12 - z / 3.55687428096e14))
+    s = z * (1.0 / 120.0 - z * (1.0 / 5040.0 - z * (1.0 / 362880.0 - z / 39916800.0 + z * s)))
+    s = r - r * z * (1.0 / 6.0 - s)
+    c = z * (1.0 / 8.71782912e10 - z * (1.0 / 2.0922789888e13 - z / 6.402373705728e15))
+    c = z * (1.0 / 720.0 - z * (1.0 / 40320.0 - z * (1.0 / 3628800.0 - z / 479001600.0 + z * c)))
+    c = z * (0.5 - z * (1.0 / 24.0 - c))
+    quarter = k % 4
+    if quarter == 0:
+        return s, c
+    if quarter == 1:
+        return 1.0 - c, 1.0 + s
+    if quarter == 2:
+        return -s, 2.0 - c
+    return c - 1.0, 1.0 - s
+
+
+@kernel
+def derivatives(kind: int, length: float, shape: Floats2, x: float, out: Floats2) -> int:
+    """Write r - r(0), r', r'', r''' and r'''' of one piece at x into `out` of shape (N, >= 5)."""
+    if kind == 1:
+        kappa = shape[0, 3]
+        s, v = turned(kappa * x)
+        c = 1.0 - v
+        k2 = kappa * kappa
+        for i in range(len(shape)):
+            e1 = shape[i, 0]
+            e2 = shape[i, 1]
+            out[i, 0] = e2 * s - e1 * v + shape[i, 2] * x
+            out[i, 1] = kappa * (e2 * c - e1 * s) + shape[i, 2]
+            out[i, 2] = -k2 * (e1 * c + e2 * s)
+            out[i, 3] = k2 * kappa * (e1 * s - e2 * c)
+            out[i, 4] = k2 * k2 * (e1 * c + e2 * s)
+        return 0
+    xi = x / length
+    if kind == 0:
+        for i in range(len(shape)):
+            out[i, 0] = shape[i, 1] * xi
+            out[i, 1] = shape[i, 1] / length
+            out[i, 2] = 0.0
+            out[i, 3] = 0.0
+            out[i, 4] = 0.0
+        return 0
+    for i in range(len(shape)):
+        p0 = 0.0
+        p1 = 0.0
+        p2 = 0.0
+        p3 = 0.0
+        p4 = 0.0
+        for back in range(8):
+            k = 7 - back
+            p4 = p4 * xi + p3
+            p3 = p3 * xi + p2
+            p2 = p2 * xi + p1
+            p1 = p1 * xi + p0
+            p0 = p0 * xi + (shape[i, k] if k > 0 else 0.0)
+        out[i, 0] = p0
+        out[i, 1] = p1 / length
+        out[i, 2] = 2.0 * p2 / (length * length)
+        out[i, 3] = 6.0 * p3 / (length * length * length)
+        out[i, 4] = 24.0 * p4 / (length * length * length * length)
+    return 0
 
 
 class Motion(NamedTuple):
@@ -30,7 +156,8 @@ class Motion(NamedTuple):
 
 
 class Entering(NamedTuple):
-    """The next run, from rest, while a part ends the run before: q is the sum of both, less the corner between them.
+    """The next run, which starts from rest while a part ends the previous run: q is the sum of both, less the corner
+    between them.
 
     Its pieces of time are those of that part, and each of both stays on one piece of its path.
 
@@ -43,7 +170,7 @@ class Entering(NamedTuple):
 
 
 class Part(NamedTuple):
-    """A part of a run, which goes from rest to rest: some pieces of its path and the motion on them.
+    """A part of a run from rest to rest: some pieces of its path and the motion on them.
 
     The first piece of the path is the one on which the part before ended.  `ends` says that the run does.  If the next
     run is `entering` then, the part behind goes on from where that one has come.
@@ -59,7 +186,7 @@ class Part(NamedTuple):
 
 
 class Pause(NamedTuple):
-    """A standstill: a dwell or a hold of `duration` s, or 0 s at what waits for something else."""
+    """A standstill: a dwell or a hold of `duration` s, or 0 s where the program waits for something else."""
 
     duration: float
     why: str
@@ -67,16 +194,18 @@ class Pause(NamedTuple):
 
 
 def rows(motion: Motion) -> np.ndarray:
-    """Duration, x, speed, acceleration, jerk and snap as the columns of one array, without the index of the piece."""
-    found = np.empty((len(motion.duration), 6))
-    found[:, 0] = motion.duration
-    for k, each in enumerate(motion[2:]):
-        found[:, k + 1] = each
-    return found
+    """Return duration, x, speed, acceleration, jerk and snap as the columns of one array, without the index of the
+    piece.
+    """
+    table = np.empty((len(motion.duration), 6))
+    table[:, 0] = motion.duration
+    for k, column in enumerate(motion[2:]):
+        table[:, k + 1] = column
+    return table
 
 
 def from_rows(new: np.ndarray, piece: int, x: float = 0.0) -> Motion:
-    """The motion of such rows from x on, on one piece of the path."""
+    """Return the motion of such rows from x on, on one piece of the path."""
     duration, place, *state = new.T.copy()
     place += x
     return Motion(duration, np.full(len(new), piece), place, *state)
@@ -84,19 +213,21 @@ def from_rows(new: np.ndarray, piece: int, x: float = 0.0) -> Motion:
 
 @kernel
 def cubic(a: float, b: float, c: float, d: float, t: float) -> float:
-    """a + b t + c t²/2 + d t³/6: u' from u' .. u'''' at t = 0."""
+    """Evaluate a + b t + c t²/2 + d t³/6: u' from u' .. u'''' at t = 0."""
     return a + t * (b + t * (0.5 * c + t * d / 6.0))
 
 
 @kernel
 def way(v: float, a: float, j: float, s: float, t: float) -> float:
-    """∫ u' from 0 to t."""
+    """Return ∫ u' from 0 to t."""
     return t * (v + t * (0.5 * a + t * (j / 6.0 + t * s / 24.0)))
 
 
 @kernel
 def when(far: float, v: float, a: float, j: float, s: float, t0: float, t1: float) -> float:
-    """The time in [t0, t1] when a rising u has come this far: bisection, with Newton's step where it is inside."""
+    """Return the time in [t0, t1] at which a rising u has come this far: bisection, with Newton's step where it stays
+    inside.
+    """
     low = t0
     high = t1
     t = 0.5 * (low + high)
@@ -108,6 +239,7 @@ def when(far: float, v: float, a: float, j: float, s: float, t0: float, t1: floa
             low = t
         slope = cubic(v, a, j, s, t)
         step = t - miss / slope if slope > 0.0 else low
+        # near a rest u' is small and Newton's step leaves the bracket: bisection instead
         if step <= low or step >= high:
             step = 0.5 * (low + high)
         if step == t or step <= low or step >= high:
@@ -118,7 +250,9 @@ def when(far: float, v: float, a: float, j: float, s: float, t0: float, t1: floa
 
 @kernel
 def chain(v: float, a: float, j: float, s: float, r: Floats2, out: Floats2) -> int:
-    """q' .. q'''' of each axis from u' .. u'''' and r' .. r'''' in columns 1 to 4 of r; into columns 1 to 4 of out."""
+    """Write q' .. q'''' of each axis, from u' .. u'''' and r' .. r'''' in columns 1 to 4 of r, into columns 1 to 4 of
+    `out`.
+    """
     for i in range(len(r)):
         out[i, 1] = r[i, 1] * v
         out[i, 2] = r[i, 2] * v * v + r[i, 1] * a

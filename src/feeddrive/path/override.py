@@ -15,7 +15,7 @@ MOST = 2.0
 
 
 class Override(NamedTuple):
-    """Steps of the factor of the feed; made by `override`.
+    """The feed factor as steps over time; constructed by `override`.
 
     time    at which each begins, s from the start of the program, the first at 0, shape (n,)
     factor  of the feed from then on, 0 .. 2; 0 holds the motion, shape (n,)
@@ -25,11 +25,11 @@ class Override(NamedTuple):
     factor: np.ndarray
 
     def at(self, time: float) -> float:
-        """The factor at a time, s."""
+        """Return the factor at a time, s."""
         return float(self.factor[np.searchsorted(self.time, time, side="right") - 1])
 
     def moves_again(self, time: float) -> float:
-        """The first time from `time` on at which the factor is not 0, s."""
+        """Return the first time from `time` on at which the factor is not 0, s."""
         k = int(np.searchsorted(self.time, time, side="right")) - 1
         if self.factor[k] > 0.0:
             return time
@@ -37,7 +37,7 @@ class Override(NamedTuple):
 
 
 def override(steps: Sequence[tuple[float, float]]) -> Override:
-    """An override from pairs of time (s) and factor; before the first of them the factor is 1.
+    """Return an override from pairs of time (s) and factor; before the first pair the factor is 1.
 
     Raises ParameterError for times that do not rise, a factor outside 0 .. 2, and a hold that never ends.
     """
@@ -63,19 +63,19 @@ def override(steps: Sequence[tuple[float, float]]) -> Override:
 
 
 def read_steps(text: str) -> Override:
-    """An override from a text of steps, each the time in s, a colon and the feed in %: `1:50, 2:0, 3.5:120`.
+    """Parse the text of an override: steps of time in s, a colon and the feed in %, as `1:50, 2:0, 3.5:120`.
 
     Raises ParameterError as `override` does, and for what is no such text.
     """
     steps: list[tuple[float, float]] = []
-    for each in text.split(","):
-        time, colon, percent = each.partition(":")
+    for step in text.split(","):
+        time, colon, percent = step.partition(":")
         try:
             steps.append((float(time), float(percent.strip().removesuffix("%")) / 100.0))
         except ValueError:
             missing = "" if colon else " (there is no colon)"
             raise ParameterError(
-                f"override: {each.strip()!r} is no step{missing}: give the time in s, a colon and the feed in %, such "
+                f"override: {step.strip()!r} is no step{missing}: give the time in s, a colon and the feed in %, such "
                 "as 1:50, 2:0, 3.5:120"
             ) from None
     return override(steps)

@@ -23,7 +23,7 @@ FEW = 1000
 
 
 class Course(NamedTuple):
-    """A motion in n stretches of samples; m .. m/s⁴.
+    """A motion reduced to n stretches of samples; m .. m/s⁴.
 
     time      at the begin of each, s, shape (n,)
     position  at the begin of each, shape (n, N)
@@ -43,20 +43,23 @@ class Course(NamedTuple):
 
 
 class Recorder:
-    """The course of samples that come piece by piece, in at most 16,384 stretches, which grow with the motion."""
+    """Reduces samples, chunk by chunk, to at most 16,384 stretches, which grow with the motion."""
 
     def __init__(self, axes: int) -> None:
         n = self._axes = axes
         # columns of a stretch: position, speed, low, high, feed, line, samples
         self._place, self._speed, self._low, self._high = (
-            slice(n), slice(n, n + 1), slice(n + 1, 5 * n + 1), slice(5 * n + 1, 9 * n + 1)
-        )  # fmt: skip
+            slice(n),
+            slice(n, n + 1),
+            slice(n + 1, 5 * n + 1),
+            slice(5 * n + 1, 9 * n + 1),
+        )
         self._every, self._rows = 1, np.empty((0, 9 * n + 4))
         self._left: list[np.ndarray] = []  # samples of stretches that are not made yet
         self._waiting = 0
 
     def add(self, samples: Samples) -> None:
-        """The next samples."""
+        """Add the next samples."""
         values = samples.values
         if not len(values):
             return
@@ -77,22 +80,22 @@ class Recorder:
             self._every *= 2
 
     def _reduced(self, rows: np.ndarray, every: int) -> np.ndarray:
-        """Each so many rows as one; the last one may have fewer."""
+        """Reduce groups of rows to one row each; the last group may be shorter."""
         begins = np.arange(-(-len(rows) // every)) * every
-        found = rows[begins]
+        reduced = rows[begins]
         for place, of in ((self._speed, np.maximum), (self._low, np.minimum), (self._high, np.maximum)):
-            found[:, place] = of.reduceat(rows[:, place], begins)
-        found[:, -3] = np.maximum.reduceat(rows[:, -3], begins)
-        found[:, -1] = np.add.reduceat(rows[:, -1], begins)
-        return found
+            reduced[:, place] = of.reduceat(rows[:, place], begins)
+        reduced[:, -3] = np.maximum.reduceat(rows[:, -3], begins)
+        reduced[:, -1] = np.add.reduceat(rows[:, -1], begins)
+        return reduced
 
     def course(self, sample_time: float) -> Course:
-        """Of all samples so far."""
+        """Return the course of all samples so far."""
         if self._waiting:
             self._gather()
         rows = self._rows
         time = (np.cumsum(rows[:, -1]) - rows[:, -1]) * sample_time
-        low, high = (rows[:, each].reshape(-1, self._axes, 4) for each in (self._low, self._high))
+        low, high = (rows[:, columns].reshape(-1, self._axes, 4) for columns in (self._low, self._high))
         return Course(
             time, rows[:, self._place], rows[:, self._speed][:, 0], low, high, rows[:, -3], rows[:, -2].astype(np.int64)
         )
@@ -139,17 +142,17 @@ class Planned(Result):
     course: Course
 
     def table(self) -> Table:
-        """The limits of each axis, and the largest share of each that the motion takes."""
+        """The limits of each axis, and the largest share of each that the motion uses."""
         columns = (self.limits.letters, self.limits.shown, self.limits.array, self.proof.use)
         rows = [
             [
                 letter,
                 *(
                     Text(f"{Quantity(use, 'share')} of {_limit(limit, unit, s)}")
-                    for limit, use, s in zip(given, used, _PER, strict=True)
+                    for limit, use, s in zip(limits_of_axis, used, _PER, strict=True)
                 ),
             ]
-            for letter, (_, unit), given, used in zip(*columns, strict=True)
+            for letter, (_, unit), limits_of_axis, used in zip(*columns, strict=True)
         ]
         names = zip(DERIVATIVES, _PER, strict=True)
         heads = ["axis", *(f"{name} {unit_name(f'm/{s}', f'mm/{s}', stays=True)}" for name, s in names)]
@@ -166,19 +169,30 @@ Take: TypeAlias = Callable[[Samples, Sequence[Standstill]], None]
 
 
 def planned_of(setpoints: Setpoints, program: str, machine: str, take: Take | None = None) -> Planned:
-    """What all samples of a program come to; each piece of them, with the stops in it, is given to `take`."""
+    """Sum up the samples of a program; every chunk of samples is passed to `take`, with the stops in it."""
     recorder = Recorder(len(setpoints.limits.axes))
     few: list[Standstill] = []
     reasons: Counter[str] = Counter()
     for samples in setpoints:
         recorder.add(samples)
         stops, setpoints.stops = setpoints.stops, []
-        reasons.update(each.reason for each in stops)
+        reasons.update(stop.reason for stop in stops)
         few += stops[: FEW - len(few)]
         if take is not None:
             take(samples, stops)
     return Planned(
-        program, machine, setpoints.limits, setpoints.sample_time, setpoints.samples, setpoints.time, setpoints.blocks,
-        setpoints.runs, setpoints.prover.proof(), tuple(few), sum(reasons.values()), dict(reasons), setpoints.seconds,
+        program,
+        machine,
+        setpoints.limits,
+        setpoints.sample_time,
+        setpoints.samples,
+        setpoints.time,
+        setpoints.blocks,
+        setpoints.runs,
+        setpoints.prover.proof(),
+        tuple(few),
+        sum(reasons.values()),
+        dict(reasons),
+        setpoints.seconds,
         recorder.course(setpoints.sample_time),
-    )  # fmt: skip
+    )

@@ -1,26 +1,212 @@
-"""A part program as setpoints, piece by piece in constant memory: planned, proven, sampled, and what is known of each.
+"""A part program as setpoints, section by section in constant memory: planned, proven, sampled.
 
-What is planned leaves only behind its proof.  Where it is not proven, the samples go on with `proven` False, so that
-all faults are counted, and nothing of them may be used.
+A section leaves the planner only after its proof.  If the proof fails, sampling goes on with `proven` False so that all
+faults are counted; the samples must then not be used.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from feeddrive.language.kernels.kernel import kernel
+from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
 from feeddrive.language.quantity import number
+from feeddrive.path.geometry.joints import SMOOTH, Joiner, Joint
+from feeddrive.path.geometry.segments import Chain, chains
 from feeddrive.path.limits import MachineLimits
-from feeddrive.path.motion import Part, Pause, way
+from feeddrive.path.motion import Motion, Part, Pause, Pieces, Section, chain, cubic, derivatives, way
 from feeddrive.path.override import Override
-from feeddrive.path.pieces import derivatives
-from feeddrive.path.plan import planned
 from feeddrive.path.program.moves import Arc, Move, Spline, Straight
 from feeddrive.path.proof.prove import Prover
-from feeddrive.path.sample import Sampler
+from feeddrive.path.schedule.crossing import Crossings
+from feeddrive.path.schedule.lift import Lifter
+from feeddrive.path.schedule.run import Schedule
+
+SHORT = 100  # segments of a chain that is planned in two ways
+
+
+def planned(
+    moves: Iterable[Move], axes: str, limits: np.ndarray, override: Override | None = None
+) -> Iterator[Part | Pause]:
+    """Yield the runs of a program, each from rest to rest in one or more parts, and the pauses between them.
+
+    Segments come in windows, and a part leaves as soon as it is fixed: memory does not grow with the program.
+
+    axes      letters of the machine's axes, in the order of `limits`
+    limits    of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
+    override  of the feed; with it nothing is lifted, so that what is fixed is never far ahead
+
+    Raises ProgramError as `chains` does.  What is yielded is planned, not proven: give it to a `Prover`.
+    """
+    joiner, schedule, crossings = Joiner(), Schedule(limits, override=override), Crossings(limits)
+    lifter = Lifter(limits) if override is None else None
+    joints: deque[str] = deque()  # modes of the path at those that are not decided
+    modes: deque[str] = deque()  # for which runs end that have not left
+
+    def leaving(parts: Iterable[Part | Pause]) -> Iterator[Part | Pause]:
+        for part in parts:
+            if isinstance(part, Pause):
+                yield part
+                continue
+            if part.entering is not None:  # both runs have counted it
+                schedule.time -= float(np.sum(part.motion.duration))
+            yield part._replace(mode=modes.popleft()) if part.ends else part
+
+    for segments in chains(moves, axes):
+        if isinstance(segments, Pause):
+            schedule.time += segments.duration
+            yield segments
+            continue
+        whole = _quicker(segments, limits) if lifter and joiner.rests and segments.ends else None
+        sections, joint = whole[:2] if whole else joiner.join(segments)
+        joints.extend(segments.modes)
+        for stop in joint.stop:
+            mode = joints.popleft()
+            if stop:
+                modes.append(mode)
+        yield from leaving(whole[2] if whole else _planned_along(sections, segments.ends, schedule, lifter, crossings))
+
+
+def _planned_along(
+    sections: list[Section], ends: bool, schedule: Schedule, lifter: Lifter | None, crossings: Crossings
+) -> Iterator[Part | Pause]:
+    """Yield the parts that are final when these sections of a chain are known: all where it `ends`."""
+    for section in sections:
+        line = crossings.add_line(section) if lifter and schedule.rests else None
+        if line is not None:
+            yield from line
+            continue
+        for part in schedule.add(section):
+            if isinstance(part, Pause):
+                yield from crossings.end()
+                yield part
+                continue
+            for lifted in lifter.add(part) if lifter else (part,):
+                yield from crossings.add(lifted, section.tolerance)
+    if ends:
+        yield from crossings.end()
+
+
+def _quicker(chain: Chain, limits: np.ndarray) -> tuple[list[Section], Joint, list[Part | Pause]] | None:
+    """Plan a short chain in both ways, with splines and blends or with all its corners in time; return the quicker one.
+
+    None if it is not short, or if both are the same.
+    """
+    if len(chain.tolerance) > SHORT:
+        return None
+    usual, in_time = Joiner().join(chain), Joiner(SMOOTH, 0.0).join(chain)
+    if np.array_equal(usual[1].stop, in_time[1].stop):
+        return None
+    whole = [
+        (*joined, list(_planned_along(joined[0], True, Schedule(limits), Lifter(limits), Crossings(limits))))
+        for joined in (usual, in_time)
+    ]
+    return min(whole, key=lambda candidate: _lasts(candidate[2]))
+
+
+def _lasts(parts: list[Part | Pause]) -> float:
+    return sum(float(np.sum(part.motion.duration)) for part in parts if isinstance(part, Part))
+
+
+@kernel
+def _sample(
+    kind: Ints,
+    length: Floats,
+    origin: Floats2,
+    shape: Floats3,
+    duration: Floats,
+    piece: Ints,
+    x: Floats,
+    speed: Floats,
+    acceleration: Floats,
+    jerk: Floats,
+    snap: Floats,
+    begin: float,
+    sample_time: float,
+    first: int,
+    out: Floats3,
+    r: Floats2,
+) -> int:
+    """Write samples `first`, `first` + 1 ... of a motion that begins at the time `begin`; return how many lie within
+    it.
+    """
+    count = 0
+    since = begin
+    last = len(length) - 1
+    for m in range(len(duration)):
+        T = duration[m]
+        p = int(piece[m])
+        x0 = x[m]
+        while count < len(out):
+            t = (first + count) * sample_time - since
+            if t >= T:
+                break
+            t = max(t, 0.0)
+            here = x0 + way(speed[m], acceleration[m], jerk[m], snap[m], t)
+            while here > length[p] and p < last:
+                x0 = x0 - length[p]
+                here = here - length[p]
+                p = p + 1
+            here = min(max(here, 0.0), length[p])
+            derivatives(kind[p], length[p], shape[p], here, r)
+            v = cubic(speed[m], acceleration[m], jerk[m], snap[m], t)
+            chain(v, acceleration[m] + t * (jerk[m] + 0.5 * t * snap[m]), jerk[m] + t * snap[m], snap[m], r, out[count])
+            for i in range(len(r)):
+                out[count, i, 0] = origin[p, i] + r[i, 0]
+            count = count + 1
+        since = since + T
+    return count
+
+
+class Sampler:
+    """Samples the parts of runs one after the other at k T, k = 0, 1, 2 ...; `sample_time` in s."""
+
+    def __init__(self, sample_time: float) -> None:
+        self._sample_time = sample_time
+        self._begin, self._first = 0.0, 0
+
+    def sample(self, part: Part) -> np.ndarray:
+        """Return position, velocity .. snap of each axis at the instants within a part, m .. m/s⁴, shape (n, N, 5)."""
+        return np.concatenate(list(self.slices(part)))
+
+    def slices(self, part: Part, most: int = 16384) -> Iterator[np.ndarray]:
+        """As `sample`, in chunks of limited size, as a part may last for hours."""
+        ends = self._begin + float(np.sum(part.motion.duration))
+        full = True
+        while full:
+            sampled = self._along(part.pieces, part.motion, ends, most)
+            full = len(sampled) == most
+            if part.entering is not None:
+                corner = part.entering.pieces.origin[0]
+                other = self._along(part.entering.pieces, part.entering.motion, ends, most)
+                sampled[:, :, 0] -= corner
+                sampled += other
+            self._first += len(sampled)
+            yield sampled
+        self._begin = ends
+
+    def _along(self, pieces: Pieces, motion: Motion, ends: float, most: int) -> np.ndarray:
+        axes = pieces.origin.shape[1]
+        left = max(0, int(np.ceil(ends / self._sample_time)) + 1 - self._first)
+        out = np.empty((min(most, left), axes, 5))
+        path = (pieces.kind, pieces.length, pieces.origin, pieces.shape)
+        count = _sample(*path, *motion, self._begin, self._sample_time, self._first, out, np.zeros((axes, 5)))
+        return out[:count]
+
+    def rest(self, position: np.ndarray, duration: float) -> np.ndarray:
+        """As `sample`, for a standstill of `duration` s at a position (m, shape (N,)), as at a dwell or at the end."""
+        ends = self._begin + duration
+        count = max(0, int(np.ceil(ends / self._sample_time)) - self._first)
+        out = np.zeros((count, len(position), 5))
+        out[:, :, 0] = position
+        self._begin, self._first = ends, self._first + count
+        return out
+
 
 _TANGENT = 1e-6  # rad: a smaller corner is none
 _AT_FEED = 0.999  # of the feed: the feed is what limits the speed
@@ -47,7 +233,7 @@ REASONS = (*CORNERS.values(), *BENDS.values(), *PAUSES.values())
 
 
 class Standstill(NamedTuple):
-    """Where the machine stands: when (s from the start) and for how long (s), at which line and place (m), and why.
+    """A standstill of the machine: its start and duration (s), line and position (m), and reason.
 
     angle  of the corner, rad; 0 where it is none
     """
@@ -66,7 +252,7 @@ class Standstill(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """Some samples in a row.
+    """Consecutive samples.
 
     first     number of the first one; sample k is at k T
     values    position, velocity .. snap of each axis, m .. m/s⁴, shape (n, N, 5)
@@ -83,7 +269,7 @@ class Samples(NamedTuple):
 
 
 class Setpoints:
-    """The samples of a program, to be iterated once; what is counted is complete when the iteration has ended.
+    """The samples of a program, to be iterated once; counts are complete when the iteration has ended.
 
     moves        of `read_program`
     sample_time  of the loop, s
@@ -114,18 +300,18 @@ class Setpoints:
         self.proven = True
 
     def __iter__(self) -> Iterator[Samples]:
-        for each in planned(self._counted(), self.limits.letters, self._array, self._override):
-            if isinstance(each, Part):
-                yield from self._part(each)
+        for part in planned(self._counted(), self.limits.letters, self._array, self._override):
+            if isinstance(part, Part):
+                yield from self._part(part)
             else:
-                yield from self._pause(each)
+                yield from self._pause(part)
         ends = self.time
         yield from self._rest(self.sample_time, self._last_line)  # the end itself
         self.time = ends
 
     @property
     def seconds(self) -> dict[str, float]:
-        """Of cycle time, by cause."""
+        """The seconds of cycle time by cause."""
         counted = zip(self.limits.causes, self._counts, strict=True)
         return {name: float(n * self.sample_time) for name, n in counted if n}
 
@@ -149,10 +335,10 @@ class Setpoints:
         self.proven = self.prover.prove(part) and self.proven
         for values in self._sampler.slices(part):
             times = (self.samples + np.arange(len(values))) * self.sample_time - self.time
-            found = Samples(self.samples, values, *_where(part, times), self.proven)
-            self._attribute(found)
+            samples = Samples(self.samples, values, *_where(part, times), self.proven)
+            self._attribute(samples)
             self.samples += len(values)
-            yield found
+            yield samples
         self.time += float(np.sum(motion.duration))
         self._last_line = int(pieces.line[-1])
         self._position, along = _end(part)
@@ -172,20 +358,20 @@ class Setpoints:
         self.stops.append(Standstill(self.time, duration, line, self._position, reason, angle))
 
     def _rest(self, duration: float, line: int) -> Iterator[Samples]:
-        """A standstill, at most so many samples at once."""
+        """Yield the samples of a standstill in chunks."""
         ends, longest = self.time + duration, _AT_ONCE * self.sample_time
         while duration > 0.0:
             now = min(duration, longest)
             values = self._sampler.rest(self._position, now)
-            found = Samples(self.samples, values, np.full(len(values), line), np.zeros(len(values)), self.proven)
+            samples = Samples(self.samples, values, np.full(len(values), line), np.zeros(len(values)), self.proven)
             self.samples += len(values)
             self._counts[-1] += len(values)
-            yield found
+            yield samples
             duration -= now
         self.time = ends
 
     def _corner(self, part: Part) -> float:
-        """The angle between the end of the run before and the begin of this one, rad."""
+        """Return the angle between the end of the previous run and the start of this one, rad."""
         assert self._along is not None
         r = np.zeros((len(self.limits.axes), 5))
         derivatives(int(part.pieces.kind[0]), float(part.pieces.length[0]), part.pieces.shape[0], 0.0, r)
@@ -193,29 +379,29 @@ class Setpoints:
         return 2.0 * float(np.arcsin(min(1.0, 0.5 * float(np.linalg.norm(begin - self._along)))))
 
     def _attribute(self, samples: Samples) -> None:
-        """Count each sample for what limits it most."""
+        """Count each sample for the cause that limits it most."""
         speed = np.linalg.norm(samples.values[:, :, 1], axis=1)
-        found = causes(np.abs(samples.values[:, :, 1:]) / self._array, speed, samples.feed)
-        self._counts += np.bincount(found, minlength=len(self._counts))
+        reasons = causes(np.abs(samples.values[:, :, 1:]) / self._array, speed, samples.feed)
+        self._counts += np.bincount(reasons, minlength=len(self._counts))
 
 
 def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray:
-    """What limits a motion, by its place in `MachineLimits.causes`.
+    """Return what limits a motion, by its index in `MachineLimits.causes`.
 
     share  of each limit that is used, shape (n, N, 4); speed and feed along the path, m/s, shape (n,); the feed is 0
            at a standstill
     """
     rows = share.reshape(len(share), math.prod(share.shape[1:]))
-    found = np.argmax(rows, axis=1)
+    reasons = np.argmax(rows, axis=1)
     limits = rows.shape[1]
-    found[np.max(rows, axis=1, initial=0.0) < _HALF] = limits + 1
-    found[speed >= _AT_FEED * feed] = limits
-    found[feed == 0.0] = limits + 2
-    return found
+    reasons[np.max(rows, axis=1, initial=0.0) < _HALF] = limits + 1
+    reasons[speed >= _AT_FEED * feed] = limits
+    reasons[feed == 0.0] = limits + 2
+    return reasons
 
 
 def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Line and feed at times since the start of a part, s."""
+    """Return line and feed at times since the start of a part, s."""
     pieces, motion = part.pieces, part.motion
     begins = np.cumsum(motion.duration) - motion.duration
     m = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)
@@ -229,10 +415,10 @@ def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _end(part: Part) -> tuple[np.ndarray, np.ndarray]:
-    """Position and direction at the end of a part that rests there."""
+    """Return position and direction at the end of a part that rests there."""
     pieces, motion = part.pieces, part.motion
     p, last = int(motion.piece[-1]), len(pieces.length) - 1
-    x = float(motion.x[-1] + way(*(float(each[-1]) for each in (*motion[3:], motion.duration))))
+    x = float(motion.x[-1] + way(*(float(column[-1]) for column in (*motion[3:], motion.duration))))
     while p < last and (part.ends or x > pieces.length[p]):
         x, p = x - float(pieces.length[p]), p + 1
     length = float(pieces.length[p])
@@ -242,7 +428,7 @@ def _end(part: Part) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _along(r: np.ndarray, length: float, side: float) -> np.ndarray:
-    """The direction of a path at the begin (`side` 1) or the end (-1) of a piece, where r' of a spline may be 0."""
+    """Return the direction of a path at the start (`side` 1) or end (-1) of a piece, where r' of a spline may be 0."""
     for k in (1, 2, 3):
         size = float(np.linalg.norm(r[:, k]))
         if size * length ** (k - 1) > _TANGENT:

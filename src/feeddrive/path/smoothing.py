@@ -18,12 +18,12 @@ _AVERAGES = 4
 
 
 def reach(average: int) -> int:
-    """Rows on each side of an instant that act on it."""
+    """Return the number of rows on each side of an instant that act on it."""
     return _AVERAGES * (average - 1) // 2 + 3
 
 
 def smoothed(position: np.ndarray, sample_time: float, average: int, times: np.ndarray) -> np.ndarray:
-    """Position .. snap of one axis at times (s, from the first row on), m .. m/s⁴, shape (n, 5).
+    """Return position .. snap of one axis at times (s, from the first row on), m .. m/s⁴, shape (n, 5).
 
     position  m, one row every `sample_time` s; before the first and after the last row it rests, so that the motion
               begins up to `reach` rows before and ends as many after

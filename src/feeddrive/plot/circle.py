@@ -9,8 +9,7 @@ import numpy as np
 
 from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.text import Text, joined
-from feeddrive.machining.circle_test import CirclePath, CircleTest, same_feed
-from feeddrive.machining.quadrant_peaks import QuadrantPeak, deviations, quadrant_peaks
+from feeddrive.machining.circle_test import CirclePath, CircleTest, QuadrantPeak, deviations, quadrant_peaks, same_feed
 from feeddrive.plot import style
 from feeddrive.plot.chart import SOLID, THIN, Chart, Curve, Disc, Level, Mark, Note, Panel
 from feeddrive.plot.drawing import draw_chart

@@ -6,8 +6,7 @@ from feeddrive import plot
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined
 from feeddrive.machining.circle_causes import CircleCauses
-from feeddrive.machining.circle_test import CircleTest
-from feeddrive.machining.quadrant_peaks import peaks_table
+from feeddrive.machining.circle_test import CircleTest, peaks_table
 from feeddrive.report.page import Shown, definitions, header, page, picture, tabled
 from feeddrive.version import __version__
 

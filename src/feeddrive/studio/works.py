@@ -140,7 +140,7 @@ def circle_shown(found: Shown, before: CircleTest | None) -> Shown:
 
     before  the same circles under another control
     """
-    from feeddrive.machining.quadrant_peaks import quadrant_peaks
+    from feeddrive.machining.circle_test import quadrant_peaks
     from feeddrive.plot.circle import circle_chart, unrolled_chart
 
     test: CircleTest = found.result

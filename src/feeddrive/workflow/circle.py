@@ -28,8 +28,15 @@ from feeddrive.language.table import Result, Table
 from feeddrive.language.text import Text, capitalized
 from feeddrive.loop.simulate import simulate
 from feeddrive.machining.circle_causes import Cause, CircleCauses, circle_causes
-from feeddrive.machining.circle_test import CirclePath, CircleTest, circle_of_run, circle_path, circle_test
-from feeddrive.machining.quadrant_peaks import peaks_table, quadrant_peaks
+from feeddrive.machining.circle_test import (
+    CirclePath,
+    CircleTest,
+    circle_of_run,
+    circle_path,
+    circle_test,
+    peaks_table,
+    quadrant_peaks,
+)
 from feeddrive.report import build_circle
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, option

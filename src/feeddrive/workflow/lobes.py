@@ -20,8 +20,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, capitalized
 from feeddrive.loop.machine import Machine
-from feeddrive.machining.lobe_theory import ZeroOrder, zero_order
-from feeddrive.machining.lobes import Lobes, stability_lobes
+from feeddrive.machining.lobes import Lobes, ZeroOrder, stability_lobes, zero_order
 from feeddrive.machining.regeneration import Regeneration, regeneration
 from feeddrive.machining.tool_point import ToolMode, cut_of, tool_modes, tool_point
 from feeddrive.report.page import Shown, definitions, header, page, picture, remarks, tabled

@@ -64,7 +64,7 @@ def recovered(law: DADSC, run: Ideal) -> np.ndarray:
 
 
 def cascade_recovered(law: CascadePPI, run: Ideal) -> np.ndarray:
-    """The same under the cascade, whose integral is -F̂d, with Q' = 1 + Kp R and g1' = Kp T/Tn."""
+    """As `recovered`, under the cascade, whose integral is -F̂d, with Q' = 1 + Kp R and g1' = Kp T/Tn."""
     assert law.Tn is not None
     Q, g1 = 1.0 + law.Kp * R, law.Kp * T / law.Tn
     estimate = -np.array([state.integral for state in run.states])
@@ -104,7 +104,7 @@ def equations() -> tuple[list[Claim], list[Shown]]:
 
 def _residuals(law: DADSC, coupled: DADSC, ppi: CascadePPI, disturbance: np.ndarray) -> list[Claim]:
     rule = f"{IDEAL}; 3000 samples of white F_d, 100 N RMS, seed 1"
-    free, other, cascaded = (_run(each, disturbance) for each in (law, coupled, ppi))
+    free, other, cascaded = (_run(loop_, disturbance) for loop_ in (law, coupled, ppi))
     worst = {
         "(6), DADSC": residual_6(law, free),
         "(6) with g2 = 0.9 g1/Q": residual_6(coupled, other),
@@ -122,39 +122,59 @@ def _residuals(law: DADSC, coupled: DADSC, ppi: CascadePPI, disturbance: np.ndar
         ),
         *(
             Claim(
-                "1.a", f"the inverse of the loop gives F_d back exactly under {name}", rule,
-                float(np.max(np.abs(found - disturbance[1:]))), None, 1e-9, "N",
+                "1.a",
+                f"the inverse of the loop gives F_d back exactly under {name}",
+                rule,
+                float(np.max(np.abs(recovered_force - disturbance[1:]))),
+                most=1e-9,
+                unit="N",
             )
-            for name, found in exact.items()
+            for name, recovered_force in exact.items()
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _implicit(law: DADSC, coupled: DADSC, ppi: CascadePPI) -> list[Claim]:
-    """x/x_r = 1, the estimate without and with the coupling term, and the Lyapunov function."""
+    """Check x/x_r = 1, the estimate without and with the coupling term, and the Lyapunov function."""
     still = np.zeros(2000)
     way = 0.05 * np.sin(2.0 * np.pi * 5.0 * T * np.arange(still.size)) ** 3
     rule = f"{IDEAL}; x_r = 50 mm · sin³ at 5 Hz, no disturbance"
     claims = [
         Claim(
-            "1.a", f"x/x_r = 1 under {name}", rule, float(np.max(np.abs(_run(each, still, way).position_error))),
-            None, 1e-12, "m",
+            "1.a",
+            f"x/x_r = 1 under {name}",
+            rule,
+            float(np.max(np.abs(_run(loop_, still, way).position_error))),
+            most=1e-12,
+            unit="m",
         )
-        for name, each in (("DADSC", law), ("the cascade", ppi))
-    ]  # fmt: skip
+        for name, loop_ in (("DADSC", law), ("the cascade", ppi))
+    ]
     step = np.full(600, 200.0)
     fall = 1.0 / (1.0 + law.adaptation_rate * T)
     rule = f"{IDEAL}; F_d = 200 N from the first sample on"
     off = {}
-    for name, each in (("free", law), ("coupled", coupled)):
-        left = 200.0 - np.array([state.estimate for state in _run(each, step).states])
+    for name, loop_ in (("free", law), ("coupled", coupled)):
+        left = 200.0 - np.array([state.estimate for state in _run(loop_, step).states])
         off[name] = float(np.max(np.abs(left[1:] - fall * left[:-1])))
     claims += [
-        Claim("1.a", "with g2 = g1/Q the estimate's error falls by 1/(1 + ω_d T) each sample", rule, off["free"],
-              None, 1e-9, "N"),
-        Claim("1.a", "with g2 Q - g1 = -0.1 g1 the estimate depends on s: the error leaves that line", rule,
-              off["coupled"], 0.1, None, "N"),
-    ]  # fmt: skip
+        Claim(
+            "1.a",
+            "with g2 = g1/Q the estimate's error falls by 1/(1 + ω_d T) each sample",
+            rule,
+            off["free"],
+            most=1e-9,
+            unit="N",
+        ),
+        Claim(
+            "1.a",
+            "with g2 Q - g1 = -0.1 g1 the estimate depends on s: the error leaves that line",
+            rule,
+            off["coupled"],
+            least=0.1,
+            unit="N",
+        ),
+    ]
     run = _run(law, step)
     mu = lyapunov_weight(law)
     s = np.array([state.sliding for state in run.states])
@@ -168,14 +188,14 @@ def _implicit(law: DADSC, coupled: DADSC, ppi: CascadePPI) -> list[Claim]:
             Text(f"V = s² + μ F̃² falls in every sample (μ = {Quantity(mu, 'm'):3 SI}²/(s² N²))"),
             rule,
             growth,
-            None,
-            1.0,
+            most=1.0,
         ),
     ]
 
 
 def lyapunov_weight(law: DADSC, sample_time: float = T) -> float:
-    """Twice the least μ with which V = s² + μ F̃² falls for every s and F̃ under a constant disturbance, m²/(s² N²).
+    """Return twice the least μ with which V = s² + μ F̃² falls for every s and F̃ under a constant disturbance, m²/(s²
+    N²).
 
     F̃(k) = f F̃(k-1) and Q s(k) = s(k-1) - R f F̃(k-1) with f = 1/(1 + ω_d T).  V falls for all states if
     1 - AᵀVA is positive: μ (1 - f²) > (R f/Q)² (1 + 1/(Q² - 1)).
@@ -192,11 +212,11 @@ def _closed_form(law: DADSC, ppi: CascadePPI) -> list[Claim]:
     assert ppi.Tn is not None
     claims = []
     columns = (("DADSC", law, dadsc_column(law, T)), ("cascade", ppi, cascade_column(ppi.Kv, ppi.Kp, ppi.Tn, T)))
-    for name, each, column in columns:
-        found = _run(each, kick).position
+    for name, loop_, column in columns:
+        response = _run(loop_, kick).position
         for printed in (False, True):
             expected = transfer(column, MASS, T, printed=printed).impulse(kick.size)
-            off = float(np.max(np.abs(found - expected)) / np.max(np.abs(found)))
+            off = float(np.max(np.abs(response - expected)) / np.max(np.abs(response)))
             rule = f"{IDEAL}; F_d = 1 N in sample 0; largest difference over the peak, 1000 samples"
             if printed:
                 claims.append(Claim("1.b", f"(8) as printed, z² - 1, is not the loop: {name}", rule, off, 0.1))
@@ -229,14 +249,21 @@ def _pole_map() -> tuple[list[Claim], list[Shown]]:
     swing = [float(np.max(np.abs(poles.imag))) for poles in theirs]
     largest = theirs[-1][np.argmax(theirs[-1].imag)]
     claims = [
-        Claim("1.c", "all poles of DADSC are real along the sweep", rule,
-              max(float(np.max(np.abs(poles.imag))) for poles in ours), None, 1e-4, "rad/s"),
+        Claim(
+            "1.c",
+            "all poles of DADSC are real along the sweep",
+            rule,
+            max(float(np.max(np.abs(poles.imag))) for poles in ours),
+            most=1e-4,
+            unit="rad/s",
+        ),
         Claim("1.c", "the cascade's are real at the first two points", rule, max(swing[:2]), None, 1e-4, "rad/s"),
         Claim("1.c", "and complex from the third on", rule, min(swing[2:]), 1000.0, None, "rad/s"),
-        Claim("1.c", "the cascade's last pair: real part", rule, largest.real, -3900.0, -3896.0, "rad/s",
-              "-3898 + 5354j"),
+        Claim(
+            "1.c", "the cascade's last pair: real part", rule, largest.real, -3900.0, -3896.0, "rad/s", "-3898 + 5354j"
+        ),
         Claim("1.c", "the cascade's last pair: imaginary part", rule, largest.imag, 5350.0, 5358.0, "rad/s"),
-    ]  # fmt: skip
+    ]
     picture = Shown(
         "poles",
         "Poles as the gains grow",

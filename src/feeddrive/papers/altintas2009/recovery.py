@@ -41,8 +41,13 @@ OBSERVERS: dict[str, Observer] = {
     "recovery, one pole 500 Hz": DisturbanceRecovery(mass=MASS, viscous=VISCOUS, form="one_pole"),
     "Kalman": KalmanRecovery(mass=MASS, viscous=VISCOUS, resolution=RESOLUTION, force_step=20.0),
 }
-EXPECTED = {OWN: (60.2, 60.2), "recovery, exact": (17.1, 31.9), "recovery, 500 Hz": (12.8, 12.9),
-            "recovery, 1000 Hz": (10.4, 10.5), "Kalman": (5.3, 12.4)}  # fmt: skip
+EXPECTED = {
+    OWN: (60.2, 60.2),
+    "recovery, exact": (17.1, 31.9),
+    "recovery, 500 Hz": (12.8, 12.9),
+    "recovery, 1000 Hz": (10.4, 10.5),
+    "Kalman": (5.3, 12.4),
+}
 
 
 def _run(load: Load, resolution: float | None) -> Run:
@@ -50,22 +55,24 @@ def _run(load: Load, resolution: float | None) -> Run:
 
 
 def adaptation(law: DADSC, run: Run) -> Observation:
-    """F̂d of a law along a run: its step is repeated with the recorded readings, since a run does not record states."""
+    """Compute F̂d of a law along a run: its step is repeated with the recorded readings, since a run does not record
+    states.
+    """
     prepared = law.prepare(T)
     position, force, wanted = run["reading_load"], run["force"], run["requested"]
     state = law.start(prepared, Setpoint(0.0), Reading(position[0], position[0]))
-    found = np.empty(position.size)
+    estimates = np.empty(position.size)
     applied = requested = 0.0
     for k, x in enumerate(position):
         state, _ = law.step(prepared, state, Setpoint(0.0), Reading(x, x, applied, requested), T)
-        found[k] = state.estimate
+        estimates[k] = state.estimate
         applied, requested = force[k], wanted[k]
-    return Observation(OWN, run.time, position, run["velocity_load"], found, T, 0.0)
+    return Observation(OWN, run.time, position, run["velocity_load"], estimates, T, 0.0)
 
 
 def _observed(run: Run) -> dict[str, Observation]:
     own = {OWN: adaptation(dadsc(RATE), run)}
-    return own | {name: observe(each, run["reading_load"], run["force"], T) for name, each in OBSERVERS.items()}
+    return own | {name: observe(observer, run["reading_load"], run["force"], T) for name, observer in OBSERVERS.items()}
 
 
 def estimation() -> tuple[list[Claim], list[Table], list[Shown]]:
@@ -87,14 +94,30 @@ def estimation() -> tuple[list[Claim], list[Table], list[Shown]]:
     )
     best = errors["recovery, 500 Hz"]
     claims = [
-        Claim("1.e", "the law's own estimate is off by more than 3 times the filtered recovery", rule,
-              errors[OWN][1] / best[1], 3.0, None, "", "4.7; scale of 10 nm"),
-        Claim("1.e", "a scale of 10 nm doubles the error of the exact recovery, not that of the filtered one", rule,
-              (errors["recovery, exact"][1] / errors["recovery, exact"][0]) / (best[1] / best[0]), 1.3, None),
-        Claim("1.e", "the Kalman filter is the best without a scale's steps", rule,
-              errors["Kalman"][0] / min(each[0] for name, each in errors.items() if name != "Kalman"), None, 1.0),
+        Claim(
+            "1.e",
+            "the law's own estimate is off by more than 3 times the filtered recovery",
+            rule,
+            errors[OWN][1] / best[1],
+            least=3.0,
+            expected="4.7; scale of 10 nm",
+        ),
+        Claim(
+            "1.e",
+            "a scale of 10 nm doubles the error of the exact recovery, not that of the filtered one",
+            rule,
+            (errors["recovery, exact"][1] / errors["recovery, exact"][0]) / (best[1] / best[0]),
+            least=1.3,
+        ),
+        Claim(
+            "1.e",
+            "the Kalman filter is the best without a scale's steps",
+            rule,
+            errors["Kalman"][0] / min(figures[0] for name, figures in errors.items() if name != "Kalman"),
+            most=1.0,
+        ),
         *_table_claims(errors, rule),
-    ]  # fmt: skip
+    ]
     claims += _steps()
     rows = []
     for name, (smooth, stepped) in errors.items():
@@ -102,28 +125,42 @@ def estimation() -> tuple[list[Claim], list[Table], list[Shown]]:
         expected = EXPECTED.get(name)
         rows.append([name, smooth, stepped, *(expected or (None, None)), late])
     columns = [
-        "estimate", Column("RMS error", "N", ".1f"), Column("with 10 nm steps", "N", ".1f"), Column("expected", "N"),
-        Column("expected, 10 nm", "N"), Column("late by samples", "", ".2f"),
-    ]  # fmt: skip
+        "estimate",
+        Column("RMS error", "N", ".1f"),
+        Column("with 10 nm steps", "N", ".1f"),
+        Column("expected", "N"),
+        Column("expected, 10 nm", "N"),
+        Column("late by samples", "", ".2f"),
+    ]
     return claims, [Table("Quality of the estimate under milling", columns, rows)], [_picture(cut[RESOLUTION])]
 
 
 def _table_claims(errors: dict[str, tuple[float, ...]], rule: str) -> list[Claim]:
-    """Each cell of the table within 20 %: the cutting force of the expected figures is not stated in full."""
+    """Claim each cell of the table within 20 %: the cutting force of the expected figures is not stated in full."""
     return [
-        Claim("1.e", f"error of {name}{with_scale}", rule, errors[name][i], 0.8 * expected[i], 1.2 * expected[i],
-              "N", number(expected[i], 6))
+        Claim(
+            "1.e",
+            f"error of {name}{with_scale}",
+            rule,
+            errors[name][i],
+            least=0.8 * expected[i],
+            most=1.2 * expected[i],
+            unit="N",
+            expected=number(expected[i], 6),
+        )
         for name, expected in EXPECTED.items()
         for i, with_scale in enumerate((", continuous reading", ", 10 nm scale"))
-    ]  # fmt: skip
+    ]
 
 
 def _steps() -> list[Claim]:
-    """How long the estimates of a step of 200 N take to 90 %."""
+    """Return how long the estimates of a step of 200 N take to reach 90 %."""
     run = _run(StepForce(force=200.0, start=0.1), None)
     seen = _observed(run)
     first = round(0.1 / T)
-    times = {name: 1e3 * T * float(np.argmax(each.disturbance[first:] >= 180.0)) for name, each in seen.items()}
+    times = {
+        name: 1e3 * T * float(np.argmax(observation.disturbance[first:] >= 180.0)) for name, observation in seen.items()
+    }
     rule = f"DADSC with p = 300 1/s; {PLANT}; force step of 200 N, time until the estimate has 180 N"
     return [
         Claim("1.e", "the law's own estimate of a step takes ln 10/ω_d", rule, times[OWN], 7.3, 8.1, "ms", "7.68"),
@@ -153,33 +190,35 @@ GAINS = {15.0: 100.0, 25.0: 130.0, 35.0: 78.0, 50.0: 19.0, 70.0: 7.0, 100.0: 3.0
 
 
 def swing(mode: MachineMode, force: np.ndarray, sample_time: float = T) -> np.ndarray:
-    """Position in m at kT of a mode under a force held over the sample, N: an independent simulation of the machine."""
+    """Return the position of a mode, m, at kT under a force held over the sample, N: an independent simulation."""
     from scipy.linalg import expm
     from scipy.signal import lfilter
 
     w, m = float(mode.omega()), float(mode.modal_mass())
-    made = expm(sample_time * np.array([[0, 1, 0], [-w * w, -2 * mode.damping_ratio * w, 1 / m], [0, 0, 0]]))
-    A, B = made[:2, :2], made[:2, 2]
+    transition = expm(sample_time * np.array([[0, 1, 0], [-w * w, -2 * mode.damping_ratio * w, 1 / m], [0, 0, 0]]))
+    A, B = transition[:2, :2], transition[:2, 2]
     # x(k) = tr A x(k-1) - det A x(k-2) + B1 F(k-1) + (A12 B2 - A22 B1) F(k-2)
     numerator = [0.0, B[0], A[0, 1] * B[1] - A[1, 1] * B[0]]
     return np.asarray(lfilter(numerator, [1.0, -np.trace(A), np.linalg.det(A)], force))
 
 
 def mode(frequency: float = 35.0, tuned: float = 1.0) -> MachineMode:
-    """The machine's mode, or a model of it with a frequency that is wrong by a factor."""
+    """Return the machine's mode, or a model of it whose frequency is wrong by a factor."""
     return MachineMode(frequency=tuned * frequency, damping_ratio=DAMPING, stiffness=STIFFNESS)
 
 
 def compensated(
     frequency: float = 35.0, *, tuned: float = 1.0, lead: bool = True, observer: Observer = RECOVERY
 ) -> tuple[Compensation, ...]:
-    """The compensation of one mode, with or without the prediction over the known delay."""
+    """Return the compensation of one mode, with or without the prediction over the known delay."""
     model = mode(frequency, tuned)
     return (ModeCompensation(modes=(model,), observer=observer, lead_time=None if lead else 0.0),)
 
 
 def tool_error(rate: float, compensation: tuple[Compensation, ...], load: Load, frequency: float = 35.0) -> np.ndarray:
-    """x - x_s - x_r at the tool in m: the tool side of the machine deflects under the reaction of the drive force."""
+    """Return x - x_s - x_r at the tool in m: the tool side of the machine deflects under the reaction of the drive
+    force.
+    """
     control = loop(dadsc(rate), compensation=compensation)
     run = simulate(control, REST, load=load, duration=MODE_DURATION, record=("position_load", "load_force"))
     return run["position_load"] - swing(mode(frequency), -run["load_force"])
@@ -231,28 +270,43 @@ def _draw(named: dict[str, np.ndarray]) -> object:
 
 
 def _others(rule: str, none: float, sine: Load) -> list[Claim]:
-    """Compensation with wrong models, and under a step."""
+    """Check compensation with wrong models, and under a step."""
     off = [_rms(tool_error(600.0, compensated(tuned=tuned), sine)) for tuned in (0.95, 1.05)]
     heavy = [
         none / _rms(tool_error(600.0, compensated(observer=replace(RECOVERY, mass=share * MASS)), sine))
         for share in (0.8, 1.2)
     ]
     step = StepForce(force=300.0, start=0.1)
-    stepped = [_rms(tool_error(600.0, each, step), 0) for each in ((), compensated(), compensated(tuned=0.95))]
-    said = rule.replace("100 N at its resonance", "force step of 300 N").replace("from 1 to 2 s", "over 2 s")
+    stepped = [
+        _rms(tool_error(600.0, compensation, step), 0) for compensation in ((), compensated(), compensated(tuned=0.95))
+    ]
+    step_rule = rule.replace("100 N at its resonance", "force step of 300 N").replace("from 1 to 2 s", "over 2 s")
     return [
-        Claim("1.f", "the compensation is sensitive: a frequency 5 % off leaves most of the error at resonance", rule,
-              min(off), 40.0, None, "um", "49 to 50"),
-        Claim("1.f", "a mass 20 % off still leaves a gain, the smaller of both", rule, min(heavy), 2.4, None, "",
-              "2.4 to 4"),
-        Claim("1.f", "error under a step without compensation", said, stepped[0], 14.0, 16.0, "um", "15.1"),
-        Claim("1.f", "error under a step with it", said, stepped[1], None, 0.4, "um", "0.22"),
-        Claim("1.f", "and with a frequency 5 % off", said, stepped[2], None, 3.0, "um", "2.3"),
-    ]  # fmt: skip
+        Claim(
+            "1.f",
+            "the compensation is sensitive: a frequency 5 % off leaves most of the error at resonance",
+            rule,
+            min(off),
+            least=40.0,
+            unit="um",
+            expected="49 to 50",
+        ),
+        Claim(
+            "1.f",
+            "a mass 20 % off still leaves a gain, the smaller of both",
+            rule,
+            min(heavy),
+            least=2.4,
+            expected="2.4 to 4",
+        ),
+        Claim("1.f", "error under a step without compensation", step_rule, stepped[0], 14.0, 16.0, "um", "15.1"),
+        Claim("1.f", "error under a step with it", step_rule, stepped[1], None, 0.4, "um", "0.22"),
+        Claim("1.f", "and with a frequency 5 % off", step_rule, stepped[2], None, 3.0, "um", "2.3"),
+    ]
 
 
 def _rubbing(sine: Load) -> list[Claim]:
-    """Dry friction on the guideway loads the drive and not the tool side."""
+    """Show that dry friction on the guideway loads the drive and not the tool side."""
     way = Polynomial7(distance=0.05, travel_time=0.5, back=True)
     dry = Coulomb(coulomb=30.0)
 
@@ -288,9 +342,15 @@ def _sweep() -> tuple[Table, list[Claim]]:
                     "above"
                 )
                 claims.append(
-                    Claim("1.f", Text(f"gain at {Quantity(frequency, 'Hz'):6}"), rule, none / lead, 0.7 * expected,
-                          None, "", f"{number(expected, 6)} times")
-                )  # fmt: skip
+                    Claim(
+                        "1.f",
+                        Text(f"gain at {Quantity(frequency, 'Hz'):6}"),
+                        rule,
+                        none / lead,
+                        least=0.7 * expected,
+                        expected=f"{number(expected, 6)} times",
+                    )
+                )
             elif frequency == 35.0:
                 rule = "the same at 35 Hz with p = 300 1/s: the drive's own compliance is the bound"
                 claims.append(

@@ -41,7 +41,7 @@ def _signals() -> tuple[np.ndarray, RandomMotion, RandomReadings]:
 
 
 def law_equations() -> list[Claim]:
-    """DADSC by (3) to (5), and the cascade, sample by sample."""
+    """Compare DADSC by (3) to (5), and the cascade, sample by sample."""
     t, way, read = _signals()
     states, force = stepped(LAW, T, way.setpoints(t), read.readings())
     v = np.diff(read.motor) / T
@@ -63,24 +63,59 @@ def law_equations() -> list[Claim]:
     inertia = Inertia(mass=MASS, viscous=VISCOUS)
     fed = [inertia.step(None, setpoint, T)[1] for setpoint in way.setpoints(t)]
     return [
-        Claim("1.j", "the sliding variable of the shipped DADSC is (3)", RULE,
-              misfit(s[1:], LAW.tracking_rate * e_x + e_v), None, 1e-9, equations=("DADSC (3)",)),
-        Claim("1.j", "its force is (4), with the acceleration in the middle of the sample", RULE, misfit(force, by_4),
-              None, 1e-9, equations=("DADSC (4)",)),
-        Claim("1.j", "its estimate is (5) with g1 = m Q ω_d, less what the limit cut off", RULE,
-              misfit(estimate[1:], by_5), None, 1e-9, equations=("DADSC (5)", "DADSC g1, g2")),
-        Claim("1.j", "the force of the shipped cascade, with b x' and what the limit cut off", RULE,
-              misfit(cascaded, PPI.Kp * e + VISCOUS * v + integral), None, 1e-9, equations=("cascade (7)",)),
-        Claim("1.j", "the same without integral and without b x'", RULE,
-              misfit(alone, PPI.Kp * (PPI.Kv * e_x + e_v)), None, 1e-9, equations=("cascade (7)",)),
-        Claim("1.j", "its acceleration is fed forward in the middle of the sample", RULE,
-              misfit(fed, MASS * way(2, t + 0.5 * T) + VISCOUS * way(1, t + 0.5 * T)), None, 1e-9,
-              equations=("acceleration feedforward",)),
-    ]  # fmt: skip
+        Claim(
+            "1.j",
+            "the sliding variable of the shipped DADSC is (3)",
+            RULE,
+            misfit(s[1:], LAW.tracking_rate * e_x + e_v),
+            most=1e-9,
+            equations=("DADSC (3)",),
+        ),
+        Claim(
+            "1.j",
+            "its force is (4), with the acceleration in the middle of the sample",
+            RULE,
+            misfit(force, by_4),
+            most=1e-9,
+            equations=("DADSC (4)",),
+        ),
+        Claim(
+            "1.j",
+            "its estimate is (5) with g1 = m Q ω_d, less what the limit cut off",
+            RULE,
+            misfit(estimate[1:], by_5),
+            most=1e-9,
+            equations=("DADSC (5)", "DADSC g1, g2"),
+        ),
+        Claim(
+            "1.j",
+            "the force of the shipped cascade, with b x' and what the limit cut off",
+            RULE,
+            misfit(cascaded, PPI.Kp * e + VISCOUS * v + integral),
+            most=1e-9,
+            equations=("cascade (7)",),
+        ),
+        Claim(
+            "1.j",
+            "the same without integral and without b x'",
+            RULE,
+            misfit(alone, PPI.Kp * (PPI.Kv * e_x + e_v)),
+            most=1e-9,
+            equations=("cascade (7)",),
+        ),
+        Claim(
+            "1.j",
+            "its acceleration is fed forward in the middle of the sample",
+            RULE,
+            misfit(fed, MASS * way(2, t + 0.5 * T) + VISCOUS * way(1, t + 0.5 * T)),
+            most=1e-9,
+            equations=("acceleration feedforward",),
+        ),
+    ]
 
 
 def ideal_poles() -> list[Claim]:
-    """Poles of the ideal loop with the law as shipped."""
+    """Compare the poles of the ideal loop under the shipped law."""
     law, w = dadsc(300.0), 300.0
     law = DADSC(mass=law.mass, viscous=law.viscous, tracking_rate=200.0, reaching_rate=350.0, adaptation_rate=w)
     poles = np.sort(np.real(ideal_model(law).poles()))
@@ -90,20 +125,44 @@ def ideal_poles() -> list[Claim]:
     lines = np.geomspace(5.0, 500.0, 8000)
     step = 1e-5
     bands = {}
-    for name, each, state, plus in (("DADSC", dadsc(300.0), "estimate", 1.0), ("P-PI", ppi, "integral", -1.0)):
-        seen = np.abs(plus * ideal_model(each, step).response(lines, state, step))
+    for name, ideal, state, plus in (("DADSC", dadsc(300.0), "estimate", 1.0), ("P-PI", ppi, "integral", -1.0)):
+        seen = np.abs(plus * ideal_model(ideal, step).response(lines, state, step))
         bands[name] = float(lines[np.argmax(seen < np.sqrt(0.5))])
     rule = "ideal loop of the shipped law, m = 40 kg, b = 60 N s/m, T = 0.1 ms; λ = 200, K = 350, ω_d = 300 1/s"
     band_rule = "-3 dB of estimate (integral) over F_d in the ideal loop of the shipped law, p = 300 1/s, T = 0.01 ms"
     names = ("DADSC (3)", "DADSC (4)", "DADSC (5)", "DADSC g1, g2")
     return [
-        Claim("1.k", "the poles of the loop are ln(1 + λT)/T, ln(1 + KT)/T and ln(1 + ω_d T)/T", rule,
-              misfit(poles, expected), None, 1e-8, equations=names),
-        Claim("1.e", "bandwidth of the estimate of DADSC", band_rule, bands["DADSC"], 47.4, 47.9, "Hz", "47.7",
-              equations=("DADSC g1, g2",)),
-        Claim("1.e", "bandwidth of the integral of P-PI", band_rule, bands["P-PI"], 25.8, 26.2, "Hz", "26.0",
-              equations=("cascade (7)",)),
-    ]  # fmt: skip
+        Claim(
+            "1.k",
+            "the poles of the loop are ln(1 + λT)/T, ln(1 + KT)/T and ln(1 + ω_d T)/T",
+            rule,
+            misfit(poles, expected),
+            most=1e-8,
+            equations=names,
+        ),
+        Claim(
+            "1.e",
+            "bandwidth of the estimate of DADSC",
+            band_rule,
+            bands["DADSC"],
+            least=47.4,
+            most=47.9,
+            unit="Hz",
+            expected="47.7",
+            equations=("DADSC g1, g2",),
+        ),
+        Claim(
+            "1.e",
+            "bandwidth of the integral of P-PI",
+            band_rule,
+            bands["P-PI"],
+            least=25.8,
+            most=26.2,
+            unit="Hz",
+            expected="26.0",
+            equations=("cascade (7)",),
+        ),
+    ]
 
 
 def recoveries() -> list[Claim]:
@@ -123,8 +182,8 @@ def recoveries() -> list[Claim]:
     two = np.asarray(lfilter(butterworth[0], butterworth[1], exact))
 
     resolution, walk = 1e-7, 8.0
-    made = expm(T * np.array([[0, 1, 0, 0], [0, -VISCOUS / MASS, 1 / MASS, 1 / MASS], [0] * 4, [0] * 4]))
-    phi, gamma = made[:3, :3], made[:3, 3]
+    transition = expm(T * np.array([[0, 1, 0, 0], [0, -VISCOUS / MASS, 1 / MASS, 1 / MASS], [0] * 4, [0] * 4]))
+    phi, gamma = transition[:3, :3], transition[:3, 3]
     size = np.array([resolution, resolution / T, MASS * resolution / T**2])  # so that the equation is well scaled
     scaled, noise = phi * size / size[:, None], 1.0 / 12.0
     P = solve_discrete_are(scaled.T, np.eye(3)[:, :1], np.diag([0.0, 0.0, (walk / size[2]) ** 2]), [[noise]])
@@ -140,35 +199,72 @@ def recoveries() -> list[Claim]:
         prepared = observer.prepare(T)
         readings = read.readings()
         held = observer.start(prepared, readings[0])
-        found = []
+        estimates = []
         for reading in readings[1:]:
             held, estimate = observer.step(prepared, held, reading, T)
-            found.append(estimate[what])
-        return found
+            estimates.append(estimate[what])
+        return estimates
 
     made_of: dict[str, Any] = {"mass": MASS, "viscous": VISCOUS}
     kinds: list[tuple[str, Observer, np.ndarray, float, str]] = [
-        ("the exact recovery is the inverse of the axis", DisturbanceRecovery(**made_of, form="exact"), exact, 1e-9,
-         "recovery from (6)"),
-        ("with two samples of dead time it takes the command before them",
-         DisturbanceRecovery(**made_of, form="exact", delay_samples=2), late, 1e-9, "recovery from (6)"),
-        ("the first-order form has the pole e^(-2π f T)",
-         DisturbanceRecovery(**made_of, form="one_pole", frequency=corner), one, 1e-9, "recovery, one pole"),
-        ("the second-order form is that of Butterworth",
-         DisturbanceRecovery(**made_of, frequency=corner), two, 1e-9, "recovery, Butterworth"),
-        ("the Kalman filter has the gain of the Riccati equation",
-         KalmanRecovery(**made_of, resolution=resolution, force_step=walk), by_kalman[:, 2], 1e-6, "Kalman recovery"),
-    ]  # fmt: skip
+        (
+            "the exact recovery is the inverse of the axis",
+            DisturbanceRecovery(**made_of, form="exact"),
+            exact,
+            1e-9,
+            "recovery from (6)",
+        ),
+        (
+            "with two samples of dead time it takes the command before them",
+            DisturbanceRecovery(**made_of, form="exact", delay_samples=2),
+            late,
+            1e-9,
+            "recovery from (6)",
+        ),
+        (
+            "the first-order form has the pole e^(-2π f T)",
+            DisturbanceRecovery(**made_of, form="one_pole", frequency=corner),
+            one,
+            1e-9,
+            "recovery, one pole",
+        ),
+        (
+            "the second-order form is that of Butterworth",
+            DisturbanceRecovery(**made_of, frequency=corner),
+            two,
+            1e-9,
+            "recovery, Butterworth",
+        ),
+        (
+            "the Kalman filter has the gain of the Riccati equation",
+            KalmanRecovery(**made_of, resolution=resolution, force_step=walk),
+            by_kalman[:, 2],
+            1e-6,
+            "Kalman recovery",
+        ),
+    ]
     kalman_filter = kinds[-1][1]
     return [
-        Claim("1.l", f"{said}, beside scipy", RULE, misfit(seen(observer), expected), None, most,
-              equations=tuple({name, "recovery from (6)"} - ({"recovery from (6)"} if "Kalman" in name else set())))
-        for said, observer, expected, most, name in kinds
+        Claim(
+            "1.l",
+            f"{title}, beside scipy",
+            RULE,
+            misfit(seen(observer), expected),
+            most=most,
+            equations=tuple({name, "recovery from (6)"} - ({"recovery from (6)"} if "Kalman" in name else set())),
+        )
+        for title, observer, expected, most, name in kinds
     ] + [
-        Claim("1.l", f"its {name}, beside scipy", RULE, misfit(seen(kalman_filter, i), by_kalman[:, i]), None, 1e-6,
-              equations=("Kalman recovery",))
+        Claim(
+            "1.l",
+            f"its {name}, beside scipy",
+            RULE,
+            misfit(seen(kalman_filter, i), by_kalman[:, i]),
+            most=1e-6,
+            equations=("Kalman recovery",),
+        )
         for i, name in enumerate(("position", "velocity"))
-    ]  # fmt: skip
+    ]
 
 
 def compensations() -> list[Claim]:
@@ -199,33 +295,45 @@ def compensations() -> list[Claim]:
         moved = _moved(ModeCompensation(modes=(mode,), observer=observer), setpoints, readings)
         at, expected = np.zeros(2), []
         sign = 1.0 if place == "tool" else -1.0
-        for each in push:
-            after = (sample @ [*at, each])[:2]
-            now = after if place == "base" else (lead @ [*at, each])[:2]
-            expected.append([*now, each / m - 2.0 * damping * w * now[1] - w * w * now[0]])
+        for pushed in push:
+            after = (sample @ [*at, pushed])[:2]
+            now = after if place == "base" else (lead @ [*at, pushed])[:2]
+            expected.append([*now, pushed / m - 2.0 * damping * w * now[1] - w * w * now[0]])
             at = after
         wanted = sign * np.array(expected)
         # the set position is of 10 mm, the added part of nm: differences of m lose digits
         claims += [
-            Claim("1.l", f"what compensation of a mode of the {place} adds to the set {name}, beside scipy", rule,
-                  misfit(moved[:, i], wanted[:, i]), None, most, equations=("mode compensation",))
+            Claim(
+                "1.l",
+                f"what compensation of a mode of the {place} adds to the set {name}, beside scipy",
+                rule,
+                misfit(moved[:, i], wanted[:, i]),
+                most=most,
+                equations=("mode compensation",),
+            )
             for i, (name, most) in enumerate((("position", 1e-5), ("velocity", 1e-9), ("acceleration", 1e-9)))
-        ]  # fmt: skip
+        ]
     return [
         *claims,
-        Claim("1.l", "the force of a rejection with a share of 0.7", RULE, misfit(force, -0.7 * seen), None, 1e-9,
-              equations=("disturbance rejection",)),
-    ]  # fmt: skip
+        Claim(
+            "1.l",
+            "the force of a rejection with a share of 0.7",
+            RULE,
+            misfit(force, -0.7 * seen),
+            most=1e-9,
+            equations=("disturbance rejection",),
+        ),
+    ]
 
 
 def _moved(block: ModeCompensation, setpoints: list[Setpoint], readings: list[Reading]) -> np.ndarray:
-    """The part added to position, velocity and acceleration, from the second sample on."""
+    """Return the part added to position, velocity and acceleration, from the second sample on."""
     prepared = block.prepare(T)
-    held, found = block.start(prepared, setpoints[0], readings[0]), []
+    held, moves = block.start(prepared, setpoints[0], readings[0]), []
     for setpoint, reading in zip(setpoints[1:], readings[1:], strict=True):
         held, there, _ = block.step(prepared, held, setpoint, reading, T)
-        found.append([there[i] - setpoint[i] for i in range(3)])
-    return np.array(found)
+        moves.append([there[i] - setpoint[i] for i in range(3)])
+    return np.array(moves)
 
 
 ROWS = (law_equations, ideal_poles, recoveries, compensations)

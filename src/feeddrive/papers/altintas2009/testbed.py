@@ -34,12 +34,12 @@ REST = Polynomial7(distance=0.0, travel_time=1.0)
 
 
 def dadsc(rate: float, mass: float = MASS) -> DADSC:
-    """All three rates equal: λ = K = ω_d = rate."""
+    """Return the law with three equal rates: λ = K = ω_d = rate."""
     return DADSC(mass=mass, viscous=VISCOUS, tracking_rate=rate, reaching_rate=rate, adaptation_rate=rate)
 
 
 def cascade(rate: float, mass: float = MASS) -> CascadePPI:
-    """The cascade with the k_d = 3 m rate of `dadsc(rate)` and the most integral gain that real poles allow.
+    """Return the cascade with the k_d = 3 m rate of `dadsc(rate)` and the largest integral gain that real poles allow.
 
     s³ + a (s + Kv)(s + 1/Tn) with a = Kp/m has its double real root at Kv = 1/Tn = a/6.75 = 4 rate/9.
     """
@@ -56,7 +56,9 @@ def loop(
     compensation: tuple[Compensation, ...] = (),
     friction: Friction | None = None,
 ) -> Loop:
-    """A law on the axis; a cascade gets acceleration feedforward with a mass in kg, which the other law includes."""
+    """Return the loop of a law on the axis; a cascade gets acceleration feedforward with a mass in kg, which DADSC
+    includes.
+    """
     feedforward = () if "acceleration" in law.feeds else (Inertia(mass=mass),)
     return Loop(
         control=Control(law=law, feedforward=feedforward, compensation=compensation),
@@ -71,7 +73,8 @@ def loop(
 
 
 def milling(duration: float, rms: float = 161.0) -> RecordedForce:
-    """Interrupted milling along the feed: four straight teeth, 3000 rpm, up-milling from 0 to 90 degrees, K_r = 0.3.
+    """Return interrupted milling along the feed: four straight teeth, 3000 rpm, up-milling from 0 to 90 degrees, K_r =
+    0.3.
 
     Tooth passing 200 Hz; scaled to an RMS in N.
     """
@@ -116,19 +119,19 @@ class Fraction(NamedTuple):
     denominator: np.ndarray
 
     def response(self, frequency: np.ndarray, T: float) -> np.ndarray:
-        """The response at z = e^(j2πfT)."""
+        """Return the response at z = e^(j2πfT)."""
         z = np.exp(2j * np.pi * frequency * T)
         return np.polyval(self.numerator, z) / np.polyval(self.denominator, z)
 
     def impulse(self, count: int) -> np.ndarray:
-        """The first samples of the response to 1 in sample 0."""
+        """Return the first samples of the impulse response."""
         top = np.concatenate([np.zeros(self.denominator.size - self.numerator.size), self.numerator])
         top = np.concatenate([top, np.zeros(count)])
-        found = np.zeros(count)
+        response = np.zeros(count)
         for k in range(count):
-            past = sum(self.denominator[i] * found[k - i] for i in range(1, min(k, self.denominator.size - 1) + 1))
-            found[k] = (top[k] - past) / self.denominator[0]
-        return found
+            past = sum(self.denominator[i] * response[k - i] for i in range(1, min(k, self.denominator.size - 1) + 1))
+            response[k] = (top[k] - past) / self.denominator[0]
+        return response
 
 
 def transfer(column: Column, mass: float, T: float, *, printed: bool = False) -> Fraction:
@@ -153,7 +156,7 @@ def closed_form_poles(law: DADSC, T: float) -> np.ndarray:
 
 
 def continuous(poles: np.ndarray, T: float) -> np.ndarray:
-    """ln z / T, in rad/s."""
+    """Return ln z / T, in rad/s."""
     return np.log(poles.astype(complex)) / T
 
 
@@ -179,7 +182,7 @@ def run_ideal(
     setpoint: np.ndarray | None = None,
     feedforward: Feedforward | None = None,
 ) -> Ideal:
-    """The law with the plant of (1) by backward Euler, force and reading in the same sample.
+    """Run the law with the plant of (1) by backward Euler, force and reading in the same sample.
 
         v(k) = v(k-1) + (T/m) (F_m(k) + F_d(k) - b v(k)),    x(k) = x(k-1) + T v(k)
 
@@ -224,7 +227,7 @@ def _solved(
     T: float,
     load: float,
 ) -> tuple[float, float]:
-    """Position and velocity at the end of the sample: F = c + d x meets (m/T + b) v = m v(k-1)/T + F + F_d."""
+    """Return position and velocity at the end of the sample: F = c + d x meets (m/T + b) v = m v(k-1)/T + F + F_d."""
     at = before + T * speed
     here = answer(at)[1]
     slope = (answer(at + _PROBE)[1] - here) / _PROBE
@@ -246,12 +249,12 @@ class IdealModel:
     names: tuple[str, ...]
 
     def poles(self) -> np.ndarray:
-        """ln z / T in rad/s, without states that only hold a last reading."""
-        found = np.linalg.eigvals(self.A)
-        return continuous(found[np.abs(found) > 1e-6], T)
+        """Return ln z / T in rad/s, without states that only hold a last reading."""
+        eigenvalues = np.linalg.eigvals(self.A)
+        return continuous(eigenvalues[np.abs(eigenvalues) > 1e-6], T)
 
     def response(self, frequency: np.ndarray, name: str, sample_time: float = T) -> np.ndarray:
-        """The response of a state to F_d, at z = e^(j2πfT)."""
+        """Return the response of a state to F_d, at z = e^(j2πfT)."""
         z = np.exp(2j * np.pi * np.asarray(frequency) * sample_time)
         size = self.A.shape[0]
         states = np.linalg.solve(
@@ -261,7 +264,7 @@ class IdealModel:
 
 
 def ideal_model(law: Law, sample_time: float = T, mass: float = MASS, viscous: float = VISCOUS) -> IdealModel:
-    """By one sample of the law's own step from every state, since the law is affine."""
+    """Build the model from one sample of the law's own step from every state, since the law is affine."""
     prepared = law.prepare(sample_time)
     template = law.start(prepared, Setpoint(0.0), Reading(0.0, 0.0))
     leaves = [(name, value) for name, value in tree.leaves(template)]

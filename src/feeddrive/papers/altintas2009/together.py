@@ -28,7 +28,7 @@ WAY = Polynomial7(distance=0.05, travel_time=0.5, back=True)
 
 
 def by_frequency() -> list[Claim]:
-    """Stiffness over that of the cascade, compared with the equivalent PIDs, and the band of the sensitivity."""
+    """Compare stiffness over that of the cascade with the equivalent PIDs, and the band of the sensitivity."""
     f = np.array(NAMED)
     laws: dict[str, Law] = {"DADSC": dadsc(RATE), "P-PI": cascade(RATE)}
     ours, theirs = (compliance(loop(law), f).magnitude for law in laws.values())
@@ -38,10 +38,17 @@ def by_frequency() -> list[Claim]:
     expected = np.abs(ppi / pid)
     rule = f"equal velocity gain k_d = 3 m p and real poles, p = 300 1/s; {PLANT}, running loop"
     claims = [
-        Claim("1.m", Text(f"stiffness of DADSC over that of P-PI at {Quantity(line, 'Hz'):6}"), rule, float(ratio),
-              0.96 * wanted, 1.04 * wanted, "", f"{number(wanted)} of the two PIDs in continuous time")
+        Claim(
+            "1.m",
+            Text(f"stiffness of DADSC over that of P-PI at {Quantity(line, 'Hz'):6}"),
+            rule,
+            float(ratio),
+            least=0.96 * wanted,
+            most=1.04 * wanted,
+            expected=f"{number(wanted)} of the two PIDs in continuous time",
+        )
         for line, ratio, wanted in zip(NAMED, theirs / ours, expected.tolist(), strict=True)
-    ]  # fmt: skip
+    ]
     lines = np.geomspace(3.0, 1000.0, 6000)
     band = {}
     for name, law in laws.items():
@@ -50,13 +57,19 @@ def by_frequency() -> list[Claim]:
     return [
         *claims,
         Claim("1.m", "high bandwidth: |S| of DADSC stays below 0.707 up to", rule, band["DADSC"], 86.0, 95.0, "Hz"),
-        Claim("1.m", "and over that of P-PI: equal velocity gains are equal bandwidths", rule,
-              band["DADSC"] / band["P-PI"], 0.91, 0.96),
-    ]  # fmt: skip
+        Claim(
+            "1.m",
+            "and over that of P-PI: equal velocity gains are equal bandwidths",
+            rule,
+            band["DADSC"] / band["P-PI"],
+            least=0.91,
+            most=0.96,
+        ),
+    ]
 
 
 def _band(seen: np.ndarray, force: np.ndarray) -> float:
-    """-3 dB of an estimate over a force, both 0 at both ends, Hz."""
+    """Return the -3 dB frequency of an estimate over a force, both 0 at both ends, Hz."""
     size = 16 * force.size
     lines = np.fft.rfftfreq(size, T)
     inside = (lines > 1.0) & (lines < 400.0)
@@ -65,7 +78,9 @@ def _band(seen: np.ndarray, force: np.ndarray) -> float:
 
 
 def bandwidths() -> list[Claim]:
-    """The bandwidth of the recovery is the same for every law and gain; that of the law's own estimate is its rate."""
+    """Show that the bandwidth of the recovery is the same for every law and gain; that of the law's own estimate is its
+    rate.
+    """
     pulse = np.zeros(10_001)
     pulse[100:120] = 200.0  # 2 ms: a spectrum without zeros below 500 Hz
     own, recovered = {}, {}
@@ -80,18 +95,43 @@ def bandwidths() -> list[Claim]:
     rule = f"pulse of 200 N and 2 ms; -3 dB of the estimate over the force in the running loop; {PLANT}"
     values = list(recovered.values())
     return [
-        Claim("1.n", "bandwidth of the recovery at 100 Hz, least of p = 100, 300, 600 1/s and P-PI", rule, min(values),
-              99.0, 103.0, "Hz", "100"),
-        Claim("1.n", "largest over least: it does not depend on law and gains", rule, max(values) / min(values), 1.0,
-              1.02, "", "1"),
-        *(Claim("1.n", f"the law's own estimate has that of its rate, {name} 1/s", rule, got, 0.9 * float(name[2:])
-                / (2.0 * np.pi), 1.1 * float(name[2:]) / (2.0 * np.pi), "Hz", "p/2π")
-          for name, got in own.items()),
-    ]  # fmt: skip
+        Claim(
+            "1.n",
+            "bandwidth of the recovery at 100 Hz, least of p = 100, 300, 600 1/s and P-PI",
+            rule,
+            min(values),
+            least=99.0,
+            most=103.0,
+            unit="Hz",
+            expected="100",
+        ),
+        Claim(
+            "1.n",
+            "largest over least: it does not depend on law and gains",
+            rule,
+            max(values) / min(values),
+            least=1.0,
+            most=1.02,
+            expected="1",
+        ),
+        *(
+            Claim(
+                "1.n",
+                f"the law's own estimate has that of its rate, {name} 1/s",
+                rule,
+                got,
+                least=0.9 * float(name[2:]) / (2.0 * np.pi),
+                most=1.1 * float(name[2:]) / (2.0 * np.pi),
+                unit="Hz",
+                expected="p/2π",
+            )
+            for name, got in own.items()
+        ),
+    ]
 
 
 def _moving(law: Law, compensation: tuple[Compensation, ...] = ()) -> Run:
-    """Out and back under milling and Coulomb friction."""
+    """Run out and back under milling and Coulomb friction."""
     return simulate(loop(law, compensation=compensation, friction=DRY), WAY, load=milling(WAY.duration))
 
 
@@ -100,7 +140,7 @@ def _rms(values: np.ndarray) -> float:
 
 
 def in_motion() -> list[Claim]:
-    """Friction and cutting together while the axis moves, and a mode of the machine with them."""
+    """Check friction and cutting together while the axis moves, and a mode of the machine with them."""
     runs = {"DADSC": _moving(dadsc(600.0)), "P-PI": _moving(cascade(600.0))}
     run = runs["DADSC"]
     late = np.concatenate([[0.0], run["load_force"][:-1]])
@@ -110,13 +150,17 @@ def in_motion() -> list[Claim]:
     shift = round(seen.lag / T) - 1
     recovered = _rms((seen.disturbance[shift:] - true[: true.size - shift])[counted])
     whole = _rms(true[counted])
-    errors = {name: 1e6 * _rms(each["tracking_error"][counted]) for name, each in runs.items()}
+    errors = {name: 1e6 * _rms(outcome["tracking_error"][counted]) for name, outcome in runs.items()}
     model = ModeCompensation(modes=(mode(),), observer=RECOVERY, friction=DRY)
     blind = ModeCompensation(modes=(mode(),), observer=RECOVERY)
     tool = {}
     for name, compensation in (("none", ()), ("mode", (model,)), ("no friction model", (blind,))):
-        each = run if not compensation else _moving(dadsc(600.0), compensation)
-        error = each["position_load"] - each["set_position"] - swing(mode(), -each["load_force"])
+        compensated_run = run if not compensation else _moving(dadsc(600.0), compensation)
+        error = (
+            compensated_run["position_load"]
+            - compensated_run["set_position"]
+            - swing(mode(), -compensated_run["load_force"])
+        )
         tool[name] = 1e6 * _rms(error[counted])
     rule = (
         f"50 mm out and back in 0.5 s a way, Coulomb friction of 30 N, 161 N RMS of milling at 200 Hz; p = 600 1/s; "
@@ -124,16 +168,35 @@ def in_motion() -> list[Claim]:
     )
     there = f"{rule}; mode of 35 Hz, ζ = 0.03, 20 N/µm on the tool side; RMS of the error at the tool"
     return [
-        Claim("1.o", "the recovery at 500 Hz sees friction and cutting together: RMS error over RMS force", rule,
-              recovered / whole, None, 0.12),
+        Claim(
+            "1.o",
+            "the recovery at 500 Hz sees friction and cutting together: RMS error over RMS force",
+            rule,
+            recovered / whole,
+            most=0.12,
+        ),
         Claim("1.o", "tracking error of P-PI over that of DADSC", rule, errors["P-PI"] / errors["DADSC"], 0.92, 1.0),
         Claim("1.o", "RMS tracking error of DADSC", rule, errors["DADSC"], 0.66, 0.74, "um"),
         Claim("1.p", "without compensation", there, tool["none"], 7.2, 7.9, "um"),
-        Claim("1.p", "milling, friction and motion at once: the mode compensated", there, tool["none"] / tool["mode"],
-              6.8, 8.8, "times"),
-        Claim("1.p", "friction taken for a load of the tool side costs", there,
-              tool["no friction model"] / tool["mode"], 1.7, 2.3, "times"),
-    ]  # fmt: skip
+        Claim(
+            "1.p",
+            "milling, friction and motion at once: the mode compensated",
+            there,
+            tool["none"] / tool["mode"],
+            least=6.8,
+            most=8.8,
+            unit="times",
+        ),
+        Claim(
+            "1.p",
+            "friction taken for a load of the tool side costs",
+            there,
+            tool["no friction model"] / tool["mode"],
+            least=1.7,
+            most=2.3,
+            unit="times",
+        ),
+    ]
 
 
 ROWS: tuple[Callable[[], list[Claim]], ...] = (by_frequency, bandwidths, in_motion)

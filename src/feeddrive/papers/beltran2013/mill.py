@@ -86,7 +86,7 @@ def mass(axis: str) -> float:
 
 
 def law(axis: str, case: Case) -> ActiveDisturbanceRejection:
-    """The paper's gains."""
+    """Return the law with the paper's gains."""
     believed = case.gain * mass(axis)
     observer = GpiObserver(
         mass=believed, omega_o=OMEGA_O, zeta_o=ZETA, taylor_states=case.taylor_states, hold=case.hold
@@ -95,7 +95,7 @@ def law(axis: str, case: Case) -> ActiveDisturbanceRejection:
 
 
 def loop(axis: str, case: Case, *, dry: bool = True, sample_time: float = T) -> Loop:
-    """One axis under the law; without `dry` it has no Coulomb friction."""
+    """Return one axis under the law; without `dry` it has no Coulomb friction."""
     friction: Friction | None = None
     if dry and case.friction == "tanh":
         friction = Regularised(coulomb=COULOMB[axis], transition_velocity=TRANSITION)
@@ -114,7 +114,7 @@ def loop(axis: str, case: Case, *, dry: bool = True, sample_time: float = T) -> 
 
 
 def legs(kind: str, leg: float) -> dict[str, Reference]:
-    """From 1 to 2 along y, then from 2 to 3 along x; z stands."""
+    """Return the motion from 1 to 2 along y, then from 2 to 3 along x; z stands still."""
     move, time = (LinearMove if kind == "linear" else Bezier10), leg / FEED
     return {
         "x": move(distance=leg, travel_time=time, dwell_before=time),
@@ -129,7 +129,7 @@ def tool(case: Case) -> HelicalCutter:
 
 
 def cutting(axis: str, case: Case) -> Load:
-    """The cutting force on an axis, in N."""
+    """Return the cutting force on an axis, in N."""
     cutter = tool(case)
     if case.opposite:
         time = case.leg / FEED
@@ -137,51 +137,56 @@ def cutting(axis: str, case: Case) -> Load:
         return ForceSum(
             loads=tuple(
                 MillingForce(
-                    cutter=cutter, spindle_speed=SPINDLE, component=axis, chip_load=CHIP, direction=direction,
-                    start=start, end=end,
+                    cutter=cutter,
+                    spindle_speed=SPINDLE,
+                    component=axis,
+                    chip_load=CHIP,
+                    direction=direction,
+                    start=start,
+                    end=end,
                 )
                 for start, direction, end in (first, second)
             )
-        )  # fmt: skip
+        )
     path = legs("linear", case.leg)
     return MillingForce(cutter=cutter, spindle_speed=SPINDLE, component=axis, references=(path["x"], path["y"]))
 
 
 def machine(case: Case, *, dry: bool = True) -> Machine:
     """The three axes, with the cut between them where its chip is the actual motion."""
-    cut = MillingCut(
-        cutter=tool(case), spindle_speed=SPINDLE, along_z="z", remembered=512
-    )  # fmt: skip
+    cut = MillingCut(cutter=tool(case), spindle_speed=SPINDLE, along_z="z", remembered=512)
     return Machine.of({axis: loop(axis, case, dry=dry) for axis in AXES}, (cut,) if case.chip == "actual" else ())
 
 
 def run(case: Case, *, cut: bool = True, dry: bool = True) -> dict[str, Run]:
-    """Three axes along their legs in one run, from rest; by axis."""
+    """Run three axes along their legs in one run, from rest; the runs by axis."""
     loads = {axis: cutting(axis, case) for axis in AXES} if cut and case.chip == "constant" else None
     case = case if cut else dataclasses.replace(case, chip="constant")
-    found = simulate(
+    outcome = simulate(
         machine(case, dry=dry), legs(case.reference, case.leg), load=loads, start=dict.fromkeys(AXES, (0.0, 0.0))
     )
     return {
-        axis: Run(f"{axis}, {case.name}", {name: found[f"{axis}.{name}"] for name in Signals._fields}, T, found.samples)
+        axis: Run(
+            f"{axis}, {case.name}", {name: outcome[f"{axis}.{name}"] for name in Signals._fields}, T, outcome.samples
+        )
         for axis in AXES
     }
 
 
-def errors(found: Run) -> tuple[float, float]:
-    """Largest and RMS tracking error in µm after the first 0.3 s."""
-    counted = 1e6 * found["tracking_error"][found.time >= SKIPPED]
+def errors(outcome: Run) -> tuple[float, float]:
+    """Return the largest and the RMS tracking error in µm after the first 0.3 s."""
+    counted = 1e6 * outcome["tracking_error"][outcome.time >= SKIPPED]
     return float(np.max(np.abs(counted))), float(np.sqrt(np.mean(counted**2)))
 
 
-def disturbances(axis: str, case: Case, found: Run) -> tuple[np.ndarray, np.ndarray]:
-    """True ξ over the sample before each row, and its estimate, both in m/s²."""
+def disturbances(axis: str, case: Case, outcome: Run) -> tuple[np.ndarray, np.ndarray]:
+    """Return the true ξ over the sample before each row, and its estimate, both in m/s²."""
     mechanics = loop(axis, case).axis.mechanics()
     weight = CARRIAGE[axis] * GRAVITY if axis == "z" else 0.0
-    cut = np.concatenate([[0.0], found["load_force"][:-1]])
-    viscous = mechanics.damping[0][0] * found["velocity_load"]
-    true = (cut + found["friction_load"] - viscous - weight) / mass(axis)
-    seen = observe(law(axis, case).observer, found["reading_load"], found["force"], T)
+    cut = np.concatenate([[0.0], outcome["load_force"][:-1]])
+    viscous = mechanics.damping[0][0] * outcome["velocity_load"]
+    true = (cut + outcome["friction_load"] - viscous - weight) / mass(axis)
+    seen = observe(law(axis, case).observer, outcome["reading_load"], outcome["force"], T)
     return true, seen.disturbance / (case.gain * mass(axis))
 
 
@@ -213,14 +218,16 @@ class Turn:
 
 
 def turn(cutter: HelicalCutter, chip_load: float, points: int = 7200) -> Turn:
-    """Closed form over a turn, at the middles of equal pieces: the mean is then that of a smooth periodic curve."""
+    """Evaluate the closed form over a turn at the midpoints of equal pieces, whose mean is exact for a smooth periodic
+    curve.
+    """
     angle: Any = 2.0 * np.pi * (np.arange(points) + 0.5) / points
     feed, normal, axial = cutter.forces(angle, chip_load)
-    return Turn(angle, *(np.asarray(each) for each in (feed, normal, axial, cutter.torque(angle, chip_load))))
+    return Turn(angle, *(np.asarray(column) for column in (feed, normal, axial, cutter.torque(angle, chip_load))))
 
 
 def golden_error(cutter: HelicalCutter) -> float:
-    """Largest difference in N from the independent program, at five angles."""
+    """Return the largest difference in N from the independent program, at five angles."""
     return max(
         abs(float(got) - expected)
         for angle, row in GOLDEN.items()
@@ -229,7 +236,7 @@ def golden_error(cutter: HelicalCutter) -> float:
 
 
 def integrated(cutter: HelicalCutter, angle: float, chip_load: float, pieces: int = 20_000) -> np.ndarray:
-    """The three forces in N of a tool in a slot, added up over thin slices of each edge."""
+    """Integrate the three forces in N of a tool in a slot over thin slices of each edge."""
     height = (np.arange(pieces) + 0.5) / pieces * cutter.axial_depth
     total = np.zeros(3)
     for tooth in range(cutter.teeth):
@@ -246,20 +253,20 @@ def integrated(cutter: HelicalCutter, angle: float, chip_load: float, pieces: in
 
 
 def integration_error(cutter: HelicalCutter) -> float:
-    """Largest difference in N of closed form and slices, at 24 angles."""
+    """Return the largest difference in N between closed form and slices, at 24 angles."""
     angles = 2.0 * np.pi * np.arange(24) / 24.0 + 0.01
     off = [integrated(cutter, angle, CHIP) - np.array(cutter.forces(angle, CHIP)) for angle in angles]
     return float(np.max(np.abs(off)))
 
 
 def removed_power(cutter: HelicalCutter, chip_load: float) -> float:
-    """u_s times the volume removed per second in a slot, W."""
+    """Return u_s times the volume removed per second in a slot, W."""
     feed = chip_load * cutter.teeth * SPINDLE / 60.0
     return cutter.specific_energy * feed * cutter.diameter * cutter.axial_depth
 
 
 def as_printed() -> Turn:
-    """With the data of the force paragraph taken literally."""
+    """Evaluate a turn with the data of the force paragraph taken literally."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the preset warns on purpose
         return turn(HelicalCutter.beltran2013_as_printed(), PRINTED_CHIP)
@@ -269,9 +276,9 @@ RIGID = Case("", share=1.0)
 
 
 def left_over(observer: GpiObserver, frequency: np.ndarray) -> np.ndarray:
-    """1 - H = (ξ - ξ̂)/ξ of the paper's continuous observer: the first three terms of its polynomial over all."""
+    """Return 1 - H = (ξ - ξ̂)/ξ of the paper's continuous observer: the first three terms of its polynomial over all."""
     s = 2j * np.pi * np.asarray(frequency, dtype=float) / observer.omega_o
-    coefficients = [float(each) for each in observer.polynomial()]
+    coefficients = [float(coefficient) for coefficient in observer.polynomial()]
     first = np.polyval(coefficients[:3], s) * s ** (len(coefficients) - 3)
     return first / np.polyval(coefficients, s)
 
@@ -284,29 +291,32 @@ def observer_of(taylor_states: int) -> GpiObserver:
 
 
 def sine_test(frequency: float, taylor_states: int = 5, share: float = 1.0) -> tuple[complex, complex]:
-    """Measured in the running loop on x: (ξ - ξ̂)/ξ and position/ξ (s²), from a force of 200 N on the standing axis.
+    """Measure (ξ - ξ̂)/ξ and position/ξ (s²) in the running loop on x, from a force of 200 N on the standing axis.
 
     The force is a staircase that acts half a sample late; the axis has no dry friction here, so that it is linear.
     """
     case = dataclasses.replace(RIGID, taylor_states=taylor_states, share=share)
     periods = int(np.ceil(max(20.0, 1.5 * frequency)))
     settled = int(np.ceil(frequency))  # a second
-    found = simulate(
-        loop("x", case, dry=False), legs("linear", LEG)["z"], load=SineForce(amplitude=200.0, frequency=frequency),
-        duration=(periods + settled) / frequency, start=(0.0, 0.0),
-    )  # fmt: skip
-    seen = observe(law("x", case).observer, found["reading_load"], found["force"], T)
-    counted = found.time >= settled / frequency
-    wave = np.exp(-2j * np.pi * frequency * found.time[counted]) * np.hanning(int(np.sum(counted)))
+    outcome = simulate(
+        loop("x", case, dry=False),
+        legs("linear", LEG)["z"],
+        load=SineForce(amplitude=200.0, frequency=frequency),
+        duration=(periods + settled) / frequency,
+        start=(0.0, 0.0),
+    )
+    seen = observe(law("x", case).observer, outcome["reading_load"], outcome["force"], T)
+    counted = outcome.time >= settled / frequency
+    wave = np.exp(-2j * np.pi * frequency * outcome.time[counted]) * np.hanning(int(np.sum(counted)))
     true, estimate, position = (
-        np.sum(wave * each[counted]) for each in (found["load_force"], seen.disturbance, found["position_load"])
+        np.sum(wave * signal[counted]) for signal in (outcome["load_force"], seen.disturbance, outcome["position_load"])
     )
     late = np.exp(-1j * np.pi * frequency * T)
     return complex(1.0 - estimate / (true * late)), complex(position / (true * late) * mass("x"))
 
 
 def noise_gain(sample_time: float) -> float:
-    """σ(ξ̂)/σ(y) in 1/s² for white noise of the reading: root of the sum of squares of the impulse response."""
+    """Return σ(ξ̂)/σ(y) in 1/s² for white noise of the reading: root of the sum of squares of the impulse response."""
     position = np.zeros(round(1.0 / sample_time))
     position[1] = 1.0
     observer = law("x", RIGID).observer
@@ -315,7 +325,7 @@ def noise_gain(sample_time: float) -> float:
 
 
 def _edge(holds: Callable[[float], bool], good: float, bad: float) -> float:
-    """The value between two others at which a condition ceases to hold, by bisection."""
+    """Return the value between two others at which a condition ceases to hold, by bisection."""
     for _ in range(12):
         middle = 0.5 * (good + bad)
         good, bad = (middle, bad) if holds(middle) else (good, middle)
@@ -323,7 +333,7 @@ def _edge(holds: Callable[[float], bool], good: float, bad: float) -> float:
 
 
 def gain_limits() -> tuple[float, float]:
-    """The least and the largest true over believed input gain with a stable loop, on x."""
+    """Return the least and the largest true over believed input gain with a stable loop, on x."""
 
     def stable(gain: float) -> bool:
         return stability(loop("x", dataclasses.replace(RIGID, gain=gain))).stable
@@ -345,5 +355,5 @@ def sample_time_limit(hold: str) -> float:
 
 
 def stable_at(hold: str, sample_time: float) -> bool:
-    """Whether all poles of the loop on x, with friction and viscous damping, are inside the unit circle."""
+    """True if all poles of the loop on x, with friction and viscous damping, are inside the unit circle."""
     return stability(loop("x", dataclasses.replace(RIGID, hold=hold), sample_time=sample_time)).stable

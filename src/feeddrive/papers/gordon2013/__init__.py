@@ -32,18 +32,18 @@ _PARTS: tuple[tuple[str, Callable[[], Part]], ...] = (
 
 
 def _numbered(claims: Sequence[Claim]) -> list[Claim]:
-    """The claims in the order of their letters, with short keys: 2.a1, 2.a2, ..."""
+    """Order claims by their letters, with short keys: 2.a1, 2.a2, ..."""
     count: Counter[str] = Counter()
-    found: list[Claim] = []
+    renamed: list[Claim] = []
     for claim in sorted(claims, key=lambda claim: claim.key.split()[0]):
         letter = claim.key.split()[0]
         count[letter] += 1
-        found.append(replace(claim, key=f"{letter}{count[letter]}"))
-    return found
+        renamed.append(replace(claim, key=f"{letter}{count[letter]}"))
+    return renamed
 
 
 def gordon2013(progress: Progress) -> Experiment:
-    """All experiments of the paper; `progress` reports each step."""
+    """Run all experiments of the paper; `progress` reports each step."""
     parts: list[Part] = []
     for words, run in _PARTS:
         progress.step(words)

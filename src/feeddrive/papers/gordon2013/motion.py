@@ -54,23 +54,46 @@ def rope_snap() -> Part:
     peaks, left, settled = ([f(run) for run in runs.values()] for f in (_peak, _left, _settling))
     rule = Text(f"-150 N on the table until {Quantity(CUT, 's'):6 SI}, then 0 N; {GAINS}")
     claims = [
-        Claim("2.b peak", "The peak hardly differs: table mass and screw set it", rule, peaks[0] / peaks[1], 0.9, 1.1,
-              "", "17.7 / 18.4 µm"),
-        Claim("2.b rms", "Less is left in the first 50 ms", rule, left[0] / left[1], None, 0.85, "",
-              "4.84 / 6.16 µm RMS"),
-        Claim("2.b settling", "Pole placement is back within 0.5 µm in half the time", rule, settled[0] / settled[1],
-              None, 0.55, "", "18.8 / 40.4 ms"),
-        Claim("2.b linear", "100 to 300 N give the same picture", f"300 against 150 N; {rule}", _peak(stronger)
-              / peaks[0], 1.99, 2.01, "", "linear but for the counts of the encoders"),
-    ]  # fmt: skip
+        Claim(
+            "2.b peak",
+            "The peak hardly differs: table mass and screw set it",
+            rule,
+            peaks[0] / peaks[1],
+            least=0.9,
+            most=1.1,
+            expected="17.7 / 18.4 µm",
+        ),
+        Claim(
+            "2.b rms", "Less is left in the first 50 ms", rule, left[0] / left[1], None, 0.85, "", "4.84 / 6.16 µm RMS"
+        ),
+        Claim(
+            "2.b settling",
+            "Pole placement is back within 0.5 µm in half the time",
+            rule,
+            settled[0] / settled[1],
+            most=0.55,
+            expected="18.8 / 40.4 ms",
+        ),
+        Claim(
+            "2.b linear",
+            "100 to 300 N give the same picture",
+            f"300 against 150 N; {rule}",
+            _peak(stronger) / peaks[0],
+            least=1.99,
+            most=2.01,
+            expected="linear but for the counts of the encoders",
+        ),
+    ]
     rows = [
         [name, stated(a, "µm"), stated(b, "µm"), stated(c, "ms")]
         for name, a, b, c in zip(runs, peaks, left, settled, strict=True)
     ]
     columns = [
-        "law", Column("peak", "m", "3"), Column("RMS of 50 ms", "m", "3"),
+        "law",
+        Column("peak", "m", "3"),
+        Column("RMS of 50 ms", "m", "3"),
         Column(f"settled to {Quantity(SETTLED, 'm')}", "s", "3"),
-    ]  # fmt: skip
+    ]
     caption = "Position of the table after 150 N are let go."
     alt = Text(
         f"Both peaks are {stated(peaks[0], 'µm', '3', bare=True)} and {stated(peaks[1], 'µm', '3')}; pole placement "
@@ -93,7 +116,7 @@ def _left(run: Run) -> float:
 
 
 def _settling(run: Run) -> float:
-    """ms."""
+    """Return the settling time, ms."""
     return 1e3 * run.sample_time * float(np.flatnonzero(np.abs(_after(run)) > SETTLED)[-1])
 
 
@@ -132,9 +155,15 @@ def tracking_error() -> Part:
             after = runs[name, "long move, prefilter fitted twice"]
             largest = max(map(abs, second.correlation(after["following_error"]).values()))
             claims.append(
-                Claim("2.c correlation", "After two fits the error is hardly one of the derivatives", rule, largest,
-                      None, 0.2, "", "largest |correlation| 0.14")
-            )  # fmt: skip
+                Claim(
+                    "2.c correlation",
+                    "After two fits the error is hardly one of the derivatives",
+                    rule,
+                    largest,
+                    most=0.2,
+                    expected="largest |correlation| 0.14",
+                )
+            )
     rows = [
         [words, *(figures(runs[name, words]) for name in (PLACED, CASCADE))]
         for words in dict.fromkeys(words for _, words in runs)
@@ -148,21 +177,47 @@ def tracking_error() -> Part:
 
     slow = f"100 mm at 0.3 m/s, 5 m/s², 400 m/s³, 4e4 m/s⁴, no friction; {GAINS}"
     claims[:0] = [
-        Claim("2.c laws", "Pole placement follows at least eight times closer", rule,
-              rated(CASCADE, "long move") / rated(PLACED, "long move"), 8.0, None, "",
-              "RMS 2.99 / 0.204 µm, peak 11.2 / 0.66 µm"),
-        Claim("2.c laws, peak", "Its peak too", rule,
-              largest_of(CASCADE, "long move") / largest_of(PLACED, "long move"), 8.0, None, "", "11.2 / 0.66 µm"),
-        Claim("2.c prefilter", "One fit of the prefilter takes much of what is left", rule,
-              rated(PLACED, "long move") / rated(PLACED, "long move, prefilter"), 1.6, None, "",
-              "RMS 0.204 -> 0.107 µm"),
-        Claim("2.c prefilter, P-PI", "It helps P-PI as well, which stays behind", rule,
-              rated(CASCADE, "long move") / rated(CASCADE, "long move, prefilter"), 1.6, None, "",
-              "RMS 2.99 -> 1.21 µm"),
-        Claim("2.c other move", "Fitted on the long move it helps on the short one", slow,
-              rated(PLACED, "short move") / rated(PLACED, "short move, prefilter of the long one"), 1.2, None, "",
-              "RMS 0.095 -> 0.064 µm"),
-    ]  # fmt: skip
+        Claim(
+            "2.c laws",
+            "Pole placement follows at least eight times closer",
+            rule,
+            rated(CASCADE, "long move") / rated(PLACED, "long move"),
+            least=8.0,
+            expected="RMS 2.99 / 0.204 µm, peak 11.2 / 0.66 µm",
+        ),
+        Claim(
+            "2.c laws, peak",
+            "Its peak too",
+            rule,
+            largest_of(CASCADE, "long move") / largest_of(PLACED, "long move"),
+            least=8.0,
+            expected="11.2 / 0.66 µm",
+        ),
+        Claim(
+            "2.c prefilter",
+            "One fit of the prefilter takes much of what is left",
+            rule,
+            rated(PLACED, "long move") / rated(PLACED, "long move, prefilter"),
+            least=1.6,
+            expected="RMS 0.204 -> 0.107 µm",
+        ),
+        Claim(
+            "2.c prefilter, P-PI",
+            "It helps P-PI as well, which stays behind",
+            rule,
+            rated(CASCADE, "long move") / rated(CASCADE, "long move, prefilter"),
+            least=1.6,
+            expected="RMS 2.99 -> 1.21 µm",
+        ),
+        Claim(
+            "2.c other move",
+            "Fitted on the long move it helps on the short one",
+            slow,
+            rated(PLACED, "short move") / rated(PLACED, "short move, prefilter of the long one"),
+            least=1.2,
+            expected="RMS 0.095 -> 0.064 µm",
+        ),
+    ]
     heads = [f"tracking error, peak / RMS in {unit_name('m')}", PLACED, CASCADE]
     alt = "Tracking error of both laws over time without and with prefilter; each row has its own scale."
     picture = Shown("tracking", "High-speed tracking", "300 mm at 1 m/s and 10 m/s². Each row has its own scale.", alt,
@@ -188,33 +243,66 @@ def ablation() -> Part:
         "full inverse, compatible": (whole, "0.74"),
         "all, and prefilter": (with_prefilter(whole, fits(whole, LONG)[0]), "0.48"),
     }
-    found = {name: peak(follow(each, LONG, name)["tracking_error"]) for name, (each, _) in kinds.items()}
+    peaks = {name: peak(follow(variant, LONG, name)["tracking_error"]) for name, (variant, _) in kinds.items()}
     rule = f"largest tracking error on the 300 mm move, no friction; gains of 45 Hz and ζ 0.6; {TRUTH}"
-    order = list(found.values())
+    order = list(peaks.values())
 
     def falls(after: int, before: int) -> float:
         return order[after] / order[before]
 
     claims = [
-        Claim("2.d commands", "Compatible commands alone are worth little", rule, falls(1, 0), 0.6, 1.0, "",
-              "44.9 -> 33.2 µm"),
+        Claim(
+            "2.d commands",
+            "Compatible commands alone are worth little",
+            rule,
+            falls(1, 0),
+            least=0.6,
+            most=1.0,
+            expected="44.9 -> 33.2 µm",
+        ),
         Claim("2.d stall", "The prefilter stalls without feedforward", rule, order[2], 5.0, None, "µm", "11 µm"),
-        Claim("2.d inverse", "Inverse dynamics without compatible commands are worth little", rule,
-              min(order[3], order[5]), 8.0, None, "µm", "11.9 and 12.8 µm"),
-        Claim("2.d rigid", "A rigid inverse with compatible commands is worth more than both alone", rule,
-              order[4] / min(order[1], order[3]), None, 0.3, "", "1.51 µm"),
-        Claim("2.d full", "The full inverse with compatible commands is worth most", rule, falls(6, 4), None, 0.7, "",
-              "1.51 -> 0.74 µm"),
-        Claim("2.d together", "Commands and inverse are effective only together", rule,
-              order[6] / min(order[1], order[3], order[5]), None, 0.1, "", "0.74 of 12 µm"),
-        Claim("2.d prefilter", "The prefilter takes off the rest", rule, falls(7, 6), None, 0.75, "",
-              "0.74 -> 0.48 µm"),
-    ]  # fmt: skip
-    rows = [[name, stated(float(kinds[name][1]), "µm"), stated(value, "µm", "3")] for name, value in found.items()]
+        Claim(
+            "2.d inverse",
+            "Inverse dynamics without compatible commands are worth little",
+            rule,
+            min(order[3], order[5]),
+            least=8.0,
+            unit="µm",
+            expected="11.9 and 12.8 µm",
+        ),
+        Claim(
+            "2.d rigid",
+            "A rigid inverse with compatible commands is worth more than both alone",
+            rule,
+            order[4] / min(order[1], order[3]),
+            most=0.3,
+            expected="1.51 µm",
+        ),
+        Claim(
+            "2.d full",
+            "The full inverse with compatible commands is worth most",
+            rule,
+            falls(6, 4),
+            most=0.7,
+            expected="1.51 -> 0.74 µm",
+        ),
+        Claim(
+            "2.d together",
+            "Commands and inverse are effective only together",
+            rule,
+            order[6] / min(order[1], order[3], order[5]),
+            most=0.1,
+            expected="0.74 of 12 µm",
+        ),
+        Claim(
+            "2.d prefilter", "The prefilter takes off the rest", rule, falls(7, 6), None, 0.75, "", "0.74 -> 0.48 µm"
+        ),
+    ]
+    rows = [[name, stated(float(kinds[name][1]), "µm"), stated(value, "µm", "3")] for name, value in peaks.items()]
     title = "Ablation: largest tracking error"
-    alt = joined(", ", (f"{name} {stated(value, 'µm', '3')}" for name, value in found.items()))
+    alt = joined(", ", (f"{name} {stated(value, 'µm', '3')}" for name, value in peaks.items()))
     drawing = Shown("ablation", "What each contribution is worth", "Largest tracking error, logarithmic.", alt,
-                    lambda: _bars(found))  # fmt: skip
+                    lambda: _bars(peaks))  # fmt: skip
     columns = ["contributions", Column("expected", "m"), Column("got", "m")]
     return Part(claims, [Table(title, columns, rows)], [drawing])
 

@@ -34,7 +34,7 @@ RULE = f"{RANDOM}; T = 50 µs, 20 kHz; largest difference over the largest value
 
 
 def _matrices(model: TwoMass) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """M, C and K of (2), written out from the parameters."""
+    """Return M, C and K of (2), written out from the parameters."""
     m12, c = float(model.coupling_mass or 0.0), float(model.damping)
     M = np.array([[model.mass_motor, m12], [m12, model.mass_load]], dtype=float)
     C = np.array([[model.viscous_motor + c, -c], [-c, model.viscous_load + c]], dtype=float)
@@ -42,7 +42,9 @@ def _matrices(model: TwoMass) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def closed_poles(law: PolePlacement, model: TwoMass) -> np.ndarray:
-    """Eigenvalues, 1/s, of (2) closed by the shipped gains in continuous time: states x1, x2, v1, v2, ∫(x2r - x2)."""
+    """Return the eigenvalues, 1/s, of (2) closed by the shipped gains in continuous time: states x1, x2, v1, v2, ∫(x2r
+    - x2).
+    """
     M, C, K = _matrices(model)
     inverse = np.linalg.inv(M)
     K1, K2, K3, K4, Ki = law.gains()
@@ -55,16 +57,16 @@ def closed_poles(law: PolePlacement, model: TwoMass) -> np.ndarray:
 
 
 def desired_poles(law: PolePlacement, axial: float) -> np.ndarray:
-    """The five poles that the docstring promises, 1/s; `axial` in rad/s."""
+    """Return the five poles that the docstring promises, 1/s; `axial` in rad/s."""
     w, r = 2.0 * np.pi * law.bandwidth, 2.0 * np.pi * (law.rigid_frequency or law.bandwidth)
     pairs = ((r, law.rigid_damping), (axial, law.axial_damping))
-    roots = [each for f, damping in pairs for each in np.roots([1.0, 2.0 * damping * f, f * f])]
+    roots = [root for f, damping in pairs for root in np.roots([1.0, 2.0 * damping * f, f * f])]
     return np.array([-w, *roots], dtype=complex)
 
 
-def _missed(found: np.ndarray, expected: Sequence[complex] | np.ndarray) -> float:
-    """Largest distance of an expected pole from the nearest one found, over its size."""
-    return max(float(np.min(np.abs(found - each)) / abs(each)) for each in expected)
+def _missed(actual: np.ndarray, expected: Sequence[complex] | np.ndarray) -> float:
+    """Return the largest distance of an expected pole from the nearest actual one, over its size."""
+    return max(float(np.min(np.abs(actual - pole)) / abs(pole)) for pole in expected)
 
 
 def gains() -> Part:
@@ -81,29 +83,48 @@ def gains() -> Part:
         ("a full mass matrix, m12 = 3 kg", coupled, GOLDEN_COUPLED, 2e-5),
     )
     claims = [
-        Claim("2.h gains", f"K1 to K4 and Ki of {name} are those of an independent program",
-              Text(f"largest relative difference; gains of {Quantity(law.bandwidth, 'Hz'):6}, model 130 and 33 kg, "
-                  f"18 N/µm"),
-              max(abs(a / b - 1.0) for a, b in zip(law.gains(), golden, strict=True)), None, most, "",
-              "to the digits that were printed", equations=two)
+        Claim(
+            "2.h gains",
+            f"K1 to K4 and Ki of {name} are those of an independent program",
+            Text(
+                f"largest relative difference; gains of {Quantity(law.bandwidth, 'Hz'):6}, model 130 and 33 kg, 18 N/µm"
+            ),
+            max(abs(a / b - 1.0) for a, b in zip(law.gains(), golden, strict=True)),
+            most=most,
+            expected="to the digits that were printed",
+            equations=two,
+        )
         for name, law, golden, most in cases
-    ]  # fmt: skip
+    ]
     where = (DESIGN, MODEL, 0.975 * mode), (coupled, COUPLED, mode)
     claims += [
-        Claim("2.h poles", f"Equation (2) closed by the gains has the chosen poles: {name}",
-              Text(f"eigenvalues in continuous time, {Quantity(law.bandwidth, 'Hz'):6}; largest relative distance"),
-              _missed(closed_poles(law, model), desired_poles(law, axial)), None, 1e-8, "", "exact", equations=two)
+        Claim(
+            "2.h poles",
+            f"Equation (2) closed by the gains has the chosen poles: {name}",
+            Text(f"eigenvalues in continuous time, {Quantity(law.bandwidth, 'Hz'):6}; largest relative distance"),
+            _missed(closed_poles(law, model), desired_poles(law, axial)),
+            most=1e-8,
+            expected="exact",
+            equations=two,
+        )
         for name, (law, model, axial) in zip(("two masses", "a full mass matrix"), where, strict=True)
-    ]  # fmt: skip
+    ]
     claims.append(
-        Claim("2.h poles", "They are -314, -141 ± 281j and -80.6 ± 802j", "default gains, 50 Hz, in continuous time",
-              _missed(closed_poles(DESIGN, MODEL), GOLDEN_POLES), None, 5e-6, "", "to six digits", equations=two)
-    )  # fmt: skip
+        Claim(
+            "2.h poles",
+            "They are -314, -141 ± 281j and -80.6 ± 802j",
+            "default gains, 50 Hz, in continuous time",
+            _missed(closed_poles(DESIGN, MODEL), GOLDEN_POLES),
+            most=5e-6,
+            expected="to six digits",
+            equations=two,
+        )
+    )
     return Part(claims)
 
 
 def _leads(model: TwoMass, way: RandomMotion, t: np.ndarray) -> list[np.ndarray]:
-    """The lead of the screw over the table, without the lag c/k, and its first two derivatives."""
+    """Return the lead of the screw over the table, without the lag c/k, and its first two derivatives."""
     led, dragged = model.mass_load + float(model.coupling_mass or 0.0), model.viscous_load
     return [(led * way(i + 2, t) + dragged * way(i + 1, t)) / model.stiffness for i in range(3)]
 
@@ -127,8 +148,8 @@ def commands() -> Part:
             lead, rate = relaxed[0] - late * relaxed[1], relaxed[1] - late * relaxed[2]
         elif form == "exact":
             # the law's lag is at rest at the first sample
-            inputs = [np.concatenate([[0.0], each[1:]]) for each in relaxed[:2]]
-            lead, rate = (lsim(([1.0], [late, 1.0]), each, t)[1] for each in inputs)
+            inputs = [np.concatenate([[0.0], column[1:]]) for column in relaxed[:2]]
+            lead, rate = (lsim(([1.0], [late, 1.0]), column, t)[1] for column in inputs)
         _, force = stepped(law, T, way.setpoints(t), read.readings())
         K1, K2, K3, K4, Ki = law.gains()
         e2 = way(0, t) - read.load
@@ -143,10 +164,16 @@ def commands() -> Part:
         expected = K1 * e1[1:] + K2 * e2[1:] + K3 * ev1 + K4 * ev2 + Ki * np.array(integral)
         names = ("pole placement", *(("compatible commands",) if form != "rigid" else ()))
         claims.append(
-            Claim("2.h force", f"The force is the sum of the five errors, commands '{form}'", RULE.replace(
-                  "; largest", ", full mass matrix; largest" if form == "series" else "; largest"),
-                  misfit(force, expected), None, 1e-8, "", "the same", equations=names)
-        )  # fmt: skip
+            Claim(
+                "2.h force",
+                f"The force is the sum of the five errors, commands '{form}'",
+                RULE.replace("; largest", ", full mass matrix; largest" if form == "series" else "; largest"),
+                misfit(force, expected),
+                most=1e-8,
+                expected="the same",
+                equations=names,
+            )
+        )
     return Part([*claims, *_fed(way, t)])
 
 
@@ -160,12 +187,13 @@ def _fed(way: RandomMotion, t: np.ndarray) -> list[Claim]:
     full = rigid[0] * screw_a + rigid[1] * screw_v + rigid[2] * way(2, middle) + rigid[3] * way(1, middle)
     stiff = (rigid[0] + rigid[2]) * way(2, middle) + (rigid[1] + rigid[3]) * way(1, middle)
     blocks = {order: InverseDynamics(model=COUPLED, order=order) for order in ("full", "rigid")}
-    found = {order: [block.step(None, s, T)[1] for s in setpoints] for order, block in blocks.items()}
+    forces = {order: [block.step(None, s, T)[1] for s in setpoints] for order, block in blocks.items()}
 
     theta = np.array([1e-5, -2e-6, 3e-8, 4e-10])
     block = TrajectoryPrefilter(**{f"theta{i + 1}": value for i, value in enumerate(theta)})
-    filtered = np.array([[out - into for out, into in zip(block.step(block.start(s), s, T)[1], s, strict=True)]
-                         for s in setpoints])  # fmt: skip
+    filtered = np.array(
+        [[out - into for out, into in zip(block.step(block.start(s), s, T)[1], s, strict=True)] for s in setpoints]
+    )
     added = np.stack([sum(theta[i] * way(order + 1 + i, t) for i in range(4 - order)) for order in range(4)], axis=1)
 
     outs = [block.step(block.start(s), s, T)[1].snap for s in setpoints]
@@ -174,34 +202,76 @@ def _fed(way: RandomMotion, t: np.ndarray) -> list[Claim]:
     slow, share = RandomMotion(3), 1e-2
     v0 = slow(1, middle[40:41])
     v = share * (slow(1, middle) - v0)
-    given = np.stack([share * slow(i, t) - (share * v0 if i == 1 else 0.0) for i in range(5)], axis=1)
-    fed = FrictionFeedforward(coulomb_positive=70.0, coulomb_negative=80.0, breakaway=110.0, stribeck_velocity=4e-4,
-                              smoothing=2e-4)  # fmt: skip
+    motion_rows = np.stack([share * slow(i, t) - (share * v0 if i == 1 else 0.0) for i in range(5)], axis=1)
+    fed = FrictionFeedforward(
+        coulomb_positive=70.0, coulomb_negative=80.0, breakaway=110.0, stribeck_velocity=4e-4, smoothing=2e-4
+    )
     plain = replace(fed, smoothing=None, breakaway=None, stribeck_velocity=None)
-    smooth, hard = ([kind.step(None, Setpoint(*row), T)[1] for row in given.tolist()] for kind in (fed, plain))
+    smooth, hard = ([kind.step(None, Setpoint(*row), T)[1] for row in motion_rows.tolist()] for kind in (fed, plain))
     level = np.where(v < 0.0, 80.0, 70.0)
     curve = (level + (110.0 - level) * np.exp(-((v / 4e-4) ** 2))) * np.tanh(v / 2e-4)
-    linear = [stribeck_level(each, 70.0, 110.0, 4e-4, exponent=1) for each in v.tolist()]
+    linear = [stribeck_level(speed, 70.0, 110.0, 4e-4, exponent=1) for speed in v.tolist()]
     return [
-        Claim("2.h inverse", "Inverse dynamics is equation (2) solved for the force, in the middle of the sample",
-              f"full mass matrix, m12 = 3 kg; {RULE}", misfit(found["full"], full), None, 1e-9, "", "the same",
-              equations=("inverse dynamics", "compatible commands")),
-        Claim("2.h rigid inverse", "Its rigid form is that of one mass", f"full mass matrix, m12 = 3 kg; {RULE}",
-              misfit(found["rigid"], stiff), None, 1e-9, "", "the same", equations=("inverse dynamics",)),
-        *(Claim("2.h prefilter", f"What the prefilter adds to the set {name}", RULE,
-                misfit(filtered[:, i], added[:, i]), None, 1e-6, "", "θ(s) x, cut off above the snap",
-                equations=("prefilter",))
-          for i, name in enumerate(("position", "velocity", "acceleration", "jerk"))),
-        Claim("2.h prefilter", "It leaves the set snap as it is", RULE, misfit(outs, way(4, t)), None, 1e-12, "", "s",
-              equations=("prefilter",)),
-        *(Claim("2.h friction", said, RULE, misfit(found, expected), None, 1e-9, "", "the same",
-                equations=("friction feedforward",))
-          for said, found, expected in (
-              ("Friction feedforward is the Stribeck curve of the set velocity", smooth, curve),
-              ("Without a curve it is the Coulomb level of the direction", hard, level * np.sign(v)),
-              ("The curve falls with e^-|v/v_s| if that is asked for", linear,
-               70.0 + 40.0 * np.exp(-np.abs(v) / 4e-4)))),
-    ]  # fmt: skip
+        Claim(
+            "2.h inverse",
+            "Inverse dynamics is equation (2) solved for the force, in the middle of the sample",
+            f"full mass matrix, m12 = 3 kg; {RULE}",
+            misfit(forces["full"], full),
+            most=1e-9,
+            expected="the same",
+            equations=("inverse dynamics", "compatible commands"),
+        ),
+        Claim(
+            "2.h rigid inverse",
+            "Its rigid form is that of one mass",
+            f"full mass matrix, m12 = 3 kg; {RULE}",
+            misfit(forces["rigid"], stiff),
+            most=1e-9,
+            expected="the same",
+            equations=("inverse dynamics",),
+        ),
+        *(
+            Claim(
+                "2.h prefilter",
+                f"What the prefilter adds to the set {name}",
+                RULE,
+                misfit(filtered[:, i], added[:, i]),
+                most=1e-6,
+                expected="θ(s) x, cut off above the snap",
+                equations=("prefilter",),
+            )
+            for i, name in enumerate(("position", "velocity", "acceleration", "jerk"))
+        ),
+        Claim(
+            "2.h prefilter",
+            "It leaves the set snap as it is",
+            RULE,
+            misfit(outs, way(4, t)),
+            most=1e-12,
+            expected="s",
+            equations=("prefilter",),
+        ),
+        *(
+            Claim(
+                "2.h friction",
+                title,
+                RULE,
+                misfit(forces, expected),
+                most=1e-9,
+                expected="the same",
+                equations=("friction feedforward",),
+            )
+            for title, forces, expected in (
+                ("Friction feedforward is the Stribeck curve of the set velocity", smooth, curve),
+                ("Without a curve it is the Coulomb level of the direction", hard, level * np.sign(v)),
+                (
+                    "The curve falls with e^-|v/v_s| if that is asked for",
+                    linear,
+                    70.0 + 40.0 * np.exp(-np.abs(v) / 4e-4),
+                ),
+            )
+        ),
+    ]
 
 
 NOTCH = (0.92841922, -1.821741947, 0.91251238, -1.821741947, 0.8409316)  # b0 b1 b2 a1 a2, by another program
@@ -215,19 +285,25 @@ def filter_pack() -> Part:
     push = np.zeros(200)
     push[0] = 1.0
     claims = []
-    for said, block, numbers in zip(("notch of 460 Hz", "low-pass of 2.5 kHz"), placed().control.filters,
+    for title, block, numbers in zip(("notch of 460 Hz", "low-pass of 2.5 kHz"), placed().control.filters,
                                     (NOTCH, LOW_PASS), strict=True):  # fmt: skip
         prepared = block.prepare(T)
-        state, found = block.start(prepared, 0.0), []
-        for each in push.tolist():
-            state, out = block.step(prepared, state, each)
-            found.append(out)
+        state, outputs = block.start(prepared, 0.0), []
+        for sample in push.tolist():
+            state, out = block.step(prepared, state, sample)
+            outputs.append(out)
         expected = np.asarray(lfilter(numbers[:3], [1.0, *numbers[3:]], push))
         claims.append(
-            Claim("2.h filter pack", f"The {said} is that of an independent program", "20 kHz; response to one "
-                  "sample, largest difference over the largest value", misfit(found, expected), None, 1e-7,
-                  "", "to the eight digits of its coefficients", equations=("filter pack",))
-        )  # fmt: skip
+            Claim(
+                "2.h filter pack",
+                f"The {title} is that of an independent program",
+                "20 kHz; response to one sample, largest difference over the largest value",
+                misfit(outputs, expected),
+                most=1e-7,
+                expected="to the eight digits of its coefficients",
+                equations=("filter pack",),
+            )
+        )
     return Part(claims)
 
 
@@ -239,41 +315,91 @@ def damping() -> Part:
     """The axial mode in closed loop against open loop, the map over its damping, and the loop without filter pack."""
     loop = placed()
     closed = Linear(loop)
-    peak_open, by_model = (float(np.max(_uncontrolled(each))) for each in (loop.axis.plant, MODEL))
+    peak_open, by_model = (float(np.max(_uncontrolled(plant))) for plant in (loop.axis.plant, MODEL))
     peak = float(np.max(closed.compliance(BAND)))
     bare = replace(loop, control=replace(loop.control, filters=()))
     rule = f"{TRUTH}, linear; largest compliance of the table from 60 to 300 Hz"
     names = ("pole placement", "gains by (2)")
     claims = [
-        Claim("2.i open loop", "The axial mode without control, two masses of the design", "no force of the drive; "
-              "largest compliance of the table from 60 to 300 Hz", by_model, 0.98, 1.0, "µm/N", "0.99"),
-        Claim("2.i open loop", "The same of the axis, with motor and coupling", f"no force of the drive; {rule}",
-              peak_open, 1.05, 1.10, "µm/N", "0.99 of two masses"),
-        Claim("2.i damping", "Closed by pole placement the mode is at least five times as stiff", f"{GAINS}; {rule}",
-              peak_open / peak, 5.8, 6.2, "", "0.99 / 0.179 µm/N", equations=names),
-        Claim("2.i filter pack", "Without the filter pack the loop is not stable", f"{GAINS}; growth in a sample",
-              stability(bare).growth, 1.0005, None, "", "the pack is for stability", equations=("pole placement",)),
-    ]  # fmt: skip
+        Claim(
+            "2.i open loop",
+            "The axial mode without control, two masses of the design",
+            "no force of the drive; largest compliance of the table from 60 to 300 Hz",
+            by_model,
+            least=0.98,
+            most=1.0,
+            unit="µm/N",
+            expected="0.99",
+        ),
+        Claim(
+            "2.i open loop",
+            "The same of the axis, with motor and coupling",
+            f"no force of the drive; {rule}",
+            peak_open,
+            least=1.05,
+            most=1.10,
+            unit="µm/N",
+            expected="0.99 of two masses",
+        ),
+        Claim(
+            "2.i damping",
+            "Closed by pole placement the mode is at least five times as stiff",
+            f"{GAINS}; {rule}",
+            peak_open / peak,
+            least=5.8,
+            most=6.2,
+            expected="0.99 / 0.179 µm/N",
+            equations=names,
+        ),
+        Claim(
+            "2.i filter pack",
+            "Without the filter pack the loop is not stable",
+            f"{GAINS}; growth in a sample",
+            stability(bare).growth,
+            least=1.0005,
+            expected="the pack is for stability",
+            equations=("pole placement",),
+        ),
+    ]
     for share, (sensitivity, compliance) in PEAKS.items():
         linear = Linear(placed(replace(SOFTER, axial_damping=share)))
-        said = f"45 Hz, ζ 0.6, axial damping {number(share)}; {TRUTH}"
+        design = f"45 Hz, ζ 0.6, axial damping {number(share)}; {TRUTH}"
         claims += [
-            Claim("2.i map", f"Ms with an axial damping of {number(share)}", said, linear.margins.sensitivity_peak,
-                  0.985 * sensitivity, 1.015 * sensitivity, "", number(sensitivity), equations=names),
-            Claim("2.i map", f"Peak compliance with an axial damping of {number(share)}", said,
-                  float(np.max(linear.compliance(LINES))), 0.96 * compliance, 1.04 * compliance, "µm/N",
-                  number(compliance), equations=names),
-        ]  # fmt: skip
+            Claim(
+                "2.i map",
+                f"Ms with an axial damping of {number(share)}",
+                design,
+                linear.margins.sensitivity_peak,
+                least=0.985 * sensitivity,
+                most=1.015 * sensitivity,
+                expected=number(sensitivity),
+                equations=names,
+            ),
+            Claim(
+                "2.i map",
+                f"Peak compliance with an axial damping of {number(share)}",
+                design,
+                float(np.max(linear.compliance(LINES))),
+                least=0.96 * compliance,
+                most=1.04 * compliance,
+                unit="µm/N",
+                expected=number(compliance),
+                equations=names,
+            ),
+        ]
     return Part(claims)
 
 
 def _uncontrolled(plant: Plant) -> np.ndarray:
-    """Compliance of the axis without a force of the drive, µm/N over BAND."""
-    made = plant.mechanics()
-    M, C, K, S = (np.array(each, dtype=float) for each in (made.mass, made.damping, made.stiffness, made.shape))
+    """Return the compliance of the axis without a drive force, µm/N over BAND."""
+    mechanics = plant.mechanics()
+    M, C, K, S = (
+        np.array(matrix, dtype=float)
+        for matrix in (mechanics.mass, mechanics.damping, mechanics.stiffness, mechanics.shape)
+    )
     s = 2j * np.pi * BAND[:, None, None]
-    found = S @ np.linalg.solve(M * s * s + C * s + K, np.broadcast_to(S.T, (BAND.size, *S.T.shape)))
-    return 1e6 * np.abs(found[:, made.load, made.load])
+    response = S @ np.linalg.solve(M * s * s + C * s + K, np.broadcast_to(S.T, (BAND.size, *S.T.shape)))
+    return 1e6 * np.abs(response[:, mechanics.load, mechanics.load])
 
 
 ROWS: tuple[Callable[[], Part], ...] = (gains, commands, filter_pack, damping)

@@ -55,43 +55,43 @@ class Part:
 
 
 def placed(law: PolePlacement = DESIGN, feedforward: tuple[Feedforward, ...] = (FULL,)) -> Loop:
-    """Pole placement on the axis, with inverse dynamics and without friction."""
+    """Return pole placement on the axis, with inverse dynamics and without friction."""
     today = cascade()
     return replace(today, control=replace(today.control, law=law, feedforward=feedforward))
 
 
 def cascade() -> Loop:
-    """The machine's own P-PI with velocity and acceleration feedforward, without friction."""
+    """Return the machine's own P-PI with velocity and acceleration feedforward, without friction."""
     return with_friction(read_machine("ball_screw").loop("x"), None)
 
 
 def with_friction(loop: Loop, friction: Friction | None) -> Loop:
-    """The loop with another friction of the screw."""
+    """Return the loop with another friction of the screw."""
     return replace(loop, axis=replace(loop.axis, friction_motor=friction))
 
 
 def with_prefilter(loop: Loop, fit: PrefilterFit) -> Loop:
-    """The loop with a fitted prefilter."""
+    """Return the loop with a fitted prefilter."""
     return replace(loop, control=replace(loop.control, prefilter=fit.prefilter))
 
 
 def follow(loop: Loop, reference: Reference, name: str) -> Run:
-    """A run with its tracking error, to which a prefilter is fitted."""
+    """Run with the tracking error, to which a prefilter is fitted."""
     return simulate(loop, reference, name=name, record=("following_error", "tracking_error", "requested", "force"))
 
 
 def fits(loop: Loop, reference: Reference, runs: int = 1) -> tuple[PrefilterFit, ...]:
-    """Prefilters by least squares, each fitted to a run with the one before."""
+    """Fit prefilters by least squares, each to a run with the previous one."""
     return tune_prefilter(loop, reference, runs=runs)
 
 
 def rms(values: np.ndarray) -> float:
-    """In µm, from m."""
+    """Return the RMS in µm of values in m."""
     return 1e6 * float(np.sqrt(np.mean(values * values)))
 
 
 def peak(values: np.ndarray) -> float:
-    """In µm, from m."""
+    """Return the peak in µm of values in m."""
     return 1e6 * float(np.max(np.abs(values)))
 
 

@@ -77,26 +77,32 @@ def _claims(same: dict[str, Trials], changing: dict[str, Trials]) -> list[Claim]
     for name, least in (("a, b", 70.0), ("+ Coulomb", 80.0), ("+ Stribeck", 80.0)):
         rms = same[name].rms
         drop = 100.0 * (1.0 - float(rms[1] / rms[0]))
-        said = f"{name}: fall of the RMS error by the first update"
+        title = f"{name}: fall of the RMS error by the first update"
         wanted = EXPECTED[name][0]
         fall = number(100.0 * (1.0 - wanted[1] / wanted[0]), 3)
-        claims.append(Claim("4.a", said, rule, drop, least, None, "%", fall))
+        claims.append(Claim("4.a", title, rule, drop, least, None, "%", fall))
     plain, coulomb, stribeck = (_final(same[name]) for name in SETS)
     claims += [
         Claim("4.b", "final RMS with the compensator over that without", rule, coulomb / plain, None, 0.35, "", "0.29"),
-        Claim("4.c", "final RMS with the Stribeck column over Coulomb only", rule, stribeck / coulomb, None, 0.5, "",
-              "0.37"),
-    ]  # fmt: skip
+        Claim(
+            "4.c",
+            "final RMS with the Stribeck column over Coulomb only",
+            rule,
+            stribeck / coulomb,
+            most=0.5,
+            expected="0.37",
+        ),
+    ]
     turned = f"{rule}; references {_distances()}, judged on the last"
     for name in SETS:
         ratio = _final(changing[name]) / _final(same[name])
-        said = f"{name}: final RMS with changing references over that with the same"
-        claims.append(Claim("4.d", said, turned, ratio, 0.9, 1.1, "", "the same level"))
+        title = f"{name}: final RMS with changing references over that with the same"
+        claims.append(Claim("4.d", title, turned, ratio, 0.9, 1.1, "", "the same level"))
     for label, chosen in (("same", same), ("changing", changing)):
         for name in SETS:
             a = amperes(float(chosen[name].parameters()["mass"][-1]))
-            said = f"{name}, {label} reference: identified a"
-            claims.append(Claim("4.e", said, rule, a, 0.38, 0.42, "A s²/m", "0.4 within 5 %; 0.4008 to 0.4176"))
+            title = f"{name}, {label} reference: identified a"
+            claims.append(Claim("4.e", title, rule, a, 0.38, 0.42, "A s²/m", "0.4 within 5 %; 0.4008 to 0.4176"))
     return claims
 
 
@@ -110,14 +116,35 @@ def _set_valued(hard: dict[str, Trials], changing: dict[str, Trials]) -> list[Cl
     changed = f"{rule}; references {_distances()}, judged on the last"
     plain, coulomb, stribeck = (_final(hard[name]) for name in SETS)
     return [
-        Claim("4.f", "the compensator lowers the final RMS: Coulomb over a, b", rule, coulomb / plain, None, 1.0, "",
-              "2.28/5.31 = 0.43"),
-        Claim("4.f", "so does the Stribeck column: over Coulomb only", rule, stribeck / coulomb, None, 1.0, "",
-              "1.26/2.28 = 0.55"),
-        *(Claim("4.f", f"{name}: final RMS with changing references over that with the same", changed,
-                _final(changing[name]) / _final(hard[name]), least, most, "", "no figure was given")
-          for name, least, most in (("a, b", 0.9, 1.1), ("+ Coulomb", 1.4, 2.0), ("+ Stribeck", 0.4, 0.8))),
-    ]  # fmt: skip
+        Claim(
+            "4.f",
+            "the compensator lowers the final RMS: Coulomb over a, b",
+            rule,
+            coulomb / plain,
+            most=1.0,
+            expected="2.28/5.31 = 0.43",
+        ),
+        Claim(
+            "4.f",
+            "so does the Stribeck column: over Coulomb only",
+            rule,
+            stribeck / coulomb,
+            most=1.0,
+            expected="1.26/2.28 = 0.55",
+        ),
+        *(
+            Claim(
+                "4.f",
+                f"{name}: final RMS with changing references over that with the same",
+                changed,
+                _final(changing[name]) / _final(hard[name]),
+                least=least,
+                most=most,
+                expected="no figure was given",
+            )
+            for name, least, most in (("a, b", 0.9, 1.1), ("+ Coulomb", 1.4, 2.0), ("+ Stribeck", 0.4, 0.8))
+        ),
+    ]
 
 
 def _table(title: str, same: dict[str, Trials], changing: dict[str, Trials], *, expected: bool) -> Table:
@@ -160,16 +187,16 @@ STRONG = 20.0  # N of noise where nothing repeats
 
 
 def pulsed(trial: int) -> Load:
-    """Noise, and the pulse."""
+    """Return noise with the pulse."""
     plain = noise(trial)
     force = plain.force.copy()
-    first, last = (round(each / float(plain.sample_time)) for each in PULSE[:2])
+    first, last = (round(instant / float(plain.sample_time)) for instant in PULSE[:2])
     force[first:last] += PULSE[2]
     return dataclasses.replace(plain, force=force)
 
 
 def strong(trial: int) -> RecordedForce:
-    """More noise."""
+    """Return larger noise."""
     return noise(trial, STRONG)
 
 
@@ -183,17 +210,17 @@ CASES: dict[str, tuple[object, object]] = {
 
 def signals() -> tuple[list[Claim], list[Table], list[Shown]]:
     """Claims, tables and pictures."""
-    found: dict[tuple[str, str, bool], np.ndarray] = {}
+    by_case: dict[tuple[str, str, bool], np.ndarray] = {}
     rows: list[list[str | float | None]] = []
     for smooth in (True, False):
         for case, (reference, load) in CASES.items():
             plain, whole = (table_axis("x", SETS[name], smooth=smooth) for name in ("a, b", "+ Stribeck"))
-            made = {
+            by_kind = {
                 "parameters, + Stribeck": _parameter_errors(whole, reference, load),
                 "signal": _signal(plain, reference, load),
             }
-            for kind, rms in made.items():
-                found[case, kind, smooth] = rms
+            for kind, rms in by_kind.items():
+                by_case[case, kind, smooth] = rms
                 friction = TANH if smooth else SET_VALUED
                 rows.append([friction, case, kind, *map(float, rms)])
     longest = max(len(row) for row in rows)
@@ -204,9 +231,9 @@ def signals() -> tuple[list[Claim], list[Table], list[Shown]]:
         rows,
     )
     kinds = ("parameters, + Stribeck", "signal")
-    drawn = {f"{kind}: {case}": found[case, kind, False] for case in list(CASES)[:2] for kind in kinds}
+    drawn = {f"{kind}: {case}": by_case[case, kind, False] for case in list(CASES)[:2] for kind in kinds}
     shown = [pictures.against_signal(drawn, f"Parameters and signal, {SET_VALUED}", "signal")]
-    return _signal_claims(found), [table], shown
+    return _signal_claims(by_case), [table], shown
 
 
 def _parameter_errors(loop: Loop, reference: object, load: object) -> np.ndarray:
@@ -221,11 +248,11 @@ def _signal(loop: Loop, reference: object, load: object) -> np.ndarray:
     return learn_signal(loop, many, trials, bandwidth=BANDWIDTH, load=load).rms  # type: ignore[arg-type]
 
 
-def _signal_claims(found: dict[tuple[str, str, bool], np.ndarray]) -> list[Claim]:
+def _signal_claims(by_case: dict[tuple[str, str, bool], np.ndarray]) -> list[Claim]:
     ours, theirs = "parameters, + Stribeck", "signal"
 
     def last(case: str, kind: str, smooth: bool) -> float:
-        return float(found[case, kind, smooth][-1])
+        return float(by_case[case, kind, smooth][-1])
 
     def ratio(case: str, smooth: bool) -> float:
         return last(case, theirs, smooth) / last(case, ours, smooth)
@@ -239,16 +266,36 @@ def _signal_claims(found: dict[tuple[str, str, bool], np.ndarray]) -> list[Claim
         Claim("4.n", "the signal wins: same reference", rule, ratio(same, False), None, 1.0),
         Claim("4.n", "the signal wins: a pulse that repeats", rule, ratio(pulse, False), None, 1.0),
         Claim("4.n", "the signal loses: changing references", rule, ratio(changing, False), 2.0, None),
-        Claim("4.n", "changing references: the signal is worse than its first trial", rule,
-              float(np.max(found[changing, theirs, False][1:]) / found[changing, theirs, False][0]), 1.0, None),
-        *(Claim("4.n", Text(f"{Quantity(STRONG, 'N'):6} of noise over {Quantity(NOISE, 'N'):6}, {kind}: last RMS"),
+        Claim(
+            "4.n",
+            "changing references: the signal is worse than its first trial",
+            rule,
+            float(np.max(by_case[changing, theirs, False][1:]) / by_case[changing, theirs, False][0]),
+            least=1.0,
+        ),
+        *(
+            Claim(
+                "4.n",
+                Text(f"{Quantity(STRONG, 'N'):6} of noise over {Quantity(NOISE, 'N'):6}, {kind}: last RMS"),
                 rule.replace("over that of the parameters", "over that with less noise"),
-                last(noisy, kind, False) / last(same, kind, False), least, most, "", words)
-          for kind, least, most, words in ((theirs, 1.8, 2.6, "a signal learns the noise of its trials"),
-                                           (ours, 0.8, 1.2, "few parameters average it"))),
-        Claim("4.n", "the signal loses on tanh friction, which creeps at rest: same reference",
-              rule.replace(SET_VALUED, TANH), ratio(same, True), 1.0, None),
-    ]  # fmt: skip
+                last(noisy, kind, False) / last(same, kind, False),
+                least=least,
+                most=most,
+                expected=words,
+            )
+            for kind, least, most, words in (
+                (theirs, 1.8, 2.6, "a signal learns the noise of its trials"),
+                (ours, 0.8, 1.2, "few parameters average it"),
+            )
+        ),
+        Claim(
+            "4.n",
+            "the signal loses on tanh friction, which creeps at rest: same reference",
+            rule.replace(SET_VALUED, TANH),
+            ratio(same, True),
+            least=1.0,
+        ),
+    ]
 
 
 AXES = {"x": 0, "y": 90}
@@ -257,7 +304,7 @@ LEARNED = 4  # trials
 
 
 class MeasuredCircle(NamedTuple):
-    """The measured circle: time in s, x and y in m about its center."""
+    """A measured circle: time in s, x and y in m about its center."""
 
     time: np.ndarray
     x: np.ndarray
@@ -265,22 +312,22 @@ class MeasuredCircle(NamedTuple):
 
     @property
     def error(self) -> np.ndarray:
-        """Contour error, m."""
+        """The contour error, m."""
         return np.hypot(self.x, self.y) - pictures.RADIUS
 
     @property
     def rms(self) -> float:
-        """µm."""
+        """The RMS of the contour error, µm."""
         return 1e6 * float(np.sqrt(np.mean(self.error**2)))
 
     @property
     def peak(self) -> float:
-        """µm."""
+        """The peak of the contour error, µm."""
         return 1e6 * float(np.max(np.abs(self.error)))
 
 
 def circle(axis: str) -> Circle:
-    """R = 20 mm, 0.1 m/s, two turns."""
+    """Return the circle: R = 20 mm, 0.1 m/s, two turns."""
     return Circle(radius=pictures.RADIUS, feed=0.1, turns=2, phase=AXES[axis], run_up_time=RUN_UP)
 
 
@@ -289,8 +336,8 @@ def contouring() -> tuple[list[Claim], list[Table], list[Shown]]:
     smooth, hard = _all(smooth=True), _all(smooth=False)
     heads = ("RMS", "peak", f"RMS, {SET_VALUED}", "peak")
     rows = [
-        [name, *(stated(error, "µm") for driven in (found, hard[name]) for error in (driven.rms, driven.peak))]
-        for name, found in smooth.items()
+        [name, *(stated(error, "µm") for driven in (circle_run, hard[name]) for error in (driven.rms, driven.peak))]
+        for name, circle_run in smooth.items()
     ]
     columns = ["learned", *(Column(head, "m", "3") for head in heads)]
     table = Table(f"contour error of the circle, {TANH} unless said; expected 10.8, 9.5, 2.3 to 2.5 um", columns, rows)
@@ -307,16 +354,18 @@ def contouring() -> tuple[list[Claim], list[Table], list[Shown]]:
 
 
 def _all(*, smooth: bool) -> dict[str, MeasuredCircle]:
-    """The start, each set of columns learned on the circle, and the compensator learned on the line."""
+    """Return the start, each set of columns learned on the circle, and the compensator learned on the line."""
     poor = {axis: table_axis(axis, SETS["+ Coulomb"], smooth=smooth) for axis in AXES}
-    found = {"start": _driven({axis: table_axis(axis, SETS["+ Coulomb"], smooth=smooth, known=True) for axis in AXES})}
+    circles = {
+        "start": _driven({axis: table_axis(axis, SETS["+ Coulomb"], smooth=smooth, known=True) for axis in AXES})
+    }
     for name, columns in SETS.items():
-        found[name] = _driven({axis: _learned(axis, columns, smooth) for axis in AXES})
-    found["+ Coulomb, learned on the line"] = _driven(
+        circles[name] = _driven({axis: _learned(axis, columns, smooth) for axis in AXES})
+    circles["+ Coulomb, learned on the line"] = _driven(
         {axis: _learned(axis, SETS["+ Coulomb"], smooth, line=True) for axis in AXES}
     )
-    found["nothing: 45 kg and b = 0"] = _driven(poor)
-    return found
+    circles["nothing: 45 kg and b = 0"] = _driven(poor)
+    return circles
 
 
 def _learned(axis: str, columns: tuple[str, ...], smooth: bool, *, line: bool = False) -> Loop:
@@ -325,12 +374,14 @@ def _learned(axis: str, columns: tuple[str, ...], smooth: bool, *, line: bool = 
 
 
 def _driven(loops: dict[str, Loop]) -> MeasuredCircle:
-    """Both axes in one run."""
-    found = simulate(
-        Machine.of(loops), {axis: circle(axis) for axis in loops},
-        load={axis: noise(20 + AXES[axis]) for axis in loops}, record=("x.position_load", "y.position_load"),
-    )  # fmt: skip
-    return MeasuredCircle(found.time, found["x.position_load"], found["y.position_load"])
+    """Run both axes together."""
+    outcome = simulate(
+        Machine.of(loops),
+        {axis: circle(axis) for axis in loops},
+        load={axis: noise(20 + AXES[axis]) for axis in loops},
+        record=("x.position_load", "y.position_load"),
+    )
+    return MeasuredCircle(outcome.time, outcome["x.position_load"], outcome["y.position_load"])
 
 
 def _circle_claims(smooth: dict[str, MeasuredCircle], hard: dict[str, MeasuredCircle]) -> list[Claim]:
@@ -344,16 +395,36 @@ def _circle_claims(smooth: dict[str, MeasuredCircle], hard: dict[str, MeasuredCi
     other = rule.replace("learned on the circle", "learned on the 100 mm move of each axis alone")
     ordered = rule.replace(TANH, f"{SET_VALUED}, ordering only")
     return [
-        Claim("4.l", "a, b only leaves the glitches: RMS over that of the start", rule,
-              100.0 * smooth["a, b"].rms / start.rms, 85.0, None, "%", "9.5/10.8 = 88"),
+        Claim(
+            "4.l",
+            "a, b only leaves the glitches: RMS over that of the start",
+            rule,
+            100.0 * smooth["a, b"].rms / start.rms,
+            least=85.0,
+            unit="%",
+            expected="9.5/10.8 = 88",
+        ),
         Claim("4.l", "the compensator removes RMS contour error", rule, removed, 70.0, None, "%", "78"),
         Claim("4.l", "largest contour error, start", rule, start.peak, 44.0, 52.0, "um", "48"),
         Claim("4.l", "largest contour error, a and b", rule, smooth["a, b"].peak, 38.0, 46.0, "um", "42"),
-        Claim("4.l", "largest contour error, with Coulomb", rule, smooth["+ Coulomb"].peak, None, 18.0, "um",
-              "14 to 16"),
-        Claim("4.l", "the Stribeck column gains little here: RMS over Coulomb only", rule,
-              smooth["+ Stribeck"].rms / smooth["+ Coulomb"].rms, 0.85, 1.15, "", "no gain"),
+        Claim(
+            "4.l", "largest contour error, with Coulomb", rule, smooth["+ Coulomb"].peak, None, 18.0, "um", "14 to 16"
+        ),
+        Claim(
+            "4.l",
+            "the Stribeck column gains little here: RMS over Coulomb only",
+            rule,
+            smooth["+ Stribeck"].rms / smooth["+ Coulomb"].rms,
+            least=0.85,
+            most=1.15,
+            expected="no gain",
+        ),
         Claim("4.l", "parameters of another motion: RMS removed on the circle", other, elsewhere, 70.0, None, "%"),
-        Claim("4.m", "the compensator lowers the RMS contour error", ordered,
-              hard["+ Coulomb"].rms / hard["a, b"].rms, None, 1.0),
-    ]  # fmt: skip
+        Claim(
+            "4.m",
+            "the compensator lowers the RMS contour error",
+            ordered,
+            hard["+ Coulomb"].rms / hard["a, b"].rms,
+            most=1.0,
+        ),
+    ]

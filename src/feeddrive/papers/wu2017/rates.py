@@ -47,18 +47,27 @@ def rates() -> tuple[list[Claim], list[Table], list[Shown]]:
     by_mass, mass_table, curve = _by_mass()
     gain_table = _by_gain()
     scatter, scatter_table = _scatter()
-    return [_identity(), *_one_step(), *by_mass, *scatter, *_condition()], [
-        mass_table, gain_table, scatter_table,
-    ], [curve]  # fmt: skip
+    return (
+        [_identity(), *_one_step(), *by_mass, *scatter, *_condition()],
+        [
+            mass_table,
+            gain_table,
+            scatter_table,
+        ],
+        [curve],
+    )
 
 
 def ideal_axis(theta: dict[str, float]) -> Loop:
     """The x axis without quantizer and with viscous friction only: here the error model is exact."""
     loop = table_axis("x", SETS["+ Coulomb"])
     axis = dataclasses.replace(
-        loop.axis, plant=Rigid(mass=TRUE["mass"], viscous=TRUE["viscous"]), friction_load=None, encoder_load=None,
+        loop.axis,
+        plant=Rigid(mass=TRUE["mass"], viscous=TRUE["viscous"]),
+        friction_load=None,
+        encoder_load=None,
         substeps=1,
-    )  # fmt: skip
+    )
     return compensated(dataclasses.replace(loop, axis=axis), DisturbanceCompensator(**theta))
 
 
@@ -88,8 +97,8 @@ def identity_error() -> float:
 
 def _identity() -> Claim:
     rule = "x axis, friction along the set velocity, no noise, no quantizer; theta = [0.1, 0, 0, 0] against theta0"
-    said = "e(theta) - e(theta0) is G_d phi' (theta0 - theta): largest deviation over largest value"
-    return Claim("4.g", said, rule, identity_error(), None, 1e-8, "", "1.5e-10")
+    title = "e(theta) - e(theta0) is G_d phi' (theta0 - theta): largest deviation over largest value"
+    return Claim("4.g", title, rule, identity_error(), None, 1e-8, "", "1.5e-10")
 
 
 def _one_step() -> list[Claim]:
@@ -98,13 +107,25 @@ def _one_step() -> list[Claim]:
     trial = simulated_trial(ideal_run(loop, SAME), SAME)
     after = next_iteration(loop, trial, form="model_based", plant=loop.axis.plant, mu=0.0).after.parameters()
     rule = "as before, one step with the exact model, gamma 1; what is left is the dead time of one sample"
-    wanted = {"mass": (0.4003, 1e-4), "viscous": (1.289, 1e-3), "coulomb_positive": (0.323, 1e-3),
-              "coulomb_negative": (0.273, 1e-3)}  # fmt: skip
+    wanted = {
+        "mass": (0.4003, 1e-4),
+        "viscous": (1.289, 1e-3),
+        "coulomb_positive": (0.323, 1e-3),
+        "coulomb_negative": (0.273, 1e-3),
+    }
     return [
-        Claim("4.g", f"one exact-model step from [0.1, 0, 0, 0]: {name}", rule, amperes(float(after[name])),
-              value - width, value + width, "A units", number(value))
+        Claim(
+            "4.g",
+            f"one exact-model step from [0.1, 0, 0, 0]: {name}",
+            rule,
+            amperes(float(after[name])),
+            least=value - width,
+            most=value + width,
+            unit="A units",
+            expected=number(value),
+        )
         for name, (value, width) in wanted.items()
-    ]  # fmt: skip
+    ]
 
 
 def _by_mass() -> tuple[list[Claim], Table, Shown]:
@@ -112,35 +133,43 @@ def _by_mass() -> tuple[list[Claim], Table, Shown]:
     loop = table_axis("x", SETS["+ Coulomb"], known=True)
     prompt = tree.vary(loop, {"axis.x.actuator.dead_time": 0.0})
     free = convergence(loop, SAME).rate
-    found: dict[str, list[float]] = {"dead time left out": [], "dead time known": []}
+    by_knowledge: dict[str, list[float]] = {"dead time left out": [], "dead time known": []}
     rows: list[list[str | float | Quantity]] = []
     for ratio in MASSES:
         cells: list[str | float] = [ratio]
         for believed, name in ((prompt, "dead time left out"), (loop, "dead time known")):
             rate = _rate(loop, believed, ratio)
-            found[name].append(rate)
+            by_knowledge[name].append(rate)
             cells.append("model loop unstable" if rate != rate else rate)
         rows.append([*cells, Quantity(EXPECTED_RATES[ratio]) if ratio in EXPECTED_RATES else "unstable"])
     rule = "x axis, columns a, b, Coulomb, 100 mm move; the true loop has a dead time of one sample, the model none"
     claims = [Claim("4.h", "model-free: rho", rule, free, None, 0.05, "", "0.039")]
-    prompted = dict(zip(MASSES, found["dead time left out"], strict=True))
+    prompted = dict(zip(MASSES, by_knowledge["dead time left out"], strict=True))
     for ratio, wanted in EXPECTED_RATES.items():
-        said = f"model-based, assumed mass x {number(ratio)}: rho"
-        claims.append(Claim("4.h", said, rule, prompted[ratio], None, 1.1 * wanted + 0.002, "", number(wanted)))
+        heading = f"model-based, assumed mass x {number(ratio)}: rho"
+        claims.append(Claim("4.h", heading, rule, prompted[ratio], None, 1.1 * wanted + 0.002, "", number(wanted)))
     refused = sum(prompted[ratio] != prompted[ratio] for ratio in (MASSES[0], MASSES[-1]))
-    known = found["dead time known"]
+    known = by_knowledge["dead time known"]
     claims += [
         Claim("4.h", "model loops refused as unstable, of the masses x 0.01 and x 20", rule, float(refused), 2.0, 2.0),
-        Claim("4.h", "assumed mass right, dead time known: rho", rule.replace("the model none", "and so has the model"),
-              known[MASSES.index(1.0)], None, 1e-9, "", "0"),
-    ]  # fmt: skip
+        Claim(
+            "4.h",
+            "assumed mass right, dead time known: rho",
+            rule.replace("the model none", "and so has the model"),
+            known[MASSES.index(1.0)],
+            most=1e-9,
+            expected="0",
+        ),
+    ]
     columns = [
-        Column("assumed mass / mass", ""), Column("rho, dead time left out", "", ".3f"),
-        Column("rho, dead time known", "", ".3f"), "expected",
-    ]  # fmt: skip
+        Column("assumed mass / mass", ""),
+        Column("rho, dead time left out", "", ".3f"),
+        Column("rho, dead time known", "", ".3f"),
+        "expected",
+    ]
     title = f"rate of convergence of the model-based form (model-free: {Quantity(free):.3f})"
     table = Table(title, columns, rows)
-    return claims, table, pictures.rates(np.array(MASSES), found, free)
+    return claims, table, pictures.rates(np.array(MASSES), by_knowledge, free)
 
 
 def _rate(loop: Loop, believed: Loop, ratio: float) -> float:
@@ -159,21 +188,23 @@ def _by_gain() -> Table:
         pair = [convergence(loop, SAME, believed=believed, gamma=gamma).rate for gamma in (1.0, 0.5)]
         rows.append([factor, *pair, expected])
     columns = [
-        Column("believed gain / gain", ""), Column("rho, gamma 1", "", ".3f"), Column("rho, gamma 0.5", "", ".3f"),
+        Column("believed gain / gain", ""),
+        Column("rho, gamma 1", "", ".3f"),
+        Column("rho, gamma 0.5", "", ".3f"),
         Column("expected, gamma 1", ""),
-    ]  # fmt: skip
+    ]
     return Table("gains that are known roughly: half a step converges for both", columns, rows)
 
 
 def _scatter() -> tuple[list[Claim], Table]:
     """Scatter of the parameters from run to run, against the standard errors of one run."""
     loop = ideal_axis(TRUE)
-    found, reported = [], []
+    estimates, reported = [], []
     for seed in range(SEEDS):
         step = next_iteration(loop, simulated_trial(ideal_run(loop, SAME, STRONG, seed), SAME))
-        found.append(list(step.after.parameters().values()))
+        estimates.append(list(step.after.parameters().values()))
         reported.append([step.errors[name] for name in TRUE])
-    scatter, sure = np.std(found, axis=0, ddof=1), np.mean(reported, axis=0)
+    scatter, sure = np.std(estimates, axis=0, ddof=1), np.mean(reported, axis=0)
     rows = [
         [name, amperes(scatter[i]), amperes(sure[i]), float(sure[i] / scatter[i]), EXPECTED_SCATTER[i]]
         for i, name in enumerate(TRUE)
@@ -183,17 +214,31 @@ def _scatter() -> tuple[list[Claim], Table]:
     )
     ratio = sure / scatter
     claims = [
-        Claim("4.j", "standard error reported over scatter found, the smallest of four", rule, float(ratio.min()),
-              0.75, None),
-        Claim("4.j", "standard error reported over scatter found, the largest of four", rule, float(ratio.max()),
-              None, 2.0, "", "on the safe side: the dead time's misfit counts as noise"),
+        Claim(
+            "4.j",
+            "standard error reported over scatter found, the smallest of four",
+            rule,
+            float(ratio.min()),
+            least=0.75,
+        ),
+        Claim(
+            "4.j",
+            "standard error reported over scatter found, the largest of four",
+            rule,
+            float(ratio.max()),
+            most=2.0,
+            expected="on the safe side: the dead time's misfit counts as noise",
+        ),
         Claim("4.j", "scatter of a", rule, amperes(float(scatter[0])), 0.0006, 0.0011, "A s²/m", "0.0008"),
         Claim("4.j", "scatter of b", rule, amperes(float(scatter[1])), 0.009, 0.014, "A s/m", "0.0115"),
-    ]  # fmt: skip
+    ]
     columns = [
-        "parameter", Column("scatter, A units", "", ".4f"), Column("reported, A units", "", ".4f"),
-        Column("reported / scatter", "", ".2f"), Column("expected scatter", "", ".4f"),
-    ]  # fmt: skip
+        "parameter",
+        Column("scatter, A units", "", ".4f"),
+        Column("reported, A units", "", ".4f"),
+        Column("reported / scatter", "", ".2f"),
+        Column("expected scatter", "", ".4f"),
+    ]
     title = f"noise of {Quantity(STRONG, 'N'):6}: scatter over {SEEDS} runs and standard errors"
     return claims, Table(title, columns, rows)
 
@@ -206,8 +251,19 @@ def _condition() -> list[Claim]:
     rule = "x axis, columns a, b, Coulomb, scaled to one size, model-free"
     fast = f"{rule}; 100 mm at 0.25 m/s and 30 m/s², with and without 60 mm at 0.1 m/s"
     return [
-        Claim("4.k", "condition number of the 100 mm move", rule, convergence(loop, SAME).condition, None, 2.6, "",
-              "2.6 for one speed, 1.6 for two"),
-        Claim("4.k", "a second speed lowers the condition of a stroke that is nearly all at one speed: ratio", fast,
-              two / one, None, 0.85),
-    ]  # fmt: skip
+        Claim(
+            "4.k",
+            "condition number of the 100 mm move",
+            rule,
+            convergence(loop, SAME).condition,
+            most=2.6,
+            expected="2.6 for one speed, 1.6 for two",
+        ),
+        Claim(
+            "4.k",
+            "a second speed lowers the condition of a stroke that is nearly all at one speed: ratio",
+            fast,
+            two / one,
+            most=0.85,
+        ),
+    ]

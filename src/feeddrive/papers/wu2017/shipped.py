@@ -53,19 +53,24 @@ def feedforward() -> list[Claim]:
     v = slower * (way(1, middle) - v0)
     theta = {**TRUE, "stribeck": 35.0, "jerk_feedforward": 0.02, "snap_feedforward": 1e-5}
     block = DisturbanceCompensator(**theta, stribeck_velocity=6e-3)
-    found = []
+    forces = []
     for k in range(t.size):
         x, vk, *rest = (float(slower * way(i, t[k : k + 1])[0]) for i in range(5))
-        found.append(block.step(None, Setpoint(x, vk - slower * float(v0[0]), *rest), T)[1])
+        forces.append(block.step(None, Setpoint(x, vk - slower * float(v0[0]), *rest), T)[1])
     phi = columns(v, slower * way(2, middle))
     expected = phi @ np.array(list(TRUE.values()))
     expected = expected + 35.0 * np.sign(v) * np.exp(-((v / 6e-3) ** 2))
     expected = expected + 0.02 * slower * way(3, middle) + 1e-5 * slower * way(4, middle)
     return [
-        Claim("4.o", "The force of the shipped compensator is φᵀ θ in the middle of the sample",
-              f"{RANDOM.split(' of random')[0]} along a motion of the fourth degree through standstill, all columns",
-              misfit(found, expected), None, 1e-9, equations=("compensator (6), (7)",)),
-    ]  # fmt: skip
+        Claim(
+            "4.o",
+            "The force of the shipped compensator is φᵀ θ in the middle of the sample",
+            f"{RANDOM.split(' of random')[0]} along a motion of the fourth degree through standstill, all columns",
+            misfit(forces, expected),
+            most=1e-9,
+            equations=("compensator (6), (7)",),
+        ),
+    ]
 
 
 def _exact() -> Loop:
@@ -91,14 +96,32 @@ def models() -> list[Claim]:
     expected_based = np.asarray(lfilter(GOLDEN_TOP, GOLDEN_BOTTOM, push[:, 0])) / FORCE_CONSTANT
     rule = "impulse response over 400 samples; x axis without dead time; largest difference over the largest value"
     return [
-        Claim("4.p", "The model-free Ĝ_d is the inverse of the P-PI law", rule,
-              misfit(free, expected_free), None, 1e-8, equations=("error model, model-free",)),
-        Claim("4.p", "and goes on from a motion that lasted", rule.replace("impulse response", "two steps"),
-              misfit(moving, kept), None, 1e-8, equations=("error model, model-free",)),
-        Claim("4.p", "G_d with the axis's mass is that of an independent program", rule,
-              misfit(based, expected_based), None, 2e-5, expected="to the ten digits of its coefficients",
-              equations=("error model, model-based",)),
-    ]  # fmt: skip
+        Claim(
+            "4.p",
+            "The model-free Ĝ_d is the inverse of the P-PI law",
+            rule,
+            misfit(free, expected_free),
+            most=1e-8,
+            equations=("error model, model-free",),
+        ),
+        Claim(
+            "4.p",
+            "and goes on from a motion that lasted",
+            rule.replace("impulse response", "two steps"),
+            misfit(moving, kept),
+            most=1e-8,
+            equations=("error model, model-free",),
+        ),
+        Claim(
+            "4.p",
+            "G_d with the axis's mass is that of an independent program",
+            rule,
+            misfit(based, expected_based),
+            most=2e-5,
+            expected="to the ten digits of its coefficients",
+            equations=("error model, model-based",),
+        ),
+    ]
 
 
 def _step(loop: Loop, believed: Loop, theta: Mapping[str, float], gamma: float) -> dict[str, float]:
@@ -123,21 +146,31 @@ def update() -> list[Claim]:
     step = np.linalg.lstsq(psi, run["following_error"], rcond=None)[0]
     expected = np.array(list(start.values())) + 0.7 * step
     rule = "x axis, friction along the set velocity, 20 mm at 0.1 m/s, model-free, gamma 0.7"
-    one, other = (_step(loop, loop, {name: TRUE[name] + sign * off for name, off in OFF.items()}, 1.0)
-                  for sign in (1.0, -1.0))  # fmt: skip
+    one, other = (
+        _step(loop, loop, {name: TRUE[name] + sign * off for name, off in OFF.items()}, 1.0) for sign in (1.0, -1.0)
+    )
     moved = np.array([one[name] - other[name] for name in TRUE])
     sizes = np.linalg.norm(psi, axis=0)
     apart_first = 2.0 * np.array(list(OFF.values())) * sizes
-    said = convergence(loop, SHORT).matrix @ apart_first
+    predicted = convergence(loop, SHORT).matrix @ apart_first
     return [
-        Claim("4.q", "One step is gamma times the least-squares step through Δ/C", rule,
-              float(np.max(np.abs(np.array(list(after.parameters().values())) / expected - 1.0))), None, 1e-6,
-              equations=("update", "error model, model-free")),
-        Claim("4.q", "What is left of two starts after a step is what `convergence` says", "largest difference over "
-              f"the distance of the starts; {rule.replace('0.7', '1')}",
-              float(np.max(np.abs(moved * sizes - said)) / np.linalg.norm(apart_first)), None, 1e-6,
-              equations=("update", "convergence")),
-    ]  # fmt: skip
+        Claim(
+            "4.q",
+            "One step is gamma times the least-squares step through Δ/C",
+            rule,
+            float(np.max(np.abs(np.array(list(after.parameters().values())) / expected - 1.0))),
+            most=1e-6,
+            equations=("update", "error model, model-free"),
+        ),
+        Claim(
+            "4.q",
+            "What is left of two starts after a step is what `convergence` says",
+            f"largest difference over the distance of the starts; {rule.replace('0.7', '1')}",
+            float(np.max(np.abs(moved * sizes - predicted)) / np.linalg.norm(apart_first)),
+            most=1e-6,
+            equations=("update", "convergence"),
+        ),
+    ]
 
 
 def believed_gains() -> list[Claim]:
@@ -160,13 +193,18 @@ def believed_gains() -> list[Claim]:
         sizes.append(sum(((here[name] - there[name]) / TRUE[name]) ** 2 for name in TRUE) ** 0.5)
         verb = "diverges" if least > 1.0 else "converges"
         claims.append(
-            Claim("4.i", f"gains believed x {number(factor)}, gamma {number(gamma)}: {verb}, two starts move together "
-                  "by",
-                  "x axis, friction along the set velocity, 20 mm at 0.1 m/s, model-free, columns a, b, Coulomb; "
-                  "ratio of their distance in the fourth trial to that in the third", sizes[4] / sizes[3], least, most,
-                  "", {(0.5, 1.0): "0.52", (2.0, 1.0): "1.04"}.get((factor, gamma), ""),
-                  equations=("update", "error model, model-free"))
-        )  # fmt: skip
+            Claim(
+                "4.i",
+                f"gains believed x {number(factor)}, gamma {number(gamma)}: {verb}, two starts move together by",
+                "x axis, friction along the set velocity, 20 mm at 0.1 m/s, model-free, columns a, b, Coulomb; "
+                "ratio of their distance in the fourth trial to that in the third",
+                sizes[4] / sizes[3],
+                least=least,
+                most=most,
+                expected={(0.5, 1.0): "0.52", (2.0, 1.0): "1.04"}.get((factor, gamma), ""),
+                equations=("update", "error model, model-free"),
+            )
+        )
     return claims
 
 
@@ -175,21 +213,44 @@ def unity() -> list[Claim]:
     loop = _exact()
     lines = np.geomspace(1.0, 30.0, 200)
     off = float(np.max(np.abs(tracking(loop, lines).response - 1.0)))
-    heavy = compensated(loop, DisturbanceCompensator(**{**TRUE, "mass": 1.05 * TRUE["mass"], "coulomb_positive": 0.0,
-                                                        "coulomb_negative": 0.0}))  # fmt: skip
+    heavy = compensated(
+        loop,
+        DisturbanceCompensator(
+            **{**TRUE, "mass": 1.05 * TRUE["mass"], "coulomb_positive": 0.0, "coulomb_negative": 0.0}
+        ),
+    )
     plain = compensated(loop, DisturbanceCompensator(mass=TRUE["mass"], viscous=TRUE["viscous"]))
     still = simulate(plain, SAME, record=("tracking_error",))["tracking_error"]
     wrong = simulate(heavy, SAME, record=("tracking_error",))["tracking_error"]
     rule = "x axis without friction but the viscous one, quantizer and dead time; a and b exact"
     return [
-        Claim("4.r", "G = 1: largest |G - 1| from 1 to 30 Hz", f"linear; {rule}", off, None, 1e-4, "",
-              "1 by (4), (6), (7)",
-              equations=("compensator (6), (7)",)),
-        Claim("4.r", "G = 1: largest error on the 100 mm move", rule, 1e9 * float(np.max(np.abs(still))), None, 5.0,
-              "nm", "0", equations=("compensator (6), (7)",)),
-        Claim("4.r", "5 % of the mass undo it: largest error over that", rule,
-              float(np.max(np.abs(wrong)) / np.max(np.abs(still))), 100.0),
-    ]  # fmt: skip
+        Claim(
+            "4.r",
+            "G = 1: largest |G - 1| from 1 to 30 Hz",
+            f"linear; {rule}",
+            off,
+            most=1e-4,
+            expected="1 by (4), (6), (7)",
+            equations=("compensator (6), (7)",),
+        ),
+        Claim(
+            "4.r",
+            "G = 1: largest error on the 100 mm move",
+            rule,
+            1e9 * float(np.max(np.abs(still))),
+            most=5.0,
+            unit="nm",
+            expected="0",
+            equations=("compensator (6), (7)",),
+        ),
+        Claim(
+            "4.r",
+            "5 % of the mass undo it: largest error over that",
+            rule,
+            float(np.max(np.abs(wrong)) / np.max(np.abs(still))),
+            least=100.0,
+        ),
+    ]
 
 
 ROWS: tuple[Callable[[], list[Claim]], ...] = (feedforward, models, update, unity)

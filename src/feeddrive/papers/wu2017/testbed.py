@@ -57,24 +57,34 @@ def table_axis(axis: str, columns: tuple[str, ...], *, smooth: bool = True, know
     assert isinstance(friction, DirectionalStribeck)
     if smooth:
         tanh = Regularised(
-            coulomb=friction.coulomb_positive, coulomb_negative=friction.coulomb_negative,
-            breakaway=friction.breakaway_positive, stribeck_velocity=friction.stribeck_velocity,
-            transition_velocity=TRANSITION, viscous=friction.viscous,
-        )  # fmt: skip
+            coulomb=friction.coulomb_positive,
+            coulomb_negative=friction.coulomb_negative,
+            breakaway=friction.breakaway_positive,
+            stribeck_velocity=friction.stribeck_velocity,
+            transition_velocity=TRANSITION,
+            viscous=friction.viscous,
+        )
         loop = dataclasses.replace(loop, axis=dataclasses.replace(loop.axis, friction_load=tanh))
-    given = dict.fromkeys(columns, 0.0) | {"mass": 45.0}
+    start_values = dict.fromkeys(columns, 0.0) | {"mass": 45.0}
     if known:
-        given |= {"mass": float(loop.axis.plant.rigid_mass()), "viscous": float(friction.viscous)}
+        start_values |= {"mass": float(loop.axis.plant.rigid_mass()), "viscous": float(friction.viscous)}
     speed = float(friction.stribeck_velocity) if "stribeck" in columns else None
-    return compensated(loop, DisturbanceCompensator(**given, stribeck_velocity=speed))
+    return compensated(loop, DisturbanceCompensator(**start_values, stribeck_velocity=speed))
 
 
 def move(distance: float, velocity: float, acceleration: float, jerk: float) -> SnapLimitedMove:
     """Out and back; the snap is that of a boxcar of 4 ms."""
     return SnapLimitedMove(
-        distance=distance, velocity=velocity, acceleration=acceleration, jerk=jerk, snap=jerk / 4e-3, back=True,
-        dwell_before=0.02, dwell_between=0.2, dwell_after=0.2,
-    )  # fmt: skip
+        distance=distance,
+        velocity=velocity,
+        acceleration=acceleration,
+        jerk=jerk,
+        snap=jerk / 4e-3,
+        back=True,
+        dwell_before=0.02,
+        dwell_between=0.2,
+        dwell_after=0.2,
+    )
 
 
 SAME = move(0.1, 0.25, 3.0, 60.0)

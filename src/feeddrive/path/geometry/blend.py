@@ -13,7 +13,7 @@ from math import sqrt
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
-from feeddrive.path.pieces import derivatives, turned
+from feeddrive.path.motion import derivatives, turned
 
 _PARTS = 4  # of each half of a blend, whose hulls are taken one by one
 _SEARCH = 30
@@ -22,7 +22,8 @@ _SAME = 1e-12  # of r' .. r''' times the length, next to a spline and between ar
 
 @kernel
 def state_near(kind: int, length: float, shape: Floats2, away: float, at_end: bool, out: Floats2) -> int:
-    """r relative to the end or the start of a segment, r', r'' and r''' at the way `away` from there, into `out`.
+    """Write r relative to the end or the start of a segment, and r', r'', r''' at the distance `away` from there, into
+    `out`.
 
     `out` has the shape (N, 4); a positive `away` is forwards.
     """
@@ -53,7 +54,7 @@ def state_near(kind: int, length: float, shape: Floats2, away: float, at_end: bo
 
 @kernel
 def trimmed(kind: int, length: float, shape: Floats2, x0: float, x1: float, out: Floats2) -> float:
-    """The part of a segment between two places, into `out`; its length."""
+    """Write the part of a segment between two places into `out`; return its length."""
     rest = x1 - x0
     if kind == 0:
         for i in range(len(shape)):
@@ -80,7 +81,7 @@ def trimmed(kind: int, length: float, shape: Floats2, x0: float, x1: float, out:
 
 @kernel
 def hermite(a: Floats2, b: Floats2, length: float, out: Floats2) -> int:
-    """Coefficients of the polynomial in ξ = x/length between two states r .. r''' (N, 4), into `out` (N, 8).
+    """Write the coefficients of the polynomial in ξ = x/length between two states r .. r''' (N, 4) into `out` (N, 8).
 
     Those of first to third degree are the left state, the others its residual at the right one.
     """
@@ -105,7 +106,7 @@ def hermite(a: Floats2, b: Floats2, length: float, out: Floats2) -> int:
 
 @kernel
 def part_of(c: Floats, begin: float, size: float, out: Floats) -> int:
-    """The coefficients in η of Σ c_k ξᵏ with ξ = begin + size η: a Taylor shift, the constant one included."""
+    """Return the coefficients in η of Σ c_k ξᵏ with ξ = begin + size η: a Taylor shift, including the constant term."""
     for k in range(8):
         out[k] = c[k]
     for k in range(7):
@@ -121,7 +122,7 @@ def part_of(c: Floats, begin: float, size: float, out: Floats) -> int:
 
 @kernel
 def largest_norm(c: Floats2) -> float:
-    """A bound of |Σ c_k ξᵏ| on 0 <= ξ <= 1: the largest norm of its Bernstein points."""
+    """Bound |Σ c_k ξᵏ| on 0 <= ξ <= 1: the largest norm of its Bernstein points."""
     norms = zeros(8)
     points = zeros(8)
     for i in range(len(c)):
@@ -143,10 +144,24 @@ def largest_norm(c: Floats2) -> float:
 
 @kernel
 def blend_at(
-    kind0: int, length0: float, shape0: Floats2, kind1: int, length1: float, shape1: Floats2, L: float, factor: float,
-    a: Floats2, b: Floats2, at: Floats2, half: Floats2, difference: Floats2, out: Floats2,
-) -> float:  # fmt: skip
-    """The blend that begins L before a joint, into `out` (N, 8), and a bound of its distance to the segments, m."""
+    kind0: int,
+    length0: float,
+    shape0: Floats2,
+    kind1: int,
+    length1: float,
+    shape1: Floats2,
+    L: float,
+    factor: float,
+    a: Floats2,
+    b: Floats2,
+    at: Floats2,
+    half: Floats2,
+    difference: Floats2,
+    out: Floats2,
+) -> float:
+    """Write the blend that begins L before a joint into `out` (N, 8); return a bound of its distance to the segments,
+    m.
+    """
     n = len(shape0)
     B = factor * L
     state_near(kind0, length0, shape0, -L, True, a)
@@ -193,11 +208,26 @@ def blend_at(
 
 @kernel
 def blend(
-    kind0: int, length0: float, shape0: Floats2, kind1: int, length1: float, shape1: Floats2,
-    cosine: float, longest: float, tolerance: float, straight: bool,
-    a: Floats2, b: Floats2, at: Floats2, half: Floats2, difference: Floats2, out: Floats2,
-) -> tuple[float, float, float]:  # fmt: skip
-    """The longest blend up to `longest` proven within `tolerance`: L, B and the bound of its distance; all 0: none."""
+    kind0: int,
+    length0: float,
+    shape0: Floats2,
+    kind1: int,
+    length1: float,
+    shape1: Floats2,
+    cosine: float,
+    longest: float,
+    tolerance: float,
+    straight: bool,
+    a: Floats2,
+    b: Floats2,
+    at: Floats2,
+    half: Floats2,
+    difference: Floats2,
+    out: Floats2,
+) -> tuple[float, float, float]:
+    """Return L, B and the distance bound of the longest blend up to `longest` that is proven within `tolerance`; zeros
+    if there is none.
+    """
     factor = 1.4 + 0.3 * (1.0 + cosine)
     away = longest
     most = blend_at(kind0, length0, shape0, kind1, length1, shape1, away, factor, a, b, at, half, difference, out)
@@ -231,7 +261,7 @@ def blend(
 
 @kernel
 def goes_on(k: int, kind: Ints, length: Floats, shape: Floats3, a: Floats2, b: Floats2) -> bool:
-    """Whether r' .. r''' are the same on both sides of the joint behind k, but for rounding."""
+    """True if r' .. r''' agree on both sides of the joint behind k, but for rounding."""
     derivatives(kind[k], length[k], shape[k], length[k], a)
     derivatives(kind[k + 1], length[k + 1], shape[k + 1], 0.0, b)
     scale = 1.0

@@ -1,8 +1,19 @@
 """Clusters: lines so short that the blends of their joints would meet, smoothed by one spline.
 
 A corner of two lines that turns by θ takes L = P / (0.156 · 2 sin θ/2) of both within the tolerance P.  Where that is
-more than a half of the shorter one, the joint is in a cluster.  Steps of the spline's knots begin at 10 mm and are made
-shorter where S is too far from the lines, until the bound of the distance is within the tolerance.
+more than half of the shorter line, the joint belongs to a cluster.  The knots of the spline are at first 10 mm apart;
+they are placed closer where S is too far from the lines, until the bound of the distance is within the tolerance.
+
+The spline has fifth degree and follows the polyline f(u): the variation-diminishing one of Schoenberg.
+
+    S(u) = Σ f(x_i) N_i(u),    x_i = (τ_{i+1} + ... + τ_{i+5}) / 5
+
+with B-splines N_i on the knots τ.  Straight parts are kept exactly, |S'| <= 1, there is no system to solve, and a
+change of f or of a knot acts over three knots only.  Beyond its ends f is reflected at them, so that S begins and
+ends on f.  The distance |S - f| is bounded on each stretch between knots and corners, where both are polynomials, by
+the hull of Bernstein points.
+
+Source: Schoenberg 1967, On spline functions; de Boor 1978, A practical guide to splines.
 """
 
 from __future__ import annotations
@@ -10,18 +21,331 @@ from __future__ import annotations
 from math import sqrt
 
 from feeddrive.language.kernels.kernel import kernel
+from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
-from feeddrive.path.geometry.spline import (
-    ENDS,
-    FITTED,
-    GRADE,
-    control_points,
-    deviation,
-    envelope,
-    place_knots,
-    spline_span,
-    states,
-)
+from feeddrive.path.geometry.blend import hermite, largest_norm, part_of
+
+ENDS = 5  # knots beyond each end
+GRADE = 0.35  # of the step, by the way
+FITTED = 20  # steps before the end that are made to fit it
+_QUARTERS = 4  # of a stretch whose hull is too wide
+
+
+@kernel
+def envelope(places: Floats, steps: Floats, count: int, at: Floats, goal: Floats) -> int:
+    """Write the places whose step limits are active into `at` and `goal`; return how many.
+
+    Steps grow by GRADE of the way from each place; the first place stays.
+    """
+    at[0] = places[0]
+    goal[0] = steps[0]
+    many = 1
+    for k in range(1, count):
+        u = places[k]
+        step = steps[k]
+        if step >= goal[many - 1] + GRADE * (u - at[many - 1]):
+            continue
+        while many > 1 and goal[many - 1] >= step + GRADE * (u - at[many - 1]):
+            many = many - 1
+        if many == 1:
+            goal[0] = min(goal[0], step + GRADE * (u - at[0]))
+        at[many] = u
+        goal[many] = step
+        many = many + 1
+    return many
+
+
+@kernel
+def place_knots(
+    at: Floats, goal: Floats, many: int, largest: float, total: float, fixed: int, most: int, knots: Floats
+) -> int:
+    """Place knots up to `total`, with their mirror images, whose steps follow the goals at the places `at`; return the
+    number of steps.
+
+    The first steps may be fixed: then all knots are given up to knots[ENDS + fixed], which is at[0].  Otherwise
+    knots[ENDS] is 0.  There are at least five steps, as long as `largest` is at most total/6; 0 if more than `most`.
+    """
+    if fixed == 0:
+        knots[ENDS] = 0.0
+    u = knots[ENDS + fixed]
+    p = 0
+    count = fixed
+    step = 0.0
+    while u < total:
+        # the goal in the middle of the step
+        step = min(largest, goal[p] + GRADE * (u - at[p]))
+        for _ in range(6):
+            middle = u + 0.5 * step
+            q = p
+            while q + 1 < many and at[q + 1] < middle:
+                q = q + 1
+            step = min(largest, goal[q] + GRADE * (middle - at[q]))
+            if q + 1 < many:
+                step = min(step, goal[q + 1] + GRADE * (at[q + 1] - middle))
+        u = u + step
+        count = count + 1
+        if count > most:
+            return 0
+        knots[ENDS + count] = u
+        while p + 1 < many and at[p + 1] < u:
+            p = p + 1
+    # the last steps are made shorter to fit the end, the longer ones more
+    first = max(fixed, count - FITTED)
+    squares = 0.0
+    for k in range(first, count):
+        step = knots[ENDS + k + 1] - knots[ENDS + k]
+        squares = squares + step * step
+    rest = (u - total) / squares
+    before = knots[ENDS + first]
+    u = before
+    for k in range(first, count):
+        step = knots[ENDS + k + 1] - before
+        before = knots[ENDS + k + 1]
+        u = u + step * (1.0 - rest * step)
+        knots[ENDS + k + 1] = u
+    knots[ENDS + count] = total
+    for k in range(1, ENDS + 1):
+        if fixed == 0:
+            knots[ENDS - k] = -knots[ENDS + k]
+        knots[ENDS + count + k] = 2.0 * total - knots[ENDS + count - k]
+    return count
+
+
+@kernel
+def control_points(
+    corner: Floats,
+    group: Ints,
+    origin: Floats2,
+    slope: Floats2,
+    first: int,
+    last: int,
+    total: float,
+    knots: Floats,
+    count: int,
+    x: Floats,
+    control: Floats2,
+    segment: Ints,
+    straight: Ints,
+) -> int:
+    """f at the Greville abscissas x.
+
+    corner    u where each segment begins, and one more
+    group     the same number for segments in one direction
+    segment   on which each x lies, or its mirror image
+    straight  the same number for neighbors between which f is straight
+    """
+    k = first
+    for i in range(count + ENDS):
+        here = 0.2 * (knots[i + 1] + knots[i + 2] + knots[i + 3] + knots[i + 4] + knots[i + 5])
+        x[i] = here
+        inside = min(abs(here), 2.0 * total - here) if here > total or here < 0.0 else here
+        while k < last and corner[k + 1] < inside:
+            k = k + 1
+        while k > first and corner[k] > inside:
+            k = k - 1
+        segment[i] = k
+        straight[i] = group[k]
+        end = -1
+        if here < 0.0:
+            end = first
+        elif here > total:
+            end = last
+        for n in range(len(slope[0])):
+            control[i, n] = origin[k, n] + slope[k, n] * (inside - corner[k])
+            if end >= 0:
+                turn = origin[end, n] + slope[end, n] * ((total if here > 0.0 else 0.0) - corner[end])
+                control[i, n] = 2.0 * turn - control[i, n]
+        if end >= 0 and group[k] != group[end]:
+            straight[i] = -1 - group[k] if here < 0.0 else -2 - group[last] - group[k]
+    return 0
+
+
+@kernel
+def states(
+    knots: Floats,
+    count: int,
+    x: Floats,
+    control: Floats2,
+    segment: Ints,
+    straight: Ints,
+    slope: Floats2,
+    state: Floats3,
+) -> int:
+    """S - f(x_{e-3}), S', S'' and S''' at each knot e by differences of control points (de Boor), into `state`.
+
+    Exactly those of the line where all control points that count lie on one.
+    """
+    q = zeros(5)
+    move = zeros(5)
+    for e in range(ENDS, ENDS + count + 1):
+        here = knots[e]
+        same = True
+        for i in range(e - 4, e):
+            same = same and straight[i] == straight[i - 1]
+        k = segment[e - 3]
+        if same:
+            for n in range(len(slope[0])):
+                state[e, n, 0] = slope[k, n] * (here - x[e - 3])
+                state[e, n, 1] = slope[k, n]
+                state[e, n, 2] = 0.0
+                state[e, n, 3] = 0.0
+            continue
+        for n in range(len(slope[0])):
+            for m in range(1, 5):
+                i = e - 5 + m
+                if straight[i] == straight[i - 1]:
+                    move[m] = slope[segment[i], n] * (x[i] - x[i - 1])
+                else:
+                    move[m] = control[i, n] - control[i - 1, n]
+            # control points from that of e - 3, then their differences
+            for derivative in range(4):
+                degree = 5 - derivative
+                if derivative == 0:
+                    q[0] = -move[2] - move[1]
+                    q[1] = -move[2]
+                    q[2] = 0.0
+                    q[3] = move[3]
+                    q[4] = move[3] + move[4]
+                elif derivative == 1:
+                    for m in range(1, 5):
+                        i = e - 5 + m
+                        move[m] = 5.0 * move[m] / (knots[i + 5] - knots[i])
+                        q[m] = move[m]
+                else:
+                    for back in range(degree):
+                        m = 4 - back
+                        i = e - 5 + m
+                        move[m] = (degree + 1) * (move[m] - move[m - 1]) / (knots[i + degree + 1] - knots[i])
+                        q[m] = move[m]
+                for level in range(1, degree):
+                    for back in range(degree - level):
+                        m = 4 - back
+                        i = e - 5 + m
+                        share = (here - knots[i]) / (knots[i + degree + 1 - level] - knots[i])
+                        q[m] = q[m - 1] + share * (q[m] - q[m - 1])
+                state[e, n, derivative] = q[4]
+    return 0
+
+
+@kernel
+def spline_span(
+    e: int,
+    knots: Floats,
+    x: Floats,
+    control: Floats2,
+    segment: Ints,
+    straight: Ints,
+    slope: Floats2,
+    state: Floats3,
+    a: Floats2,
+    b: Floats2,
+    out: Floats2,
+) -> bool:
+    """Write the polynomial of the span behind knot e into `out` (N, 8); return False, and write nothing, if the span is
+    straight.
+    """
+    same = True
+    for i in range(e - 4, e + 1):
+        same = same and straight[i] == straight[i - 1]
+    if same:
+        return False
+    for n in range(len(out)):
+        move = control[e - 2, n] - control[e - 3, n]
+        if straight[e - 2] == straight[e - 3]:
+            move = slope[segment[e - 2], n] * (x[e - 2] - x[e - 3])
+        for k in range(1, 4):
+            a[n, k] = state[e, n, k]
+            b[n, k] = state[e + 1, n, k]
+        a[n, 0] = 0.0
+        b[n, 0] = (state[e + 1, n, 0] - state[e, n, 0]) + move
+    hermite(a, b, knots[e + 1] - knots[e], out)
+    return True
+
+
+@kernel
+def deviation(
+    e: int,
+    knots: Floats,
+    shape: Floats2,
+    corner: Floats,
+    origin: Floats2,
+    slope: Floats2,
+    tolerance: Floats,
+    first: int,
+    last: int,
+    state: Floats3,
+    control: Floats2,
+    bounded: bool,
+    piece: Floats2,
+    difference: Floats2,
+    far: Floats,
+) -> tuple[float, float, int]:
+    """Return |S - f| on a span as a share of the tolerance of each segment, where it is largest, and the last segment
+    reached.
+
+    A bound if `bounded`, else the largest at knots and corners.  The search for segments begins with `first`.
+    far[k], the largest distance in m on segment k, is raised.
+    """
+    n = len(slope[0])
+    begin = knots[e]
+    end = knots[e + 1]
+    length = end - begin
+    k = first
+    while k < last and corner[k + 1] <= begin:
+        k = k + 1
+    squares = 0.0
+    for i in range(n):
+        at = origin[k, i] + slope[k, i] * (begin - corner[k])
+        difference[i, 0] = (control[e - 3, i] - at) + state[e, i, 0]
+        squares = squares + difference[i, 0] * difference[i, 0]
+    most = 0.0
+    u = begin
+    where = begin
+    while True:
+        until = end if k == last else min(end, corner[k + 1])
+        before = squares
+        squares = 0.0
+        if bounded:
+            for i in range(n):
+                start = difference[i, 0]
+                part_of(shape[i], (u - begin) / length, (until - u) / length, difference[i])
+                difference[i, 0] = start
+                difference[i, 1] = difference[i, 1] - slope[k, i] * (until - u)
+            bound = largest_norm(difference)
+            if bound > tolerance[k]:
+                bound = 0.0
+                for part in range(_QUARTERS):
+                    for i in range(n):
+                        part_of(difference[i], part / _QUARTERS, 1.0 / _QUARTERS, piece[i])
+                    bound = max(bound, largest_norm(piece))
+            for i in range(n):
+                over = 0.0
+                for m in range(8):
+                    over = over + difference[i, m]
+                difference[i, 0] = over
+                squares = squares + over * over
+        else:
+            x0 = (u - begin) / length
+            x1 = (until - begin) / length
+            for i in range(n):
+                p0 = 0.0
+                p1 = 0.0
+                for back in range(7):
+                    p0 = (p0 + shape[i, 7 - back]) * x0
+                    p1 = (p1 + shape[i, 7 - back]) * x1
+                over = difference[i, 0] + (p1 - p0) - slope[k, i] * (until - u)
+                difference[i, 0] = over
+                squares = squares + over * over
+            bound = sqrt(max(before, squares))
+        far[k] = max(far[k], bound)
+        if bound > most * tolerance[k]:
+            most = bound / tolerance[k]
+            where = u if before > squares else until
+        if until >= end:
+            return most, where, k
+        u = until
+        k = k + 1
+
 
 LARGEST_STEP = 0.01  # m
 BLEND = 0.156  # distance of a blend over its length and 2 sin θ/2
@@ -37,11 +361,11 @@ _ASIDE = 0.25  # of the tolerance
 
 @kernel
 def chord(length0: float, shape0: Floats2, length1: float, shape1: Floats2) -> float:
-    """2 sin θ/2 of the angle θ between two lines."""
+    """Return 2 sin θ/2 of the angle θ between two lines."""
     turn = 0.0
     for i in range(len(shape0)):
-        each = shape1[i, 1] / length1 - shape0[i, 1] / length0
-        turn = turn + each * each
+        bend = shape1[i, 1] / length1 - shape0[i, 1] / length0
+        turn = turn + bend * bend
     return sqrt(turn)
 
 
@@ -49,7 +373,7 @@ def chord(length0: float, shape0: Floats2, length1: float, shape1: Floats2) -> f
 def _looks_straight(
     length: Floats, shape: Floats3, near: int, way: int, far: float, aside: float, to: Floats, now: Floats
 ) -> bool:
-    """Whether the lines from a joint on, on one side, lie near their chord, which goes `to`; `now` is room."""
+    """True if the lines from a joint on, on one side, lie near their chord, which goes `to`; `now` is work space."""
     n = len(to)
     for i in range(n):
         to[i] = 0.0
@@ -95,7 +419,7 @@ def clustered(
     room: Floats2,
     inside: Ints,
 ) -> int:
-    """Which joints are in a cluster, 1 in `inside`; how many.
+    """Mark the joints that belong to a cluster with 1 in `inside`; return how many.
 
     A sharp corner between two ways that look straight, for ten tolerances, is none of them: there the run stops.
     """
@@ -129,10 +453,21 @@ def clustered(
 
 @kernel
 def _prepared(
-    first: int, last: int, begin: float, length: Floats, shape: Floats3, tolerance: Floats,
-    sharing: Floats, corner: Floats, group: Ints, slope: Floats2, ahead: Floats,
-) -> int:  # fmt: skip
-    """Where the lines of a cluster begin, directions, groups of one direction, tolerances; `ahead` is room."""
+    first: int,
+    last: int,
+    begin: float,
+    length: Floats,
+    shape: Floats3,
+    tolerance: Floats,
+    sharing: Floats,
+    corner: Floats,
+    group: Ints,
+    slope: Floats2,
+    ahead: Floats,
+) -> int:
+    """Compute where the lines of a cluster begin, directions, groups of one direction, and tolerances; `ahead` is work
+    space.
+    """
     n = len(slope[0])
     corner[first] = -begin
     for k in range(first, last + 1):
@@ -155,14 +490,42 @@ def _prepared(
 
 @kernel
 def fitted(
-    first: int, last: int, begin: float, end: float, straight_begin: bool, straight_end: bool,
-    crossed_begin: bool, crossed_end: bool, most_steps: float,
-    fixed: int, many: int, begins: Floats2,
-    length: Floats, shape: Floats3, origin: Floats2, tolerance: Floats, sharing: Floats,
-    corner: Floats, group: Ints, slope: Floats2, floor: Floats, far: Floats,
-    at: Floats, goal: Floats, at_next: Floats, goal_next: Floats, knots: Floats, x: Floats, control: Floats2,
-    segment: Ints, straight: Ints, curved: Ints, state: Floats3, curve: Floats3, room: Floats3,
-) -> tuple[int, int]:  # fmt: skip
+    first: int,
+    last: int,
+    begin: float,
+    end: float,
+    straight_begin: bool,
+    straight_end: bool,
+    crossed_begin: bool,
+    crossed_end: bool,
+    most_steps: float,
+    fixed: int,
+    many: int,
+    begins: Floats2,
+    length: Floats,
+    shape: Floats3,
+    origin: Floats2,
+    tolerance: Floats,
+    sharing: Floats,
+    corner: Floats,
+    group: Ints,
+    slope: Floats2,
+    floor: Floats,
+    far: Floats,
+    at: Floats,
+    goal: Floats,
+    at_next: Floats,
+    goal_next: Floats,
+    knots: Floats,
+    x: Floats,
+    control: Floats2,
+    segment: Ints,
+    straight: Ints,
+    curved: Ints,
+    state: Floats3,
+    curve: Floats3,
+    room: Floats3,
+) -> tuple[int, int]:
     """Fit the lines first .. last from `begin` m behind the first start to `end` m before the last end.
 
     The number of steps, 0 if it fails, and of the places of goals.
@@ -219,9 +582,22 @@ def fitted(
             if spline_span(e, knots, x, control, segment, straight, slope, state, room[1], room[2], curve[e]):
                 curved[e] = 1
                 share, where, k = deviation(
-                    e, knots, curve[e], corner, origin, slope, sharing, k, last, state, control, bounded,
-                    room[3], room[4], far,
-                )  # fmt: skip
+                    e,
+                    knots,
+                    curve[e],
+                    corner,
+                    origin,
+                    slope,
+                    sharing,
+                    k,
+                    last,
+                    state,
+                    control,
+                    bounded,
+                    room[3],
+                    room[4],
+                    far,
+                )
                 if (e == ENDS and crossed_begin) or (e == ENDS + count - 1 and crossed_end):
                     share = share / (1.0 - CROSSED)
                 most = max(most, share)
@@ -258,10 +634,9 @@ def fitted(
 
 
 @kernel
-def carried(
-    e: int, u: float, at: Floats, goal: Floats, many: int, knots: Floats, kept: Floats
-) -> int:  # fmt: skip
-    """Keep what the spline needs to go on from knot e: knots into `kept`, places of goals behind them, counted from u.
+def carried(e: int, u: float, at: Floats, goal: Floats, many: int, knots: Floats, kept: Floats) -> int:
+    """Keep what the spline needs to continue from knot e: knots into `kept`, places of goals behind them, counted from
+    u.
 
     How many places.
     """
@@ -288,11 +663,26 @@ def carried(
 
 @kernel
 def straight_pieces(
-    u0: float, u1: float, first: int, last: int, corner: Floats, origin: Floats2, slope: Floats2, feed: Floats,
-    line: Ints, run: int, count: int,
-    kinds: Ints, lengths: Floats, origins: Floats2, shapes: Floats3, feeds: Floats, lines: Ints, runs: Ints,
-) -> int:  # fmt: skip
-    """Append what is straight from u0 to u1, a piece for each feed; the new count."""
+    u0: float,
+    u1: float,
+    first: int,
+    last: int,
+    corner: Floats,
+    origin: Floats2,
+    slope: Floats2,
+    feed: Floats,
+    line: Ints,
+    run: int,
+    count: int,
+    kinds: Ints,
+    lengths: Floats,
+    origins: Floats2,
+    shapes: Floats3,
+    feeds: Floats,
+    lines: Ints,
+    runs: Ints,
+) -> int:
+    """Append the straight pieces from u0 to u1, one for each feed; return the new count."""
     k = first
     while k < last and corner[k + 1] <= u0:
         k = k + 1
@@ -324,20 +714,57 @@ def straight_pieces(
 
 @kernel
 def spline_pieces(
-    first: int, last: int, e0: int, e1: int, u: float, corner: Floats, origin: Floats2, slope: Floats2, feed: Floats,
-    line: Ints, knots: Floats, control: Floats2, state: Floats3, curve: Floats3, curved: Ints, run: int, count: int,
-    kinds: Ints, lengths: Floats, origins: Floats2, shapes: Floats3, feeds: Floats, lines: Ints, runs: Ints,
-) -> tuple[int, float]:  # fmt: skip
-    """Append the pieces of a cluster from u to the last span before knot e1 that is curved: the new count and u."""
+    first: int,
+    last: int,
+    e0: int,
+    e1: int,
+    u: float,
+    corner: Floats,
+    origin: Floats2,
+    slope: Floats2,
+    feed: Floats,
+    line: Ints,
+    knots: Floats,
+    control: Floats2,
+    state: Floats3,
+    curve: Floats3,
+    curved: Ints,
+    run: int,
+    count: int,
+    kinds: Ints,
+    lengths: Floats,
+    origins: Floats2,
+    shapes: Floats3,
+    feeds: Floats,
+    lines: Ints,
+    runs: Ints,
+) -> tuple[int, float]:
+    """Append the pieces of a cluster from u to the last curved span before knot e1; return the new count and u."""
     k = first
     for e in range(e0, e1):
         if curved[e] == 0:
             continue
         if knots[e] > u:
             count = straight_pieces(
-                u, knots[e], k, last, corner, origin, slope, feed, line, run, count,
-                kinds, lengths, origins, shapes, feeds, lines, runs,
-            )  # fmt: skip
+                u,
+                knots[e],
+                k,
+                last,
+                corner,
+                origin,
+                slope,
+                feed,
+                line,
+                run,
+                count,
+                kinds,
+                lengths,
+                origins,
+                shapes,
+                feeds,
+                lines,
+                runs,
+            )
         u = knots[e + 1]
         while k < last and corner[k + 1] <= knots[e]:
             k = k + 1

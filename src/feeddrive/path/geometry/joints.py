@@ -19,6 +19,8 @@ from feeddrive.path.geometry.blend import blend, goes_on, part_of, state_near, t
 from feeddrive.path.geometry.cluster import (
     BLEND,
     CROSSED,
+    ENDS,
+    FITTED,
     LARGEST_STEP,
     NEAR,
     carried,
@@ -28,8 +30,7 @@ from feeddrive.path.geometry.cluster import (
     straight_pieces,
 )
 from feeddrive.path.geometry.segments import Chain
-from feeddrive.path.geometry.spline import ENDS, FITTED
-from feeddrive.path.pieces import POLYNOMIAL, Pieces, Section, derivatives, one_after_the_other, part_of_pieces
+from feeddrive.path.motion import POLYNOMIAL, Pieces, Section, derivatives, one_after_the_other, part_of_pieces
 
 _CUTS = 8  # pieces of a blend
 LONELY = 4.5  # lengths of a blend; between longer lines a corner is passed quicker by runs that overlap
@@ -51,10 +52,17 @@ class Joint(NamedTuple):
 
 @kernel
 def _passed(
-    k: int, kind: Ints, length: Floats, shape: Floats3, tolerance: Floats, sharpest: float, lonely: float,
-    a: Floats2, b: Floats2,
-) -> tuple[int, float, float]:  # fmt: skip
-    """How the joint behind k may be passed, and cosine and chord of its angle.
+    k: int,
+    kind: Ints,
+    length: Floats,
+    shape: Floats3,
+    tolerance: Floats,
+    sharpest: float,
+    lonely: float,
+    a: Floats2,
+    b: Floats2,
+) -> tuple[int, float, float]:
+    """Return how the joint behind k may be passed, with cosine and chord of its angle.
 
     0: not, 1: as it is, 2: by a blend, 3: by a blend that needs little, between arcs of almost the same circle
     """
@@ -93,16 +101,55 @@ def _passed(
 
 @kernel
 def join(
-    kind: Ints, length: Floats, origin: Floats2, shape: Floats3, feed: Floats, line: Ints,
-    tolerance: Floats, sharpest: float, lonely: float, begin: float, flows: bool, ends: bool, held: int,
-    deviation: Floats, stop: Ints,
-    kinds: Ints, lengths: Floats, origins: Floats2, shapes: Floats3, feeds: Floats, lines: Ints, runs: Ints,
-    goals: int, kept: Floats, begins: Floats2, floor: Floats, at: Floats, goal: Floats,
-    directions: Floats2, inside: Ints, sharing: Floats, corner: Floats, group: Ints, slope: Floats2, far: Floats,
-    at_next: Floats, goal_next: Floats, knots: Floats, x: Floats, control: Floats2,
-    segment: Ints, straight: Ints, curved: Ints, state: Floats3, curve: Floats3, room: Floats3,
-) -> tuple[int, int, int, float, int, int]:  # fmt: skip
-    """The pieces of n segments with blends or splines between them: how many, and the runs that end in them.
+    kind: Ints,
+    length: Floats,
+    origin: Floats2,
+    shape: Floats3,
+    feed: Floats,
+    line: Ints,
+    tolerance: Floats,
+    sharpest: float,
+    lonely: float,
+    begin: float,
+    flows: bool,
+    ends: bool,
+    held: int,
+    deviation: Floats,
+    stop: Ints,
+    kinds: Ints,
+    lengths: Floats,
+    origins: Floats2,
+    shapes: Floats3,
+    feeds: Floats,
+    lines: Ints,
+    runs: Ints,
+    goals: int,
+    kept: Floats,
+    begins: Floats2,
+    floor: Floats,
+    at: Floats,
+    goal: Floats,
+    directions: Floats2,
+    inside: Ints,
+    sharing: Floats,
+    corner: Floats,
+    group: Ints,
+    slope: Floats2,
+    far: Floats,
+    at_next: Floats,
+    goal_next: Floats,
+    knots: Floats,
+    x: Floats,
+    control: Floats2,
+    segment: Ints,
+    straight: Ints,
+    curved: Ints,
+    state: Floats3,
+    curve: Floats3,
+    room: Floats3,
+) -> tuple[int, int, int, float, int, int]:
+    """Write the pieces of n segments with blends or splines between them; return their number and the runs that end in
+    them.
 
     Unless the chain `ends`, the last segment is left for the next call, or a cluster that may go on.  Of a cluster of
     more than `held` lines the spline goes on up to a knot behind which there is way enough; its pieces from there to a
@@ -159,11 +206,42 @@ def join(
             crossed = not flows and fixed == 0
             stops = way == 0 and not goes_on and last + 1 < n and tolerance[last] > 0.0
             steps, places = fitted(
-                k, last, 0.5 * length[k] if leaves else 0.0, end, leaves, way > 0, crossed, stops,
-                _LONG if goes_on else _SHORT, fixed, goals, begins, length, shape, origin, tolerance, sharing,
-                corner, group, slope, floor, far, at, goal, at_next, goal_next, knots, x, control,
-                segment, straight, curved, state, curve, room,
-            )  # fmt: skip
+                k,
+                last,
+                0.5 * length[k] if leaves else 0.0,
+                end,
+                leaves,
+                way > 0,
+                crossed,
+                stops,
+                _LONG if goes_on else _SHORT,
+                fixed,
+                goals,
+                begins,
+                length,
+                shape,
+                origin,
+                tolerance,
+                sharing,
+                corner,
+                group,
+                slope,
+                floor,
+                far,
+                at,
+                goal,
+                at_next,
+                goal_next,
+                knots,
+                x,
+                control,
+                segment,
+                straight,
+                curved,
+                state,
+                curve,
+                room,
+            )
             if steps == 0 and fixed > 0:
                 return 0, 0, -1, 0.0, 0, 0
             if steps == 0:
@@ -181,15 +259,53 @@ def join(
                         break
                 u = knots[ENDS] if fixed > 0 else corner[k] + begin
                 count, u = spline_pieces(
-                    k, last, ENDS, e, u, corner, origin, slope, feed, line, knots, control, state, curve, curved,
-                    run, count, kinds, lengths, origins, shapes, feeds, lines, runs,
-                )  # fmt: skip
+                    k,
+                    last,
+                    ENDS,
+                    e,
+                    u,
+                    corner,
+                    origin,
+                    slope,
+                    feed,
+                    line,
+                    knots,
+                    control,
+                    state,
+                    curve,
+                    curved,
+                    run,
+                    count,
+                    kinds,
+                    lengths,
+                    origins,
+                    shapes,
+                    feeds,
+                    lines,
+                    runs,
+                )
                 until = knots[e] if goes_on else corner[last]
                 if u < until:
                     count = straight_pieces(
-                        u, until, k, last, corner, origin, slope, feed, line,
-                        run, count, kinds, lengths, origins, shapes, feeds, lines, runs,
-                    )  # fmt: skip
+                        u,
+                        until,
+                        k,
+                        last,
+                        corner,
+                        origin,
+                        slope,
+                        feed,
+                        line,
+                        run,
+                        count,
+                        kinds,
+                        lengths,
+                        origins,
+                        shapes,
+                        feeds,
+                        lines,
+                        runs,
+                    )
                     u = until
                 left = segment[e - ENDS] if goes_on else last
                 for m in range(k, left):
@@ -197,13 +313,51 @@ def join(
                     deviation[m] = max(far[m], far[m + 1])
                 if goes_on:
                     every, u = spline_pieces(
-                        k, last, e, ENDS + steps, u, corner, origin, slope, feed, line, knots, control, state, curve,
-                        curved, run, count, kinds, lengths, origins, shapes, feeds, lines, runs,
-                    )  # fmt: skip
+                        k,
+                        last,
+                        e,
+                        ENDS + steps,
+                        u,
+                        corner,
+                        origin,
+                        slope,
+                        feed,
+                        line,
+                        knots,
+                        control,
+                        state,
+                        curve,
+                        curved,
+                        run,
+                        count,
+                        kinds,
+                        lengths,
+                        origins,
+                        shapes,
+                        feeds,
+                        lines,
+                        runs,
+                    )
                     every = straight_pieces(
-                        u, corner[n], k, last, corner, origin, slope, feed, line,
-                        run, every, kinds, lengths, origins, shapes, feeds, lines, runs,
-                    )  # fmt: skip
+                        u,
+                        corner[n],
+                        k,
+                        last,
+                        corner,
+                        origin,
+                        slope,
+                        feed,
+                        line,
+                        run,
+                        every,
+                        kinds,
+                        lengths,
+                        origins,
+                        shapes,
+                        feeds,
+                        lines,
+                        runs,
+                    )
                     places = carried(e, corner[left], at, goal, places, knots, kept)
                     for i in range(axes):
                         for m in range(4):
@@ -226,11 +380,23 @@ def join(
             stop[k] = 0
         elif way > 1:
             away, span, most = blend(
-                kind[k], length[k], shape[k], kind[k + 1], length[k + 1], shape[k + 1],
-                cosine, 0.5 * min(length[k], length[k + 1]), (1.0 if way == 2 else _LITTLE) * tolerance[k],
+                kind[k],
+                length[k],
+                shape[k],
+                kind[k + 1],
+                length[k + 1],
+                shape[k + 1],
+                cosine,
+                0.5 * min(length[k], length[k + 1]),
+                (1.0 if way == 2 else _LITTLE) * tolerance[k],
                 turn > SMOOTH,
-                a, b, at_joint, half, difference, blended,
-            )  # fmt: skip
+                a,
+                b,
+                at_joint,
+                half,
+                difference,
+                blended,
+            )
             if away > 0.0:
                 stop[k] = 0
                 deviation[k] = most
@@ -269,7 +435,7 @@ def join(
 
 
 class _Begun(NamedTuple):
-    """A spline that was begun, as `join` leaves it."""
+    """The state of a spline that continues in the next call of `join`."""
 
     places: int
     knots: np.ndarray
@@ -295,19 +461,19 @@ class Joiner:
 
     @property
     def rests(self) -> bool:
-        """Whether the next chain begins a run."""
+        """True if the next chain begins a run."""
         return self._held is None and self._begun is None and not self._flows
 
     def join(self, chain: Chain) -> tuple[list[Section], Joint]:
-        """What a chain adds to the runs, and how the joints are passed that are behind these segments."""
+        """Return the sections that a chain adds to the runs, and how the joints behind its segments are passed."""
         segments, tolerance = chain.segments, chain.tolerance
         if self._held:
             segments = one_after_the_other([self._held[0], segments])
             tolerance = np.concatenate([self._held[1], tolerance])
-        found = self._joined(segments, tolerance, chain.ends)
-        if found is None:
+        result = self._joined(segments, tolerance, chain.ends)
+        if result is None:
             return self._stopped(chain)
-        sections, joint = found
+        sections, joint = result
         n, known = len(tolerance), len(joint.stop)
         if known:
             self._flows = not chain.ends and joint.stop[-1] == 0
@@ -315,7 +481,7 @@ class Joiner:
         return sections, joint
 
     def _stopped(self, chain: Chain) -> tuple[list[Section], Joint]:
-        """Where a spline cannot go on, it stops behind the segments that it knows."""
+        """Stop a spline that cannot continue behind the segments that are known."""
         assert self._begun is not None
         assert self._held is not None
         far, (held, tolerance) = self._begun.far, self._held
@@ -326,10 +492,10 @@ class Joiner:
         self._taken, self._flows, self._begun = 0.0, False, None
         self._held = (part_of_pieces(held, count, n), tolerance[count:]) if n > count else None
         sections, joint = self.join(chain)
-        return [stop, *sections], Joint(*(np.concatenate(each) for each in zip(before, joint, strict=True)))
+        return [stop, *sections], Joint(*(np.concatenate(arrays) for arrays in zip(before, joint, strict=True)))
 
     def _joined(self, segments: Pieces, tolerance: np.ndarray, ends: bool) -> tuple[list[Section], Joint] | None:
-        """The sections, and the joints behind the segments that are done; None if a spline cannot go on."""
+        """Return the sections and the joints behind the finished segments; None if a spline cannot continue."""
         n, axes = segments.origin.shape
         joint = Joint(np.zeros(n), np.zeros(n, np.int64))
         expected = 2.0 * n + float(np.sum(segments.length)) / LARGEST_STEP + 50.0
@@ -338,9 +504,14 @@ class Joiner:
         while True:
             most = (1 + _CUTS) * n + many
             out = (
-                np.zeros(most, np.int64), np.zeros(most), np.zeros((most, axes)), np.zeros((most, axes, 8)),
-                np.zeros(most), np.zeros(most, np.int64), np.zeros(most, np.int64),
-            )  # fmt: skip
+                np.zeros(most, np.int64),
+                np.zeros(most),
+                np.zeros((most, axes)),
+                np.zeros((most, axes, 8)),
+                np.zeros(most),
+                np.zeros(most, np.int64),
+                np.zeros(most, np.int64),
+            )
             kept, state, far = np.zeros(2 * ENDS), np.zeros((axes, 4)), np.zeros(n)
             floor, at, goal = (np.zeros(size) for size in (n, many, many))
             if begun:
@@ -349,9 +520,24 @@ class Joiner:
             goals = begun.places if begun else 0
             try:
                 count, ended, known, taken, places, every = join(
-                    *segments, tolerance, self._sharpest, self._lonely, self._taken, self._flows, ends, self._most,
-                    *joint, *out, goals, kept, state, floor, at, goal, *_room(n, many, axes, far),
-                )  # fmt: skip
+                    *segments,
+                    tolerance,
+                    self._sharpest,
+                    self._lonely,
+                    self._taken,
+                    self._flows,
+                    ends,
+                    self._most,
+                    *joint,
+                    *out,
+                    goals,
+                    kept,
+                    state,
+                    floor,
+                    at,
+                    goal,
+                    *_room(n, many, axes, far),
+                )
                 break
             except IndexError:
                 if many > _MOST * expected:
@@ -359,40 +545,48 @@ class Joiner:
                 many *= 2  # knots than thought
         if known < 0:
             return None
-        *columns, runs = (each[:count].copy() for each in out)
-        joint = Joint(*(each[:known] for each in joint))
+        *columns, runs = (array[:count].copy() for array in out)
+        joint = Joint(*(array[:known] for array in joint))
         cuts = [0, *(np.flatnonzero(np.diff(runs)) + 1).tolist(), count] if count else []
         corners = np.maximum(tolerance[:known][joint.stop == 1], 0.0)
-        found = list[Section]()
+        sections = list[Section]()
         for i, j in pairwise(cuts):
             corner = float(corners[runs[i]]) if runs[i] < ended else 0.0
             if columns[0][j - 1] == POLYNOMIAL or j == count or columns[0][j] == POLYNOMIAL:
                 corner = CROSSED * corner
-            found.append(Section(Pieces(*(each[i:j] for each in columns)), bool(runs[i] < ended), corner))
+            sections.append(Section(Pieces(*(column[i:j] for column in columns)), bool(runs[i] < ended), corner))
         if known == 0 and begun:
-            return found, joint  # more is waited for
+            return sections, joint  # more is waited for
         self._taken, self._begun = taken, None
         if places:
-            hand = Pieces(*(each[count:every].copy() for each in out[:-1]))
+            hand = Pieces(*(array[count:every].copy() for array in out[:-1]))
             self._begun = _Begun(
                 places, kept, state, far[known:].copy(), at[:places].copy(), goal[:places].copy(), hand
             )
-        return found, joint
+        return sections, joint
 
 
 def joined(
     segments: Pieces, tolerance: np.ndarray, sharpest: float = 0.35, lonely: float = LONELY
 ) -> tuple[list[Pieces], Joint]:
-    """The runs of segments that follow each other, and how each joint is passed; parameters as in `join`."""
+    """Return the runs of consecutive segments, and how each joint is passed; parameters as in `join`."""
     sections, joint = Joiner(sharpest, lonely).join(Chain(segments, tolerance, True))
-    return [each.pieces for each in sections], joint
+    return [section.pieces for section in sections], joint
 
 
 def _room(lines: int, knots: int, axes: int, far: np.ndarray) -> list[np.ndarray]:
-    """For the lines of a chain and the knots of a cluster, as in `join`."""
+    """Allocate the work arrays of `join` for the lines of a chain and the knots of a cluster."""
     return [
-        np.zeros((3, axes)), np.zeros(lines, np.int64),
-        *(np.zeros(lines + 1) for _ in range(2)), np.zeros(lines, np.int64), np.zeros((lines, axes)), far,
-        *(np.zeros(knots) for _ in range(4)), np.zeros((knots, axes)), *(np.zeros(knots, np.int64) for _ in range(3)),
-        np.zeros((knots, axes, 4)), np.zeros((knots, axes, 8)), np.zeros((7, axes, max(8, axes))),
-    ]  # fmt: skip
+        np.zeros((3, axes)),
+        np.zeros(lines, np.int64),
+        *(np.zeros(lines + 1) for _ in range(2)),
+        np.zeros(lines, np.int64),
+        np.zeros((lines, axes)),
+        far,
+        *(np.zeros(knots) for _ in range(4)),
+        np.zeros((knots, axes)),
+        *(np.zeros(knots, np.int64) for _ in range(3)),
+        np.zeros((knots, axes, 4)),
+        np.zeros((knots, axes, 8)),
+        np.zeros((7, axes, max(8, axes))),
+    ]

@@ -14,8 +14,7 @@ import numpy as np
 
 from feeddrive.language.errors import ProgramError
 from feeddrive.path.geometry.blend import part_of
-from feeddrive.path.motion import Pause
-from feeddrive.path.pieces import ARC, LINE, POLYNOMIAL, Pieces
+from feeddrive.path.motion import ARC, LINE, POLYNOMIAL, Pause, Pieces
 from feeddrive.path.program.blocks import AXES
 from feeddrive.path.program.lines import BlockError, Line, located
 from feeddrive.path.program.moves import (
@@ -46,7 +45,7 @@ Going = Straight | Arc | Spline
 
 
 class Chain(NamedTuple):
-    """Segments that follow each other without a stop that the program asks for.
+    """Consecutive segments without a stop that the program asks for.
 
     tolerance  of the joint behind each segment, m; 0: stop unless the joint is smooth
     ends       whether such a stop follows; else the next chain goes on from this one
@@ -60,7 +59,7 @@ class Chain(NamedTuple):
 
 
 class _Segment(NamedTuple):
-    """A row of `Pieces`, of which lines have only the way to the end; mode and tolerance (m) of its joints."""
+    """A row of `Pieces`; lines have only their displacement. With path mode and tolerance (m) of its joints."""
 
     kind: int
     length: float
@@ -74,13 +73,13 @@ class _Segment(NamedTuple):
 
 
 class _Collected:
-    """Segments so far, of the chain that is next."""
+    """The segments collected so far for the next chain."""
 
     def __init__(self) -> None:
         self.rows: list[_Segment] = []
 
     def chain(self, ends: bool) -> Chain:
-        """All of them, or all but the last, which stays."""
+        """Return all segments, or all but the last, which stays."""
         count = len(self.rows) - (0 if ends else 1)
         kind, length, start, way, feed, line, modes, tolerances, _ = zip(*self.rows, strict=True)
         origin = np.array(start[:count])
@@ -89,7 +88,7 @@ class _Collected:
         for k, row in enumerate(self.rows[:count]):
             if row.shape is not None:
                 shape[k] = row.shape
-        kinds, lengths, feeds, lines = (np.array(each[:count]) for each in (kind, length, feed, line))
+        kinds, lengths, feeds, lines = (np.array(column[:count]) for column in (kind, length, feed, line))
         pieces = Pieces(kinds, lengths, origin, shape, feeds, lines)
         # a joint keeps the stricter of the modes before and behind it
         tolerance = np.array(tolerances)
@@ -101,7 +100,7 @@ class _Collected:
 
 
 class _Feeds:
-    """How fast a move goes: what the program has said of feed and spindle so far."""
+    """The feed of moves, from the feed and spindle words read so far."""
 
     def __init__(self, axes: str) -> None:
         self._one = set(axes) <= set("XYZ")  # way of counting
@@ -109,7 +108,7 @@ class _Feeds:
         self.turns = 0.0  # of the spindle, 1/s; 0 while it stands
 
     def speed(self, move: Going, length: float) -> float:
-        """Path speed at most, m/s, of a move whose path has this length, in all axes."""
+        """Return the largest path speed, m/s, of a move whose path has this length, in all axes."""
         if isinstance(move, Straight) and move.traverse:
             return math.inf
         counted, others = (_COUNTED[0], False) if self._one else _counted(move)
@@ -173,7 +172,7 @@ def chains(moves: Iterable[Move], axes: str) -> Iterator[Chain | Pause]:
 
 
 def _segments(move: Going, columns: Sequence[int], feeds: _Feeds, mode: str, tolerance: float) -> Iterator[_Segment]:
-    """The segments of a move in `columns` of the machine's axes; none, if it goes nowhere."""
+    """Return the segments of a move in `columns` of the machine's axes; empty if the move has no length."""
     number = move.source.number
     start = [move.start[column] for column in columns]
     way = [move.end[column] - move.start[column] for column in columns]
@@ -189,7 +188,7 @@ def _segments(move: Going, columns: Sequence[int], feeds: _Feeds, mode: str, tol
 
 
 def _spline(move: Spline, columns: Sequence[int], speed: float, mode: str, tolerance: float) -> Iterator[_Segment]:
-    """A spline as chords within a tenth of the tolerance, which leave the rest of it; without one as it is, from rest.
+    """Return a spline as chords within a tenth of the tolerance, or exactly, from rest, where there is no tolerance.
 
     The chords of n equal steps are within max|B''| / (8 n²) of a Bezier curve B(0..1).
     """
@@ -212,14 +211,16 @@ def _spline(move: Spline, columns: Sequence[int], speed: float, mode: str, toler
         elif whole > 0.0:
             for of, into in zip(shape, piece, strict=True):
                 part_of.python(of, k / count, 1.0 / count, into)
-            origin = [each + float(row[0]) for each, row in zip(start, piece, strict=True)]
+            origin = [coordinate + float(row[0]) for coordinate, row in zip(start, piece, strict=True)]
             piece[:, 0] = 0.0
             yield _Segment(POLYNOMIAL, whole / count, origin, way, speed, number, mode, tolerance, piece.copy())
         here = there
 
 
 def _bezier(points: Sequence[Sequence[float]]) -> np.ndarray:
-    """The coefficients of first to third degree of a Bezier curve of three or four points, relative to its start."""
+    """Return the coefficients of first to third degree of a Bezier curve of three or four points, relative to its
+    start.
+    """
     at = np.array(points) - np.array(points[0])
     if len(at) == 3:
         return np.stack([2.0 * at[1], at[2] - 2.0 * at[1], np.zeros_like(at[0])], axis=1)
@@ -231,7 +232,7 @@ def _at(shape: np.ndarray, x: float) -> np.ndarray:
 
 
 def _counted(move: Going) -> tuple[tuple[int, ...], bool]:
-    """The axes along which the feed counts, and whether others move, too."""
+    """Return the axes along which the feed counts, and True if other axes move too."""
     moved = [move.start[axis] != move.end[axis] for axis in range(9)]
     if not isinstance(move, Straight):
         moved[:3] = True, True, True
@@ -240,14 +241,14 @@ def _counted(move: Going) -> tuple[tuple[int, ...], bool]:
 
 
 def _length(move: Going, axes: tuple[int, ...]) -> float:
-    """The length of a move along some axes."""
+    """Return the length of a move along some axes."""
     plane = move.axes[:2] if isinstance(move, Arc) else ()
     rest = [move.end[axis] - move.start[axis] for axis in axes if axis not in plane]
     return math.hypot(*rest, move.angle * move.radius if isinstance(move, Arc) else 0.0)
 
 
 def _arc(move: Arc, start: list[float], way: list[float], columns: Sequence[int]) -> tuple[float, np.ndarray]:
-    """Length and shape of an arc, as in `Pieces`."""
+    """Return length and shape of an arc, as in `Pieces`."""
     shape = np.zeros((len(columns), 8))
     angle = move.angle
     first, second = (columns.index(axis) for axis in move.axes[:2])

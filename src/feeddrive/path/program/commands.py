@@ -16,7 +16,7 @@ Value = float | str
 
 
 class Command(NamedTuple):
-    """A canonical command: its name, its values, the line that asked for it."""
+    """A canonical command: its name, its values, and the line that caused it."""
 
     name: str
     values: tuple[Value, ...]
@@ -45,7 +45,7 @@ def _offsets(values: tuple[Value, ...]) -> str:
 
 def _entry(values: tuple[Value, ...]) -> str:
     pocket, tool, *offset = values[:11]
-    return f"{pocket}, {tool}, {' '.join(f'{each:.4f}' for each in offset)}, {_listed(values[11:])}"
+    return f"{pocket}, {tool}, {' '.join(f'{value:.4f}' for value in offset)}, {_listed(values[11:])}"
 
 
 _TEXT: dict[str, Callable[[tuple[Value, ...]], str]] = {
@@ -68,7 +68,9 @@ _TEXT: dict[str, Callable[[tuple[Value, ...]], str]] = {
 
 
 def canonical_text(command: Command) -> str:
-    """A command as the interpreter of LinuxCNC prints it, without the number of the line; PRINT has no text there."""
+    """Return the text of a command as LinuxCNC's interpreter prints it, without the line number; PRINT has no text
+    there.
+    """
     if command.name == "PRINT":
         return ""
     return f"{command.name}({_TEXT.get(command.name, _listed)(command.values)})"
@@ -78,13 +80,13 @@ _COMMAND = re.compile(r"([A-Z_][A-Z_0-9]*)\((.*)\)$")
 
 
 def read_command(text: str, line: Line) -> Command | None:
-    """A command from its text; None if it is no command."""
-    found = _COMMAND.fullmatch(text)
-    if not found:
+    """Parse the text of a command; None if it is no command."""
+    match = _COMMAND.fullmatch(text)
+    if not match:
         return None
-    if found[2].startswith('"'):
-        return Command(found[1], (found[2][1:-1],), line)
-    return Command(found[1], tuple(_value(each) for each in re.split(r"[,\s]+", found[2]) if each), line)
+    if match[2].startswith('"'):
+        return Command(match[1], (match[2][1:-1],), line)
+    return Command(match[1], tuple(_value(value) for value in re.split(r"[,\s]+", match[2]) if value), line)
 
 
 def _value(text: str) -> Value:

@@ -1,6 +1,8 @@
-"""Values in a part program: numbers, parameters, expressions in brackets, functions. Angles are in degrees.
+"""Values in a part program: its parameters, and numbers, expressions in brackets and functions. Angles are in degrees.
 
-Precedence, as LinuxCNC has it: `**`; `* / mod`; `+ -`; `eq ne gt ge lt le`; `and or xor`; each from left to right.
+
+Parameters are numbered (`#31`), named (`#<depth>`), or follow the interpreter itself; a `.var` file keeps them.
+Precedence, as in LinuxCNC: `**`; `* / mod`; `+ -`; `eq ne gt ge lt le`; `and or xor`; each from left to right.
 """
 
 from __future__ import annotations
@@ -8,10 +10,102 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from math import isfinite
+from pathlib import Path
 
-from feeddrive.language.quantity import number
+from feeddrive.language.errors import FileError, shown
+from feeddrive.language.quantity import Quantity, number
 from feeddrive.path.program.lines import BlockError
-from feeddrive.path.program.parameters import Parameters, number_of
+
+MOST = 5602
+"""Numbered parameters are #1 to #5602."""
+ARGUMENTS = range(1, 31)
+"""Those that a subroutine has of its own: the arguments of its call."""
+READ_ONLY = range(5400, 5429)
+"""Tool, tool offset and position: they follow the program."""
+
+
+class Parameters:
+    """The parameters: by number, by name within the running subroutine, and by `_name` for the whole program.
+
+    numbered  those that are not 0
+    live      values that follow the program: number or name -> function
+    """
+
+    def __init__(self, numbered: dict[int, float] | None = None) -> None:
+        self.numbered: dict[int, float] = dict(numbered or {})
+        self.live: dict[int | str, Callable[[], float]] = {}
+        self.common: dict[str, float] = {}
+        self.local: dict[str, float] = {}
+
+    def value(self, key: int | str) -> float:
+        """Return the value of a parameter; a named one must have been set."""
+        live = self.live.get(key)
+        if live is not None:
+            return live()
+        if isinstance(key, int):
+            return self.numbered.get(key, 0.0)
+        names = self.common if key.startswith("_") else self.local
+        if key not in names:
+            raise BlockError(f"the parameter #<{key}> has no value here: write #<{key}> = ... before", "#")
+        return names[key]
+
+    def known(self, key: int | str) -> bool:
+        """True if a parameter has a value, as EXISTS asks."""
+        return key in self.live or isinstance(key, int) or key in (self.common if key.startswith("_") else self.local)
+
+    def set(self, key: int | str, value: float) -> None:
+        """Set a parameter."""
+        if not isfinite(value):
+            raise BlockError(f"a parameter must be a finite number, not {value}", "#")
+        if key in self.live or key in READ_ONLY:
+            raise BlockError(f"the parameter #{key if isinstance(key, int) else f'<{key}>'} is read-only", "#")
+        if isinstance(key, int):
+            self.numbered[key] = value
+        else:
+            (self.common if key.startswith("_") else self.local)[key] = value
+
+
+def number_of(value: float) -> int:
+    """Check that a value is the number of a parameter, and return it as an integer."""
+    whole = round(value)
+    if abs(value - whole) > 1e-4 or not 1 <= whole <= MOST:
+        raise BlockError(f"a parameter has a whole number from 1 to {MOST}, not {Quantity(value):6}", "#")
+    return whole
+
+
+def read_offsets(path: Path | str) -> dict[int, float]:
+    """Read the numbered parameters of a `.var` file of LinuxCNC: two columns, number and value.
+
+    They hold the work offsets (5221 ff), G28 (5161 ff), G30 (5181 ff) and G92 (5210 ff), in mm and degrees, or in
+    inches if the machine's unit is the inch.
+    """
+    file = Path(path)
+    try:
+        text = file.read_text(encoding="utf-8", errors="replace")
+    except OSError as error:
+        raise FileError(f"{file}: cannot be read: {error.strerror or error}") from None
+    values: dict[int, float] = {}
+    for row, line in enumerate(text.splitlines(), 1):
+        columns = line.split("#")[0].split()
+        if not columns:
+            continue
+        try:
+            key, value = int(columns[0]), float(columns[1])
+        except (IndexError, ValueError):
+            raise FileError(
+                f"{file}, line {row}: {shown(line.strip())}: a line holds the number of a parameter and its value"
+            ) from None
+        if not 1 <= key <= MOST or not isfinite(value):
+            raise FileError(
+                f"{file}, line {row}: parameter {columns[0]} = {columns[1]}: the number lies in 1..{MOST}, "
+                "the value is finite"
+            )
+        if key in values:
+            raise FileError(f"{file}, line {row}: parameter {key} stands there twice: delete one of the lines")
+        values[key] = value
+    return values
+
 
 DEEPEST = 60
 """Brackets inside brackets."""
@@ -90,27 +184,27 @@ _UNARY: dict[str, Callable[[float], float]] = {
 
 
 class Values:
-    """Reads values from a compacted line, from `at` on."""
+    """Reads values from a compacted line, from index `at` on."""
 
     def __init__(self, text: str, parameters: Parameters, at: int = 0) -> None:
         self.text, self.parameters, self.at = text, parameters, at
         self._depth = 0
 
     def fault(self, reason: str, start: int | None = None) -> BlockError:
-        """A fault of what stands from `start` (or here) on."""
+        """Return an error for the text from `start` (or the current position) on."""
         begin = self.at if start is None else start
         rest = self.text[begin:]
         return BlockError(reason, rest if len(rest) <= 20 else rest[:17] + "...", begin)
 
     def value(self) -> float:
-        """A number, a parameter, an expression in brackets or a function, each with a sign or none."""
+        """Read a number, a parameter, an expression in brackets or a function, with or without a sign."""
         start = self.at
-        found = NUMBER.match(self.text, start)
-        if found:
-            self.at = found.end()
+        match = NUMBER.match(self.text, start)
+        if match:
+            self.at = match.end()
             if self.text.startswith(".", self.at):
                 raise self.fault("a number has one decimal point", start)
-            return self._finite(float(found[0]), start)
+            return self._finite(float(match[0]), start)
         self._deeper()
         try:
             return self._finite(self._signed(), start)
@@ -124,7 +218,7 @@ class Values:
             self._depth -= 1
 
     def key(self) -> int | str:
-        """What follows a #: the name or the number of a parameter."""
+        """Read the name or the number of a parameter behind a #."""
         named = _NAME.match(self.text, self.at)
         if named:
             self.at = named.end()
@@ -174,21 +268,21 @@ class Values:
         return math.degrees(math.atan2(y, self._expression()))
 
     def _expression(self) -> float:
-        """What stands behind an opening bracket, up to its closing one."""
+        """Read an expression behind an opening bracket, up to its closing one."""
         values = [self.value()]
         operators: list[str] = []
         while True:
-            found = _OPERATOR.match(self.text, self.at)
-            if not found:
+            match = _OPERATOR.match(self.text, self.at)
+            if not match:
                 raise self.fault("an operator or a closing bracket ] is expected here")
-            self.at = found.end()
-            rank = _RANK.get(found[0], 0)
+            self.at = match.end()
+            rank = _RANK.get(match[0], 0)
             while operators and _RANK[operators[-1]] >= rank:
                 right = values.pop()
                 values[-1] = _BINARY[operators.pop()](values[-1], right)
             if rank == 0:
                 return values[0]
-            operators.append(found[0])
+            operators.append(match[0])
             values.append(self.value())
 
     def _deeper(self) -> None:

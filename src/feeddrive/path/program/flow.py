@@ -12,9 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from feeddrive.language.quantity import Quantity
-from feeddrive.path.program.expressions import Values
+from feeddrive.path.program.expressions import ARGUMENTS, Parameters, Values
 from feeddrive.path.program.lines import BlockError, Line, LineReader, Place, compact, located
-from feeddrive.path.program.parameters import ARGUMENTS, Parameters
 
 DEEPEST_CALL = 50
 """Subroutines inside subroutines."""
@@ -35,7 +34,7 @@ _ENDS = {"sub": "endsub", "if": "endif", "while": "endwhile", "do": "while", "re
 
 @dataclass
 class Open:
-    """A loop or condition that has begun: where its body and its first line begin.
+    """An open loop or condition: where its body and its first line begin.
 
     left  of a repeat how often it is still to run, of a condition whether a branch was taken
     """
@@ -49,7 +48,7 @@ class Open:
 
 @dataclass
 class Frame:
-    """A subroutine that runs, or the program: where to go on after it, and what it keeps of its caller."""
+    """The call frame of a subroutine or of the program: where to return, and what it keeps of its caller."""
 
     label: str
     reader: LineReader
@@ -60,7 +59,7 @@ class Frame:
 
 
 def statement_of(text: str) -> tuple[str, str] | None:
-    """Label and kind of an o-word's line that is only looked through; None for other lines."""
+    """Return label and kind of an o-word in a line that is skipped; None for other lines."""
     try:
         statement = _SKIPPED.match(compact(text)[0])
     except BlockError:
@@ -71,7 +70,7 @@ def statement_of(text: str) -> tuple[str, str] | None:
 
 
 class Flow:
-    """Gives the lines of a program in the order in which they act."""
+    """Returns the lines of a program in the order of execution."""
 
     def __init__(self, program: Path, parameters: Parameters, most_again: int = MOST_AGAIN) -> None:
         self._folder = program.parent
@@ -93,11 +92,11 @@ class Flow:
             reader.close()
 
     def moved(self) -> None:
-        """The last line asked something of the machine."""
+        """Note that the last line commanded the machine: loops that do so may run longer."""
         self._at_rest = 0
 
     def next_line(self) -> Line | None:
-        """The next line; None at the end of the program."""
+        """Return the next line; None at the end of the program."""
         reader = self._frames[-1].reader
         line = reader.read()
         if line is None:
@@ -116,7 +115,7 @@ class Flow:
         return line
 
     def check_end(self) -> None:
-        """Refuse a program that ends inside of a subroutine, a loop or a condition."""
+        """Refuse a program that ends inside a subroutine, a loop or a condition."""
         frame = self._frames[-1]
         if frame.opened:
             last = frame.opened[-1]
@@ -127,28 +126,28 @@ class Flow:
             raise BlockError(f"the program ends inside the subroutine o{frame.label}: write o{frame.label} endsub")
 
     def act(self, statement: str) -> None:
-        """Do what an o-word says; it is the last line that was read."""
+        """Execute the o-word of the last line read."""
         values = Values(statement, self._parameters, 1)
         label = self._label(values)
-        found = _STATEMENT.match(statement, values.at)
-        if not found:
+        match = _STATEMENT.match(statement, values.at)
+        if not match:
             raise values.fault(
                 "an o-word has its number or <name> and then sub, call, return, if, while, do, repeat, break ..."
             )
-        values.at = found.end()
-        kind = found[1]
+        values.at = match.end()
+        kind = match[1]
         if kind == "elseif" and self._top(label, "if").left:
             self._leave(label)
             return
         if kind in ("if", "elseif", "while", "repeat"):
-            given = [self._bracket(values)]
+            arguments = [self._bracket(values)]
         elif kind in ("call", "return", "endsub"):
-            given = self._brackets(values)
+            arguments = self._brackets(values)
         else:
-            given = list[float]()
+            arguments = list[float]()
         if values.at < len(statement):
             raise values.fault(f"nothing else stands behind o{label} {kind}")
-        getattr(self, f"_{kind}")(label, given)
+        getattr(self, f"_{kind}")(label, arguments)
 
     def _label(self, values: Values) -> str:
         plain = _LABEL.match(values.text, values.at)
@@ -166,10 +165,10 @@ class Flow:
         return values.value()
 
     def _brackets(self, values: Values) -> list[float]:
-        given: list[float] = []
+        numbers: list[float] = []
         while values.text.startswith("[", values.at):
-            given.append(values.value())
-        return given
+            numbers.append(values.value())
+        return numbers
 
     def _reader(self, path: Path) -> LineReader:
         if path not in self._readers:
@@ -177,20 +176,20 @@ class Flow:
         return self._readers[path]
 
     def _skip(self, label: str, kinds: Sequence[str]) -> str:
-        """Go on behind the line with the o-word `label` of one of the kinds, which it returns."""
+        """Skip to behind the line with the o-word `label` of one of the kinds; return the kind."""
         while True:
             line = self.next_line()
             if line is None:
                 raise BlockError(f"o{label} has no {' or '.join(kinds)} behind it: write it")
             if line.text.lstrip()[:1] not in _BEGINS:
                 continue
-            found = statement_of(line.text)
-            if found and found[0] == label and found[1] in kinds:
-                return found[1]
+            statement = statement_of(line.text)
+            if statement and statement[0] == label and statement[1] in kinds:
+                return statement[1]
 
     # subroutines
 
-    def _sub(self, label: str, given: list[float]) -> None:
+    def _sub(self, label: str, arguments: list[float]) -> None:
         frame = self._frames[-1]
         if len(self._frames) > 1:
             raise BlockError(
@@ -202,13 +201,13 @@ class Flow:
         self._defined[label] = frame.reader, frame.reader.place
         self._skip(label, ("endsub",))
 
-    def _call(self, label: str, given: list[float]) -> None:
+    def _call(self, label: str, arguments: list[float]) -> None:
         if len(self._frames) > DEEPEST_CALL:
             raise BlockError(
                 f"the call of o{label} is more than {DEEPEST_CALL} deep: does it call itself without end?", "o", 0
             )
-        if len(given) > len(ARGUMENTS):
-            raise BlockError(f"a call has at most {len(ARGUMENTS)} arguments, this one has {len(given)}", "o", 0)
+        if len(arguments) > len(ARGUMENTS):
+            raise BlockError(f"a call has at most {len(ARGUMENTS)} arguments, this one has {len(arguments)}", "o", 0)
         if label not in self._defined:
             self._load(label)
         reader, place = self._defined[label]
@@ -217,7 +216,7 @@ class Flow:
         kept = {number: numbered.pop(number) for number in ARGUMENTS if number in numbered}
         self._frames.append(Frame(label, reader, caller.place, kept, self._parameters.local))
         self._parameters.local = {}
-        for number, value in zip(ARGUMENTS, given, strict=False):
+        for number, value in zip(ARGUMENTS, arguments, strict=False):
             numbered[number] = value
         reader.go(place)
         self._again += 1
@@ -241,15 +240,15 @@ class Flow:
                 reader.go(start)
                 return
 
-    def _endsub(self, label: str, given: list[float]) -> None:
-        self._return(label, given)
+    def _endsub(self, label: str, arguments: list[float]) -> None:
+        self._return(label, arguments)
 
-    def _return(self, label: str, given: list[float]) -> None:
+    def _return(self, label: str, arguments: list[float]) -> None:
         frame = self._frames[-1]
         if frame.label != label or len(self._frames) == 1:
             running = f"o{frame.label} runs" if len(self._frames) > 1 else "none runs"
             raise BlockError(f"this ends the subroutine o{label}, but {running}: o{label} sub stands where?", "o", 0)
-        self._value, self._returned = (given[0], 1.0) if given else (0.0, 0.0)
+        self._value, self._returned = (arguments[0], 1.0) if arguments else (0.0, 0.0)
         self._frames.pop()
         numbered = self._parameters.numbered
         for number in ARGUMENTS:
@@ -260,18 +259,18 @@ class Flow:
 
     # conditions
 
-    def _if(self, label: str, given: list[float]) -> None:
+    def _if(self, label: str, arguments: list[float]) -> None:
         self._open("if", label)
-        self._branch(label, given[0])
+        self._branch(label, arguments[0])
 
-    def _elseif(self, label: str, given: list[float]) -> None:
-        self._branch(label, given[0])
+    def _elseif(self, label: str, arguments: list[float]) -> None:
+        self._branch(label, arguments[0])
 
-    def _else(self, label: str, given: list[float]) -> None:
+    def _else(self, label: str, arguments: list[float]) -> None:
         self._leave(label)
 
     def _branch(self, label: str, condition: float) -> None:
-        """Take a branch, or go to the next one whose condition is to be read."""
+        """Take a branch, or skip to the next one whose condition must be read."""
         here = self._top(label, "if")
         here.left = bool(condition)
         if not condition:
@@ -282,46 +281,46 @@ class Flow:
                 self._frames[-1].opened.pop()
 
     def _leave(self, label: str) -> None:
-        """The branch that was taken ends."""
+        """Leave the branch that was taken."""
         self._top(label, "if")
         self._skip(label, ("endif",))
         self._frames[-1].opened.pop()
 
-    def _endif(self, label: str, given: list[float]) -> None:
+    def _endif(self, label: str, arguments: list[float]) -> None:
         self._top(label, "if")
         self._frames[-1].opened.pop()
 
     # loops
 
-    def _while(self, label: str, given: list[float]) -> None:
+    def _while(self, label: str, arguments: list[float]) -> None:
         opened = self._frames[-1].opened
         if opened and opened[-1].kind == "do" and opened[-1].label == label:
-            if given[0]:
+            if arguments[0]:
                 self._frames[-1].reader.go(opened[-1].body)
             else:
                 opened.pop()
-        elif given[0]:
+        elif arguments[0]:
             self._open("while", label)
         else:
             self._skip(label, ("endwhile",))
 
-    def _endwhile(self, label: str, given: list[float]) -> None:
+    def _endwhile(self, label: str, arguments: list[float]) -> None:
         loop = self._top(label, "while")
         self._frames[-1].opened.pop()
         self._frames[-1].reader.go(loop.head)
 
-    def _do(self, label: str, given: list[float]) -> None:
+    def _do(self, label: str, arguments: list[float]) -> None:
         self._open("do", label)
 
-    def _repeat(self, label: str, given: list[float]) -> None:
-        times = round(given[0]) if abs(given[0]) < 1e9 else int(1e9)
+    def _repeat(self, label: str, arguments: list[float]) -> None:
+        times = round(arguments[0]) if abs(arguments[0]) < 1e9 else int(1e9)
         if times < 1:
             self._skip(label, ("endrepeat",))
         else:
             self._open("repeat", label)
             self._frames[-1].opened[-1].left = times
 
-    def _endrepeat(self, label: str, given: list[float]) -> None:
+    def _endrepeat(self, label: str, arguments: list[float]) -> None:
         loop = self._top(label, "repeat")
         loop.left -= 1
         if loop.left > 0:
@@ -329,25 +328,25 @@ class Flow:
         else:
             self._frames[-1].opened.pop()
 
-    def _break(self, label: str, given: list[float]) -> None:
+    def _break(self, label: str, arguments: list[float]) -> None:
         loop = self._loop(label, "break")
         self._frames[-1].opened.pop()
         self._skip(label, (_ENDS[loop.kind],))
 
-    def _continue(self, label: str, given: list[float]) -> None:
+    def _continue(self, label: str, arguments: list[float]) -> None:
         loop = self._loop(label, "continue")
         if loop.kind == "while":
-            self._endwhile(label, given)
+            self._endwhile(label, arguments)
         elif loop.kind == "repeat" and loop.left > 1:
-            self._endrepeat(label, given)
+            self._endrepeat(label, arguments)
         elif loop.kind == "repeat":
-            self._break(label, given)
+            self._break(label, arguments)
         else:
             self._skip(label, ("while",))
             self._frames[-1].reader.go(self._frames[-1].reader.last)  # its condition is still to be read
 
     def _loop(self, label: str, kind: str) -> Open:
-        """The innermost loop of the label; what was opened inside of it is left."""
+        """Return the innermost loop of the label, and leave everything that was opened inside it."""
         opened = self._frames[-1].opened
         while opened and (opened[-1].label != label or opened[-1].kind == "if"):
             opened.pop()

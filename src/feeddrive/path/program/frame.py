@@ -14,8 +14,8 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.path.program.blocks import AXES
 from feeddrive.path.program.commands import Command
-from feeddrive.path.program.cycles import PLANES
 from feeddrive.path.program.lines import BlockError, Line, located
+from feeddrive.path.program.motion import PLANES
 from feeddrive.path.program.moves import (
     Arc,
     Dwell,
@@ -66,7 +66,7 @@ _NUMBERED = ("SET_MOTION_OUTPUT_", "CLEAR_MOTION_OUTPUT_", "SET_AUX_OUTPUT_", "C
 
 
 def _travel_by_axis(axes: Travel) -> list[tuple[float, float] | None]:
-    """The travel of each of the nine axes; a name that is none of them, or a travel without length, is refused."""
+    """Return the travel of each of the nine axes; refuse an unknown axis name and a travel without length."""
     for name, travel in axes.items():
         if name.lower() not in AXES or len(name) != 1:
             raise ParameterError(f"axes: {name!r} is no axis of part programs, which are X Y Z A B C U V W")
@@ -78,14 +78,14 @@ def _travel_by_axis(axes: Travel) -> list[tuple[float, float] | None]:
 
 
 class Frame:
-    """Makes moves of commands; it knows units, plane and offsets, and where the machine stands.
+    """Turns commands into moves; it keeps units, plane, offsets and the machine's position.
 
     axes  the axes of the machine with their travel; None for all nine without ends
     """
 
     def __init__(self, axes: Travel | None = None) -> None:
         self._travel = None if axes is None else _travel_by_axis(axes)
-        self._present = None if axes is None else [letter in {each.lower() for each in axes} for letter in AXES]
+        self._present = None if axes is None else [letter in {name.lower() for name in axes} for letter in AXES]
         self._here: Point = _ZERO
         self._divisors = [1000.0] * 9
         self._rotation = 0.0
@@ -131,20 +131,20 @@ class Frame:
         self._mode: PathMode | None = None
 
     def moves(self, commands: Iterable[Command]) -> Iterator[Move]:
-        """The moves that commands ask for, one by one."""
+        """Yield the moves that the commands ask for."""
         for command in commands:
             maker = self._makers.get(command.name)
             try:
-                made = maker(command) if maker else self._other(command)
+                move = maker(command) if maker else self._other(command)
             except BlockError as fault:
                 raise located(command.line, fault) from None
-            if made is not None:
-                yield made
+            if move is not None:
+                yield move
 
     # coordinates
 
     def _machine(self, values: Point) -> Point:
-        """Program coordinates in machine coordinates, SI."""
+        """Convert program coordinates to machine coordinates in SI."""
         if self._shift is None:
             self._shift = self._sum_of_offsets()
         if len(values) < 9:
@@ -161,10 +161,10 @@ class Frame:
             if self._rotation
             else (self._axis_offset, self._origin, self._tool_offset)
         )
-        return [sum(each) for each in zip(*parts, strict=True)]
+        return [sum(components) for components in zip(*parts, strict=True)]
 
     def _check(self, start: Point, end: Point, travel: bool = True) -> None:
-        """Refuse a point that the machine cannot reach; without `travel` one beyond its travel is allowed."""
+        """Refuse a point outside the machine's travel; without `travel` points beyond the travel are allowed."""
         if not (-FARTHEST <= min(end) <= max(end) <= FARTHEST and math.isfinite(sum(end))):
             axis = next(axis for axis, value in enumerate(end) if not abs(value) <= FARTHEST)
             raise BlockError(
@@ -179,7 +179,7 @@ class Frame:
                 continue
             if not self._present[axis]:
                 letter = AXES[axis].upper()
-                there = " ".join(each.upper() for each, here in zip(AXES, self._present, strict=True) if here)
+                there = " ".join(name.upper() for name, here in zip(AXES, self._present, strict=True) if here)
                 raise BlockError(f"the machine has no axis {letter}; it has {there}: take the word out", letter)
             if travel:
                 self._check_travel(axis, value)
@@ -230,7 +230,7 @@ class Frame:
         return arc
 
     def _check_extremes(self, arc: Arc) -> None:
-        """An arc's farthest points on the two axes of its plane lie within the travel."""
+        """Check that an arc's extreme points on both axes of its plane lie within the travel."""
         first, second, _ = arc.axes
         begin = math.atan2(arc.start[second] - arc.center[1], arc.start[first] - arc.center[0])
         angle, radius = arc.angle, arc.radius
@@ -258,7 +258,7 @@ class Frame:
         return spline
 
     def _program_here(self) -> list[float]:
-        """Where the machine stands, in program coordinates; only what a spline does not move is used."""
+        """Return the machine's position in program coordinates; only axes that a spline does not move are used."""
         if self._shift is None:
             self._shift = self._sum_of_offsets()
         here = [h - s for h, s in zip(self._here, self._shift, strict=True)]
@@ -315,8 +315,8 @@ class Frame:
     # offsets
 
     def _lengths(self, values: tuple[float | str, ...]) -> Point:
-        found = tuple(float(value) / divisor for value, divisor in zip(values, self._divisors, strict=False))
-        return found + _ZERO[len(found) :]
+        coordinates = tuple(float(value) / divisor for value, divisor in zip(values, self._divisors, strict=False))
+        return coordinates + _ZERO[len(coordinates) :]
 
     def _work_offset(self, command: Command) -> Move:
         self._system = int(float(command.values[0]))

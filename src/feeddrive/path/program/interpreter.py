@@ -1,22 +1,258 @@
-"""The interpreter of part programs: lines in, canonical commands out, a block at a time and in constant memory."""
+"""The interpreter of part programs: lines in, canonical commands out, a block at a time and in constant memory.
+
+`Switches` has the codes that do not move: modes, spindle, tool, coolant, overrides, outputs and stops.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from pathlib import Path
 
-from feeddrive.language.quantity import Quantity
-from feeddrive.path.program import offsets
-from feeddrive.path.program.blocks import Block, read_block, read_debug
-from feeddrive.path.program.codes import Step, name_of
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.path.program.blocks import Block, Step, name_of, read_block, read_debug
 from feeddrive.path.program.commands import Command, Value
+from feeddrive.path.program.expressions import Parameters
 from feeddrive.path.program.flow import MOST_AGAIN, Flow
 from feeddrive.path.program.lines import BlockError, Line, located
-from feeddrive.path.program.motion import MOVING, Motion
-from feeddrive.path.program.parameters import Parameters
-from feeddrive.path.program.state import G92, G92_ON, SYSTEM, State
-from feeddrive.path.program.switches import Switches
-from feeddrive.path.program.tools import Tool
+from feeddrive.path.program.motion import MOVING, Motion, emit_path_mode
+from feeddrive.path.program.state import (
+    BY_CODE,
+    G92,
+    G92_ON,
+    SYSTEM,
+    SYSTEMS,
+    Emit,
+    State,
+    Tool,
+    choose_system,
+    first_of,
+    go_home,
+    set_home,
+    shift_axes,
+    tool_length,
+    write_offsets,
+)
+
+_FEED_MODES = {930: "inverse time", 940: "units per minute", 950: "units per revolution"}
+_PLANES = {170: "CANON_PLANE_XY", 180: "CANON_PLANE_XZ", 190: "CANON_PLANE_YZ"}
+_PATH_MODES = {610: "CANON_EXACT_PATH", 611: "CANON_EXACT_STOP", 640: "CANON_CONTINUOUS"}
+_OUTPUTS = {
+    620: "SET_MOTION_OUTPUT_BIT",
+    630: "CLEAR_MOTION_OUTPUT_BIT",
+    640: "SET_AUX_OUTPUT_BIT",
+    650: "CLEAR_AUX_OUTPUT_BIT",
+}
+_SWITCHED = {500: "FEED_OVERRIDE", 510: "SPEED_OVERRIDE", 520: "ADAPTIVE_FEED", 530: "FEED_HOLD"}
+
+
+class Switches:
+    """The codes of a block that move no axis; `ended` is True once the program has ended."""
+
+    def __init__(self, state: State, emit: Emit, tools: dict[int, Tool] | None) -> None:
+        self._state, self._emit, self._tools = state, emit, tools
+        self.ended = False
+        self._acts: dict[Step, Callable[[int, Block], None]] = {
+            Step.OUTPUT: self._output,
+            Step.TOOL_CHANGE: self._change_tool,
+            Step.SPINDLE: self._spindle,
+            Step.SPINDLE_SPEED: self._rpm,
+            Step.COOLANT: self._coolant,
+            Step.OVERRIDE: self._override,
+            Step.DWELL: self._dwell,
+            Step.PLANE: self._plane,
+            Step.UNITS: self._units,
+            Step.CUTTER: self._no_cutter,
+            Step.TOOL_LENGTH: self._tool_length,
+            Step.SYSTEM: self._system,
+            Step.PATH_MODE: self._path_mode,
+            Step.DISTANCE: self._distance,
+            Step.ARC_DISTANCE: self._arc_distance,
+            Step.RETRACT: self._retract,
+        }
+
+    def act(self, step: Step, code: int, block: Block) -> None:
+        """Execute a code."""
+        self._acts[step](code, block)
+
+    def feed_mode(self, code: int) -> None:
+        """Execute G93, G94 or G95; the feed must then be programmed again."""
+        self._state.feed_mode = code
+        self._state.feed = 0.0
+        self._emit("COMMENT", f"interpreter: feed mode set to {_FEED_MODES[code]}")
+        self._emit("SET_FEED_MODE", 0, int(code == 950))
+        if code != 930:
+            self._emit("SET_FEED_RATE", 0.0)
+
+    def speed(self, speed: float) -> None:
+        """Execute S: the speed of the spindle in rpm."""
+        if speed < 0:
+            raise BlockError(f"a spindle speed is not negative: S{number(speed, 6)}; M4 turns counterclockwise", "S")
+        self._state.speed = speed
+        self._emit("SET_SPINDLE_SPEED", 0, speed)
+
+    def select(self, tool: int) -> None:
+        """Execute T: select the tool of the next change."""
+        if self._tools is not None and tool and tool not in self._tools:
+            raise BlockError(f"tool {tool} is not in the tool table: add it there", "T")
+        self._state.selected = tool
+        self._emit("SELECT_TOOL", tool)
+
+    def stop(self, code: int) -> None:
+        """Execute M0, M1 or M60 (stop), or M2 or M30 (end)."""
+        if code in (20, 300):
+            self._end(code == 300)
+        elif code == 600:
+            self._emit("PALLET_SHUTTLE")
+            self._emit("PROGRAM_STOP")
+        else:
+            self._emit("OPTIONAL_PROGRAM_STOP" if code else "PROGRAM_STOP")
+
+    def _end(self, pallet: bool) -> None:
+        state, emit = self._state, self._emit
+        numbered = state.parameters.numbered
+        first = first_of(1)
+        state.system = 1
+        numbered[SYSTEM] = 1.0
+        state.keep_machine(state.stored(first), numbered.get(first + 9, 0.0))
+        emit("SET_G5X_OFFSET", 1, *state.origin)
+        emit("SET_XY_ROTATION", state.rotation)
+        if state.plane != 170:
+            emit("SELECT_PLANE", "CANON_PLANE_XY")
+        emit("SET_FEED_MODE", 0, 0)
+        emit("SET_FEED_RATE", 0.0)
+        if not state.feed_override:
+            emit("ENABLE_FEED_OVERRIDE")
+        emit("STOP_SPINDLE_TURNING", 0)
+        emit("SET_SPINDLE_MODE", 0, 0.0)
+        if state.mist:
+            emit("MIST_OFF")
+        if state.flood:
+            emit("FLOOD_OFF")
+        if pallet:
+            emit("PALLET_SHUTTLE")
+        for name in ("PROGRAM_END", "ON_RESET", "ON_RESET"):
+            emit(name)
+        self.ended = True
+
+    def _output(self, code: int, block: Block) -> None:
+        name = name_of("m", code)
+        if code in _OUTPUTS:
+            self._emit(_OUTPUTS[code], block.whole("p", name, 0, 63))
+            return
+        number, value = block.whole("e", name, 0, 63), block.take("q", name)
+        assert value is not None
+        self._emit("SET_MOTION_OUTPUT_VALUE" if code == 670 else "SET_AUX_OUTPUT_VALUE", number, value)
+
+    def _change_tool(self, code: int, block: Block) -> None:
+        state, emit = self._state, self._emit
+        if code == 610:
+            state.tool = block.whole("q", "M61", 0, 99999)
+            emit("CHANGE_TOOL_NUMBER", state.tool)
+            return
+        emit("START_CHANGE")
+        emit("STOP_SPINDLE_TURNING", 0)
+        state.spindle = 0
+        state.tool = state.selected
+        emit("CHANGE_TOOL", state.tool)
+
+    def _spindle(self, code: int, block: Block) -> None:
+        self._state.spindle = {30: 1, 40: -1, 50: 0}[code]
+        names = {30: "START_SPINDLE_CLOCKWISE", 40: "START_SPINDLE_COUNTERCLOCKWISE", 50: "STOP_SPINDLE_TURNING"}
+        self._emit(names[code], 0)
+
+    def _rpm(self, code: int, block: Block) -> None:
+        self._emit("SET_SPINDLE_MODE", 0, 0.0)
+
+    def _no_cutter(self, code: int, block: Block) -> None:
+        self._emit("COMMENT", "interpreter: cutter radius compensation off")
+
+    def _system(self, code: int, block: Block) -> None:
+        choose_system(self._state, self._emit, BY_CODE[code])
+
+    def _coolant(self, code: int, block: Block) -> None:
+        state = self._state
+        if code == 90:
+            state.mist = state.flood = False
+            self._emit("MIST_OFF")
+            self._emit("FLOOD_OFF")
+        elif code == 70:
+            state.mist = True
+            self._emit("MIST_ON")
+        else:
+            state.flood = True
+            self._emit("FLOOD_ON")
+
+    def _override(self, code: int, block: Block) -> None:
+        state = self._state
+        if code in (480, 490):
+            state.feed_override = state.speed_override = on = code == 480
+            self._switch("FEED_OVERRIDE", on)
+            self._switch("SPEED_OVERRIDE", on)
+            return
+        on = bool(block.whole("p", name_of("m", code), 0, 1, 1))
+        if code == 500:
+            state.feed_override = on
+        elif code == 510:
+            state.speed_override = on
+        self._switch(_SWITCHED[code], on)
+
+    def _switch(self, what: str, on: bool) -> None:
+        spindle = (0,) if what == "SPEED_OVERRIDE" else ()
+        self._emit(f"{'ENABLE' if on else 'DISABLE'}_{what}", *spindle)
+
+    def _dwell(self, code: int, block: Block) -> None:
+        seconds = block.take("p", "G4")
+        assert seconds is not None
+        if seconds < 0:
+            raise BlockError(f"a dwell is a time and not negative: P{number(seconds, 6)}", "P")
+        self._emit("DWELL", seconds)
+
+    def _plane(self, code: int, block: Block) -> None:
+        self._state.plane = code
+        self._emit("SELECT_PLANE", _PLANES[code])
+
+    def _units(self, code: int, block: Block) -> None:
+        self._state.use_inch(code == 200)
+        self._emit("USE_LENGTH_UNITS", "CANON_UNITS_INCHES" if code == 200 else "CANON_UNITS_MM")
+
+    def _tool_length(self, code: int, block: Block) -> None:
+        tools = self._tools if self._tools is not None else {}
+        tool_length(self._state, block, self._emit, tools, code)
+
+    def _path_mode(self, code: int, block: Block) -> None:
+        state = self._state
+        state.path_mode = _PATH_MODES[code]
+        if code == 640:
+            tolerance, naive = block.take("p"), block.take("q")
+            for letter, value in (("P", tolerance), ("Q", naive)):
+                if value is not None and value < 0:
+                    raise BlockError(f"a tolerance is not negative: {letter}{number(value, 6)}", letter)
+            state.tolerance = tolerance or 0.0
+            state.naive_tolerance = state.tolerance if naive is None else naive
+        emit_path_mode(state, self._emit)
+        if code == 640:
+            self._emit("SET_NAIVECAM_TOLERANCE", state.naive_tolerance)
+
+    def _distance(self, code: int, block: Block) -> None:
+        incremental = code == 910
+        if incremental != self._state.incremental:
+            self._state.incremental = incremental
+            self._emit(
+                "COMMENT", f"interpreter: distance mode changed to {'incremental' if incremental else 'absolute'}"
+            )
+
+    def _arc_distance(self, code: int, block: Block) -> None:
+        absolute = code == 901
+        if absolute != self._state.arc_absolute:
+            self._state.arc_absolute = absolute
+            self._emit(
+                "COMMENT", f"interpreter: IJK distance mode changed to {'absolute' if absolute else 'incremental'}"
+            )
+
+    def _retract(self, code: int, block: Block) -> None:
+        self._state.retract_to_r = code == 990
+        self._emit("COMMENT", f"interpreter: retract mode set to {'r_plane' if code == 990 else 'old_z'}")
+
 
 _FEED_MODE, _OFFSET, _MOTION, _STOP = Step.FEED_MODE, Step.OFFSET, Step.MOTION, Step.STOP
 _ARC_WORDS = frozenset("ijkr")
@@ -54,7 +290,7 @@ class Interpreter:
         self._parameters.live["_line"] = lambda: float(self._line.number)
 
     def commands(self) -> Generator[Command]:
-        """The canonical commands, in the order of the program."""
+        """Yield the canonical commands in program order."""
         begun = False
         try:
             self._begin()
@@ -99,9 +335,9 @@ class Interpreter:
         state, numbered = self._state, self._parameters.numbered
         chosen = round(numbered.get(SYSTEM, 1.0))
         numbered.setdefault(SYSTEM, 1.0)
-        state.system = chosen if 1 <= chosen <= offsets.SYSTEMS else 1
-        state.origin = state.stored(offsets.first_of(state.system))
-        state.rotation = numbered.get(offsets.first_of(state.system) + 9, 0.0)
+        state.system = chosen if 1 <= chosen <= SYSTEMS else 1
+        state.origin = state.stored(first_of(state.system))
+        state.rotation = numbered.get(first_of(state.system) + 9, 0.0)
         state.axis_offset = state.stored(G92) if numbered.get(G92_ON) else [0.0] * 9
         state.position = state.program([0.0] * 9)
         self._emit("USE_LENGTH_UNITS", "CANON_UNITS_MM")
@@ -121,7 +357,7 @@ class Interpreter:
         self._emit("ON_RESET")
 
     def _execute(self, block: Block) -> None:
-        """Do what a block says, in the order of its codes."""
+        """Execute a block, its codes in their order."""
         if block.assigned:
             for key, value in block.assigned:
                 self._parameters.set(key, value)
@@ -196,11 +432,11 @@ class Interpreter:
             self._switches.select(block.whole("t", "T", 0, 99999))
 
     def _implied_motion(self, words: dict[str, float]) -> int:
-        """The modal motion, if the words of a block without a motion code ask for one."""
+        """Return the modal motion if the words of a block without a motion code ask for one."""
         motion = self._state.motion
         if not MOVING.isdisjoint(words):
             if motion == 800:
-                letter = next(each for each in words if each in MOVING).upper()
+                letter = next(word for word in words if word in MOVING).upper()
                 raise BlockError(
                     f"{letter} stands without a motion: write G0, G1 or another motion in this block or before", letter
                 )
@@ -208,17 +444,17 @@ class Interpreter:
         return motion if motion in (20, 30) and not _ARC_WORDS.isdisjoint(words) else -1
 
     def _offset(self, block: Block, code: int, motion: int) -> None:
-        """Codes that are not modal and use axis words themselves."""
+        """Execute codes that are not modal and use axis words themselves."""
         state, name = self._state, name_of("g", code)
         if motion not in (-1, 0, 10, 800):
             raise BlockError(f"{name} and {name_of('g', motion)} both use the words of axes: use two lines", name)
         self._flow.moved()
         if code in (280, 300):
             target, moved = self._motion.target(block)
-            offsets.go_home(state, self._emit, code, target, moved)
+            go_home(state, self._emit, code, target, moved)
         elif code in (281, 301):
-            offsets.set_home(state, code)
+            set_home(state, code)
         elif code == 100:
-            offsets.write_offsets(state, block, self._emit, self._tools if self._tools is not None else {})
+            write_offsets(state, block, self._emit, self._tools if self._tools is not None else {})
         else:
-            offsets.shift_axes(state, block, self._emit, code)
+            shift_axes(state, block, self._emit, code)

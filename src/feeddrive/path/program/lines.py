@@ -15,7 +15,7 @@ LONGEST_LINE = 65536
 
 
 class Line(NamedTuple):
-    """A line of a program: its file, its number from 1, its text without the end."""
+    """A line of a program: its file, its number from 1, its text without the line end."""
 
     file: str
     number: int
@@ -23,14 +23,14 @@ class Line(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Where a line begins: bytes before it, lines before it."""
+    """The position of a line in its file: bytes and lines before it."""
 
     offset: int
     number: int
 
 
 class BlockError(Exception):
-    """What is wrong with a block, before its place in the file is known.
+    """An error in a block, before its position in the file is known.
 
     word   the word as the message shows it; its letter is looked for in the line if `index` is missing
     index  characters before it in the line as `compact` leaves it
@@ -43,10 +43,10 @@ class BlockError(Exception):
 
 
 class LineReader:
-    """A file that gives its lines, and can go back to a place in it."""
+    """Reads the lines of a file, and can return to an earlier position."""
 
     def __init__(self, path: Path) -> None:
-        """Fails at once if the file cannot be read, and opens it for the first line."""
+        """Open the file for its first line; raise at once if it cannot be read."""
         self.name = str(path)
         self._path = path
         self._file: BufferedReader | None = None
@@ -66,23 +66,23 @@ class LineReader:
 
     @property
     def place(self) -> Place:
-        """Where the next line begins."""
+        """The position of the next line."""
         return Place(self._offset, self._number)
 
     @property
     def last(self) -> Place:
-        """Where the line began that was read last."""
+        """The position of the line that was read last."""
         return Place(self._last, self._number - 1)
 
     def go(self, place: Place) -> None:
-        """Read on from a place."""
+        """Continue reading at a position."""
         self._offset, self._number = place
         if self._file is None:
             self._file = self._open()
         self._file.seek(self._offset)
 
     def read(self) -> Line | None:
-        """The next line; None behind the last one."""
+        """Return the next line; None behind the last one."""
         if self._file is None:
             self._file = self._open()
         raw = self._file.readline(LONGEST_LINE + 1)
@@ -104,7 +104,7 @@ class LineReader:
         return Line(self.name, self._number, raw.decode("utf-8", "replace").rstrip("\r\n"))
 
     def _marked(self, raw: bytes) -> bytes:
-        """The first line without the mark that editors put before UTF-8; with that of UTF-16 it is refused."""
+        """Return the first line without the byte order mark of UTF-8; refuse that of UTF-16."""
         if raw.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
             reason = "the file has two bytes for each character (UTF-16): save it as plain text (UTF-8)"
             raise ProgramError(self.name, 1, 1, "", reason)
@@ -114,14 +114,14 @@ class LineReader:
         return raw
 
     def close(self) -> None:
-        """End reading."""
+        """Close the file."""
         if self._file is not None:
             self._file.close()
             self._file = None
 
 
 def located(line: Line, fault: BlockError) -> ProgramError:
-    """The error of a fault in a line: with file, line and column."""
+    """Return the error of a faulty line with file, line and column."""
     column = fault.column or 1
     if fault.column is None and fault.index is not None:
         kept = _kept(line.text)
@@ -133,7 +133,7 @@ def located(line: Line, fault: BlockError) -> ProgramError:
 
 
 def _kept(text: str) -> list[int]:
-    """The characters of a line that are neither white space nor comment, by their index."""
+    """Return the indices of the characters of a line that are neither white space nor comment."""
     kept: list[int] = []
     inside = False
     for index, letter in enumerate(text):
@@ -149,7 +149,7 @@ def _kept(text: str) -> list[int]:
 
 
 def compact(text: str) -> tuple[str, list[str]]:
-    """A line in small letters without white space and comments, and its comments in parentheses.
+    """Return a line in lower case without white space and comments, and its comments in parentheses.
 
     White space means nothing in RS-274, not even inside a number: `g0x +0. 12 34y 7` is `g0x+0.1234y7`.
     """

@@ -1,16 +1,208 @@
-"""The motions of a part program: straight moves, arcs, splines, synchronized feeds and cycles, with their feed."""
+"""The motions of a part program with their feed: straight moves, arcs, splines, synchronized feeds, canned cycles.
+
+The cycles G73, G74, G81 to G86 and G89 traverse over the hole, traverse to R, feed to the depth and retract.  They are
+described for the plane XY; in G18 and G19 the axis across the plane takes the place of Z.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 
-from feeddrive.path.program.arcs import MOST_TURNS, center_of_radius, check_radii, sweep
-from feeddrive.path.program.blocks import AXES, Block
-from feeddrive.path.program.codes import name_of
-from feeddrive.path.program.cycles import PLANES, Emit, drill
+from feeddrive.language.quantity import Quantity
+from feeddrive.path.program.blocks import AXES, Block, name_of
 from feeddrive.path.program.lines import BlockError
-from feeddrive.path.program.state import INCH, State
+from feeddrive.path.program.moves import MOST_TURNS, center_of_radius, check_radii, sweep
+from feeddrive.path.program.state import INCH, Emit, State
+
+PLANES = {170: (0, 1, 2), 180: (2, 0, 1), 190: (1, 2, 0)}
+"""First and second axis of a plane, and the axis across it: right-handed."""
+CLEARANCE = 0.254
+"""How far above the last depth (mm) a pecking cycle ends its traverse."""
+MOST_REPEATS = 10_000
+MOST_PECKS = 10_000
+
+STICKY = {730: "zrq", 740: "zrp", 810: "zr", 820: "zrp", 830: "zrq", 840: "zrp", 850: "zr", 860: "zrp", 890: "zrp"}
+"""Words that a cycle needs, and keeps for the next blocks of its series; Z is the axis across the plane."""
+
+
+def drill(
+    state: State, block: Block, emit: Emit, code: int, same: bool, lead: Callable[[list[float]], list[float]]
+) -> None:
+    """Emit the moves of a canned cycle at one place, or at L places in a row.
+
+    same  whether the modal motion was this cycle already, whose words are then kept
+    lead  where the block's axis words lead from a point
+    """
+    name = name_of("g", code)
+    first, second, across = PLANES[state.plane]
+    where = lead(state.position)
+    if state.feed_mode == 930:
+        raise BlockError(f"{name} has several moves, and G93 gives the time of one: use G94", name)
+    if state.feed <= 0:
+        raise BlockError(f"{name} needs a feed above 0: write F in this block or before", name)
+    kept = _kept_words(state, block, code, same, AXES[across], name)
+    repeats = block.whole("l", name, 1, MOST_REPEATS, 1)
+    begin = state.level[1] if state.level else state.position[across]
+    if state.incremental:
+        clearance = kept["r"] + begin
+        depth = kept["z"] + clearance
+    else:
+        clearance, depth = kept["r"], kept["z"]
+    if clearance < depth:
+        raise BlockError(
+            f"R {Quantity(clearance):6} of {name} lies below the depth {Quantity(depth):6}: a cycle drills downwards",
+            "R",
+        )
+    point = list(state.position)
+    level = point[across] if state.retract_to_r else max(begin, point[across])
+    if min(begin, level) < clearance:
+        point[across] = level = clearance
+        emit("STRAIGHT_TRAVERSE", *point)
+    leave = clearance if state.retract_to_r else level
+    # a cycle runs in exact path mode, as in LinuxCNC; the mode of the program returns behind it
+    if state.path_mode != "CANON_EXACT_PATH":
+        emit("SET_MOTION_CONTROL_MODE", "CANON_EXACT_PATH")
+    hole = _Hole(state, emit, kept, clearance, depth, leave, across)
+    for turn in range(repeats):
+        if turn:
+            where = lead(where)
+        point[first], point[second], point[across] = where[first], where[second], level
+        emit("STRAIGHT_TRAVERSE", *point)
+        if level != clearance:
+            point[across] = clearance
+            emit("STRAIGHT_TRAVERSE", *point)
+        hole.make(code, name, point)
+        level = leave
+    point[across] = leave
+    state.position = point
+    if state.path_mode != "CANON_EXACT_PATH":
+        emit_path_mode(state, emit)
+        emit("SET_NAIVECAM_TOLERANCE", state.naive_tolerance)
+
+
+def _kept_words(state: State, block: Block, code: int, same: bool, across: str, name: str) -> dict[str, float]:
+    """Return the words of a series of cycles, including those of this block."""
+    kept = state.cycle if same else {}
+    axis = AXES.index(across)
+    if state.level is None or state.level[0] != axis:
+        state.level = axis, state.position[axis]
+    for letter in STICKY[code]:
+        value = block.take(across if letter == "z" else letter)
+        if value is not None:
+            kept[letter] = value
+        elif letter == "p" and code in (740, 840):
+            kept.setdefault("p", 0.0)
+        elif letter not in kept:
+            word = across.upper() if letter == "z" else letter.upper()
+            raise BlockError(f"{name} needs the word {word} in the first block of a series: write it", name)
+    if kept.get("q", 1.0) <= 0:
+        raise BlockError(f"Q of {name} is the depth of a peck and lies above 0, not {kept['q']:g}", "Q")
+    if kept.get("p", 0.0) < 0:
+        raise BlockError(f"P of {name} is a time and not negative, not {kept['p']:g}", "P")
+    state.cycle = kept
+    return kept
+
+
+class _Hole:
+    """The moves of a cycle at one hole, from R on."""
+
+    def __init__(
+        self,
+        state: State,
+        emit: Emit,
+        kept: dict[str, float],
+        clearance: float,
+        depth: float,
+        leave: float,
+        across: int,
+    ) -> None:
+        self.state, self.emit, self.kept = state, emit, kept
+        self.clearance, self.depth, self.leave, self.across = clearance, depth, leave, across
+
+    def make(self, code: int, name: str, point: list[float]) -> None:
+        """Emit the moves of the cycle `code` at a point; the point is modified."""
+
+        def go(level: float, command: str = "STRAIGHT_FEED") -> None:
+            point[self.across] = level
+            self.emit(command, *point)
+
+        def traverse(level: float) -> None:
+            go(level, "STRAIGHT_TRAVERSE")
+
+        if code in (730, 830):
+            self._peck(code == 830, name, go, traverse)
+            go(self.depth)
+            traverse(self.leave)
+        elif code in (740, 840):
+            self._tap(code == 840, name, go)
+        elif code == 860:
+            turning = self._turning(name)
+            go(self.depth)
+            self.emit("DWELL", self.kept["p"])
+            self.emit("STOP_SPINDLE_TURNING", 0)
+            traverse(self.leave)
+            self.emit("START_SPINDLE_CLOCKWISE" if turning > 0 else "START_SPINDLE_COUNTERCLOCKWISE", 0)
+        else:
+            go(self.depth)
+            if code in (820, 890):
+                self.emit("DWELL", self.kept["p"])
+            if code == 890:
+                go(self.leave)
+                return
+            if code == 850:
+                go(self.clearance)
+            traverse(self.leave)
+
+    def _peck(self, out: bool, name: str, go: Callable[[float], None], traverse: Callable[[float], None]) -> None:
+        step = self.kept["q"]
+        if (self.clearance - self.depth) / step > MOST_PECKS:
+            raise BlockError(f"Q {Quantity(step):6} of {name} makes more than {MOST_PECKS} pecks: make Q larger", "Q")
+        above = CLEARANCE / INCH if self.state.inch else CLEARANCE
+        level = self.clearance - step
+        while level > self.depth:
+            go(level)
+            if out:
+                traverse(self.clearance)
+            traverse(level + above)
+            level -= step
+
+    def _tap(self, right: bool, name: str, go: Callable[[float], None]) -> None:
+        state, emit = self.state, self.emit
+        if self._turning(name) != (1 if right else -1):
+            raise BlockError(
+                f"{name} needs the spindle turning {'clockwise (M3)' if right else 'counterclockwise (M4)'}", name
+            )
+        there, back = "START_SPINDLE_CLOCKWISE", "START_SPINDLE_COUNTERCLOCKWISE"
+        if not right:
+            there, back = back, there
+        emit("DISABLE_FEED_OVERRIDE")
+        emit("DISABLE_SPEED_OVERRIDE", 0)
+        go(self.depth)
+        emit("STOP_SPINDLE_TURNING", 0)
+        emit(back, 0)
+        emit("DWELL", self.kept["p"])
+        go(self.leave)
+        emit("STOP_SPINDLE_TURNING", 0)
+        emit(there, 0)
+        if state.feed_override:
+            emit("ENABLE_FEED_OVERRIDE")
+        if state.speed_override:
+            emit("ENABLE_SPEED_OVERRIDE", 0)
+
+    def _turning(self, name: str) -> int:
+        if not self.state.spindle:
+            raise BlockError(f"{name} needs a turning spindle: write S and M3 before", name)
+        return self.state.spindle
+
+
+def emit_path_mode(state: State, emit: Emit) -> None:
+    """Emit the path mode."""
+    if state.path_mode == "CANON_CONTINUOUS":
+        emit("SET_MOTION_CONTROL_MODE", state.path_mode, state.tolerance)
+    else:
+        emit("SET_MOTION_CONTROL_MODE", state.path_mode)
+
 
 _CENTER = "ijk"
 AXIS_OF = {letter: axis for axis, letter in enumerate(AXES)}
@@ -21,7 +213,7 @@ MOVING = frozenset(AXES + "@^")
 
 
 class Motion:
-    """Makes the commands of a block's motion.
+    """Emits the commands of a block's motion.
 
     moved  is called before each of them
     """
@@ -31,11 +223,11 @@ class Motion:
         self._tangent: tuple[float, float] | None = None
 
     def target(self, block: Block) -> tuple[list[float], list[int]]:
-        """Where the axis words lead, in program coordinates, and which axes they are of."""
+        """Return the target of the axis words in program coordinates, and the axes that they name."""
         words, state = block.words, self._state
         if "@" in words or "^" in words:
-            given = {letter: words.pop(letter) for letter in list(words) if letter in MOVING}
-            return _led(given, state.position, state.incremental)
+            moving = {letter: words.pop(letter) for letter in list(words) if letter in MOVING}
+            return _led(moving, state.position, state.incremental)
         target = list(state.position)
         moved: list[int] = []
         incremental = state.incremental
@@ -58,12 +250,13 @@ class Motion:
             scale_free[axis] = words.pop(AXES[axis])
         target = state.program(scale_free)
         for axis in range(9):
+            # converting there and back would change the last digits of an axis that does not move
             if scale_free[axis] == standing[axis] and not (state.rotation and axis < 2):
                 target[axis] = state.position[axis]
         return target, moved
 
     def move(self, block: Block, code: int, machine: bool) -> None:
-        """Move as a motion code says; with `machine` (G53) to machine coordinates."""
+        """Execute a motion code; with `machine` (G53) in machine coordinates."""
         state = self._state
         if code > 30 or machine:
             self._other_motion(block, code, machine)
@@ -95,8 +288,10 @@ class Motion:
         else:
             same = state.motion == code
             across = AXES[PLANES[state.plane][2]]
-            given = {each: block.words.pop(each) for each in list(block.words) if each in MOVING and each != across}
-            others = [each.upper() for each in given if each not in "xyz@^"]
+            moving = {
+                letter: block.words.pop(letter) for letter in list(block.words) if letter in MOVING and letter != across
+            }
+            others = [letter.upper() for letter in moving if letter not in "xyz@^"]
             if others:
                 name = name_of("g", code)
                 raise BlockError(f"{name} moves X, Y and Z only: move {others[0]} in a block of its own", others[0])
@@ -104,7 +299,7 @@ class Motion:
                 state.level = None
             state.motion = code
             self._moved()
-            drill(state, block, self._emit, code, same, lambda place: _led(given, place, state.incremental)[0])
+            drill(state, block, self._emit, code, same, lambda place: _led(moving, place, state.incremental)[0])
 
     def _straight(self, block: Block, code: int, target: list[float]) -> None:
         state = self._state
@@ -121,7 +316,7 @@ class Motion:
         self._emit("STRAIGHT_FEED" if code else "STRAIGHT_TRAVERSE", *target)
 
     def _inverse_time(self, block: Block, length: float, name: str) -> None:
-        """G93: F is how often a minute the move could be made; it becomes the feed of this move."""
+        """Set the feed of this move under G93: F is the inverse of its time in minutes."""
         rate = block.take("f")
         if rate is None or rate <= 0:
             raise BlockError(
@@ -138,18 +333,18 @@ class Motion:
         target, moved = self.target(block)
         radius = block.take("r")
         letters = _CENTER[first].upper() + " " + _CENTER[second].upper()
-        given = block.take(_CENTER[first]), block.take(_CENTER[second])
+        offsets = block.take(_CENTER[first]), block.take(_CENTER[second])
         turns = block.whole("p", name, 1, MOST_TURNS, 1)
         unit = INCH if state.inch else 1.0
         start, end = (position[first], position[second]), (target[first], target[second])
         if radius is not None:
-            if given != (None, None):
+            if offsets != (None, None):
                 raise BlockError(f"{name} has a radius R or a center {letters}, not both", "R")
             if first not in moved and second not in moved:
                 raise BlockError(f"{name} with R needs its end: {AXES[first].upper()} or {AXES[second].upper()}", "R")
             center = center_of_radius(start, end, radius, code == 20, unit)
         else:
-            center = self._center(name, given, start, letters)
+            center = self._center(name, offsets, start, letters)
             check_radii(start, end, center, letters, unit)
         if state.feed_mode == 930:
             angle = sweep(start, end, center, turns if code == 30 else -turns)
@@ -164,18 +359,20 @@ class Motion:
         self._emit("ARC_FEED", *end, *center, turns if code == 30 else -turns, target[across], *others)
 
     def _center(
-        self, name: str, given: tuple[float | None, float | None], start: tuple[float, float], letters: str
+        self, name: str, offsets: tuple[float | None, float | None], start: tuple[float, float], letters: str
     ) -> tuple[float, float]:
-        if given == (None, None):
+        if offsets == (None, None):
             raise BlockError(f"{name} has no center: write {letters}, or the radius R, in each block of an arc", name)
         if self._state.arc_absolute:
-            if given[0] is None or given[1] is None:
+            if offsets[0] is None or offsets[1] is None:
                 raise BlockError(f"{name} in G90.1 needs both words of its center, {letters}", name)
-            return given[0], given[1]
-        return start[0] + (given[0] or 0.0), start[1] + (given[1] or 0.0)
+            return offsets[0], offsets[1]
+        return start[0] + (offsets[0] or 0.0), start[1] + (offsets[1] or 0.0)
 
     def _spline(self, block: Block, code: int) -> None:
-        """G5: cubic, G5.1: quadratic, in XY; I J from the start to the first control point, P Q from the end."""
+        """Emit G5 (cubic) or G5.1 (quadratic) in XY; I J lead from the start to the first control point, P Q from the
+        end.
+        """
         state, name = self._state, name_of("g", code)
         if state.plane != 170:
             raise BlockError(f"{name} lies in the plane XY: write G17 before", name)
@@ -209,7 +406,7 @@ class Motion:
         self._emit("NURBS_FEED", *(value for point in points for value in point), target[0], target[1])
 
     def _synchronized(self, block: Block) -> None:
-        """G33: a feed with K of travel in each turn of the spindle."""
+        """Emit G33: a feed that advances K in each turn of the spindle."""
         state = self._state
         pitch = block.take("k", "G33")
         assert pitch is not None
@@ -224,23 +421,23 @@ class Motion:
         self._emit("STOP_SPEED_FEED_SYNCH")
 
 
-def _led(given: dict[str, float], start: list[float], incremental: bool) -> tuple[list[float], list[int]]:
-    """Where axis words lead from a start, and which axes they are of.
+def _led(moving: dict[str, float], start: list[float], incremental: bool) -> tuple[list[float], list[int]]:
+    """Return the target of axis words from a start, and the axes that they name.
 
     @ and ^ are radius and angle about the program's zero.
     """
     target = list(start)
     moved: list[int] = []
-    for letter, value in given.items():
+    for letter, value in moving.items():
         if letter in AXES:
             axis = AXES.index(letter)
             target[axis] = target[axis] + value if incremental else value
             moved.append(axis)
-    if "@" not in given and "^" not in given:
+    if "@" not in moving and "^" not in moving:
         return target, moved
     if 0 in moved or 1 in moved:
-        raise BlockError("@ and ^ stand for X and Y: use one of the two ways in a block", "@" if "@" in given else "^")
-    radius, angle = given.get("@"), given.get("^")
+        raise BlockError("@ and ^ stand for X and Y: use one of the two ways in a block", "@" if "@" in moving else "^")
+    radius, angle = moving.get("@"), moving.get("^")
     size, turned = math.hypot(target[0], target[1]), math.atan2(target[1], target[0])
     if angle is None and size == 0:
         raise BlockError("@ at the zero of the program has no direction: write the angle ^ too", "@")
@@ -253,7 +450,7 @@ def _led(given: dict[str, float], start: list[float], incremental: bool) -> tupl
 
 
 def _length(start: list[float], end: list[float]) -> float:
-    """The length of a straight move as its feed counts it: of X Y Z, else of U V W, else of A B C (degrees)."""
+    """Return the length of a straight move for its feed: of X Y Z, else of U V W, else of A B C (degrees)."""
     for axes in ((0, 1, 2), (6, 7, 8), (3, 4, 5)):
         length = math.hypot(*(end[axis] - start[axis] for axis in axes))
         if length > 0:

@@ -1,4 +1,4 @@
-"""What a part program moves: the canonical moves, in machine coordinates, m, rad and s.
+"""What a part program moves: the canonical moves in machine coordinates (m, rad, s), and the geometry of arcs G2, G3.
 
 Points have nine coordinates, of the axes X Y Z A B C U V W.
 """
@@ -9,8 +9,85 @@ import math
 from dataclasses import dataclass
 from itertools import pairwise
 
-from feeddrive.path.program.arcs import sweep
-from feeddrive.path.program.lines import Line
+from feeddrive.language.quantity import Quantity
+from feeddrive.path.program.lines import BlockError, Line
+
+LEAST_SPREAD, RELATIVE_SPREAD, LARGEST_SPREAD = 0.03, 1e-3, 0.5
+"""By how much the radii of start and end may differ: always (mm), as a part of the radius, at most (mm)."""
+CHORD_SPREAD = 0.00127
+"""By how much (mm) a chord may exceed the diameter."""
+MOST_TURNS = 100_000
+
+
+def center_of_radius(
+    start: tuple[float, float], end: tuple[float, float], radius: float, clockwise: bool, unit: float
+) -> tuple[float, float]:
+    """Return the center of an arc of a stated radius; a negative radius selects the longer arc. `unit`: mm in a program
+    unit.
+    """
+    if radius == 0:
+        raise BlockError("an arc of radius 0: write its radius R or its center I J K", "R")
+    dx, dy = end[0] - start[0], end[1] - start[1]
+    half = 0.5 * math.hypot(dx, dy)
+    if half == 0:
+        raise BlockError(
+            "an arc of given R ends where it begins, which leaves its center open: write I J K instead", "R"
+        )
+    size = abs(radius)
+    if half * unit > size * unit + CHORD_SPREAD:
+        raise BlockError(
+            f"the radius {Quantity(size):6} does not reach: start and end are {Quantity(2 * half):6} apart, so R is "
+            f"at least {Quantity(half):6}",
+            "R",
+        )
+    # for half a circle rounding would move the center off the chord by the root of a rounding error
+    height = math.sqrt(max(0.0, size * size - half * half)) if half / size < 1 - 1e-12 else 0.0
+    if clockwise == (radius > 0):
+        height = -height
+    return (
+        0.5 * (start[0] + end[0]) - height * dy / (2 * half),
+        0.5 * (start[1] + end[1]) + height * dx / (2 * half),
+    )
+
+
+def check_radii(
+    start: tuple[float, float], end: tuple[float, float], center: tuple[float, float], letters: str, unit: float
+) -> None:
+    """Refuse an arc whose start and end do not lie on one circle. `letters`: the words of the center."""
+    first = math.hypot(start[0] - center[0], start[1] - center[1]) * unit
+    last = math.hypot(end[0] - center[0], end[1] - center[1]) * unit
+    spread = abs(first - last)
+    if first * last == 0 or not math.isfinite(spread):
+        raise BlockError(f"an arc of radius 0: the center {letters} lies on its start or end", letters[:1])
+    most = min(LARGEST_SPREAD, max(LEAST_SPREAD, RELATIVE_SPREAD * max(first, last)))
+    if spread > most:
+        raise BlockError(
+            f"the end is no point of the circle: its radius is {_millimeters(first):6} at the start, "
+            f"{_millimeters(last):6} at the end, which may differ by {_millimeters(most):3}; correct the end or "
+            f"{letters}",
+            letters[:1],
+        )
+
+
+def _millimeters(length: float) -> Quantity:
+    """Return a length in mm as a quantity that is read in mm."""
+    return Quantity(length, "mm", stays=True)
+
+
+def sweep(start: tuple[float, float], end: tuple[float, float], center: tuple[float, float], turns: int) -> float:
+    """Return the angle of an arc, rad: positive counterclockwise. An arc that ends where it begins is a full turn."""
+    a = math.atan2(start[1] - center[1], start[0] - center[0])
+    b = math.atan2(end[1] - center[1], end[0] - center[0])
+    angle = b - a
+    if turns > 0:
+        # an end that equals the start but for rounding is a full turn, not none
+        while angle <= 1e-12:
+            angle += math.tau
+        return angle + math.tau * (turns - 1)
+    while angle >= -1e-12:
+        angle -= math.tau
+    return angle + math.tau * (turns + 1)
+
 
 Point = tuple[float, ...]
 """Coordinates of X Y Z A B C U V W: m, and rad for A B C."""
@@ -44,12 +121,12 @@ class Arc:
 
     @property
     def radius(self) -> float:
-        """At the start, m."""
+        """The radius at the start, m."""
         return math.hypot(self.start[self.axes[0]] - self.center[0], self.start[self.axes[1]] - self.center[1])
 
     @property
     def angle(self) -> float:
-        """Through which it turns, rad: positive counterclockwise."""
+        """The angle of the arc, rad: positive counterclockwise."""
         first, second, _ = self.axes
         start, end = self.start, self.end
         return sweep((start[first], start[second]), (end[first], end[second]), self.center, self.turns)
@@ -65,7 +142,7 @@ class Spline:
     points: tuple[Point, ...]
 
     def turns(self, axis: int) -> list[float]:
-        """The coordinates at which an axis turns back on the way, m."""
+        """Return the coordinates at which an axis reverses along the curve, m."""
         at = [point[axis] for point in (self.start, *self.points, self.end)]
         slope = [b - a for a, b in pairwise(at)]  # B' / degree is their Bezier curve: c + 2 b s + a s²
         third = len(slope) == 3
@@ -77,7 +154,7 @@ class Spline:
 
 
 def _bezier(at: list[float], s: float) -> float:
-    """De Casteljau's construction."""
+    """Evaluate a Bezier curve by de Casteljau's construction."""
     while len(at) > 1:
         at = [a + s * (b - a) for a, b in pairwise(at)]
     return at[0]
@@ -93,7 +170,7 @@ class Dwell:
 
 @dataclass(frozen=True, slots=True)
 class PathMode:
-    """How the path is followed from here on.
+    """The path mode from here on.
 
     mode             exact_path (G61), exact_stop (G61.1) or continuous (G64)
     tolerance        how far the path may be left, m (G64 P); 0: as far as the planner wants
@@ -148,7 +225,7 @@ class ToolChange:
 
 @dataclass(frozen=True, slots=True)
 class Offsets:
-    """Offsets from here on; the moves have them in their coordinates already.
+    """The offsets from here on; the moves already contain them in their coordinates.
 
     system       1 to 9: G54 to G59.3
     origin       of the work offset
@@ -167,7 +244,7 @@ class Offsets:
 
 @dataclass(frozen=True, slots=True)
 class Switch:
-    """Something else is switched: `what` (mist, flood, feed_override, output 3 ...) takes `value`."""
+    """A change of another output: `what` (mist, flood, feed_override, output 3 ...) takes `value`."""
 
     source: Line
     what: str
@@ -184,7 +261,7 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """The program waits for the operator; `optional`: if the operator has asked for it (M1)."""
+    """A stop for the operator; `optional`: only if the operator has asked for it (M1)."""
 
     source: Line
     optional: bool

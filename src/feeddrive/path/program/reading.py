@@ -1,21 +1,242 @@
-"""Reading a part program: the front end that can read it, its commands, its moves."""
+"""Reading a part program: choose the front end that can read it, and return its commands or its moves.
+
+The front ends are our own interpreter and that of LinuxCNC: the program `rs274` runs, and its canonical text is read.
+It supports cutter compensation and the rest of the language, but prints only four decimals of the program unit (0.1 um
+in mm, 2.5 um in inches), and no U, V and W.
+"""
 
 from __future__ import annotations
 
+import re
 import shutil
-from collections.abc import Generator
+import subprocess
+import tempfile
+import time
+from array import array
+from collections.abc import Generator, Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Literal
 
-from feeddrive.path.program.commands import Command
+from feeddrive.language.errors import MissingProgramError, ProgramError, plain
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
+from feeddrive.path.program.blocks import AXES
+from feeddrive.path.program.commands import Command, read_command
+from feeddrive.path.program.expressions import read_offsets
 from feeddrive.path.program.flow import MOST_AGAIN
 from feeddrive.path.program.frame import Frame, Travel
 from feeddrive.path.program.interpreter import Interpreter
+from feeddrive.path.program.lines import LONGEST_LINE, BlockError, Line, LineReader, Place, compact, located
 from feeddrive.path.program.moves import Move
-from feeddrive.path.program.parameters import read_offsets
-from feeddrive.path.program.rs274 import PROGRAM, needs_rs274, rs274_commands
-from feeddrive.path.program.tools import read_tools
+from feeddrive.path.program.state import G92, G92_ON, HOME_1, HOME_2, INCH, LINEAR, SYSTEM, SYSTEMS, Tool, read_tools
+
+PROGRAM, PACKAGE = "rs274", "linuxcnc-uspace"
+LONGEST_RUN, LARGEST_OUTPUT = 300.0, 2e9
+"""How long it may run, s; how much it may print, bytes."""
+
+_NEEDED = re.compile(r"g0*(?:4[12](?:\.1)?|[78]|76|8[78])(?![\d.])|m0*(?:19|7[0-3])(?![\d.])")
+_CANDIDATE = re.compile(
+    rb"[gG][ \t0]*(?:4[ \t]*[12]|7[ \t]*6|8[ \t]*[78]|[78][ \t]*(?![0-9 \t]))|[mM][ \t0]*(?:1[ \t]*9|7[ \t]*[0-3])"
+)
+_NAME = re.compile(r"<[^>]*>")
+_NUMBER = re.compile(r"\s*(/?)\s*(?:[nN][\s\d.]*)?")
+_PRINTED = re.compile(r"\s*\d+ N(\d+|\.+)\s+(.*)")
+_AXES = re.compile(r"[uvw](?=[-+\d.#\[])")
+
+
+def needs_rs274(program: Path) -> bool:
+    """True if a program has codes that only the interpreter of LinuxCNC supports, such as G41."""
+    reader = LineReader(program)
+    try:
+        if not _may_need(program):
+            return False
+        while line := reader.read():
+            try:
+                text = compact(line.text)[0]
+            except BlockError:
+                return False  # the own reader says what is wrong
+            if ("g" in text or "m" in text) and _NEEDED.search(_NAME.sub("", text)):
+                return True
+    finally:
+        reader.close()
+    return False
+
+
+def _may_need(program: Path) -> bool:
+    """Quick test for such codes that may say yes too often; a line that is too long is left to our own reader to
+    refuse.
+    """
+    end, since = b"", 0
+    with program.open("rb") as file:
+        while since <= LONGEST_LINE and (chunk := file.read(2**15)):
+            if _CANDIDATE.search(end + chunk):
+                return True
+            end = chunk[-200:]
+            ended = chunk.rfind(b"\n")
+            since = since + len(chunk) if ended < 0 else len(chunk) - ended
+    return False
+
+
+def rs274_commands(
+    program: Path,
+    tools: dict[int, Tool] | None = None,
+    numbered: dict[int, float] | None = None,
+    tables_inch: bool = False,
+    skip_deleted: bool = False,
+) -> Generator[Command]:
+    """Yield the canonical commands of a program as LinuxCNC's interpreter prints them; see `Interpreter`."""
+    if shutil.which(PROGRAM) is None:
+        raise MissingProgramError(PROGRAM, PACKAGE, f"{program}: cutter compensation")
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "program.ngc"
+        source = _Source(program, copy)
+        command = [PROGRAM, "-g", *(["-b"] if skip_deleted else [])]
+        unit = 1.0 if tables_inch else INCH
+        for option, text in (("-t", _tool_table(tools, unit)), ("-v", _parameter_file(numbered, unit))):
+            if text or option == "-t":  # without a table the interpreter has tools of its own
+                table = Path(folder) / f"table{option}"
+                table.write_text(text, encoding="utf-8")
+                command += [option, str(table)]
+        output = Path(folder) / "canonical.txt"
+        code, complaint = _run([*command, str(copy), str(output)], program, output)
+        try:
+            yield from _read(source, output, complaint, code, tools is None)
+        finally:
+            source.close()
+
+
+def _run(command: list[str], program: Path, output: Path) -> tuple[int, str]:
+    """Run the interpreter; return its exit status and its messages."""
+    with tempfile.TemporaryFile() as errors:
+        run = subprocess.Popen(
+            command, cwd=program.parent, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors
+        )
+        begun = time.monotonic()
+        try:
+            while True:
+                try:
+                    run.wait(0.5)
+                    break
+                except subprocess.TimeoutExpired:
+                    large = output.exists() and output.stat().st_size > LARGEST_OUTPUT
+                    if large or time.monotonic() - begun > LONGEST_RUN:
+                        bound = Text(
+                            f"after {Quantity(LONGEST_RUN, 's'):6 SI} or {Quantity(LARGEST_OUTPUT / 1e9, 'GB')} of "
+                            "output"
+                        )
+                        reason = Text(f"{PROGRAM} had not ended {bound}: does a loop never end?")
+                        raise ProgramError(str(program), 1, 1, "", reason) from None
+        finally:
+            run.kill()
+            run.wait()
+        errors.seek(0)
+        return run.returncode, errors.read().decode("utf-8", "replace")
+
+
+def _tool_table(tools: dict[int, Tool] | None, unit: float) -> str:
+    """Write a tool table in inches, which the stand-alone interpreter expects."""
+    lines: list[str] = []
+    for tool in (tools or {}).values():
+        offset = [value / unit if axis in LINEAR else value for axis, value in enumerate(tool.offset)]
+        words = "".join(f" {letter.upper()}{value:.10f}" for letter, value in zip(AXES, offset, strict=True) if value)
+        angles = f" I{tool.front_angle:.10f} J{tool.back_angle:.10f} Q{tool.orientation}"
+        lines.append(f"T{tool.number} P{tool.pocket}{words} D{tool.diameter / unit:.10f}{angles}\n")
+    return "".join(lines)
+
+
+def _parameter_file(numbered: dict[int, float] | None, unit: float) -> str:
+    """Write a parameter file in inches with all numbers that the interpreter requires, in order."""
+    if numbered is None:
+        return ""
+    firsts = (HOME_1, HOME_2, G92, *(SYSTEM + 1 + 20 * system for system in range(SYSTEMS)))
+    lengths = {first + axis for first in firsts for axis in LINEAR}
+    asked = {*range(HOME_1, HOME_1 + 9), *range(HOME_2, HOME_2 + 9), *range(G92_ON, SYSTEM + 1 + 20 * SYSTEMS)}
+    values = dict.fromkeys(asked, 0.0) | {SYSTEM: 1.0} | numbered
+    return "".join(f"{n}\t{values[n] / unit if n in lengths else values[n]:.10f}\n" for n in sorted(values))
+
+
+class _Source:
+    """The lines of a program by number; only their positions are kept in memory."""
+
+    def __init__(self, program: Path, copy: Path) -> None:
+        """Write a copy of the program in which each line has its number as N."""
+        self._reader = LineReader(program)
+        self._offsets = array("q")
+        self._line = Line(self._reader.name, 0, "")
+        try:
+            with copy.open("w", encoding="utf-8") as file:
+                while line := self._reader.read():
+                    self._offsets.append(self._reader.last.offset)
+                    file.write(_with_number(line) + "\n")
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the file."""
+        self._reader.close()
+
+    def line(self, number: int) -> Line:
+        """Return a line by its number; an unknown number gets the position of the first line."""
+        if number != self._line.number and 1 <= number <= len(self._offsets):
+            self._reader.go(Place(self._offsets[number - 1], number - 1))
+            self._line = self._reader.read() or self._line
+        return self._line
+
+    def last(self) -> Line:
+        """The last line."""
+        return self.line(len(self._offsets))
+
+
+def _with_number(line: Line) -> str:
+    try:
+        text = compact(line.text)[0]
+    except BlockError as fault:
+        raise located(line, fault) from None
+    if _AXES.search(_NAME.sub("", text)):
+        reason = f"{PROGRAM} prints no U, V and W: this program cannot be read by it"
+        raise located(line, BlockError(reason, text[:20], 0))
+    if text in ("", "%"):
+        return line.text
+    start = _NUMBER.match(line.text)
+    assert start is not None
+    return f"{start[1]}N{line.number} {line.text[start.end() :]}"
+
+
+def _read(source: _Source, output: Path, complaint: str, code: int, no_tools: bool) -> Iterator[Command]:
+    line = source.line(0)
+    if output.exists():
+        with output.open(encoding="utf-8", errors="replace") as file:
+            for printed in file:
+                match = _PRINTED.match(printed)
+                if not match:
+                    continue
+                if match[1].isdigit():
+                    line = source.line(int(match[1]))
+                command = read_command(match[2].rstrip(), line)
+                if command is not None:
+                    yield command
+    if "File ended with no percent sign or program end" in complaint:
+        yield Command("FINISH", (), source.last())
+    elif code:
+        raise _refused(source, line, complaint, code, no_tools)
+
+
+def _refused(source: _Source, line: Line, complaint: str, code: int, no_tools: bool) -> ProgramError:
+    """Return the interpreter's error, at the line that it prints with it."""
+    messages = [text for text in complaint.splitlines() if text.strip() and text.strip() != "executing"]
+    for text in messages[1:]:
+        match = re.match(r"/?N(\d+)\s", text)
+        if match:
+            line = source.line(int(match[1]))
+    word = plain(line.text.strip())[:40]
+    column = 1 + len(line.text) - len(line.text.lstrip())
+    reason = plain(messages[0]) if messages else f"it ended with status {code} and no message"
+    if no_tools and "tool table" in reason:
+        reason += "; give the tool table"
+    return ProgramError(line.file, line.number, column, word, f"{PROGRAM} refuses it: {reason}")
+
 
 FrontEnd = Literal["auto", "own", "rs274"]
 
@@ -31,7 +252,7 @@ def read_program(
     front_end: FrontEnd = "auto",
     most_again: int = MOST_AGAIN,
 ) -> Generator[Move]:
-    """The moves of a part program (RS-274/NGC), one by one in constant memory: m, rad, s, machine coordinates.
+    """Yield the moves of a part program (RS-274/NGC) in constant memory: m, rad, s, machine coordinates.
 
     axes          axes of the machine with their travel, such as {"X": (0, 0.5), "Z": None}; None: all, without ends
     tools         tool table (.tbl); without one M6 changes to any tool, and G43 H is refused
@@ -56,7 +277,7 @@ def read_program(
 
 
 def _moves(frame: Frame, commands: Generator[Command]) -> Generator[Move]:
-    """The moves; whatever ends them, the files of the commands are closed."""
+    """Yield the moves; close the files of the commands whatever ends them."""
     with closing(commands):
         yield from frame.moves(commands)
 
@@ -71,7 +292,7 @@ def read_commands(
     front_end: FrontEnd = "auto",
     most_again: int = MOST_AGAIN,
 ) -> Generator[Command]:
-    """The canonical commands of a part program, in its own units and coordinates; see `read_program`."""
+    """Yield the canonical commands of a part program, in its own units and coordinates; see `read_program`."""
     path = Path(program)
     if front_end == "auto":
         front_end = "rs274" if needs_rs274(path) and shutil.which(PROGRAM) else "own"

@@ -1,15 +1,94 @@
-"""What a part program has set: modes, position, and the offsets between program and machine.
+"""The state of a part program: modes, position, tools, and the offsets between program and machine, with their codes.
 
 machine = R(rotation) (program + axis_offset) + origin + tool_offset          rotation in the XY plane, degrees
+
+G10, G43, G49, G52, G54 to G59.3 and G92 move coordinates and not the machine; G28 and G30 move it to a stored place.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 
-from feeddrive.path.program.blocks import AXES
-from feeddrive.path.program.parameters import Parameters
+from feeddrive.language.errors import FileError, shown
+from feeddrive.language.quantity import Quantity
+from feeddrive.path.program.blocks import AXES, Block, name_of
+from feeddrive.path.program.expressions import Parameters
+from feeddrive.path.program.lines import BlockError
+
+_WORD = re.compile(r"([A-Za-z])([+-]?(?:\d+\.?\d*|\.\d+))\s*")
+_AXES = "XYZABCUVW"
+
+
+@dataclass(frozen=True, slots=True)
+class Tool:
+    """A tool: `offset` of X Y Z A B C U V W and `diameter` in the unit of the table (mm or inch, and degrees)."""
+
+    number: int
+    pocket: int
+    offset: tuple[float, ...] = (0.0,) * 9
+    diameter: float = 0.0
+    front_angle: float = 0.0
+    back_angle: float = 0.0
+    orientation: int = 0
+    remark: str = ""
+
+
+def read_tools(path: Path | str) -> dict[int, Tool]:
+    """Read the tools of a `.tbl` file by number: lines such as `T1 P1 Z0.5 D0.0625 ;drill`."""
+    file = Path(path)
+    try:
+        text = file.read_text(encoding="utf-8", errors="replace")
+    except OSError as error:
+        raise FileError(f"{file}: cannot be read: {error.strerror or error}") from None
+    tools: dict[int, Tool] = {}
+    for number, line in enumerate(text.splitlines(), 1):
+        entry, _, remark = line.partition(";")
+        if entry.strip():
+            tool = _tool(file, number, entry.strip(), remark.strip())
+            if tool.number in tools:
+                raise FileError(
+                    f"{file}, line {number}: tool T{tool.number} stands there twice: delete one of the lines"
+                )
+            tools[tool.number] = tool
+    return tools
+
+
+def _tool(file: Path, number: int, entry: str, remark: str) -> Tool:
+    words: dict[str, float] = {}
+    at = 0
+    while at < len(entry):
+        match = _WORD.match(entry, at)
+        letter = match[1].upper() if match else ""
+        if not match or letter not in f"TPDIJQ{_AXES}" or letter in words or not math.isfinite(float(match[2])):
+            raise FileError(
+                f"{file}, line {number}, column {at + 1}: {shown(entry[at : at + 20])}: a tool has the words "
+                "T P X Y Z A B C U V W D I J Q, each once with a number"
+            )
+        words[letter] = float(match[2])
+        at = match.end()
+    for letter in "TPQ":
+        value = words.get(letter, 0.0)
+        if value != round(value) or not 0 <= value <= 99999:
+            raise FileError(
+                f"{file}, line {number}: {letter}{Quantity(value):6}: a whole number from 0 to 99999 is expected"
+            )
+    if "T" not in words:
+        raise FileError(f"{file}, line {number}: the tool has no number: write T and its number")
+    return Tool(
+        round(words["T"]),
+        round(words.get("P", words["T"])),
+        tuple(words.get(letter, 0.0) for letter in _AXES),
+        words.get("D", 0.0),
+        words.get("I", 0.0),
+        words.get("J", 0.0),
+        round(words.get("Q", 0.0)),
+        remark,
+    )
+
 
 LINEAR = (0, 1, 2, 6, 7, 8)
 """Axes with lengths: X Y Z U V W; the others hold degrees."""
@@ -17,9 +96,12 @@ INCH = 25.4
 SYSTEM, G92_ON, G92, HOME_1, HOME_2 = 5220, 5210, 5211, 5161, 5181
 SYSTEMS = 9
 
+Emit = Callable[..., None]
+"""Write a canonical command: its name, then its values."""
+
 
 def rotated(x: float, y: float, degrees: float) -> tuple[float, float]:
-    """A point turned about zero."""
+    """Rotate a point about the origin."""
     if degrees == 0:
         return x, y
     angle = math.radians(degrees)
@@ -28,7 +110,7 @@ def rotated(x: float, y: float, degrees: float) -> tuple[float, float]:
 
 
 class State:
-    """Modes of a program, and its position in program coordinates and the program's unit of length.
+    """The modes of a program, and its position in program coordinates and the program's unit of length.
 
     inch      whether the program's unit is the inch
     user_inch whether parameters and tables are kept in inches
@@ -75,7 +157,7 @@ class State:
         return 1.0 if self.inch == self.user_inch else INCH if self.user_inch else 1.0 / INCH
 
     def use_inch(self, inch: bool) -> None:
-        """Change the program's unit of length; what the machine stands at does not change."""
+        """Change the program's unit of length; the machine's position does not change."""
         if inch != self.inch:
             self.inch = inch
             if self.level:
@@ -89,31 +171,31 @@ class State:
                 setattr(self, name, value / INCH if inch else value * INCH)
 
     def stored(self, first: int) -> list[float]:
-        """Nine parameters from `first` on, in the program's unit."""
+        """Return nine parameters from `first` on, in the program's unit."""
         values = [self.parameters.numbered.get(first + axis, 0.0) for axis in range(9)]
         return self.to_program(values)
 
     def store(self, first: int, values: Sequence[float]) -> None:
-        """Keep nine values as parameters, in the user's unit."""
+        """Store nine values as parameters, in the user's unit."""
         scale = self.scale
         for axis, value in enumerate(values):
             self.parameters.numbered[first + axis] = value / scale if axis in LINEAR else value
 
     def to_program(self, values: Sequence[float]) -> list[float]:
-        """Nine values of the user's unit in the program's."""
+        """Convert nine values from the user's unit to the program's."""
         scale = self.scale
         return [value * scale if axis in LINEAR else value for axis, value in enumerate(values)]
 
     # coordinates
 
     def machine(self, program: Sequence[float]) -> list[float]:
-        """Program coordinates in machine coordinates."""
+        """Convert program coordinates to machine coordinates."""
         shifted = [p + a for p, a in zip(program, self.axis_offset, strict=True)]
         shifted[0], shifted[1] = rotated(shifted[0], shifted[1], self.rotation)
         return [s + o + t for s, o, t in zip(shifted, self.origin, self.tool_offset, strict=True)]
 
     def program(self, machine: Sequence[float]) -> list[float]:
-        """Machine coordinates in program coordinates."""
+        """Convert machine coordinates to program coordinates."""
         shifted = [m - o - t for m, o, t in zip(machine, self.origin, self.tool_offset, strict=True)]
         shifted[0], shifted[1] = rotated(shifted[0], shifted[1], -self.rotation)
         return [s - a for s, a in zip(shifted, self.axis_offset, strict=True)]
@@ -125,7 +207,7 @@ class State:
         axis_offset: Sequence[float] | None = None,
         tool_offset: Sequence[float] | None = None,
     ) -> None:
-        """Change offsets while the machine stands still: the program's coordinates of its position change."""
+        """Change offsets while the machine stands still: the program coordinates of its position change."""
         standing = self.machine(self.position)
         before = self.position
         if origin is not None:
@@ -144,7 +226,7 @@ class State:
     # what the program can ask for
 
     def publish(self) -> None:
-        """Give parameters that follow the program: #5400 to #5428 and the names that begin with _."""
+        """Publish parameters that follow the program: #5400 to #5428 and the names that begin with _."""
         live = self.parameters.live
         live[5400] = lambda: float(self.tool)
         for axis in range(9):
@@ -174,3 +256,190 @@ class State:
             "_current_tool": lambda: float(self.tool),
             "_selected_tool": lambda: float(self.selected),
         }
+
+
+BY_CODE = {540: 1, 550: 2, 560: 3, 570: 4, 580: 5, 590: 6, 591: 7, 592: 8, 593: 9}
+
+
+def first_of(system: int) -> int:
+    """Return the first parameter of a coordinate system, 1 to 9."""
+    return SYSTEM + 1 + 20 * (system - 1)
+
+
+def choose_system(state: State, emit: Emit, system: int) -> None:
+    """Execute G54 to G59.3: select another work offset."""
+    if system == state.system:
+        emit("COMMENT", "interpreter: continuing to use same coordinate system")
+        return
+    state.system = system
+    state.parameters.numbered[SYSTEM] = float(system)
+    rotation = state.parameters.numbered.get(first_of(system) + 9, 0.0)
+    axis_offset = state.stored(G92) if state.parameters.numbered.get(G92_ON) else state.axis_offset
+    state.keep_machine(state.stored(first_of(system)), rotation, axis_offset)
+    emit("SET_G5X_OFFSET", system, *state.origin)
+    emit("SET_G92_OFFSET", *state.axis_offset)
+    emit("SET_XY_ROTATION", rotation)
+
+
+def write_offsets(state: State, block: Block, emit: Emit, tools: dict[int, Tool]) -> None:
+    """Execute G10: L2 and L20 write a work offset, L1 and L10 an offset of the tool table."""
+    kind = block.whole("l", "G10", 1, 20)
+    coordinates = {axis: value for axis, letter in enumerate(AXES) if (value := block.take(letter)) is not None}
+    if kind in (2, 20):
+        system = block.whole("p", f"G10 L{kind}", 0, SYSTEMS) or state.system
+        _write_system(state, emit, system, coordinates, block.take("r"), here=kind == 20)
+    elif kind in (1, 10):
+        number = block.whole("p", f"G10 L{kind}", 1, 99999)
+        _write_tool(state, block, emit, tools, number, coordinates, here=kind == 10)
+    else:
+        raise BlockError(f"G10 has L1, L2, L10 and L20, not L{kind}", "L")
+
+
+def _write_system(
+    state: State, emit: Emit, system: int, coordinates: dict[int, float], rotation: float | None, here: bool
+) -> None:
+    numbered, first = state.parameters.numbered, first_of(system)
+    origin = state.stored(first)
+    angle = numbered.get(first + 9, 0.0) if rotation is None else rotation
+    if here:
+        if rotation is not None:
+            raise BlockError("G10 L20 has no R: write the rotation with G10 L2", "R")
+        probe = _with_system(state, origin, angle)
+        for axis, value in coordinates.items():  # the present position is to have the coordinate `value`
+            shift = [0.0] * 9
+            shift[axis] = probe[axis] - value
+            moved = _turned(shift, angle)
+            origin = [o + m for o, m in zip(origin, moved, strict=True)]
+    else:
+        for axis, value in coordinates.items():
+            origin[axis] = value
+    state.store(first, origin)
+    numbered[first + 9] = angle
+    if system == state.system:
+        state.keep_machine(state.stored(first), angle)
+        emit("SET_G5X_OFFSET", system, *state.origin)
+        emit("SET_XY_ROTATION", angle)
+    else:
+        emit("COMMENT", "interpreter: setting coordinate system origin")
+
+
+def _with_system(state: State, origin: list[float], rotation: float) -> list[float]:
+    """Return the coordinates of the present position under another work offset."""
+    kept = state.origin, state.rotation
+    standing = state.machine(state.position)
+    state.origin, state.rotation = origin, rotation
+    here = state.program(standing)
+    state.origin, state.rotation = kept
+    return here
+
+
+def _turned(shift: list[float], rotation: float) -> list[float]:
+    x, y = rotated(shift[0], shift[1], rotation)
+    return [x, y, *shift[2:]]
+
+
+def _write_tool(
+    state: State,
+    block: Block,
+    emit: Emit,
+    tools: dict[int, Tool],
+    number: int,
+    coordinates: dict[int, float],
+    here: bool,
+) -> None:
+    tool = tools.get(number)
+    if tool is None:
+        raise BlockError(f"tool {number} is not in the tool table: add it there", "P")
+    scale = state.scale
+    offset = list(tool.offset)
+    if here:
+        standing = state.machine(state.position)
+        position = [m - t - o for m, t, o in zip(standing, state.tool_offset, state.origin, strict=True)]
+        position = [p - a for p, a in zip(position, state.axis_offset, strict=True)]
+        coordinates = {axis: position[axis] - value for axis, value in coordinates.items()}
+    for axis, value in coordinates.items():
+        offset[axis] = value / scale if axis in LINEAR else value
+    radius, front, back = block.take("r"), block.take("i"), block.take("j")
+    tool = replace(
+        tool,
+        offset=tuple(offset),
+        diameter=tool.diameter if radius is None else 2 * radius / scale,
+        front_angle=tool.front_angle if front is None else front,
+        back_angle=tool.back_angle if back is None else back,
+        orientation=block.whole("q", "G10", 0, 9, tool.orientation),
+    )
+    tools[number] = tool
+    values = (*tool.offset, tool.diameter, tool.front_angle, tool.back_angle, tool.orientation)
+    emit("SET_TOOL_TABLE_ENTRY", tool.pocket, number, *values)
+
+
+def tool_length(state: State, block: Block, emit: Emit, tools: dict[int, Tool], code: int) -> None:
+    """Execute G43, G43.1, G43.2 or G49: the tool offset."""
+    offset = [0.0] * 9
+    if code == 431:
+        offset = list(state.tool_offset)
+        coordinates = {axis: value for axis, letter in enumerate(AXES) if (value := block.take(letter)) is not None}
+        if not coordinates:
+            raise BlockError("G43.1 needs the offset of an axis at least, such as Z12", "G43.1")
+        for axis, value in coordinates.items():
+            offset[axis] = value
+    elif code in (430, 432):
+        name = name_of("g", code)
+        number = block.whole("h", name, 0, 99999, state.tool if code == 430 else None)
+        tool = tools.get(number)
+        if tool is None and number:
+            raise BlockError(
+                f"tool {number} is not in the tool table: give the table with this tool", "H" if code == 432 else name
+            )
+        offset = state.to_program(tool.offset) if tool else offset
+        if code == 432:
+            offset = [o + t for o, t in zip(offset, state.tool_offset, strict=True)]
+    state.keep_machine(tool_offset=offset)
+    emit("USE_TOOL_LENGTH_OFFSET", *offset)
+
+
+def shift_axes(state: State, block: Block, emit: Emit, code: int) -> None:
+    """Execute G52 or G92, which rename the present position, or G92.1 to G92.3: clear, suspend, restore that."""
+    numbered = state.parameters.numbered
+    offset = list(state.axis_offset)
+    if code in (520, 920):
+        coordinates = {axis: value for axis, letter in enumerate(AXES) if (value := block.take(letter)) is not None}
+        if not coordinates:
+            name = name_of("g", code)
+            raise BlockError(f"{name} needs an axis at least, such as X0", name)
+        for axis, value in coordinates.items():
+            offset[axis] = value if code == 520 else offset[axis] + state.position[axis] - value
+        numbered[G92_ON] = 1.0
+    elif code == 923:
+        offset = state.stored(G92)
+        numbered[G92_ON] = 1.0
+    else:
+        offset = [0.0] * 9
+        numbered[G92_ON] = 0.0
+    if code in (520, 920, 921):
+        state.store(G92, offset)
+    state.keep_machine(axis_offset=offset)
+    emit("SET_G92_OFFSET", *offset)
+
+
+def go_home(state: State, emit: Emit, code: int, target: list[float], moved: list[int]) -> None:
+    """Execute G28 or G30: move over the point of the axis words to the stored position, with these axes or with all."""
+    state.position = list(target)
+    emit("STRAIGHT_TRAVERSE", *target)
+    home = state.to_program(
+        [state.parameters.numbered.get((HOME_1 if code == 280 else HOME_2) + axis, 0.0) for axis in range(9)]
+    )
+    machine = state.machine(target)
+    for axis in moved or range(9):
+        machine[axis] = home[axis]
+    state.position = state.program(machine)
+    if moved:
+        fixed = [axis for axis in range(9) if axis not in moved and not (state.rotation and axis < 2)]
+        for axis in fixed:
+            state.position[axis] = target[axis]
+    emit("STRAIGHT_TRAVERSE", *state.position)
+
+
+def set_home(state: State, code: int) -> None:
+    """Execute G28.1 or G30.1: store the present position."""
+    state.store(HOME_1 if code == 281 else HOME_2, state.machine(state.position))

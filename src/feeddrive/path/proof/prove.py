@@ -1,29 +1,325 @@
 """An independent proof that a planned motion keeps the limits of each axis in continuous time, joints included.
 
-Over a span of time on one piece of the path each factor of the chain rule is an interval (`ranges`).  A span that does
-not hold is halved, until it holds or its middle breaks a limit.  At the joints of path and time the jumps are taken
-from the planned state.  Nothing here is shared with what plans: a fault there is not repeated here.
+Over a span of time on one piece of the path each factor of the chain rule is an interval (`ranges`).  A span for which
+the limits cannot be shown is halved, until they are shown or its middle violates one.  At the joints of path and time
+the jumps are computed from the planned state.  Apart from the evaluation of path and motion no code is shared with
+the planner: a fault there is not repeated here.
 
-Rounding is not directed.  A test rounds some hundred times, so that 1e-13 of its largest term is added to its interval;
+Rounding is not directed.  A test rounds some hundred times, so 1e-13 of its largest term is added to its interval;
 each limit is widened by 1e-9 of itself.
+
+Two runs may overlap: while one comes to rest in the corner c and the next leaves it, q = q0 + q1 - c.  Each derivative
+of q is the sum of two motions along one piece each.  With r' near its middle the largest terms of both are one
+polynomial of time, whose range is exact, also where they cancel; the others are intervals.
+
+Let w0 be the way that is left of the first and w1 that which is done of the second, and t* the time at which they are
+equal.  Between lines q stands for the point of the path at the way w1 - w0 from the corner, from which it is
+min(w0, w1) |t1 - t0| away: most at t*.  Otherwise it stands for q0 before t*, at most w1 away, for q1 behind, and at t*
+for the path between them: the (Fréchet) distance is at most max(w0, w1, |q - c|) there, plus the deviation of the
+pieces from their chords.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from feeddrive.language.kernels.kernel import kernel
+from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
 from feeddrive.language.text import Text
-from feeddrive.path.motion import Entering, Motion, Part, chain, cubic, rows, way, when
-from feeddrive.path.pieces import Pieces, derivatives, part_of_pieces
-from feeddrive.path.proof.overlap import prove_sum
-from feeddrive.path.proof.ranges import cubic_range, line_range, parabola_range, share_of_limits, slopes
+from feeddrive.path.motion import (
+    Entering,
+    Motion,
+    Part,
+    Pieces,
+    chain,
+    cubic,
+    derivatives,
+    part_of_pieces,
+    rows,
+    way,
+    when,
+)
+from feeddrive.path.proof.ranges import (
+    add_ranges,
+    cubic_range,
+    largest_share,
+    line_range,
+    parabola_range,
+    products,
+    share_of_limits,
+    slopes,
+)
+
+
+@kernel
+def _taken(
+    kind: int, length: float, shape: Floats2, x: float, s: float, u: Floats2, b: float, e: float, r: Floats3
+) -> float:
+    """Write intervals of one motion over a span: products in `u`, r' .. r'''' in `r`; u' and on at t = 0 from u[9]."""
+    v = u[9, 0]
+    a = u[10, 0]
+    j = u[11, 0]
+    v0, v1 = cubic_range(v, a, j, s, b, e)
+    a0, a1 = parabola_range(a, j, s, b, e)
+    j0, j1 = line_range(j, s, b, e)
+    products(v0, v1, a0, a1, j0, j1, u)
+    x0 = min(max(x + way(v, a, j, s, b), 0.0), length)
+    x1 = min(max(x + way(v, a, j, s, e), 0.0), length)
+    return slopes(kind, length, shape, x0, max(x0, x1), r)
+
+
+@kernel
+def _share(
+    kind0: int,
+    length0: float,
+    shape0: Floats2,
+    x0: float,
+    s0: float,
+    u0: Floats2,
+    kind1: int,
+    length1: float,
+    shape1: Floats2,
+    x1: float,
+    s1: float,
+    u1: Floats2,
+    limits: Floats2,
+    feed: float,
+    b: float,
+    e: float,
+    slack: float,
+    r0: Floats3,
+    r1: Floats3,
+) -> tuple[float, int]:
+    """Return the largest share of a limit that the sum may use from b to e, and which limit, as `share_of_limits`."""
+    out = zeros(4, 3)
+    _taken(kind0, length0, shape0, x0, s0, u0, b, e, r0)
+    _taken(kind1, length1, shape1, x1, s1, u1, b, e, r1)
+    most = 0.0
+    where = 0
+    speed = 0.0
+    for i in range(len(limits)):
+        c0 = 0.5 * (r0[i, 0, 0] + r0[i, 0, 1])
+        c1 = 0.5 * (r1[i, 0, 0] + r1[i, 0, 1])
+        v = c0 * u0[9, 0] + c1 * u1[9, 0]
+        a = c0 * u0[10, 0] + c1 * u1[10, 0]
+        j = c0 * u0[11, 0] + c1 * u1[11, 0]
+        s = c0 * s0 + c1 * s1
+        low, high = cubic_range(v, a, j, s, b, e)
+        out[0] = low, high, abs(c0) * u0[0, 1] + abs(c1) * u1[0, 1]
+        low, high = parabola_range(a, j, s, b, e)
+        out[1] = low, high, abs(c0) * max(-u0[4, 0], u0[4, 1]) + abs(c1) * max(-u1[4, 0], u1[4, 1])
+        low, high = line_range(j, s, b, e)
+        out[2] = low, high, abs(c0) * max(-u0[7, 0], u0[7, 1]) + abs(c1) * max(-u1[7, 0], u1[7, 1])
+        out[3] = s, s, abs(c0 * s0) + abs(c1 * s1)
+        add_ranges(u0, s0, r0[i], c0, out)
+        add_ranges(u1, s1, r1[i], c1, out)
+        share, k = largest_share(out, limits[i], slack)
+        if share > most:
+            most = share
+            where = 4 * i + k
+        v = max(-out[0, 0], out[0, 1])
+        speed = speed + v * v
+    share = sqrt(speed) * (1.0 + slack) / feed
+    if share > most:
+        most = share
+        where = -1
+    return most, where
+
+
+@kernel
+def _derived(kind: int, length: float, shape: Floats2, x: float, s: float, u: Floats2, r: Floats2, q: Floats2) -> int:
+    """Write r - r(0) into the first column of r, and q' .. q'''' of one motion into columns 1 to 4 of q."""
+    derivatives(kind, length, shape, min(max(x, 0.0), length), r)
+    chain(u[9, 0], u[10, 0], u[11, 0], s, r, q)
+    return 0
+
+
+@kernel
+def prove_sum(
+    kind0: int,
+    length0: float,
+    shape0: Floats2,
+    motion0: Floats2,
+    kind1: int,
+    length1: float,
+    shape1: Floats2,
+    motion1: Floats2,
+    limits: Floats2,
+    widened: float,
+    feed: float,
+    faults: Floats2,
+    uses: Floats2,
+    r: Floats3,
+    q: Floats3,
+) -> tuple[int, int, float]:
+    """Prove the sum of two motions with common time pieces: return spans tested, faults, and a bound of the distance,
+    m.
+
+    Each fault is a row of `faults`: time piece, time in it, limit, share.
+    """
+    spans = 0
+    faulty = 0
+    halves = zeros(64, 2)
+    u0 = zeros(12, 2)
+    u1 = zeros(12, 2)
+    r0 = zeros(12, 4, 2)
+    r1 = zeros(12, 4, 2)
+    for m in range(len(motion0)):
+        x0 = motion0[m, 1]
+        x1 = motion1[m, 1]
+        s0 = motion0[m, 5]
+        s1 = motion1[m, 5]
+        for k in range(3):
+            u0[9 + k, 0] = motion0[m, 2 + k]
+            u1[9 + k, 0] = motion1[m, 2 + k]
+        _derived(kind0, length0, shape0, x0, s0, u0, r[0], q[0])
+        _derived(kind1, length1, shape1, x1, s1, u1, r[1], q[1])
+        for i in range(len(limits)):
+            for k in range(4):
+                uses[i, k] = max(uses[i, k], abs(q[0, i, k + 1] + q[1, i, k + 1]) / limits[i, k])
+        count = 1
+        halves[0] = 0.0, motion0[m, 0]
+        shortest = motion0[m, 0] * 1e-12
+        while count > 0:
+            count = count - 1
+            b = halves[count, 0]
+            e = halves[count, 1]
+            spans = spans + 1
+            share, which = _share(
+                kind0,
+                length0,
+                shape0,
+                x0,
+                s0,
+                u0,
+                kind1,
+                length1,
+                shape1,
+                x1,
+                s1,
+                u1,
+                limits,
+                feed,
+                b,
+                e,
+                1e-13,
+                r0,
+                r1,
+            )
+            if share <= 1.0 + widened:
+                continue
+            middle = 0.5 * (b + e)
+            share, which = _share(
+                kind0,
+                length0,
+                shape0,
+                x0,
+                s0,
+                u0,
+                kind1,
+                length1,
+                shape1,
+                x1,
+                s1,
+                u1,
+                limits,
+                feed,
+                middle,
+                middle,
+                -1e-13,
+                r0,
+                r1,
+            )
+            if share > 1.0 + widened or e - b <= shortest or count + 2 > len(halves):
+                if faulty < len(faults):
+                    faults[faulty] = 0.0, float(m), middle, float(which), share
+                faulty = faulty + 1
+                break
+            halves[count] = middle, e
+            halves[count + 1] = b, middle
+            count = count + 2
+    away = distance(kind0, length0, shape0, motion0, kind1, length1, shape1, motion1, r)
+    return spans, faulty, away
+
+
+@kernel
+def _place(motion: Floats2, t: float) -> float:
+    """Return the position of a motion at t."""
+    begin = 0.0
+    m = 0
+    while m + 1 < len(motion) and t >= begin + motion[m, 0]:
+        begin = begin + motion[m, 0]
+        m = m + 1
+    return motion[m, 1] + way(motion[m, 2], motion[m, 3], motion[m, 4], motion[m, 5], t - begin)
+
+
+@kernel
+def distance(
+    kind0: int,
+    length0: float,
+    shape0: Floats2,
+    motion0: Floats2,
+    kind1: int,
+    length1: float,
+    shape1: Floats2,
+    motion1: Floats2,
+    r: Floats3,
+) -> float:
+    """Bound the distance between q and the corner's two pieces, m, for motions that do not run backwards."""
+    r0 = zeros(12, 4, 2)
+    r1 = zeros(12, 4, 2)
+    norm0 = slopes(kind0, length0, shape0, min(max(motion0[0, 1], 0.0), length0), length0, r0)
+    last = len(motion1) - 1
+    x1 = motion1[last, 1] + way(
+        motion1[last, 2], motion1[last, 3], motion1[last, 4], motion1[last, 5], motion1[last, 0]
+    )
+    norm1 = slopes(kind1, length1, shape1, 0.0, min(max(x1, 0.0), length1), r1)
+    low = 0.0
+    high = 0.0
+    for m in range(len(motion0)):
+        high = high + motion0[m, 0]
+    for _ in range(60):
+        t = 0.5 * (low + high)
+        x0 = _place(motion0, t)
+        x1 = _place(motion1, t)
+        if norm0 * (length0 - x0) > norm1 * x1:
+            low = t
+        else:
+            high = t
+    t = 0.5 * (low + high)
+    x0 = min(max(_place(motion0, t), 0.0), length0)
+    x1 = min(max(_place(motion1, t), 0.0), length1)
+    left = norm0 * (length0 - x0)
+    done = norm1 * x1
+    gap = 0.0
+    turn = 0.0
+    bend0 = 0.0
+    bend1 = 0.0
+    derivatives(kind0, length0, shape0, length0, r[0])
+    derivatives(kind0, length0, shape0, x0, r[1])
+    derivatives(kind1, length1, shape1, x1, r[2])
+    for i in range(len(shape0)):
+        # q - c, and how far the pieces bend beside their chords to the corner
+        apart = r[1, i, 0] - r[0, i, 0] + r[2, i, 0]
+        gap = gap + apart * apart
+        apart = r[2, i, 1] / norm1 - r[0, i, 1] / norm0
+        turn = turn + apart * apart
+        p = max(-r0[i, 1, 0], r0[i, 1, 1])
+        bend0 = bend0 + p * p
+        p = max(-r1[i, 1, 0], r1[i, 1, 1])
+        bend1 = bend1 + p * p
+    if bend0 == 0.0 and bend1 == 0.0:
+        return sqrt(turn) * max(left, done) * (1.0 + 1e-12)
+    bent = 0.125 * max(sqrt(bend0) * (length0 - x0) * (length0 - x0), sqrt(bend1) * x1 * x1)
+    return max(max(left, done), sqrt(gap) + bent) * (1.0 + 1e-12)
+
 
 WIDENED = 1e-9  # of a limit
 _KEPT = 100  # faults
@@ -31,10 +327,25 @@ _KEPT = 100  # faults
 
 @kernel
 def _span(
-    kind: int, length: float, shape: Floats2, feed: float, limits: Floats2, widened: float,
-    x: float, v: float, a: float, j: float, s: float, t0: float, t1: float, halves: Floats2, r: Floats3,
-) -> tuple[int, int, float]:  # fmt: skip
-    """Tests made, the limit that does not hold (-2: all hold) and when, on one piece; x, u' .. u'''' are at t = 0."""
+    kind: int,
+    length: float,
+    shape: Floats2,
+    feed: float,
+    limits: Floats2,
+    widened: float,
+    x: float,
+    v: float,
+    a: float,
+    j: float,
+    s: float,
+    t0: float,
+    t1: float,
+    halves: Floats2,
+    r: Floats3,
+) -> tuple[int, int, float]:
+    """Test one piece: return the tests, the limit that does not hold (-2: all hold) and when; x, u' .. u'''' are at t =
+    0.
+    """
     tests = 0
     count = 1
     halves[0, 0] = t0
@@ -72,29 +383,51 @@ def _span(
 
 
 @kernel
-def _noted(faults: Floats2, found: int, p: int, m: int, time: float, which: float, share: float) -> int:
-    """A fault more; those that have no row are counted only."""
-    if found < len(faults):
-        faults[found] = float(p), float(m), time, which, share
-    return found + 1
+def _noted(faults: Floats2, count: int, p: int, m: int, time: float, which: float, share: float) -> int:
+    """Record one more fault; faults beyond the last row are only counted."""
+    if count < len(faults):
+        faults[count] = float(p), float(m), time, which, share
+    return count + 1
 
 
 @kernel
 def _prove(
-    kind: Ints, length: Floats, origin: Floats2, shape: Floats3, feed: Floats,
-    duration: Floats, piece: Ints, x: Floats, speed: Floats, acceleration: Floats, jerk: Floats, snap: Floats,
-    limits: Floats2, widened: float, anywhere: bool, ends: bool, alone: bool,
-    state: Floats, place: Floats, faults: Floats2, uses: Floats2, jumps: Floats,
-    halves: Floats2, r: Floats3, before: Floats2, after: Floats2, q: Floats2,
-) -> tuple[int, int]:  # fmt: skip
-    """Tests made and faults found; each a row of `faults`: piece of the path, time piece, time in it, limit, share.
+    kind: Ints,
+    length: Floats,
+    origin: Floats2,
+    shape: Floats3,
+    feed: Floats,
+    duration: Floats,
+    piece: Ints,
+    x: Floats,
+    speed: Floats,
+    acceleration: Floats,
+    jerk: Floats,
+    snap: Floats,
+    limits: Floats2,
+    widened: float,
+    anywhere: bool,
+    ends: bool,
+    alone: bool,
+    state: Floats,
+    place: Floats,
+    faults: Floats2,
+    uses: Floats2,
+    jumps: Floats,
+    halves: Floats2,
+    r: Floats3,
+    before: Floats2,
+    after: Floats2,
+    q: Floats2,
+) -> tuple[int, int]:
+    """Return tests and faults; a row of `faults` is piece of the path, time piece, time in it, limit, share.
 
     A motion that is not `alone` is only proven to have no jumps: its limits are those of a sum, for `prove_sum`.
     `state` is x, u' .. u''' where the part before ended, on the first piece of this one, and `place` the position there
     unless it begins `anywhere`; then where this one ends.
     """
     tests = 0
-    found = 0
+    count = 0
     n = len(limits)
     last = len(length) - 1
     backwards = 1e300
@@ -112,7 +445,7 @@ def _prove(
         apart = max(apart, abs(origin[0, i] + before[i, 0] - place[i]))
         size = max(size, 1.0 + abs(place[i]))
     if not anywhere and apart > 1e-12 * size:
-        found = _noted(faults, found, 0, 0, 0.0, -8.0, apart)
+        count = _noted(faults, count, 0, 0, 0.0, -8.0, apart)
     v = state[1]
     a = state[2]
     j = state[3]
@@ -138,9 +471,9 @@ def _prove(
             jumps[1] = max(jumps[1], worst)
         outside = came < -1e-12 or came > length[p] + 1e-12 * (1.0 + length[p])
         if not right or outside or worst > widened or abs(gap) > 1e-12 * (1.0 + length[p]):
-            found = _noted(faults, found, p, m, 0.0, -3.0, worst)
+            count = _noted(faults, count, p, m, 0.0, -3.0, worst)
             if not right:
-                return tests, found
+                return tests, count
         if rest:
             break
         v = speed[m]
@@ -151,7 +484,7 @@ def _prove(
         low, high = cubic_range(v, a, j, s, 0.0, T)
         if not (T > 0.0) or low < -backwards or not (high < 1e300):
             # it must not run backwards, but for rounding
-            return tests, _noted(faults, found, p, m, 0.0, -4.0, low)
+            return tests, _noted(faults, count, p, m, 0.0, -4.0, low)
         whole = way(v, a, j, s, T)
         begin = x[m]  # of the time piece, from the start of the present piece of the path
         t0 = 0.0
@@ -161,12 +494,12 @@ def _prove(
             on = whole > left + sliver and p < last
             t1 = when(left, v, a, j, s, t0, T) if on else T
             if t1 > t0 and alone:
-                made, which, broke = _span(
+                passed, which, broke = _span(
                     kind[p], length[p], shape[p], feed[p], limits, widened, begin, v, a, j, s, t0, t1, halves, r
                 )
-                tests = tests + made
+                tests = tests + passed
                 if which != -2:
-                    found = _noted(faults, found, p, m, broke, float(which), 1.0)
+                    count = _noted(faults, count, p, m, broke, float(which), 1.0)
                 for part in range(2):
                     t = t0 if part == 0 else 0.5 * (t0 + t1)
                     here = min(max(begin + way(v, a, j, s, t), 0.0), length[p])
@@ -200,7 +533,7 @@ def _prove(
                     worst = max(worst, 1.0)
             jumps[1] = max(jumps[1], worst)
             if worst > widened:
-                found = _noted(faults, found, p, m, t0, -5.0, worst)
+                count = _noted(faults, count, p, m, t0, -5.0, worst)
             begin = begin - length[p]
             p = p + 1
             if not on:
@@ -217,14 +550,14 @@ def _prove(
     state[1] = v
     state[2] = a
     state[3] = j
-    return tests, found
+    return tests, count
 
 
 DERIVATIVES = ("velocity", "acceleration", "jerk", "snap")
 
 
 class Fault(NamedTuple):
-    """Where a motion is not proven."""
+    """The place at which a motion is not proven."""
 
     line: int  # of the part program
     time: float  # s from the begin of the run
@@ -236,7 +569,7 @@ class Fault(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Proof(Result):
-    """What is proven of a motion along a path.
+    """The result of the proof of a motion along a path.
 
     faults    where a limit is exceeded, or could not be shown to hold; the first hundred
     count     of all faults
@@ -278,7 +611,7 @@ class Prover:
         self._missed = 0.0
 
     def prove(self, part: Part) -> bool:
-        """Whether the next part holds."""
+        """Prove the next part; return True if it holds."""
         before = self._count
         time, alone = self._time, part.entering is None
         self._along(part.pieces, part.motion, part.ends, alone, not self._stands)
@@ -293,16 +626,33 @@ class Prover:
         return self._count == before
 
     def _along(self, pieces: Pieces, motion: Motion, ends: bool, alone: bool, anywhere: bool) -> None:
-        """One run: without jumps, within its limits if `alone`, from where the last one ended or `anywhere`."""
-        spans, found = _prove(
-            pieces.kind, pieces.length, pieces.origin, pieces.shape, pieces.feed, *motion, self._limits, self._widened,
-            anywhere, ends, alone, self._state, self._place, self._faults, self._use, self._jumps, *self._room,
-        )  # fmt: skip
-        self._note(found, spans, pieces.line, motion.duration, self._time)
+        """Prove one run: no jumps, limits if `alone`, from where the last run ended or `anywhere`."""
+        spans, count = _prove(
+            pieces.kind,
+            pieces.length,
+            pieces.origin,
+            pieces.shape,
+            pieces.feed,
+            *motion,
+            self._limits,
+            self._widened,
+            anywhere,
+            ends,
+            alone,
+            self._state,
+            self._place,
+            self._faults,
+            self._use,
+            self._jumps,
+            *self._room,
+        )
+        self._note(count, spans, pieces.line, motion.duration, self._time)
         self._time += float(motion.duration.sum())
 
     def _together(self, part: Part, entering: Entering, corner: np.ndarray, time: float) -> None:
-        """Two runs that overlap: on one piece each, equally long, from the corner; limits of the sum, and distance."""
+        """Prove two runs that overlap on one piece each, equally long, from the corner: limits of the sum, and
+        distance.
+        """
         one, two = part.pieces, entering.pieces
         alike = np.array_equal(part.motion.duration, entering.motion.duration)
         if len(one.length) != 1 or len(two.length) != 1 or not part.ends or not alike:
@@ -313,12 +663,23 @@ class Prover:
         if apart > 1e-12 * (1.0 + np.abs(corner).max()):
             self._refuse(one, time, -6, 0.0)
             return
-        spans, found, away = prove_sum(
-            int(one.kind[0]), float(one.length[0]), one.shape[0], rows(part.motion),
-            int(two.kind[0]), float(two.length[0]), two.shape[0], rows(entering.motion),
-            self._limits, self._widened, float(max(one.feed[0], two.feed[0])), self._faults, self._use, *self._both,
-        )  # fmt: skip
-        self._note(found, spans, one.line, part.motion.duration, time)
+        spans, count, away = prove_sum(
+            int(one.kind[0]),
+            float(one.length[0]),
+            one.shape[0],
+            rows(part.motion),
+            int(two.kind[0]),
+            float(two.length[0]),
+            two.shape[0],
+            rows(entering.motion),
+            self._limits,
+            self._widened,
+            float(max(one.feed[0], two.feed[0])),
+            self._faults,
+            self._use,
+            *self._both,
+        )
+        self._note(count, spans, one.line, part.motion.duration, time)
         self._missed = max(self._missed, away / entering.tolerance)
         if not away <= entering.tolerance * (1.0 + self._widened):
             self._refuse(one, time, -7, away / entering.tolerance)
@@ -327,34 +688,50 @@ class Prover:
         self._faults[0] = 0.0, 0.0, 0.0, which, share
         self._note(1, 0, pieces.line, np.zeros(0), time)
 
-    def _note(self, found: int, spans: int, line: np.ndarray, duration: np.ndarray, time: float) -> None:
-        """The faults of a motion that begins at `time` in the run."""
-        rows = self._faults[: min(found, _KEPT - len(self._said))]
+    def _note(self, count: int, spans: int, line: np.ndarray, duration: np.ndarray, time: float) -> None:
+        """Record the faults of a motion that begins at `time` in the run."""
+        rows = self._faults[: min(count, _KEPT - len(self._said))]
         if len(rows):
             begins = time + np.concatenate([[0.0], np.cumsum(duration)])
             self._said += [_fault(row, line, begins) for row in rows]
-        self._count += found
+        self._count += count
         self._spans += spans
 
     def proof(self) -> Proof:
-        """Of all parts so far."""
+        """Return the proof of all parts so far."""
         apart, jump = map(float, self._jumps)
         return Proof(tuple(self._said), self._count, self._use.copy(), jump, apart, self._missed, self._spans)
 
 
 def faults_of(pieces: Pieces, motion: Motion, limits: np.ndarray) -> np.ndarray:
-    """The faults of a motion that does not begin at rest, as rows of piece, time piece, time in it, limit, share."""
+    """Return the faults of a motion that does not begin at rest, as rows of piece, time piece, time in it, limit,
+    share.
+    """
     axes, first = len(limits), int(motion.piece[0])
     state = np.array([motion.x[0], motion.speed[0], motion.acceleration[0], motion.jerk[0]])
     faults = np.zeros((_KEPT, 5))
     room = [np.zeros((64, 2)), np.zeros((axes, 4, 2)), *(np.zeros((axes, 5)) for _ in range(3))]
     on = part_of_pieces(pieces, first, len(pieces.length))
-    _, found = _prove(
-        on.kind, on.length, on.origin, on.shape, on.feed, *motion._replace(piece=motion.piece - first),
-        limits, WIDENED, True, False, True, state,
-        np.zeros(axes), faults, np.zeros((axes, 4)), np.zeros(2), *room,
-    )  # fmt: skip
-    return faults[:found]
+    _, count = _prove(
+        on.kind,
+        on.length,
+        on.origin,
+        on.shape,
+        on.feed,
+        *motion._replace(piece=motion.piece - first),
+        limits,
+        WIDENED,
+        True,
+        False,
+        True,
+        state,
+        np.zeros(axes),
+        faults,
+        np.zeros((axes, 4)),
+        np.zeros(2),
+        *room,
+    )
+    return faults[:count]
 
 
 def _fault(row: np.ndarray, line: np.ndarray, begins: np.ndarray) -> Fault:

@@ -16,13 +16,12 @@ from math import sqrt
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3
-from feeddrive.path.motion import cubic
-from feeddrive.path.pieces import turned
+from feeddrive.path.motion import cubic, turned
 
 
 @kernel
 def times(a: float, b: float, c: float, d: float) -> tuple[float, float]:
-    """[a, b] · [c, d]."""
+    """Return [a, b] · [c, d]."""
     p = a * c
     q = a * d
     r = b * c
@@ -32,7 +31,7 @@ def times(a: float, b: float, c: float, d: float) -> tuple[float, float]:
 
 @kernel
 def square(a: float, b: float) -> tuple[float, float]:
-    """[a, b]²."""
+    """Return [a, b]²."""
     p = a * a
     q = b * b
     if a <= 0.0 and b >= 0.0:
@@ -42,7 +41,7 @@ def square(a: float, b: float) -> tuple[float, float]:
 
 @kernel
 def line_range(a: float, b: float, t0: float, t1: float) -> tuple[float, float]:
-    """Of a + b t."""
+    """Return the range of a + b t."""
     p = a + b * t0
     q = a + b * t1
     return min(p, q), max(p, q)
@@ -50,7 +49,7 @@ def line_range(a: float, b: float, t0: float, t1: float) -> tuple[float, float]:
 
 @kernel
 def parabola_range(a: float, b: float, c: float, t0: float, t1: float) -> tuple[float, float]:
-    """Of a + b t + c t²/2."""
+    """Return the range of a + b t + c t²/2."""
     p = a + t0 * (b + 0.5 * c * t0)
     q = a + t1 * (b + 0.5 * c * t1)
     low = min(p, q)
@@ -66,7 +65,7 @@ def parabola_range(a: float, b: float, c: float, t0: float, t1: float) -> tuple[
 
 @kernel
 def cubic_range(a: float, b: float, c: float, d: float, t0: float, t1: float) -> tuple[float, float]:
-    """Of a + b t + c t²/2 + d t³/6: its ends and where its slope b + c t + d t²/2 is 0."""
+    """Return the range of a + b t + c t²/2 + d t³/6: its ends, and where its slope b + c t + d t²/2 is 0."""
     p = cubic(a, b, c, d, t0)
     q = cubic(a, b, c, d, t1)
     low = min(p, q)
@@ -92,7 +91,7 @@ def cubic_range(a: float, b: float, c: float, d: float, t0: float, t1: float) ->
 
 @kernel
 def slopes(kind: int, length: float, shape: Floats2, x0: float, x1: float, out: Floats3) -> float:
-    """A bound of |r'| over [x0, x1], and the intervals of r' .. r'''' by Taylor forms about its middle: out[i, k-1]."""
+    """Bound |r'| over [x0, x1]; write the intervals of r' .. r'''' by Taylor forms about its middle in out[i, k-1]."""
     middle = 0.5 * (x0 + x1)
     radius = 0.5 * (x1 - x0)
     n = len(shape)
@@ -204,7 +203,7 @@ def slopes(kind: int, length: float, shape: Floats2, x0: float, x1: float, out: 
 
 @kernel
 def products(v0: float, v1: float, a0: float, a1: float, j0: float, j1: float, u: Floats2) -> int:
-    """The ranges of u', u'², u'³, u'⁴, u'', u' u'', u'² u'', u''' and 3 u''² + 4 u' u''', into the rows of `u`."""
+    """Write the ranges of u', u'², u'³, u'⁴, u'', u' u'', u'² u'', u''' and 3 u''² + 4 u' u''' into the rows of `u`."""
     u[0] = v0, v1
     b, c = square(v0, v1)
     u[1] = b, c
@@ -257,7 +256,7 @@ def add_ranges(u: Floats2, s: float, r: Floats2, middle: float, out: Floats2) ->
 
 @kernel
 def largest_share(out: Floats2, limits: Floats, slack: float) -> tuple[float, int]:
-    """The largest share of a limit of one axis that the intervals of `add_ranges` allow, and of which derivative."""
+    """Return the largest share of a limit of one axis that the intervals of `add_ranges` allow, and its derivative."""
     most = 0.0
     where = 0
     for k in range(4):
@@ -270,7 +269,7 @@ def largest_share(out: Floats2, limits: Floats, slack: float) -> tuple[float, in
 
 @kernel
 def _stands(r: Floats2) -> bool:
-    """Whether an axis does not move."""
+    """True if an axis does not move."""
     most = 0.0
     for k in range(4):
         most = max(most, max(abs(r[k, 0]), abs(r[k, 1])))
@@ -279,10 +278,22 @@ def _stands(r: Floats2) -> bool:
 
 @kernel
 def share_of_limits(
-    v0: float, v1: float, a0: float, a1: float, j0: float, j1: float, s: float,
-    r: Floats3, norm: float, limits: Floats2, feed: float, slack: float,
-) -> tuple[float, int]:  # fmt: skip
-    """The largest share of a limit that the intervals allow, and which: 4 axis + derivative - 1, or -1 of the feed."""
+    v0: float,
+    v1: float,
+    a0: float,
+    a1: float,
+    j0: float,
+    j1: float,
+    s: float,
+    r: Floats3,
+    norm: float,
+    limits: Floats2,
+    feed: float,
+    slack: float,
+) -> tuple[float, int]:
+    """Return the largest share of a limit that the intervals allow, and which: 4 axis + derivative - 1, or -1 for the
+    feed.
+    """
     u = zeros(9, 2)
     out = zeros(4, 3)
     most = norm * max(-v0, v1) * (1.0 + slack) / feed

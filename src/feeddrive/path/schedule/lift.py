@@ -12,11 +12,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.path.motion import Motion, Part, cubic, way
-from feeddrive.path.pieces import LINE, Pieces, one_after_the_other, part_of_pieces
+from feeddrive.path.motion import LINE, Motion, Part, Pieces, cubic, one_after_the_other, part_of_pieces, way
 from feeddrive.path.proof.prove import DERIVATIVES, faults_of
-from feeddrive.path.schedule.spans import GRADE, POINTS, graded, in_time, instants, points, ramp_gain, states, tops
-from feeddrive.path.schedule.spline import quickest
+from feeddrive.path.schedule.spline import (
+    GRADE,
+    POINTS,
+    graded,
+    in_time,
+    instants,
+    points,
+    quickest,
+    ramp_gain,
+    states,
+    tops,
+)
 
 SHARES = (1.0 - 1e-4, 0.98, 0.975, 0.94)  # of the limits, at points: the rest is for what lies between them
 _FINE = 7.0  # spans in the time of half a ramp
@@ -39,7 +48,7 @@ _TOP = 0.995  # of the speed that feed and velocities allow: a plateau there sta
 
 
 class _Points(NamedTuple):
-    """What `quickest` looks at; see `points`."""
+    """The points at which `quickest` evaluates the limits; see `points`."""
 
     span: np.ndarray
     row: np.ndarray
@@ -63,7 +72,7 @@ class Lifter:
         self._spans = 0  # time pieces of it that are spans already
 
     def add(self, part: Part) -> Iterator[Part]:
-        """The parts that are fixed when this one is known: all, where the run ends."""
+        """Return the parts that are final when this one is known: all, where the run ends."""
         if self.hand is not None:
             part = _after(self.hand, part)
         if not part.ends and len(part.motion.duration) - self._spans < _LEAST:
@@ -73,7 +82,7 @@ class Lifter:
         self.hand, self._spans = None, 0
         path = _Path(part.pieces, self._limits)
         rests = _rests(motion)
-        found: list[Motion] = []
+        motions: list[Motion] = []
         come, n = 0, len(motion.duration)
         waiting = _sections(motion, rests, path.top, part.pieces.length)[::-1]
         while waiting:
@@ -83,14 +92,14 @@ class Lifter:
                 continue
             lifted = path.lifted(_some(motion, first, last), begins, ends, spans if first == 0 else 0)
             if lifted is not None:
-                found += [_some(motion, come, first), lifted]
+                motions += [_some(motion, come, first), lifted]
                 come = last
                 if last == n and not ends:
                     self._spans = len(lifted.duration) - begins  # it goes on
             else:
                 waiting += _halves(motion, first, last)
-        found.append(_some(motion, come, n))
-        part = part._replace(motion=_one(found))
+        motions.append(_some(motion, come, n))
+        part = part._replace(motion=_one(motions))
         if self._spans:
             part, self.hand = _cut(part, self._spans)
             self._spans = len(self.hand.motion.duration)
@@ -98,7 +107,7 @@ class Lifter:
 
 
 class _Path:
-    """Pieces of a path under limits: u counts from the begin of the first one."""
+    """The pieces of a path under limits; u counts from the start of the first one."""
 
     def __init__(self, pieces: Pieces, limits: np.ndarray) -> None:
         n, axes = len(pieces.length), len(limits)
@@ -108,14 +117,16 @@ class _Path:
         tops(pieces.kind, pieces.length, pieces.shape, pieces.feed, limits, self.top, np.zeros((axes, 4)))
 
     def gain(self, motion: Motion, first: int, last: int) -> float:
-        """What may be saved in a section, s: of a ramp as of `ramp_gain`, else not known and infinite."""
+        """Return the time that may be saved in a section, s: for a ramp as in `ramp_gain`, otherwise unknown and
+        infinite.
+        """
         if last - first > _HUMP // 2:
             return np.inf
         pieces, room = self._pieces, np.zeros((len(self._limits), 5))
         return ramp_gain(pieces.kind, pieces.length, pieces.shape, self._limits, *motion, first, last, room)
 
     def lifted(self, motion: Motion, begins: bool, ends: bool, spans: int) -> Motion | None:
-        """A quicker motion between the same states, proven, or None; it may begin or end at rest.
+        """Return a quicker, proven motion between the same states, or None; it may begin or end at rest.
 
         The first `spans` time pieces are spans already.
         """
@@ -134,7 +145,7 @@ class _Path:
         return _one([_some(motion, 0, first), lifted, _some(motion, last, len(motion.duration))])
 
     def _between(self, motion: Motion, end: np.ndarray, spans: int) -> Motion | None:
-        """The same without rests; `end` is u' .. u''' where it ends."""
+        """As `lifted`, without rests; `end` is u' .. u''' at its end."""
         time, knots, coefficient = self._spline(motion, end, spans)
         if np.any(np.diff(knots[3:-3]) <= 0.0):
             return None  # time pieces that have no way but for rounding
@@ -144,7 +155,7 @@ class _Path:
         if _quicker(looked, coefficient, begins, goes_on, 0, n):
             return None
         ends_of = np.array([[motion.speed[0], motion.acceleration[0], motion.jerk[0]], end])
-        found = Motion(np.zeros(n), np.zeros(n, np.int64), *(np.zeros(n) for _ in range(5)))
+        timed = Motion(np.zeros(n), np.zeros(n, np.int64), *(np.zeros(n) for _ in range(5)))
         more = np.zeros((n + 1, 3)), np.zeros((2 * _TOGETHER, 4)), np.zeros((4, 5))
         tried, new = coefficient.copy(), [(0, n)]
         for number in range(1, _ROUNDS + 1):
@@ -157,11 +168,11 @@ class _Path:
                     if _quicker(looked, tried, goes_on, ends, 0, n):
                         return None
                     break
-            if not in_time(knots, tried, self._begin, ends_of, _TOGETHER, *found, *more):
+            if not in_time(knots, tried, self._begin, ends_of, _TOGETHER, *timed, *more):
                 return None  # between the points that were looked at it runs backwards
-            faults = np.concatenate([self._faults(found, first, last) for first, last in new])
+            faults = np.concatenate([self._faults(timed, first, last) for first, last in new])
             if not len(faults):
-                return found if np.sum(found.duration) < np.sum(motion.duration) else None
+                return timed if np.sum(timed.duration) < np.sum(motion.duration) else None
             for _, where, _, which, _ in faults:
                 if which < -1:
                     return None
@@ -176,14 +187,16 @@ class _Path:
         return None
 
     def _faults(self, motion: Motion, first: int, last: int) -> np.ndarray:
-        """Of what has changed with spans from `first` to before `last`, as of `faults_of`."""
+        """Return the faults in what changed with spans `first` to before `last`, as `faults_of`."""
         first, last = max(first - 2 * _TOGETHER, 0), last + 2 * _TOGETHER
         faults = faults_of(self._pieces, _some(motion, first, last), self._limits)
         faults[:, 1] += first
         return faults
 
     def _spline(self, motion: Motion, end: np.ndarray, spans: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Times of knots, knots and coefficients of u'²(u) near a motion, with its states at the ends."""
+        """Return the times of knots, the knots and the coefficients of u'²(u) near a motion, with its states at the
+        ends.
+        """
         n = len(motion.duration)
         wide = min(_HALF, n)
         sums = np.convolve(motion.duration, np.ones(wide), "valid")
@@ -199,10 +212,10 @@ class _Path:
         size = 2 + int(np.sum(2.0 + (1.0 + GRADE) * motion.duration / least))
         time = np.zeros(size)
         time = time[: instants(motion.duration, step, edge, time)]
-        found = np.zeros((len(time), 4))
-        states(*motion, self._begin, time, found)
-        found[-1, 1:] = end
-        u, v, a, j = found.T
+        sampled = np.zeros((len(time), 4))
+        states(*motion, self._begin, time, sampled)
+        sampled[-1, 1:] = end
+        u, v, a, j = sampled.T
         # a coefficient is the blossom of u'² at three knots, from its Taylor form at one of them
         knots = np.concatenate([u[:1], u[:1], u[:1], u, u[-1:], u[-1:], u[-1:]])
         at = np.clip(np.arange(len(u) + 2) - 1, 0, len(u) - 1)
@@ -214,63 +227,79 @@ class _Path:
     def _points(self, time: np.ndarray, knots: np.ndarray) -> _Points:
         pieces, axes = self._pieces, len(self._limits)
         size = POINTS * (len(time) + len(pieces.length))
-        made = _Points(
-            np.zeros(size, np.int64), np.zeros((size, 4, 4)), np.zeros((size, axes, 9)), np.zeros(size),
-            np.zeros(size, np.int64), np.zeros(size), np.zeros(size),
-        )  # fmt: skip
+        filled = _Points(
+            np.zeros(size, np.int64),
+            np.zeros((size, 4, 4)),
+            np.zeros((size, axes, 9)),
+            np.zeros(size),
+            np.zeros(size, np.int64),
+            np.zeros(size),
+            np.zeros(size),
+        )
         count = points(
-            pieces.kind, pieces.length, pieces.shape, self._begin, self.top, self._limits, np.array(SHARES), knots,
-            time, *made, np.zeros((axes, 5)),
-        )  # fmt: skip
-        return _Points(*(each[:count] for each in made))
+            pieces.kind,
+            pieces.length,
+            pieces.shape,
+            self._begin,
+            self.top,
+            self._limits,
+            np.array(SHARES),
+            knots,
+            time,
+            *filled,
+            np.zeros((axes, 5)),
+        )
+        return _Points(*(array[:count] for array in filled))
 
 
 def _quicker(looked: _Points, coefficient: np.ndarray, begins: float, ends: float, first: int, last: int) -> int:
-    """`quickest` on spans from `first` to before `last`; three coefficients at each end of them stay."""
+    """Run `quickest` on spans from `first` to before `last`; three coefficients at each end of them stay."""
     some = slice(*np.searchsorted(looked.span, [first, last]))
-    part = _Points(looked.span[some] - first, *(each[some] for each in looked[1:]))
+    part = _Points(looked.span[some] - first, *(array[some] for array in looked[1:]))
     m, n = len(part.span), last - first + 3
     room = np.zeros(m), np.zeros(m), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, 4))
     return quickest(*part, coefficient[first : last + 3], begins, ends, _STEPS, *room)
 
 
 def _around(spans: np.ndarray, n: int) -> list[tuple[int, int]]:
-    """Spans to be looked at again when limits at some are lowered: `_ASIDE` on either side of each, of n."""
-    found = list[tuple[int, int]]()
+    """Return the spans to repeat when limits at some spans are lowered: `_ASIDE` on either side of each, of n."""
+    ranges = list[tuple[int, int]]()
     for k in np.unique(spans).tolist():
         first, last = max(k - _ASIDE, 0), min(k + 1 + _ASIDE, n)
-        if found and first <= found[-1][1]:
-            first = found.pop()[0]
-        found.append((first, last))
-    return found
+        if ranges and first <= ranges[-1][1]:
+            first = ranges.pop()[0]
+        ranges.append((first, last))
+    return ranges
 
 
 def _around_time(motion: Motion, first: int, last: int) -> float:
-    """The time of a section, and half of that of the plateaus before and behind it, s."""
+    """Return the time of a section and half of that of the plateaus before and behind it, s."""
     beside = [m for m in (first - 1, last) if 0 <= m < len(motion.duration)]
     flat = [m for m in beside if motion.acceleration[m] == 0.0 and motion.jerk[m] == 0.0 and motion.snap[m] == 0.0]
     return float(np.sum(motion.duration[first:last]) + 0.5 * np.sum(motion.duration[flat]))
 
 
 def _sections(motion: Motion, rests: np.ndarray, top: np.ndarray, length: np.ndarray) -> list[tuple[int, int]]:
-    """Time pieces, from first to before last, that can be lifted: between rests and plateaus as fast as can be."""
+    """Return the ranges of time pieces that can be lifted: between rests and plateaus at the highest speed."""
     flat = (motion.acceleration == 0.0) & (motion.jerk == 0.0) & (motion.snap == 0.0)
     # a time piece that ends at a joint does not see the piece behind it
     end = np.append(motion.piece[1:] - (motion.x[1:] <= 1e-9 * length[motion.piece[1:]]), len(top) - 1)
     end = np.maximum(end, motion.piece)
     for m in np.flatnonzero(flat):
         flat[m] = motion.speed[m] >= _TOP * np.max(top[motion.piece[m] : end[m] + 1])
-    found: list[tuple[int, int]] = []
+    sections: list[tuple[int, int]] = []
     first = 0
     for last in np.flatnonzero(np.append(flat, True) | rests):
         if last > first:
-            found.append((first, int(last)))
+            sections.append((first, int(last)))
         first = int(last) + (1 if last < len(flat) and flat[last] else 0)
-    return found
+    return sections
 
 
 def _halves(motion: Motion, first: int, last: int) -> list[tuple[int, int]]:
-    """What is lifted in place of a section that cannot be: both sides of its middle node, the second one first."""
+    """Return two halves to lift instead of a section that cannot be lifted: split at its middle node, the second one
+    first.
+    """
     inner = np.arange(first + _HUMP, last - _HUMP)
     nodes = inner[(motion.acceleration[inner] == 0.0) & (motion.jerk[inner] == 0.0)]
     if not len(nodes):
@@ -280,30 +309,30 @@ def _halves(motion: Motion, first: int, last: int) -> list[tuple[int, int]]:
 
 
 def _rests(motion: Motion) -> np.ndarray:
-    """Whether it rests before each time piece, and after the last one."""
+    """True where the motion rests before each time piece, and after the last one."""
     last = len(motion.duration) - 1
     speed = np.append(motion.speed, _end(_some(motion, last, last + 1))[0])
     return speed <= _RESTS * np.max(speed)
 
 
 def _some(motion: Motion, first: int, last: int) -> Motion:
-    return Motion(*(each[first:last] for each in motion))
+    return Motion(*(column[first:last] for column in motion))
 
 
 def _one(motions: list[Motion]) -> Motion:
-    """One after the other."""
-    return Motion(*(np.concatenate(each) for each in zip(*motions, strict=True)))
+    """Concatenate motions."""
+    return Motion(*(np.concatenate(columns) for columns in zip(*motions, strict=True)))
 
 
 def _end(motion: Motion) -> np.ndarray:
-    """u' .. u''' where a single time piece ends."""
+    """Return u' .. u''' at the end of a single time piece."""
     (t,), _, _, (v,), (a,), (j,), (s,) = motion
     return np.array([cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s])
 
 
 def _divided(motion: Motion, m: int, t: float, length: np.ndarray) -> Motion:
-    """Time piece m as two, the first of which lasts t, on a path of pieces of such lengths."""
-    T, p, x, v, a, j, s = (each[m] for each in motion)
+    """Split time piece m in two, the first of which lasts t, on a path of pieces of such lengths."""
+    T, p, x, v, a, j, s = (column[m] for column in motion)
     there = x + way(v, a, j, s, t)
     while there > length[p] and p + 1 < len(length):
         there -= length[p]
@@ -311,11 +340,11 @@ def _divided(motion: Motion, m: int, t: float, length: np.ndarray) -> Motion:
     first = t, motion.piece[m], x, v, a, j, s
     second = T - t, p, there, cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s, s
     halves = zip(motion, zip(first, second, strict=True), strict=True)
-    return Motion(*(np.concatenate([each[:m], two, each[m + 1 :]]).astype(each.dtype) for each, two in halves))
+    return Motion(*(np.concatenate([column[:m], two, column[m + 1 :]]).astype(column.dtype) for column, two in halves))
 
 
 def _after(hand: Part, part: Part) -> Part:
-    """Two parts as one."""
+    """Join two parts."""
     last = len(hand.pieces.length) - 1
     pieces = one_after_the_other([part_of_pieces(hand.pieces, 0, last), part.pieces])
     motion = part.motion._replace(piece=part.motion.piece + last)
@@ -323,7 +352,7 @@ def _after(hand: Part, part: Part) -> Part:
 
 
 def _cut(part: Part, spans: int) -> tuple[Part, Part]:
-    """A part as two, at that of its last spans, in the middle of those that may wait, where u''' is least."""
+    """Split a part among its last spans where u''' is smallest, in the middle of those that may wait."""
     motion, n = part.motion, len(part.motion.duration)
     left = np.cumsum(motion.duration[::-1])[::-1][n - spans :]
     here = np.flatnonzero((left <= 1.2 * _HELD * left[0]) & (left >= 0.8 * _HELD * left[0]))

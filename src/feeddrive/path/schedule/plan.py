@@ -1,18 +1,283 @@
 """The speeds of nodes along a stretch of path, and the ramps and plateaus between them.
 
 A stretch lies between two nodes, where u'' = u''' = 0.  Its hump is the ramp from the left node up to a peak, a
-plateau, and the ramp down to the right node, with the highest peak that the way allows.  First a free hump shows where
-caps would bind.  The slowest piece that it crosses too fast is held at its cap, as far as both ramps to it leave room,
-and the stretches on either side are planned in the same way; otherwise the stretch gets the highest hump that keeps all
-caps.  Each stretch has one, as its nodes were reached by ramps that hold, so that no step is taken back.
+plateau, and the ramp down to the right node, with the highest peak that the distance allows.  First a free hump shows
+where caps would bind.  The slowest piece that it crosses too fast is held at its cap, as far as both ramps to it leave
+room, and the stretches on either side are planned in the same way; otherwise the stretch gets the highest hump that
+keeps all caps.  Such a hump always exists, as the nodes were reached by ramps that hold: no step is taken back.
 """
 
 from __future__ import annotations
 
+from math import sqrt
+from typing import NamedTuple
+
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Floats2, Ints, Records
-from feeddrive.path.schedule.hump import Stretch, brake, hump, hump_time, least_cap, piece_at, too_fast
-from feeddrive.path.schedule.ramp import Cap, Path, duration, fit, jerk_before, phase
+from feeddrive.path.schedule.ramp import (
+    NO_RAMP,
+    Bounds,
+    Cap,
+    Path,
+    Ramp,
+    boxcars,
+    duration,
+    fit,
+    jerk_before,
+    phase,
+    speed_at,
+    straight,
+)
+
+_PEAKS = 40  # tried for a hump
+_FAR = 6  # tries after which a peak near the upper end is given up, if none has held
+_FULL = 1.0 - 3e-6  # of a stretch: ramps that take up this much of it need no higher peak
+
+
+class Stretch(NamedTuple):
+    """A stretch of path between two nodes: a ramp up, a plateau and a ramp down.
+
+    begin, end  u of the nodes, m
+    v0, v1      speeds at the nodes, m/s
+    peak        speed of the plateau, m/s; 0 if no hump is known
+    up, down    the ramps; a brake has none upwards
+    held        true for a plateau at the cap of a piece, which is not planned again
+    """
+
+    begin: float
+    end: float
+    v0: float
+    v1: float
+    peak: float = 0.0
+    up: Ramp = NO_RAMP
+    down: Ramp = NO_RAMP
+    held: bool = False
+
+
+@kernel
+def piece_at(begin: Floats, u: float, right: bool) -> int:
+    """Return the piece on which u lies; at a joint the one to the right, or to the left."""
+    low = 0
+    high = len(begin) - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if begin[middle] < u or (right and begin[middle] == u):
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@kernel
+def least_cap(path: Path, first: int, last: int, left: float, right: float) -> float:
+    """Return the lowest cap of the pieces under a plateau from `left` to `right`."""
+    lowest = 1e300
+    for p in range(first, last + 1):
+        if path.begin[p + 1] > left and path.begin[p] < right:
+            lowest = min(lowest, path.caps[p].plateau)
+    return lowest
+
+
+@kernel
+def _highest_cap(path: Path, first: int, last: int) -> float:
+    """Return the highest cap of some pieces."""
+    highest = 0.0
+    for p in range(first, last + 1):
+        highest = max(highest, path.caps[p].plateau)
+    return highest
+
+
+@kernel
+def plateau_begin(stretch: Stretch) -> float:
+    """Return the u at which the ramp up ends, m."""
+    return stretch.begin + 0.5 * (stretch.v0 + stretch.peak) * duration(stretch.up)
+
+
+@kernel
+def plateau_end(stretch: Stretch) -> float:
+    """Return the u at which the ramp down begins, m."""
+    return stretch.end - 0.5 * (stretch.v1 + stretch.peak) * duration(stretch.down)
+
+
+@kernel
+def _filling(
+    space: float, v0: float, v1: float, fastest: float, left: Bounds, right: Bounds, up: float, down: float
+) -> float:
+    """The peak whose ramps fill a space.
+
+    `left` and `right` are the bounds of the ramps up and down on straight pieces, of which they take `up` and `down`
+    times the time.
+    """
+    low = max(v0, v1)
+    high = fastest
+    peak = fastest
+    miss_low = -space
+    miss_high = 0.0
+    for again in range(60):
+        rising = duration(boxcars(peak - v0, left.acceleration, left.jerk, left.snap))
+        falling = duration(boxcars(peak - v1, right.acceleration, right.jerk, right.snap))
+        miss = 0.5 * ((v0 + peak) * up * rising + (v1 + peak) * down * falling) - space
+        if miss <= 0.0:
+            if again == 0 or miss >= -1e-6 * space:
+                return peak
+            low = peak
+            miss_low = miss
+            miss_high = 0.5 * miss_high
+        else:
+            high = peak
+            miss_high = miss
+            miss_low = 0.5 * miss_low
+        if high - low <= 1e-7 * low or again > 50:
+            return low
+        # the regula falsi, with the end that stays at half its weight
+        peak = low - miss_low * (high - low) / (miss_high - miss_low) if again > 0 else 0.5 * (low + high)
+    return low
+
+
+@kernel
+def hump(path: Path, stretch: Stretch, free: bool) -> Stretch:
+    """Return the stretch with the highest peak that can be found, at least its own; peak 0 if there is none.
+
+    A `free` hump may exceed the caps of pieces, but not the highest of them.
+    """
+    first = piece_at(path.begin, stretch.begin, True)
+    last = piece_at(path.begin, stretch.end, False)
+    left = straight(path.most[first], path.limits)
+    right = straight(path.most[last], path.limits)
+    space = stretch.end - stretch.begin
+    v0 = stretch.v0
+    v1 = stretch.v1
+    least = max(v0, v1)
+    best = stretch
+    low = stretch.peak
+    fastest = _highest_cap(path, first, last)
+    high = fastest
+    up = 1.0
+    down = 1.0
+    fails = False  # whether the high one does
+    if low >= high:
+        return stretch
+    peak = max(_filling(space, v0, v1, high, left, right, up, down), least)
+    if low > 0.0 and peak <= 1.0005 * low:
+        return stretch
+    for again in range(_PEAKS):
+        if peak <= 0.0:
+            break
+        wanted = 0.0
+        full = False
+        good, rising, up = fit(path, stretch.begin, first, 1, stretch.end, v0, peak, free, up)
+        if good:
+            tried = stretch._replace(peak=peak, up=rising)
+            ends = plateau_begin(tried)
+            good, falling, down = fit(path, stretch.end, last, -1, ends, v1, peak, free, down)
+            if good:
+                tried = tried._replace(down=falling)
+                goes = plateau_end(tried)
+                full = ends - stretch.begin + stretch.end - goes >= _FULL * space
+                if not free:
+                    # no peak a little above the cap of a plateau holds
+                    cap = least_cap(path, first, last, ends, goes)
+                    good = peak <= cap * (1.0 + 1e-12)
+                    full = full or peak >= cap * (1.0 - 1e-9)
+                    if not good:
+                        wanted = cap
+                if good:
+                    low = peak
+                    best = tried
+        if good and (full or peak >= fastest):
+            break
+        if not good:
+            high = peak
+            fails = True
+            if high <= least:
+                break
+        if fails and high - low <= 1e-3 * high:
+            break
+        if wanted <= low or wanted >= high:
+            wanted = _filling(space, v0, v1, high, left, right, up, down)
+            if wanted <= 1.0005 * low and good:
+                break
+            if wanted <= 1.0005 * low or (fails and wanted >= 0.9995 * high):
+                wanted = sqrt(low * high) if low > 0.0 else max(0.3 * high, least)
+            if low == 0.0 and again >= _FAR:
+                # a slow piece is far from where the ramps are looked at: no peak near the high one holds
+                wanted = max(min(wanted, 0.3 * high), least)
+        peak = wanted
+    return best
+
+
+@kernel
+def too_fast(path: Path, stretch: Stretch, above: float) -> int:
+    """Return, of the pieces that a hump crosses too fast for ramps, the one with the lowest cap > `above`; -1: none."""
+    first = piece_at(path.begin, stretch.begin, True)
+    last = piece_at(path.begin, stretch.end, False)
+    slowest = -1
+    for p in range(first, last + 1):
+        cap = path.caps[p]
+        if cap.plateau <= above or (slowest >= 0 and cap.plateau >= path.caps[slowest].plateau):
+            continue
+        v = min(
+            speed_at(path.begin[p + 1] - stretch.begin, stretch.v0, stretch.peak - stretch.v0, stretch.up),
+            speed_at(stretch.end - path.begin[p], stretch.v1, stretch.peak - stretch.v1, stretch.down),
+        )
+        if v > cap.ramp * (1.0 + 1e-9):
+            slowest = p
+    return slowest
+
+
+@kernel
+def hump_time(stretch: Stretch) -> float:
+    """Return the duration of a hump, s."""
+    up = duration(stretch.up)
+    down = duration(stretch.down)
+    way = stretch.end - stretch.begin
+    way = way - 0.5 * (stretch.v0 + stretch.peak) * up - 0.5 * (stretch.v1 + stretch.peak) * down
+    return up + down + max(way, 0.0) / stretch.peak
+
+
+@kernel
+def brake(path: Path, left: float, right: float, v0: float, v1: float) -> Stretch:
+    """Return the stretch that holds v0 > 0 from `left` on and then brakes to v1 at `right`; peak 0 if there is none."""
+    last = piece_at(path.begin, right, False)
+    good, down, _ = fit(path, right, last, -1, left, v1, v0, False, 1.0)
+    stretch = Stretch(left, right, v0, v1, peak=v0, down=down)
+    if good:
+        cap = least_cap(path, piece_at(path.begin, left, True), last, left, plateau_end(stretch))
+        if cap >= v0 * (1.0 - 1e-12):
+            return stretch
+    return stretch._replace(peak=0.0)
+
+
+@kernel
+def brake_soon(path: Path, left: float, stop: float, v0: float, v1: float) -> Stretch:
+    """Return a stretch from `left` that brakes from v0 > 0 to v1 in as short a distance as possible; peak 0 if there is
+    none.
+
+    It ends at `stop` at the latest.
+    """
+    bounds = straight(path.most[piece_at(path.begin, left, True)], path.limits)
+    ramp = boxcars(v0 - v1, bounds.acceleration, bounds.jerk, bounds.snap)
+    way = 0.5 * (v0 + v1) * duration(ramp) * (1.0 + 1e-8)
+    low = 0.0
+    high = 0.0
+    stretch = Stretch(left, stop, v0, v1)
+    for _ in range(60):
+        high = min(way, stop - left)
+        stretch = brake(path, left, left + high, v0, v1)
+        if stretch.peak > 0.0 or way >= stop - left:
+            break
+        low = high
+        way = 1.3 * way
+    if stretch.peak == 0.0:
+        return stretch
+    while high - low > 1e-3 * high and low > 0.0:
+        middle = 0.5 * (low + high)
+        if brake(path, left, left + middle, v0, v1).peak > 0.0:
+            high = middle
+        else:
+            low = middle
+    return brake(path, left, left + high, v0, v1)
+
 
 _TRIES = 8  # slow pieces of a stretch, of which one is held
 _HIGHEST, _LEAST = 16.0, 4.0  # times a speed that is held: up to which ramps on either side are compared
@@ -21,7 +286,8 @@ MARGIN = 4e-15  # of the way that is planned at once: so long before a joint a r
 
 @kernel
 def _gain(path: Path, near: float, far: float, sense: int, end: float, c: float) -> float:
-    """What is won by a ramp that begins at `far` with the speed c, not before, at `near`; s.  It may go up to `end`.
+    """Return the time gained by a ramp that begins at `far` with the speed c and not at `near`; s. It may extend to
+    `end`.
 
     For the highest speed of some to which both have one.
     """
@@ -43,10 +309,19 @@ def _gain(path: Path, near: float, far: float, sense: int, end: float, c: float)
 
 @kernel
 def _leaves(
-    path: Path, now: Stretch, first: int, low: int, high: int, last: int,
-    reached: float, ends: float, goes: float, behind: float, c: float,
-) -> bool:  # fmt: skip
-    """Whether ramps to c that end at `reached` and begin at `behind` leave a plateau, held from `ends` to `goes`."""
+    path: Path,
+    now: Stretch,
+    first: int,
+    low: int,
+    high: int,
+    last: int,
+    reached: float,
+    ends: float,
+    goes: float,
+    behind: float,
+    c: float,
+) -> bool:
+    """True if ramps to c that end at `reached` and begin at `behind` leave a plateau, held from `ends` to `goes`."""
     if ends > goes or ends >= now.end or goes <= now.begin:
         return False
     # the ramp to the other node alone, as it is
@@ -57,7 +332,7 @@ def _leaves(
 
 @kernel
 def _split(path: Path, now: Stretch, p: int, c: float) -> tuple[bool, Stretch, Stretch]:
-    """Hold piece p at c from where the ramps from both nodes end: the stretches left of it and right of it.
+    """Hold piece p at c between the ramps from both nodes; return the stretches left of it and right of it.
 
     Either it alone is held, or neighbors, too, which ramps may not cross at that speed: what is quicker.  Each of both
     sides has a hump that holds, or no way at all.  Ramps end `MARGIN` before the plateau, and begin so far behind it.
@@ -113,7 +388,7 @@ def _split(path: Path, now: Stretch, p: int, c: float) -> tuple[bool, Stretch, S
 def _beginning(
     path: Path, quick: Records[Cap], u0: float, u1: float, v0: float, slow: Ints, stack: Records[Stretch]
 ) -> int:
-    """A plan to a stop at u1 that holds, its last stretch first: how many stretches; 0: there is none.
+    """Return the number of stretches of a plan to a stop at u1 that holds, its last stretch first; 0: there is none.
 
     From rest a hump.  A motion that comes faster than a piece ahead allows is braked before pieces that are slower than
     all before them: `slow` holds them.  Of these as few as possible.
@@ -137,7 +412,7 @@ def _beginning(
     count = 0
     while True:
         # the farthest of them from which one ramp brakes: -1 is the motion itself
-        found = -2
+        farthest = -2
         misses = 0
         for back in range(many + 1):
             k = many - 1 - back
@@ -148,28 +423,28 @@ def _beginning(
             elif left < right:
                 good = brake(path, left, right, path.caps[slow[k]].plateau, v1).peak > 0.0
             if good:
-                found = k
+                farthest = k
                 misses = 0
-            elif found > -2:
+            elif farthest > -2:
                 misses = misses + 1
                 if misses == 2:
                     break
-        if found == -2:
+        if farthest == -2:
             return 0
         count = count + 1
-        if found < 0:
+        if farthest < 0:
             stack[count - 1] = brake(quickly, u0, right, v0, v1)
             return count
-        left = begin[slow[found]] - margin
-        stack[count - 1] = brake(path, left, right, path.caps[slow[found]].plateau, v1)
+        left = begin[slow[farthest]] - margin
+        stack[count - 1] = brake(path, left, right, path.caps[slow[farthest]].plateau, v1)
         right = left
-        v1 = path.caps[slow[found]].plateau
-        many = found
+        v1 = path.caps[slow[farthest]].plateau
+        many = farthest
 
 
 @kernel
 def _whole(path: Path, left: Stretch, right: Stretch) -> tuple[float, Stretch, Stretch]:
-    """The time of both humps and of the plateau between them, s, and both stretches with their humps."""
+    """Return the time of both humps and of the plateau between them, s, and both stretches with their humps."""
     time = (right.begin - left.end) / left.v1
     if left.end > left.begin:
         left = hump(path, left, False)
@@ -182,10 +457,18 @@ def _whole(path: Path, left: Stretch, right: Stretch) -> tuple[float, Stretch, S
 
 @kernel
 def plan(
-    path: Path, quick: Records[Cap], u0: float, u1: float, v0: float,
-    slow: Ints, stack: Records[Stretch], out: Records[Stretch],
-) -> int:  # fmt: skip
-    """Plan from u0 at speed v0 to a stop at u1: rows of `out` filled, or 0 if v0 is too fast to stop in time."""
+    path: Path,
+    quick: Records[Cap],
+    u0: float,
+    u1: float,
+    v0: float,
+    slow: Ints,
+    stack: Records[Stretch],
+    out: Records[Stretch],
+) -> int:
+    """Plan from u0 at speed v0 to a stop at u1; return the rows of `out` that are filled, 0 if v0 is too fast to stop
+    in time.
+    """
     height = _beginning(path, quick, u0, u1, v0, slow, stack)
     count = 0
     while height > 0:
@@ -241,11 +524,26 @@ def plan(
 
 @kernel
 def _phases(
-    v0: float, v1: float, peak: float, L1: float, L2: float, L3: float, up: bool,
-    u: float, p: int, begin: Floats, count: int,
-    duration: Floats, piece: Ints, x: Floats, speed: Floats, acceleration: Floats, jerk: Floats, snap: Floats,
-) -> tuple[int, float, int]:  # fmt: skip
-    """Append the phases of one ramp; the new count, u and piece."""
+    v0: float,
+    v1: float,
+    peak: float,
+    L1: float,
+    L2: float,
+    L3: float,
+    up: bool,
+    u: float,
+    p: int,
+    begin: Floats,
+    count: int,
+    duration: Floats,
+    piece: Ints,
+    x: Floats,
+    speed: Floats,
+    acceleration: Floats,
+    jerk: Floats,
+    snap: Floats,
+) -> tuple[int, float, int]:
+    """Append the phases of one ramp; return the new count, u and piece."""
     low = v0 if up else v1
     rise = peak - low
     v = v0 if up else peak
@@ -279,10 +577,18 @@ def _phases(
 
 @kernel
 def timed(
-    begin: Floats, rows: Floats2, many: int,
-    duration: Floats, piece: Ints, x: Floats, speed: Floats, acceleration: Floats, jerk: Floats, snap: Floats,
-) -> int:  # fmt: skip
-    """The pieces of constant snap of the first `many` stretches; how many."""
+    begin: Floats,
+    rows: Floats2,
+    many: int,
+    duration: Floats,
+    piece: Ints,
+    x: Floats,
+    speed: Floats,
+    acceleration: Floats,
+    jerk: Floats,
+    snap: Floats,
+) -> int:
+    """Write the pieces of constant snap of the first `many` stretches; return how many."""
     count = 0
     p = 0
     for k in range(many):
@@ -293,9 +599,25 @@ def timed(
         peak = rows[k, 4]
         p = piece_at(begin, u0, True)
         count, u, p = _phases(
-            v0, v1, peak, rows[k, 5], rows[k, 6], rows[k, 7], True, u0, p, begin, count,
-            duration, piece, x, speed, acceleration, jerk, snap,
-        )  # fmt: skip
+            v0,
+            v1,
+            peak,
+            rows[k, 5],
+            rows[k, 6],
+            rows[k, 7],
+            True,
+            u0,
+            p,
+            begin,
+            count,
+            duration,
+            piece,
+            x,
+            speed,
+            acceleration,
+            jerk,
+            snap,
+        )
         down = 0.5 * (v1 + peak) * (rows[k, 8] + rows[k, 9] + rows[k, 10])
         if u1 - down - u > MARGIN * (begin[len(begin) - 1] - begin[0]):
             p = piece_at(begin, u, True)
@@ -309,7 +631,23 @@ def timed(
             count = count + 1
         p = piece_at(begin, u1 - down, True)
         count, u, p = _phases(
-            v0, v1, peak, rows[k, 8], rows[k, 9], rows[k, 10], False, u1 - down, p, begin, count,
-            duration, piece, x, speed, acceleration, jerk, snap,
-        )  # fmt: skip
+            v0,
+            v1,
+            peak,
+            rows[k, 8],
+            rows[k, 9],
+            rows[k, 10],
+            False,
+            u1 - down,
+            p,
+            begin,
+            count,
+            duration,
+            piece,
+            x,
+            speed,
+            acceleration,
+            jerk,
+            snap,
+        )
     return count

@@ -1,9 +1,17 @@
-"""Ramps of the speed u': a step smoothed by three boxcars, so that the snap is constant by pieces.
+"""Ramps of the speed u', and the bounds that a piece of path sets them.
+
+With M_k = max |r_i^(k)| on a piece and speed, acceleration, jerk and snap of u up to v, A, J, S:
+
+    |q'| <= M1 v,  |q''| <= M2 v² + M1 A,  |q'''| <= M3 v³ + 3 M2 v A + M1 J
+    |q''''| <= M4 v⁴ + 6 M3 v² A + M2 (3 A² + 4 v J) + M1 S
+
+A ramp is a step smoothed by three boxcars, so that the snap is piecewise constant:
 
     u'(t) = low + rise · (step * box(L1) * box(L2) * box(L3)),   L1 <= L2,  L1 + L2 <= L3
 
-begins and ends with u'' = u''' = 0.  Its jerk is at most rise/(L2 L3), its acceleration rise/L3, its snap
-rise/(L1 L2 L3), and it takes the way (low + high)/2 · (L1 + L2 + L3).  A ramp downwards is the same one, backwards.
+It begins and ends with u'' = u''' = 0.  Its jerk is at most rise/(L2 L3), its acceleration rise/L3, its snap
+rise/(L1 L2 L3), and it covers the distance (low + high)/2 · (L1 + L2 + L3).  A ramp downwards is a ramp upwards in
+reversed time.
 
 Source: Lambrechts, Boerlage & Steinbuch 2005, whose fourth-order profile is two such ramps.
 """
@@ -14,9 +22,170 @@ from math import sqrt
 from typing import NamedTuple
 
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Records
+from feeddrive.language.kernels.plain import zeros
+from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints, Records
 from feeddrive.path.motion import cubic, way, when
-from feeddrive.path.schedule.room import cube_root
+
+# a bound is sure to be one after rounding
+_WIDER = 1.0 + 1e-13
+_LEVEL = 1.001  # ratio of caps of neighbors that get the same one
+
+
+@kernel
+def bounds(kind: int, length: float, shape: Floats2, out: Floats2) -> float:
+    """Write M1 .. M4 of each axis into `out` (N, 4); return a bound of |r'|.
+
+    Of a polynomial by the points of its Bernstein form, in whose hull it lies; of an arc in closed form.
+    """
+    n = len(shape)
+    norm = 0.0
+    if kind == 0:
+        for i in range(n):
+            slope = shape[i, 1] / length
+            norm = norm + slope * slope
+            out[i, 0] = abs(slope)
+            for k in range(1, 4):
+                out[i, k] = 0.0
+        return sqrt(norm) * _WIDER
+    if kind == 1:
+        kappa = shape[0, 3]
+        size1 = 0.0
+        size2 = 0.0
+        skew = 0.0
+        along1 = 0.0
+        along2 = 0.0
+        for i in range(n):
+            e1 = shape[i, 0]
+            e2 = shape[i, 1]
+            drift = shape[i, 2]
+            big = sqrt(e1 * e1 + e2 * e2) * _WIDER
+            out[i, 0] = big * kappa + abs(drift)
+            out[i, 1] = big * kappa * kappa
+            out[i, 2] = out[i, 1] * kappa
+            out[i, 3] = out[i, 2] * kappa
+            size1 = size1 + e1 * e1
+            size2 = size2 + e2 * e2
+            skew = skew + e1 * e2
+            along1 = along1 + e1 * drift
+            along2 = along2 + e2 * drift
+            norm = norm + drift * drift
+        oval = size1 - size2
+        ring = 0.5 * (size1 + size2 + sqrt(oval * oval + 4.0 * skew * skew))
+        return sqrt(kappa * kappa * ring + 2.0 * kappa * sqrt(along1 * along1 + along2 * along2) + norm) * _WIDER
+    points = zeros(8)
+    norms = zeros(8)
+    scale = 1.0
+    for m in range(1, 5):
+        scale = scale / length
+        degree = 7 - m
+        for i in range(n):
+            # coefficients of the derivative over the binomials, then differences backwards: Bernstein points
+            for k in range(degree + 1):
+                value = shape[i, k + m]
+                for j in range(m):
+                    value = value * (k + m - j)
+                for j in range(k):
+                    value = value * (j + 1) / (degree - j)
+                points[k] = value
+            most = 0.0
+            for k in range(degree):
+                for back in range(degree - k):
+                    j = degree - back
+                    points[j] = points[j] + points[j - 1]
+            for k in range(degree + 1):
+                most = max(most, abs(points[k]))
+                if m == 1:
+                    norms[k] = norms[k] + points[k] * points[k]
+            out[i, m - 1] = most * scale * _WIDER
+    for k in range(7):
+        norm = max(norm, norms[k])
+    return sqrt(norm) / length * _WIDER
+
+
+@kernel
+def cube_root(x: float) -> float:
+    """Return the cube root of x >= 0, within two units in the last place."""
+    if x < 0.0:
+        raise ValueError("the cube root is taken of numbers from 0 on")
+    if x == 0.0 or x - x != 0.0:
+        return x
+    # scaling by powers of 8 is exact, so the result does not depend on the size of x
+    rest, scale = x, 1.0
+    while rest >= 1.0:
+        rest, scale = rest * 0.125, scale * 2.0
+    while rest < 0.125:
+        rest, scale = rest * 8.0, scale * 0.5
+    # the line is within 14 % of the root on 1/8 .. 1, and each Newton step doubles the digits: five reach rounding
+    root = 0.4 + 0.6 * rest
+    for _ in range(5):
+        root -= (root - rest / (root * root)) / 3.0
+    return root * scale
+
+
+@kernel
+def root(value: float, degree: int) -> float:
+    """Return the second, third or fourth root of a positive number."""
+    if degree == 2:
+        return sqrt(value)
+    if degree == 3:
+        return cube_root(value)
+    return sqrt(sqrt(value))
+
+
+@kernel
+def cap(most: Floats2, norm: float, feed: float, limits: Floats2, share: float) -> float:
+    """Return the speed limit of a piece: by the feed, by each velocity, by `share` of what its curvature allows."""
+    # |r'| of splines is 1 but for a little: they get the same cap as lines
+    speed = feed / norm if norm > 1.0 + 1e-10 else feed
+    for i in range(len(limits)):
+        if most[i, 0] > 0.0:
+            speed = min(speed, limits[i, 0] / most[i, 0])
+        for k in range(1, 4):
+            if most[i, k] > 0.0:
+                ratio = limits[i, k] / most[i, k]
+                if ratio < 1e36:
+                    speed = min(speed, share * root(ratio, k + 1))
+    return speed * (1.0 - 1e-12)
+
+
+@kernel
+def pieces_room(
+    kind: Ints,
+    length: Floats,
+    shape: Floats3,
+    feed: Floats,
+    limits: Floats2,
+    cruise: float,
+    crossing: float,
+    most: Floats3,
+    caps: Floats2,
+) -> int:
+    """`bounds` of n pieces into `most` (n, N, 4); their caps when held and when crossed by ramps into `caps` (n, 2).
+
+    Neighbors whose caps differ by rounding or nearly so get the lowest of them: no ramps between such.
+    """
+    for p in range(len(length)):
+        norm = bounds(kind[p], length[p], shape[p], most[p])
+        caps[p, 0] = cap(most[p], norm, feed[p], limits, cruise)
+        caps[p, 1] = cap(most[p], norm, feed[p], limits, crossing)
+    first = 0
+    low = 0.0
+    high = 0.0
+    for p in range(len(length) + 1):
+        if p < len(length):
+            speed = caps[p, 0]
+            if p > first and max(high, speed) <= _LEVEL * min(low, speed):
+                low = min(low, speed)
+                high = max(high, speed)
+                continue
+        for k in range(first, p):
+            caps[k, 0] = low
+            caps[k, 1] = min(low, caps[k, 1])
+        first = p
+        low = caps[p, 0] if p < len(length) else 0.0
+        high = low
+    return 0
+
 
 _WALKS = 16  # along a ramp, in search of the quickest
 _NEAR = 0.003  # logarithm of the time that a ramp may be too slow
@@ -66,7 +235,7 @@ class Path(NamedTuple):
 
 @kernel
 def duration(ramp: Ramp) -> float:
-    """The duration of a ramp, s."""
+    """Return the duration of a ramp, s."""
     return ramp.L1 + ramp.L2 + ramp.L3
 
 
@@ -79,8 +248,10 @@ def boxcars(step: float, acceleration: float, jerk: float, snap: float) -> Ramp:
     rise = abs(step)
     if rise == 0.0:
         return NO_RAMP
+    # full snap, unless jerk, acceleration or the step of speed itself ends the first boxcar earlier
     first = min(jerk / snap, sqrt(acceleration / snap), cube_root(rise / (2.0 * snap)))
     reached = snap * first
+    # the second boxcar with which the ramp has no phase of constant acceleration
     whole = 0.5 * (sqrt(first * first + 4.0 * rise / reached) - first)
     second = max(first, min(acceleration / reached, whole))
     return Ramp(first, second, rise / (reached * second))
@@ -88,7 +259,7 @@ def boxcars(step: float, acceleration: float, jerk: float, snap: float) -> Ramp:
 
 @kernel
 def phase(number: int, rise: float, L1: float, L2: float, L3: float) -> tuple[float, float]:
-    """Duration and snap of one of the seven phases of a ramp upwards."""
+    """Return duration and snap of one of the seven phases of a ramp upwards."""
     snap = rise / (L1 * L2 * L3)
     if number == 0 or number == 6:
         return L1, snap
@@ -101,7 +272,9 @@ def phase(number: int, rise: float, L1: float, L2: float, L3: float) -> tuple[fl
 
 @kernel
 def jerk_before(number: int, jerk: float) -> float:
-    """The jerk with which a phase of a ramp upwards begins, 7 for its end: it rises, holds, falls, rests, and back."""
+    """Return the jerk at the start of a phase of a ramp upwards, 7 for its end: it rises, holds, falls, rests, and
+    back.
+    """
     if number == 0 or number == 3 or number == 4 or number == 7:
         return 0.0
     return jerk if number < 3 else -jerk
@@ -109,7 +282,7 @@ def jerk_before(number: int, jerk: float) -> float:
 
 @kernel
 def speed_at(far: float, low: float, rise: float, ramp: Ramp) -> float:
-    """The speed of a ramp upwards when it has gone this way, m/s."""
+    """Return the speed of a ramp upwards after this distance, m/s."""
     if far <= 0.0:
         return low
     whole = (low + 0.5 * rise) * duration(ramp)
@@ -137,7 +310,8 @@ def speed_at(far: float, low: float, rise: float, ramp: Ramp) -> float:
 
 @kernel
 def _lacks(most: Floats2, cap: Cap, limits: Floats2, v: float, a: float, j: float, s: float, free: bool) -> float:
-    """How much slower a ramp must be to keep the limits on a piece: of the logarithm of its time; negative: quicker.
+    """Return how much slower a ramp must be to keep the limits on a piece, as the logarithm of its time; negative:
+    quicker.
 
     v .. s are the largest speed .. snap of u there.  Newton's step of use = limit, where u'', u''', u'''' fall with the
     first, second, third power of the time: the use is convex in its logarithm, so that it never asks for too much.
@@ -178,7 +352,10 @@ def _lacks(most: Floats2, cap: Cap, limits: Floats2, v: float, a: float, j: floa
 
 @kernel
 def _until(far: float, v: float, a: float, j: float, s: float, t0: float, t1: float) -> float:
-    """The time in [t0, t1] when a ramp upwards has come this far, from above: Newton's method, the way is convex."""
+    """Return the time in [t0, t1] at which a ramp upwards has come this far: Newton's method from above, as the
+    distance is convex.
+    """
+    # the distance is convex: its tangent at t0 arrives too late, and from there Newton's method cannot overshoot
     slope = cubic(v, a, j, s, t0)
     t = t1
     if slope > 0.0:
@@ -198,7 +375,7 @@ def _until(far: float, v: float, a: float, j: float, s: float, t0: float, t1: fl
 def lacking(
     path: Path, u: float, first: int, sense: int, low: float, rise: float, ramp: Ramp, free: bool, enough: float
 ) -> float:
-    """How much slower a ramp must be to hold on every piece that it crosses, as of `_lacks`; up to 0: it holds.
+    """Return how much slower a ramp must be to hold on every piece that it crosses, as `_lacks`; up to 0: it holds.
 
     Above `enough` it is not known how much more.
     """
@@ -252,7 +429,7 @@ def lacking(
 
 @kernel
 def straight(most: Floats2, limits: Floats2) -> Bounds:
-    """What a piece would leave for acceleration, jerk and snap of u if it were straight."""
+    """Return the acceleration, jerk and snap of u that a piece would allow if it were straight."""
     a = 1e300
     j = 1e300
     s = 1e300
@@ -269,7 +446,7 @@ def straight(most: Floats2, limits: Floats2) -> Bounds:
 def fit(
     path: Path, u: float, first: int, sense: int, end: float, low: float, high: float, free: bool, guess: float
 ) -> tuple[bool, Ramp, float]:
-    """The quickest ramp found from `low` at u to `high`, within what every piece that it crosses leaves.
+    """Return the quickest ramp found from `low` at u to `high` that every piece crossed allows.
 
     `sense` is 1 towards greater u and -1 towards smaller u, along which the speed rises; `first` is the piece it starts
     on, `end` the last u it may reach.  False if there is none.  A free ramp may be quicker than the caps of pieces,

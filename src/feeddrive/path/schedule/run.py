@@ -17,13 +17,10 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.language.kernels.plain import columns, rows_for
-from feeddrive.path.motion import Motion, Part, Pause
+from feeddrive.path.motion import Motion, Part, Pause, Pieces, Section, one_after_the_other, part_of_pieces
 from feeddrive.path.override import Override
-from feeddrive.path.pieces import Pieces, Section, one_after_the_other, part_of_pieces
-from feeddrive.path.schedule.hump import Stretch, brake_soon
-from feeddrive.path.schedule.plan import MARGIN, plan, timed
-from feeddrive.path.schedule.ramp import Path
-from feeddrive.path.schedule.room import pieces_room
+from feeddrive.path.schedule.plan import MARGIN, Stretch, brake_soon, plan, timed
+from feeddrive.path.schedule.ramp import Path, pieces_room
 
 # shares of what curvature allows, of a piece that is held at its cap and of one that ramps cross: for contours, and for
 # chains of corners, where ramps need more of the room
@@ -36,7 +33,7 @@ _CAPS = 8  # tries of the speed to which a motion brakes
 
 
 class _Room(NamedTuple):
-    """Bounds and caps of pieces, for one of `SHARES`."""
+    """The bounds and caps of pieces, for one of `SHARES`."""
 
     most: np.ndarray
     caps: np.ndarray
@@ -67,7 +64,7 @@ class Schedule:
         self._begin()
 
     def _begin(self) -> None:
-        """At rest before a run."""
+        """Start a run at rest."""
         self._pieces: Pieces | None = None  # from the present node on
         self._rooms: list[_Room] = []
         self._u, self._speed, self._wide = 0.0, 0.0, self._window  # u on the first of the pieces
@@ -75,11 +72,11 @@ class Schedule:
 
     @property
     def rests(self) -> bool:
-        """Whether the next section begins a run."""
+        """True if the next section begins a run."""
         return self._pieces is None
 
     def add(self, section: Section) -> Iterator[Part | Pause]:
-        """The parts of the motion that are fixed when this section is known: all, where the run ends."""
+        """Yield the parts of the motion that are final when this section is known: all, where the run ends."""
         self._append(section.pieces)
         while self._pieces is not None:
             n = len(self._pieces.length)
@@ -91,33 +88,33 @@ class Schedule:
                 followed = yield from self._follow(self._override, last, ends)
                 if followed:
                     continue
-            found = self._planned(last, ends, self._rooms, self._u, self._speed)
-            if found is None:
+            planned = self._planned(last, ends, self._rooms, self._u, self._speed)
+            if planned is None:
                 assert self._hand is not None  # from rest there is a plan
                 yield self._go(self._hand, 1)
                 continue
-            found, count = (found, len(found.rows)) if ends else _cut(found)
+            planned, count = (planned, len(planned.rows)) if ends else _cut(planned)
             if not count:
                 self._wide = 2 * last  # ramps are longer than the window
                 continue
             self._wide = self._window
             if self._override is None:
-                yield self._go(found, count)
+                yield self._go(planned, count)
             else:
-                yield from self._go_on(self._override, found, count)
+                yield from self._go_on(self._override, planned, count)
 
-    def _go_on(self, override: Override, found: _Plan, count: int) -> Iterator[Part]:
-        """The same as `_go`, node by node, as long as the factor stays."""
-        steps = _steps(found.rows[:count], found.begin)
-        found = found._replace(rows=np.vstack([steps, found.rows[count:]]))
+    def _go_on(self, override: Override, planned: _Plan, count: int) -> Iterator[Part]:
+        """As `_go`, node by node, as long as the factor stays."""
+        steps = _steps(planned.rows[:count], planned.begin)
+        planned = planned._replace(rows=np.vstack([steps, planned.rows[count:]]))
         for _ in range(len(steps)):
-            yield self._go(found, 1)
+            yield self._go(planned, 1)
             if self._hand is None or override.at(self.time) != self._factor:
                 return
-            found = self._hand
+            planned = self._hand
 
     def _follow(self, override: Override, last: int, ends: bool) -> Generator[Part | Pause, None, bool]:
-        """Turn to the factor in force now; whether the motion has gone on for that."""
+        """Change to the factor now in force; return True if the motion went on meanwhile."""
         wanted = override.at(self.time)
         if wanted == self._factor:
             return False
@@ -135,9 +132,9 @@ class Schedule:
         if rooms and self._planned(last, ends, rooms, self._u, self._speed) is not None:
             self._turn_to(wanted)  # the motion is slow enough already: something else than the feed limits it here
             return False
-        found = self._braked(last, ends, rooms)
-        if found is not None:
-            yield self._go(found, 1)
+        braked = self._braked(last, ends, rooms)
+        if braked is not None:
+            yield self._go(braked, 1)
             if wanted > 0.0:
                 self._turn_to(wanted)
         else:  # from a later node
@@ -153,7 +150,8 @@ class Schedule:
         self._factor, self._rooms = factor, self._rooms_of(self._pieces, factor)
 
     def _braked(self, last: int, ends: bool, rooms: list[_Room] | None) -> _Plan | None:
-        """A plan that first brakes to where it can go on in these rooms, None: to rest; None if there is none.
+        """Return a plan that first brakes until it can go on in these rooms, or to rest if they are None; None if there
+        is none.
 
         Nor is there one where only the pieces ahead are too slow for the present speed.
         """
@@ -177,7 +175,9 @@ class Schedule:
         return None
 
     def stop(self) -> Part | None:
-        """From the end of the last part to the stop that is in hand; None at rest before a run."""
+        """Yield the parts from the end of the last one to the stop that is already planned; nothing at rest before a
+        run.
+        """
         if self._pieces is None or self._hand is None or not len(self._hand.rows):
             return None
         pieces = part_of_pieces(self._pieces, 0, len(self._hand.begin) - 1)
@@ -190,33 +190,35 @@ class Schedule:
             return
         self._pieces = one_after_the_other([self._pieces, pieces])
         self._rooms = [
-            _Room(*(np.concatenate(each) for each in zip(*both, strict=True)))
+            _Room(*(np.concatenate(arrays) for arrays in zip(*both, strict=True)))
             for both in zip(self._rooms, rooms, strict=True)
         ]
 
     def _planned(self, last: int, ends: bool, rooms: list[_Room], u: float, speed: float) -> _Plan | None:
-        """The quickest plan from u to a stop at the end of so many pieces; None if the speed is too high for one."""
+        """Return the quickest plan from u to a stop at the end of this many pieces; None if the speed is too high for
+        one.
+        """
         assert self._pieces is not None
         begin = np.concatenate([[0.0], np.cumsum(self._pieces.length[:last])])
         stop = begin[-1] if ends else begin[-1] * (1.0 - MARGIN)
         size = 4 * last + 16
-        found: list[np.ndarray] = []
+        plans: list[np.ndarray] = []
         for room in rooms:
             path = Path(begin, room.most[:last], room.caps[:last], self._limits)
             slow, stack, rows = np.zeros(last, np.int64), rows_for(Stretch, size), rows_for(Stretch, size)
             count = plan(path, rooms[0].caps[:last], u, stop, speed, slow, stack, rows)
             if count:
-                found.append(rows[:count][_takes_time(rows[:count], begin)])
-        return _Plan(begin, min(found, key=_time), ends) if found else None
+                plans.append(rows[:count][_takes_time(rows[:count], begin)])
+        return _Plan(begin, min(plans, key=_time), ends) if plans else None
 
-    def _go(self, found: _Plan, count: int) -> Part:
-        """The first `count` stretches of a plan; the others are in hand."""
+    def _go(self, planned: _Plan, count: int) -> Part:
+        """Return the first `count` stretches of a plan as a part; the others become the planned stop."""
         assert self._pieces is not None
-        if found.ends and count == len(found.rows):
-            whole = self._part(self._pieces, found.begin, found.rows, True)
+        if planned.ends and count == len(planned.rows):
+            whole = self._part(self._pieces, planned.begin, planned.rows, True)
             self._begin()
             return whole
-        kept, begin = found.rows[:count], found.begin
+        kept, begin = planned.rows[:count], planned.begin
         pieces, node = self._pieces, float(kept[-1, 1])
         place = min(int(np.searchsorted(begin, node, side="right")) - 1, len(begin) - 2)
         if place + 1 < len(pieces.length) and node - begin[place] >= pieces.length[place]:
@@ -224,42 +226,42 @@ class Schedule:
         self._u, self._speed = max(node - float(begin[place]), 0.0), float(kept[-1, 3])
         self._pieces = part_of_pieces(pieces, place, len(pieces.length))
         self._rooms = [_Room(room.most[place:], room.caps[place:]) for room in self._rooms]
-        self._hand = _Plan(begin[place:], found.rows[count:], found.ends)
+        self._hand = _Plan(begin[place:], planned.rows[count:], planned.ends)
         return self._part(part_of_pieces(pieces, 0, place + 1), begin, kept, False)
 
     def _rooms_of(self, pieces: Pieces, factor: float) -> list[_Room]:
-        """For each of `SHARES`, with this factor of the feed."""
-        n, limits, found = len(pieces.length), self._limits.copy(), list[_Room]()
+        """Return bounds and caps for each of `SHARES` under this factor of the feed."""
+        n, limits, rooms = len(pieces.length), self._limits.copy(), list[_Room]()
         limits[:, 0] *= min(factor, 1.0)  # on a traverse they are the feed
         for shares in SHARES:
             most, caps = np.zeros((n, len(limits), 4)), np.zeros((n, 2))
             feed = pieces.feed * factor
             pieces_room(pieces.kind, pieces.length, pieces.shape, feed, limits, *shares, most, caps)
-            found.append(_Room(most, caps))
-        return found
+            rooms.append(_Room(most, caps))
+        return rooms
 
     def _part(self, pieces: Pieces, begin: np.ndarray, rows: np.ndarray, ends: bool) -> Part:
-        """In pieces of constant snap: two ramps of seven phases and a plateau for each stretch."""
+        """Return a part in pieces of constant snap: two ramps of seven phases and a plateau for each stretch."""
         size = 15 * len(rows)
         room = Motion(np.zeros(size), np.zeros(size, np.int64), *(np.zeros(size) for _ in range(5)))
         count = timed(begin, np.ascontiguousarray(rows), len(rows), *room)
-        motion = Motion(*(each[:count].copy() for each in room))
+        motion = Motion(*(array[:count].copy() for array in room))
         self.time += float(np.sum(motion.duration))
         return Part(pieces._replace(feed=pieces.feed * self._factor), motion, ends)
 
 
 def plan_run(pieces: Pieces, limits: np.ndarray, window: int = WINDOW) -> Motion:
-    """The motion along a whole run; `limits` and `window` as of a `Schedule`."""
+    """Return the motion along a whole run; `limits` and `window` as of a `Schedule`."""
     motions, first = list[Motion](), 0
     for part in Schedule(limits, window).add(Section(pieces, True)):
         assert isinstance(part, Part)  # it holds only with an override
         motions.append(part.motion._replace(piece=part.motion.piece + first))
         first += len(part.pieces.length) - 1  # where a part ends, the next one begins
-    return Motion(*(np.concatenate(each) for each in zip(*motions, strict=True)))
+    return Motion(*(np.concatenate(arrays) for arrays in zip(*motions, strict=True)))
 
 
 def _time(rows: np.ndarray) -> float:
-    """Of stretches, s."""
+    """Return the time of stretches, s."""
     u0, u1, v0, v1, peak = rows[:, :5].T
     up, down = rows[:, 5:8].sum(axis=1), rows[:, 8:11].sum(axis=1)
     way = u1 - u0 - 0.5 * (v0 + peak) * up - 0.5 * (v1 + peak) * down
@@ -272,28 +274,28 @@ def _takes_time(rows: np.ndarray, begin: np.ndarray) -> np.ndarray:
     return ramps | (rows[..., 1] - rows[..., 0] > MARGIN * (begin[-1] - begin[0]))
 
 
-def _cut(found: _Plan) -> tuple[_Plan, int]:
-    """How many stretches end in the first part of a window; a plateau is cut there in two."""
-    rows, ends = found.rows, _KEPT * found.begin[-1]
+def _cut(planned: _Plan) -> tuple[_Plan, int]:
+    """Return how many stretches end in the first part of a window; a plateau there is cut in two."""
+    rows, ends = planned.rows, _KEPT * planned.begin[-1]
     count = int(np.searchsorted(rows[:, 1], ends, side="right"))
     if count < len(rows):
         u0, u1, v0, v1, peak = rows[count, :5]
         low = u0 + 0.5 * (v0 + peak) * rows[count, 5:8].sum()
         high = u1 - 0.5 * (v1 + peak) * rows[count, 8:11].sum()
-        cut, margin = min(ends, high), MARGIN * (found.begin[-1] - found.begin[0])
+        cut, margin = min(ends, high), MARGIN * (planned.begin[-1] - planned.begin[0])
         if u1 - cut <= margin:
-            return found, count + 1
+            return planned, count + 1
         if cut - low > margin:
             one, two = rows[count].copy(), rows[count].copy()
             one[1], one[3], one[8:11] = cut, peak, 0.0
             two[0], two[2], two[5:8] = cut, peak, 0.0
-            return found._replace(rows=np.vstack([rows[:count], one, two, rows[count + 1 :]])), count + 1
-    return found, count
+            return planned._replace(rows=np.vstack([rows[:count], one, two, rows[count + 1 :]])), count + 1
+    return planned, count
 
 
 def _steps(rows: np.ndarray, begin: np.ndarray) -> np.ndarray:
-    """Stretches cut at all their nodes: behind ramps, and after each `HORIZON` of a plateau."""
-    found, margin = [], MARGIN * (begin[-1] - begin[0])
+    """Cut stretches at all their nodes: behind ramps, and after each `HORIZON` of a plateau."""
+    steps, margin = [], MARGIN * (begin[-1] - begin[0])
     for row in rows:
         u0, u1, v0, v1, peak = row[:5]
         low = u0 + 0.5 * (v0 + peak) * row[5:8].sum()
@@ -313,5 +315,5 @@ def _steps(rows: np.ndarray, begin: np.ndarray) -> np.ndarray:
                 step[2], step[5:8] = peak, 0.0
             if end < u1:
                 step[3], step[8:11] = peak, 0.0
-            found.append(step)
-    return np.array(found)
+            steps.append(step)
+    return np.array(steps)

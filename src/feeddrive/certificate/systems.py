@@ -1,8 +1,13 @@
-"""The plants of a certificate: sampled linear models, fitted ones among them, and the lines measured on them."""
+"""The linear systems of a certificate: the control as it is deployed, and its plants.
+
+Each stored number of the control is rounded to the arithmetic of the controller.  A plant is a sampled model, fitted or
+stated, with the lines that were measured on it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -11,15 +16,150 @@ import numpy as np
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.plant.modal import Modal
 from feeddrive.blocks.plant.mode import Mode
-from feeddrive.certificate.deployed import READINGS
+from feeddrive.blocks.plant.two_mass import TwoMass
+from feeddrive.blocks.signals import Setpoint
 from feeddrive.identification.response.modal_response import common_poles
+from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
 from feeddrive.language.quantity import Quantity
+from feeddrive.language.ring import Ring
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.lifting import MOST, Lifted, lifted
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
+
+READINGS = ("reading_motor", "reading_load")
+_COARSE = 0.01  # of a number: a loss by rounding that is worth a word
+_STATES = 60  # of a control, as the checker admits
+_KEPT = 2.0**-300, 2.0**300  # sizes that a certificate holds
+
+
+@dataclass(frozen=True, eq=False)
+class Deployed:
+    """The linear control from readings to force, with the numbers that the controller stores.
+
+    model    from `readings` to the force, in the states of the control; of a law with two rates for each sample
+    numbers  parameters and prepared numbers by name, after rounding
+    coarse   those that rounding moves by more than 1 %, with that share
+    """
+
+    model: StateSpace | Lifted
+    arithmetic: str
+    numbers: Mapping[str, float]
+    coarse: Mapping[str, float]
+
+
+def rounded(value: float, arithmetic: str) -> float:
+    """Round to an arithmetic: float64, float32, or fixedN with N binary places.
+
+    Raises ParameterError for another name, and for a number beyond float32.
+    """
+    if arithmetic == "float64":
+        return float(value)
+    if arithmetic == "float32":
+        with np.errstate(over="ignore"):
+            near = float(np.float32(value))
+        if np.isinf(near) and np.isfinite(value):
+            raise ParameterError(f"{Quantity(value):6} is beyond float32, which ends at 3.4e38")
+        return near
+    if re.fullmatch(r"fixed[1-9]\d?", arithmetic):
+        places = int(arithmetic[5:])
+        return float(np.ldexp(np.rint(np.ldexp(float(value), places)), -places))
+    raise ParameterError(
+        f"arithmetic = '{arithmetic}' must be float64, float32, or fixedN with N binary places, as fixed24"
+    )
+
+
+def deployed(control: Control, sample_time: float, arithmetic: str = "float64", velocity: float = 0.05) -> Deployed:
+    """Linearize a control after rounding its prepared and other numbers.
+
+    The traced step is linearized, so that the matrices are those of the code that runs: a rounded filter coefficient
+    moves the pole that the controller has.  Guard and force limit are left out.
+    Raises ParameterError for a law with more than 64 samples in a period, and for a control of more than 60 states.
+    """
+    law = control.law
+    if law.period() > MOST:
+        raise ParameterError(
+            f"the law '{law.kind}' repeats itself every {law.period()} samples, and a certificate takes at most "
+            f"{MOST}: set position_every <= {MOST}, or take a longer sample time"
+        )
+    swings = 0.1 / sample_time  # rad/s of an axis that only provides readings
+    axis = Axis(plant=TwoMass(mass_motor=1.0, mass_load=1.0, stiffness=0.5 * swings * swings))
+    bare = replace(control, guard=None, force_limit=None)
+    memory = bare.start(bare.prepare(sample_time), Setpoint(0.0), 0.0, 0.0).memory
+    _check_size(sum(ring.length for _, ring in tree.leaves(memory) if isinstance(ring, Ring)))
+    numbers: dict[str, float] = {}
+    coarse: dict[str, float] = {}
+
+    def stored(name: str, value: float) -> float:
+        near = rounded(value, arithmetic)
+        numbers[name] = near
+        if value != 0.0 and abs(near / value - 1.0) > _COARSE:
+            coarse[name] = abs(near / value - 1.0)
+        return near
+
+    loop = Loop(control=bare, axis=axis, sample_time=sample_time)
+    try:
+        names = ["cut", *READINGS], ["force"]
+        if law.period() > 1:
+            samples = lifted(loop, *names, velocity=velocity, stored=stored).samples
+        else:
+            samples = (linearize(loop, *names, velocity=velocity, stored=stored),)
+    except ParameterError:
+        gone = [name for name, share in coarse.items() if share == 1.0]
+        if not gone:
+            raise
+        raise ParameterError(f"{arithmetic} has too few digits for this control: {gone[0]} becomes zero") from None
+    own = [i for i, name in enumerate(samples[0].states) if name.startswith("control.")]
+    used = [i for i in (1, 2) if any(np.any(sample.B[own, i]) or np.any(sample.D[:, i]) for sample in samples)]
+    if not used:
+        raise ParameterError(f"the law '{law.kind}' does not use any reading: there is no loop to certify")
+    _check_size(len(own))
+    states = tuple(samples[0].states[i].removeprefix("control.") for i in own)
+    models = tuple(
+        StateSpace(
+            sample.A[np.ix_(own, own)],
+            sample.B[np.ix_(own, used)],
+            sample.C[:, own],
+            sample.D[:, used],
+            float(sample_time),
+            states,
+            tuple(READINGS[i - 1] for i in used),
+            ("force",),
+        )
+        for sample in samples
+    )
+    sizes = np.abs(
+        np.concatenate(
+            [
+                x.ravel()
+                for control_sample in models
+                for x in (control_sample.A, control_sample.B, control_sample.C, control_sample.D)
+            ]
+        )
+    )
+    wrong = sizes[(sizes != 0.0) & ((sizes < _KEPT[0]) | (sizes > _KEPT[1]))]
+    if wrong.size:
+        raise ParameterError(
+            f"the control holds the coefficient {Quantity(wrong[0]):6}, too large or too small to certify"
+        )
+    model = models[0] if len(models) == 1 else Lifted(models)
+    return Deployed(model, arithmetic, {k: v for k, v in numbers.items() if _fits(v)}, coarse)
+
+
+def _check_size(states: int) -> None:
+    if states > _STATES:
+        raise ParameterError(
+            f"the control remembers {states} numbers, and a certificate is about {_STATES} at most: certify it without "
+            f"the block that keeps so many samples, such as repetitive control"
+        )
+
+
+def _fits(value: float) -> bool:
+    return value == 0.0 or _KEPT[0] < abs(value) < _KEPT[1]
+
 
 _LINES = 250  # that are fitted, spread over ln f
 _MOST = 8  # modes
@@ -29,7 +169,8 @@ _USELESS = 0.5  # largest mean relative misfit of a model
 
 
 def fitted_plant(name: str, measured: Sequence[FRF], control: Control, T: float) -> tuple[StateSpace, float, int]:
-    """The sampled model with outputs in the order of `measured`, its dead time in s and how many modes it has.
+    """Fit a sampled model; return it with outputs in the order of `measured`, its dead time in s and its number of
+    modes.
 
         x/f = e^(-s·dead_time) hold(s) [ (a + b s)/(s (s + corner)) + Σ (aᵢ + bᵢ s)/(s² + 2ζᵢωᵢs + ωᵢ²) ]
 
@@ -43,21 +184,23 @@ def fitted_plant(name: str, measured: Sequence[FRF], control: Control, T: float)
     keep = np.unique(inside[np.searchsorted(f[inside], wanted).clip(0, inside.size - 1)])
     if keep.size < 10:
         raise NotIdentifiableError(f"'{name}': {keep.size} lines are too few to fit a plant to: at least 10")
-    f, G = f[keep], np.array([each.response[keep] for each in measured])
-    noise = np.array([np.zeros(f.size) if each.variance is None else each.variance[keep] for each in measured])
+    f, G = f[keep], np.array([frf.response[keep] for frf in measured])
+    noise = np.array([np.zeros(f.size) if frf.variance is None else frf.variance[keep] for frf in measured])
     weight = 1.0 / np.sqrt(noise + (_SHARE * np.abs(G)) ** 2 + 1e-300)
     best: tuple[float, np.ndarray] | None = None
     for count in range(_MOST + 1):
         if 2 * f.size * len(G) < 6 * (2 + 2 * count) * len(G):
             break
-        found = _refined(f, G, weight, T, count)
-        if best is None or found[0] < _BETTER ** (count - _modes(best[1])) * best[0]:
-            best = found
+        candidate = _refined(f, G, weight, T, count)
+        # one more mode always fits the noise a little better: it must reduce the misfit by 15 %
+        if best is None or candidate[0] < _BETTER ** (count - _modes(best[1])) * best[0]:
+            best = candidate
+        # two modes in a row that do not pay: more of them will not
         elif count >= _modes(best[1]) + 2:
             break
     assert best is not None
     model = _sampled(best[1], f, G, weight, control, T, len(measured))
-    left = np.array([model.response(f, output=each).response for each in model.outputs])
+    left = np.array([model.response(f, output=output).response for output in model.outputs])
     if np.median(np.abs(left / G - 1.0)) > _USELESS:
         raise NotIdentifiableError(
             f"'{name}': no model with up to {_MOST} modes fits it; give the axis as a machine, or measure with "
@@ -71,7 +214,9 @@ def _modes(values: np.ndarray) -> int:
 
 
 def _columns(values: np.ndarray, s: np.ndarray, T: float) -> np.ndarray:
-    """Responses of free motion and modes, position and velocity of each, held and late; shape (lines, columns)."""
+    """Return responses of free motion and modes, for position and velocity, held and delayed; shape (lines,
+    columns).
+    """
     k = _modes(values)
     omega, ratio = np.exp(values[:k]), np.exp(values[k : 2 * k])
     corner, late = np.exp(values[-2]), values[-1]
@@ -83,12 +228,13 @@ def _columns(values: np.ndarray, s: np.ndarray, T: float) -> np.ndarray:
 
 
 def _solved(columns: np.ndarray, G: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Real factors of the columns for each response, and the weighted residuals."""
+    """Return real factors of the columns for each response, and the weighted residuals."""
     factors: list[np.ndarray] = []
     left: list[np.ndarray] = []
     for response, w in zip(G, weight, strict=True):
         matrix = columns * w[:, None]
         stacked = np.vstack([np.real(matrix), np.imag(matrix)])
+        # columns of free motion and modes differ by many powers of ten
         scale = np.linalg.norm(stacked, axis=0) + 1e-300
         right = np.concatenate([np.real(response * w), np.imag(response * w)])
         x = np.linalg.lstsq(stacked / scale, right, rcond=None)[0]
@@ -98,13 +244,13 @@ def _solved(columns: np.ndarray, G: np.ndarray, weight: np.ndarray) -> tuple[np.
 
 
 def _refined(f: np.ndarray, G: np.ndarray, weight: np.ndarray, T: float, count: int) -> tuple[float, np.ndarray]:
-    """Modes from vector fitting at several dead times, the best of them brought to the least misfit."""
+    """Start from modes of vector fitting at several dead times and minimize the misfit of the best."""
     from scipy.optimize import least_squares  # not for commands that only read
 
     s = 2j * np.pi * f
     low = 2.0 * np.pi * f[0]
     # s² removes the free motion; the rest of dead time and hold needs a few poles
-    plain = [each * s * s for each in G]
+    plain = [response * s * s for response in G]
     starts: list[tuple[float, np.ndarray]] = []
     for pairs in range(count, count + 4) if count else (0,):
         poles, heights = (
@@ -120,23 +266,26 @@ def _refined(f: np.ndarray, G: np.ndarray, weight: np.ndarray, T: float, count: 
                 starts.append((float(np.sum(_solved(_columns(begin, s, T), G, weight)[1] ** 2)), begin))
     if not starts:
         return np.inf, np.concatenate([np.full(2 * count, -1.0), [np.log(low), 0.0]])
-    begin = min(starts, key=lambda each: each[0])[1]
+    begin = min(starts, key=lambda start: start[0])[1]
     least = np.concatenate([np.full(count, np.log(0.3 * low)), np.full(count, np.log(1e-5)), [np.log(1e-6 * low), 0.0]])
     # a mode beyond the last line would be noise
     most = np.concatenate(
         [np.full(count, np.log(2.0 * np.pi * f[-1])), np.full(count, np.log(2.0)), [np.log(10.0 * low), 30 * T]]
     )
-    found = least_squares(
-        lambda x: _solved(_columns(x, s, T), G, weight)[1], np.clip(begin, least + 1e-9, most - 1e-9),
-        bounds=(least, most), x_scale=np.concatenate([np.full(2 * count, 0.1), [1.0, 0.1 * T]]), max_nfev=40,
-    )  # fmt: skip
-    return float(np.sqrt(np.mean(found.fun**2))), found.x
+    fit = least_squares(
+        lambda x: _solved(_columns(x, s, T), G, weight)[1],
+        np.clip(begin, least + 1e-9, most - 1e-9),
+        bounds=(least, most),
+        x_scale=np.concatenate([np.full(2 * count, 0.1), [1.0, 0.1 * T]]),
+        max_nfev=40,
+    )
+    return float(np.sqrt(np.mean(fit.fun**2))), fit.x
 
 
 def _sampled(
     values: np.ndarray, f: np.ndarray, G: np.ndarray, weight: np.ndarray, control: Control, T: float, count: int
 ) -> StateSpace:
-    """The modes held exactly over a sample, with positions and velocities mixed so that the lines are met best."""
+    """Sample the modes exactly, and mix positions and velocities so that the lines are fitted best."""
     k = _modes(values)
     modes = [
         Mode(frequency=float(w / (2.0 * np.pi)), damping_ratio=float(d), mass=1.0, motor=1.0, load=1.0)
@@ -145,14 +294,16 @@ def _sampled(
     plant = Modal(mass=1.0, viscous=float(np.exp(values[-2])), modes=tuple(modes))
     axis = Axis(plant=plant, actuator=Actuator(dead_time=float(values[-1])))
     loop = Loop(control=replace(control, guard=None, force_limit=None), axis=axis, sample_time=T)
-    made = linearize(loop, ["cut"], ["reading_motor", "reading_load"][:count], velocity=0.05)
-    own = [i for i, state in enumerate(made.states) if state.startswith(("axis.position.", "axis.velocity."))]
+    sampled = linearize(loop, ["cut"], ["reading_motor", "reading_load"][:count], velocity=0.05)
+    own = [i for i, state in enumerate(sampled.states) if state.startswith(("axis.position.", "axis.velocity."))]
     z = np.exp(2j * np.pi * f * T)
-    n = len(made.states)
-    states = np.linalg.solve(z[:, None, None] * np.eye(n) - made.A, np.broadcast_to(made.B, (z.size, n, 1)))[:, own, 0]
+    n = len(sampled.states)
+    states = np.linalg.solve(z[:, None, None] * np.eye(n) - sampled.A, np.broadcast_to(sampled.B, (z.size, n, 1)))[
+        :, own, 0
+    ]
     C = np.zeros((count, n))
     C[:, own] = _solved(states, G, weight)[0]
-    return replace(made, C=C)
+    return replace(sampled, C=C)
 
 
 _SIZES = 1e-40, 1e20  # m/N
@@ -186,7 +337,8 @@ class NominalPlant:
 def modelled_plant(
     name: str, axis: Axis, control: Control, sample_time: float, readings: Sequence[str], velocity: float
 ) -> NominalPlant:
-    """The axis that moves with `velocity` (m/s), exactly held, its dead time, current loop and friction slope with it.
+    """Return the exactly sampled model of an axis that moves with `velocity` (m/s), with dead time, current loop and
+    friction slope.
 
     The free motion of the axis is a separate state, so that its integrator stays exactly 1 after rounding.
     Raises ParameterError if nothing moves on a command, as with an axis that sticks.
@@ -205,7 +357,7 @@ def modelled_plant(
 
 
 def _free(model: StateSpace, along: Sequence[float]) -> StateSpace:
-    """In coordinates q₁ and qᵢ - (eᵢ/e₁) q₁, e the free motion: moving along e changes nothing but q₁ itself."""
+    """Transform to q₁ and qᵢ - (eᵢ/e₁) q₁, e the free motion: moving along e then changes q₁ alone."""
     places = [i for i, name in enumerate(model.states) if name.startswith("axis.position.")]
     e = np.array([along[int(model.states[i].rsplit(".", 1)[1])] for i in places])
     if not places or not np.any(e != 0.0):
@@ -221,6 +373,7 @@ def _free(model: StateSpace, along: Sequence[float]) -> StateSpace:
     unit = np.eye(n)[r]
     if np.any(np.abs(A[:, r] - unit) > _ZERO * size[:, r]):
         return model  # a spring to the ground
+    # exactly, so that the integrator keeps its pole at 1 in the checker's arithmetic
     A[:, r] = unit
     return replace(model, A=A, B=S @ model.B, C=model.C @ back)
 
@@ -234,7 +387,7 @@ def measured_plant(
     readings: Sequence[str],
     velocity: float,
 ) -> NominalPlant:
-    """A plant with its measured lines: around a known axis, or around a model that is fitted to the lines.
+    """Return a plant with its measured lines: around a known axis, or around a model that is fitted to the lines.
 
     `measured` has the response of the load's encoder and, if it was measured, that of the motor's; a single one
     serves all readings.
@@ -242,24 +395,24 @@ def measured_plant(
     model fits.
     """
     load, motor = measured[0], measured[1] if len(measured) > 1 else None
-    for each in measured:
-        if each.unit not in ("", "m/N"):
-            raise ParameterError(f"'{name}' is in {each.unit}: a plant of a certificate must be in m/N")
-        if np.count_nonzero(each.frequency < 0.5 / sample_time) < 2:
+    for frf in measured:
+        if frf.unit not in ("", "m/N"):
+            raise ParameterError(f"'{name}' is in {frf.unit}: a plant of a certificate must be in m/N")
+        if np.count_nonzero(frf.frequency < 0.5 / sample_time) < 2:
             raise ParameterError(f"'{name}' has fewer than two lines below half the sample rate")
-        size = np.abs(each.response)
+        size = np.abs(frf.response)
         wrong = np.flatnonzero(~((size > _SIZES[0]) & (size < _SIZES[1])))
         if wrong.size:
             raise ParameterError(
-                f"'{name}' is {Quantity(size[wrong[0]], 'm/N'):3 SI} at {Quantity(each.frequency[wrong[0]], 'Hz'):6}: "
+                f"'{name}' is {Quantity(size[wrong[0]], 'm/N'):3 SI} at {Quantity(frf.frequency[wrong[0]], 'Hz'):6}: "
                 "no axis is"
             )
-    chosen = [load if motor is None or each == READINGS[1] else motor for each in readings]
-    taken = chosen[:1] if all(each is chosen[0] for each in chosen) else chosen
-    lines = tuple(_lines(each, sample_time) for each in taken)
-    count = f"{sum(each.frequency.size for each in lines)} measured lines"
+    chosen = [load if motor is None or reading == READINGS[1] else motor for reading in readings]
+    taken = chosen[:1] if all(frf is chosen[0] for frf in chosen) else chosen
+    lines = tuple(_lines(frf, sample_time) for frf in taken)
+    count = f"{sum(line_set.frequency.size for line_set in lines)} measured lines"
     if axis is None:
-        if any(np.any(each.frequency != taken[0].frequency) for each in taken if each.frequency.size):
+        if any(np.any(frf.frequency != taken[0].frequency) for frf in taken if frf.frequency.size):
             raise ParameterError(f"'{name}': the responses of both encoders have different lines")
         model, late, modes = fitted_plant(name, taken, control, sample_time)
         C = model.C if len(taken) == len(readings) else np.repeat(model.C, len(readings), axis=0)
@@ -272,7 +425,7 @@ def measured_plant(
 
 
 def _lines(frf: FRF, sample_time: float) -> Lines:
-    """Below half the sample rate, the variance from the coherence if there is no other."""
+    """Return the lines below half the sample rate, with the variance from the coherence if there is no other."""
     variance = frf.known_variance()
     variance = np.zeros(frf.frequency.size) if variance is None else variance
     keep = frf.frequency < 0.5 / sample_time

@@ -1,0 +1,731 @@
+"""The corner between two runs: the runs overlap in it, or it is passed at a speed with a time bump.
+
+Overlap: the next run begins before the one before has come to rest.  With D the time in which both move,
+q = q0(t) + q1(t - T0 + D) - c.  It keeps a limit if the sum of both motions does, and between lines the tolerance if it
+is near enough to the corner when the ways of both to it are equal; between other pieces these ways must be as short,
+too.
+
+Bump: a run that passes a corner at the speed v has a node there, where u'' = u''' = 0.  Its direction would jump by
+t1 - t0; added to it is v (t1 - t0) phi(t), phi = K * (t)_+ - (t)_+, K = box(w) * box(w) * box(s), s <= w, which is 0 at
+|t| >= h = w + s/2.  This equals an overlap of two stops by 2 h: with H the step of speed smoothed by K, the first run
+has the speed u' - v H, goes on for h behind the node, and comes to rest in the corner; the other begins h before the
+node and has the speed u' - v (1 - H).  Both are nearest to the corner at the node, v phi(0) away:
+
+    phi(0) = w/6 + s²/(24 w) - s³/(192 w²)
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+
+from feeddrive.language.kernels.kernel import kernel
+from feeddrive.language.kernels.plain import zeros
+from feeddrive.language.kernels.source import Floats, Floats2
+from feeddrive.path.motion import Entering, Motion, Part, Pieces, cubic, from_rows, rows, way
+from feeddrive.path.schedule.ramp import boxcars, cube_root, jerk_before, phase
+
+_HALVINGS = 24  # of the time in which both move
+_SLIVER = 1e-12  # of an overlap: two phases that end so near to each other end together
+BELOW = 1.0 - 1e-10  # of a tolerance: rounding
+
+
+@kernel
+def _widened(low: float, high: float, down: float, up: float, more: float, out: Floats) -> int:
+    """Add [low, high] · [-down, up] ± more to the interval in `out`."""
+    out[0] = out[0] + min(min(-low * down, -high * down), min(low * up, high * up)) - more
+    out[1] = out[1] + max(max(-low * down, -high * down), max(low * up, high * up)) + more
+    return 0
+
+
+@kernel
+def _bent(most: Floats, c: float, v: float, a: float, j: float, s: float, h: float, away: float, out: Floats2) -> int:
+    """Add to the rows of `out` by how much velocity .. snap of an axis may differ from those along the tangent.
+
+    c is r' of the axis at the corner, `most` bounds r' .. r'''' and `away` the way to the corner; u' .. u'''' as they
+    are at the begin of h seconds.
+    """
+    # r' - c
+    up = min(most[1] * away, max(most[0] - c, 0.0))
+    down = min(most[1] * away, max(most[0] + c, 0.0))
+    j1 = j + h * s
+    a1 = a + 0.5 * h * j
+    a2 = a + h * (j + 0.5 * h * s)
+    A = max(max(abs(a), abs(a1)), abs(a2))
+    J = max(abs(j), abs(j1))
+    V = abs(v) + h * A
+    _widened(0.0, V, down, up, 0.0, out[0])
+    _widened(min(min(a, a1), a2), max(max(a, a1), a2), down, up, most[1] * V * V, out[1])
+    _widened(min(j, j1), max(j, j1), down, up, 3.0 * most[1] * V * A + most[2] * V * V * V, out[2])
+    more = most[1] * (3.0 * A * A + 4.0 * V * J) + 6.0 * most[2] * V * V * A + most[3] * V * V * V * V
+    _widened(s, s, down, up, more, out[3])
+    return 0
+
+
+@kernel
+def _largest(value: float, rest: Floats) -> float:
+    """Return the largest |value + rest| over an interval."""
+    return max(abs(value + rest[0]), abs(value + rest[1]))
+
+
+@kernel
+def together(
+    motion0: Floats2,
+    count0: int,
+    length0: float,
+    direction0: Floats,
+    most0: Floats2,
+    motion1: Floats2,
+    count1: int,
+    direction1: Floats,
+    most1: Floats2,
+    lasts: float,
+    limits: Floats2,
+    feed: float,
+) -> tuple[float, float]:
+    """Return the largest share of a limit or the feed that the sum uses, and the distance to the corner, m.
+
+    The first motion ends on a piece of the given length, the second begins on another one, and they overlap for `lasts`
+    seconds; the directions are r' in the corner.  Ranges are those of Bernstein points.
+    """
+    axes = len(limits)
+    p0 = zeros(4)
+    p1 = zeros(4)
+    p2 = zeros(4)
+    rest = zeros(4, 2)
+    curved = 0.0
+    for i in range(axes):
+        curved = max(curved, max(most0[i, 1], most1[i, 1]))
+    # where the first motion is when the second begins
+    m = count0
+    left = lasts
+    while m > 0 and left > 0.0:
+        m = m - 1
+        left = left - motion0[m, 0]
+    begin0 = left  # of time piece m, from when the second begins
+    n = 0
+    begin1 = 0.0
+    t = 0.0
+    share = 0.0
+    distance = 1e300
+    while t < lasts and m < count0 and n < count1:
+        end0 = begin0 + motion0[m, 0]
+        end1 = begin1 + motion1[n, 0]
+        end = min(min(end0, end1), lasts)
+        if m + 1 == count0 and n + 1 == count1:
+            end = lasts
+        h = end - t
+        if h > _SLIVER * lasts:
+            b = t - begin0
+            s0 = motion0[m, 5]
+            x0 = motion0[m, 1] + way(motion0[m, 2], motion0[m, 3], motion0[m, 4], s0, b)
+            v0 = cubic(motion0[m, 2], motion0[m, 3], motion0[m, 4], s0, b)
+            a0 = motion0[m, 3] + b * (motion0[m, 4] + 0.5 * b * s0)
+            j0 = motion0[m, 4] + b * s0
+            b = t - begin1
+            s1 = motion1[n, 5]
+            x1 = motion1[n, 1] + way(motion1[n, 2], motion1[n, 3], motion1[n, 4], s1, b)
+            v1 = cubic(motion1[n, 2], motion1[n, 3], motion1[n, 4], s1, b)
+            a1 = motion1[n, 3] + b * (motion1[n, 4] + 0.5 * b * s1)
+            j1 = motion1[n, 4] + b * s1
+            far0 = max(length0 - x0, 0.0)
+            far1 = max(x1 + way(v1, a1, j1, s1, h), 0.0)
+            speed = 0.0
+            for k in range(4):
+                p2[k] = 0.0
+            for i in range(axes):
+                c0 = direction0[i]
+                c1 = direction1[i]
+                v = c0 * v0 + c1 * v1
+                a = c0 * a0 + c1 * a1
+                j = c0 * j0 + c1 * j1
+                s = c0 * s0 + c1 * s1
+                for k in range(4):
+                    rest[k] = 0.0, 0.0
+                if curved > 0.0:
+                    _bent(most0[i], c0, v0, a0, j0, s0, h, far0, rest)
+                    _bent(most1[i], c1, v1, a1, j1, s1, h, far1, rest)
+                p0[0] = v
+                p0[1] = v + h * a / 3.0
+                p0[2] = v + h * (2.0 * a + 0.5 * h * j) / 3.0
+                p0[3] = cubic(v, a, j, s, h)
+                p1[0] = a
+                p1[1] = a + 0.5 * h * j
+                p1[2] = a + h * (j + 0.5 * h * s)
+                most = 0.0
+                for k in range(4):
+                    fast = _largest(p0[k], rest[0])
+                    p2[k] = p2[k] + fast * fast
+                    most = max(most, fast)
+                share = max(share, most / limits[i, 0])
+                for k in range(3):
+                    share = max(share, _largest(p1[k], rest[1]) / limits[i, 1])
+                share = max(share, max(_largest(j, rest[2]), _largest(j + h * s, rest[2])) / limits[i, 2])
+                share = max(share, _largest(s, rest[3]) / limits[i, 3])
+            for k in range(4):
+                speed = max(speed, p2[k])
+            share = max(share, sqrt(speed) / feed)
+            end_left = length0 - (x0 + way(v0, a0, j0, s0, h))
+            if distance == 1e300 and (end_left <= far1 or end >= lasts):
+                # the ways become equal here
+                low = 0.0
+                high = h
+                for _ in range(50):
+                    b = 0.5 * (low + high)
+                    if length0 - (x0 + way(v0, a0, j0, s0, b)) > x1 + way(v1, a1, j1, s1, b):
+                        low = b
+                    else:
+                        high = b
+                b = 0.5 * (low + high)
+                w0 = length0 - (x0 + way(v0, a0, j0, s0, b))
+                w1 = x1 + way(v1, a1, j1, s1, b)
+                gap = 0.0
+                size0 = 0.0
+                size1 = 0.0
+                bend = 0.0
+                for i in range(axes):
+                    g = w1 * direction1[i] - w0 * direction0[i]
+                    gap = gap + g * g
+                    size0 = size0 + most0[i, 0] * most0[i, 0]
+                    size1 = size1 + most1[i, 0] * most1[i, 0]
+                    bend = bend + max(most0[i, 1] * w0 * w0, most1[i, 1] * w1 * w1)
+                distance = sqrt(gap)
+                if curved > 0.0:
+                    distance = max(max(w0 * sqrt(size0), w1 * sqrt(size1)), distance + 2.0 * bend)
+        if end0 <= end:
+            begin0 = end0
+            m = m + 1
+        if end1 <= end:
+            begin1 = end1
+            n = n + 1
+        t = end
+    return share, distance
+
+
+@kernel
+def overlap(
+    motion0: Floats2,
+    count0: int,
+    length0: float,
+    direction0: Floats,
+    most0: Floats2,
+    motion1: Floats2,
+    count1: int,
+    direction1: Floats,
+    most1: Floats2,
+    longest: float,
+    tolerance: float,
+    limits: Floats2,
+    feed: float,
+) -> float:
+    """Return the longest overlap up to `longest` that holds, by bisection; 0 if there is none."""
+    low = 0.0
+    high = longest
+    lasts = longest
+    for _ in range(_HALVINGS):
+        share, distance = together(
+            motion0,
+            count0,
+            length0,
+            direction0,
+            most0,
+            motion1,
+            count1,
+            direction1,
+            most1,
+            lasts,
+            limits,
+            feed,
+        )
+        if share <= 1.0 + 1e-10 and distance <= tolerance * BELOW:
+            low = lasts
+        else:
+            high = lasts
+        if high - low <= 1e-6 * high:
+            break
+        lasts = 0.5 * (low + high)
+    return low
+
+
+@kernel
+def _state_at(row: Floats, t: float, lasts: float, out: Floats) -> int:
+    """Return a time piece from t on, for `lasts` seconds."""
+    out[0] = lasts
+    out[1] = row[1] + way(row[2], row[3], row[4], row[5], t)
+    out[2] = cubic(row[2], row[3], row[4], row[5], t)
+    out[3] = row[3] + t * (row[4] + 0.5 * t * row[5])
+    out[4] = row[4] + t * row[5]
+    out[5] = row[5]
+    return 0
+
+
+@kernel
+def shared(
+    one: Floats2, two: Floats2, lasts: float, last: Floats2, first: Floats2, rest: Floats
+) -> tuple[int, int, float, int]:
+    """Split the last seconds of one and the first of the other motion into common time pieces; return how many.
+
+    Then the piece in which the one ends alone, after how many seconds of it, and that in which the other goes on alone:
+    `rest` is what is left of it.  What ends within 1e-12 of the time together ends together.
+    """
+    near = _SLIVER * lasts
+    m = len(one)
+    left = lasts
+    while m > 0 and left > near:
+        m = m - 1
+        if left < one[m, 0] - near:
+            break
+        left = left - one[m, 0]
+    # what is left of both present pieces: no digits are lost where they are long
+    left0 = left if left > near else one[m, 0]
+    begins = m
+    alone = one[m, 0] - left0
+    n = 0
+    left1 = two[0, 0]
+    count = 0
+    while m < len(one) and n < len(two):
+        h = min(left0, left1)
+        if h > near:
+            _state_at(one[m], one[m, 0] - left0, h, last[count])
+            _state_at(two[n], two[n, 0] - left1, h, first[count])
+            count = count + 1
+        left0 = left0 - h
+        left1 = left1 - h
+        if left0 <= near:
+            m = m + 1
+            left0 = one[m, 0] if m < len(one) else 0.0
+        if left1 <= near:
+            n = n + 1
+            left1 = two[n, 0] if n < len(two) else 0.0
+    if n < len(two):
+        _state_at(two[n], two[n, 0] - left1, left1, rest)
+    return count, begins, alone, n
+
+
+def overlapped(one: Part, two: Part, lasts: float, tolerance: float) -> tuple[list[Part], Part]:
+    """Overlap two runs by `lasts` s: return both until the first ends, and the rest of the second."""
+    ends, begins = rows(one.motion), rows(two.motion)
+    last, first, rest = (np.zeros((len(ends) + len(begins), 6)) for _ in range(3))
+    count, m, alone, n = shared(ends, begins, lasts, last, first, rest[0])
+    entering = Entering(Pieces(*(array[:1] for array in two.pieces)), from_rows(first[:count], 0), tolerance)
+    k = len(one.pieces.length) - 1
+    leaves = [Part(Pieces(*(array[k:] for array in one.pieces)), from_rows(last[:count], 0), True, entering)]
+    before = Motion(*(array[: m + int(alone > 0.0)].copy() for array in one.motion))
+    if len(before.duration):
+        before.duration[-1] = alone if alone > 0.0 else before.duration[-1]
+        leaves.insert(0, one._replace(motion=before, ends=False))
+    behind = Motion(*(array[n:].copy() for array in two.motion))
+    if len(behind.duration):
+        for column, value in zip([behind.duration, *behind[2:]], rest[0].tolist(), strict=True):
+            column[0] = value
+    return leaves, two._replace(motion=behind)
+
+
+# places of what describes a stretch, as in `straight`
+LENGTH, FASTEST, ACCELERATION, JERK, SNAP, HEAD, TAIL, NUMBERS = 0, 1, 2, 3, 4, 5, 10, 15
+WIDE, SHORT, JERK_SHARE, SNAP_SHARE = 1, 2, 3, 4  # of its head and of its tail, behind the speed there
+ROWS = 40  # of its motion at most
+_TRIES = 9  # of the speed in a corner
+_NEAR = 0.005  # of it
+_PEAKS = 60  # tried for a stretch
+_FULL = 1e-9  # of its way need not be used by ramps
+
+
+@kernel
+def _phase(at: float, v: float, a: float, j: float, s: float, T: float, count: int, out: Floats2) -> int:
+    """Append a time piece if it has a duration."""
+    if T <= 0.0:
+        return count
+    out[count] = T, at, v, a, j, s
+    return count + 1
+
+
+@kernel
+def _ramp(low: float, rise: float, a: float, b: float, c: float, x: float, up: bool, count: int, out: Floats2) -> int:
+    """Append the phases of a ramp from x on."""
+    if rise <= 0.0 or a <= 0.0:
+        return count
+    sense = 1.0 if up else -1.0
+    jerk = rise / (b * c)
+    v = low if up else low + rise
+    acceleration = 0.0
+    for number in range(7):
+        T, s = phase(number, rise, a, b, c)
+        s = sense * s
+        j = sense * jerk_before(number, jerk)
+        count = _phase(x, v, acceleration, j, s, T, count, out)
+        if T > 0.0:
+            x = x + way(v, acceleration, j, s, T)
+            v, acceleration = cubic(v, acceleration, j, s, T), acceleration + T * (j + 0.5 * T * s)
+    return count
+
+
+@kernel
+def _box(v: float, wide: float, short: float, out: Floats2) -> int:
+    """Append the five phases of v H, from rest to the speed v."""
+    k = v / (wide * wide * short)
+    x = 0.0
+    u = 0.0
+    a = 0.0
+    j = 0.0
+    for number in range(5):
+        T = short if number % 2 == 0 else wide - short
+        s = 0.0
+        if number == 0 or number == 4:
+            s = k
+        elif number == 2:
+            s = -2.0 * k
+        j = 0.0 if number == 0 else (k * short if number < 3 else -k * short)
+        out[number] = T, x, u, a, j, s
+        x = x + way(u, a, j, s, T)
+        u, a = cubic(u, a, j, s, T), a + T * (j + 0.5 * T * s)
+    return 5
+
+
+@kernel
+def _ramps(stretch: Floats, peak: float) -> tuple[float, float, float, float, float, float]:
+    """Return the boxcar widths of the ramps of a stretch to a peak and from it."""
+    v0 = stretch[HEAD]
+    v1 = stretch[TAIL]
+    A = stretch[ACCELERATION]
+    a, b, c = boxcars(
+        peak - v0, A, stretch[HEAD + JERK_SHARE] * stretch[JERK], stretch[HEAD + SNAP_SHARE] * stretch[SNAP]
+    )
+    d, e, f = boxcars(
+        peak - v1, A, stretch[TAIL + JERK_SHARE] * stretch[JERK], stretch[TAIL + SNAP_SHARE] * stretch[SNAP]
+    )
+    return a, b, c, d, e, f
+
+
+@kernel
+def _used(stretch: Floats, peak: float) -> float:
+    """Return the distance that both ramps cover."""
+    a, b, c, d, e, f = _ramps(stretch, peak)
+    return 0.5 * ((stretch[HEAD] + peak) * (a + b + c) + (stretch[TAIL] + peak) * (d + e + f))
+
+
+@kernel
+def _peak(stretch: Floats) -> float:
+    """Return the highest speed of a stretch; 0 if it has no motion."""
+    length = stretch[LENGTH]
+    low = max(stretch[HEAD], stretch[TAIL])
+    high = stretch[FASTEST]
+    if low > high:
+        return 0.0
+    used = _used(stretch, high)
+    if used <= length:
+        return high
+    over = used - length
+    under = -length
+    if low > 0.0:
+        used = _used(stretch, low)
+        under = used - length
+        if under > 0.0:
+            return 0.0
+    # the regula falsi, with an end that stays twice at half its weight
+    side = 0
+    for _ in range(_PEAKS):
+        if high - low <= 1e-12 * high or under >= -_FULL * length:
+            break
+        peak = low - under * (high - low) / (over - under)
+        if peak <= low or peak >= high:
+            peak = 0.5 * (low + high)
+        used = _used(stretch, peak)
+        if used > length:
+            high = peak
+            over = used - length
+            under = 0.5 * under if side > 0 else under
+            side = 1
+        else:
+            low = peak
+            under = used - length
+            over = 0.5 * over if side < 0 else over
+            side = -1
+    return low
+
+
+@kernel
+def _duration(stretch: Floats, peak: float) -> float:
+    """Return the duration of the motion on a stretch with this peak, bumps included, s; 0 if there is none."""
+    if peak <= 0.0:
+        return 0.0
+    a, b, c, d, e, f = _ramps(stretch, peak)
+    total = a + b + c + d + e + f + (stretch[LENGTH] - _used(stretch, peak)) / peak
+    return total + stretch[HEAD + WIDE] + stretch[TAIL + WIDE] + 0.5 * (stretch[HEAD + SHORT] + stretch[TAIL + SHORT])
+
+
+@kernel
+def straight(stretch: Floats, out: Floats2) -> int:
+    """Write the quickest motion on a stretch as rows of duration, x and u' .. u'''' at their start; return how many, 0:
+    none.
+
+    length, highest speed; acceleration, jerk and snap along the line; of its head and of its tail the speed in the
+    node, w and s of the bump there (0: none, the stretch begins or ends with the node), shares of jerk and snap of the
+    ramp to it.
+    """
+    return _rows(stretch, _peak(stretch), out)
+
+
+@kernel
+def _rows(stretch: Floats, peak: float, out: Floats2) -> int:
+    """Write the motion with a stated peak; return how many rows, 0: none."""
+    length = stretch[LENGTH]
+    v0 = stretch[HEAD]
+    v1 = stretch[TAIL]
+    if peak <= 0.0:
+        return 0
+    a, b, c, d, e, f = _ramps(stretch, peak)
+    base = zeros(20, 6)
+    h0 = stretch[HEAD + WIDE] + 0.5 * stretch[HEAD + SHORT]
+    h1 = stretch[TAIL + WIDE] + 0.5 * stretch[TAIL + SHORT]
+    count = _phase(-v0 * h0, v0, 0.0, 0.0, 0.0, h0, 0, base)
+    count = _ramp(v0, peak - v0, a, b, c, 0.0, True, count, base)
+    rise = 0.5 * (v0 + peak) * (a + b + c)
+    fall = 0.5 * (v1 + peak) * (d + e + f)
+    count = _phase(rise, peak, 0.0, 0.0, 0.0, (length - fall - rise) / peak, count, base)
+    count = _ramp(v1, peak - v1, d, e, f, length - fall, False, count, base)
+    count = _phase(length, v1, 0.0, 0.0, 0.0, h1, count, base)
+    head = zeros(5, 6)
+    tail = zeros(5, 6)
+    heads = 0
+    tails = 0
+    if h0 > 0.0:
+        heads = _box(v0, stretch[HEAD + WIDE], stretch[HEAD + SHORT], head)
+    if h1 > 0.0:
+        tails = _box(v1, stretch[TAIL + WIDE], stretch[TAIL + SHORT], tail)
+    # the tail begins with a piece of the base, which is cut there: a long one has no digits left for its end
+    first = count
+    left = 2.0 * h1
+    while first > 0 and left > 0.0:
+        first = first - 1
+        if left < base[first, 0]:
+            for k in range(count - first):
+                m = count - k
+                for i in range(6):
+                    base[m, i] = base[m - 1, i]
+            count = count + 1
+            x, v, u, j, s = base[first, 1], base[first, 2], base[first, 3], base[first, 4], base[first, 5]
+            t = base[first, 0] - left
+            base[first, 0] = t
+            first = first + 1
+            base[first] = left, x + way(v, u, j, s, t), cubic(v, u, j, s, t), u + t * (j + 0.5 * t * s), j + t * s, s
+            left = 0.0
+        else:
+            left = left - base[first, 0]
+    # the sum, wherever one of the three goes on to its next phase; times since the begin of each phase lose no digits
+    near = 1e-12 * (h0 + h1)
+    p = 0
+    q = 0
+    tb = 0.0
+    th = 0.0
+    tt = 0.0
+    since = 0.0
+    written = 0
+    m = 0
+    while m < count:
+        runs = m >= first
+        h = base[m, 0] - tb
+        if p < heads:
+            h = min(h, head[p, 0] - th)
+        if q < tails and runs:
+            h = min(h, tail[q, 0] - tt)
+        if h > near:
+            x = base[m, 1] + way(base[m, 2], base[m, 3], base[m, 4], base[m, 5], tb)
+            v = cubic(base[m, 2], base[m, 3], base[m, 4], base[m, 5], tb)
+            u = base[m, 3] + tb * (base[m, 4] + 0.5 * tb * base[m, 5])
+            j = base[m, 4] + tb * base[m, 5]
+            s = base[m, 5]
+            if p < heads:
+                x = x + v0 * (h0 - since) + (head[p, 1] + way(head[p, 2], head[p, 3], head[p, 4], head[p, 5], th))
+                v = v - v0 + cubic(head[p, 2], head[p, 3], head[p, 4], head[p, 5], th)
+                u = u + (head[p, 3] + th * (head[p, 4] + 0.5 * th * head[p, 5]))
+                j = j + (head[p, 4] + th * head[p, 5])
+                s = s + head[p, 5]
+            if q < tails and runs:
+                x = x - (tail[q, 1] + way(tail[q, 2], tail[q, 3], tail[q, 4], tail[q, 5], tt))
+                v = v - cubic(tail[q, 2], tail[q, 3], tail[q, 4], tail[q, 5], tt)
+                u = u - (tail[q, 3] + tt * (tail[q, 4] + 0.5 * tt * tail[q, 5]))
+                j = j - (tail[q, 4] + tt * tail[q, 5])
+                s = s - tail[q, 5]
+            out[written] = h, x, v, u, j, s
+            written = written + 1
+        since = since + h
+        tb = tb + h
+        if base[m, 0] - tb <= near:
+            m = m + 1
+            tb = 0.0
+        if p < heads:
+            th = th + h
+            if head[p, 0] - th <= near:
+                p = p + 1
+                th = 0.0
+        if q < tails and runs:
+            tt = tt + h
+            if tail[q, 0] - tt <= near:
+                q = q + 1
+                tt = 0.0
+    return written
+
+
+@kernel
+def lasting(rows: Floats2, count: int) -> float:
+    """Return the duration of the first rows."""
+    total = 0.0
+    for k in range(count):
+        total = total + rows[k, 0]
+    return total
+
+
+@kernel
+def width(away: float, short: float) -> tuple[float, float]:
+    """Return w and s of the bump with phi(0) = away (s); s as stated, or w where that is shorter."""
+    # with s = w the peak is phi(0) = 39 w/192: a longer s would exceed w
+    if 39.0 * short >= 192.0 * away:
+        w = away * 192.0 / 39.0
+        return w, w
+    w = 6.0 * away
+    # phi(0) = away solved for w by fixed-point iteration
+    for _ in range(60):
+        w = 6.0 * away - short * short / (4.0 * w) * (1.0 - short / (8.0 * w))
+    return w, short
+
+
+@kernel
+def bump(
+    one: Floats,
+    direction0: Floats,
+    most0: Floats2,
+    two: Floats,
+    direction1: Floats,
+    most1: Floats2,
+    before: Floats2,
+    before_length: float,
+    before_direction: Floats,
+    before_most: Floats2,
+    lasts: float,
+    before_tolerance: float,
+    before_feed: float,
+    half: bool,
+    tolerance: float,
+    limits: Floats2,
+    feed: float,
+    quickest: float,
+    rows0: Floats2,
+    rows1: Floats2,
+    result: Floats,
+) -> tuple[int, int]:
+    """Write the quickest bump between two stretches: into both, its speed, w, s and shares into `result`; return the
+    rows of both.
+
+    `before` overlaps with the first stretch for `lasts` seconds.  None if it is not quicker than `quickest` s for both;
+    `half` leaves half of the second one for the corner behind it.  With w = 6 near/v, and since ramps cancel less than
+    1.2 times the limit of the jerk v |t1 - t0|/w², v³ is at most 2.2 · 36 jerk near².
+    """
+    gap = 0.0
+    jerk = 1e300
+    for i in range(len(limits)):
+        g = abs(direction1[i] - direction0[i])
+        gap = gap + g * g
+        if g * jerk > limits[i, 2]:
+            jerk = limits[i, 2] / g
+    if gap <= 1e-18:
+        return 0, 0
+    near = tolerance * BELOW / sqrt(gap)
+    fastest = min(min(one[FASTEST], two[FASTEST]), cube_root(79.2 * jerk * near * near))
+    best = quickest
+    ours = 0.0
+    reached = 0.0
+    for shape in range(4):
+        share = 1.0 if shape == 0 else (0.93 if shape == 1 else (0.85 if shape == 2 else 0.7))
+        low = reached  # slower ramps need a higher speed in the corner
+        high = fastest
+        above = 1.0  # the largest share of a limit there, 1: not known
+        more = 1.0  # that of one before, whose third power is
+        farther = 0.0
+        v = fastest
+        for again in range(_TRIES):
+            short = 4.0 * one[JERK] / one[SNAP]
+            w, short = width(near / v, short)
+            one[TAIL] = v
+            one[TAIL + WIDE] = w
+            one[TAIL + SHORT] = short
+            one[TAIL + JERK_SHARE] = share
+            one[TAIL + SNAP_SHARE] = 0.5
+            for k in range(5):
+                two[HEAD + k] = one[TAIL + k]
+            good = False
+            excess = 1.0  # the largest share of a limit, 1: not known
+            both = 2.0 * w + short
+            peak0 = _peak(one)
+            peak1 = _peak(two)
+            time0 = _duration(one, peak0)
+            time1 = _duration(two, peak1)
+            time = time0 + time1 - both
+            n = 0
+            m = 0
+            slower = time0 > 0.0 and time1 > 0.0 and time >= best
+            if time0 > 0.0 and time1 > 0.0 and not slower:
+                n = _rows(one, peak0, rows0)
+                m = _rows(two, peak1, rows1)
+                good = n > 0 and m > 0
+                good = good and both <= time0 - lasts and both <= (0.5 * time1 if half else time1)
+            if good:
+                most, away = together(
+                    rows0, n, one[LENGTH], direction0, most0, rows1, m, direction1, most1, both, limits, feed
+                )
+                good = most <= 1.0 + 1e-10 and away <= tolerance
+                excess = most
+            if good and lasts > 0.0:
+                most, away = together(
+                    before,
+                    len(before),
+                    before_length,
+                    before_direction,
+                    before_most,
+                    rows0,
+                    n,
+                    direction0,
+                    most0,
+                    lasts,
+                    limits,
+                    before_feed,
+                )
+                good = most <= 1.0 + 1e-10 and away <= before_tolerance
+                excess = most
+            if slower or good:
+                low = v  # smaller ones are slower, too
+                if good:
+                    reached = v
+                    best = time
+                    ours = time
+                    for k in range(5):
+                        result[k] = one[TAIL + k]
+            else:
+                farther = high * high * high
+                more = above
+                high = v
+                above = excess
+            if high - low <= _NEAR * high:
+                break
+            # the jerk of a bump is as v³, that of ramps does not change: a chord of v³ by two that are too fast
+            v = 0.5 * (low + high)
+            if above > 1.0 and more > above:
+                cubes = high * high * high
+                cubes = cubes - (above - 1.0) * (farther - cubes) / (more - above)
+                if cubes > 0.0:
+                    v = min(max(cube_root(cubes), (1.0 + 0.9 * _NEAR) * low), v)
+            elif above > 1.0 and again == 0:
+                v = high / cube_root(above)
+                if v <= 0.9 * low:
+                    break
+                v = max(v, 0.5 * (low + high)) if v <= low else v
+    n = 0
+    m = 0
+    if ours > 0.0:
+        for k in range(5):
+            one[TAIL + k] = result[k]
+            two[HEAD + k] = result[k]
+        n = straight(one, rows0)
+        m = straight(two, rows1)
+    return n, m
