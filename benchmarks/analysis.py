@@ -18,8 +18,8 @@ from scipy import signal
 
 import feeddrive as fd
 from feeddrive.analysis.loop_model import loop_model
-from feeddrive.report import build
 from feeddrive.jobs.run_laws import run_laws
+from feeddrive.report import build
 
 ROUNDS = 15
 LINES = 2000
