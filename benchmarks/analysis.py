@@ -18,8 +18,8 @@ from scipy import signal
 
 import feeddrive as fd
 from feeddrive.analysis.loop_model import loop_model
+from feeddrive.jobs.run_laws import run_laws
 from feeddrive.report import html, laws_report
-from feeddrive.workflow.jobs import run_laws
 
 ROUNDS = 15
 LINES = 2000

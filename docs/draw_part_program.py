@@ -13,7 +13,7 @@ mpl.use("svg")
 
 from feeddrive import plot
 from feeddrive.files.job import read_job
-from feeddrive.workflow.jobs import run_laws
+from feeddrive.jobs.run_laws import run_laws
 
 IMAGES = Path(__file__).parent / "images"
 

@@ -199,7 +199,7 @@ def emps() -> None:
     from feeddrive.analysis.replay import replay
     from feeddrive.files.job import read_job
     from feeddrive.files.machine import read_machine
-    from feeddrive.workflow.jobs import run_laws
+    from feeddrive.jobs.run_laws import run_laws
 
     if not LOG.exists():
         print(f"EMPS: not measured, {LOG.name} is not in ../shared")

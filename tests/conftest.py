@@ -95,7 +95,9 @@ def _few_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatc
 
     `@pytest.mark.pictures` keeps them: one test a command, so that every page is drawn once.
     """
-    if request.path.parent.name in ("cli", "comparison") and not request.node.get_closest_marker("pictures"):
+    if request.path.parent.name in ("cli", "comparison", "evaluation") and not request.node.get_closest_marker(
+        "pictures"
+    ):
         monkeypatch.setattr("feeddrive.report.page.svg", lambda _figure, _key, alt: f'<svg aria-label="{alt}"></svg>')
 
 

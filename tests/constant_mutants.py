@@ -127,7 +127,7 @@ def survives(constant: Constant, other: float | int) -> bool:
     path = os.pathsep.join([str(TESTS), *filter(None, [os.environ.get("PYTHONPATH")])])
     environment = {**os.environ, MUTANT: change, "PYTHONPATH": path, "CI": "1"}
     done = subprocess.run(
-        [sys.executable, *words], cwd=TESTS.parent, env=environment, capture_output=True, text=True, check=False
+        [sys.executable, *words], cwd=TESTS.parent, env=environment, capture_output=True, encoding="utf-8", check=False
     )
     if done.returncode not in (0, 1):
         raise SystemExit(f"{change}: pytest ended with {done.returncode}\n{done.stdout[-2000:]}{done.stderr[-2000:]}")

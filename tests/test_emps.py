@@ -13,8 +13,8 @@ import pytest
 from feeddrive.analysis.replay import Replay, estimate_start, replay
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import read_machine
+from feeddrive.jobs.run_laws import run_laws
 from feeddrive.language import tree
-from feeddrive.workflow.jobs import run_laws
 
 LOG = Path(__file__).parents[2] / "shared" / "data" / "emps" / "DATA_EMPS.mat"
 needs_log = pytest.mark.skipif(not LOG.exists(), reason=f"NOT RUN: the measured log {LOG.name} is not in ../shared")

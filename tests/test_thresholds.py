@@ -20,7 +20,8 @@ from feeddrive.blocks.plant.two_bodies import TwoBodies
 from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.blocks.signals import Setpoint
-from feeddrive.comparison.figures import Duty, beats, duty_of, ranks
+from feeddrive.comparison.figures import beats, ranks
+from feeddrive.evaluation.duty import Duty, duty_of
 from feeddrive.figures.of_loops import ROPE_SNAP
 from feeddrive.identification.estimate import TABLE
 from feeddrive.language.errors import NotIdentifiableError, ParameterError

@@ -25,7 +25,7 @@ _RENAMED = {
     "measured_site": "fd.tuning.measured_point",
     "modelled_site": "fd.tuning.modelled_point",
     "Shaped": "fd.blocks.InputShaped",
-    "Comparison": "fd.workflow.JobResult for a job that was run, fd.comparison.Comparison for laws that were compared",
+    "Comparison": "fd.jobs.JobResult for a job that was run, fd.comparison.Comparison for laws that were compared",
 }
 
 
@@ -66,8 +66,8 @@ make_lazy(
     __name__,
     {
         "": (
-            "analysis benchmark blocks bus certificate comparison cosimulation export figures files "
-            "identification learning loop machining path plot study testing tuning workflow"
+            "analysis benchmark blocks bus certificate comparison cosimulation evaluation export figures "
+            "files identification jobs learning loop machining path plot study testing tuning workflow"
         ),
         "analysis.margins": "margins",
         "analysis.measured_loop": "measured_loop",

@@ -9,10 +9,12 @@ from feeddrive import bus as bus
 from feeddrive import certificate as certificate
 from feeddrive import comparison as comparison
 from feeddrive import cosimulation as cosimulation
+from feeddrive import evaluation as evaluation
 from feeddrive import export as export
 from feeddrive import figures as figures
 from feeddrive import files as files
 from feeddrive import identification as identification
+from feeddrive import jobs as jobs
 from feeddrive import learning as learning
 from feeddrive import loop as loop
 from feeddrive import machining as machining

@@ -22,6 +22,7 @@ from feeddrive.benchmark.score import FIGURES, Benchmark, score
 from feeddrive.benchmark.work import ROBUST, Row, robust_peak, worst
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.comparison import tune_all
+from feeddrive.evaluation.engine import Engine
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.tuning.candidates import PLAIN
@@ -132,7 +133,7 @@ def test_a_second_run_gives_the_same_bits_and_another_seed_others() -> None:
 @pytest.mark.slow(reason="two processes begin")
 def test_processes_give_the_same_bits() -> None:
     plants = [RULES.plants[name] for name in (QUICK, "emps")]
-    alone, beside = (summary(score(RULES, plants, laws=["DADSC"], workers=workers)) for workers in (1, 2))
+    alone, beside = (summary(score(RULES, plants, laws=["DADSC"], engine=Engine(workers))) for workers in (1, 2))
     assert json.dumps(alone) == json.dumps(beside)
 
 
@@ -162,7 +163,7 @@ def test_the_rule_is_kept_at_every_position() -> None:
     plant = RULES.plants["screw_long"]
     known = Designs(folder() / "designs", plant.name, RULES.version)
     for each in searched(plant):
-        design = known.known(each.name)
+        design = known.design(each.name)
         if design is None or design.refused:
             continue
         for _, model in plant.loops(design.control(each)):
@@ -193,7 +194,7 @@ def stale(name: str) -> list[str]:
     known = Designs(folder() / "designs", name, RULES.version)
     said: list[str] = []
     for each in searched(plant):
-        design = known.known(each.name)
+        design = known.design(each.name)
         if design is not None and not design.refused:
             loop = replace(each.loop, control=design.control(each))
             moved = design.stale(loop, RULES.rule(plant))
@@ -204,14 +205,14 @@ def stale(name: str) -> list[str]:
 @pytest.mark.parametrize("name", all_but([QUICK], list(RULES.plants), "the linear models of all laws"))
 def test_stored_designs_belong_to_the_present_code(name: str) -> None:
     known = Designs(folder() / "designs", name, RULES.version)
-    assert known.known(PLAIN) is not None
+    assert known.design(PLAIN) is not None
     assert stale(name) == []
 
 
 def test_a_design_whose_figures_have_moved_is_stale() -> None:
     plant = RULES.plants[QUICK]
     candidate = searched(plant)[0]
-    design = Designs(folder() / "designs", QUICK, RULES.version).known(PLAIN)
+    design = Designs(folder() / "designs", QUICK, RULES.version).design(PLAIN)
     assert design is not None
     loop = replace(candidate.loop, control=design.control(candidate))
     assert design.stale(loop, RULES.rule(plant)) == ""
@@ -222,10 +223,10 @@ def test_a_design_whose_figures_have_moved_is_stale() -> None:
 def test_a_design_is_kept_to_the_last_bit(tmp_path: Path) -> None:
     designs = Designs(tmp_path, "a", 1)
     one = Design("P-PI + 1", "a", 1, {"law.Kv": 1.0 / 3.0}, {"sensitivity_peak": 2.0}, held=("Ms",))
-    designs.keep(one)
-    assert designs.known("P-PI + 1") == one
-    assert designs.known("another") is None
-    assert Designs(tmp_path / "none", "a", 1, (tmp_path,)).known("P-PI + 1") == one
+    designs.write(one)
+    assert designs.design("P-PI + 1") == one
+    assert designs.design("another") is None
+    assert Designs(tmp_path / "none", "a", 1, (tmp_path,)).design("P-PI + 1") == one
 
 
 def test_a_search_goes_on_where_it_was_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -253,14 +254,14 @@ def test_whole_tunings_that_disagree_are_not_settled(monkeypatch: pytest.MonkeyP
         return replace(one, after=(first,))
 
     monkeypatch.setattr(tune_all, "tune_control", fake)
-    found = tune_all._repeated(candidate.loop, limits, rule, Progress())
+    found = tune_all.Tuning(candidate, rule).repeated(Progress())
     assert found.unsettled == ""
     assert found.spread == pytest.approx(math.log(1.04))
     goals[1] = 1.06
-    said = tune_all._repeated(candidate.loop, limits, rule, Progress()).unsettled
+    said = tune_all.Tuning(candidate, rule).repeated(Progress()).unsettled
     assert said == "3 whole tunings end up to 6 % apart"
     del goals[2]
-    assert "1 of 3" in tune_all._repeated(candidate.loop, limits, rule, Progress()).unsettled
+    assert "1 of 3" in tune_all.Tuning(candidate, rule).repeated(Progress()).unsettled
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from feeddrive.blocks.actuator.screw import Screw
 from feeddrive.files.frf import read_frf
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import read_machine
+from feeddrive.jobs.measured import measured_signals
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, LogError, ParameterError
 from feeddrive.language.progress import Progress
@@ -23,7 +24,6 @@ from feeddrive.studio.rooms.bring import Bring
 from feeddrive.studio.session import Session
 from feeddrive.workflow import frf, identify
 from feeddrive.workflow.drive_logs import drive_with
-from feeddrive.workflow.job_log import measured_signals
 from plain_drive import Cascade, PlainAxis, write_columns
 
 AXIS, LEAD = PlainAxis(mass=310.0, viscous=900.0, coulomb=120.0), 0.016

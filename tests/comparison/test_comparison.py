@@ -25,8 +25,11 @@ from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.cli.terminal import show
 from feeddrive.comparison.advice import advice
 from feeddrive.comparison.compare import FIXED, PLAIN, TODAY, Comparison, compare_laws
-from feeddrive.comparison.figures import CRITERIA, duty_of, ranks
+from feeddrive.comparison.figures import CRITERIA, ranks
 from feeddrive.comparison.report import figures_csv, write_comparison
+from feeddrive.evaluation.duty import duty_of
+from feeddrive.evaluation.engine import Engine
+from feeddrive.evaluation.store import Folder
 from feeddrive.figures.figure import Figure
 from feeddrive.files.machine import MachineFile, read_machine
 from feeddrive.language import tree
@@ -158,7 +161,7 @@ def test_a_law_that_nobody_knows_is_refused() -> None:
 
 
 def test_processes_side_by_side_give_the_same(found: Comparison) -> None:
-    again = compare_laws(read_machine("linear_motor"), reference=SHORT, starts=1, laws=["DADSC"], workers=2)
+    again = compare_laws(read_machine("linear_motor"), reference=SHORT, starts=1, laws=["DADSC"], engine=Engine(2))
     assert again["DADSC"].tuned is not None
     assert found["DADSC"].tuned is not None
     assert again["DADSC"].tuned.tunables == pytest.approx(found["DADSC"].tuned.tunables, rel=1e-9)
@@ -207,10 +210,11 @@ def test_a_comparison_goes_on_where_it_was_stopped(tmp_path: Path) -> None:
 
     told: list[tuple[str, int | None, int | None]] = []
     whole = False
-    asked = {"laws": ["DADSC"], "reference": SHORT, "starts": 1, "keep": tmp_path / "kept"}
+    asked = {"laws": ["DADSC"], "reference": SHORT, "starts": 1, "engine": Engine(store=Folder(tmp_path / "kept"))}
     with pytest.raises(CancelledError):
         compare_laws(read_machine("linear_motor"), progress=Stopping(), **asked)
-    assert [path.name for path in (tmp_path / "kept").iterdir()] == ["p_pi.json"]
+    (path,) = (tmp_path / "kept").iterdir()
+    assert path.name.startswith("p_pi-")
     whole = True
     told.clear()
     again = compare_laws(read_machine("linear_motor"), progress=Stopping(), **asked)
@@ -224,9 +228,8 @@ def test_a_comparison_goes_on_where_it_was_stopped(tmp_path: Path) -> None:
     assert [each.figures for each in again.competitors] == [each.figures for each in never.competitors]
     assert again.remarks == never.remarks
     # what somebody has changed, or what was kept of other work, is not taken
-    path = tmp_path / "kept" / "p_pi.json"
     kept = json.loads(path.read_text(encoding="utf-8"))
-    path.write_text(json.dumps(kept | {"of": "of something else"}), encoding="utf-8")
+    path.write_text(json.dumps(kept | {"digest": "of something else"}), encoding="utf-8")
     told.clear()
     compare_laws(read_machine("linear_motor"), progress=Stopping(), **(asked | {"laws": []}))
     assert "P-PI: as it was kept" not in [what for what, _, _ in told]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
-from feeddrive.comparison.figures import duty_of
 from feeddrive.comparison.judge import alike
+from feeddrive.evaluation.duty import duty_of
 from feeddrive.learning.stops import learn_stops
 from feeddrive.tuning.candidates import candidates
 

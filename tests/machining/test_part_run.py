@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from feeddrive.files.job import read_job
+from feeddrive.jobs.run_laws import JobResult, run_laws
 from feeddrive.machining.part_run import disturbance_of
-from feeddrive.workflow.jobs import JobResult, run_laws
 from feeddrive.workflow.run_job import DemoRequest, demo, run
 
 

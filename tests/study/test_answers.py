@@ -13,6 +13,7 @@ import pytest
 from scipy import stats
 
 from feeddrive.files.job import read_job
+from feeddrive.jobs.run_laws import numbers, run_laws
 from feeddrive.language.errors import ParameterError
 from feeddrive.report.page import html
 from feeddrive.study import points
@@ -29,7 +30,6 @@ from feeddrive.study.answers.shares import Share, clopper_pearson
 from feeddrive.study.answers.yields import YieldCount
 from feeddrive.study.chunk import run_chunk
 from feeddrive.study.study import Study, read_study
-from feeddrive.workflow.jobs import numbers, run_laws
 
 # A mass on a guideway under P-P control, pushed by 100 N: it is off by F / (Kp Kv) at the end, and never by more, since
 # its poles are real: Kp > 4 m Kv.

@@ -13,7 +13,7 @@ import pytest
 from feeddrive.figures.of_loops import COMPLIANCE_PEAK, DELAY_MARGIN, SENSITIVITY_PEAK
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.progress import Progress
-from feeddrive.study import Study, cases, read_study, tune_robust, variants
+from feeddrive.study import Study, read_study, tune_robust, variant_groups, variants
 from feeddrive.study.fresh import limits_of
 from feeddrive.study.robust import Robust
 from feeddrive.study.scenarios import scenarios, with_control
@@ -40,9 +40,9 @@ def study_of(tmp_path: Path, text: str) -> Study:
 
 def alone(study: Study, number: int) -> float:
     """The logarithm of the best goal on one machine of a study by itself."""
-    (case,) = cases(study, variants(study, number, 1))
-    point = modelled_point(case.loop(0), velocity=case.speed)
-    (after,) = tune_control(case.loop(0).control, point, filters="kept", velocity=case.speed).after
+    (group,) = variant_groups(study, variants(study, number, 1))
+    point = modelled_point(group.loop(0), velocity=group.speed)
+    (after,) = tune_control(group.loop(0).control, point, filters="kept", velocity=group.speed).after
     return math.log(after.rope_snap)
 
 

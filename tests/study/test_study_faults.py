@@ -16,9 +16,10 @@ from pathlib import Path
 import pytest
 
 from dask_cluster import DaskCluster, dask_cluster, until
+from feeddrive.evaluation.cluster import finished
 from feeddrive.language.errors import FileError, ParameterError, WorkerError
 from feeddrive.language.progress import Progress
-from feeddrive.study.cluster import finished
+from feeddrive.study.chunk import Chunk
 from feeddrive.study.study import Study, read_study
 from feeddrive.study.sweep import sweep
 from feeddrive.version import __version__
@@ -123,13 +124,13 @@ def test_a_port_without_a_scheduler_is_given_up_in_time(undisturbed: tuple[Study
             other.listen()
         address = f"tcp://127.0.0.1:{other.getsockname()[1]}"
         with pytest.raises(ParameterError, match=f"answers at '{address}' .nothing within 0.5 s"):
-            next(finished(undisturbed[0], [0], address, Progress(), timeout=0.5))
+            next(finished([Chunk(undisturbed[0], 0)], address, Progress(), timeout=0.5))
 
 
 def test_a_cluster_with_another_version_is_named(
     mortal: DaskCluster, undisturbed: tuple[Study, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("feeddrive.study.cluster.__version__", "0.0.9")
+    monkeypatch.setattr("feeddrive.evaluation.cluster.__version__", "0.0.9")
     said = rf"the scheduler at {mortal.address} has feeddrive {__version__}, and this is 0\.0\.9"
     with pytest.raises(ParameterError, match=said):
         sweep(undisturbed[0], tmp_path / "out", scheduler=mortal.address)

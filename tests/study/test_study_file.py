@@ -11,7 +11,7 @@ import pytest
 
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, ParameterError
-from feeddrive.study import Study, cases, read_study, variants
+from feeddrive.study import Study, read_study, variant_groups, variants
 from feeddrive.study.study import MOST
 
 HEAD = """job = "ball_screw"
@@ -63,7 +63,7 @@ most_kg = 20
     study = study_of(tmp_path, text)
     assert dict(study.columns) == {"wear": "", "payload": "kg"}
     made = variants(study)
-    (case,) = cases(study, made)
+    (case,) = variant_groups(study, made)
     assert np.array_equal(case.changes["axis.x.friction_motor.coulomb"], 70.0 * made.values["wear"])
     assert np.array_equal(case.changes["axis.x.friction_motor.breakaway"], 110.0 * made.values["wear"])
     assert np.array_equal(case.changes["axis.x.plant.mass_load"], 33.0 + made.values["payload"])
@@ -101,7 +101,7 @@ settings = { near = [21, 800], far = [15, 600] }
     study = study_of(tmp_path, text)
     made = variants(study)
     assert set(made.values["position"]) == {"near", "far"}
-    (case,) = cases(study, made)
+    (case,) = variant_groups(study, made)
     near = made.values["position"] == "near"
     assert np.array_equal(case.changes["axis.x.plant.stiffness"], np.where(near, 21e6, 15e6))
     assert np.array_equal(case.changes["axis.x.plant.damping"], np.where(near, 800.0, 600.0))
@@ -122,7 +122,7 @@ def test_what_changes_the_work_makes_cases(tmp_path: Path) -> None:
     text += '[[vary]]\nparameter = "load.force_N"\nleast = -200\nmost = -100\n'.replace("_N", "")
     study = study_of(tmp_path, text)
     made = variants(study)
-    found = list(cases(study, made))
+    found = list(variant_groups(study, made))
     assert len(found) == 64
     assert sorted(int(each.rows[0]) for each in found) == list(range(64))
     for case in found:
@@ -146,7 +146,7 @@ values = [true, false]
     study = study_of(tmp_path, text)
     made = variants(study).values
     found = {}
-    for case in cases(study, variants(study)):
+    for case in variant_groups(study, variants(study)):
         key = tuple(made[name][case.rows[0]] for name in ("row", "axis.x.substeps", "reference.back"))
         found[key] = case
         mass = tree.get(case.system, "axis.x.control.feedforward.0.mass")
@@ -159,9 +159,9 @@ values = [true, false]
 
 def test_noise_of_its_own(tmp_path: Path) -> None:
     study = study_of(tmp_path, MASS + "tolerance = 3\n", HEAD + 'noise = "each"\n')
-    (case,) = cases(study, variants(study, 16, 8))
+    (case,) = variant_groups(study, variants(study, 16, 8))
     assert case.seed.tolist() == [1.0 + number for number in range(16, 24)]  # the job's seed is 1
-    (same,) = cases(replace(study, noise="same"), variants(study, 16, 8))
+    (same,) = variant_groups(replace(study, noise="same"), variants(study, 16, 8))
     assert same.seed.tolist() == [1.0] * 8
 
 

@@ -18,10 +18,10 @@ from feeddrive.language.progress import Progress
 from feeddrive.loop.hold import Timing
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Batch, simulate, simulate_batch
-from feeddrive.study.cases import cases
 from feeddrive.study.chunk import run_chunk
 from feeddrive.study.study import Study, read_study
 from feeddrive.study.sweep import sweep
+from feeddrive.study.variant_groups import variant_groups
 from feeddrive.study.variants import variants
 from feeddrive.workflow.sweep import SweepRequest
 from feeddrive.workflow.sweep import sweep as command
@@ -94,15 +94,15 @@ def test_rows_are_those_of_each_variant_alone(study) -> None:
     assert found.column("variant").to_pylist() == list(range(study.count))
     row = {each["variant"]: each for each in found.to_pylist()}
     seen = set[int]()
-    for case in cases(study, variants(study)):
-        for place, variant in enumerate(case.rows.tolist()):
+    for group in variant_groups(study, variants(study)):
+        for place, variant in enumerate(group.rows.tolist()):
             if row[variant]["reason"] is None:
-                run = simulate(case.one(place), case.references, seed=int(case.seed[place]))
+                run = simulate(group.one(place), group.references, seed=int(group.seed[place]))
                 error = run["following_error"]
                 assert row[variant]["force_peak_N"] == np.max(np.abs(run["force"]))
                 # the sum of squares is taken in another order: n rounding errors of 1e-16
                 assert row[variant]["following_error_rms_m"] == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-12)
-                seen.add(case.one(place).timing().whole)
+                seen.add(group.one(place).timing().whole)
     assert seen == {0, 1}
 
 
@@ -204,10 +204,10 @@ def test_figures_of_one_variant_need_processes_and_are_those_of_this_one(tmp_pat
     assert found.equals(rows(study))
     row = found.to_pylist()
     assert any("not stable" in (each["reason"] or "") for each in row)
-    case = next(cases(study, variants(study)))
-    good = next(place for place, variant in enumerate(case.rows.tolist()) if row[variant]["reason"] is None)
-    linear = LinearLoop(case.loop(good), case.speed)
-    assert row[int(case.rows[good])]["sensitivity_peak"] == linear.margins.sensitivity_peak
+    group = next(variant_groups(study, variants(study)))
+    good = next(place for place, variant in enumerate(group.rows.tolist()) if row[variant]["reason"] is None)
+    linear = LinearLoop(group.loop(good), group.speed)
+    assert row[int(group.rows[good])]["sensitivity_peak"] == linear.margins.sensitivity_peak
 
 
 def test_impossible_workers_are_refused(study, tmp_path) -> None:

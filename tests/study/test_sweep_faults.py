@@ -106,7 +106,9 @@ def test_a_variant_that_kills_every_process_is_named(tmp_path, monkeypatch) -> N
     (tmp_path / "deadly_figures.py").write_text(DEADLY, encoding="utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
     given = read_study(file(tmp_path, 4, 4, '"deadly"'), ["deadly_figures"])
-    with pytest.raises(WorkerError, match=r"killed 4 times in a row, at the chunks 0: .* nothing was written"):
+    with pytest.raises(
+        WorkerError, match=r"killed 4 times in a row, at chunk 0 \(variants 0 to 3\): .* nothing was written"
+    ):
         sweep(given, tmp_path / "out", workers=1)
 
 

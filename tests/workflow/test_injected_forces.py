@@ -11,11 +11,11 @@ from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.sine import Sine
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import read_machine
+from feeddrive.jobs.run_laws import JobResult, run_laws
 from feeddrive.language.errors import LogError
 from feeddrive.loop.simulate import simulate
 from feeddrive.workflow.identify import identify
 from feeddrive.workflow.identify_responses import IdentifyRequest
-from feeddrive.workflow.jobs import JobResult, run_laws
 
 K = 35.15065188248547  # N for each V of the machine emps
 

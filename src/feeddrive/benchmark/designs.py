@@ -11,7 +11,7 @@ from typing import Any
 
 from feeddrive.analysis.loop_model import loop_model
 from feeddrive.comparison.figures import linear
-from feeddrive.comparison.tune_all import Rule
+from feeddrive.comparison.tune_all import Rule, Tuning
 from feeddrive.figures.of_loops import NOISE_GAIN, ROPE_SNAP, SENSITIVITY_PEAK
 from feeddrive.files.atomic_io import read_whole, write_whole
 from feeddrive.files.run_files import versions
@@ -23,8 +23,6 @@ from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import Candidate, Refusal
-from feeddrive.tuning.limits import Limits
-from feeddrive.tuning.tune import assess
 from feeddrive.tuning.tuned import Tuned
 
 STALE = 1e-4  # of a figure: a design whose figures have moved by more belongs to another law, plant or rule
@@ -86,7 +84,7 @@ class Designs:
     rules: int
     also: tuple[Path, ...] = ()
 
-    def known(self, law: str) -> Design | None:
+    def design(self, law: str) -> Design | None:
         """The design of a law; None if there is none. Raises FileError for a file that is not one."""
         there = (path for place in (self.folder, *self.also) if (path := self._path(law, place)).is_file())
         path = next(there, None)
@@ -102,7 +100,7 @@ class Designs:
             raise FileError(f"{path}: is no design of the benchmark: remove it, and it is searched anew") from None
         return found if (found.plant, found.rules) == (self.plant, self.rules) else None
 
-    def keep(self, design: Design) -> None:
+    def write(self, design: Design) -> None:
         """Write a design, whole or not at all. Raises FileError if the directory cannot be written."""
         said = asdict(design)
         said["tunables"] = {name: float(value).hex() for name, value in design.tunables.items()}
@@ -111,35 +109,32 @@ class Designs:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, json.dumps(said, indent=2, ensure_ascii=False) + "\n")
 
-    def read(self, candidate: Candidate, limits: Limits, rule: Rule, progress: Progress) -> Tuned | Refusal | None:
-        """What a law came to, if its design is not stale; for the searches (`Keeps`)."""
-        found = self.known(candidate.name)
-        if found is None:
+    def known(self, case: Tuning, progress: Progress) -> Tuned | Refusal | None:
+        """What a law came to, if its design is not stale; for the engine, whose store of searches this is."""
+        design = self.design(case.name)
+        if design is None:
             return None
-        if found.refused:
-            return Refusal(candidate.name, found.refused)
+        if design.refused:
+            return Refusal(case.name, design.refused)
         try:
-            control = found.control(candidate)
-            if found.stale(replace(candidate.loop, control=control), rule):
+            loop = replace(case.candidate.loop, control=design.control(case.candidate))
+            if design.stale(loop, case.rule):
                 return None
         except FeeddriveError:
             return None
-        progress.step("as it was stored")
-        points = [candidate.loop, *(replace(candidate.loop, axis=axis) for axis in rule.also)]
-        made = assess(control, points, rule="stored", limits=limits, velocity=rule.velocity)
-        return replace(made, tunables=dict(found.tunables), unsettled=found.unsettled, spread=found.spread)
+        return replace(case.assessed(design.tunables, progress), unsettled=design.unsettled, spread=design.spread)
 
-    def write(self, candidate: Candidate, limits: Limits, rule: Rule, made: Tuned | Refusal) -> None:
-        """Keep what a law came to; for the searches (`Keeps`)."""
-        one = Design(candidate.name, self.plant, self.rules, noise=rule.noise, versions=versions())
-        if isinstance(made, Refusal):
-            self.keep(replace(one, refused=made.reason))
+    def keep(self, case: Tuning, outcome: Tuned | Refusal) -> None:
+        """Keep what a law came to; for the engine."""
+        one = Design(case.name, self.plant, self.rules, noise=case.rule.noise, versions=versions())
+        if isinstance(outcome, Refusal):
+            self.write(replace(one, refused=outcome.reason))
             return
-        figures = _figures(replace(candidate.loop, control=made.control), rule)
-        self.keep(
+        self.write(
             replace(
-                one, tunables=dict(made.tunables), figures=figures, unsettled=made.unsettled, spread=made.spread,
-                repeats=rule.repeats, evaluations=made.evaluations, held=tuple(each.sentence() for each in made.held),
+                one, tunables=dict(outcome.tunables), figures=_figures(outcome.loops[0], case.rule),
+                unsettled=outcome.unsettled, spread=outcome.spread, repeats=case.rule.repeats,
+                evaluations=outcome.evaluations, held=tuple(each.sentence() for each in outcome.held),
             )
         )  # fmt: skip
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from feeddrive.benchmark.designs import Designs
 from feeddrive.benchmark.rules import Plant, Rules, folder
 from feeddrive.blocks.catalogue import members, shipped
 from feeddrive.blocks.families import Law
-from feeddrive.comparison.tune_all import Bar, tuned_all
+from feeddrive.comparison.tune_all import Tuning, tuned_all
+from feeddrive.evaluation.engine import Bar, Engine
 from feeddrive.language.progress import Progress
 from feeddrive.tuning.candidates import PLAIN, Candidate, candidates
 from feeddrive.tuning.tunables import own_tunables
@@ -40,7 +42,7 @@ def search(
     keep: Path,
     *,
     laws: Sequence[str] = (),
-    workers: int = 1,
+    engine: Engine | None = None,
     stored: bool = False,
     progress: Progress | None = None,
 ) -> None:
@@ -48,13 +50,14 @@ def search(
 
     stored  take the designs of the package as known
 
-    A design that is known and not stale is not searched again, so that a search that was stopped goes on.  Laws are
-    searched side by side in `workers` processes; more than 1 only from a program that may be imported anew.
+    A design that is known and not stale is not searched again, so that a search that was stopped goes on; `engine` is
+    where laws are searched, whatever its store is.
     Raises FileError if the folder cannot be written, CancelledError at a cancel.
     """
-    progress = progress or Progress()
+    engine, progress = engine or Engine(), progress or Progress()
     for plant in plants:
         found = searched(plant, laws)
         also = (folder(rules.version) / "designs",) if stored else ()
         designs = Designs(keep, plant.name, rules.version, also)
-        tuned_all(found, rules.rule(plant), workers, Bar(progress, len(found), 0), designs)
+        bar = Bar(progress, Tuning.stages * len(found))
+        tuned_all(found, rules.rule(plant), replace(engine, store=designs), bar)

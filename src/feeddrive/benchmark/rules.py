@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from feeddrive.blocks.families import Reference
-from feeddrive.comparison.figures import Duty
-from feeddrive.comparison.judge import sliding
 from feeddrive.comparison.tune_all import Rule
+from feeddrive.evaluation.duty import Duty
 from feeddrive.files.job import read_job
 from feeddrive.files.toml_file import TomlFile, TomlTable, read_toml
 from feeddrive.language import tree
@@ -89,7 +88,7 @@ class Rules:
     def rule(self, plant: Plant, noise: float | None = None) -> Rule:
         """What all laws on a plant are tuned to; `noise` in N/m once that of P-PI is known."""
         return Rule(
-            self.sensitivity_peak, self.delay_margin_samples, self.noise_ratio, sliding(plant.duty, plant.loop),
+            self.sensitivity_peak, self.delay_margin_samples, self.noise_ratio, plant.duty.sliding(plant.loop),
             self.starts, None if noise is None else self.noise_ratio * noise, self.repeats,
             tuple(place.model for place in plant.places[1:]),
         )  # fmt: skip

@@ -9,9 +9,7 @@ sum of figures and no weight: a law is stiff, or tracks, or is cheap, and the ta
 from __future__ import annotations
 
 import math
-import multiprocessing
 from collections.abc import Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,13 +18,13 @@ import numpy as np
 
 from feeddrive.benchmark.designs import Designs
 from feeddrive.benchmark.rules import Plant, Rules, folder, read_rules
-from feeddrive.benchmark.work import ROBUST, Row, rows_of
+from feeddrive.benchmark.work import ROBUST, Row, Trial, trials
+from feeddrive.evaluation.engine import Engine
 from feeddrive.figures.figure import Figure
 from feeddrive.figures.of_loops import EFFORT, FORCE_NOISE, ROPE_SNAP, STIFFNESS_AT
 from feeddrive.figures.of_runs import CUTTING_RMS, SNAP_SETTLING, TRACKING_RMS
 from feeddrive.files.run_files import versions
 from feeddrive.language.errors import ParameterError, nearest
-from feeddrive.language.processes import follow_parent, one_thread
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Cell, Column, Result, Table, frame_of, picture_of
@@ -36,7 +34,6 @@ from feeddrive.tuning.candidates import PLAIN
 FIGURES = (ROPE_SNAP, *STIFFNESS_AT, TRACKING_RMS, CUTTING_RMS, SNAP_SETTLING, FORCE_NOISE, EFFORT)
 HEADS = tuple(figure.short for figure in FIGURES)
 _DRAWN = 5  # figures of the picture, from the first on
-_LOOK = 0.1  # s after which a cancel is seen
 
 
 @dataclass(frozen=True)
@@ -192,7 +189,7 @@ def score(
     laws: Sequence[str] = (),
     designs: Sequence[Path] = (),
     own: int = 0,
-    workers: int = 1,
+    engine: Engine | None = None,
     progress: Progress | None = None,
 ) -> Benchmark:
     """Run every law with its stored design, and every recipe, on every plant.
@@ -201,55 +198,22 @@ def score(
     laws      those that are wanted, P-PI always among them; default: all, and the recipes
     designs   folders of designs that come before those that are stored in the package
     own       a seed of one's own, from which all seeds of the runs follow; 0: those of the rules
-    workers   processes with a plant each; more than 1 only from a program that may be imported anew
+    engine    where laws are run, and where finished ones are kept; default: in this process
 
     The same rules, designs and seed give the same bits, for any number of workers.
     Raises ParameterError for a law that no plant knows, CancelledError at a cancel.
     """
-    rules, progress = rules or read_rules(), progress or Progress()
+    rules = rules or read_rules()
     chosen = tuple(rules.plants.values()) if plants is None else tuple(plants)
-    folders = (*designs, folder(rules.version) / "designs")
-    tasks = [(rules.version, plant.name, tuple(map(str, folders)), tuple(laws), own) for plant in chosen]
-    if min(workers, len(tasks)) <= 1:
-        made: list[list[Row]] = []
-        for done, task in enumerate(tasks):
-            progress.step(f"{task[1]}: the work", done, len(tasks))
-            progress.check()
-            made.append(_plant_rows(task))
-    else:
-        made = _side_by_side(tasks, workers, progress)
-    rows = tuple(row for plant in made for row in plant)
-    there = {row.law for row in rows}
+    first, *also = (*designs, folder(rules.version) / "designs")
+    tried = [
+        each for plant in chosen
+        for each in trials(rules, plant, Designs(first, plant.name, rules.version, tuple(also)), laws=laws, own=own)
+    ]  # fmt: skip
+    there = {each.law for each in tried}
     for law in laws:
         if law not in there:
             raise ParameterError(f"law '{law}' is not known here{nearest(law, there)}")
+    found = iter((engine or Engine()).evaluate([each for each in tried if isinstance(each, Trial)], progress))
+    rows = tuple(next(found) if isinstance(each, Trial) else each for each in tried)
     return Benchmark(rules, tuple(plant.name for plant in chosen), rows, own, versions())
-
-
-_Task = tuple[int, str, tuple[str, ...], tuple[str, ...], int]
-
-
-def _plant_rows(task: _Task) -> list[Row]:
-    version, name, folders, laws, own = task
-    rules = read_rules(version)
-    known = Designs(Path(folders[0]), name, version, tuple(map(Path, folders[1:])))
-    return rows_of(rules, rules.plants[name], known, laws=laws, own=own)
-
-
-def _side_by_side(tasks: Sequence[_Task], workers: int, progress: Progress) -> list[list[Row]]:
-    context = multiprocessing.get_context("spawn")
-    with one_thread(), ProcessPoolExecutor(workers, context, follow_parent) as pool:
-        futures = {pool.submit(_plant_rows, task): task[1] for task in tasks}
-        try:
-            waiting = set(futures)
-            while waiting:
-                ended, waiting = wait(waiting, _LOOK, FIRST_COMPLETED)
-                for each in ended:
-                    each.result()
-                    progress.step(f"{futures[each]}: the work", len(futures) - len(waiting), len(futures))
-                progress.check()
-            return [each.result() for each in futures]
-        except BaseException:
-            for child in multiprocessing.active_children():
-                child.terminate()
-            raise

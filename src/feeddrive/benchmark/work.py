@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from itertools import product
+from typing import Any, ClassVar
 
 from feeddrive.analysis.loop_model import loop_model
 from feeddrive.analysis.margins import margins
 from feeddrive.analysis.stability import stability
-from feeddrive.benchmark.designs import STALE, Designs
+from feeddrive.benchmark.designs import STALE, Design, Designs
 from feeddrive.benchmark.rules import Plant, Rules
 from feeddrive.comparison.judge import Competitor, alike, judged
 from feeddrive.comparison.tune_all import Rule
+from feeddrive.evaluation.case import Case, content_digest
 from feeddrive.figures.catalogue import figures as catalogue
 from feeddrive.figures.linear_loop import LinearLoop
 from feeddrive.figures.of_loops import SENSITIVITY_PEAK
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError
+from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import number
 from feeddrive.language.text import Text, joined, marked
 from feeddrive.loop.control import Control
@@ -52,83 +55,152 @@ class Row:
     held: tuple[str, ...] = ()
 
 
-def rows_of(rules: Rules, plant: Plant, designs: Designs, *, laws: Sequence[str] = (), own: int = 0) -> list[Row]:
-    """The rows of a plant, P-PI first, then the recipes if no laws are named.
+@dataclass(frozen=True, eq=False)
+class Trial(Case[Row]):
+    """The case of a law on a plant: with its stored design at work at every position, with every seed.
+
+    candidate  with the tunables of its design; of a recipe that of P-PI
+    design     None for a law with nothing to tune, and for a recipe
+    recipe     the name of the rule that gives the gains; empty for a law
+    rule       with the noise that P-PI makes
+    own        a person's seed; 0: those of the rules
+    """
+
+    kind: ClassVar[str] = "law_on_plant"
+    common: ClassVar[tuple[str, ...]] = ("rules",)
+
+    rules: Rules
+    plant: str
+    candidate: Candidate
+    design: Design | None
+    rule: Rule
+    own: int
+    recipe: str = ""
+
+    @property
+    def name(self) -> str:
+        """Plant and law."""
+        return f"{self.plant}: {self.law}"
+
+    @property
+    def law(self) -> str:
+        """The law, or P-PI and the recipe."""
+        return f"{PLAIN} by {self.recipe.replace('-', ' ')}" if self.recipe else self.candidate.name
+
+    @property
+    def digest(self) -> str:
+        """As of all cases; the plant by the files of the rules."""
+        rules = self.rules.digest()
+        return content_digest(rules, self.plant, self.candidate, self.design, self.rule, self.own, self.recipe)
+
+    def record(self, outcome: Row) -> dict[str, Any]:
+        """The row, with the quantities in its texts."""
+        return {name: marked(value) if isinstance(value, str) else value for name, value in asdict(outcome).items()}
+
+    def restored(self, record: Any, progress: Progress) -> Row:
+        """The row of a record."""
+        entries: dict[str, Any] = {
+            name: Text(value) if isinstance(value, str) else value for name, value in record.items()
+        }
+        entries["held"] = tuple(map(Text, record["held"]))
+        return Row(**entries)
+
+    def outcome(self, progress: Progress) -> Row:
+        """The row of the law."""
+        plant = self.rules.plants[self.plant]
+        row = Row(plant.name, self.law, recipe=bool(self.recipe))
+        try:
+            control, said = self._control(plant)
+            figures, unfit, outside, remark = self._judged(plant, control)
+        except FeeddriveError as error:
+            return replace(row, unplaced=Text(f"refused: {error}"))
+        row = replace(row, figures=figures, remark=joined("; ", filter(None, (said, remark))))
+        why = unfit
+        if self.design is not None:
+            row = replace(row, tunables=self.design.tunables, spread=self.design.spread, held=self.design.held)
+            nominal = not self.candidate.like and len(plant.places) == 1
+            moved = _moved(self.design.figures, figures) if nominal else ""
+            why = why or (f"stale: {moved}" if moved else "")
+            why = why or (f"not settled: {self.design.unsettled}" if self.design.unsettled else "")
+        return replace(row, unplaced=why or (Text(f"outside of the rule: {outside}") if outside else ""))
+
+    def _control(self, plant: Plant) -> tuple[Control, str]:
+        """The control at work, and what is said of it."""
+        control = self.candidate.loop.control
+        if self.recipe:
+            made = RECIPES[self.recipe](plant.model, control)
+            return replace(control, law=made.law), made.reason
+        if self.candidate.like:
+            whole = replace(self.candidate, loop=replace(plant.loop, control=control))
+            seed = self.rules.seed(plant, "learning", self.own)
+            control = alike(whole, control.law, plant.duty, seed).control
+        return control, self.candidate.remark
+
+    def _judged(self, plant: Plant, control: Control) -> tuple[dict[str, float | None], str, str, str]:
+        """Worst figures, why there are none, what is outside of the rule, and remarks."""
+        found: list[Competitor] = []
+        for (loop, model), run in product(plant.loops(control), range(self.rules.seeds)):
+            seed = self.rules.seed(plant, f"run {run}", self.own)
+            found.append(judged(self.law, loop, None, "", plant.duty, self.rule, seed, model))
+            if found[-1].unfit:
+                return dict(found[-1].figures), Text(f"unfit: {found[-1].unfit}"), "", ""
+        figures = worst([each.figures for each in found])
+        if control.law.period() <= MOST:
+            peaks = (robust_peak(model, self.rule.velocity, self.rules.varied) for _, model in plant.loops(control))
+            figures[ROBUST] = max(peaks)
+        remarks = dict.fromkeys(Text(marked(each.remark).strip("; ")) for each in found if each.remark)
+        return figures, "", self.rule.broken(figures), joined("; ", remarks)
+
+
+def trials(
+    rules: Rules, plant: Plant, designs: Designs, *, laws: Sequence[str] = (), own: int = 0
+) -> list[Trial | Row]:
+    """The laws of a plant, P-PI first, then the recipes if no laws are named: trials, or rows that need none.
 
     Raises FileError for a damaged design.
     """
     possible, refused = candidates(plant.model)
     wanted = {PLAIN, *laws} if laws else {each.name for each in (*possible, *refused)}
-    laws_there = {each.name: _control(each, designs) for each in possible if not each.like}
-    plain = laws_there.get(PLAIN)
-    noise = None
-    if isinstance(plain, _Ready):
-        loop = replace(plant.model, control=plain.control)
+    tuned = {each.name: _tuned(each, designs) for each in possible if not each.like}
+    plain, noise = tuned.get(PLAIN, ""), None
+    if not isinstance(plain, str):
+        loop = plain[0].loop
         noise = LinearLoop(loop, known=loop_model(loop, velocity=rules.rule(plant).velocity)).noise_gain
     rule = rules.rule(plant, noise)
-    rows: list[Row] = []
+    found: list[Trial | Row] = []
     for each in possible:
         if each.name not in wanted:
             continue
-        base = laws_there[each.like or each.name]
+        base = tuned[each.like or each.name]
         if isinstance(base, str):
-            rows.append(Row(plant.name, each.name, unplaced=base))
+            found.append(Row(plant.name, each.name, unplaced=base))
             continue
-        rows.append(_row(rules, plant, each, base, rule, own))
-    rows += [
+        control = replace(each.loop.control, law=base[0].loop.control.law) if each.like else base[0].loop.control
+        ready = replace(each, loop=replace(each.loop, control=control))
+        found.append(Trial(rules, plant.name, ready, base[1], rule, own))
+    found += [
         Row(plant.name, each.name, unplaced=Text(f"refused: {each.reason}")) for each in refused if each.name in wanted
     ]
     if not laws:
-        rows += list(_recipes(rules, plant, rule, own))
-    return rows
+        start = next(each for each in possible if each.name == PLAIN)
+        found += [Trial(rules, plant.name, start, None, rule, own, recipe) for recipe in RECIPES]
+    return found
 
 
-@dataclass(frozen=True)
-class _Ready:
-    """A control with its stored tunables, and what was said of the search."""
-
-    control: Control
-    tunables: Mapping[str, float] = field(default_factory=dict[str, float])
-    figures: Mapping[str, float] = field(default_factory=dict[str, float])
-    unsettled: str = ""
-    spread: float | None = None
-    held: tuple[str, ...] = ()
-
-
-def _control(candidate: Candidate, designs: Designs) -> _Ready | str:
-    """The control of a candidate as it was stored, or why there is none."""
+def _tuned(candidate: Candidate, designs: Designs) -> tuple[Candidate, Design | None] | str:
+    """A candidate with the tunables of its design, and that; or why there is none."""
     if not own_tunables(candidate.loop.control):
-        return _Ready(candidate.loop.control)
-    found = designs.known(candidate.name)
-    if found is None:
+        return candidate, None
+    design = designs.design(candidate.name)
+    if design is None:
         return "not searched: --retune searches it"
-    if found.refused:
-        return f"refused: {found.refused}"
+    if design.refused:
+        return f"refused: {design.refused}"
     try:
-        control = found.control(candidate)
+        control = design.control(candidate)
     except FeeddriveError as error:
         return f"stale: {error}"
-    return _Ready(control, found.tunables, found.figures, found.unsettled, found.spread, found.held)
-
-
-def _row(rules: Rules, plant: Plant, candidate: Candidate, base: _Ready, rule: Rule, own: int) -> Row:
-    """A law at work at every position, with every seed."""
-    whole = replace(candidate, loop=replace(plant.loop, control=candidate.loop.control))
-    control = base.control
-    try:
-        if candidate.like:
-            control = alike(whole, base.control.law, plant.duty, rules.seed(plant, "learning", own)).control
-        figures, unfit, outside, remark = _judged(rules, plant, candidate.name, control, rule, own)
-    except FeeddriveError as error:
-        return Row(plant.name, candidate.name, unplaced=Text(f"refused: {error}"))
-    moved = _moved(base.figures, figures) if not candidate.like and len(plant.places) == 1 else ""
-    why = unfit or (f"stale: {moved}" if moved else "")
-    why = why or (f"not settled: {base.unsettled}" if base.unsettled else "")
-    why = why or (Text(f"outside of the rule: {outside}") if outside else "")
-    said = joined("; ", filter(None, (candidate.remark, remark)))
-    return Row(
-        plant.name, candidate.name, figures, why, said, tunables=base.tunables, spread=base.spread, held=base.held
-    )
+    return replace(candidate, loop=replace(candidate.loop, control=control)), design
 
 
 def _moved(stored: Mapping[str, float], now: Mapping[str, float | None]) -> str:
@@ -141,22 +213,6 @@ def _moved(stored: Mapping[str, float], now: Mapping[str, float | None]) -> str:
                 f"{key} was {number(value, 6)} when its design was stored and is {present}: --retune searches it anew"
             )
     return ""
-
-
-def _judged(
-    rules: Rules, plant: Plant, name: str, control: Control, rule: Rule, own: int
-) -> tuple[dict[str, float | None], str, str, str]:
-    """Worst figures, why there are none, what is outside of the rule, and remarks."""
-    found: list[Competitor] = []
-    for (loop, model), run in product(plant.loops(control), range(rules.seeds)):
-        found.append(judged(name, loop, None, "", plant.duty, rule, rules.seed(plant, f"run {run}", own), model))
-        if found[-1].unfit:
-            return dict(found[-1].figures), Text(f"unfit: {found[-1].unfit}"), "", ""
-    figures = worst([each.figures for each in found])
-    if control.law.period() <= MOST:
-        figures[ROBUST] = max(robust_peak(model, rule.velocity, rules.varied) for _, model in plant.loops(control))
-    remarks = dict.fromkeys(Text(marked(each.remark).strip("; ")) for each in found if each.remark)
-    return figures, "", rule.broken(figures), joined("; ", remarks)
 
 
 def worst(figures: Sequence[Mapping[str, float | None]]) -> dict[str, float | None]:
@@ -188,19 +244,3 @@ def robust_peak(loop: Loop, velocity: float, share: float) -> float:
         both = loop_model(wrong, velocity=velocity)
         peaks.append(margins(both.loop_gain(both.lines(200))).sensitivity_peak)
     return max(peaks)
-
-
-def _recipes(rules: Rules, plant: Plant, rule: Rule, own: int) -> Iterator[Row]:
-    """P-PI by every rule of the trade, with the filters of the machine file; it may break the rule."""
-    base = next(each for each in candidates(plant.model)[0] if each.name == PLAIN)
-    for name, recipe in RECIPES.items():
-        title = f"{PLAIN} by {name.replace('-', ' ')}"
-        try:
-            made = recipe(plant.model, base.loop.control)
-            control = replace(base.loop.control, law=made.law)
-            figures, unfit, outside, remark = _judged(rules, plant, title, control, rule, own)
-        except FeeddriveError as error:
-            yield Row(plant.name, title, unplaced=Text(f"refused: {error}"), recipe=True)
-            continue
-        why = unfit or (Text(f"outside of the rule: {outside}") if outside else "")
-        yield Row(plant.name, title, figures, why, joined("; ", filter(None, (made.reason, remark))), recipe=True)

@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from feeddrive.blocks.families import Law, Reference
-from feeddrive.comparison.figures import (
-    CRITERIA,
-    Duty,
-    beats,
-    duty_of,
-    ranks,
-)
-from feeddrive.comparison.judge import Competitor, alike, judged, sliding
-from feeddrive.comparison.kept import Kept
-from feeddrive.comparison.tune_all import Bar, Rule, tuned_all
+from feeddrive.comparison.figures import CRITERIA, beats, ranks
+from feeddrive.comparison.judge import AtWork, Competitor
+from feeddrive.comparison.tune_all import Rule, Tuning, tuned_all
+from feeddrive.evaluation.duty import Duty, duty_of
+from feeddrive.evaluation.engine import Bar, Engine
 from feeddrive.figures.figure import Figure
 from feeddrive.figures.of_loops import (
     DELAY_MARGIN,
@@ -34,7 +28,7 @@ from feeddrive.figures.of_runs import SNAP_SETTLING, TRACKING_RMS
 from feeddrive.files.job import Job
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.run_files import versions
-from feeddrive.language.errors import FeeddriveError, ParameterError, UnstableError
+from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Result, Table, frame_of, picture_of
@@ -141,8 +135,7 @@ def compare_laws(
     noise_ratio: float = 1.05,
     seed: int = 0,
     starts: int = 2,
-    workers: int = 1,
-    keep: Path | None = None,
+    engine: Engine | None = None,
     progress: Progress | None = None,
 ) -> Comparison:
     """Put all laws on an axis of a machine.
@@ -153,8 +146,7 @@ def compare_laws(
                        the force per noise of the readings, by that of the tuned P-PI
     seed               of the encoders' noise, the same for all laws
     starts             searches for each law; with one nothing is ranked, since nothing confirms it
-    workers            processes that tune side by side; more than 1 only from a program that may be imported anew
-    keep               directory in which each law that is finished is kept: a comparison that was stopped goes on there
+    engine             where laws are tuned and judged, and where finished ones are kept; default: in this process
     progress           reports each step, and how many there are
 
     The present control comes first and is not changed, stable or not.  A law that does not fit the axis is refused
@@ -163,45 +155,48 @@ def compare_laws(
     if not isinstance(machine, MachineFile):  # pyright: ignore[reportUnnecessaryIsInstance]
         remedy = "run a job with fd.run(job)" if isinstance(machine, Job) else "give what fd.read_machine(...) returns"
         raise ParameterError(f"fd.compare takes a machine file, not a {type(machine).__name__}: {remedy}")
-    progress = progress or Progress()
+    engine = engine or Engine()
     loop = machine.loop(axis)
     name = axis if axis is not None else next(iter(machine.loops))
     duty = duty_of(loop, reference, force)
-    velocity = sliding(duty, loop)
     possible, refused = _wanted(loop, laws)
     if not noise_ratio >= 1.0:
         raise ParameterError(f"noise_ratio = {number(noise_ratio, 6)} must be >= 1: P-PI itself has 1")
-    rule = Rule(sensitivity_peak, delay_margin_samples, noise_ratio, velocity, starts)
-    kept = None if keep is None else Kept(Path(keep))
+    rule = Rule(sensitivity_peak, delay_margin_samples, noise_ratio, duty.sliding(loop), starts)
     searched = [each for each in possible if not each.like and own_tunables(each.loop.control)]
-    bar = Bar(progress, len(searched), len(possible) + 1)
-    tuned, rule = tuned_all(searched, rule, workers, bar, kept)
-    bar.next(f"{TODAY}: the work")
-    competitors = [judged(TODAY, loop, None, "as in the machine file", duty, rule, seed)]
+    bar = Bar(progress or Progress(), Tuning.stages * len(searched) + len(possible) + 1)
+    tuned, rule = tuned_all(searched, rule, engine, bar)
     refusals = [*refused, *(found for found in tuned.values() if isinstance(found, Refusal))]
+    work: list[AtWork | Refusal] = [AtWork(Candidate(TODAY, loop), None, "as in the machine file", duty, rule, seed)]
     for candidate in possible:
-        bar.next(f"{candidate.name}: the work")
         made = tuned.get(candidate.like or candidate.name)  # None: the law has nothing to tune
         if isinstance(made, Refusal):
+            bar.step(candidate.name)
             if candidate.like:
-                refusals.append(Refusal(candidate.name, f"'{made.name}', whose gains it takes, cannot control it"))
+                work.append(Refusal(candidate.name, f"'{made.name}', whose gains it takes, cannot control it"))
             continue
-        ready = candidate.loop if made is None else made.loops[0]
-        if candidate.like:
-            try:
-                ready = alike(candidate, ready.control.law, duty, seed)
-            except FeeddriveError as error:
-                refusals.append(Refusal(candidate.name, Text(f"{error}")))
-                continue
-            made = None if made is None else replace(made, control=ready.control, loops=(ready,))
         remark = candidate.remark if made else joined("; ", filter(None, (candidate.remark, FIXED)))
-        competitors.append(judged(candidate.name, ready, made, remark, duty, rule, seed))
+        work.append(AtWork(candidate, made, remark, duty, rule, seed))
+    judged = iter(engine.evaluate([case for case in work if isinstance(case, AtWork)], bar))
+    rows = [next(judged) if isinstance(each, AtWork) else each for each in work]
+    refusals += [row for row in rows if isinstance(row, Refusal)]
+    competitors = tuple(row for row in rows if isinstance(row, Competitor))
     if all(each.move is None for each in competitors):
         reasons = joined("; ", [f"{row.name}: {row.unfit}" for row in competitors])
         raise UnstableError(f"{machine.file.name}: axis '{name}': no law can be run on it: {reasons}")
-    rows = tuple(competitors)
-    remarks = (*_outside(rows), *_against(rows), *_noisy(rows), *_unproven(rows))
-    return Comparison(machine, name, duty, velocity, seed, rule.sentence, rows, tuple(refusals), remarks, versions())
+    remarks = (*_outside(competitors), *_against(competitors), *_noisy(competitors), *_unproven(competitors))
+    return Comparison(
+        machine,
+        name,
+        duty,
+        rule.velocity,
+        seed,
+        rule.sentence,
+        competitors,
+        tuple(refusals),
+        remarks,
+        versions(),
+    )
 
 
 def _wanted(loop: Loop, laws: Sequence[str | type[Law]] | None) -> tuple[tuple[Candidate, ...], tuple[Refusal, ...]]:

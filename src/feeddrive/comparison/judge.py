@@ -4,24 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-
-import numpy as np
+from typing import ClassVar
 
 from feeddrive.analysis.loop_model import LoopModel, loop_model
 from feeddrive.analysis.stability import stability
 from feeddrive.blocks.families import Law
-from feeddrive.comparison.figures import Duty, counted, effort_of, linear, recovered, rms, tracked
+from feeddrive.comparison.figures import effort_of, linear
 from feeddrive.comparison.tune_all import Rule
-from feeddrive.figures.of_runs import CUTTING_RMS, SNAP_PEAK, SNAP_SETTLING, STEP_PEAK, STEP_SETTLING
+from feeddrive.evaluation.case import Case
+from feeddrive.evaluation.duty import Duty
 from feeddrive.language.errors import FeeddriveError
+from feeddrive.language.progress import Progress
 from feeddrive.language.text import Text
 from feeddrive.learning.stops import learn_stops
 from feeddrive.learning.trajectory_prefilter import tune_prefilter
 from feeddrive.learning.trials import iterate_trials
 from feeddrive.loop.lifting import MOST
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.simulate import Run, simulate
-from feeddrive.tuning.candidates import Candidate
+from feeddrive.loop.simulate import Run
+from feeddrive.tuning.candidates import Candidate, Refusal
 from feeddrive.tuning.tuned import Tuned
 
 _TRIALS = 6  # in which a compensator learns
@@ -67,12 +68,39 @@ class Competitor:
         )
 
 
-def sliding(duty: Duty, loop: Loop) -> float:
-    """Half of the largest set speed, in m/s; 10 mm/s for a reference that stands still."""
-    t = np.linspace(0.0, duty.move.duration, 4001)
-    t = np.unique(np.round(t / loop.sample_time)) * loop.sample_time
-    largest = float(np.max(np.abs(duty.move.at(t).velocity)))
-    return 0.5 * largest if largest > 0.0 else 0.01
+@dataclass(frozen=True, eq=False)
+class AtWork(Case["Competitor | Refusal"]):
+    """The case of a law at work: with the gains of its tuning, completed for the work, run and judged.
+
+    tuned  of the candidate, or of the one whose gains it takes over; None: it is judged as it is
+    """
+
+    kind: ClassVar[str] = "law_at_work"
+    common: ClassVar[tuple[str, ...]] = ("duty", "rule")
+
+    candidate: Candidate
+    tuned: Tuned | None
+    remark: str
+    duty: Duty
+    rule: Rule
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """The law, at work."""
+        return f"{self.candidate.name}: the work"
+
+    def outcome(self, progress: Progress) -> Competitor | Refusal:
+        """The law with its figures; refused if it cannot be completed for the work."""
+        candidate, tuned = self.candidate, self.tuned
+        loop = candidate.loop if tuned is None else tuned.loops[0]
+        if candidate.like:
+            try:
+                loop = alike(candidate, loop.control.law, self.duty, self.seed)
+            except FeeddriveError as error:
+                return Refusal(candidate.name, Text(f"{error}"))
+            tuned = None if tuned is None else replace(tuned, control=loop.control, loops=(loop,))
+        return judged(candidate.name, loop, tuned, self.remark, self.duty, self.rule, self.seed)
 
 
 def alike(candidate: Candidate, law: Law, duty: Duty, seed: int) -> Loop:
@@ -89,15 +117,9 @@ def alike(candidate: Candidate, law: Law, duty: Duty, seed: int) -> Loop:
 
 
 def judged(
-    name: str,
-    loop: Loop,
-    tuned: Tuned | None,
-    remark: str,
-    duty: Duty,
-    rule: Rule,
-    seed: int,
+    name: str, loop: Loop, tuned: Tuned | None, remark: str, duty: Duty, rule: Rule, seed: int,
     model: Loop | None = None,
-) -> Competitor:
+) -> Competitor:  # fmt: skip
     """All figures of a law; one that is not stable, by its eigenvalues, or leaves its bounds keeps its row without.
 
     `model` is the loop of the linear figures, if it is another one: an axis with play has none of its own.
@@ -110,23 +132,12 @@ def judged(
     if loop.control.law.period() <= MOST:
         both = loop_model(model, velocity=velocity)
         figures = linear(model, both)
-    rest = duty.begin + duty.rest
-    signals = ["tracking_error", "force", "trip"]
-    forces = {"snap": duty.snap, "step": duty.step} | ({} if duty.cut is None else {"cut": duty.cut})
     try:
-        move = counted(simulate(loop, duty.move, seed=seed, name=name), duty)
-        runs = {
-            what: simulate(loop, duty.still(), load=load, duration=rest, seed=seed, record=signals, name=name)
-            for what, load in forces.items()
-        }
+        runs = duty.runs(loop, seed, name)
     except FeeddriveError as error:
         return Competitor(name, loop, tuned, remark, figures, model=both, unfit=Text(f"{error}"))
-    snap, step = runs["snap"], runs["step"]
-    figures |= tracked(move) | recovered(snap, duty, SNAP_PEAK, SNAP_SETTLING)
-    figures |= recovered(step, duty, STEP_PEAK, STEP_SETTLING)
-    if "cut" in runs:
-        figures |= {CUTTING_RMS.key: rms(counted(runs["cut"], duty)["tracking_error"])}
-    tripped = "; the guard tripped" if any(np.any(run["trip"] > 0.0) for run in (move, *runs.values())) else ""
+    figures |= runs.figures
+    said = Text(f"{remark}; the guard tripped") if runs.tripped else remark
     return Competitor(
-        name, loop, tuned, Text(f"{remark}{tripped}"), figures, move, snap, step, both, outside=rule.broken(figures)
+        name, loop, tuned, said, figures, runs.move, runs.snap, runs.step, both, outside=rule.broken(figures)
     )

@@ -1,23 +1,19 @@
-"""The tunings of a comparison, sequential or in parallel processes."""
+"""The rule of equal robustness, and the tuning of laws under it."""
 
 from __future__ import annotations
 
-import contextlib
-import multiprocessing
 from collections.abc import Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import dataclass, replace
-from queue import Empty
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from feeddrive.blocks.catalogue import fault_of_own
-from feeddrive.comparison.kept import Keeps
+from feeddrive.evaluation.case import Case
+from feeddrive.evaluation.engine import Bar, Engine
 from feeddrive.figures.figure import Limit
 from feeddrive.figures.of_loops import DELAY_MARGIN, FORCE_NOISE, NOISE_GAIN, SENSITIVITY_PEAK
+from feeddrive.language import tree
 from feeddrive.language.errors import CancelledError, FeeddriveError, UnstableError
-from feeddrive.language.processes import follow_parent, one_thread
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text, joined
@@ -26,11 +22,9 @@ from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.tunables import law_tunables
-from feeddrive.tuning.tune import tune_control
-from feeddrive.tuning.tuned import Tuned, goal_of
+from feeddrive.tuning.tune import assess, tune_control
+from feeddrive.tuning.tuned import HeldBack, Tuned, goal_of
 
-STAGES = 6  # steps of the progress that one law is counted as
-_NEWS = 0.1  # s between two looks at what the processes tell
 _ROOM = 1e-3  # of a bound, for what lines miss
 AGREE = 0.05  # of the goal: whole tunings this near the best agree with it
 NANO = 1e-9  # m: the noise of a reading in which the bound is stated
@@ -105,182 +99,118 @@ class Rule:
         return replace(self, noise=self.noise_ratio * plain.after[0].force_noise / NANO)
 
 
+@dataclass(frozen=True, eq=False)
+class Tuning(Case["Tuned | Refusal"]):
+    """The case of a law that is tuned under the rule; refused with the reason if no setting keeps it."""
+
+    kind: ClassVar[str] = "law"
+    common: ClassVar[tuple[str, ...]] = ("rule",)
+    stages: ClassVar[int] = 6
+
+    candidate: Candidate
+    rule: Rule
+
+    @property
+    def name(self) -> str:
+        """The law."""
+        return self.candidate.name
+
+    @property
+    def limits(self) -> Limits:
+        """The bounds of the tuning; the noise in the force is measured where it is not bounded."""
+        limits = self.rule.limits()
+        return limits.having(reading_noise=(NANO, NANO)) if limits.limit(FORCE_NOISE) is None else limits
+
+    @property
+    def points(self) -> list[Loop]:
+        """The axis at all positions of the rule."""
+        return [self.candidate.loop, *(replace(self.candidate.loop, axis=axis) for axis in self.rule.also)]
+
+    def outcome(self, progress: Progress) -> Tuned | Refusal:
+        """The best of all searches."""
+        try:
+            return self.repeated(progress)
+        except CancelledError:
+            raise
+        except FeeddriveError as error:
+            return Refusal(self.name, Text(f"{error}"))
+
+    def record(self, outcome: Tuned | Refusal) -> dict[str, Any]:
+        """Values of the tunables to the last bit, and how they were found."""
+        if isinstance(outcome, Refusal):
+            return {"refused": outcome.reason}
+        return {
+            "refused": None, "tunables": {name: float(value).hex() for name, value in outcome.tunables.items()},
+            "started": dict(outcome.started), "held": [list(vars(bound).values()) for bound in outcome.held],
+            "advice": list(outcome.advice), "evaluations": outcome.evaluations, "spread": outcome.spread,
+            "unsettled": outcome.unsettled,
+        }  # fmt: skip
+
+    def restored(self, record: Any, progress: Progress) -> Tuned | Refusal:
+        """The tuning of a record; figures and proof are computed again."""
+        if record["refused"] is not None:
+            return Refusal(self.name, str(record["refused"]))
+        tunables = {str(name): float.fromhex(value) for name, value in record["tunables"].items()}
+        held = tuple(HeldBack(*bound) for bound in record["held"])
+        return replace(
+            self.assessed(tunables, progress), started=dict(record["started"]), held=held,
+            advice=tuple(record["advice"]), evaluations=int(record["evaluations"]), spread=float(record["spread"]),
+            unsettled=str(record["unsettled"]),
+        )  # fmt: skip
+
+    def assessed(self, tunables: Mapping[str, float], progress: Progress) -> Tuned:
+        """The law with known tunables: figures and proof without a search."""
+        control = tree.vary(self.candidate.loop.control, dict(tunables))
+        progress.step("as it was kept")
+        known = assess(control, self.points, rule="kept", limits=self.limits, velocity=self.rule.velocity)
+        return replace(known, tunables=dict(tunables), recipe="")
+
+    def repeated(self, progress: Progress) -> Tuned:
+        """The best of whole tunings, settled if all of them agree. Raises UnstableError if none keeps the rule."""
+        rule = self.rule
+        tried: list[Tuned] = []
+        failed: list[FeeddriveError] = []
+        for seed in range(rule.repeats):
+            try:
+                tried.append(
+                    tune_control(
+                        self.candidate.loop, self.points, limits=self.limits, filters="kept", starts=rule.starts,
+                        seed=seed, velocity=rule.velocity, progress=progress,
+                    )
+                )  # fmt: skip
+            except UnstableError as error:
+                failed.append(error)
+        if not tried:
+            raise failed[0]
+        if rule.repeats == 1:
+            return tried[0]
+        goals = np.log([goal_of(each, each.after) for each in tried])
+        spread = float(np.ptp(goals))
+        apart = Text(f"{rule.repeats} whole tunings end up to {Quantity(np.expm1(spread), 'share'):2} apart")
+        said = apart if spread > np.log1p(AGREE) else ""
+        if failed:
+            said = f"{len(failed)} of {rule.repeats} whole tunings found no setting that keeps the rule"
+        return replace(
+            tried[int(np.argmin(goals))], spread=spread, evaluations=sum(each.evaluations for each in tried),
+            unsettled=said,
+        )  # fmt: skip
+
+
 def tuned_all(
-    candidates: Sequence[Candidate], rule: Rule, workers: int, bar: Bar, kept: Keeps | None = None
+    candidates: Sequence[Candidate], rule: Rule, engine: Engine, bar: Bar
 ) -> tuple[dict[str, Tuned | Refusal], Rule]:
     """Every candidate by name: tuned, or refused with the reason; and the rule with the noise that P-PI makes.
 
-    P-PI is first, since its noise bounds that of the others.  `kept` has what was tuned before a stop.
-    `bar` is told every stage; the work ends at the cancel of its progress.
+    P-PI is first, since its noise bounds that of the others.  `bar` counts the stages of each.
     """
-    found: dict[str, Tuned | Refusal] = {}
-    plain = [each for each in candidates if each.name == PLAIN]
-    for candidate in plain:
-        found[PLAIN] = _tuned(candidate, rule, kept, bar.of(PLAIN))
-        bar.finished(PLAIN)
+    plain = [Tuning(candidate, rule) for candidate in candidates if candidate.name == PLAIN]
+    found = dict(zip((case.name for case in plain), engine.evaluate(plain, bar), strict=True))
+    if plain:
         rule = rule.with_noise_of(found[PLAIN])
     # those with the most tunables take longest: they go first
-    rest = sorted(
+    others = sorted(
         (each for each in candidates if each.name != PLAIN), key=lambda each: -len(law_tunables(each.loop.control))
     )
-    if min(workers, len(rest)) <= 1:
-        for candidate in rest:
-            found[candidate.name] = _tuned(candidate, rule, kept, bar.of(candidate.name))
-            bar.finished(candidate.name)
-    else:
-        found |= _side_by_side(rest, rule, min(workers, len(rest)), bar, kept)
+    rest = [Tuning(candidate, rule) for candidate in others]
+    found |= zip((case.name for case in rest), engine.evaluate(rest, bar), strict=True)
     return {candidate.name: found[candidate.name] for candidate in candidates}, rule
-
-
-class Bar:
-    """Counts the steps of a comparison: `STAGES` for each law that is tuned, and those that follow.
-
-    At most `STAGES` - 1 are counted while a law is searched, all of them when it is done.
-    """
-
-    def __init__(self, progress: Progress, laws: int, more: int) -> None:
-        self.progress, self.all, self.told = progress, STAGES * laws + more, dict[str, int]()
-
-    def stage(self, law: str, what: str) -> None:
-        """What begins within a law."""
-        self.told[law] = min(self.told.get(law, 0) + 1, STAGES - 1)
-        self.progress.step(f"{law}: {what}", sum(self.told.values()), self.all)
-
-    def next(self, what: str) -> None:
-        """One of the steps that follow."""
-        self.told[what] = 1
-        self.progress.step(what, sum(self.told.values()), self.all)
-
-    def finished(self, law: str) -> None:
-        """A law is tuned."""
-        self.told[law] = STAGES
-        self.progress.step(law, sum(self.told.values()), self.all)
-
-    def of(self, law: str) -> Progress:
-        """The progress of one law."""
-        return _Stages(self, law)
-
-
-class _Stages(Progress):
-    """Tells the bar; ends with it."""
-
-    def __init__(self, bar: Bar, law: str) -> None:
-        super().__init__()
-        self._bar, self._law = bar, law
-
-    @property
-    def cancelled(self) -> bool:
-        return self._bar.progress.cancelled
-
-    def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
-        self._bar.stage(self._law, what)
-
-
-def _side_by_side(
-    candidates: Sequence[Candidate], rule: Rule, workers: int, bar: Bar, kept: Keeps | None
-) -> dict[str, Tuned | Refusal]:
-    # a fresh interpreter each: a fork would copy the locks of the caller's threads
-    context = multiprocessing.get_context("spawn")
-    news: Any = context.Queue()
-    with one_thread(), ProcessPoolExecutor(workers, context, _begin, (news,)) as pool:
-        futures = {pool.submit(_elsewhere, candidate, rule, kept): candidate.name for candidate in candidates}
-        try:
-            done: dict[str, Tuned | Refusal] = {}
-            waiting = set(futures)
-            while waiting:
-                ended, waiting = wait(waiting, _NEWS, FIRST_COMPLETED)
-                with contextlib.suppress(Empty):
-                    while True:
-                        bar.stage(*news.get_nowait())
-                for future in ended:
-                    done[futures[future]] = future.result()
-                    bar.finished(futures[future])
-                bar.progress.check()
-            return done
-        except BaseException:
-            for child in multiprocessing.active_children():
-                child.terminate()
-            raise
-
-
-_news: Any = None  # of a process: where it tells its stages
-
-
-def _begin(news: Any) -> None:
-    """Where a process tells its stages."""
-    global _news
-    follow_parent()
-    _news = news
-
-
-class _Told(Progress):
-    """The progress of a law in a process of its own."""
-
-    def __init__(self, law: str) -> None:
-        super().__init__()
-        self._law = law
-
-    def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
-        _news.put((self._law, what))
-
-
-def _elsewhere(candidate: Candidate, rule: Rule, kept: Keeps | None) -> Tuned | Refusal:
-    try:
-        return _tuned(candidate, rule, kept, _Told(candidate.name))
-    except FeeddriveError:
-        raise
-    except Exception as error:  # its frames stay in this process: the place of the fault is said here
-        said = fault_of_own(error)
-        if said is None:
-            raise
-        raise said from error
-
-
-def _tuned(candidate: Candidate, rule: Rule, kept: Keeps | None, progress: Progress) -> Tuned | Refusal:
-    """A law tuned, as it was kept or anew."""
-    limits = rule.limits()
-    if limits.limit(FORCE_NOISE) is None:  # measured, not bounded
-        limits = limits.having(reading_noise=(NANO, NANO))
-    try:
-        known = None if kept is None else kept.read(candidate, limits, rule, progress)
-        if known is not None:
-            return known
-        made = _repeated(candidate.loop, limits, rule, progress)
-    except CancelledError:
-        raise
-    except FeeddriveError as error:
-        made = Refusal(candidate.name, Text(f"{error}"))
-    if kept is not None:
-        kept.write(candidate, limits, rule, made)
-    return made
-
-
-def _repeated(loop: Loop, limits: Limits, rule: Rule, progress: Progress) -> Tuned:
-    """The best of whole tunings of a loop, settled if all of them agree."""
-    points = [loop, *(replace(loop, axis=axis) for axis in rule.also)]
-    tried: list[Tuned] = []
-    failed: list[FeeddriveError] = []
-    for seed in range(rule.repeats):
-        try:
-            tried.append(
-                tune_control(
-                    loop, points, limits=limits, filters="kept", starts=rule.starts, seed=seed,
-                    velocity=rule.velocity, progress=progress,
-                )
-            )  # fmt: skip
-        except UnstableError as error:
-            failed.append(error)
-    if not tried:
-        raise failed[0]
-    if rule.repeats == 1:
-        return tried[0]
-    goals = np.log([goal_of(each, each.after) for each in tried])
-    spread = float(np.ptp(goals))
-    apart = Text(f"{rule.repeats} whole tunings end up to {Quantity(np.expm1(spread), 'share'):2} apart")
-    said = apart if spread > np.log1p(AGREE) else ""
-    if failed:
-        said = f"{len(failed)} of {rule.repeats} whole tunings found no setting that keeps the rule"
-    return replace(
-        tried[int(np.argmin(goals))], spread=spread, evaluations=sum(each.evaluations for each in tried),
-        unsettled=said,
-    )  # fmt: skip

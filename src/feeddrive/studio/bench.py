@@ -12,7 +12,7 @@ import numpy as np
 from feeddrive.analysis.friction_map import FrictionMap
 from feeddrive.blocks.families import Reference
 from feeddrive.blocks.load.step_force import StepForce
-from feeddrive.comparison.figures import Duty, duty_of
+from feeddrive.evaluation.duty import Duty, duty_of
 from feeddrive.files.frf import FrfLike
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.errors import ParameterError

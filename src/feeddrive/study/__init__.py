@@ -7,13 +7,13 @@ make_lazy(
     {
         "answers.answers": "Answers answers_of",
         "answers.page": "write_report",
-        "cases": "Case cases",
         "chunk": "run_chunk",
         "robust": "Robust tune_robust",
         "specification": "Bound",
         "store": "Manifest Store",
         "study": "Study read_study",
         "sweep": "Sweep",
+        "variant_groups": "VariantGroup variant_groups",
         "variants": "Variants variants",
     },
 )

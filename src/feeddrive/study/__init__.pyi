@@ -5,8 +5,6 @@
 from feeddrive.study.answers.answers import Answers as Answers
 from feeddrive.study.answers.answers import answers_of as answers_of
 from feeddrive.study.answers.page import write_report as write_report
-from feeddrive.study.cases import Case as Case
-from feeddrive.study.cases import cases as cases
 from feeddrive.study.chunk import run_chunk as run_chunk
 from feeddrive.study.robust import Robust as Robust
 from feeddrive.study.robust import tune_robust as tune_robust
@@ -16,5 +14,7 @@ from feeddrive.study.store import Store as Store
 from feeddrive.study.study import Study as Study
 from feeddrive.study.study import read_study as read_study
 from feeddrive.study.sweep import Sweep as Sweep
+from feeddrive.study.variant_groups import VariantGroup as VariantGroup
+from feeddrive.study.variant_groups import variant_groups as variant_groups
 from feeddrive.study.variants import Variants as Variants
 from feeddrive.study.variants import variants as variants

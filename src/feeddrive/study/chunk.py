@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from feeddrive.figures.figure import NEEDS, Figure, Statistics
+from feeddrive.evaluation.case import Case
+from feeddrive.figures.figure import NEEDS, STATISTICS, Figure, Statistics
 from feeddrive.figures.linear_loop import LinearLoop
 from feeddrive.language import ops, tree
 from feeddrive.language.errors import CancelledError, FeeddriveError, plain
@@ -24,8 +26,8 @@ from feeddrive.language.text import Text
 from feeddrive.loop.hold import samples_of
 from feeddrive.loop.machine import System
 from feeddrive.loop.simulate import Run, simulate, simulate_batch
-from feeddrive.study.cases import Case, cases
 from feeddrive.study.study import Study
+from feeddrive.study.variant_groups import VariantGroup, variant_groups
 from feeddrive.study.variants import Variants, variants
 
 if TYPE_CHECKING:
@@ -42,10 +44,37 @@ def run_chunk(study: Study, number: int, *, threads: int = 1, progress: Progress
     within = study.range(number)
     drawn = variants(study, within.start, len(within))
     rows = Rows(study.measure, len(within))
-    for case in cases(study, drawn):
-        for part, system in batches(case, rows):
+    for group in variant_groups(study, drawn):
+        for part, system in batches(group, rows):
             _judge(study, part, system, rows, threads, progress or Progress())
     return rows.table(drawn)
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk(Case["pyarrow.Table"]):
+    """A case of a sweep: one chunk of a study, with its rows as the outcome."""
+
+    kind: ClassVar[str] = "chunk"
+    common: ClassVar[tuple[str, ...]] = ("study",)
+    isolated: ClassVar[bool] = True  # figures may be somebody else's code
+
+    study: Study
+    number: int
+
+    @property
+    def name(self) -> str:
+        """Number and variants."""
+        variants = self.study.range(self.number)
+        return f"chunk {self.number} (variants {variants.start} to {variants.stop - 1})"
+
+    @property
+    def threaded(self) -> bool:
+        """True if all figures are statistics, which machine code gathers; models and runs are Python."""
+        return all(figure.needs == STATISTICS for figure in self.study.measure)
+
+    def outcome(self, progress: Progress) -> pyarrow.Table:
+        """The rows of the chunk."""
+        return run_chunk(self.study, self.number, progress=progress)
 
 
 class Rows:
@@ -87,10 +116,10 @@ class Rows:
         return arrow.table(columns)
 
 
-def batches(case: Case, rows: Rows) -> Iterator[tuple[Case, System]]:
-    """The case in parts that one graph can run, each with its system; variants that cannot be made are refused."""
-    for alike in _alike(case):
-        part = case.chosen(alike)
+def batches(group: VariantGroup, rows: Rows) -> Iterator[tuple[VariantGroup, System]]:
+    """The group in parts that one graph can run, each with its system; variants that cannot be made are refused."""
+    for alike in _alike(group):
+        part = group.chosen(alike)
         try:
             yield part, varied(part)
         except FeeddriveError:
@@ -100,89 +129,91 @@ def batches(case: Case, rows: Rows) -> Iterator[tuple[Case, System]]:
                 yield part, varied(part)
 
 
-def varied(case: Case) -> System:
-    """The system of all variants of a case, with arrays. Raises as `tree.vary`."""
-    return tree.vary(case.system, case.changes)
+def varied(group: VariantGroup) -> System:
+    """The system of all variants of a group, with arrays. Raises as `tree.vary`."""
+    return tree.vary(group.system, group.changes)
 
 
-def _alike(case: Case) -> list[np.ndarray]:
+def _alike(group: VariantGroup) -> list[np.ndarray]:
     """Variants with the same whole samples of dead time, and alike in whether a part of one is left.
 
     Both make another graph, and with it other last bits.
     """
     found: dict[tuple[Any, ...], list[int]] = {}
     delays: list[Any] = []
-    for loop in case.system.loops().values():
+    for loop in group.system.loops().values():
         path = tree.path_of(loop, "axis.actuator.dead_time")
-        dead_time: Any = case.changes.get(path, loop.axis.actuator.dead_time)
+        dead_time: Any = group.changes.get(path, loop.axis.actuator.dead_time)
         samples = samples_of(dead_time, loop.sample_time)
         delays += [ops.floor(samples), samples > ops.floor(samples)]
-    columns = [np.broadcast_to(each, len(case.rows)).tolist() for each in delays]
+    columns = [np.broadcast_to(each, len(group.rows)).tolist() for each in delays]
     for place, kind in enumerate(zip(*columns, strict=True)):
         found.setdefault(kind, []).append(place)
     return [np.array(each) for each in found.values()]
 
 
-def _sound(case: Case, some: np.ndarray, rows: Rows) -> np.ndarray:
-    """Those of some variants of a case that can be made; a group that holds one that cannot is halved."""
+def _sound(group: VariantGroup, some: np.ndarray, rows: Rows) -> np.ndarray:
+    """Those of some variants of a group that can be made; a group that holds one that cannot is halved."""
     try:
         if some.size == 1:
-            case.one(int(some[0]))
+            group.one(int(some[0]))
         else:
-            varied(case.chosen(some))
+            varied(group.chosen(some))
     except FeeddriveError as error:
         if some.size == 1:
-            rows.refuse(int(case.rows[some[0]]), error)
+            rows.refuse(int(group.rows[some[0]]), error)
             return some[:0]
-        return np.concatenate([_sound(case, part, rows) for part in np.array_split(some, 2)])
+        return np.concatenate([_sound(group, part, rows) for part in np.array_split(some, 2)])
     return some
 
 
-def _judge(study: Study, case: Case, system: System, rows: Rows, threads: int, progress: Progress) -> None:
+def _judge(study: Study, group: VariantGroup, system: System, rows: Rows, threads: int, progress: Progress) -> None:
     """The figures of the variants of one graph: of the batch, then of each variant's linear model and own run."""
     wanted = {need: [each for each in study.measure if each.needs == need] for need in NEEDS}
     if wanted["statistics"]:
-        _gather(case, system, wanted["statistics"], rows, threads, progress)
+        _gather(group, system, wanted["statistics"], rows, threads, progress)
     if not (wanted["model"] or wanted["run"]):
         return
-    speed = case.speed if wanted["model"] else 0.0
-    for place, row in enumerate(case.rows.tolist()):
+    speed = group.speed if wanted["model"] else 0.0
+    for place, row in enumerate(group.rows.tolist()):
         progress.check()
         if rows.reasons[row] is None:
             with rows.refusing(row):
-                linear = LinearLoop(case.loop(place), speed) if wanted["model"] else None
+                linear = LinearLoop(group.loop(place), speed) if wanted["model"] else None
                 for each in wanted["model"]:
                     rows.figures[each.key][row] = each.value(linear)
-                run = run_of(case, place) if wanted["run"] else None
+                run = run_of(group, place) if wanted["run"] else None
                 for each in wanted["run"]:
                     rows.figures[each.key][row] = each.value(run)
 
 
-def _gather(case: Case, system: System, wanted: Sequence[Figure], rows: Rows, threads: int, progress: Progress) -> None:
+def _gather(
+    group: VariantGroup, system: System, wanted: Sequence[Figure], rows: Rows, threads: int, progress: Progress
+) -> None:
     """Figures of the statistics of a batch; one that cannot be run is halved until the variant at fault is alone."""
-    signals = dict.fromkeys(f"{case.port}{signal}" for each in wanted for signal in each.signals)
+    signals = dict.fromkeys(f"{group.port}{signal}" for each in wanted for signal in each.signals)
     try:
         batch = simulate_batch(
-            system, case.references, load=case.loads, duration=case.duration, seed=case.seed,
+            system, group.references, load=group.loads, duration=group.duration, seed=group.seed,
             gather=list(signals), threads=threads, progress=progress,
         )  # fmt: skip
     except CancelledError:
         raise
     except FeeddriveError as error:
-        if len(case.rows) == 1:
-            rows.refuse(int(case.rows[0]), error)
+        if len(group.rows) == 1:
+            rows.refuse(int(group.rows[0]), error)
             return
-        for part in np.array_split(np.arange(len(case.rows)), 2):
-            half = case.chosen(part)
+        for part in np.array_split(np.arange(len(group.rows)), 2):
+            half = group.chosen(part)
             _gather(half, varied(half), wanted, rows, threads, progress)
         return
-    statistics = Statistics(batch, case.port)
+    statistics = Statistics(batch, group.port)
     for each in wanted:
-        rows.figures[each.key][case.rows] = each.read(statistics)
+        rows.figures[each.key][group.rows] = each.read(statistics)
     for place in np.flatnonzero(batch.left >= 0):
         sample = int(batch.left[place])
         rows.refuse(
-            int(case.rows[place]),
+            int(group.rows[place]),
             Text(
                 f"the loop left its bounds at sample {sample} (t = {Quantity(sample * batch.sample_time, 's'):6 SI}): "
                 "it is unstable or was started far from its setpoint"
@@ -190,9 +221,9 @@ def _gather(case: Case, system: System, wanted: Sequence[Figure], rows: Rows, th
         )
 
 
-def run_of(case: Case, place: int) -> Run:
+def run_of(group: VariantGroup, place: int) -> Run:
     """One variant over time, as its axis alone has it."""
-    system = case.one(place)
-    seed = int(case.seed[place])
-    run = simulate(system, case.references, load=case.loads, duration=case.duration, seed=seed, name=case.axis)
-    return run.axis(case.axis) if case.port else run
+    system = group.one(place)
+    seed = int(group.seed[place])
+    run = simulate(system, group.references, load=group.loads, duration=group.duration, seed=seed, name=group.axis)
+    return run.axis(group.axis) if group.port else run

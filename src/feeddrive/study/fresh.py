@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from feeddrive.evaluation.engine import Engine
 from feeddrive.figures.catalogue import limitable
 from feeddrive.figures.figure import Figure, Limit
 from feeddrive.figures.of_loops import COMPLIANCE_PEAK, STIFFNESS_LEAST
@@ -18,7 +19,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.loop.control import Control
 from feeddrive.loop.runner import cores
 from feeddrive.study.answers.shares import Share
-from feeddrive.study.pool import finished
+from feeddrive.study.chunk import Chunk
 from feeddrive.study.scenarios import with_control
 from feeddrive.study.specification import Bound
 from feeddrive.study.study import Study
@@ -72,9 +73,10 @@ def measured(
         with_control(study, control), stream=STREAM, sampler="monte_carlo", points=count, count=count,
         chunk=max(16, min(256, -(-count // 8))), measure=tuple(wanted.values()),
     )  # fmt: skip
-    parts = dict(finished(fresh, range(fresh.chunks), workers or cores(), progress))
+    chunks = [Chunk(fresh, number) for number in range(fresh.chunks)]
+    rows = dict(Engine(workers or cores()).finished(chunks, progress))
     columns = {
-        name: np.concatenate([parts[i].column(name).to_numpy() for i in range(fresh.chunks)]).astype(np.float64)
+        name: np.concatenate([rows[chunk].column(name).to_numpy() for chunk in chunks]).astype(np.float64)
         for name in wanted
     }
     return Measured(columns, tuple(bounds), tuple(wanted.values()))

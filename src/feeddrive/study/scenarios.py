@@ -11,8 +11,8 @@ from feeddrive.figures.figure import Figure
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.control import Control
-from feeddrive.study.cases import cases
 from feeddrive.study.study import Study
+from feeddrive.study.variant_groups import variant_groups
 from feeddrive.study.variants import variants
 from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.criteria import Criteria
@@ -89,14 +89,14 @@ def scenarios(study: Study, samples: int, progress: Progress) -> Scenarios:
     bad: list[tuple[int, str]] = []
     speeds: list[float] = []
     done = 0
-    for case in cases(study, drawn):
-        velocity = case.speed
-        for place, row in enumerate(case.rows.tolist()):
+    for group in variant_groups(study, drawn):
+        velocity = group.speed
+        for place, row in enumerate(group.rows.tolist()):
             progress.step("machines", done, len(drawn))
             done += 1
             number = drawn.first + row
             try:
-                made[number] = modelled_point(case.loop(place), f"variant {number}", velocity=velocity)
+                made[number] = modelled_point(group.loop(place), f"variant {number}", velocity=velocity)
             except FeeddriveError as error:
                 bad.append((number, str(error)))
         speeds.append(velocity)

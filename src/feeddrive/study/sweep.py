@@ -10,28 +10,21 @@ ends a sweep, what is written stays, and `resume` computes the rest: to the same
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from feeddrive.language.errors import CancelledError, ParameterError, WorkerError
+from feeddrive.evaluation.engine import Engine
+from feeddrive.language.errors import CancelledError, WorkerError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
-from feeddrive.loop.runner import cores
-from feeddrive.study.chunk import REASON, VARIANT
-from feeddrive.study.pool import finished
+from feeddrive.study.chunk import REASON, VARIANT, Chunk
 from feeddrive.study.store import Manifest, Store
 from feeddrive.study.study import Study, StudyLike, read_study
-
-if TYPE_CHECKING:
-    import pyarrow
-
-_MOST_WORKERS = 1024
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,41 +83,25 @@ def sweep(
     WorkerError for workers that cannot be reached or are lost again and again; CancelledError after a cancel or Ctrl-C.
     After each of them `resume` goes on.
     """
-    if workers is not None and not 1 <= workers <= _MOST_WORKERS:
-        raise ParameterError(f"workers = {workers} must be 1 to {_MOST_WORKERS}")
-    if workers is not None and scheduler is not None:
-        raise ParameterError(
-            f"workers = {workers} are of this machine, and the scheduler has its own: give one of them"
-        )
+    engine = Engine.of(workers, scheduler)
     study = read_study(study, allow)
     store, progress = Store(out), progress or Progress()
     begun = time.perf_counter()
     done = store.begin(Manifest(study.text, study.digest, study.count, study.chunk), resume=resume)
     rate = Rate(study, done)
-    left = (number for number in range(study.chunks) if number not in done)
-    count = 0 if scheduler else workers or cores()
+    left = (Chunk(study, number) for number in range(study.chunks) if number not in done)
     try:
         rate.show(progress)
-        with closing(_chunks(study, left, count, scheduler, progress)) as chunks:
-            for number, rows in chunks:
-                store.write(number, rows)
+        with closing(engine.finished(left, progress)) as chunks:
+            for chunk, rows in chunks:
+                store.write(chunk.number, rows)
                 rate.add(rows.num_rows)
                 rate.show(progress)
     except (CancelledError, KeyboardInterrupt):
         raise CancelledError(f"stopped; {rate.kept(store)}") from None
     except WorkerError as error:
         raise WorkerError(f"{error}; {rate.kept(store)}") from None
-    return Sweep(study, store, rate.ran, time.perf_counter() - begun, count)
-
-
-def _chunks(
-    study: Study, left: Iterator[int], workers: int, scheduler: str | None, progress: Progress
-) -> Generator[tuple[int, pyarrow.Table]]:
-    if scheduler is None:
-        return finished(study, left, workers, progress)
-    from feeddrive.study import cluster  # its client is an extra
-
-    return cluster.finished(study, left, scheduler, progress)
+    return Sweep(study, store, rate.ran, time.perf_counter() - begun, 0 if scheduler else engine.workers)
 
 
 class Rate:

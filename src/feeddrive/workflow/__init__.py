@@ -23,7 +23,6 @@ make_lazy(
         "friction": "friction",
         "identify": "identify",
         "iterate": "iterate",
-        "jobs": "JobResult",
         "lobes": "lobes",
         "new": "new",
         "plan": "plan",

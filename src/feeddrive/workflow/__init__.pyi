@@ -22,7 +22,6 @@ from feeddrive.workflow.frf import frf as frf
 from feeddrive.workflow.friction import friction as friction
 from feeddrive.workflow.identify import identify as identify
 from feeddrive.workflow.iterate import iterate as iterate
-from feeddrive.workflow.jobs import JobResult as JobResult
 from feeddrive.workflow.lobes import lobes as lobes
 from feeddrive.workflow.new import new as new
 from feeddrive.workflow.plan import plan as plan

@@ -13,12 +13,12 @@ from feeddrive.benchmark.rules import VERSION, read_rules
 from feeddrive.benchmark.score import Benchmark, score
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
-from feeddrive.loop.runner import cores
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import OUT, Request, option
+from feeddrive.workflow.evaluated import EvaluationRequest, engine_of
+from feeddrive.workflow.request import OUT, option
 
 
-class BenchmarkRequest(Request):
+class BenchmarkRequest(EvaluationRequest):
     """Which plants and laws, and whether they are searched anew."""
 
     plant: tuple[str, ...] = option("A plant that is wanted; may be repeated; default: all", default=())
@@ -49,20 +49,20 @@ def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmar
     rules = read_rules(request.rules)
     plants = rules.chosen(request.plant)
     own = own_laws(plants[0], request.law)
-    with TemporaryDirectory() as forgotten:
+    files: dict[str, Path] = {}
+    with engine_of(request, None, request.out) as engine, TemporaryDirectory() as forgotten:
         keep = request.keep or Path(forgotten)
         if request.retune or own:
             search(
-                rules, plants, keep, laws=request.law if request.retune else own, workers=cores(),
+                rules, plants, keep, laws=request.law if request.retune else own, engine=engine,
                 stored=not request.retune, progress=progress,
             )  # fmt: skip
         found = score(
-            rules, plants, laws=request.law, designs=[keep], own=request.seed, workers=cores(), progress=progress
+            rules, plants, laws=request.law, designs=[keep], own=request.seed, engine=engine, progress=progress
         )
-    files: dict[str, Path] = {}
-    if request.out is not None:
-        progress.step("report")
-        files["Report"] = write_benchmark(found, request.out)
+        if request.out is not None:
+            progress.step("report")
+            files["Report"] = write_benchmark(found, request.out)
     judgment, verdict = advice(found, asked=bool(request.law))
     missing = [reasons(found)] if found.unplaced() else []
     named = missing if request.law else []  # who asks for a law is told why it has no place

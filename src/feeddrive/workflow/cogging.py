@@ -16,6 +16,7 @@ import numpy as np
 from feeddrive import plot
 from feeddrive.blocks.force.cogging import Cogging
 from feeddrive.files.columns import ROLES, Column, is_time
+from feeddrive.files.drive import Drive
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.read_log import read_arrays
@@ -33,7 +34,6 @@ from feeddrive.language.text import Text
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import (
-    Drive,
     DriveLogsRequest,
     chosen,
     columns_said,

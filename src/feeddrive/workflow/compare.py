@@ -19,15 +19,15 @@ from feeddrive.language.table import Column, Table
 from feeddrive.language.text import Text, marked
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.runner import cores
 from feeddrive.tuning.candidates import candidates
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import OUT, Request, argument, option, stem
+from feeddrive.workflow.evaluated import EvaluationRequest, engine_of
+from feeddrive.workflow.request import OUT, argument, option, stem
 
 TAKEN = "taken.toml"
 
 
-class CompareRequest(Request):
+class CompareRequest(EvaluationRequest):
     """Which axis, which laws, and how hard each is searched for."""
 
     machine: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
@@ -37,7 +37,10 @@ class CompareRequest(Request):
         "default: all", default=(),
     )  # fmt: skip
     starts: int = option("Searches for each law; the best counts", default=2, least=1, most=20)
-    keep: Path | None = option("Directory in which finished laws are kept, to go on after a stop", default=None)
+    keep: Path | None = option(
+        "Directory in which finished laws are kept, and taken if they are there; default: beside --out until it is "
+        "written", default=None,
+    )  # fmt: skip
     take: str | None = option("A law with whose control the machine file is written too, as taken.toml", default=None)
     out: Path | None = option(OUT, short="-o", default=None)
 
@@ -58,18 +61,17 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
     if request.take is not None:
         _check_take(request, machine.loop(request.axis), [each for each in laws or () if not isinstance(each, str)])
         laws = None if laws is None else [*laws, *([] if request.take in laws else [request.take])]
-    found = compare_laws(
-        machine, request.axis, laws=laws, starts=request.starts, workers=cores(), keep=request.keep, progress=progress
-    )
     files: dict[str, Path] = {}
-    if request.out is not None:
-        progress.step("report")
-        if request.take is None:
-            files["Report"] = write_comparison(found, request.out)
-        else:
-            text = taken(found.machine, found.axis, found[request.take].loop.control)
-            files["Report"] = write_comparison(found, request.out, {TAKEN: text})
-            files["Machine"] = request.out / TAKEN
+    with engine_of(request, request.keep, request.out) as engine:
+        found = compare_laws(machine, request.axis, laws=laws, starts=request.starts, engine=engine, progress=progress)
+        if request.out is not None:
+            progress.step("report")
+            if request.take is None:
+                files["Report"] = write_comparison(found, request.out)
+            else:
+                text = taken(found.machine, found.axis, found[request.take].loop.control)
+                files["Report"] = write_comparison(found, request.out, {TAKEN: text})
+                files["Machine"] = request.out / TAKEN
     refused = [f"'{each.name}' cannot control this axis: {each.reason}" for each in found.refusals]
     judgment, verdict = advice(found)
     return Outcome(

@@ -12,6 +12,7 @@ import numpy as np
 
 from feeddrive.blocks.families import Friction
 from feeddrive.blocks.force.gravity import Gravity
+from feeddrive.files.drive import Drive
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile
@@ -42,7 +43,6 @@ from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import (
     FORCES,
     MOTIONS,
-    Drive,
     DriveLogsRequest,
     columns_said,
     drive_of,

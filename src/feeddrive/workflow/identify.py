@@ -15,6 +15,7 @@ from feeddrive import plot
 from feeddrive.blocks.families import Law
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.files.columns import Column
+from feeddrive.files.drive import Drive, axis_name, drive_with
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.frf import read_frfs
 from feeddrive.files.log import Log
@@ -40,7 +41,7 @@ from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, 
 from feeddrive.tuning.filter_pack import read_block
 from feeddrive.workflow.channels import mapped, no_column
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.drive_logs import Drive, axis_name, columns_said, drive_with, narrow, write_report, written
+from feeddrive.workflow.drive_logs import columns_said, narrow, write_report, written
 from feeddrive.workflow.identify_responses import IdentifyRequest, identify_responses, responses_in
 from feeddrive.workflow.readings import Doubt
 from feeddrive.workflow.request import called

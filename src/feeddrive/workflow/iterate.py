@@ -10,6 +10,7 @@ from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceComp
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.files.atomic_io import write_whole
+from feeddrive.files.drive import drive_with
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.job import Job, JobLike, read_job
 from feeddrive.files.log import Log
@@ -27,7 +28,7 @@ from feeddrive.learning.trials import MachineTrials, iterate_machine, iterate_tr
 from feeddrive.loop.loop import Loop
 from feeddrive.workflow.channels import mapped
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.drive_logs import chosen, drive_with
+from feeddrive.workflow.drive_logs import chosen
 from feeddrive.workflow.request import CHANNELS, UNIT, Request, argument, called, option
 
 _WANTED = ("time", "setpoint_position", "position_load", "position_motor", "force", "command")

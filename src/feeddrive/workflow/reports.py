@@ -26,7 +26,7 @@ REPORTS = {
     "study.answers.answers:Answers": "study.answers.page:study_report",
     "tuning.tuned:Tuned": "workflow.tune_files:tuned_report",
     "workflow.circle:MeasuredCircle": "workflow.circle:measured_circle_report",
-    "workflow.jobs:JobResult": "workflow.jobs:job_report",
+    "jobs.run_laws:JobResult": "jobs.run_laws:job_report",
 }
 
 

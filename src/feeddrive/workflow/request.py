@@ -135,12 +135,13 @@ def option(
     options: tuple[str, ...] = (),
     flag: str = "",
     short: str = "",
+    last: bool = False,
     kw_only: Literal[True] = True,
 ) -> Any:
-    """Declare an option; without a default it must be given."""
+    """Declare an option; without a default it must be given. `last`: it is shown after those of the subclasses."""
     declared = Declaration(role="option", unit=entered or unit, meaning=meaning, above=above, least=least, below=below,
                            most=most, options=options)  # fmt: skip
-    metadata = {"declaration": declared, "unit": unit, "short": short, "flag": flag}
+    metadata = {"declaration": declared, "unit": unit, "short": short, "flag": flag, "last": last}
     return dataclasses.field(default=default, kw_only=kw_only, metadata=metadata)
 
 
@@ -193,10 +194,11 @@ class Request(Declared):
 
 @cache
 def fields_of(request: type[Request]) -> tuple[Field, ...]:
-    """The fields of a request in their order."""
+    """The fields of a request in their order, those declared as last after all others."""
     hints = typing.get_type_hints(request)
     found: list[Field] = []
-    for spec in dataclasses.fields(request):  # type: ignore[arg-type]
+    specs = dataclasses.fields(request)  # type: ignore[arg-type]
+    for spec in sorted(specs, key=lambda spec: spec.metadata.get("last", False)):
         kinds, many = _kind(hints[spec.name])
         given = spec.metadata
         declared = given["declaration"]
@@ -270,4 +272,6 @@ def frequencies(band: str) -> tuple[float, float]:
 def signature(request: Callable[..., Any], work: Callable[..., Any]) -> inspect.Signature:
     """Return the fields of the request as parameters, and what the outcome of the work holds as the result."""
     result = str(work.__annotations__["return"]).removeprefix("Outcome[").removesuffix("]")
-    return inspect.signature(request).replace(return_annotation=result)
+    made = inspect.signature(request)
+    parameters = [made.parameters[field.name] for field in fields_of(request)]  # type: ignore[arg-type]
+    return made.replace(parameters=parameters, return_annotation=result)

@@ -22,13 +22,13 @@ from feeddrive.files.log import write_log
 from feeddrive.files.planned_program import FILES
 from feeddrive.files.run_files import file_names, summary_text, write_run_csv, write_run_parquet
 from feeddrive.files.toml_edit import TomlEdit
+from feeddrive.jobs.run_laws import STEPS, JobResult, job_report, numbers, run_laws
 from feeddrive.language import tree
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.report.laws import Entry
 from feeddrive.report.page import html
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.jobs import STEPS, JobResult, job_report, numbers, run_laws
 from feeddrive.workflow.request import OUT, Request, argument, option, stem
 
 _TEXT = 100_000  # rows: a longer run is not written as text

@@ -21,24 +21,17 @@ from feeddrive.study.study import StudyLike
 from feeddrive.study.sweep import Sweep
 from feeddrive.study.sweep import sweep as run_sweep
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import Request, argument, option, stem
+from feeddrive.workflow.evaluated import EvaluationRequest
+from feeddrive.workflow.request import argument, option, stem
 
 
-class SweepRequest(Request):
+class SweepRequest(EvaluationRequest):
     """Which study is run, by how many, and where its rows go."""
 
     study: StudyLike = argument("A study file (TOML), or the name of a bundled study")
-    workers: int | None = option(
-        "How many variants are computed side by side; default: as many as there are cores", default=None, least=1,
-        most=1024,
-    )  # fmt: skip
     out: str | Path | None = option(
         "Directory of the rows, or an address of fsspec, as s3://bucket/mill", short="-o", default=None
     )
-    scheduler: str | None = option(
-        "Address of a Dask cluster that computes in place of this machine, as tcp://10.0.0.5:8786", default=None
-    )
-    resume: bool = option("Go on with the sweep of this study that is in --out", default=False)
     allow: tuple[str, ...] = option(
         "A module with figures of your own, whose code is then run; may be repeated", default=()
     )

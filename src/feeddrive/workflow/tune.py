@@ -11,6 +11,7 @@ from typing import Any
 from feeddrive.certificate.certificate import Certificate
 from feeddrive.figures.catalogue import goals, limitable
 from feeddrive.figures.figure import Figure
+from feeddrive.files.drive import axis_name
 from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.judgment import Judgment
@@ -27,7 +28,6 @@ from feeddrive.tuning.tune import assess, tune_control
 from feeddrive.tuning.tuned import Tuned, Verdict
 from feeddrive.workflow.certify import certified
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.drive_logs import axis_name
 from feeddrive.workflow.request import OUT, Request, argument, called, frequencies, option, stem
 from feeddrive.workflow.tune_files import Story, machine_text, tables, tuned_report, write_tuned
 from feeddrive.workflow.tune_sources import Sources, first_control, machine_of, points_of

@@ -14,7 +14,7 @@ from feeddrive.analysis.margins import Margins
 from feeddrive.analysis.stiffness import Stiffness
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.certificate.certificate import Certificate
-from feeddrive.comparison.figures import duty_of
+from feeddrive.evaluation.duty import duty_of
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.run_files import summary_text

@@ -11,9 +11,9 @@ from feeddrive.language.errors import CancelledError, FeeddriveError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.simulate import Run
 from feeddrive.study.answers.judged import Judged
-from feeddrive.study.cases import cases
 from feeddrive.study.chunk import run_of
 from feeddrive.study.study import Study
+from feeddrive.study.variant_groups import variant_groups
 from feeddrive.study.variants import variants
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -86,8 +86,8 @@ def error_band(sample: Judged, progress: Progress | None = None) -> Band | None:
 def _run(study: Study, variant: int) -> Run | None:
     """A variant over time; None if it cannot be run."""
     try:
-        case = next(cases(study, variants(study, variant, 1)))
-        return run_of(case, 0)
+        group = next(variant_groups(study, variants(study, variant, 1)))
+        return run_of(group, 0)
     except CancelledError:
         raise
     except FeeddriveError:

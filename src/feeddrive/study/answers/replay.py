@@ -13,8 +13,8 @@ from feeddrive.files.machine import machine_toml
 from feeddrive.files.planned_program import FILES
 from feeddrive.files.to_toml import to_toml
 from feeddrive.loop.machine import Machine
-from feeddrive.study.cases import Case, cases
 from feeddrive.study.study import Study
+from feeddrive.study.variant_groups import VariantGroup, variant_groups
 from feeddrive.study.variants import variants
 
 
@@ -25,33 +25,33 @@ def replay_files(study: Study, variant: int) -> dict[str, str]:
     written to the last bit; what of the process of a part program cuts is a coupling of the machine.
     Raises ParameterError or StructureError for a variant whose numbers make no machine.
     """
-    case = next(cases(study, variants(study, variant, 1)))
-    system = case.one(0)
-    machine = system if isinstance(system, Machine) else Machine.of({case.axis: system})
-    file = case.base.job.machine
+    group = next(variant_groups(study, variants(study, variant, 1)))
+    system = group.one(0)
+    machine = system if isinstance(system, Machine) else Machine.of({group.axis: system})
+    file = group.base.job.machine
     limits = {axis: each for axis, each in file.limits.items() if axis in machine.axes()}
     name = f"variant_{variant:08d}"
-    said = f"variant {variant} of the study {Path(study.file.name).name}, row '{case.base.row}'"
+    said = f"variant {variant} of the study {Path(study.file.name).name}, row '{group.base.row}'"
     return {
-        f"{name}.toml": "\n".join(_job(study, case, f"{name}_machine.toml", said)),
+        f"{name}.toml": "\n".join(_job(study, group, f"{name}_machine.toml", said)),
         f"{name}_machine.toml": machine_toml(machine, f"{file.name}, {said}", file.source, file.remark, limits),
     }
 
 
-def _job(study: Study, case: Case, machine: str, said: str) -> Iterator[str]:
+def _job(study: Study, group: VariantGroup, machine: str, said: str) -> Iterator[str]:
     """The job file, section by section."""
-    job = case.base.job
-    values: dict[str, Any] = {"title": f"{study.title}: {said}", "machine": machine, "axis": case.axis}
-    values |= {"seed": int(case.seed[0])} | ({} if case.duration is None else {"duration": case.duration})
+    job = group.base.job
+    values: dict[str, Any] = {"title": f"{study.title}: {said}", "machine": machine, "axis": group.axis}
+    values |= {"seed": int(group.seed[0])} | ({} if group.duration is None else {"duration": group.duration})
     yield "\n".join(f"{key} = {_written(value)}" for key, value in values.items()) + "\n"
-    references, loads = _by_axis(case.references, case.axis), _by_axis(case.loads, case.axis)
+    references, loads = _by_axis(group.references, group.axis), _by_axis(group.loads, group.axis)
     if job.program is not None:
         yield _program(job)
         references = {}
-    rotary = {axis: loop.axis.rotary for axis, loop in case.system.loops().items()}
+    rotary = {axis: loop.axis.rotary for axis, loop in group.system.loops().items()}
     for kind, blocks in (("reference", references), ("load", loads)):
         for axis, block in blocks.items():
-            key = kind if axis == case.axis else f"others.{axis}.{kind}"
+            key = kind if axis == group.axis else f"others.{axis}.{kind}"
             yield to_toml(block, key, rotary=rotary[axis])
 
 

@@ -16,7 +16,7 @@ BAD = 10  # variants without figures that are named
 
 
 @dataclass(frozen=True)
-class Case:
+class WorstVariant:
     """A variant, the value of its figure, and what varies in it, all in SI."""
 
     variant: int
@@ -29,14 +29,14 @@ class Worst:
     """The worst variants of a figure, the worst first."""
 
     figure: Figure
-    cases: tuple[Case, ...]
+    cases: tuple[WorstVariant, ...]
 
 
 class WorstKept:
     """The worst so far, a part of the rows after the other; of equal values the lower number."""
 
     def __init__(self, study: Study) -> None:
-        self._cases: dict[Figure, list[Case]] = {each: [] for each in study.measure if each.better}
+        self._cases: dict[Figure, list[WorstVariant]] = {each: [] for each in study.measure if each.better}
         self.bad: list[tuple[int, str]] = []
 
     def add(self, rows: Judged) -> None:
@@ -57,7 +57,7 @@ class WorstKept:
         return tuple(Worst(figure, tuple(cases)) for figure, cases in self._cases.items() if cases)
 
 
-def _case(rows: Judged, place: int, figure: str) -> Case:
+def _case(rows: Judged, place: int, figure: str) -> WorstVariant:
     varied = {name: values[place] if values.dtype == object else float(values[place])
               for name, values in rows.varied.items()}  # fmt: skip
-    return Case(int(rows.variant[place]), float(rows.figures[figure][place]), varied)
+    return WorstVariant(int(rows.variant[place]), float(rows.figures[figure][place]), varied)

@@ -19,7 +19,7 @@ from feeddrive.study.variants import Variants
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class VariantGroup:
     """Variants that differ in numbers of the system only.
 
     rows        their places in the range of variants, shape (n,)
@@ -45,8 +45,8 @@ class Case:
         """What stands before the signals of the axis: `x.` in a machine."""
         return f"{self.axis}." if isinstance(self.system, Machine) else ""
 
-    def chosen(self, places: np.ndarray) -> Case:
-        """Some of the variants, by their places in this case."""
+    def chosen(self, places: np.ndarray) -> VariantGroup:
+        """Some of the variants, by their places in this group."""
         changes = {path: values[places] for path, values in self.changes.items()}
         return replace(self, rows=self.rows[places], changes=changes, seed=self.seed[places])
 
@@ -68,8 +68,8 @@ class Case:
         return 0.5 * largest if largest > 0.0 else 0.01
 
 
-def cases(study: Study, variants: Variants) -> Iterator[Case]:
-    """The variants in cases, in the order in which each case first occurs."""
+def variant_groups(study: Study, variants: Variants) -> Iterator[VariantGroup]:
+    """The variants in groups, in the order in which each group first occurs."""
     choices = {each.key: variants.values[each.key] for each in study.choices}
     for values, rows in _groups(list(choices.values()), len(variants)):
         base = study.base(dict(zip(choices, values, strict=True)))
@@ -83,7 +83,7 @@ def cases(study: Study, variants: Variants) -> Iterator[Case]:
             seeds = seeds + variants.first + rows
         for at, places in _groups(list(work.values()), rows.size):
             moved = _moved(base, dict(zip(work, at, strict=True)))
-            yield Case(
+            yield VariantGroup(
                 base=base,
                 rows=rows[places],
                 system=base.system,

@@ -10,6 +10,7 @@ import numpy as np
 from feeddrive.analysis.replay import INJECTED, Replay, before_limit, injected_scale, replay
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
+from feeddrive.files.drive import drive_with
 from feeddrive.files.job import Job
 from feeddrive.files.log import Log
 from feeddrive.language.errors import LogError
@@ -17,7 +18,6 @@ from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.loop import Loop
 from feeddrive.report.sentences import block_sentence
-from feeddrive.workflow.drive_logs import drive_with
 
 _USED = ("setpoint_position", "position_load", "force", "command", "load_force", "excitation")
 _SCALED = 0.8  # of the residual: with another scale of an injected force it must be less to be worth a word

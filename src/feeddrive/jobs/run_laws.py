@@ -19,6 +19,18 @@ from feeddrive.blocks.reference.linear_move import LinearMove
 from feeddrive.files.job import Job, Other
 from feeddrive.files.log import Log
 from feeddrive.files.run_files import versions
+from feeddrive.jobs.along_program import (
+    Chatter,
+    Listening,
+    along_program,
+    chatter,
+    chatter_remarks,
+    cut_sentence,
+    cut_table,
+    listening,
+    out_of_the_work,
+)
+from feeddrive.jobs.measured import load_said, measured_signals, of_channels, of_injected, placed, without_answer
 from feeddrive.language.errors import FeeddriveError, NoSlopeError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
@@ -34,18 +46,6 @@ from feeddrive.report.laws_report import laws_report
 from feeddrive.report.part_report import laws_table
 from feeddrive.report.report import Report
 from feeddrive.report.sentences import block_sentence, described
-from feeddrive.workflow.job_log import load_said, measured_signals, of_channels, of_injected, placed, without_answer
-from feeddrive.workflow.job_program import (
-    Chatter,
-    Listening,
-    along_program,
-    chatter,
-    chatter_remarks,
-    cut_sentence,
-    cut_table,
-    listening,
-    out_of_the_work,
-)
 
 # figures of the table of laws, in the order of its columns
 _FIGURES = (

@@ -1,0 +1,10 @@
+"""One engine that evaluates cases: in this process, on its cores or on a Dask cluster, resumable."""
+
+# written by `make stubs`
+
+from feeddrive.evaluation.case import Case as Case
+from feeddrive.evaluation.case import content_digest as content_digest
+from feeddrive.evaluation.engine import Bar as Bar
+from feeddrive.evaluation.engine import Engine as Engine
+from feeddrive.evaluation.store import Folder as Folder
+from feeddrive.evaluation.store import Store as Store

@@ -1,0 +1,187 @@
+"""A case: one thing that is built, tuned or taken, run and judged, as a frozen value that can be sent anywhere.
+
+@dataclass(frozen=True, eq=False)
+class Peak(Case[float]):
+loop: Loop
+gain: float
+
+@property
+def name(self) -> str:
+return f"Kv = {self.gain}"
+
+def outcome(self, progress: Progress) -> float:
+return margins_of(with_gain(self.loop, self.gain)).sensitivity_peak
+
+Engine(workers=4).evaluate([Peak(loop, gain) for gain in gains])
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass, replace
+from enum import Enum
+from functools import cache
+from pathlib import Path
+from typing import Any, ClassVar, Generic, TypeVar, cast
+
+import numpy as np
+
+from feeddrive.blocks.catalogue import fault_of_own
+from feeddrive.files.run_files import versions
+from feeddrive.language import tree
+from feeddrive.language.block import Block
+from feeddrive.language.errors import FeeddriveError
+from feeddrive.language.progress import Progress
+
+T = TypeVar("T")
+
+
+class Case(ABC, Generic[T]):
+    """What the engine computes; a frozen dataclass whose fields can be pickled, as can its outcome.
+
+    kind      what it is called on the dashboard of a cluster
+    common    names of the fields that are the same object in all cases of an evaluation: sent once to each worker
+    stages    steps of the progress that it counts as
+    threaded  it computes in machine code that leaves Python to other threads: it needs no process of its own
+    isolated  it runs code of somebody else that may end its process: with one worker too it has a process of its own
+    """
+
+    kind: ClassVar[str] = "case"
+    common: ClassVar[tuple[str, ...]] = ()
+    stages: ClassVar[int] = 1
+    isolated: ClassVar[bool] = False
+
+    @property
+    def threaded(self) -> bool:
+        """True if threads of one process compute such cases side by side."""
+        return False
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """The name of the case for progress and errors."""
+
+    @abstractmethod
+    def outcome(self, progress: Progress) -> T:
+        """Compute the case. The outcome depends on the fields alone: not on the cases beside it, nor on where it runs.
+
+        Raises CancelledError once `progress` is cancelled.
+        """
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all that the outcome follows from: the fields, the code of their blocks, and the versions."""
+        return content_digest(self)
+
+    def record(self, outcome: T) -> Any:
+        """Return what a store keeps of an outcome, for JSON; None if it is computed anew each time."""
+        return None
+
+    def restored(self, record: Any, progress: Progress) -> T:
+        """Return the outcome of a record.
+
+        Raises ValueError, KeyError, TypeError or AttributeError for one that this case did not write.
+        """
+        raise TypeError(f"{type(self).__name__} keeps no outcomes")
+
+
+def detached(case: Case[T]) -> tuple[tuple[Any, ...], Case[T]]:
+    """Return the fields that a case has in common with others, and the case without them."""
+    empty: Any = dict.fromkeys(case.common)
+    return tuple(getattr(case, name) for name in case.common), replace(cast(Any, case), **empty)
+
+
+def attached(case: Case[T], common: tuple[Any, ...]) -> Case[T]:
+    """Return a case with the fields that were sent before it."""
+    return replace(cast(Any, case), **dict(zip(case.common, common, strict=True)))
+
+
+def computed(case: Case[T], progress: Progress) -> T:
+    """Return the outcome of a case; runs in a process of its own or on a worker.
+
+    An error of a user-defined block is raised as a FeeddriveError with its line: its frames stay in this process.
+    """
+    try:
+        return case.outcome(progress)
+    except FeeddriveError:
+        raise
+    except Exception as error:
+        fault = fault_of_own(error)
+        if fault is None:
+            raise
+        raise fault from error
+
+
+def content_digest(*values: Any) -> str:
+    """SHA-256 (hex) over the content of values: blocks with all numbers to the last bit and the code of their classes.
+
+    Raises TypeError for a value that has no content of its own, such as a function.
+    """
+    content = hashlib.sha256(repr(versions()).encode())
+    for value in values:
+        for part in _content(value):
+            content.update(part)
+            content.update(b"\0")
+    return content.hexdigest()
+
+
+def _content(value: Any) -> Iterator[bytes]:
+    """The content of a value in pieces, each kind of value with a mark of its own."""
+    if isinstance(value, Block):
+        shape = tree.structure(value)
+        yield repr(shape).encode()
+        for kind in sorted(_classes(shape), key=lambda kind: kind.__qualname__):
+            yield _source(kind)
+        for name, leaf in (*tree.leaves(value), *tree.tables(value)):
+            yield name.encode()
+            yield np.asarray(leaf, dtype=np.float64).tobytes()
+    elif isinstance(value, float):
+        yield value.hex().encode()
+    elif value is None or isinstance(value, bool | int | str | bytes | Path | Enum):
+        yield f"{type(value).__name__} {value!r}".encode()
+    elif isinstance(value, type):
+        yield f"{value.__module__}.{value.__qualname__}".encode()
+    elif isinstance(value, np.ndarray):
+        array: np.ndarray[Any, Any] = value
+        yield f"{array.dtype} {array.shape}".encode()
+        yield array.tobytes()
+    elif isinstance(value, Mapping):
+        entries: Mapping[Any, Any] = value
+        yield f"mapping {len(entries)}".encode()
+        for key, entry in entries.items():
+            yield from _content(key)
+            yield from _content(entry)
+    elif isinstance(value, tuple | list | range):
+        row: Any = value
+        yield f"row {len(row)}".encode()
+        for entry in row:
+            yield from _content(entry)
+    elif is_dataclass(value) and not isinstance(value, type):
+        yield f"{type(value).__module__}.{type(value).__qualname__}".encode()
+        if type(value).__repr__ is not object.__repr__ and hasattr(value, "key"):
+            yield repr(value).encode()  # a Figure: its key says what it is
+            return
+        for field in fields(value):
+            yield field.name.encode()
+            yield from _content(getattr(value, field.name))
+    else:
+        raise TypeError(f"a {type(value).__name__} has no content that a digest can be made of")
+
+
+def _classes(shape: Any) -> set[type[Block]]:
+    """The classes of the blocks in a structure."""
+    if isinstance(shape, type):
+        return {shape} if issubclass(shape, Block) else set()
+    return set[type[Block]]().union(*map(_classes, shape)) if isinstance(shape, tuple) else set()
+
+
+@cache
+def _source(kind: type[Block]) -> bytes:
+    """The source of a class, which changes while somebody works on a law; empty if there is none."""
+    try:
+        return inspect.getsource(kind).encode()
+    except (OSError, TypeError):
+        return b""

@@ -1,0 +1,191 @@
+"""The duty by which laws are judged: one move and a change of the force, from the limits of the axis; and its runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from feeddrive.analysis.step_response import settling_time
+from feeddrive.blocks.families import Load, Reference
+from feeddrive.blocks.load.step_force import StepForce
+from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
+from feeddrive.figures.figure import Figure
+from feeddrive.figures.of_runs import (
+    CUTTING_RMS,
+    FORCE_PEAK,
+    FORCE_RMS,
+    SNAP_PEAK,
+    SNAP_SETTLING,
+    STEP_PEAK,
+    STEP_SETTLING,
+    TRACKING_PEAK,
+    TRACKING_RMS,
+)
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import Quantity
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.simulate import Run, simulate
+
+_SPEED_SHARE, _SPEED, _SPEED_ALONE = 0.5, 1.0, 0.2  # of the limit; at most, m/s; where no limit is stated
+_FORCE_SHARE, _ACCELERATION, _FORCE_ALONE = 0.3, 10.0, 2.0  # of the force limit; at most, and without one, m/s²
+_JERK, _SNAP = 80.0, 100.0  # 1/s: jerk over acceleration and snap over jerk, as a small machining center has them
+_DWELL, _REST = 0.5, 0.3  # s before and after a leg
+_STEP_SHARE, _STEP_FRICTION, _STEP_MOST = 0.05, 5.0, 0.5  # force step: of the limit; of dry friction; at most
+_STEP_ALONE = 100.0  # N, without a limit
+_NEAR = 0.5e-6  # m: settled is what stays within, or within ten counts
+
+
+@dataclass(frozen=True)
+class Duty:
+    """One move (there and back), and a force in N that is released and switched on at `begin` s for `rest` s.
+
+    `skip` is the standstill in s at the start that does not count; `near` in m is what counts as settled; `cut` acts
+    on the axis at rest.
+    """
+
+    move: Reference
+    force: float
+    near: float
+    skip: float = 0.8 * _DWELL
+    begin: float = 1.0
+    rest: float = 1.0
+    cut: Load | None = None
+
+    @property
+    def snap(self) -> StepForce:
+        """The rope: it pulls the table back with `force` until `begin`, and is cut."""
+        return StepForce(force=-self.force, start=0.0, end=self.begin)
+
+    @property
+    def step(self) -> StepForce:
+        """The step: `force` from `begin` on."""
+        return StepForce(force=self.force, start=self.begin)
+
+    def still(self) -> SnapLimitedMove:
+        """No motion."""
+        return SnapLimitedMove(distance=0.0, velocity=1.0, acceleration=1.0, jerk=1.0, snap=1.0)
+
+    def sliding(self, loop: Loop) -> float:
+        """Half of the largest set speed, in m/s; 10 mm/s for a move that stands still."""
+        t = np.linspace(0.0, self.move.duration, 4001)
+        t = np.unique(np.round(t / loop.sample_time)) * loop.sample_time
+        largest = float(np.max(np.abs(self.move.at(t).velocity)))
+        return 0.5 * largest if largest > 0.0 else 0.01
+
+    def runs(self, loop: Loop, seed: int, name: str) -> DutyRuns:
+        """Simulate a loop over the duty. Raises DivergedError for one that leaves its bounds."""
+        move = self.counted(simulate(loop, self.move, seed=seed, name=name))
+        at_rest = {
+            what: simulate(
+                loop, self.still(), load=load, duration=self.begin + self.rest, seed=seed,
+                record=["tracking_error", "force", "trip"], name=name,
+            )
+            for what, load in {"snap": self.snap, "step": self.step, "cut": self.cut}.items() if load is not None
+        }  # fmt: skip
+        return DutyRuns(self, move, at_rest["snap"], at_rest["step"], at_rest.get("cut"))
+
+    def counted(self, run: Run) -> Run:
+        """The run without the standstill at its start, in which a hanging axis finds its force."""
+        skip = int(np.searchsorted(run.time, self.skip))
+        signals = {name: values[skip:] for name, values in run.signals.items()}
+        return replace(run, signals=signals, samples=run.samples - skip, first=run.first + skip)
+
+    def recovered(self, run: Run, peak: Figure, settling: Figure) -> dict[str, float | None]:
+        """Largest error after the force changed, and how long it stays further from 0 than `near`, maybe for ever."""
+        begin = int(np.searchsorted(run.time, self.begin - 1e-9))
+        error = np.abs(run["tracking_error"][begin:])
+        settled = settling_time(run.sample_time * np.arange(error.size), error, self.near)
+        return {peak.key: float(np.max(error)), settling.key: settled}
+
+
+class DutyRuns(NamedTuple):
+    """The runs of a loop over a duty: the move, the rope that is cut, the force that is switched on, and the cut."""
+
+    duty: Duty
+    move: Run
+    snap: Run
+    step: Run
+    cut: Run | None
+
+    @property
+    def figures(self) -> Mapping[str, float | None]:
+        """By key the figures of these runs, in SI."""
+        moved = _Statistics(self.move)
+        along = (TRACKING_RMS, TRACKING_PEAK, FORCE_RMS, FORCE_PEAK)
+        found: dict[str, float | None] = {figure.key: figure.read(moved) for figure in along}
+        found |= self.duty.recovered(self.snap, SNAP_PEAK, SNAP_SETTLING)
+        found |= self.duty.recovered(self.step, STEP_PEAK, STEP_SETTLING)
+        if self.cut is not None:
+            found[CUTTING_RMS.key] = _Statistics(self.duty.counted(self.cut)).rms("tracking_error")
+        return found
+
+    @property
+    def tripped(self) -> bool:
+        """True if the guard tripped in one of them."""
+        return any(bool(np.any(run["trip"] > 0.0)) for run in self[1:] if run is not None)
+
+
+@dataclass(frozen=True)
+class _Statistics:
+    """The statistics of one run, as the figures of a batch read them."""
+
+    run: Run
+
+    def rms(self, signal: str) -> float:
+        return float(np.sqrt(np.mean(self.run[signal] ** 2)))
+
+    def peak(self, signal: str) -> float:
+        return float(np.max(np.abs(self.run[signal])))
+
+
+def duty_of(loop: Loop, reference: Reference | None = None, force: float | None = None) -> Duty:
+    """The work of an axis, from its limits of force and velocity; a reference and a force in N may be given.
+
+    Speed: half of the limit of guard and motor, 1 m/s at most, 0.2 m/s without one.  Acceleration: what 30 % of the
+    force limit gives, 10 m/s² at most.  The move is long enough to reach both.  Force: a twentieth of the limit, but
+    five times the dry friction, so that the axis moves.
+    Raises ParameterError for a force that is not positive.
+    """
+    mass = float(loop.axis.plant.rigid_mass())
+    motor = loop.axis.actuator.motor
+    guard = loop.control.guard
+    peaks = [each for each in (loop.control.force_limit, None if motor is None else motor.limits()[0]) if each]
+    limit = min(peaks, default=None)
+    speeds = [
+        each
+        for each in (None if guard is None else guard.velocity_limit, None if motor is None else motor.velocity_limit())
+        if each
+    ]
+    friction = _dry_friction(loop)
+    if force is None:
+        least = _STEP_FRICTION * friction
+        force = _STEP_ALONE + least if limit is None else min(max(_STEP_SHARE * limit, least), _STEP_MOST * limit)
+    if not (force > 0.0 and math.isfinite(force)):
+        raise ParameterError(f"force = {Quantity(force, 'N'):6} must be a finite force > 0 N")
+    if reference is None:
+        v = min(_SPEED_SHARE * min(speeds), _SPEED) if speeds else _SPEED_ALONE
+        a = _FORCE_ALONE if limit is None else min(_FORCE_SHARE * limit / mass, _ACCELERATION)
+        v, a = _rounded(v), _rounded(a)
+        reference = SnapLimitedMove(
+            distance=_rounded(3.0 * v * v / a), velocity=v, acceleration=a, jerk=_JERK * a, snap=_SNAP * _JERK * a,
+            back=True, dwell_before=_DWELL, dwell_between=_REST, dwell_after=_REST,
+        )  # fmt: skip
+    encoders = (loop.axis.encoder_motor, loop.axis.encoder_load)
+    counts = [getattr(each, "resolution", None) or 0.0 for each in encoders]
+    return Duty(reference, _rounded(force), max(_NEAR, 10.0 * max(counts)))
+
+
+def _dry_friction(loop: Loop) -> float:
+    """The dry friction of the axis in N, creeping."""
+    there = [each for each in (loop.axis.friction_motor, loop.axis.friction_load) if each is not None]
+    creep = 1e-4
+    return sum(abs(float(each.steady(creep))) for each in there)
+
+
+def _rounded(value: float) -> float:
+    """Rounded to two digits."""
+    return float(f"{value:.2g}")

@@ -1,0 +1,89 @@
+"""Where finished cases are kept, so that an evaluation that was stopped goes on: a file a case, named by its digest.
+
+    DIR/p_pi-0c4f6f0d2c1b9a53.json    {"case": ..., "digest": ..., "outcome": ...}
+
+A file counts only for a case with the same digest: other numbers, another rule, another law or another version of
+feeddrive has another one, and is computed anew.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from feeddrive.evaluation.case import Case
+from feeddrive.files.atomic_io import read_whole, write_whole
+from feeddrive.language.errors import FileError
+from feeddrive.language.progress import Progress
+
+_MOST = 4_000_000  # bytes of a file
+_NAME = re.compile(r"[a-z0-9_]+-[0-9a-f]{16}\.json")
+
+
+class Store(Protocol):
+    """Knows the outcomes of finished cases, and keeps further ones."""
+
+    def known(self, case: Case[Any], progress: Progress) -> Any:
+        """Return the outcome of a case; None if it is not known."""
+        ...
+
+    def keep(self, case: Case[Any], outcome: Any) -> None:
+        """Keep the outcome of a case."""
+        ...
+
+
+@dataclass(frozen=True)
+class Folder:
+    """A directory with a file for each finished case; the first case that is kept makes it.
+
+    resume  False: what is there already is not taken, and replaced as cases are finished
+    """
+
+    place: Path
+    resume: bool = True
+
+    def known(self, case: Case[Any], progress: Progress) -> Any:
+        """Return the outcome of a case; None for a file that is missing, damaged or was changed."""
+        path = self._path(case)
+        if not self.resume or not path.is_file():
+            return None
+        try:
+            content: dict[str, Any] = json.loads(read_whole(path, _MOST))
+            return case.restored(content["outcome"], progress) if content["digest"] == case.digest else None
+        except (FileError, ValueError, KeyError, TypeError, AttributeError):
+            return None
+
+    def keep(self, case: Case[Any], outcome: Any) -> None:
+        """Write the record of an outcome, whole or not at all. Raises FileError if it cannot be written."""
+        record = case.record(outcome)
+        if record is None:
+            return
+        with contextlib.suppress(OSError):  # the write says what is wrong with the place
+            self.place.mkdir(parents=True, exist_ok=True)
+        content = {"case": case.name, "digest": case.digest, "outcome": record}
+        write_whole(self._path(case), json.dumps(content, indent=2) + "\n")
+
+    @property
+    def count(self) -> int:
+        """How many cases are there."""
+        return len(self._files())
+
+    def clear(self) -> None:
+        """Remove all cases, and the directory if nothing else is in it."""
+        for path in self._files():
+            path.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            self.place.rmdir()
+
+    def _files(self) -> list[Path]:
+        if not self.place.is_dir():
+            return []
+        return [path for path in self.place.iterdir() if _NAME.fullmatch(path.name)]
+
+    def _path(self, case: Case[Any]) -> Path:
+        name = re.sub(r"[^a-z0-9]+", "_", case.name.lower()).strip("_")[:80] or "case"
+        return self.place / f"{name}-{case.digest[:16]}.json"

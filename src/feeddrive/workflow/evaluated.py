@@ -1,0 +1,63 @@
+"""The options of commands that evaluate many cases: who computes them, and whether a stopped call goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+
+from feeddrive.evaluation.engine import MOST_WORKERS, Engine
+from feeddrive.evaluation.store import Folder
+from feeddrive.language.errors import CancelledError, ParameterError, WorkerError
+from feeddrive.language.text import Text
+from feeddrive.workflow.request import Request, option
+
+
+class EvaluationRequest(Request):
+    """Base of the requests of such commands; their own fields come first."""
+
+    workers: int | None = option(
+        "How many cases are computed side by side; default: as many as there are cores", default=None, least=1,
+        most=MOST_WORKERS, last=True,
+    )  # fmt: skip
+    scheduler: str | None = option(
+        "Address of a Dask cluster that computes in place of this machine, as tcp://10.0.0.5:8786",
+        default=None,
+        last=True,
+    )
+    resume: bool = option(
+        "Go on with an earlier call that was stopped: finished cases are not computed again", default=False, last=True
+    )
+
+
+@contextmanager
+def engine_of(request: EvaluationRequest, keep: Path | None, out: Path | None) -> Generator[Engine]:
+    """The engine of a request, whose finished cases stand in `keep`, or else beside `out` until the block is done.
+
+    The block writes what the cases came to: cases beside `out` are removed after it, those in `keep` stay.
+    What ends it early says how many cases `--resume` finds.
+    Raises ParameterError for a request to resume without either.
+    """
+    store = _store(keep, out, resume=request.resume)
+    engine = Engine.of(request.workers, request.scheduler, store)
+    try:
+        yield engine
+    except (CancelledError, WorkerError) as error:
+        if store is None or not store.count:
+            raise
+        said = "stopped" if isinstance(error, CancelledError) else error
+        raise type(error)(
+            Text(f"{said}; finished cases in {store.place}: {store.count}; go on with --resume")
+        ) from None
+    if store is not None and keep is None:
+        store.clear()
+
+
+def _store(keep: Path | None, out: Path | None, *, resume: bool) -> Folder | None:
+    if keep is not None:
+        return Folder(keep)  # who names the directory goes on with what is there
+    if out is not None:
+        return Folder(out.parent / f"{out.name}_cases", resume)
+    if resume:
+        raise ParameterError("resume: name with --out or --keep where the finished cases are")
+    return None
