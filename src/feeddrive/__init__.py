@@ -30,10 +30,16 @@ _RENAMED = {
 
 
 def _load_views(kind: type) -> None:
-    """Import what draws a type of result and makes its DataFrame, at its first `plot()` or `to_pandas()`."""
+    """Import what makes chart and DataFrame of a type of result, when they are first asked for."""
     from feeddrive.plot.registry import register
 
     register(kind)
+
+
+def _draw(chart: Any) -> Any:
+    from feeddrive.plot.drawing import drawn
+
+    return drawn(chart)
 
 
 def _moved(name: str) -> Any:
@@ -59,5 +65,5 @@ def _moved(name: str) -> Any:
     )
 
 
-views_from(_load_views)
+views_from(_load_views, _draw)
 make_lazy(__name__, _moved)

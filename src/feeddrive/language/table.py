@@ -212,8 +212,8 @@ def _recorded(cell: Cell, row: Sequence[Cell], units: Units) -> Any:
 
 
 @singledispatch
-def picture_of(result: Any) -> Any:
-    """The matplotlib figure of a result; `picture_of.register(type)` says how a type of result is drawn."""
+def chart_of(result: Any) -> Any:
+    """The chart of a result, a `plot.chart.Chart`; `chart_of.register(type)` sets what gives it of a type of result."""
     raise ParameterError(f"{type(result).__name__} has no picture: print it, or draw its fields")
 
 
@@ -238,14 +238,16 @@ def drawn_in(units: Units) -> Generator[None]:
 
 
 _load_views: list[Callable[[type], object]] = []
+_draw: list[Callable[[Any], Any]] = []
 
 
-def views_from(load: Callable[[type], object]) -> None:
-    """Set the function that registers plot and frame of a type of result; it is called before they are looked up.
+def views_from(load: Callable[[type], object], draw: Callable[[Any], Any]) -> None:
+    """Set the function that registers chart and frame of a type of result, and the one that draws a chart.
 
-    The package `feeddrive` calls this once when it is imported, since it stands above all rooms.
+    The first is called before chart and frame are looked up.  The package `feeddrive` calls this once when it is
+    imported, since it stands above all rooms.
     """
-    _load_views[:] = [load]
+    _load_views[:], _draw[:] = [load], [draw]
 
 
 class Result(ABC):
@@ -271,12 +273,17 @@ class Result(ABC):
     def _repr_html_(self) -> str:
         return self.table().grid(self.reader).html()
 
-    def plot(self) -> Any:
-        """The picture of this type of result, a matplotlib figure. Raises ParameterError if it has none."""
+    def chart(self) -> Any:
+        """What the picture of this type of result shows, a `plot.chart.Chart`. Raises ParameterError if it has none."""
         for load in _load_views:
             load(type(self))
+        return chart_of(self)
+
+    def plot(self) -> Any:
+        """The picture of this type of result, a matplotlib figure. Raises ParameterError if it has none."""
+        chart = self.chart()
         with drawn_in(replace(self.reader, typographic=True)):
-            return picture_of(self)
+            return next(draw(chart) for draw in _draw)
 
     def to_pandas(self) -> Any:
         """The numbers of this result as a pandas DataFrame, in SI.

@@ -12,6 +12,7 @@ import numpy as np
 
 from feeddrive.language.table import READER
 from feeddrive.language.text import resolve
+from feeddrive.plot.chart import WIDTH as WIDTH
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,8 +30,8 @@ MARKERS = ("o", "s", "^", "D", "v", "P")
 HEAT = ("#54b0d7", "#4197db", "#5e79d3", "#8554b2", "#98277f", "#8a0c47", "#6c0b1b")
 HEAT_STEPS = 12
 INK, MUTED, GRID, PAPER, ALERT = "#1c2329", "#5a6772", "#d9dfe4", "#ffffff", "#b3261e"
+BETTER, WORSE = COLORS[0], COLORS[1]  # ends of the colors of a comparison; the middle is the paper
 
-WIDTH = 8.6  # inches: the width of a report's column
 TEXT, SMALL = 9.5, 8.5  # points
 LINE = 1.4
 WIDE = 8.0  # a ratio of curves beyond which they need a logarithmic scale, or one scale each
@@ -47,9 +48,19 @@ def pale(tint: str) -> str:
     return "#" + "".join(f"{round(each):02x}" for each in rgb)
 
 
+def dashes(i: int) -> Any:
+    """Dashes of the i-th curve; a second round of colors takes other ones."""
+    return DASHES[(i + i // len(COLORS)) % len(DASHES)]
+
+
+def marker(i: int) -> str:
+    """Marker of the i-th curve."""
+    return MARKERS[i % len(MARKERS)]
+
+
 def curve(i: int) -> dict[str, Any]:
     """Color, dashes and width of the i-th curve."""
-    return {"color": color(i), "linestyle": DASHES[i % len(DASHES)], "linewidth": LINE}
+    return {"color": color(i), "linestyle": dashes(i), "linewidth": LINE}
 
 
 def written(unit: str) -> str:
@@ -84,8 +95,13 @@ def caption(name: str, said: str = "", most: int = 60) -> str | None:
     shown = shown if len(shown) <= most else shown[: most - 1] + "…"
     said = read(said)
     text = f"{shown}: {said}" if shown and said else shown or said
-    text = text.replace("$", r"\$")
+    text = escaped(text)
     return (f"\u200b{text}" if text.startswith("_") else text) or None
+
+
+def escaped(text: str) -> str:
+    """A text for matplotlib: without formulas."""
+    return text.replace("$", r"\$")
 
 
 def picture(rows: int = 1, *, height: float = 3.0, ratios: Sequence[float] | None = None, share: bool = True) -> Any:
@@ -150,11 +166,11 @@ def figure_legend(figure: Picture, lines: Mapping[str, Any], columns: int = 4) -
             handle.set_alpha(1.0)
 
 
-def row_legend(ax: Axes) -> None:
+def row_legend(ax: Axes, entries: Mapping[str, Any]) -> None:
     """The curves of one row above it, at the left."""
-    if ax.get_legend_handles_labels()[0]:
+    if entries:
         ax.legend(
-            loc="lower left", bbox_to_anchor=(0.0, 0.98), ncols=4, fontsize=SMALL, frameon=False, borderaxespad=0.0,
+            list(entries.values()), list(entries), loc="lower left", bbox_to_anchor=(0.0, 0.98), ncols=4, fontsize=SMALL, frameon=False, borderaxespad=0.0,
             borderpad=0.2, handlelength=2.0, labelcolor=INK,
         )  # fmt: skip
 

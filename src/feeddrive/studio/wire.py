@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from feeddrive.language.text import plain
-from feeddrive.plot.chart import Band, Chart, Curve, Panel
+from feeddrive.plot.chart import Band, Chart, Curve, Level, Panel
 from feeddrive.plot.style import envelope
 
 POINTS = 2000  # of a curve, and pixels of the width of a picture
@@ -51,12 +51,16 @@ def _panel(panel: Panel, numbers: list[np.ndarray], chart: Chart, window: Window
         "label": panel.label, "scale": panel.scale, "low": panel.low, "high": panel.high, "share": panel.share,
         "curves": [_curve(each, numbers, chart, panel, window) for each in panel.curves],
         "marks": [vars(each) for each in panel.marks],
-        "levels": [vars(each) for each in panel.levels],
+        "levels": [_level(each) for each in panel.levels],
         "discs": [vars(each) for each in panel.discs],
         "notes": [vars(each) for each in panel.notes],
         "bands": [_band(each, numbers) for each in panel.bands],
         "said": panel.said, "heat": panel.heat and vars(panel.heat),
     }  # fmt: skip
+
+
+def _level(level: Level) -> dict[str, Any]:
+    return {name: getattr(level, name) for name in ("value", "text", "upright", "dashed", "faint")}
 
 
 def _curve(
