@@ -188,7 +188,7 @@ def test_importing_the_pictures_does_not_import_matplotlib() -> None:
 
 def test_every_registered_name_is_a_result_and_its_function() -> None:
     """The registry holds texts, so that a renamed class or function is found here."""
-    for table in (registry.PICTURES, {kind: f"frames:{name}" for kind, name in registry.FRAMES.items()}):
+    for table in (registry.CHARTS, {kind: f"frames:{name}" for kind, name in registry.FRAMES.items()}):
         for kind, place in table.items():
             module, name = kind.split(":")
             assert issubclass(getattr(import_module(f"feeddrive.{module}"), name), Result), kind

@@ -20,9 +20,10 @@ def scores_chart(laws: Sequence[str], panels: Mapping[str, Sequence[tuple[Sequen
         plants = [(ratio, -row) for row, (ratios, _) in enumerate(rows) for ratio in ratios]
         means = [(mean, -row) for row, (_, mean) in enumerate(rows) if mean]
         x, y = np.array(plants, float).reshape(-1, 2).T
+        middle = np.array(means, float).reshape(-1, 2).T
         curves = (
             Curve(x, y, number=NEUTRAL, look=DOTS),
-            Curve(*np.array(means, float).reshape(-1, 2).T, look=MARKERS),
+            Curve(middle[0], middle[1], look=MARKERS),
         )
         names = tuple(Tick(tick.value, tick.name if not shown else "") for tick in listed(laws))
         one = Level(1.0, upright=True)

@@ -144,7 +144,7 @@ class Box:
     number   of the curve whose color it has
     name     in the legend; several boxes of one name have one entry
     text     in the middle, or with `beside` next to the end that is farther from 0
-    level    -1 to 1 in place of the number: a color from better over none to worse
+    level    -1 to 1 in place of the number: a color from better over none to worse; such a panel is a table
     pale     as an area behind curves
     hatched  uncertain
     """
@@ -220,7 +220,7 @@ class Panel:
     share      of the height, in relation to the other panels
     said       a line above it
     heat       scale of the curves or the field that have values
-    ticks      places of y that have a text; None: round numbers.  With names on both axes it is a table
+    ticks      places of y that have a text; None: round numbers
     abscissa   its own axis of x; None: that of the chart, which these panels share
     width      in relation to the other panels of its row
     whole      it takes a row for itself

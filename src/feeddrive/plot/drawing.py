@@ -97,7 +97,8 @@ def _axes(figure: Picture, chart: Chart) -> list[Axes]:
     grid = figure.add_gridspec(
         len(shares), chart.across, height_ratios=shares, width_ratios=[width or 1.0 for width in widths]
     )
-    axes, shared = list[Axes](), list[Axes]()
+    axes: list[Axes] = []
+    shared: list[Axes] = []
     for panel, (row, column) in zip(chart.panels, places, strict=True):
         spot = grid[row, :] if panel.whole else grid[row, column]
         with_others = panel.abscissa is None
@@ -109,7 +110,7 @@ def _axes(figure: Picture, chart: Chart) -> list[Axes]:
 
 def _abscissas(axes: Sequence[Axes], chart: Chart) -> None:
     """The axes of x, after the curves: the shared one, with its numbers below the lowest panel of each column."""
-    shared = list[Axes]()
+    shared: list[Axes] = []
     for ax, panel in zip(axes, chart.panels, strict=True):
         if panel.abscissa is None:
             shared.append(ax)
@@ -147,7 +148,7 @@ def _abscissa(ax: Axes, abscissa: Abscissa, panel: Panel) -> None:
     elif abscissa.scale == looks.LINEAR and panel.abscissa is not None:
         ax.ticklabel_format(axis="x", useOffset=False)
         ax.locator_params(axis="x", nbins=5 if ax.get_gridspec().ncols > 1 else 9)  # type: ignore[union-attr]
-    if abscissa.ticks and panel.ticks and any(tick.name for tick in abscissa.ticks):
+    if any(box.level is not None for box in panel.boxes):
         _table(ax)
     if abscissa.square and panel.abscissa is not None:
         ax.set_aspect("equal", adjustable="box" if abscissa.low is not None else "datalim")
@@ -163,25 +164,27 @@ def _ticks(axis: Axis, ticks: Sequence[Tick]) -> None:
 
 
 def _table(ax: Axes) -> None:
-    """Names on both axes: those of the columns stand slanted above them, and nothing is drawn beside the cells."""
+    """Cells under names on both axes: those of the columns stand slanted above them; no lines of axes and grid."""
     ax.xaxis.tick_top()
     ax.tick_params(axis="x", labelrotation=40)
     for label in ax.get_xticklabels():
         label.set_horizontalalignment("left")
         label.set_rotation_mode("anchor")
     ax.tick_params(length=0)
+    ax.grid(visible=False)
     for spine in ax.spines.values():
         spine.set_visible(False)
 
 
 def _legends(figure: Picture, axes: Sequence[Axes], chart: Chart) -> None:
-    entries, own = dict[str, Any](), [dict[str, Any]() for _ in axes]
     limits = {style.caption("", level.said) for panel in chart.panels for level in panel.levels}
-    for ax, of_panel in zip(axes, own, strict=True):
+    entries = dict[str, Any]()
+    for ax in axes:
+        own = dict[str, Any]()
         for handle, text in zip(*ax.get_legend_handles_labels(), strict=True):
-            (of_panel if chart.legend == looks.PANELS and text not in limits else entries).setdefault(text, handle)
-    for ax, of_panel in zip(axes, own, strict=True):
-        style.row_legend(ax, of_panel)
+            among = own if chart.legend == looks.PANELS and text not in limits else entries
+            among.setdefault(str(text), handle)
+        style.row_legend(ax, own)
     if chart.legend == looks.RIGHT and entries:
         figure.legend(
             list(entries.values()), list(entries), loc="outside right upper", fontsize=style.SMALL, frameon=False,
@@ -358,17 +361,17 @@ def _curve(ax: Axes, curve: Curve) -> None:
     if curve.reach is not None:
         _discs(ax, curve, curve.reach)
         return
-    named = {"label": style.caption(curve.name, curve.said)}
+    name = style.caption(curve.name, curve.said)
     tint = _color(curve.number)
     if curve.look == looks.SOLID:
-        ax.fill(*_shapes(curve), color=tint, linewidth=0.0, **named)
+        ax.fill(*_shapes(curve), color=tint, linewidth=0.0, label=name)
     elif curve.look == looks.BAR:
         ax.plot(curve.x, curve.y, color=tint, linewidth=2.4 * curve.size, alpha=0.55, solid_capstyle="butt",
                 label=style.caption(curve.name))  # fmt: skip
         if curve.said:
             _beside(ax, float(curve.x[0]), float(np.mean(curve.y)), curve.said)
     else:
-        ax.plot(curve.x, curve.y, **_look(curve, tint), **named)
+        ax.plot(curve.x, curve.y, label=name, **_look(curve, tint))
 
 
 def _shapes(curve: Curve) -> list[np.ndarray]:

@@ -1,4 +1,4 @@
-"""Which function gives the chart of a type of result, and which its DataFrame: by name, so that nothing is imported before.
+"""Which function gives the chart of a type of result, and which its DataFrame, by name: nothing is imported before.
 
 The first `chart()` or `plot()` of a type imports the module of its chart, and no other one.
 """

@@ -170,7 +170,8 @@ def row_legend(ax: Axes, entries: Mapping[str, Any]) -> None:
     """The curves of one row above it, at the left."""
     if entries:
         ax.legend(
-            list(entries.values()), list(entries), loc="lower left", bbox_to_anchor=(0.0, 0.98), ncols=4, fontsize=SMALL, frameon=False, borderaxespad=0.0,
+            list(entries.values()), list(entries), loc="lower left", bbox_to_anchor=(0.0, 0.98), ncols=4,
+            fontsize=SMALL, frameon=False, borderaxespad=0.0,
             borderpad=0.2, handlelength=2.0, labelcolor=INK,
         )  # fmt: skip
 

@@ -29,7 +29,8 @@ from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run
 from feeddrive.machining.part_run import PartRun
 from feeddrive.path.planned import Planned
-from feeddrive.plot import style
+from feeddrive.plot import drawing, style
+from feeddrive.plot.chart import Chart
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -155,13 +156,15 @@ def tabled(found: Table | Grid, caption: str = "") -> str:
 
 
 def svg(figure: Any, key: str, alt: str) -> str:
-    """Return the figure as an SVG element in the colors of the page's theme.
+    """Return a chart or a matplotlib figure as an SVG element in the colors of the page's theme.
 
     key  letters that make its identifiers unique among the pictures of one page
     alt  description of the figure
     """
     import matplotlib
 
+    if isinstance(figure, Chart):
+        figure = drawing.drawn(figure)
     text = StringIO()
     silent = {"Date": None, "Creator": None, "Format": None, "Type": None}
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": key}), warnings.catch_warnings():
