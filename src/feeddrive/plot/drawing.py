@@ -44,6 +44,7 @@ _LIMITS: tuple[Dashes, ...] = (
     (0, (1.5, 1.5)),
     (0, (6, 1.5, 1.5, 1.5)),
 )  # of limits that the legend tells apart
+_MANY, _FEW = 1e4, 1e2  # logarithmic ranges: above, not all decades have a number; below, 2 and 5 have one, too
 _COLD, _HOT = 1.1, 2.6  # width of the smallest and the largest value
 
 
@@ -115,10 +116,10 @@ def _abscissas(axes: Sequence[Axes], chart: Chart) -> None:
         if panel.abscissa is None:
             shared.append(ax)
         else:
-            _abscissa(ax, panel.abscissa, panel)
+            _abscissa(ax, panel.abscissa, panel, chart.across)
     if not shared:
         return
-    _abscissa(shared[-1], chart.abscissa, chart.panels[-1])
+    _abscissa(shared[-1], chart.abscissa, chart.panels[-1], chart.across)
     lowest = {spec.colspan.start: ax for ax in shared if (spec := ax.get_subplotspec()) is not None}
     for ax in shared:
         if ax not in lowest.values():
@@ -128,12 +129,12 @@ def _abscissas(axes: Sequence[Axes], chart: Chart) -> None:
     if chart.scale == looks.FREQUENCY:
         style.frequency_grid(shared)
     for ax in shared if chart.square else ():
-        ax.set_aspect("equal", adjustable="box" if chart.low is not None else "datalim")
+        _square(ax, chart.abscissa)
     for ax in shared if chart.bare else ():
         ax.set_axis_off()
 
 
-def _abscissa(ax: Axes, abscissa: Abscissa, panel: Panel) -> None:
+def _abscissa(ax: Axes, abscissa: Abscissa, panel: Panel, across: int) -> None:
     if abscissa.scale == looks.FREQUENCY:
         assert abscissa.low is not None
         assert abscissa.high is not None
@@ -145,14 +146,22 @@ def _abscissa(ax: Axes, abscissa: Abscissa, panel: Panel) -> None:
         style.plain_decades(ax.xaxis, between=True)
     if abscissa.ticks is not None:
         _ticks(ax.xaxis, abscissa.ticks)
-    elif abscissa.scale == looks.LINEAR and panel.abscissa is not None:
-        ax.ticklabel_format(axis="x", useOffset=False)
-        ax.locator_params(axis="x", nbins=5 if ax.get_gridspec().ncols > 1 else 9)  # type: ignore[union-attr]
+    elif abscissa.scale == looks.LINEAR and across > 1:
+        style.few_numbers(ax, 6 if across == 2 else 4)
     if any(box.level is not None for box in panel.boxes):
         _table(ax)
     if abscissa.square and panel.abscissa is not None:
-        ax.set_aspect("equal", adjustable="box" if abscissa.low is not None else "datalim")
+        _square(ax, abscissa)
     ax.set_xlabel(abscissa.label, fontsize=style.TEXT)
+
+
+def _square(ax: Axes, abscissa: Abscissa) -> None:
+    """One scale for x and y: the panel takes its shape from the ranges, or widens them if there are none."""
+    ax.set_aspect("equal", adjustable="box" if abscissa.low is not None else "datalim")
+    if abscissa.low is None:
+        ax.margins(0.04)
+        ax.locator_params(nbins=6)
+        ax.ticklabel_format(scilimits=(-3, 5))
 
 
 def _ticks(axis: Axis, ticks: Sequence[Tick]) -> None:
@@ -178,13 +187,14 @@ def _table(ax: Axes) -> None:
 
 def _legends(figure: Picture, axes: Sequence[Axes], chart: Chart) -> None:
     limits = {style.caption("", level.said) for panel in chart.panels for level in panel.levels}
-    entries = dict[str, Any]()
+    curves, levels = dict[str, Any](), dict[str, Any]()
     for ax in axes:
-        own = dict[str, Any]()
+        entries = dict[str, Any]() if chart.legend == looks.PANELS else curves
         for handle, text in zip(*ax.get_legend_handles_labels(), strict=True):
-            among = own if chart.legend == looks.PANELS and text not in limits else entries
-            among.setdefault(str(text), handle)
-        style.row_legend(ax, own)
+            (levels if text in limits else entries).setdefault(str(text), handle)
+        if chart.legend == looks.PANELS:
+            style.row_legend(ax, entries)
+    entries = curves | levels
     if chart.legend == looks.RIGHT and entries:
         figure.legend(
             list(entries.values()), list(entries), loc="outside right upper", fontsize=style.SMALL, frameon=False,
@@ -229,14 +239,18 @@ def _panel(ax: Axes, panel: Panel, chart: Chart, crowded: bool) -> None:
         _note(ax, note)
     if panel.scale == looks.LOG:
         ax.set_yscale("log")
-        style.plain_decades(ax.yaxis, crowded=crowded, between=chart.scale == looks.LOG)
-        ax.grid(True, which="minor", axis="y", color=style.GRID, linewidth=0.4)
     if panel.scale == looks.DEGREES:
         assert panel.low is not None
         assert panel.high is not None
         style.degrees_axis(ax, panel.low, panel.high)
     elif panel.low is not None or panel.high is not None:
         ax.set_ylim(panel.low, panel.high)
+    if panel.scale == looks.LOG:
+        low, high = ax.get_ylim()
+        many, few = low * _MANY < high, not crowded and high < _FEW * low
+        style.plain_decades(ax.yaxis, crowded=crowded or many, between=few or chart.scale == looks.LOG)
+        if not many:
+            ax.grid(True, which="minor", axis="y", color=style.GRID, linewidth=0.4)
     if panel.ticks is not None:
         _ticks(ax.yaxis, panel.ticks)
     ax.set_ylabel(panel.label, fontsize=style.TEXT)
@@ -259,7 +273,9 @@ def _level(ax: Axes, level: Level, kind: int) -> None:
 
 def _box(ax: Axes, box: Box) -> None:
     tint = _color(box.number, style.MUTED)
-    look: dict[str, Any] = {"color": tint, "alpha": 0.14 if box.pale else 1.0, "linewidth": 0.0}
+    look: dict[str, Any] = {"facecolor": tint, "edgecolor": style.PAPER, "linewidth": 0.5}
+    if box.pale:
+        look = {"color": tint, "alpha": 0.14, "linewidth": 0.0}
     if box.hatched:
         look = {"color": style.GRID, "hatch": "///", "edgecolor": style.MUTED, "linewidth": 0.6}
     elif box.level is not None:
@@ -307,8 +323,12 @@ def _note(ax: Axes, note: Note) -> None:
     off, across, along = (3, "left", "bottom") if note.right else (-5, "right", "top")
     if note.middle:
         off, across, along = 0, "center", "center"
-    ax.annotate(style.escaped(note.text), (note.x, note.y), xytext=(off, off), textcoords="offset points", ha=across,
-                va=along, fontsize=style.SMALL, color=_color(note.number, style.MUTED))  # fmt: skip
+    back = {"facecolor": style.PAPER, "edgecolor": "none", "alpha": 0.8, "pad": 0.8}
+    ax.annotate(
+        style.escaped(note.text), (note.x, note.y), xytext=(off, off), textcoords="offset points", ha=across, va=along,
+        fontsize=style.SMALL, color=_color(note.number, style.MUTED),
+        bbox=None if note.number == looks.NEUTRAL else back,
+    )  # fmt: skip
 
 
 def _heat(ax: Axes, curve: Curve, heat: np.ndarray, scale: Heat) -> None:
@@ -382,7 +402,7 @@ def _shapes(curve: Curve) -> list[np.ndarray]:
 
 
 def _look(curve: Curve, tint: str) -> dict[str, Any]:
-    size, marker = curve.size, style.marker(curve.number)
+    size, marker = curve.size, style.marker(curve.number) if curve.number >= 0 else "o"
     line = {"color": tint, "linewidth": style.LINE * size}
     if curve.look in (looks.LINE, looks.MARKED) and curve.number >= 0:
         line |= {"linestyle": style.dashes(curve.number)}
@@ -394,7 +414,7 @@ def _look(curve: Curve, tint: str) -> dict[str, Any]:
             pale = _color(curve.number, style.MUTED)
             return {"color": pale, "linewidth": 2.6 * size, "alpha": 0.55, "solid_capstyle": "butt"}
         case looks.DASHED:
-            return line | {"linestyle": (0, (3, 2))}
+            return line | {"linestyle": (0, (4, 2))}
         case looks.MARKED:
             return line | {"marker": marker, "markersize": 4.5 * size, "linewidth": style.LINE}
         case looks.MARKERS:

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from feeddrive.identification.regression import Residuals, Validation
 
 _LAGS = 40  # of an autocorrelation
-_CUT = 0.1  # of an amplitude: a bar of errors that reaches below is cut off there on the logarithmic scale
+_CUT = 0.3  # of an amplitude: a bar of errors that reaches below is cut off there on the logarithmic scale
 
 
 def rigid_fit_chart(fit: RigidFit, units: Units = DRAWN) -> Chart:

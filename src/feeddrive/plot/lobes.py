@@ -57,7 +57,7 @@ def lobes_chart(found: Lobes) -> Chart:
         borders.append(Curve(np.array([rpm, rpm]), height, "stable again above the border", 2, BAR))
     said = "tooth passes every k swings of a mode"
     passing = tuple(
-        Level(rpm, f"{k}" if n < _CROWDED else "", upright=True, dashed=True, said=said)
+        Level(rpm, f"{k}" if n < _CROWDED else "", upright=True, dashed=True, faint=True, said=said)
         for n, (rpm, _, k) in enumerate(reversed(found.passing()))
     )
     marks, notes = ((), ()) if found.own is None else _own(found.own, speed)
@@ -154,7 +154,7 @@ def chatter_signs_chart(found: ChatterSigns) -> Chart:
     middle, spread = float(np.mean(values)), 1.3 * float(np.ptp(values))
     room = max(0.5 * spread, 0.5 * factor * found.swing if found.dots == 1 else 0.0) or 1.0
     low, high = middle - room, middle + room
-    once = Curve(values[:-1], values[1:], number=0 if found.dots == 1 else 1, look=DOTS, size=1.3)
+    once = Curve(values[:-1], values[1:], number=0 if found.dots == 1 else 1, look=DOTS, size=2.0)
     sections = Panel(
         f"a tooth later ({name})", (once,), low=low, high=high,
         said={1: "one dot: stable", 2: "two dots: flip", 0: "a ring: Hopf chatter"}[found.dots],

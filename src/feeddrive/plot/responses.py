@@ -222,7 +222,7 @@ def response_residuals_chart(found: Agreement) -> Chart:
     for i, (measured, residual) in enumerate(zip(found.measured, found.residuals, strict=True)):
         name = measured.output if len(found.measured) > 1 else ""
         f, scaled = measured.frequency, residual / spread
-        curves.append(Curve(f, np.real(scaled), name, i, DOTS, "real", size=1.2))
+        curves.append(Curve(f, np.real(scaled), name, i, MARKERS, "real", size=0.45))
         curves.append(Curve(f, np.imag(scaled), name, i, CROSS, "imaginary", size=0.45))
     # a few lines far off must not hide the others
     reach = 1.15 * float(np.percentile(np.abs(np.concatenate(found.residuals)), 99.0)) / spread

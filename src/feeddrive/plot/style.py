@@ -217,6 +217,14 @@ def _plain(value: float) -> str:
     return f"{value:.0e}".replace("e-0", "e-").replace("e+0", "e")
 
 
+def few_numbers(ax: Axes, most: int) -> None:
+    """At most so many stretches between the numbers of x, which are written whole."""
+    from matplotlib.ticker import MaxNLocator
+
+    ax.xaxis.set_major_locator(MaxNLocator(most))
+    ax.ticklabel_format(axis="x", useOffset=False)
+
+
 def degrees_axis(ax: Axes, low: float, high: float) -> None:
     """Ticks at multiples of 45° or 90°, and the whole range inside."""
     from matplotlib.ticker import MultipleLocator

@@ -94,11 +94,12 @@ def errors_and_parameters_chart(named: Mapping[str, Trials]) -> Chart:
         trial = np.arange(1, row.size + 1, dtype=np.float64)
         sigma = np.where(np.isnan(errors[name]), 0.0, errors[name])
         bars = Curve(*rods(trial, row - 2.0 * sigma, row + 2.0 * sigma), number=NEUTRAL, look=THIN, size=1.5)
-        line = Curve(trial, row, number=i, look=MARKED, size=0.8)
+        line = Curve(trial, row, number=i, look=PLAIN, size=0.7)
+        points = Curve(trial, row, number=i, look=MARKERS, size=0.8)
         unit = style.written(tree.declaration(last.iterations[0].before, name).unit)
         label = f"{_WORDS.get(name, name)}\n({unit_name(unit, 'SI')})"
         abscissa = replace(numbers, label="trial" if i >= len(values) - 2 else "")
-        panels.append(Panel(label, (bars, line), abscissa=abscissa))
+        panels.append(Panel(label, (bars, line, points), abscissa=abscissa))
     rows = -(-len(values) // 2)
     return Chart("", tuple(panels), across=2, height=2.6 + 1.35 * rows, columns=3)
 

@@ -109,5 +109,7 @@ def contour_chart(paths: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Chart:
         shown = 1e3 * (RADIUS + ZOOM * off) * np.exp(1j * np.arctan2(y, x))
         line = Curve(np.real(shown), np.imag(shown), number=i, look=PLAIN, size=0.65)
         said = Text(f"{name}: RMS {Quantity(np.sqrt(np.mean(off**2)), 'm'):.2f}")
-        panels.append(Panel("y (mm)", (line,), discs=(nominal,), said=said, abscissa=Abscissa("x (mm)", square=True)))
+        reach = 1.05 * max(1e3 * RADIUS, float(np.max(np.abs(shown))))
+        abscissa = Abscissa("x (mm)", low=-reach, high=reach, square=True)
+        panels.append(Panel("y (mm)", (line,), discs=(nominal,), low=-reach, high=reach, said=said, abscissa=abscissa))
     return Chart("", tuple(panels), across=2, height=3.4 * -(-len(paths) // 2))

@@ -15,9 +15,9 @@ from feeddrive.language.text import Text
 from feeddrive.plot import style
 from feeddrive.plot.chart import (
     ALERT,
-    DOTS,
     FREQUENCY,
     LOG,
+    MARKERS,
     NEUTRAL,
     RING,
     Abscissa,
@@ -70,7 +70,9 @@ def yields_chart(found: Yield) -> Chart:
         if share.interval is not None:
             ends = 100.0 * np.array(share.interval)
             lines.append(Curve(ends, np.full(2, -float(row)), number=number, size=1.6))
-        dots.append(Curve(np.array([100.0 * share.value]), np.array([-float(row)]), number=number, look=DOTS, size=5.0))
+        dots.append(
+            Curve(np.array([100.0 * share.value]), np.array([-float(row)]), number=number, look=MARKERS, size=1.3)
+        )
     low = min((share.interval or (share.value,))[0] for _, share in rows)
     left = 100.0 * max(0.0, low - 0.08 * (1.0 - low) - 0.002)
     right = 100.0 + 100.0 * (0.03 * (1.0 - low) + 5e-4)
@@ -223,7 +225,7 @@ def front_chart(found: Front, sample: Judged) -> Chart:
             chosen = some[sample.inside[some] == inside]
             if chosen.size:
                 place = _place(sample.figures, first, other, chosen)
-                curves.append(Curve(*place, name, number, DOTS, size=1.5))
+                curves.append(Curve(*place, name, number, MARKERS, size=0.5))
         ring = _place(found.rows.figures, first, other, kept)
         curves.append(Curve(*ring, "front", NEUTRAL, RING, size=1.45))
         low, high = _ends(curves, "y", 0.06)
