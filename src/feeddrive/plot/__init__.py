@@ -1,7 +1,8 @@
-"""Figures and DataFrames of results; `Result.plot()` and `.to_pandas()` find them in `registry.py` by type.
+"""Charts, figures and DataFrames of results; `Result.chart()`, `.plot()` and `.to_pandas()` find them by type.
 
-A picture is drawn with matplotlib's object API: a figure that shows itself in a notebook and writes itself with
-`savefig`.  Importing this package does not import matplotlib or pandas, nor the modules that draw.
+A chart is a value (`chart.py`): `bode_chart(response)` gives what the figure `bode(response)` shows, and `drawn` draws
+any chart with matplotlib's object API: a figure that shows itself in a notebook and writes itself with `savefig`.
+Importing this package does not import matplotlib or pandas, nor the modules of the charts.
 """
 
 from feeddrive.language.lazy_package import make_lazy
