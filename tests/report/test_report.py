@@ -34,6 +34,8 @@ from feeddrive.loop.lifting import compliance, loop_gain, tracking
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 from feeddrive.plot import style
+from feeddrive.plot.chart import Chart, Curve, Panel
+from feeddrive.plot.drawing import drawn as draw_chart
 from feeddrive.report import Entry, LawsReport, build
 from feeddrive.report.page import THEME, Shown, page_units, picture, render, svg, table, tabled
 from feeddrive.report.page import page as page_of
@@ -361,10 +363,10 @@ def contrast(a: str, b: str) -> float:
 
 
 def test_a_curve_keeps_its_place_in_the_page() -> None:
-    figure, (ax,) = style.picture(1, height=3.0)
     rng = np.random.default_rng(1)
     x, y = np.linspace(0.0, 1.0, 900), np.cumsum(rng.normal(size=900))
-    (line,) = ax.plot(x, y, color=style.color(0))
+    figure = draw_chart(Chart("x", (Panel("y", (Curve(x, y),)),)))
+    (line,) = figure.axes[0].lines
     text = svg(figure, "k", "a random walk of nine hundred steps")
     path = max(re.findall(r' d="([^"]*)"', text), key=len)
     places = np.array(drawn(path))
@@ -419,9 +421,8 @@ KEEPS_QUANTITIES = True  # in the f-strings of this module
 
 def test_a_page_is_read_in_the_units_of_its_axis() -> None:
     """Quantities of the sentences, tables and pictures are turned; texts of a person are not."""
-    figure, (ax,) = style.picture(1, height=2.0)
-    ax.set_ylabel(f"force ({unit_name('N')}) of '5 kg'")
-    shown = Shown("k", "5 kg", Text(f"at {Quantity(2e-6, 'm')}"), "a picture of a force", lambda: figure)
+    chart = Chart("x", (Panel(f"force ({unit_name('N')}) of '5 kg'"),), height=2.0)
+    shown = Shown("k", "5 kg", Text(f"at {Quantity(2e-6, 'm')}"), "a picture of a force", lambda: chart)
     turns = page_units(rotary=True)
     table = Table("5 mm", [Column("5 kg"), Column("RMS", "m")], [["3 N", 1e-6]])
     text = structure(page_of("5 kg", [picture(shown, turns), tabled(table)], turns)).text

@@ -169,7 +169,7 @@ def _box(test: CircleTest, division: float, said: str) -> str:
     low, high = Quantity(most.F_min, "m", bare=True), Quantity(most.F_max, "m")
     lines += [f"F {low:+.4g} … {high:+.4g} ({test.about})", f"D {Quantity(most.D, 'm'):+.4g}"]
     lines += ["readings of encoders"] if first.source == "encoder" else []
-    return joined("\n", [*lines, *([style.caption(said) or ""] if said else [])])
+    return joined("\n", [*lines, *([style.shortened(said)] if said else [])])
 
 
 def _division(wanted: float) -> float:

@@ -39,11 +39,8 @@ if TYPE_CHECKING:
 
 P = ParamSpec("P")
 _DASHED: Dashes = (0, (4, 3))
-_LIMITS: tuple[Dashes, ...] = (
-    _DASHED,
-    (0, (1.5, 1.5)),
-    (0, (6, 1.5, 1.5, 1.5)),
-)  # of limits that the legend tells apart
+# of limits that the legend tells apart
+_LIMITS: tuple[Dashes, ...] = (_DASHED, (0, (1.5, 1.5)), (0, (6, 1.5, 1.5, 1.5)))
 _MANY, _FEW = 1e4, 1e2  # logarithmic ranges: above, not all decades have a number; below, 2 and 5 have one, too
 _COLD, _HOT = 1.1, 2.6  # width of the smallest and the largest value
 
@@ -69,9 +66,7 @@ def drawn(chart: Chart, units: Units | None = None) -> Any:
     for ax, panel in zip(axes, chart.panels, strict=True):
         _panel(ax, panel, chart, crowded=len(axes) > 2)
     _abscissas(axes, chart)
-    named = [
-        (ax, panel.marks) for ax, panel in zip(axes, chart.panels, strict=True) if any(m.name for m in panel.marks)
-    ]
+    named = [(ax, panel.marks) for ax, panel in zip(axes, chart.panels, strict=True) if _has_names(panel)]
     _legends(figure, axes, chart)
     if len(axes) > 1 and not chart.bare:
         figure.align_ylabels(axes)
@@ -80,6 +75,10 @@ def drawn(chart: Chart, units: Units | None = None) -> Any:
     for ax, marks in named:
         name_marks(ax, marks, _color)
     return figure
+
+
+def _has_names(panel: Panel) -> bool:
+    return any(mark.name for mark in panel.marks)
 
 
 def _axes(figure: Picture, chart: Chart) -> list[Axes]:

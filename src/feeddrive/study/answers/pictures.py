@@ -184,7 +184,7 @@ def _correlations(found: Sequence[RankCorrelation]) -> Panel:
 
 def _rows(some: Sequence[str], names: Sequence[str], boxes: Sequence[Box], lines: Sequence[Curve]) -> Panel:
     said = short(names)
-    shown = [said[name] if len(said[name]) <= _LETTERS else f"{said[name][: _LETTERS - 1]}…" for name in some]
+    shown = [style.shortened(said[name], _LETTERS) for name in some]
     return Panel("", tuple(lines), boxes=tuple(boxes), ticks=listed(shown), low=0.55 - len(some), high=0.55)
 
 
