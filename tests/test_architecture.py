@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import itertools
 import re
 import subprocess
 import sys
@@ -94,21 +95,23 @@ def test_the_floors_are_the_folders():
     assert sorted(FLOORS) == sorted(folders), "the table in DESIGN.md, section 3, names each room once"
 
 
-@pytest.mark.parametrize("path", FILES, ids=shown)
-def test_no_arrow_runs_up(path: Path):
+def upward(path: Path) -> Iterator[str]:
+    """The imports of a file that run upward; none of the package itself, which shows all floors."""
     own = floor_of(path.relative_to(SOURCE).parts)
     if own is None:
-        return  # the package itself, which shows all floors
-    for found in imports(path):
-        if not found.module.startswith("feeddrive"):
+        return
+    for imported in imports(path):
+        if not imported.module.startswith("feeddrive"):
             continue
-        other = floor_of(tuple(found.module.split(".")[1:]))
-        if other is None:
-            # the package itself imports every room: only the version lies outside of the rooms
-            assert found.module.startswith("feeddrive.version."), f"line {found.line}: {found.module}"
-        assert other is None or other <= own, (
-            f"line {found.line}: {FLOORS[own]} imports {found.module}, which is a floor above"
-        )
+        other = floor_of(tuple(imported.module.split(".")[1:]))
+        # the package itself imports every room: only the version lies outside of the rooms
+        outside = other is None and not imported.module.startswith("feeddrive.version.")
+        if outside or (other is not None and other > own):
+            yield f"{shown(path)}, line {imported.line}: {FLOORS[own]} imports {imported.module} from above"
+
+
+def test_no_arrow_runs_up():
+    assert not [arrow for path in FILES for arrow in upward(path)]
 
 
 def module_name(path: Path) -> str:
@@ -196,14 +199,18 @@ def test_every_family_is_traced_or_sampled():
     assert folders == {*TRACED, *SAMPLED}
 
 
-@pytest.mark.parametrize("path", block_files(TRACED), ids=shown)
-def test_a_step_law_is_written_in_ops(path: Path):
-    """`math` and `numpy` compute on numbers only; what is traced must run on symbols too."""
-    for found in imports(path):
-        top = found.module.split(".")[0]
-        assert top not in ("math", "cmath", "numpy", "scipy"), f"line {found.line}: {found.module}"
+def untraceable(path: Path) -> Iterator[str]:
+    """What a file computes with that runs on numbers only."""
+    for imported in imports(path):
+        if imported.module.split(".")[0] in ("math", "cmath", "numpy", "scipy"):
+            yield f"{shown(path)}, line {imported.line}: {imported.module}"
     for line in powers(ast.parse(path.read_text(encoding="utf-8"))):
-        raise AssertionError(f"line {line}: x*x or ops.power instead of **")
+        yield f"{shown(path)}, line {line}: x*x or ops.power instead of **"
+
+
+def test_step_laws_are_written_in_ops():
+    """`math` and `numpy` compute on numbers only; what is traced must run on symbols too."""
+    assert not [place for path in block_files(TRACED) for place in untraceable(path)]
 
 
 def powers(node: ast.AST) -> Iterator[int]:
@@ -216,32 +223,22 @@ def powers(node: ast.AST) -> Iterator[int]:
         yield from powers(child)
 
 
-@pytest.mark.parametrize("path", block_files([*TRACED, *SAMPLED]), ids=shown)
-def test_one_concrete_block_a_file_named_as_the_file(path: Path):
-    if path.stem == "__init__":
-        return
-    module = ".".join(("feeddrive", *path.relative_to(SOURCE).with_suffix("").parts))
-    found = catalogue.blocks_of(module)
-    assert [snake_case(block.__name__) for block in found] in ([path.stem], []), found
+def test_a_file_holds_at_most_one_concrete_block_and_has_its_name():
+    names = {
+        path: [snake_case(block.__name__) for block in catalogue.blocks_of(module_name(path))]
+        for path in block_files([*TRACED, *SAMPLED])
+        if path.stem != "__init__"
+    }
+    assert sum(map(len, names.values())) == len(concrete_blocks())
+    assert not {shown(path): held for path, held in names.items() if held not in ([path.stem], [])}
 
 
 def concrete_blocks() -> list[type[Block]]:
     return [block for members in catalogue.catalogue().values() for block in members.values()]
 
 
-@pytest.mark.parametrize("block", concrete_blocks(), ids=lambda block: block.__name__)
-def test_a_concrete_block_is_final(block: type[Block]):
-    for other in concrete_blocks():
-        assert other is block or not issubclass(other, block), f"{other.__name__} inherits from {block.__name__}"
-
-
-@pytest.mark.parametrize("block", concrete_blocks(), ids=lambda block: block.__name__)
-def test_a_block_says_what_it_is(block: type[Block]):
-    from feeddrive.language.block import declarations
-
-    assert block.__doc__, block.__name__
-    for name, declared in declarations(block).items():
-        assert declared.meaning, f"{block.__name__}.{name}"
+def test_concrete_blocks_are_final():
+    assert not [pair for pair in itertools.permutations(concrete_blocks(), 2) if issubclass(*pair)]
 
 
 HEAVY = ["scipy", "matplotlib", "pandas", "pyarrow", "llvmlite", "rich", "typer", "control", "numpy"]
@@ -266,9 +263,13 @@ def test_a_loop_is_described_with_numpy_alone():
 PUBLIC = [path.parent for path in sorted(SOURCE.rglob("__init__.pyi"))]
 
 
-@pytest.mark.parametrize("folder", PUBLIC, ids=shown)
-def test_static_names_are_the_ones_that_are_loaded(folder: Path):
+def test_static_names_are_the_ones_that_are_loaded():
     """What type checkers see in a stub is what the package gives, also after modules of these names were imported."""
+    for folder in PUBLIC:
+        names_of_a_stub(folder)
+
+
+def names_of_a_stub(folder: Path) -> None:
     package = ".".join(("feeddrive", *folder.relative_to(SOURCE).parts))
     listed = [found.module for found in imports(folder / "__init__.pyi") if found.module.startswith("feeddrive.")]
     assert listed
@@ -278,7 +279,7 @@ def test_static_names_are_the_ones_that_are_loaded(folder: Path):
         held = importlib.import_module(path) if module == package else getattr(importlib.import_module(module), name)
         assert getattr(made, name) is held, name
     names = {path.rpartition(".")[2] for path in listed}
-    assert names == set(dir(made)), "dir lists the public names and nothing else"
+    assert names == set(dir(made)), f"dir({package}) lists the public names and nothing else"
 
 
 def test_the_top_is_short_and_old_names_say_where_they_went():

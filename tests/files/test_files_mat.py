@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import builtins
 import io
 import struct
 import zlib
@@ -19,7 +18,9 @@ from feeddrive.files import columns
 from feeddrive.files.formats import read_columns
 from feeddrive.files.read_log import read_log
 from feeddrive.files.readers import arrays
-from feeddrive.files.readers.arrays import read_mat, read_mat73
+from feeddrive.files.readers import hdf5 as reader
+from feeddrive.files.readers.arrays import read_mat
+from feeddrive.files.readers.hdf5 import read_here, read_mat73
 from feeddrive.language.errors import LogError, MissingExtraError
 
 T = np.arange(50) * 1e-3
@@ -174,7 +175,7 @@ def test_too_many_numbers_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
         read_mat("a.mat", mat5({"t": T, "x": T, "y": T}, packed=False), None)
     monkeypatch.setattr(columns, "MOST_NUMBERS", 100)
     with pytest.raises(LogError, match="holds 3 columns of 50 rows, more than the 100 numbers"):
-        read_mat73("a.mat", hdf5({"t": T, "x": T, "y": T}), None)
+        read_here("a.mat", hdf5({"t": T, "x": T, "y": T}), None)
 
 
 def hdf5(content: dict[str, Any]) -> bytes:
@@ -219,15 +220,22 @@ def test_links_out_of_an_hdf5_file_are_not_followed(tmp_path: Path) -> None:
     }
 
 
+def test_a_bit_that_makes_the_library_take_all_memory_is_an_error() -> None:
+    """A symbol table that states 32 entries for one: HDF5 2.0 goes through them without end."""
+    file = io.BytesIO()
+    with h5py.File(file, "w") as written:
+        written["s/k"] = 3.0
+        written["t"] = T
+    content = bytearray(file.getvalue())
+    table = content.index(b"SNOD")  # version, a free byte, and the number of entries
+    assert content[table + 6] in (1, 2)
+    content[table + 6] = 32
+    with pytest.raises(LogError, match=r"a\.mat: is damaged or cut off; copy it again"):
+        read_mat73("a.mat", bytes(content), None)
+
+
 def test_without_h5py_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    real = builtins.__import__
-
-    def absent(name: str, *rest: Any) -> Any:
-        if name == "h5py":
-            raise ImportError
-        return real(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", absent)
+    monkeypatch.setattr(reader, "find_spec", lambda *_: None)
     with pytest.raises(MissingExtraError, match=r"a\.mat: .*needs the package 'h5py'.*feeddrive\[matlab\]"):
         read_mat73("a.mat", b"", None)
 

@@ -37,7 +37,9 @@ DRAWS = 40
 def test_machine_code_has_the_bits_and_errors_of_the_interpreter(seeded: Seeded):
     errors = {each.__name__: compare(each, drawn(each, DRAWS, seed=seeded(1))) for each in ALL}
     assert sum(errors.values()) > 5 * DRAWS
-    assert max(errors.values()) < DRAWS
+    for kernel in ALL:
+        if errors[kernel.__name__] == DRAWS:  # some refuse nine draws of ten
+            assert compare(kernel, drawn(kernel, 10 * DRAWS, seed=seeded(2))) < 10 * DRAWS, kernel.__name__
 
 
 @pytest.mark.slow(reason="1000 draws of every construct, 20,000 of seven: 100 times what the quick test has")

@@ -177,8 +177,9 @@ def check_case(case: Case) -> int:
     count = len(values)
     for time, _ in case.steps[:2]:
         fine = max(T / _FINE, (time + 0.5 * _SAMPLES * T / _FINE) / (_SAMPLES * _FINE))
-        values = samples(case, fine, time - 0.5 * _SAMPLES * fine, time + 0.5 * _SAMPLES * fine)
+        until = time + 0.5 * _SAMPLES * fine
+        values = samples(case, fine, time - 0.5 * _SAMPLES * fine, until)
         if len(values):
-            check_limits(fine, values, case.limits, way)
+            check_limits(fine, values, case.limits, way, until)
         count += len(values)
     return count

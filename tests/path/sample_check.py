@@ -19,6 +19,7 @@ from feeddrive.path.program.moves import Arc, Feed, Move, PathMode, Spline, Stra
 WIDER = 1e-9  # of a limit: the planner's proof widens limits by that
 _JUMP = 1e-9  # of a limit: the proof allows a derivative to jump by that at a joint
 _ROUNDING = 32.0 * 2.0**-53  # of the farthest coordinate and of the way: each place is rounded some ten times
+_INSTANT = 4.0 * 2.0**-53  # of the time: k T and the begin of a part are rounded, and the axis moves on meanwhile
 _APART = 1e-12  # of a coordinate or 1 m: ends of runs are computed twice
 _GRIDS = 48, 3000  # steps of a curve, of which the place nearest to a sample is sought: the finer where the other fails
 _KEPT, _ZOOMS = 6, 25  # steps on either side of it, on which a finer grid is laid, and how often: to 1e-15 of the curve
@@ -139,17 +140,20 @@ def _curves(moves: Sequence[Move], columns: list[int]) -> Iterator[Curve]:
                 yield whole._replace(begin=begin, end=end)
 
 
-def check_limits(T: float, values: np.ndarray, limits: np.ndarray, way: float) -> None:
+def check_limits(T: float, values: np.ndarray, limits: np.ndarray, way: float, until: float | None = None) -> None:
     """Raise AssertionError if a derivative, a difference of any order or a step by Taylor's series exceeds its limit.
 
     values  position, velocity .. snap of each axis, m .. m/s⁴, shape (n, N, 5)
     limits  of velocity .. snap, shape (N, 4)
     way     of the whole path, m
+    until   time of the last sample, s; None: the first is at 0
     """
+    until = len(values) * T if until is None else until
     assert np.all(np.isfinite(values)), "a sample is not a number"
     use = np.abs(values[:, :, 1:]).max(axis=0) / limits
     assert np.all(use <= 1.0 + WIDER), f"use of limits {use}"
     noise = np.column_stack([_ROUNDING * (np.abs(values[:, :, 0]).max(axis=0) + way), _JUMP * limits[:, :3]])
+    noise += _INSTANT * until * np.abs(values[:, :, 1:]).max(axis=0)
     for k in range(4):
         change = values[:, :, k]
         for order in range(1, min(5 - k, len(values))):

@@ -115,11 +115,11 @@ def test_what_cannot_be_is_refused(words: tuple[str, ...], said: str) -> None:
     assert done.exit_code != 0
 
 
-@pytest.mark.parametrize("name", OFFERED)
-def test_no_option_of_any_command_is_a_secret(name: str) -> None:
+def test_no_option_of_any_command_is_a_secret() -> None:
     """Every user of the machine can read a command line: a secret is a file or comes from standard input."""
-    for field in fields_of(offered(name).request):
-        assert field.kind is Path or not re.search(r"password|passphrase|secret|credential|token", field.name), field
+    secret = re.compile(r"password|passphrase|secret|credential|token")
+    options = [(name, field) for name in OFFERED for field in fields_of(offered(name).request)]
+    assert not [(name, field) for name, field in options if field.kind is not Path and secret.search(field.name)]
 
 
 @pytest.mark.parametrize("address", ["ftp://joe:hunter2@example.com/rows", "simplecache::sftp://joe:hunter2@host/rows"])

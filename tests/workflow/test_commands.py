@@ -141,18 +141,17 @@ def test_what_is_given_on_the_command_line_reaches_the_request_in_si(monkeypatch
     assert seen[0].out == Path("results/tune_emps")
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_every_field_of_a_request_is_an_argument_or_an_option(name: str) -> None:
+def test_every_field_of_a_request_is_an_argument_or_an_option() -> None:
     command: Any = get_command(app)
-    shown = {each.name: each for each in command.commands[name].params if each.name != "help"}
-    assert "--verbose" in shown.pop("verbose").opts
-    assert "--blocks" in shown.pop("blocks").opts
-    assert "--json" in shown.pop("json").opts
-    fields = {each.name: each for each in fields_of(load(name).request)}
-    assert set(shown) == set(fields)
-    for key, field in fields.items():
-        assert field.declared.meaning
-        assert field.flag == "" or field.flag in shown[key].opts
+    for name in COMMANDS:
+        shown = {option.name: option for option in command.commands[name].params if option.name != "help"}
+        assert "--verbose" in shown.pop("verbose").opts, name
+        assert "--blocks" in shown.pop("blocks").opts, name
+        assert "--json" in shown.pop("json").opts, name
+        fields = {field.name: field for field in fields_of(load(name).request)}
+        assert set(shown) == set(fields), name
+        assert not [key for key, field in fields.items() if not field.declared.meaning], name
+        assert not [key for key, field in fields.items() if field.flag not in ("", *shown[key].opts)], name
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -192,20 +191,20 @@ def test_help_has_every_command_once_under_what_a_user_does() -> None:
     assert 4 <= len(held) <= 8
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_each_command_has_one_function_of_its_name(name: str) -> None:
+def test_commands_have_one_function_of_their_name() -> None:
     """`fd.workflow.NAME`; no other public name is called like a command and does something else.
 
     In `fd.plot` a name says what is drawn.
     """
-    own = name.replace("-", "_")
-    function = getattr(fd.workflow, own)
-    assert function is load(name)
-    assert list(inspect.signature(function).parameters) == [each.name for each in fields_of(function.request)]
     rooms = [room for room in dir(fd) if isinstance(getattr(fd, room), types.ModuleType) and room != "plot"]
-    for place in (fd, *(getattr(fd, room) for room in rooms)):
-        if own in dir(place) and not isinstance(getattr(place, own), types.ModuleType):
-            assert getattr(place, own) is function, f"{place.__name__}.{own}"
+    for name in COMMANDS:
+        own = name.replace("-", "_")
+        function = getattr(fd.workflow, own)
+        assert function is load(name)
+        assert list(inspect.signature(function).parameters) == [field.name for field in fields_of(function.request)]
+        for place in (fd, *(getattr(fd, room) for room in rooms)):
+            if own in dir(place) and not isinstance(getattr(place, own), types.ModuleType):
+                assert getattr(place, own) is function, f"{place.__name__}.{own}"
 
 
 def test_the_table_of_the_docs_has_every_command() -> None:

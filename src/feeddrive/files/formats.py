@@ -14,8 +14,9 @@ from feeddrive.files.columns import MOST_BYTES, Columns, Reader, most_unpacked
 from feeddrive.files.log import Log
 from feeddrive.files.readers import mdf
 from feeddrive.files.readers.arrays import START as _NPY
-from feeddrive.files.readers.arrays import read_mat, read_mat73, read_npy
+from feeddrive.files.readers.arrays import read_mat, read_npy
 from feeddrive.files.readers.csv_text import read_csv
+from feeddrive.files.readers.hdf5 import read_mat73
 from feeddrive.files.readers.recorders import (
     is_epos,
     is_halsampler,

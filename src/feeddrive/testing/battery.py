@@ -315,16 +315,13 @@ class Rows:
         made = data.draw(blocks_of(block))
         assert tree.structure(concrete(made)) == tree.structure(made)
 
-    def test_every_field_says_what_it_is(self, block: type[Block]) -> None:
+    def test_it_says_what_it_is_and_what_it_computes(self, block: type[Block]) -> None:
+        """Every field has a meaning and a unit, the docstring an equation, and the battery knows its family."""
         for name, declared in declarations(block).items():
             assert declared.meaning, f"{block.__name__}.{name} has no meaning"
             measure(declared.unit)
-
-    def test_docstring_states_the_equation(self, block: type[Block]) -> None:
         text = block.__dict__.get("__doc__") or ""
         assert any(sign in text for sign in "=∈"), f"{block.__name__} does not say what it computes"
-
-    def test_the_family_is_known_to_the_battery(self, block: type[Block]) -> None:
         known = family_of(block) in (*TRACED, *SAMPLED)
         assert known or _is_part(block, self.blocks), f"{block.__name__} is of no family and part of no block"
 

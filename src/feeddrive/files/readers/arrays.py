@@ -5,7 +5,7 @@ Arrays that numpy saved (.npy): numbers only, of one or two dimensions.
 A structure gives a column for each of its fields, a matrix one for each of its short rows or columns.  Objects are
 refused: numpy stores them as a pickle, which executes code when it is read.
 
-MATLAB files: level 5 (save -v5, -v6, -v7), and level 7.3 (save -v7.3), which is HDF5.
+MATLAB files: level 5 (save -v5, -v6, -v7); level 7.3 is HDF5 (`readers.hdf5`).
 
 Level 5: real numeric arrays, and those in 1×1 structures as `s.x`. The layout is that published by MathWorks
 (MathWorks, MAT-File Format, chapter 1): elements of a tag (type, length) and content, padded to 8 bytes; an array is
@@ -14,9 +14,6 @@ an element of elements: flags, dimensions, name, numbers; an element may be pack
 `scipy.io.loadmat` is not used: a damaged file can crash it (see tests/files/test_files_reasons.py), it unpacks
 without a limit on memory, and it builds objects. Here every length is checked before it is used, and objects,
 functions, cells, texts and sparse or complex arrays are left out.
-
-Level 7.3 and plain HDF5 need h5py (the extra `matlab`).  Links to other files and data stored in other files are not
-followed.
 """
 
 from __future__ import annotations
@@ -27,13 +24,12 @@ import re
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.lib import format as npy_format
 
 from feeddrive.files.columns import MOST_NUMBERS, Columns, check_size, check_unpacked, is_wanted, most_unpacked
-from feeddrive.language.errors import LogError, MissingExtraError
+from feeddrive.language.errors import LogError
 
 START = b"\x93NUMPY"
 _LONGEST_HEADER = 10_000
@@ -274,59 +270,3 @@ def _keep(
         else:
             unread.append(column)
     return unread
-
-
-def read_mat73(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """The columns of an HDF5 file, groups as `group.x`; a single number is a constant.
-
-    Raises LogError for a damaged file, MissingExtraError without h5py.
-    """
-    try:
-        import h5py
-    except ImportError:
-        raise MissingExtraError("h5py", "matlab", f"{name}: reading a MATLAB 7.3 or HDF5 file") from None
-    values: dict[str, np.ndarray] = {}
-    constants: dict[str, float] = {}
-    left_out: dict[str, str] = {}
-    unread: list[str] = []
-    try:
-        with h5py.File(io.BytesIO(content), "r") as file:
-            for label, found in _datasets(h5py, file, "", 0):
-                if isinstance(found, str):
-                    left_out[label] = found
-                elif found.size == 1:
-                    constants[label] = float(np.asarray(found[()]).ravel()[0])
-                elif is_wanted(label, wanted):
-                    check_size(name, len(values) + 1, found.size)
-                    check_unpacked(name, sum(each.size for each in values.values()) + found.size, len(content))
-                    values[label] = np.asarray(found[()]).ravel().astype(np.float64)
-                else:
-                    unread.append(label)
-    except LogError:
-        raise
-    except Exception:  # h5py passes on any error of its C library
-        raise LogError(f"{name}: is damaged or cut off; copy it again") from None
-    return Columns("MATLAB 7.3 (HDF5)", values, {}, constants, tuple(unread), left_out)
-
-
-def _datasets(h5py: Any, group: Any, prefix: str, depth: int) -> Iterator[tuple[str, Any]]:
-    """Dotted name and dataset of everything numeric with one dimension, or why it is left out."""
-    for key in group:
-        label = f"{prefix}{key}"
-        if key.startswith("#"):  # internal data of MATLAB cells and objects
-            continue
-        if not isinstance(group.get(key, getlink=True), h5py.HardLink):
-            yield label, "a link to another place"
-            continue
-        found = group[key]
-        if isinstance(found, h5py.Group):
-            if depth < _DEEPEST:
-                yield from _datasets(h5py, found, f"{label}.", depth + 1)
-        elif found.external or found.is_virtual:
-            yield label, "stored in another file"
-        elif found.dtype.kind not in "fiu" or found.attrs.get("MATLAB_class", b"") == b"char":
-            yield label, "text" if found.dtype.kind not in "fiu" or found.dtype.itemsize == 2 else "not real numbers"
-        elif math.prod(found.shape) != max(found.shape, default=1):
-            yield label, "a matrix"
-        else:
-            yield label, found
