@@ -10,6 +10,7 @@ from pathlib import Path
 import matplotlib as mpl
 
 from feeddrive.papers.gordon2013 import frequency, motion
+from feeddrive.plot.drawing import drawn
 
 IMAGES = Path(__file__).parent / "images"
 WANTED = {"stiffness": "pole-placement", "ablation": "ablation", "prefilter": "trajectory-prefilter"}
@@ -21,7 +22,7 @@ def draw() -> None:
     for part in (frequency.loop_figures(), motion.ablation(), frequency.frequency_view()):
         for shown in part.pictures:
             if shown.key in WANTED:
-                shown.draw().savefig(IMAGES / f"{WANTED[shown.key]}.svg", metadata={"Date": None})
+                drawn(shown.chart()).savefig(IMAGES / f"{WANTED[shown.key]}.svg", metadata={"Date": None})
 
 
 if __name__ == "__main__":

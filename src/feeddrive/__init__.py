@@ -30,12 +30,18 @@ _RENAMED = {
 
 
 def _load_views(kind: type) -> None:
-    """Import what draws a type of result, makes its DataFrame and its report, before the first of them is looked up."""
+    """Import what makes chart, DataFrame and report of a type of result, when they are first asked for."""
     from feeddrive.plot.registry import register
     from feeddrive.workflow.reports import register_report
 
     register(kind)
     register_report(kind)
+
+
+def _draw(chart: Any) -> Any:
+    from feeddrive.plot.drawing import drawn
+
+    return drawn(chart)
 
 
 def _moved(name: str) -> Any:
@@ -46,14 +52,15 @@ def _moved(name: str) -> Any:
     for room in [room for room, place in here.items() if place == __name__]:
         if name in public_names(f"{__name__}.{room}"):
             raise AttributeError(f"fd.{name} is now fd.{room}.{name}")
-    if name[:1].isupper():  # a block, of which no room lists the names
-        from feeddrive import blocks
+    from feeddrive import blocks
 
-        if hasattr(blocks, name):
-            raise AttributeError(f"fd.{name} is now fd.blocks.{name}")
+    if name[:1].isupper() and hasattr(blocks, name):  # no room lists the names of blocks
+        raise AttributeError(f"fd.{name} is now fd.blocks.{name}")
     near = {each: f"fd.{each}" for each in here}
     for room in [room for room, place in here.items() if place == __name__]:
         near |= {each: f"fd.{room}.{each}" for each in public_names(f"{__name__}.{room}") if each not in near}
+    if name[:1].isupper():
+        near |= {block: f"fd.blocks.{block}" for block in dir(blocks) if block not in near}
     found = get_close_matches(name, near, 3)
     raise AttributeError(
         f"feeddrive has no name '{name}'; "
@@ -61,7 +68,7 @@ def _moved(name: str) -> Any:
     )
 
 
-views_from(_load_views)
+views_from(_load_views, _draw)
 make_lazy(
     __name__,
     {

@@ -13,8 +13,8 @@ from feeddrive.language.quantity import Units
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.poles_and_zeros import continuous, natural, zeros
 from feeddrive.plot.chart import ALERT, CROSS, RING, Chart, Curve
-from feeddrive.plot.pole_map import damping_chart, poles_chart
-from feeddrive.plot.settling import step_chart
+from feeddrive.plot.pole_map import damping_chart, plane_chart
+from feeddrive.plot.settling import step_response_chart
 
 T, MASS, KV, KP, TN = 1e-3, 100.0, 20.0, 5000.0, 0.04
 
@@ -107,7 +107,7 @@ def of_look(chart: Chart, look: str) -> list[Curve]:
 
 def test_a_pole_map_shows_s_in_the_unit_that_is_asked_for_and_what_grows_as_a_warning() -> None:
     light, grows = second_order(35.0, 0.2, 1e-3), second_order(50.0, -0.05, 1e-3)
-    chart = poles_chart({"today": light, "now": grows})
+    chart = plane_chart({"today": light, "now": grows})
     crosses = {each.name: each for each in of_look(chart, CROSS)}
     assert (crosses["today"].x[0], crosses["today"].y[0]) == pytest.approx((-7.0, 35.0 * np.sqrt(1.0 - 0.04)))
     assert crosses["today"].said == "least damping 0.2 at 35 Hz"
@@ -115,7 +115,7 @@ def test_a_pole_map_shows_s_in_the_unit_that_is_asked_for_and_what_grows_as_a_wa
     assert crosses["now grows"].x[0] == pytest.approx(2.5)
     assert len(of_look(chart, RING)) == 2
     units = Units(typographic=True, frequency="rad/s")
-    radian = poles_chart({"today": light}, units).shown(units)
+    radian = plane_chart({"today": light}, units).shown(units)
     assert np.abs(of_look(radian, CROSS)[0].x[0]) == pytest.approx(2.0 * np.pi * 7.0)
     assert radian.label == "real part of s (rad/s)"
     flat = damping_chart({"today": light})
@@ -124,6 +124,6 @@ def test_a_pole_map_shows_s_in_the_unit_that_is_asked_for_and_what_grows_as_a_wa
 
 def test_a_picture_of_a_step_says_overshoot_and_settling() -> None:
     found = step_response(second_order(30.0, 0.4))
-    (curve,) = step_chart({"now": found}).panels[0].curves
+    (curve,) = step_response_chart({"now": found}).panels[0].curves
     settled = f"{1e3 * found.settling_time:.4g}"
     assert curve.said == f"overshoot {100.0 * found.overshoot:.1f} %, settled to 2 % in {settled} ms"

@@ -186,12 +186,13 @@ def test_the_work_follows_the_limits_of_the_machine() -> None:
 
 def test_the_pictures_are_drawn(found: Comparison) -> None:
     from feeddrive.comparison.report import contents
+    from feeddrive.plot.drawing import drawn
 
-    drawn = {shown.key: shown.chart for shown in contents(found).pictures}
+    pictures = {shown.key: drawn(shown.chart()) for shown in contents(found).pictures}
     assert found.plot().axes
-    assert len(drawn["recovery"]().axes) == 2
-    for draw in drawn.values():  # private-use characters are the marks of quantities, which no reader may see
-        texts = [each.get_text() for each in draw().findobj(lambda each: hasattr(each, "get_text"))]
+    assert len(pictures["recovery"].axes) == 2
+    for figure in pictures.values():  # private-use characters are the marks of quantities, which no reader may see
+        texts = [each.get_text() for each in figure.findobj(lambda each: hasattr(each, "get_text"))]
         assert texts
         assert not [text for text in texts if any("\ue000" <= letter <= "\uf8ff" for letter in text)]
     assert "P-PI" in str(found)

@@ -117,7 +117,7 @@ def test_a_job_runs_all_axes_of_a_coupled_machine(tmp_path: Path) -> None:
     assert rows[0].stiffness.minimum < 0.95 * stiff.minimum
     assert set(summary(result)["laws"]) == {"today", "beam with half the gains"}
     (others,) = result.contents().extras
-    assert [row[:2] for row in others.table.rows] == [["today", "y"], ["beam with half the gains", "y"]]
+    assert [row[:2] for row in others.rows] == [["today", "y"], ["beam with half the gains", "y"]]
     assert "structure mode" in result.contents().facts["Couplings"]
 
 

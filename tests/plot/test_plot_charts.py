@@ -24,10 +24,10 @@ from feeddrive.machining.circle_test import (
 )
 from feeddrive.machining.contour import ContourError, contour_error
 from feeddrive.plot import style
-from feeddrive.plot.certificate import certificate_chart, discs_chart
+from feeddrive.plot.certificate import certificate_chart, certificate_discs_chart
 from feeddrive.plot.chart import THIN
 from feeddrive.plot.circle import circle_chart, unrolled_chart
-from feeddrive.plot.contour import contour_on_path, path_chart, place_chart, place_view
+from feeddrive.plot.contour import contour_on_path, contour_on_path_chart, place_chart, place_view
 from feeddrive.workflow.certify import certify
 
 UM = 1e-6
@@ -121,7 +121,7 @@ def test_the_unrolled_circle_has_deviations_and_peaks_over_the_angle() -> None:
 def test_the_path_has_the_contour_error_as_its_values_and_keeps_the_largest() -> None:
     found = contour()
     places = found.worst(2)
-    chart = path_chart(found, enlarged=10.0, places=places).shown(DRAWN)
+    chart = contour_on_path_chart(found, enlarged=10.0, places=places).shown(DRAWN)
     (panel,) = chart.panels
     for k, (mark, place) in enumerate(zip(panel.marks, places, strict=True)):
         assert (mark.x, mark.y) == pytest.approx(tuple(1e3 * place.position))
@@ -145,7 +145,7 @@ def test_the_path_has_the_contour_error_as_its_values_and_keeps_the_largest() ->
 
 def test_what_does_not_count_has_no_place_on_the_path() -> None:
     nothing = replace(contour(), counted=np.zeros(len(contour().time), bool))
-    (panel,) = path_chart(nothing).panels
+    (panel,) = contour_on_path_chart(nothing).panels
     assert all(np.all(np.isnan(each.x)) for each in panel.curves)
     contour_on_path(nothing)
 
@@ -207,7 +207,7 @@ def test_the_reserve_of_a_certificate_is_the_room_over_the_radius(certificate: C
 
 
 def test_no_disc_of_a_certificate_holds_the_critical_point(certificate: Certificate) -> None:
-    (panel,) = discs_chart(certificate).panels
+    (panel,) = certificate_discs_chart(certificate).panels
     may, model = panel.curves[:2]
     assert may.reach is not None
     away = np.hypot(may.x + 1.0, may.y)

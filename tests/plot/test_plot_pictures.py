@@ -39,6 +39,8 @@ from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate, simulate_batch
 from feeddrive.plot import frames, registry, style
+from feeddrive.plot.chart import FREQUENCY, Chart, Panel
+from feeddrive.plot.drawing import drawn
 
 T = 5e-4
 F = np.geomspace(1.0, 1000.0, 400)
@@ -154,10 +156,10 @@ def test_a_picture_draws_with_units_and_no_legend_over_a_curve(name: str) -> Non
 def test_a_frequency_axis_of_less_than_two_decades_has_numbers_between(
     low: float, high: float, numbers: set[str]
 ) -> None:
-    figure, axes = style.picture(1)
-    style.frequency_axis(axes[0], low, high)
+    figure = drawn(Chart("", (Panel(""),), FREQUENCY, low, high))
     figure.canvas.draw()
-    shown = zip(axes[0].get_xticks(), axes[0].get_xticklabels(), strict=True)
+    (ax,) = figure.axes
+    shown = zip(ax.get_xticks(), ax.get_xticklabels(), strict=True)
     assert {label.get_text() for at, label in shown if low <= at <= high} == numbers
 
 
@@ -188,7 +190,7 @@ def test_importing_the_pictures_does_not_import_matplotlib() -> None:
 
 def test_every_registered_name_is_a_result_and_its_function() -> None:
     """The registry holds texts, so that a renamed class or function is found here."""
-    for table in (registry.PICTURES, {kind: f"frames:{name}" for kind, name in registry.FRAMES.items()}):
+    for table in (registry.CHARTS, {kind: f"frames:{name}" for kind, name in registry.FRAMES.items()}):
         for kind, place in table.items():
             module, name = kind.split(":")
             assert issubclass(getattr(import_module(f"feeddrive.{module}"), name), Result), kind

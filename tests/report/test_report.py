@@ -7,6 +7,7 @@ import xml.etree.ElementTree as ET
 from dataclasses import replace
 from functools import cache
 from html.parser import HTMLParser
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,8 @@ from feeddrive.loop.lifting import compliance, loop_gain, tracking
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 from feeddrive.plot import style
+from feeddrive.plot.chart import Chart, Curve, Panel
+from feeddrive.plot.drawing import drawn as draw_chart
 from feeddrive.report.laws import Entry, LawsContents
 from feeddrive.report.laws_report import laws_report
 from feeddrive.report.page import THEME, html, svg
@@ -375,11 +378,13 @@ def contrast(a: str, b: str) -> float:
 
 
 def test_a_curve_keeps_its_place_in_the_page() -> None:
-    figure, (ax,) = style.picture(1, height=3.0)
     rng = np.random.default_rng(1)
     x, y = np.linspace(0.0, 1.0, 900), np.cumsum(rng.normal(size=900))
-    (line,) = ax.plot(x, y, color=style.color(0))
-    text = svg(figure, "k", "a random walk of nine hundred steps")
+    chart = Chart("x", (Panel("y", (Curve(x, y),)),))
+    figure = draw_chart(chart)
+    figure.savefig(BytesIO(), format="svg")  # which places the axes
+    (line,) = figure.axes[0].lines
+    text = svg(chart, "k", "a random walk of nine hundred steps")
     path = max(re.findall(r' d="([^"]*)"', text), key=len)
     places = np.array(drawn(path))
     height = 72.0 * figure.get_figheight()
@@ -433,9 +438,8 @@ KEEPS_QUANTITIES = True  # in the f-strings of this module
 
 def test_a_page_is_read_in_the_units_of_its_axis() -> None:
     """Quantities of the sentences, tables and pictures are turned; texts of a person are not."""
-    figure, (ax,) = style.picture(1, height=2.0)
-    ax.set_ylabel(f"force ({unit_name('N')}) of '5 kg'")
-    shown = Picture("k", "5 kg", Text(f"at {Quantity(2e-6, 'm')}"), "a picture of a force", lambda: figure)
+    chart = Chart("x", (Panel(f"force ({unit_name('N')}) of '5 kg'"),), height=2.0)
+    shown = Picture("k", "5 kg", Text(f"at {Quantity(2e-6, 'm')}"), "a picture of a force", lambda: chart)
     table = Table("5 mm", [Column("5 kg"), Column("RMS", "m")], [["3 N", 1e-6]])
     report = Report("5 kg", "feeddrive", Verdict(("5 s",)), (Section("a", "A", (table,)),), shown, rotary=True)
     text = structure(html(report)).text

@@ -18,7 +18,7 @@ import pytest
 import feeddrive
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity, Units
-from feeddrive.language.table import Column, Result, Table, picture_of, report_of
+from feeddrive.language.table import Column, Result, Table, chart_of, report_of
 from feeddrive.language.text import Text
 from feeddrive.plot.chart import Chart, Curve, Panel
 from feeddrive.report import Code, Facts, Marked, Picture, Remarks, Report, Section, Verdict, html
@@ -107,9 +107,9 @@ def _report(result: Weighed) -> Report:
     )  # fmt: skip
 
 
-@picture_of.register
-def _picture(result: Weighed) -> str:
-    return f"{result.mass} kg"
+@chart_of.register
+def _chart(result: Weighed) -> Chart:
+    return Chart("time (s)", (Panel(f"{result.mass} kg"),))
 
 
 def places(page: str) -> dict[str, int]:
@@ -139,7 +139,7 @@ def test_an_outcome_has_a_report_without_a_builder() -> None:
     assert report.verdict.sentences == ("Take it.",)
     assert report.verdict.good is True
     assert report.picture is not None
-    assert report.picture.chart() == "3.0 kg"
+    assert report.picture.chart().panels[0].label == "3.0 kg"
     assert [section.key for section in report.sections] == ["result", "details"]
     assert report.sections[1].folded
     bare = Outcome(object(), verdict="Nothing to see.").report()

@@ -10,6 +10,7 @@ import pytest
 
 import feeddrive as fd
 from feeddrive.files.machine import BUNDLED
+from feeddrive.plot.drawing import drawn
 from feeddrive.workflow.tune_files import Story, machine_text, old_and_new
 
 
@@ -40,7 +41,7 @@ def test_old_and_new_in_time_are_runs_of_both_loops() -> None:
     loop = fd.read_machine("linear_motor").loop("x")
     faster = fd.vary(loop, {"axis.x.control.law.Kv": 2.0 * float(fd.parameters(loop)["axis.x.control.law.Kv"])})
     shown = old_and_new(Story("axis", {}, loops={"today": loop, "new": faster}), 160.0)
-    step, rope, move = shown.chart().axes
+    step, rope, move = drawn(shown.chart()).axes
     for ax, end in ((step, 20.0), (rope, 0.0), (move, 0.0)):
         assert [line.get_label() for line in ax.get_lines()] == ["today", "new"]
         for line in ax.get_lines():

@@ -3,30 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
-from feeddrive.plot import style
-from feeddrive.plot.picture import Picture
+import numpy as np
+
+from feeddrive.plot.chart import DOTS, LOG, MARKERS, NEUTRAL, Abscissa, Chart, Curve, Level, Panel, Tick, listed
+from feeddrive.plot.drawing import figure_of
 
 
-def scores(laws: Sequence[str], panels: Mapping[str, Sequence[tuple[Sequence[float], float | None]]]) -> Any:
-    """A panel a figure and a line a law: a small dot for each plant, a large one for the geometric mean.
+def scores_chart(laws: Sequence[str], panels: Mapping[str, Sequence[tuple[Sequence[float], float | None]]]) -> Chart:
+    """A panel a figure and a row a law: a small dot for each plant, a large one for the geometric mean.
 
     panels  by headline, for each law its ratios to P-PI and their mean
     """
-    figure = Picture(figsize=(style.WIDTH, 1.0 + 0.2 * len(laws)), layout="constrained", facecolor=style.PAPER)
-    for ax, (head, rows) in zip(figure.subplots(1, len(panels), sharey=True), panels.items(), strict=True):
-        for place, (ratios, mean) in enumerate(reversed(rows)):
-            ax.plot(ratios, [place] * len(ratios), ".", color=style.MUTED, markersize=3.0)
-            if mean:
-                ax.plot(mean, place, "o", color=style.color(0), markersize=4.5)
-        ax.axvline(1.0, color=style.INK, linewidth=0.8)
-        ax.set_xscale("log")
-        ax.set_title(head, fontsize=style.TEXT)
-        ax.set_yticks(range(len(laws)), laws[::-1])
-        ax.grid(True, axis="x", color=style.GRID, linewidth=0.6)
-        ax.tick_params(labelsize=style.SMALL, length=0)
-        ax.tick_params(axis="x", which="minor", labelbottom=False)
-        for side in ("top", "right", "left"):
-            ax.spines[side].set_visible(False)
-    return figure
+    shown = list[Panel]()
+    for head, rows in panels.items():
+        plants = [(ratio, -row) for row, (ratios, _) in enumerate(rows) for ratio in ratios]
+        means = [(mean, -row) for row, (_, mean) in enumerate(rows) if mean]
+        x, y = np.array(plants, float).reshape(-1, 2).T
+        middle = np.array(means, float).reshape(-1, 2).T
+        curves = (
+            Curve(x, y, number=NEUTRAL, look=DOTS),
+            Curve(middle[0], middle[1], look=MARKERS),
+        )
+        names = tuple(Tick(tick.value, tick.name if not shown else "") for tick in listed(laws))
+        one = Level(1.0, upright=True)
+        shown.append(
+            Panel("", curves, levels=(one,), ticks=names, low=0.4 - len(laws), high=0.6, said=head,
+                  abscissa=Abscissa("", LOG))
+        )  # fmt: skip
+    return Chart("", tuple(shown), across=len(shown), height=1.0 + 0.2 * len(laws))
+
+
+scores = figure_of(scores_chart)

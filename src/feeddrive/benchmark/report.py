@@ -55,7 +55,7 @@ def benchmark_report(found: Benchmark) -> Report:
         "Times better than P-PI at equal robustness; a line is a law, a small dot a plant, the large one the "
         "geometric mean.",
         "Ratios to P-PI of rope snap, stiffness and tracking, by law.",
-        found.plot,
+        found.chart,
     )
     rules, (judgment, sentence) = found.rules, advice(found)
     stated = [

@@ -27,8 +27,9 @@ from feeddrive.files.run_files import versions
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Cell, Column, Result, Table, frame_of, picture_of
+from feeddrive.language.table import Cell, Column, Result, Table, chart_of, frame_of
 from feeddrive.language.text import Text
+from feeddrive.plot.chart import Chart
 from feeddrive.tuning.candidates import PLAIN
 
 FIGURES = (ROPE_SNAP, *STIFFNESS_AT, TRACKING_RMS, CUTTING_RMS, SNAP_SETTLING, FORCE_NOISE, EFFORT)
@@ -159,8 +160,8 @@ class Benchmark(Result):
         return found
 
 
-@picture_of.register
-def _picture(found: Benchmark) -> Any:
+@chart_of.register
+def _chart(found: Benchmark) -> Chart:
     """Every law against P-PI, plant by plant."""
     from feeddrive.benchmark import pictures
 
@@ -169,7 +170,9 @@ def _picture(found: Benchmark) -> Any:
         return finite, found.score(law, criterion).value
 
     drawn = dict(zip(HEADS[:_DRAWN], FIGURES[:_DRAWN], strict=True))
-    return pictures.scores(found.laws, {head: [row(law, each) for law in found.laws] for head, each in drawn.items()})
+    return pictures.scores_chart(
+        found.laws, {head: [row(law, each) for law in found.laws] for head, each in drawn.items()}
+    )
 
 
 @frame_of.register

@@ -31,9 +31,10 @@ from feeddrive.files.run_files import versions
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, number
-from feeddrive.language.table import Result, Table, frame_of, picture_of
+from feeddrive.language.table import Result, Table, chart_of, frame_of
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.loop import Loop
+from feeddrive.plot.chart import Chart
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
 from feeddrive.tuning.tunables import own_tunables
 
@@ -105,12 +106,12 @@ class Comparison(Result):
         return ranks(criterion, [{} if each.unplaced else each.figures for each in self.competitors])
 
 
-@picture_of.register
-def _picture(found: Comparison) -> Any:
+@chart_of.register
+def _chart(found: Comparison) -> Chart:
     """Stiffness against tracking, a dot for each law."""
     from feeddrive.comparison import pictures
 
-    return pictures.tradeoff([(each.name, each.figures, each.unplaced) for each in found.competitors])
+    return pictures.tradeoff_chart([(each.name, each.figures, each.unplaced) for each in found.competitors])
 
 
 @frame_of.register

@@ -83,7 +83,7 @@ def contents(found: Comparison) -> LawsContents:
             "A dot for each law, better is left and up. Hollow: today's gains where they are outside of the rule, "
             "and laws that have not settled.",
             "Stiffness at 10 Hz and at 100 Hz over the RMS tracking error, one dot a law.",
-            found.plot,
+            found.chart,
         ),
         pictures=_pictures(found),
     )
@@ -194,7 +194,7 @@ def _pictures(found: Comparison) -> list[Picture]:
             "Each figure divided by that of P-PI under the same rule. Blue: better, orange: worse; for stiffness more "
             "is better, for all else less.",
             "Ratios of all figures of all laws to those of P-PI.",
-            lambda: pictures.ratios([(each.name, each.figures) for each in found.competitors], PLAIN),
+            lambda: pictures.ratios_chart([(each.name, each.figures) for each in found.competitors], PLAIN),
         )
     ]
     if any(each.snap is not None for each in found.competitors):
@@ -217,7 +217,7 @@ def _recovery(found: Comparison) -> Any:
     finite = [t for t in times if t is not None and np.isfinite(t)]
     T, duty = float(found.competitors[0].loop.sample_time), found.duty
     span = min(max(2.0 * float(np.median(finite)) if finite else duty.rest, 20.0 * T), duty.rest)
-    return pictures.recovery(rows, begin=duty.begin, near=duty.near, span=float(span))
+    return pictures.recovery_chart(rows, begin=duty.begin, near=duty.near, span=float(span))
 
 
 def write_comparison(found: Comparison, out: str | Path, more: Mapping[str, str] | None = None) -> Path:

@@ -34,13 +34,14 @@ from feeddrive.jobs.measured import load_said, measured_signals, of_channels, of
 from feeddrive.language.errors import FeeddriveError, NoSlopeError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Cell, Column, Result, Table, frame_of, picture_of
+from feeddrive.language.table import Cell, Column, Result, Table, chart_of, frame_of
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.lifting import MOST, compliance, loop_gain, period_of, tracking
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine, System
 from feeddrive.loop.simulate import Run, samples, simulate
 from feeddrive.machining.part_run import PartRun
+from feeddrive.plot.chart import Chart
 from feeddrive.report.laws import RESPONSE_LINES, Entry, LawsContents
 from feeddrive.report.laws_report import laws_report
 from feeddrive.report.part_report import laws_table
@@ -154,12 +155,12 @@ def job_report(result: JobResult) -> Report:
     return laws_report(result.contents())
 
 
-@picture_of.register
-def _picture(result: JobResult) -> Any:
+@chart_of.register
+def _chart(result: JobResult) -> Chart:
     """Following error and force of all laws."""
-    from feeddrive import plot
+    from feeddrive.plot.over_time import comparison_chart
 
-    return plot.comparison({row.name: row.run for row in result.rows})
+    return comparison_chart({row.name: row.run for row in result.rows})
 
 
 @frame_of.register

@@ -212,8 +212,8 @@ def _recorded(cell: Cell, row: Sequence[Cell], units: Units) -> Any:
 
 
 @singledispatch
-def picture_of(result: Any) -> Any:
-    """The matplotlib figure of a result; `picture_of.register(type)` says how a type of result is drawn."""
+def chart_of(result: Any) -> Any:
+    """The chart of a result, a `plot.chart.Chart`; `chart_of.register(type)` sets what gives it of a type of result."""
     raise ParameterError(f"{type(result).__name__} has no picture: print it, or draw its fields")
 
 
@@ -244,14 +244,16 @@ def drawn_in(units: Units) -> Generator[None]:
 
 
 _load_views: list[Callable[[type], object]] = []
+_draw: list[Callable[[Any], Any]] = []
 
 
-def views_from(load: Callable[[type], object]) -> None:
-    """Set the function that registers plot, frame and report of a type of result, called before they are looked up.
+def views_from(load: Callable[[type], object], draw: Callable[[Any], Any]) -> None:
+    """Set the function that registers chart, frame and report of a type of result, and the one that draws a chart.
 
-    The package `feeddrive` calls this once when it is imported, since it stands above all rooms.
+    The first is called before chart and frame are looked up.  The package `feeddrive` calls this once when it is
+    imported, since it stands above all rooms.
     """
-    _load_views[:] = [load]
+    _load_views[:], _draw[:] = [load], [draw]
 
 
 class Result(ABC):
@@ -277,18 +279,23 @@ class Result(ABC):
     def _repr_html_(self) -> str:
         return self.table().grid(self.reader).html()
 
-    def plot(self) -> Any:
-        """The picture of this type of result, a matplotlib figure. Raises ParameterError if it has none."""
+    def chart(self) -> Any:
+        """What the picture of this type of result shows, a `plot.chart.Chart`. Raises ParameterError if it has none."""
         for load in _load_views:
             load(type(self))
+        return chart_of(self)
+
+    def plot(self) -> Any:
+        """The picture of this type of result, a matplotlib figure. Raises ParameterError if it has none."""
+        chart = self.chart()
         with drawn_in(replace(self.reader, typographic=True)):
-            return picture_of(self)
+            return next(draw(chart) for draw in _draw)
 
     def has_picture(self) -> bool:
         """Return True if there is a picture of this type of result."""
         for load in _load_views:
             load(type(self))
-        return picture_of.dispatch(type(self)) is not picture_of.dispatch(object)
+        return chart_of.dispatch(type(self)) is not chart_of.dispatch(object)
 
     def report(self) -> Any:
         """The report of this type of result, a `report.Report`, which `report.html` writes as a page.

@@ -1,7 +1,8 @@
-"""Figures and DataFrames of results; `Result.plot()` and `.to_pandas()` find them in `registry.py` by type.
+"""Charts, figures and DataFrames of results; `Result.chart()`, `.plot()` and `.to_pandas()` find them by type.
 
-A picture is drawn with matplotlib's object API: a figure that shows itself in a notebook and writes itself with
-`savefig`.  Importing this package does not import matplotlib or pandas, nor the modules that draw.
+A chart is a value (`chart.py`): `bode_chart(response)` gives what the figure `bode(response)` shows, and `drawn` draws
+any chart with matplotlib's object API: a figure that shows itself in a notebook and writes itself with `savefig`.
+Importing this package does not import matplotlib or pandas, nor the modules of the charts.
 """
 
 from feeddrive.language.lazy_package import make_lazy
@@ -9,20 +10,49 @@ from feeddrive.language.lazy_package import make_lazy
 make_lazy(
     __name__,
     {
-        "certificate": "certificate certificate_discs",
-        "circle": "axis_load circle_causes circle_test circle_unrolled reversals",
-        "complex_plane": "nyquist",
-        "contour": "contour contour_on_path corner_zoom",
-        "distributions": "batch effort gradient",
-        "friction": "friction identified_friction steady_runs",
-        "identification": "cogging cogging_over_turn control_fit delay_fit residuals rigid_fit validation",
-        "lobes": "chatter_signs lobes",
-        "over_frequency": "bode closed_loop open_loop sensitivity spectrum stiffness",
-        "over_time": "comparison following_error force log motion replay run",
-        "part_run": "part_cutting part_estimates part_laws part_run part_zoom",
-        "planned": "plan_causes plan_profiles planned",
-        "pole_map": "poles",
-        "responses": "excitation frequency_estimate response_fit response_nyquist response_residuals",
-        "tuning": "delay_map disturbance in_time iteration prefilter_fit trial trials",
+        "certificate": "certificate certificate_chart certificate_discs certificate_discs_chart",
+        "chart": "Chart",
+        "circle": (
+            "axis_load axis_load_chart circle_causes circle_causes_chart circle_test "
+            "circle_test_chart circle_unrolled circle_unrolled_chart reversals reversals_chart"
+        ),
+        "complex_plane": "nyquist nyquist_chart",
+        "contour": "contour contour_chart contour_on_path contour_on_path_chart corner_zoom corner_zoom_chart",
+        "distributions": "batch batch_chart effort effort_chart gradient gradient_chart",
+        "drawing": "drawn",
+        "friction": (
+            "friction friction_chart identified_friction identified_friction_chart steady_runs steady_runs_chart"
+        ),
+        "identification": (
+            "cogging cogging_chart cogging_over_turn cogging_over_turn_chart control_fit "
+            "control_fit_chart delay_fit delay_fit_chart residuals residuals_chart "
+            "rigid_fit rigid_fit_chart validation validation_chart"
+        ),
+        "lobes": "chatter_signs chatter_signs_chart lobes lobes_chart",
+        "over_frequency": (
+            "bode bode_chart closed_loop closed_loop_chart open_loop "
+            "open_loop_chart sensitivity sensitivity_chart spectrum spectrum_chart "
+            "stiffness stiffness_chart"
+        ),
+        "over_time": (
+            "comparison comparison_chart following_error following_error_chart force "
+            "force_chart log log_chart motion motion_chart "
+            "replay replay_chart run run_chart"
+        ),
+        "part_run": (
+            "part_cutting part_cutting_chart part_estimates part_estimates_chart part_laws "
+            "part_laws_chart part_run part_run_chart part_zoom part_zoom_chart"
+        ),
+        "planned": "plan_causes plan_causes_chart plan_profiles plan_profiles_chart planned planned_chart",
+        "pole_map": "poles poles_chart",
+        "responses": (
+            "excitation excitation_chart frequency_estimate frequency_estimate_chart response_fit "
+            "response_fit_chart response_nyquist response_nyquist_chart response_residuals response_residuals_chart"
+        ),
+        "tuning": (
+            "delay_map delay_map_chart disturbance disturbance_chart in_time "
+            "in_time_chart iteration iteration_chart prefilter_fit prefilter_fit_chart "
+            "trial trial_chart trials trials_chart"
+        ),
     },
 )

@@ -8,9 +8,8 @@ import numpy as np
 
 from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.text import Text
-from feeddrive.plot import style
 from feeddrive.plot.chart import ALERT, BAR, FREQUENCY, LOG, PLUS, Band, Chart, Curve, Level, Mark, Note, Panel
-from feeddrive.plot.drawing import draw_chart, drawn
+from feeddrive.plot.drawing import figure_of
 
 if TYPE_CHECKING:
     from feeddrive.certificate.certificate import Certificate
@@ -22,21 +21,19 @@ _DISCS = 500  # drawn in the complex plane
 _REACH = (-2.4, 1.2, -1.9, 1.7)  # of the discs: left, right, low, high
 
 
-def certificate(found: Certificate) -> Any:
+def certificate_chart(found: Certificate) -> Chart:
     """|1 + L|/|L| of each plant over the certified radius, the plants with the smallest reserve first.
 
     With two rates 1/Σ|H| instead, over the force at a frequency and its images that a sine of 1 N there adds to.
     """
-    return drawn(certificate_chart(found))
-
-
-def certificate_chart(found: Certificate) -> Chart:
-    """What `certificate` shows."""
     plants = sorted(found.document["plants"], key=lambda each: each["reserve"] or np.inf)[:_MOST]
     nyquist = 0.5 / found.sample_time
     low = min(max(each["reserve_at_Hz"] * 10.0**-_DECADES, 1e-4 * nyquist) for each in plants)
     panels = tuple(_room(found, each, low, named=len(plants) > 1, first=each is plants[0]) for each in plants)
     return Chart(f"frequency ({unit_name('Hz')})", panels, FREQUENCY, low, nyquist, height=1.0 + 2.2 * len(plants))
+
+
+certificate = figure_of(certificate_chart)
 
 
 def _room(found: Certificate, plant: Any, low: float, *, named: bool, first: bool) -> Panel:
@@ -70,18 +67,8 @@ def _measured(plant: Any) -> list[tuple[float, float]]:
     return [(lines[0][0], lines[-1][0]) for lines in plant["lines"] if lines]
 
 
-def certificate_discs(found: Certificate) -> Any:
+def certificate_discs_chart(found: Certificate) -> Chart:
     """L of the plant with the smallest reserve near -1, with the disc in which it may lie at each frequency."""
-    chart = discs_chart(found)
-    figure, (ax,) = style.picture(1, height=chart.height)
-    figure.set_size_inches(5.8, chart.height)
-    draw_chart(chart, [ax])
-    style.legend(figure, ax)
-    return figure
-
-
-def discs_chart(found: Certificate) -> Chart:
-    """What `certificate_discs` shows."""
     plant = min(found.document["plants"], key=lambda each: each["reserve"] or np.inf)
     loop: LoopResponse = found.loops[plant["name"]]
     f = loop.lines()
@@ -100,4 +87,7 @@ def discs_chart(found: Certificate) -> Chart:
     left, right, low, high = _REACH
     note = Note(-1.0, 0.0, "-1", ALERT)
     panel = Panel("imaginary part of L", curves, levels=axes, notes=(note,), low=low, high=high, said=plant["name"])
-    return Chart("real part of L", (panel,), low=left, high=right, square=True, height=5.2)
+    return Chart("real part of L", (panel,), low=left, high=right, square=True, height=5.2, width=5.8)
+
+
+certificate_discs = figure_of(certificate_discs_chart)

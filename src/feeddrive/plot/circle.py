@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,8 +11,24 @@ from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.text import Text, joined
 from feeddrive.machining.circle_test import CirclePath, CircleTest, QuadrantPeak, deviations, quadrant_peaks, same_feed
 from feeddrive.plot import style
-from feeddrive.plot.chart import SOLID, THIN, Chart, Curve, Disc, Level, Mark, Note, Panel
-from feeddrive.plot.drawing import draw_chart
+from feeddrive.plot.chart import (
+    ALERT,
+    NEUTRAL,
+    SOLID,
+    THIN,
+    Abscissa,
+    Box,
+    Chart,
+    Curve,
+    Disc,
+    Level,
+    Mark,
+    Note,
+    Panel,
+    listed,
+    numbered,
+)
+from feeddrive.plot.drawing import figure_of
 from feeddrive.plot.style import envelope
 
 if TYPE_CHECKING:
@@ -20,7 +36,7 @@ if TYPE_CHECKING:
 
     from feeddrive.machining.circle_causes import CircleCauses
     from feeddrive.machining.load import AxisLoad
-    from feeddrive.machining.reversal import Reversals
+    from feeddrive.machining.reversal import Reversal, Reversals
 
 _DIVISIONS = 4  # between the nominal circle and the edge of the picture
 _RING = 6.0  # divisions from the center to the nominal circle
@@ -42,26 +58,22 @@ def _like(circle: CirclePath, test: CircleTest) -> int:
     return next(there, len(test.circles))
 
 
-def circle_test(test: CircleTest, division: float | None = None, said: str = "") -> Any:
+def circle_test_chart(test: CircleTest, division: float | None = None, said: str = "") -> Chart:
     """The circle plot: radial deviations enlarged on the nominal circle, both directions, with a box of figures.
 
     division  µm of a division; default: the smallest of 1, 2, 5, 10 ... with which all is seen.  Give the same for all
               plots that are to be compared
     said      date, place, state of compensation: a line for the box
     """
-    each = _scale([test]) if division is None else division
-    chart = circle_chart(test, division=each)
-    figure, (ax,) = style.picture(1, height=chart.height)
-    draw_chart(chart, [ax])
-    ax.set_anchor("W")
-    ax.annotate(style.read(_box(test, each, said)), (1.02, 0.5), xycoords="axes fraction", ha="left", va="center",
-                fontsize=style.SMALL, color=style.INK, linespacing=1.5)  # fmt: skip
-    style.legend(figure, ax, chart.columns)
-    return figure
+    size = _scale([test]) if division is None else division
+    return replace(circle_chart(test, division=size), beside=_box(test, size, said))
+
+
+circle_test = figure_of(circle_test_chart)
 
 
 def circle_chart(test: CircleTest, before: CircleTest | None = None, division: float | None = None) -> Chart:
-    """What `circle_test` shows: x and y in µm, a point as far from the drawn nominal circle as the machine deviates.
+    """The circle of `circle_test`: x and y in µm, a point as far from the drawn nominal circle as the machine deviates.
 
     before  the same circles as they were, which are drawn thin
     """
@@ -156,7 +168,7 @@ def _box(test: CircleTest, division: float, said: str) -> str:
     low, high = Quantity(most.F_min, "m", bare=True), Quantity(most.F_max, "m")
     lines += [f"F {low:+.4g} … {high:+.4g} ({test.about})", f"D {Quantity(most.D, 'm'):+.4g}"]
     lines += ["readings of encoders"] if first.source == "encoder" else []
-    return joined("\n", [*lines, *([style.caption(said) or ""] if said else [])])
+    return joined("\n", [*lines, *([style.shortened(said)] if said else [])])
 
 
 def _division(wanted: float) -> float:
@@ -165,29 +177,28 @@ def _division(wanted: float) -> float:
     return float(power * next(step for step in _STEPS if step * power >= max(wanted, 0.01) * (1.0 - 1e-9)))
 
 
-def circle_unrolled(test: CircleTest) -> Any:
+def circle_unrolled_chart(test: CircleTest) -> Chart:
     """The deviations over the angle with the reversals marked, and ten degrees around each of them."""
-    from feeddrive.plot.picture import Picture
-
-    figure = Picture(figsize=(style.WIDTH, 5.6), layout="constrained", facecolor=style.PAPER)
-    grid = figure.add_gridspec(2, 4, height_ratios=(1.3, 1.0))
-    whole = style.dressed(figure.add_subplot(grid[0, :]))
-    zooms = [style.dressed(figure.add_subplot(grid[1, k])) for k in range(4)]
-    draw_chart(unrolled_chart(test), [whole])
-    whole.set_xticks(np.arange(0.0, 361.0, 45.0))
+    (whole,) = unrolled_chart(test).panels
+    angles = Abscissa("angle (deg)", low=0.0, high=360.0, ticks=numbered(np.arange(0.0, 361.0, 45.0)))
+    panels = [replace(whole, abscissa=angles, share=1.3, whole=True)]
     names = test.circles[0].axes
-    for k, (ax, (at, text)) in enumerate(zip(zooms, _QUADRANTS, strict=True)):
+    for k, (at, text) in enumerate(_QUADRANTS):
+        curves = list[Curve]()
         for i, (_, angle, r) in enumerate(_rows(test)):
             off = (angle - at + 180.0) % 360.0 - 180.0
             near = np.flatnonzero(np.abs(off) <= _NEAR)
             near = near[np.argsort(off[near])]
-            ax.plot(off[near], r[near], **style.curve(i))
-        ax.axvline(0.0, color=style.MUTED, linewidth=0.9, linestyle=(0, (4, 3)))
-        ax.set_xlim(-_NEAR, _NEAR)
-        style.note(ax, f"{text.format(names[k % 2])}, {names[k % 2]} reverses", x=0.5, align="center")
-        style.labels(ax, "angle (deg)", f"deviation ({unit_name('um')})" if k == 0 else "")
-    style.legend(figure, whole, 4)
-    return figure
+            curves.append(Curve(off[near], r[near], number=i))
+        label = f"deviation ({unit_name('um')})" if k == 0 else ""
+        said = f"{text.format(names[k % 2])}, {names[k % 2]} reverses"
+        zero = Level(0.0, upright=True, dashed=True)
+        around = Abscissa("angle (deg)", low=-_NEAR, high=_NEAR)
+        panels.append(Panel(label, tuple(curves), levels=(zero,), said=said, abscissa=around))
+    return Chart("", tuple(panels), across=4, height=5.6)
+
+
+circle_unrolled = figure_of(circle_unrolled_chart)
 
 
 def unrolled_chart(test: CircleTest, before: CircleTest | None = None) -> Chart:
@@ -214,96 +225,93 @@ def unrolled_chart(test: CircleTest, before: CircleTest | None = None) -> Chart:
     return Chart("angle (deg)", (panel,), low=0.0, high=360.0, height=3.4)
 
 
-def circle_causes(found: CircleCauses, most: int = 12) -> Any:
+def circle_causes_chart(found: CircleCauses, most: int = 12) -> Chart:
     """What each cause draws at most, the largest first, with its standard error, and what cannot be told apart."""
-    shown = [each for each in found.ranked if each.effect > 0.0][:most]
-    figure, (ax,) = style.picture(height=1.0 + 0.34 * max(len(shown), 1))
-    widest = max((1e6 * each.effect for each in shown), default=1.0)
-    for row, each in enumerate(shown):
-        known = np.isfinite(each.error)
-        look: dict[str, Any] = {"color": style.color(0)} if known else {"color": style.GRID, "hatch": "///",
-                                                                        "edgecolor": style.MUTED}  # fmt: skip
-        ax.barh(-row, 1e6 * each.effect, height=0.62, linewidth=0.6, **look)
-        if known and each.value:
-            error = 1e6 * each.effect * each.error / abs(each.value)
-            ax.plot(
-                [1e6 * each.effect - error, 1e6 * each.effect + error], [-row, -row], color=style.INK, linewidth=1.4
-            )
-        share = Text(f", {Quantity(each.share, 'share'):2} of G") if each.share > 5e-4 else ""
-        note = f"; {each.note}" if each.note else ""
-        text = style.read(f"{Quantity(each.effect, 'm'):3}{share}{note}")
-        ax.annotate(text, (1e6 * each.effect, -row), xytext=(5, 0),
-                    textcoords="offset points", va="center", fontsize=style.SMALL, color=style.MUTED)  # fmt: skip
-    ax.set_yticks([-row for row in range(len(shown))], [each.name for each in shown])
-    ax.set_xlim(0.0, 1.75 * widest)
-    ax.set_ylim(0.5 - max(len(shown), 1), 0.6)
-    ax.grid(visible=False, axis="y")
-    style.labels(ax, f"largest radial deviation ({unit_name('um')})", "")
-    style.note(ax, Text(f"not explained: {Quantity(found.residual, 'm'):3} RMS; bars: standard error; {_runs(found)}"))
-    return figure
+    shown = [cause for cause in found.ranked if cause.effect > 0.0][:most]
+    widest = max((1e6 * cause.effect for cause in shown), default=1.0)
+    bars, errors = list[Box](), list[Curve]()
+    for row, cause in enumerate(shown):
+        known = bool(np.isfinite(cause.error))
+        share = Text(f", {Quantity(cause.share, 'share'):2} of G") if cause.share > 5e-4 else ""
+        note = f"; {cause.note}" if cause.note else ""
+        text = Text(f"{Quantity(cause.effect, 'm'):3}{share}{note}")
+        size = 1e6 * cause.effect
+        bars.append(Box(0.0, size, -row - 0.31, -row + 0.31, text=text, beside=True, hatched=not known))
+        if known and cause.value:
+            error = size * cause.error / abs(cause.value)
+            errors.append(Curve(np.array([size - error, size + error]), np.full(2, -float(row)), number=NEUTRAL))
+    said = Text(f"not explained: {Quantity(found.residual, 'm'):3} RMS; bars: standard error; {_runs(found)}")
+    rows = max(len(shown), 1)
+    panel = Panel(
+        "", tuple(errors), boxes=tuple(bars), ticks=listed([cause.name for cause in shown]), low=0.5 - rows, high=0.6,
+        said=said,
+    )  # fmt: skip
+    label = f"largest radial deviation ({unit_name('um')})"
+    return Chart(label, (panel,), low=0.0, high=1.75 * widest, height=1.0 + 0.34 * rows)
+
+
+circle_causes = figure_of(circle_causes_chart)
 
 
 def _runs(found: CircleCauses) -> str:
     return f"{len(found.left)} circle{'s' if len(found.left) > 1 else ''}"
 
 
-def reversals(found: Reversals) -> Any:
+def reversals_chart(found: Reversals) -> Chart:
     """The outward error after each of the last four reversals, over the time since it; gray: where the axis stands."""
-    from feeddrive.plot.picture import Picture
-
-    figure = Picture(figsize=(style.WIDTH, 4.8), layout="constrained", facecolor=style.PAPER)
-    axes = [style.dressed(ax) for ax in figure.subplots(2, 2, sharey=True).flat]
-    chosen = found.reversals[-4:]
-    for ax, each in zip(axes, chosen, strict=False):
-        length = each.rows.stop - each.rows.start
-        rows = slice(max(0, each.rows.start - length // 5), each.rows.start + max(2, (3 * length) // 4))
-        ax.axvspan(1e3 * each.stick_begin, 1e3 * (each.stick_begin + each.stick_time), color=style.GRID)
-        ax.plot(1e3 * (found.time[rows] - each.time), 1e6 * found.outward[rows], **style.curve(0))
-        ax.axhline(1e6 * each.base, color=style.MUTED, linewidth=0.9, linestyle=(0, (4, 3)))
-        text = Text(
-            f"{each.axis} at {each.side}: {Quantity(each.height, 'm'):3} at {Quantity(each.peak_time, 's'):3}, stands "
-            f"{Quantity(each.stick_time, 's'):3}"
-        )
-        style.note(ax, text)
-        style.labels(ax, "since the reversal (ms)", f"outward ({unit_name('um')})")
-    for ax in axes[len(chosen) :]:
-        ax.set_axis_off()
-    return figure
+    panels = tuple(_reversal(found, reversal) for reversal in found.reversals[-4:])
+    lows, highs = ([float(end(curve.y)) for panel in panels for curve in panel.curves] for end in (np.min, np.max))
+    low, high = style.padded(min(lows), max(highs))
+    panels = tuple(replace(panel, low=low, high=high) for panel in panels)
+    return Chart("", panels, across=2, height=0.8 + 2.0 * -(-len(panels) // 2))
 
 
-def axis_load(load: AxisLoad) -> Any:
+reversals = figure_of(reversals_chart)
+
+
+def _reversal(found: Reversals, reversal: Reversal) -> Panel:
+    length = reversal.rows.stop - reversal.rows.start
+    rows = slice(max(0, reversal.rows.start - length // 5), reversal.rows.start + max(2, (3 * length) // 4))
+    time = 1e3 * (found.time[rows] - reversal.time)
+    stands = Box(1e3 * reversal.stick_begin, 1e3 * (reversal.stick_begin + reversal.stick_time), number=NEUTRAL,
+                 pale=True)  # fmt: skip
+    said = Text(
+        f"{reversal.axis} at {reversal.side}: {Quantity(reversal.height, 'm'):3} at "
+        f"{Quantity(reversal.peak_time, 's'):3}, stands {Quantity(reversal.stick_time, 's'):3}"
+    )
+    return Panel(
+        f"outward ({unit_name('um')})", (Curve(time, 1e6 * found.outward[rows]),), boxes=(stands,), said=said,
+        levels=(Level(1e6 * reversal.base, dashed=True),),
+        abscissa=Abscissa("since the reversal (ms)", low=float(time[0]), high=float(time[-1])),
+    )  # fmt: skip
+
+
+def axis_load_chart(load: AxisLoad) -> Chart:
     """Motor force over time with its limits and the running RMS; below it the heat from cold, if it is known."""
-    figure, axes = style.picture(1 if load.heat is None else 2, height=3.0 if load.heat is None else 4.6)
     time = load.sample_time * np.arange(len(load.force))
-    ax = axes[0]
-    ax.plot(*envelope(time, load.force), **style.curve(0) | {"linewidth": 0.8}, label="motor")
     running = np.sqrt(np.cumsum(load.force**2) / np.arange(1, len(time) + 1))
-    ax.plot(*envelope(time, running), **style.curve(1), label="RMS so far")
-    top = 1.1 * load.peak
-    for level, name, dash in (
-        (load.continuous_force, "continuous", (0, (5, 2))), (load.peak_force, "peak", (0, (1.5, 1.5))),
-    ):  # fmt: skip
-        if level is not None and level < 2.0 * top:
-            top = max(top, 1.1 * level)
-            for sign in (1.0, -1.0):
-                ax.axhline(sign * level, color=style.ALERT, linewidth=1.0, linestyle=dash,
-                           label=style.read(f"{name} {Quantity(level, 'N')}") if sign > 0 else None)  # fmt: skip
-    ax.set_ylim(-top, top)
-    style.labels(ax, None if load.heat is not None else "time (s)", f"force ({unit_name('N')})")
+    curves = (
+        Curve(*envelope(time, load.force), "motor", size=0.6),
+        Curve(*envelope(time, running), "RMS so far", 1),
+    )
+    top, limits = 1.1 * load.peak, list[Level]()
+    for size, name in ((load.continuous_force, "continuous"), (load.peak_force, "peak")):
+        if size is not None and size < 2.0 * top:
+            top = max(top, 1.1 * size)
+            said = Text(f"{name} {Quantity(size, 'N')}")
+            limits += [Level(sign * size, dashed=True, number=ALERT, said=said) for sign in (1.0, -1.0)]
+    panels = [Panel(f"force ({unit_name('N')})", curves, levels=tuple(limits), low=-top, high=top)]
     if load.heat is not None:
-        heat = axes[1]
-        heat.plot(load.sample_time * np.arange(len(load.heat)), 100.0 * load.heat, **style.curve(2))
-        for level, name in ((80.0, "warns"), (100.0, "trips")):
-            if level < 3.0 * 100.0 * float(np.max(load.heat)):
-                heat.axhline(level, color=style.ALERT, linewidth=1.0, linestyle=(0, (5, 2)))
-                heat.annotate(name, (0.0, level), xytext=(3, 2), textcoords="offset points", fontsize=style.SMALL,
-                              color=style.MUTED)  # fmt: skip
-        style.labels(heat, "time (s)", "heat (%)")
-        style.note(
-            heat,
-            Text(
-                f"repeated for ever at most {Quantity((load.heat_repeated or 0.0), 'share'):3} of the continuous heat"
-            ),
+        heat = Curve(load.sample_time * np.arange(len(load.heat)), 100.0 * load.heat, number=2)
+        warns = tuple(
+            Level(level, name, dashed=True, number=ALERT)
+            for level, name in ((80.0, "warns"), (100.0, "trips"))
+            if level < 3.0 * 100.0 * float(np.max(load.heat))
         )
-    style.legend(figure, ax)
-    return figure
+        repeated = Quantity((load.heat_repeated or 0.0), "share")
+        said = Text(f"repeated for ever at most {repeated:3} of the continuous heat")
+        panels.append(Panel("heat (%)", (heat,), levels=warns, said=said))
+    return Chart("time (s)", tuple(panels), height=3.0 if load.heat is None else 4.6)
+
+
+axis_load = figure_of(axis_load_chart)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,8 +11,23 @@ from feeddrive.analysis.margins import margins as margins_of
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined
 from feeddrive.plot import style
-from feeddrive.plot.chart import ALERT, LINE, PLUS, THIN, Chart, Curve, Disc, Level, Mark, Note, Panel
-from feeddrive.plot.drawing import draw_chart
+from feeddrive.plot.chart import (
+    ABOVE,
+    ALERT,
+    LINE,
+    PLUS,
+    RIGHT,
+    THIN,
+    WIDTH,
+    Chart,
+    Curve,
+    Disc,
+    Level,
+    Mark,
+    Note,
+    Panel,
+)
+from feeddrive.plot.drawing import figure_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,26 +40,11 @@ DISCS = 200  # that are drawn along a measured curve
 REACH = (-2.6, 1.4, -2.0, 2.0)  # of the Nyquist plot: the critical point is -1
 
 
-def nyquist(loops: Margins | Mapping[str, Margins]) -> Any:
+def nyquist_chart(loops: Margins | Mapping[str, Margins]) -> Chart:
     """Loop gains near -1, with the unit circle and for each loop the circle of radius 1/Ms that it touches.
 
     Of a measured loop gain the area that holds it with 95 %, line by line.
     """
-    chosen = style.named(loops)
-    alone = len(chosen) == 1
-    figure, (ax,) = style.picture(1, height=4.8)
-    figure.set_size_inches(5.4 if alone else style.WIDTH, max(4.8, 0.45 * len(chosen)))
-    chart = nyquist_chart(loops)
-    draw_chart(chart, [ax])
-    handles, texts = ax.get_legend_handles_labels()
-    place = "outside upper left" if alone else "outside right upper"
-    figure.legend(handles, texts, loc=place, fontsize=style.SMALL, frameon=False, labelcolor=style.INK,
-                  handlelength=2.6, labelspacing=1.0)  # fmt: skip
-    return figure
-
-
-def nyquist_chart(loops: Margins | Mapping[str, Margins]) -> Chart:
-    """What `nyquist` shows."""
     chosen = style.named(loops)
     curves, marks, discs = list[Curve](), list[Mark](), [Disc(0.0, 0.0, 1.0)]
     for i, (name, margins) in enumerate(chosen.items()):
@@ -66,7 +66,14 @@ def nyquist_chart(loops: Margins | Mapping[str, Margins]) -> Chart:
         "imaginary part of L", (*curves, critical), marks=tuple(marks), levels=axes, discs=tuple(discs), notes=notes,
         low=bottom, high=top,
     )  # fmt: skip
-    return Chart("real part of L", (panel,), low=low, high=high, square=True, height=4.8)
+    alone = len(chosen) == 1
+    return Chart(
+        "real part of L", (panel,), low=low, high=high, square=True, height=max(4.8, 0.45 * len(chosen)), columns=1,
+        width=5.4 if alone else WIDTH, legend=ABOVE if alone else RIGHT,
+    )  # fmt: skip
+
+
+nyquist = figure_of(nyquist_chart)
 
 
 def _spread(L: FRF, number: int) -> list[Curve]:
@@ -119,6 +126,6 @@ def _at(margins: Margins, frequency: float) -> complex:
     )
 
 
-def encirclement(found: Encirclement) -> Any:
+def encirclement_chart(found: Encirclement) -> Chart:
     """Nyquist plot of the measured or modelled loop gain."""
-    return nyquist(margins_of(found.loop_gain))
+    return nyquist_chart(margins_of(found.loop_gain))

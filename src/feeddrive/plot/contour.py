@@ -2,15 +2,35 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.text import Text
 from feeddrive.plot import style
-from feeddrive.plot.chart import ALERT, BAR, NEUTRAL, THIN, Chart, Curve, Heat, Mark, Panel
-from feeddrive.plot.drawing import drawn
+from feeddrive.plot.chart import (
+    ALERT,
+    BAR,
+    DASHED,
+    NEUTRAL,
+    PANELS,
+    PLAIN,
+    RING,
+    SOLID,
+    THIN,
+    WIDTH,
+    Abscissa,
+    Chart,
+    Curve,
+    Heat,
+    Level,
+    Mark,
+    Note,
+    Panel,
+    filled_stairs,
+)
+from feeddrive.plot.drawing import figure_of
 from feeddrive.plot.style import envelope
 
 if TYPE_CHECKING:
@@ -26,42 +46,44 @@ _AROUND = 0.12  # of the extent of a path: half of what is shown around a place
 _REACH = 3.0  # times the error of a place: half of what is shown of it 1:1
 
 
-def contour(found: ContourError) -> Any:
+def contour_chart(found: ContourError) -> Chart:
     """The error over path length with its worst places, and how much of the path has how much of it."""
-    figure, (over, share) = style.picture(2, height=4.6, ratios=(1.5, 1.0), share=False)
     along, error = 1e3 * found.along, 1e6 * found.error
-    over.plot(*envelope(along, error), **style.curve(0) | {"linewidth": 0.9})
     places = found.worst(_MARKED)
-    over.plot([1e3 * each.along for each in places], [1e6 * each.error for each in places], "o", color=style.ALERT,
-              fillstyle="none", label="worst places")  # fmt: skip
-    over.axhline(0.0, color=style.MUTED, linewidth=0.8)
-    over.set_ylim(*style.padded(min(0.0, float(error.min())), max(0.0, float(error.max()))))
-    side = f"contour error{', + left' if found.signed else ''}\n({unit_name('um')})"
-    style.labels(over, f"length of the path ({unit_name('mm')})", side)
-    style.note(over, Text(f"largest {Quantity(found.largest, 'm')}, RMS {Quantity(found.rms, 'm')}, "
-                     f"95 % within {Quantity(found.within(), 'm')}"))  # fmt: skip
+    worst = np.array([(1e3 * place.along, 1e6 * place.error) for place in places]).reshape(-1, 2)
+    low, high = style.padded(min(0.0, float(error.min())), max(0.0, float(error.max())))
+    largest, rms, within = (Quantity(size, "m") for size in (found.largest, found.rms, found.within()))
+    over = Panel(
+        f"contour error{', + left' if found.signed else ''}\n({unit_name('um')})",
+        (
+            Curve(*envelope(along, error), size=0.65),
+            Curve(worst[:, 0], worst[:, 1], "worst places", ALERT, RING),
+        ),
+        levels=(Level(0.0, faint=True),), low=low, high=high, share=1.5,
+        said=Text(f"largest {largest}, RMS {rms}, 95 % within {within}"),
+        abscissa=Abscissa(f"length of the path ({unit_name('mm')})"),
+    )  # fmt: skip
     counts, edges = np.histogram(error, bins=60, weights=100.0 * found.weights)
-    share.stairs(counts, edges, fill=True, color=style.color(0))
-    style.labels(share, f"contour error ({unit_name('um')})", "part of the path\n(%)")
-    style.row_legend(over)
-    return figure
+    share = Panel(
+        "part of the path\n(%)", (Curve(*filled_stairs(edges, counts), look=SOLID),), low=0.0,
+        abscissa=Abscissa(f"contour error ({unit_name('um')})"),
+    )  # fmt: skip
+    return Chart("", (over, share), height=4.6, legend=PANELS)
 
 
-def contour_on_path(found: ContourError, axes: tuple[int, int] = (0, 1), enlarged: float | None = None) -> Any:
+contour = figure_of(contour_chart)
+
+
+def contour_on_path_chart(
+    found: ContourError, axes: tuple[int, int] = (0, 1), enlarged: float | None = None, places: Sequence[Worst] = (),
+) -> Chart:  # fmt: skip
     """The path that counts with the size of the error as color, and the deviation from it, enlarged by a round factor.
+
+    Places in mm, the size of the error in µm.
 
     axes      columns of the contour error that span the picture
     enlarged  the factor; default: the largest deviation is a twelfth of the extent
-    """
-    return drawn(path_chart(found, axes, enlarged))
-
-
-def path_chart(
-    found: ContourError, axes: tuple[int, int] = (0, 1), enlarged: float | None = None, places: Sequence[Worst] = (),
-) -> Chart:  # fmt: skip
-    """What `contour_on_path` shows: places in mm, the size of the error in µm.
-
-    places  that are marked; the key of a mark is the number of its place, from 0
+    places    that are marked; the key of a mark is the number of its place, from 0
     """
     i, j = axes
     size = np.where(found.counted, np.abs(found.error), 0.0)
@@ -91,8 +113,11 @@ def path_chart(
         low=left,
         high=right,
         square=True,
-        height=0.8 + 0.75 * style.WIDTH * shape,
+        height=0.8 + 0.75 * WIDTH * shape,
     )
+
+
+contour_on_path = figure_of(contour_on_path_chart)
 
 
 def _factor(found: ContourError, axes: tuple[int, int]) -> float:
@@ -108,7 +133,7 @@ def _ends(values: np.ndarray) -> tuple[float, float]:
 
 
 def place_view(found: ContourError, place: Worst, axes: tuple[int, int] = (0, 1)) -> tuple[float, float, float, float]:
-    """The part of `path_chart` around a place: left, right, low, high in mm."""
+    """The part of `contour_on_path_chart` around a place: left, right, low, high in mm."""
     ends = [_ends(1e3 * found.position[found.counted, k]) for k in axes]
     reach = _AROUND * max(high - low for low, high in ends)
     x, y = (1e3 * float(place.position[k]) for k in axes)
@@ -146,62 +171,57 @@ def _together(near: np.ndarray, row: int) -> tuple[int, int]:
     return int(near[first[-1] + 1] if len(first) else near[0]), int(near[last[0]] if len(last) else near[-1])
 
 
-def corner_zoom(found: ContourError, corners: Sequence[Corner] | None = None, tolerance: float | None = None) -> Any:
+def corner_zoom_chart(
+    found: ContourError, corners: Sequence[Corner] | None = None, tolerance: float | None = None
+) -> Chart:
     """Corners 1:1, at most four: the path, the tool, and a band of the tolerance (m) around the path.
 
     corners  default: the four with the largest error
     """
-    given = sorted(found.corners(), key=lambda each: -each.error) if corners is None else list(corners)
-    chosen = given[:4]
-    columns = max(1, min(2, len(chosen)))
-    rows = max(1, -(-len(chosen) // columns))
-    figure, axes = _grid(rows, columns, 0.5 + 3.6 * rows)
-    for ax, each in zip(axes, chosen, strict=False):
-        at = 1e6 * (found.set_position - each.position)
-        tool = 1e6 * (found.position - each.position)
-        reach = 2.2e6 * max(each.nearest, each.error, 0.0 if tolerance is None else tolerance, 1e-7)
-        near = each.rows
-        if tolerance is not None:
-            _band(ax, at[near], 1e6 * tolerance)
-        ax.plot(at[near, 0], at[near, 1], color=style.INK, linewidth=1.2, label="path")
-        ax.plot(tool[near, 0], tool[near, 1], **style.curve(1) | {"linestyle": "-"}, label="tool")
-        ax.set_xlim(-reach, reach)
-        ax.set_ylim(-reach, reach)
-        ax.set_aspect("equal")
-        where = "" if each.line is None else f"line {each.line}, "
-        style.note(
-            ax, Text(f"{where}{Quantity(np.degrees(each.turn), 'deg'):3}: passed at {Quantity(each.nearest, 'm')}")
-        )
-        style.labels(ax, *(f"{axis} ({unit_name('um')})" for axis in found.axes[:2]))
-    for ax in axes[len(chosen) :]:
-        ax.set_axis_off()
-    if not chosen:
-        style.note(axes[0], "the path has no corner", x=0.5, align="center", y=0.5)
-    style.legend(figure, axes[0])
-    return figure
+    wanted = sorted(found.corners(), key=lambda corner: -corner.error) if corners is None else list(corners)
+    panels = [_corner(found, corner, tolerance) for corner in wanted[:4]]
+    if not panels:
+        note = Note(0.0, 0.0, "the path has no corner", middle=True)
+        return Chart("", (Panel("", notes=(note,), low=-1.0, high=1.0),), low=-1.0, high=1.0, bare=True, height=4.1)
+    across = min(2, len(panels))
+    return Chart("", tuple(panels), across=across, height=0.5 + 3.6 * -(-len(panels) // across))
 
 
-def _band(ax: Any, path: np.ndarray, half: float) -> None:
+corner_zoom = figure_of(corner_zoom_chart)
+
+
+def _corner(found: ContourError, corner: Corner, tolerance: float | None) -> Panel:
+    at = 1e6 * (found.set_position - corner.position)
+    tool = 1e6 * (found.position - corner.position)
+    reach = 2.2e6 * max(corner.nearest, corner.error, 0.0 if tolerance is None else tolerance, 1e-7)
+    near = corner.rows
+    curves = [] if tolerance is None else [_tolerance(at[near], 1e6 * tolerance)]
+    curves += [
+        Curve(at[near, 0], at[near, 1], "path", NEUTRAL, size=0.85),
+        Curve(tool[near, 0], tool[near, 1], "tool", 1, PLAIN),
+    ]
+    where = "" if corner.line is None else f"line {corner.line}, "
+    said = Text(f"{where}{Quantity(np.degrees(corner.turn), 'deg'):3}: passed at {Quantity(corner.nearest, 'm')}")
+    x, y = (f"{axis} ({unit_name('um')})" for axis in found.axes[:2])
+    abscissa = Abscissa(x, low=-reach, high=reach, square=True)
+    return Panel(y, tuple(curves), low=-reach, high=reach, said=said, abscissa=abscissa)
+
+
+def _tolerance(path: np.ndarray, half: float) -> Curve:
     """A band around a path: the lines left and right of each stretch, open at corners."""
     step = np.diff(path, axis=0)
     moved = np.linalg.norm(step, axis=1) > 0.0
     begin, end, step = path[:-1][moved], path[1:][moved], step[moved]
     normal = half * np.column_stack([-step[:, 1], step[:, 0]]) / np.linalg.norm(step, axis=1)[:, None]
-    for i, side in enumerate((1.0, -1.0)):
+    smooth = np.flatnonzero(np.einsum("ij,ij->i", normal[1:], normal[:-1]) > 0.99 * half * half)
+    lines = list[np.ndarray]()
+    for side in (1.0, -1.0):
         line = np.full((3 * len(begin), 2), np.nan)
         line[::3], line[1::3] = begin + side * normal, end + side * normal
-        smooth = np.flatnonzero(np.einsum("ij,ij->i", normal[1:], normal[:-1]) > 0.99 * half * half)
         line[3 * smooth + 2] = end[smooth] + side * normal[smooth]
-        label = style.read(f"tolerance {Quantity(1e-6 * half, 'm'):3}") if i == 0 else None
-        ax.plot(line[:, 0], line[:, 1], color=style.ALERT, linewidth=0.9, linestyle=(0, (5, 2)), label=label)
-
-
-def _grid(rows: int, columns: int, height: float) -> tuple[Any, list[Any]]:
-    """A figure with axes in rows and columns in the common style."""
-    from feeddrive.plot.picture import Picture
-
-    figure = Picture(figsize=(style.WIDTH, height), layout="constrained", facecolor=style.PAPER)
-    return figure, [style.dressed(ax) for ax in figure.subplots(rows, columns, squeeze=False).flat]
+        lines.append(line)
+    x, y = np.concatenate(lines).T
+    return Curve(x, y, number=ALERT, look=DASHED, said=Text(f"tolerance {Quantity(1e-6 * half, 'm'):3}"), size=0.65)
 
 
 def _round(factor: float) -> float:

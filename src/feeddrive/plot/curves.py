@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.text import Text
 from feeddrive.plot import style
+from feeddrive.plot.chart import FREQUENCY, HOLLOW, LINEAR, LOG, MARKERS, Chart, Curve, Level, Panel, numbered
+from feeddrive.plot.drawing import figure_of
 from feeddrive.plot.style import envelope
 
 if TYPE_CHECKING:
@@ -23,120 +25,102 @@ class Row(NamedTuple):
     logarithmic: bool = False
 
 
-def curves(
+def curves_chart(
     abscissa: str,
     x: np.ndarray,
     rows: Sequence[Row],
     *,
     frequency: bool = False,
     levels: Mapping[str, float] | None = None,
-) -> Any:
+) -> Chart:
     """Rows of curves over x; a name keeps its color in all rows.  `frequency`: x in Hz, logarithmic.
 
     levels  horizontal lines in the first row, by name
     """
     names = list(dict.fromkeys(name for row in rows for name in row.curves))
-    figure, axes = style.picture(len(rows), height=1.2 + 1.9 * len(rows))
-    drawn: dict[str, Any] = {}
-    for ax, row in zip(axes, rows, strict=True):
-        for name, values in row.curves.items():
-            (line,) = ax.plot(x, values, **style.curve(names.index(name)))
-            drawn.setdefault(style.caption(name) or "", line)
-        if row.logarithmic:
-            ax.set_yscale("log")
-        style.labels(ax, None, row.ordinate)
-    for name, level in (levels or {}).items():
-        axes[0].axhline(level, color=style.MUTED, linewidth=1.0, linestyle=(0, (4, 3)))
-        axes[0].annotate(style.read(name), (1.0, level), xycoords=("axes fraction", "data"), xytext=(-4, 2),
-                         textcoords="offset points", ha="right", fontsize=style.SMALL, color=style.MUTED)  # fmt: skip
-    axes[-1].set_xlabel(style.read(abscissa), fontsize=style.TEXT)
-    if frequency:
-        style.frequency_axis(axes[-1], float(x[0]), float(x[-1]))
-        style.frequency_grid(axes)
-    if "" not in drawn or len(drawn) > 1:
-        style.figure_legend(figure, drawn)
-    return figure
+    panels = list[Panel]()
+    for row in rows:
+        lines = tuple(Curve(x, np.asarray(values), name, names.index(name)) for name, values in row.curves.items())
+        limits = () if panels else tuple(Level(value, name, dashed=True) for name, value in (levels or {}).items())
+        panels.append(Panel(row.ordinate, lines, levels=limits, scale=LOG if row.logarithmic else LINEAR))
+    span = (float(x[0]), float(x[-1])) if frequency else (None, None)
+    return Chart(abscissa, tuple(panels), FREQUENCY if frequency else LINEAR, *span, height=1.2 + 1.9 * len(rows))
 
 
-def pole_sweep(sweeps: Mapping[str, Sequence[np.ndarray]], said: str = "") -> Any:
+curves = figure_of(curves_chart)
+
+
+def pole_sweep_chart(sweeps: Mapping[str, Sequence[np.ndarray]], said: str = "") -> Chart:
     """Poles in the s plane (rad/s) of several systems along a sweep: the marks grow from point to point."""
-    figure, (ax,) = style.picture(1, height=4.2)
-    for i, (name, points) in enumerate(sweeps.items()):
-        for k, poles in enumerate(points):
-            ax.plot(
-                np.real(poles), np.imag(poles), style.MARKERS[i % len(style.MARKERS)], color=style.color(i),
-                markersize=3.5 + 1.5 * k, markerfacecolor="none", markeredgewidth=1.2,
-                label=style.caption(name) if k == 0 else None,
-            )  # fmt: skip
-    ax.axhline(0.0, color=style.MUTED, linewidth=0.8)
-    ax.axvline(0.0, color=style.MUTED, linewidth=0.8)
-    ax.margins(0.08)
-    style.labels(ax, "real part of s (rad/s)", "imaginary part of s (rad/s)")
-    if said:
-        style.note(ax, said)
-    style.legend(figure, ax)
-    return figure
+    marks = tuple(
+        Curve(np.real(poles), np.imag(poles), "" if k else name, i, HOLLOW, size=0.7 + 0.3 * k)
+        for i, (name, points) in enumerate(sweeps.items())
+        for k, poles in enumerate(points)
+    )
+    x, y = (np.concatenate([[0.0], *(getattr(curve, axis) for curve in marks)]) for axis in ("x", "y"))
+    (left, right), (low, high) = (style.padded(float(np.min(row)), float(np.max(row)), 0.08) for row in (x, y))
+    axes = Level(0.0, faint=True), Level(0.0, upright=True, faint=True)
+    panel = Panel("imaginary part of s (rad/s)", marks, levels=axes, low=low, high=high, said=said)
+    return Chart("real part of s (rad/s)", (panel,), low=left, high=right, height=4.2)
 
 
-def turn(angle: np.ndarray, forces: Mapping[str, np.ndarray]) -> Any:
+pole_sweep = figure_of(pole_sweep_chart)
+
+
+def turn_chart(angle: np.ndarray, forces: Mapping[str, np.ndarray]) -> Chart:
     """Forces in N by name over the angle of the spindle in rad, with the mean of each as a thin line."""
-    figure, (ax,) = style.picture(1, height=3.2)
+    lines, means = list[Curve](), list[Level]()
     for i, (name, force) in enumerate(forces.items()):
         mean = float(np.mean(force))
-        ax.plot(
-            np.degrees(angle), force, label=style.caption(name, Text(f"mean {Quantity(mean, 'N')}")), **style.curve(i)
-        )
-        ax.axhline(mean, color=style.color(i), linewidth=0.8, alpha=0.6)
-    ax.set_xlim(0.0, 360.0)
-    ax.set_xticks(np.arange(0.0, 361.0, 45.0))
-    style.labels(ax, "angle of the spindle (deg)", f"force on the tool ({unit_name('N')})")
-    style.legend(figure, ax, 3)
-    return figure
+        lines.append(Curve(np.degrees(angle), force, name, i, said=Text(f"mean {Quantity(mean, 'N')}")))
+        means.append(Level(mean, faint=True, number=i))
+    panel = Panel(f"force on the tool ({unit_name('N')})", tuple(lines), levels=tuple(means))
+    ticks = numbered(np.arange(0.0, 361.0, 45.0))
+    return Chart("angle of the spindle (deg)", (panel,), low=0.0, high=360.0, ticks=ticks, height=3.2, columns=3)
 
 
-def by_axis(time: np.ndarray, rows: Mapping[str, Mapping[str, np.ndarray]], quantity: str) -> Any:
+turn = figure_of(turn_chart)
+
+
+def by_axis_chart(time: np.ndarray, rows: Mapping[str, Mapping[str, np.ndarray]], quantity: str) -> Chart:
     """One row for each axis, with its curves by name, over time in s; quantity with its unit."""
-    figure, axes = style.picture(len(rows), height=0.9 + 1.45 * len(rows))
-    for ax, (axis, curves) in zip(axes, rows.items(), strict=True):
-        for i, (name, values) in enumerate(curves.items()):
-            ax.plot(*envelope(time, values), label=style.caption(name), **style.curve(i))
-        style.note(ax, axis)
-    style.labels(axes[-1], "time (s)", "")
-    figure.supylabel(style.read(quantity), fontsize=style.TEXT, color=style.INK)
-    if any(len(curves) > 1 for curves in rows.values()):
-        style.legend(figure, axes[0])
-    return figure
+    several = any(len(curves) > 1 for curves in rows.values())
+    panels = tuple(
+        Panel(
+            "",
+            tuple(Curve(*envelope(time, v), name if several else "", i) for i, (name, v) in enumerate(lines.items())),
+            said=axis,
+        )
+        for axis, lines in rows.items()
+    )
+    return Chart("time (s)", panels, height=0.9 + 1.45 * len(rows), side=quantity)
 
 
-def left_over(
+by_axis = figure_of(by_axis_chart)
+
+
+def left_over_chart(
     curves: Mapping[str, tuple[np.ndarray, np.ndarray]],
     measured: Mapping[str, tuple[np.ndarray, np.ndarray]],
     quantity: str,
     place: tuple[float, str],
     one: bool = True,
-) -> Any:
+) -> Chart:
     """Magnitudes over frequency in Hz on a logarithmic scale, measured ones as marks, one frequency as a line.
 
     `one` draws the line at 1, above which a compensation amplifies.
     """
-    figure, (ax,) = style.picture(1, height=3.6)
-    for i, (name, (frequency, magnitude)) in enumerate(curves.items()):
-        ax.plot(frequency, magnitude, label=style.caption(name), **style.curve(i))
-    for i, name in enumerate(curves):
-        if name in measured:
-            ax.plot(
-                *measured[name], style.MARKERS[i % len(style.MARKERS)], color=style.color(i), markersize=5,
-                label=style.caption(name, "measured in the loop"),
-            )  # fmt: skip
-    if one:
-        ax.axhline(1.0, color=style.MUTED, linewidth=1.0, linestyle=(0, (4, 3)))
-    ax.axvline(place[0], color=style.INK, linewidth=1.0, linestyle=(0, (4, 3)))
-    ax.annotate(style.read(place[1]), (place[0], 0.0), xycoords=("data", "axes fraction"), xytext=(3, 4),
-                textcoords="offset points", fontsize=style.SMALL, color=style.MUTED)  # fmt: skip
-    ax.set_yscale("log")
-    style.plain_decades(ax.yaxis)
-    frequencies = [frequency for frequency, _ in curves.values()]
-    style.frequency_axis(ax, min(float(f[0]) for f in frequencies), max(float(f[-1]) for f in frequencies))
-    style.labels(ax, "frequency (Hz)", quantity)
-    style.legend(figure, ax, 3)
-    return figure
+    lines = [Curve(f, magnitude, name, i) for i, (name, (f, magnitude)) in enumerate(curves.items())]
+    lines += [
+        Curve(*measured[name], name, i, MARKERS, "measured in the loop", size=1.1)
+        for i, name in enumerate(curves)
+        if name in measured
+    ]
+    levels = [Level(1.0, dashed=True)] if one else []
+    levels.append(Level(place[0], place[1], upright=True, dashed=True))
+    ends = [float(f[k]) for f, _ in curves.values() for k in (0, -1)]
+    panel = Panel(quantity, tuple(lines), levels=tuple(levels), scale=LOG)
+    return Chart("frequency (Hz)", (panel,), FREQUENCY, min(ends), max(ends), height=3.6, columns=3)
+
+
+left_over = figure_of(left_over_chart)

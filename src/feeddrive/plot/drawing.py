@@ -1,8 +1,9 @@
-"""A chart drawn by matplotlib, in the common style."""
+"""A chart drawn by matplotlib, in the common style: nothing else in feeddrive draws with it."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from functools import wraps
+from typing import TYPE_CHECKING, Any, ParamSpec
 
 import numpy as np
 
@@ -10,62 +11,218 @@ from feeddrive.language.quantity import Units
 from feeddrive.language.table import READER
 from feeddrive.plot import chart as looks
 from feeddrive.plot import style
-from feeddrive.plot.chart import Band, Chart, Curve, Disc, Heat, Level, Note, Panel
+from feeddrive.plot.chart import (
+    Abscissa,
+    Band,
+    Box,
+    Chart,
+    Curve,
+    Disc,
+    Field,
+    Heat,
+    Level,
+    Note,
+    Panel,
+    Tick,
+)
 from feeddrive.plot.mark_names import name_marks
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
 
-_DASHED = (0, (4, 3))
+    from feeddrive.plot.picture import Picture
+
+    Dashes = tuple[float, tuple[float, ...]]
+
+P = ParamSpec("P")
+_DASHED: Dashes = (0, (4, 3))
+# of limits that the legend tells apart
+_LIMITS: tuple[Dashes, ...] = (_DASHED, (0, (1.5, 1.5)), (0, (6, 1.5, 1.5, 1.5)))
+_MANY, _FEW = 1e4, 1e2  # logarithmic ranges: above, not all decades have a number; below, 2 and 5 have one, too
 _COLD, _HOT = 1.1, 2.6  # width of the smallest and the largest value
 
 
+def figure_of(chart: Callable[P, Chart]) -> Callable[P, Any]:
+    """Return the function that draws what a function `..._chart` shows, as a matplotlib figure."""
+
+    @wraps(chart)
+    def draw(*args: P.args, **options: P.kwargs) -> Any:
+        return drawn(chart(*args, **options))
+
+    draw.__name__ = draw.__qualname__ = chart.__name__.removesuffix("_chart")
+    return draw
+
+
 def drawn(chart: Chart, units: Units | None = None) -> Any:
-    """The picture of a chart in the width of a report, with its texts in the units of a reader; None: of `READER`."""
+    """The picture of a chart, a matplotlib figure, with its texts in the units of a reader; None: of `READER`."""
+    from feeddrive.plot.picture import Picture
+
     chart = chart.shown(units or READER.get())
-    shares = [panel.share for panel in chart.panels]
-    figure, axes = style.picture(len(shares), height=chart.height, ratios=shares)
-    draw_chart(chart, axes)
-    style.legend(figure, axes[0], chart.columns)
+    figure = Picture(figsize=(chart.width, chart.height), layout="constrained", facecolor=style.PAPER)
+    axes = _axes(figure, chart)
+    for ax, panel in zip(axes, chart.panels, strict=True):
+        _panel(ax, panel, chart, crowded=len(axes) > 2)
+    _abscissas(axes, chart)
+    named = [(ax, panel.marks) for ax, panel in zip(axes, chart.panels, strict=True) if _has_names(panel)]
+    _legends(figure, axes, chart)
+    if len(axes) > 1 and not chart.bare:
+        figure.align_ylabels(axes)
+    if named:
+        figure.draw_without_rendering()
+    for ax, marks in named:
+        name_marks(ax, marks, _color)
     return figure
 
 
-def draw_chart(chart: Chart, axes: Sequence[Axes]) -> None:
-    """The panels of a chart into axes below each other, without a legend."""
-    if chart.scale == looks.FREQUENCY:
-        assert chart.low is not None
-        assert chart.high is not None
-        style.frequency_axis(axes[-1], chart.low, chart.high)
-    elif chart.low is not None:
-        axes[-1].set_xlim(chart.low, chart.high)
-    logarithmic = chart.scale == looks.LOG
-    if logarithmic:
-        axes[-1].set_xscale("log")
-        style.plain_decades(axes[-1].xaxis, between=True)
+def _has_names(panel: Panel) -> bool:
+    return any(mark.name for mark in panel.marks)
+
+
+def _axes(figure: Picture, chart: Chart) -> list[Axes]:
+    """Axes of the panels, in rows; those without an own abscissa share theirs, with numbers at the lowest only."""
+    places, row, column = list[tuple[int, int]](), 0, 0
+    for panel in chart.panels:
+        if column and (panel.whole or column == chart.across):
+            row, column = row + 1, 0
+        places.append((row, column))
+        column = chart.across if panel.whole else column + 1
+    shares, widths = [0.0] * (row + 1), [0.0] * chart.across
+    for panel, (row, column) in zip(chart.panels, places, strict=True):
+        shares[row] = max(shares[row], panel.share)
+        if not panel.whole:
+            widths[column] = max(widths[column], panel.width)
+    grid = figure.add_gridspec(
+        len(shares), chart.across, height_ratios=shares, width_ratios=[width or 1.0 for width in widths]
+    )
+    axes: list[Axes] = []
+    shared: list[Axes] = []
+    for panel, (row, column) in zip(chart.panels, places, strict=True):
+        spot = grid[row, :] if panel.whole else grid[row, column]
+        with_others = panel.abscissa is None
+        ax = style.dressed(figure.add_subplot(spot, sharex=shared[0] if with_others and shared else None))
+        shared += [ax] if with_others else []
+        axes.append(ax)
+    return axes
+
+
+def _abscissas(axes: Sequence[Axes], chart: Chart) -> None:
+    """The axes of x, after the curves: the shared one, with its numbers below the lowest panel of each column."""
+    shared: list[Axes] = []
     for ax, panel in zip(axes, chart.panels, strict=True):
-        if chart.square:
-            ax.set_aspect("equal")
-        _panel(ax, panel, crowded=len(axes) > 2, between=logarithmic)
-        style.labels(ax, chart.label if ax is axes[-1] else None, panel.label)
-        if panel.said:
-            style.note(ax, style.caption(panel.said, most=120) or "")
-        if chart.bare:
-            ax.set_axis_off()
+        if panel.abscissa is None:
+            shared.append(ax)
+        else:
+            _abscissa(ax, panel.abscissa, panel, chart.across)
+    if not shared:
+        return
+    _abscissa(shared[-1], chart.abscissa, chart.panels[-1], chart.across)
+    lowest = {spec.colspan.start: ax for ax in shared if (spec := ax.get_subplotspec()) is not None}
+    for ax in shared:
+        if ax not in lowest.values():
+            ax.tick_params(labelbottom=False)
+        elif ax is not shared[-1]:
+            ax.set_xlabel(chart.label, fontsize=style.TEXT)
     if chart.scale == looks.FREQUENCY:
-        style.frequency_grid(axes)
-    if any(mark.name for panel in chart.panels for mark in panel.marks):
-        axes[0].get_figure(root=True).draw_without_rendering()  # type: ignore[union-attr]
-        for ax, panel in zip(axes, chart.panels, strict=True):
-            name_marks(ax, panel.marks, _color)
+        style.frequency_grid(shared)
+    for ax in shared if chart.square else ():
+        _square(ax, chart.abscissa)
+    for ax in shared if chart.bare else ():
+        ax.set_axis_off()
 
 
-def _panel(ax: Axes, panel: Panel, crowded: bool, between: bool) -> None:
+def _abscissa(ax: Axes, abscissa: Abscissa, panel: Panel, across: int) -> None:
+    if abscissa.scale == looks.FREQUENCY:
+        assert abscissa.low is not None
+        assert abscissa.high is not None
+        style.frequency_axis(ax, abscissa.low, abscissa.high)
+    elif abscissa.low is not None or abscissa.high is not None:
+        ax.set_xlim(abscissa.low, abscissa.high)
+    if abscissa.scale == looks.LOG:
+        ax.set_xscale("log")
+        style.plain_decades(ax.xaxis, between=True)
+    if abscissa.ticks is not None:
+        _ticks(ax.xaxis, abscissa.ticks)
+    elif abscissa.scale == looks.LINEAR and across > 1:
+        style.few_numbers(ax, 6 if across == 2 else 4)
+    if any(box.level is not None for box in panel.boxes):
+        _table(ax)
+    if abscissa.square and panel.abscissa is not None:
+        _square(ax, abscissa)
+    ax.set_xlabel(abscissa.label, fontsize=style.TEXT)
+
+
+def _square(ax: Axes, abscissa: Abscissa) -> None:
+    """One scale for x and y: the panel takes its shape from the ranges, or widens them if there are none."""
+    ax.set_aspect("equal", adjustable="box" if abscissa.low is not None else "datalim")
+    if abscissa.low is None:
+        ax.margins(0.04)
+        ax.locator_params(nbins=6)
+        ax.ticklabel_format(scilimits=(-3, 5))
+
+
+def _ticks(axis: Axis, ticks: Sequence[Tick]) -> None:
+    texts = [style.caption(tick.name, tick.said) or "" for tick in ticks]
+    axis.set_ticks([tick.value for tick in ticks], labels=texts)
+    axis.set_ticks([], minor=True)
+    if any(tick.name for tick in ticks):
+        axis.grid(visible=False)
+
+
+def _table(ax: Axes) -> None:
+    """Cells under names on both axes: those of the columns stand slanted above them; no lines of axes and grid."""
+    ax.xaxis.tick_top()
+    ax.tick_params(axis="x", labelrotation=40)
+    for label in ax.get_xticklabels():
+        label.set_horizontalalignment("left")
+        label.set_rotation_mode("anchor")
+    ax.tick_params(length=0)
+    ax.grid(visible=False)
+    for spine in ax.spines.values():
+        spine.set_visible(False)
+
+
+def _legends(figure: Picture, axes: Sequence[Axes], chart: Chart) -> None:
+    limits = {style.caption("", level.said) for panel in chart.panels for level in panel.levels}
+    curves, levels = dict[str, Any](), dict[str, Any]()
+    for ax in axes:
+        entries = dict[str, Any]() if chart.legend == looks.PANELS else curves
+        for handle, text in zip(*ax.get_legend_handles_labels(), strict=True):
+            (levels if text in limits else entries).setdefault(str(text), handle)
+        if chart.legend == looks.PANELS:
+            style.row_legend(ax, entries)
+    entries = curves | levels
+    if chart.legend == looks.RIGHT and entries:
+        figure.legend(
+            list(entries.values()), list(entries), loc="outside right upper", fontsize=style.SMALL, frameon=False,
+            labelcolor=style.INK, handlelength=2.6, labelspacing=1.0,
+        )  # fmt: skip
+    else:
+        style.figure_legend(figure, entries, chart.columns)
+    if chart.side:
+        figure.supylabel(chart.side, fontsize=style.TEXT, color=style.INK)
+    if chart.said:
+        figure.suptitle(style.caption(chart.said, most=120) or "", fontsize=style.TEXT, color=style.ALERT)
+    if chart.beside:
+        axes[0].set_anchor("W")
+        axes[0].annotate(
+            style.escaped(chart.beside), (1.02, 0.5), xycoords="axes fraction", ha="left", va="center",
+            fontsize=style.SMALL, color=style.INK, linespacing=1.5,
+        )  # fmt: skip
+
+
+def _panel(ax: Axes, panel: Panel, chart: Chart, crowded: bool) -> None:
+    kinds = list(dict.fromkeys(level.said for level in panel.levels if level.said))
     for level in panel.levels:
-        _level(ax, level)
+        _level(ax, level, kinds.index(level.said) if level.said else 0)
     for disc in panel.discs:
         _disc(ax, disc)
+    if panel.field is not None and panel.heat is not None:
+        _field(ax, panel.field, panel.heat)
+    for box in panel.boxes:
+        _box(ax, box)
     for band in panel.bands:
         _band(ax, band)
     for curve in panel.curves:
@@ -75,32 +232,80 @@ def _panel(ax: Axes, panel: Panel, crowded: bool, between: bool) -> None:
             _heat(ax, curve, curve.heat, panel.heat)
     for mark in panel.marks:
         face: dict[str, Any] = {"markerfacecolor": style.PAPER} if mark.hollow else {}
-        ax.plot([mark.x], [mark.y], style.MARKERS[mark.number % len(style.MARKERS)], color=_color(mark.number),
+        ax.plot([mark.x], [mark.y], style.marker(mark.number), color=_color(mark.number),
                 markersize=6.0 if mark.name else 4.5, **face)  # fmt: skip
     for note in panel.notes:
         _note(ax, note)
     if panel.scale == looks.LOG:
         ax.set_yscale("log")
-        style.plain_decades(ax.yaxis, crowded=crowded, between=between)
-        ax.grid(True, which="minor", axis="y", color=style.GRID, linewidth=0.4)
     if panel.scale == looks.DEGREES:
         assert panel.low is not None
         assert panel.high is not None
         style.degrees_axis(ax, panel.low, panel.high)
     elif panel.low is not None or panel.high is not None:
         ax.set_ylim(panel.low, panel.high)
+    if panel.scale == looks.LOG:
+        low, high = ax.get_ylim()
+        many, few = low * _MANY < high, not crowded and high < _FEW * low
+        style.plain_decades(ax.yaxis, crowded=crowded or many, between=few or chart.scale == looks.LOG)
+        if not many:
+            ax.grid(True, which="minor", axis="y", color=style.GRID, linewidth=0.4)
+    if panel.ticks is not None:
+        _ticks(ax.yaxis, panel.ticks)
+    ax.set_ylabel(panel.label, fontsize=style.TEXT)
+    if panel.said:
+        style.note(ax, style.caption(panel.said, most=120) or "")
 
 
-def _level(ax: Axes, level: Level) -> None:
+def _level(ax: Axes, level: Level, kind: int) -> None:
     draw = ax.axvline if level.upright else ax.axhline
-    tint = style.MUTED if level.dashed or level.faint else style.INK
-    draw(level.value, color=tint, linewidth=0.8 if level.faint else 1.0, linestyle=_DASHED if level.dashed else "-")
+    tint = _color(level.number, style.MUTED if level.dashed or level.faint else style.INK)
+    draw(level.value, color=tint, linewidth=0.8 if level.faint else 1.0, label=style.caption("", level.said),
+         linestyle=_LIMITS[kind % len(_LIMITS)] if level.dashed else "-")  # fmt: skip
     if not level.text:
         return
     where, of = ((level.value, 1.0), ("data", "axes fraction")) if level.upright else (
         (0.0, level.value), ("axes fraction", "data"))  # fmt: skip
-    ax.annotate(style.read(level.text), where, xycoords=of, xytext=(4, -2), textcoords="offset points", va="top",
+    ax.annotate(style.escaped(level.text), where, xycoords=of, xytext=(4, -2), textcoords="offset points", va="top",
                 fontsize=style.SMALL, color=style.MUTED)  # fmt: skip
+
+
+def _box(ax: Axes, box: Box) -> None:
+    tint = _color(box.number, style.MUTED)
+    look: dict[str, Any] = {"facecolor": tint, "edgecolor": style.PAPER, "linewidth": 0.5}
+    if box.pale:
+        look = {"color": tint, "alpha": 0.14, "linewidth": 0.0}
+    if box.hatched:
+        look = {"color": style.GRID, "hatch": "///", "edgecolor": style.MUTED, "linewidth": 0.6}
+    elif box.level is not None:
+        from matplotlib.colors import LinearSegmentedColormap
+
+        shades = LinearSegmentedColormap.from_list("level", [style.BETTER, style.PAPER, style.WORSE])
+        look = {"color": shades(0.5 + 0.42 * box.level), "linewidth": 0.0}
+    look["label"] = style.caption(box.name)
+    if box.low is None or box.high is None:
+        ax.axvspan(box.left, box.right, zorder=0.5, **look)
+        return
+    ax.barh(0.5 * (box.low + box.high), box.right - box.left, box.high - box.low, box.left, **look)
+    if not box.text:
+        return
+    away = 0 if not box.beside else 5 if box.right + box.left >= 0.0 else -5
+    x = 0.5 * (box.left + box.right) if not away else box.right if away > 0 else box.left
+    ax.annotate(
+        style.escaped(box.text), (x, 0.5 * (box.low + box.high)), xytext=(away, 0), textcoords="offset points",
+        ha="left" if away > 0 else "right" if away else "center", va="center", color=style.INK,
+        fontsize=style.SMALL if away else style.SMALL - 1,
+    )  # fmt: skip
+
+
+def _field(ax: Axes, field: Field, scale: Heat) -> None:
+    from matplotlib.colors import LinearSegmentedColormap
+
+    colors = LinearSegmentedColormap.from_list("heat", style.HEAT)
+    ax.pcolormesh(field.x, field.y, field.values, cmap=colors, vmin=scale.low, vmax=scale.high, shading="nearest",
+                  rasterized=True)  # fmt: skip
+    ax.grid(visible=False)
+    _scale(ax, scale, colors)
 
 
 def _disc(ax: Axes, disc: Disc) -> None:
@@ -117,14 +322,17 @@ def _note(ax: Axes, note: Note) -> None:
     off, across, along = (3, "left", "bottom") if note.right else (-5, "right", "top")
     if note.middle:
         off, across, along = 0, "center", "center"
-    ax.annotate(style.read(note.text), (note.x, note.y), xytext=(off, off), textcoords="offset points", ha=across,
-                va=along, fontsize=style.SMALL, color=_color(note.number, style.MUTED))  # fmt: skip
+    back = {"facecolor": style.PAPER, "edgecolor": "none", "alpha": 0.8, "pad": 0.8}
+    ax.annotate(
+        style.escaped(note.text), (note.x, note.y), xytext=(off, off), textcoords="offset points", ha=across, va=along,
+        fontsize=style.SMALL, color=_color(note.number, style.MUTED),
+        bbox=None if note.number == looks.NEUTRAL else back,
+    )  # fmt: skip
 
 
 def _heat(ax: Axes, curve: Curve, heat: np.ndarray, scale: Heat) -> None:
     """A curve in steps of color and width, and the bar that says which value is which."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import LinearSegmentedColormap, Normalize
+    from matplotlib.colors import LinearSegmentedColormap
 
     n = style.HEAT_STEPS
     colors = LinearSegmentedColormap.from_list("heat", style.HEAT, n)
@@ -135,8 +343,16 @@ def _heat(ax: Axes, curve: Curve, heat: np.ndarray, scale: Heat) -> None:
         if rows.size:
             x, y = (_stretches(row, rows) for row in (curve.x, curve.y))
             ax.plot(x, y, color=colors(k), linewidth=_COLD + (_HOT - _COLD) * k / (n - 1), solid_capstyle="round")
+    _scale(ax, scale, colors)
+
+
+def _scale(ax: Axes, scale: Heat, colors: Any) -> None:
+    """The bar that tells the value of each color."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
     bar = ax.figure.colorbar(ScalarMappable(Normalize(scale.low, scale.high), colors), ax=ax, pad=0.02, aspect=30)
-    bar.set_label(style.read(scale.label), fontsize=style.TEXT, color=style.INK)
+    bar.set_label(scale.label, fontsize=style.TEXT, color=style.INK)
     bar.ax.tick_params(colors=style.MUTED, labelcolor=style.INK, labelsize=style.SMALL)
     bar.outline.set_visible(False)  # type: ignore[operator]
 
@@ -161,32 +377,59 @@ def _band(ax: Axes, band: Band) -> None:
 
 
 def _curve(ax: Axes, curve: Curve) -> None:
-    tint = _color(curve.number)
     if curve.reach is not None:
         _discs(ax, curve, curve.reach)
-    elif curve.look == looks.LINE and curve.number < 0:
-        ax.plot(curve.x, curve.y, color=tint, linewidth=style.LINE, label=style.caption(curve.name, curve.said))
-    elif curve.look == looks.LINE:
-        ax.plot(curve.x, curve.y, label=style.caption(curve.name, curve.said), **style.curve(curve.number))
-    elif curve.look == looks.THIN:
-        ax.plot(curve.x, curve.y, color=tint, linewidth=0.6, alpha=0.6, label=style.caption(curve.name, curve.said))
-    elif curve.look == looks.SOLID:
-        ax.fill(curve.x, curve.y, color=tint, linewidth=0.0)
-    elif curve.look == looks.DOTS:
-        ax.plot(curve.x, curve.y, ".", color=tint, markersize=3.0, alpha=0.6,
-                label=style.caption(curve.name, curve.said))  # fmt: skip
-    elif curve.look == looks.CROSS:
-        ax.plot(curve.x, curve.y, "x", color=tint, markersize=7, markeredgewidth=1.6,
-                label=style.caption(curve.name, curve.said))  # fmt: skip
-    elif curve.look == looks.RING:
-        ax.plot(curve.x, curve.y, "o", color=tint, markersize=5.5, markerfacecolor="none",
-                label=style.caption(curve.name, curve.said))  # fmt: skip
-    elif curve.look == looks.PLUS:
-        ax.plot(curve.x, curve.y, "+", color=tint, markersize=11, markeredgewidth=1.8)
+        return
+    name = style.caption(curve.name, curve.said)
+    tint = _color(curve.number)
+    if curve.look == looks.SOLID:
+        ax.fill(*_shapes(curve), color=tint, linewidth=0.0, label=name)
     elif curve.look == looks.BAR:
-        ax.plot(curve.x, curve.y, color=tint, linewidth=2.4, alpha=0.55, solid_capstyle="butt")
+        ax.plot(curve.x, curve.y, color=tint, linewidth=2.4 * curve.size, alpha=0.55, solid_capstyle="butt",
+                label=style.caption(curve.name))  # fmt: skip
         if curve.said:
             _beside(ax, float(curve.x[0]), float(np.mean(curve.y)), curve.said)
+    else:
+        ax.plot(curve.x, curve.y, label=name, **_look(curve, tint))
+
+
+def _shapes(curve: Curve) -> list[np.ndarray]:
+    """x and y of each shape, which NaN separates."""
+    ends = np.flatnonzero(np.isnan(curve.x))
+    pieces = zip(np.split(curve.x, ends), np.split(curve.y, ends), strict=True)
+    return [row[np.isfinite(x)] for x, y in pieces for row in (x, y)]
+
+
+def _look(curve: Curve, tint: str) -> dict[str, Any]:
+    size, marker = curve.size, style.marker(curve.number) if curve.number >= 0 else "o"
+    line = {"color": tint, "linewidth": style.LINE * size}
+    if curve.look in (looks.LINE, looks.MARKED) and curve.number >= 0:
+        line |= {"linestyle": style.dashes(curve.number)}
+    points: dict[str, Any] = {"color": tint, "linestyle": "none"}
+    match curve.look:
+        case looks.THIN:
+            return {"color": tint, "linewidth": 0.6 * size, "alpha": 0.6}
+        case looks.WIDE:
+            pale = _color(curve.number, style.MUTED)
+            return {"color": pale, "linewidth": 2.6 * size, "alpha": 0.55, "solid_capstyle": "butt"}
+        case looks.DASHED:
+            return line | {"linestyle": (0, (4, 2))}
+        case looks.MARKED:
+            return line | {"marker": marker, "markersize": 4.5 * size, "linewidth": style.LINE}
+        case looks.MARKERS:
+            return points | {"marker": marker, "markersize": 4.5 * size}
+        case looks.HOLLOW:
+            return points | {"marker": marker, "markersize": 5.0 * size, "markerfacecolor": "none"}
+        case looks.DOTS:
+            return points | {"marker": ".", "markersize": 3.0 * size, "alpha": 0.6}
+        case looks.CROSS:
+            return points | {"marker": "x", "markersize": 7.0 * size, "markeredgewidth": 1.6 * min(size, 1.0)}
+        case looks.RING:
+            return points | {"marker": "o", "markersize": 5.5 * size, "markerfacecolor": "none"}
+        case looks.PLUS:
+            return points | {"marker": "+", "markersize": 11.0 * size, "markeredgewidth": 1.8}
+        case _:
+            return line
 
 
 def _discs(ax: Axes, curve: Curve, reach: np.ndarray) -> None:
@@ -210,7 +453,7 @@ def _beside(ax: Axes, x: float, y: float, text: str) -> None:
     low, high = ax.get_xlim()
     right = np.log(x / low) < 0.85 * np.log(high / low)
     ax.annotate(
-        style.read(text), (x, y), xytext=(5 if right else -5, 0), textcoords="offset points",
+        style.escaped(text), (x, y), xytext=(5 if right else -5, 0), textcoords="offset points",
         ha="left" if right else "right", va="center", fontsize=style.SMALL, color=style.INK,
         bbox={"facecolor": style.PAPER, "edgecolor": "none", "alpha": 0.8, "pad": 0.8},
     )  # fmt: skip

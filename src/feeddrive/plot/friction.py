@@ -11,7 +11,7 @@ from feeddrive.identification.estimate import NORMAL
 from feeddrive.language.quantity import DRAWN, Units, unit_name
 from feeddrive.plot import style
 from feeddrive.plot.chart import DOTS, NEUTRAL, THIN, Band, Chart, Curve, Level, Panel
-from feeddrive.plot.drawing import drawn
+from feeddrive.plot.drawing import figure_of
 
 if TYPE_CHECKING:
     from feeddrive.analysis.friction_map import FrictionMap
@@ -26,19 +26,14 @@ _SLOWEST = 1e-5  # of the largest velocity: where curves begin on both sides of 
 _ZERO = Level(0.0, faint=True), Level(0.0, upright=True, faint=True)
 
 
-def friction(loops: Loop | Mapping[str, Loop], run: Run | None = None, measured: FrictionMap | None = None) -> Any:
-    """Force against the motion over velocity, both directions; what was measured, and what the model leaves of it.
-
-    Of loops with the same friction one curve is drawn.  `run` adds the friction in a run of the first loop.
-    """
-    return drawn(friction_chart(loops, run, measured))
-
-
 def friction_chart(
     loops: Loop | Mapping[str, Loop], run: Run | None = None, measured: FrictionMap | None = None,
     units: Units = DRAWN,
 ) -> Chart:  # fmt: skip
-    """What `friction` shows."""
+    """Force against the motion over velocity, both directions; what was measured, and what the model leaves of it.
+
+    Of loops with the same friction one curve is drawn.  `run` adds the friction in a run of the first loop.
+    """
     chosen = style.named(loops)
     reach, newton = _reach(run, measured), units.of("N")[1]
     curves = list[Curve]()
@@ -64,6 +59,9 @@ def friction_chart(
     return Chart(
         f"velocity ({unit_name('m/s')})", tuple(panels), low=-end, high=end, height=3.4 if len(panels) == 1 else 4.4
     )
+
+
+friction = figure_of(friction_chart)
 
 
 def _steady(blocks: Iterable[Friction], velocity: np.ndarray) -> np.ndarray:
@@ -156,19 +154,22 @@ def _met(loop: Loop, run: Run, newton: float) -> list[Curve]:
     return found
 
 
-def friction_map(found: FrictionMap) -> Any:
+def friction_map_chart(found: FrictionMap) -> Chart:
     """Measured friction over velocity."""
-    return friction({}, measured=found)
+    return friction_chart({}, measured=found)
 
 
-def steady_runs(runs: SteadyRuns) -> Any:
+def steady_runs_chart(runs: SteadyRuns) -> Chart:
     """Force over velocity."""
     unit, _, force_unit, newton = _scales(runs)
     panel = Panel(f"force ({unit_name(force_unit, 'SI')})", tuple(_points(runs, newton)), levels=_ZERO)
-    return drawn(Chart(f"velocity ({unit_name(unit, 'SI')})", (panel,), height=3.2))
+    return Chart(f"velocity ({unit_name(unit, 'SI')})", (panel,), height=3.2)
 
 
-def identified_friction(curve: FrictionCurve) -> Any:
+steady_runs = figure_of(steady_runs_chart)
+
+
+def identified_friction_chart(curve: FrictionCurve) -> Chart:
     """The runs, the curve with its 95 % band, and the residuals."""
     runs = curve.runs
     unit, factor, force_unit, newton = _scales(runs)
@@ -186,7 +187,10 @@ def identified_friction(curve: FrictionCurve) -> Any:
         f"residual ({unit_name(force_unit, 'SI')})", (left,), levels=_ZERO,
         bands=(Band(factor * v, -newton * half, newton * half, 0),),
     )  # fmt: skip
-    return drawn(Chart(f"velocity ({unit_name(unit, 'SI')})", (above, below), height=4.2))
+    return Chart(f"velocity ({unit_name(unit, 'SI')})", (above, below), height=4.2)
+
+
+identified_friction = figure_of(identified_friction_chart)
 
 
 def _scales(runs: SteadyRuns) -> tuple[str, float, str, float]:

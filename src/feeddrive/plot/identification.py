@@ -2,15 +2,31 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from feeddrive.language.quantity import DRAWN, Quantity, Units, unit_name
 from feeddrive.language.text import Text
 from feeddrive.plot import style
-from feeddrive.plot.chart import DOTS, NEUTRAL, THIN, Chart, Curve, Panel
-from feeddrive.plot.drawing import drawn
+from feeddrive.plot.chart import (
+    DOTS,
+    LOG,
+    MARKED,
+    MARKERS,
+    NEUTRAL,
+    PLAIN,
+    THIN,
+    Abscissa,
+    Box,
+    Chart,
+    Curve,
+    Level,
+    Panel,
+    numbered,
+    rods,
+)
+from feeddrive.plot.drawing import figure_of
 from feeddrive.plot.style import envelope
 
 if TYPE_CHECKING:
@@ -24,11 +40,7 @@ if TYPE_CHECKING:
     from feeddrive.identification.regression import Residuals, Validation
 
 _LAGS = 40  # of an autocorrelation
-
-
-def rigid_fit(fit: RigidFit) -> Any:
-    """Measured and fitted force over time, and the residual."""
-    return drawn(rigid_fit_chart(fit))
+_CUT = 0.3  # of an amplitude: a bar of errors that reaches below is cut off there on the logarithmic scale
 
 
 def rigid_fit_chart(fit: RigidFit, units: Units = DRAWN) -> Chart:
@@ -43,6 +55,9 @@ def rigid_fit_chart(fit: RigidFit, units: Units = DRAWN) -> Chart:
     left = Curve(*envelope(fit.time, off), "residual", 1, THIN, said=said)
     panels = Panel(f"force ({unit})", forces, share=2.0), Panel(f"residual ({unit})", (left,))
     return Chart("time (s)", panels, low=float(fit.time[0]), high=float(fit.time[-1]), height=3.8)
+
+
+rigid_fit = figure_of(rigid_fit_chart)
 
 
 def identified_chart(found: Identified, units: Units = DRAWN) -> Chart:
@@ -68,101 +83,111 @@ def identified_chart(found: Identified, units: Units = DRAWN) -> Chart:
     return Chart("time (s)", tuple(panels), low=float(time[0]), high=float(time[-1]), height=5.4)
 
 
-def residuals(found: Residuals) -> Any:
+def residuals_chart(found: Residuals) -> Chart:
     """Residual by row, and its autocorrelation with the bounds of a white one."""
-    figure, axes = style.picture(2, height=3.8, share=False)
-    axes[0].plot(*envelope(np.arange(found.values.size), found.values), **style.curve(1) | {"linestyle": "-"})
-    style.labels(axes[0], "row", f"residual ({unit_name(found.unit, 'SI')})")
+    off = Curve(*envelope(np.arange(found.values.size, dtype=np.float64), found.values), number=1, look=PLAIN)
     lags = np.arange(1, min(_LAGS, found.values.size // 4) + 1)
     rho = [found.autocorrelation(int(lag)) for lag in lags]
     bound = 1.96 / np.sqrt(found.values.size)
-    axes[1].bar(lags, rho, width=0.6, color=style.color(0))
-    for level in (-bound, bound):
-        axes[1].axhline(level, color=style.MUTED, linewidth=1.0, linestyle=(0, (4, 3)))
-    style.labels(axes[1], "lag (rows)", "autocorrelation")
-    style.note(axes[1], "dashed: 95 % of white residuals")
-    figure.align_ylabels(axes)
-    return figure
+    boxes = tuple(
+        Box(float(lag) - 0.3, float(lag) + 0.3, min(0.0, r), max(0.0, r)) for lag, r in zip(lags, rho, strict=True)
+    )
+    panels = (
+        Panel(f"residual ({unit_name(found.unit, 'SI')})", (off,), abscissa=Abscissa("row")),
+        Panel(
+            "autocorrelation", boxes=boxes, levels=(Level(-bound, dashed=True), Level(bound, dashed=True)),
+            said="dashed: 95 % of white residuals",
+            abscissa=Abscissa("lag (rows)", low=0.0, high=float(lags[-1]) + 1.0 if lags.size else 1.0),
+        ),
+    )  # fmt: skip
+    return Chart("", panels, height=3.8)
 
 
-def validation(found: Validation) -> Any:
+residuals = figure_of(residuals_chart)
+
+
+def validation_chart(found: Validation) -> Chart:
     """Error of each stretch with a fit to the others."""
-    figure, (ax,) = style.picture(1, height=2.6)
-    ax.bar(np.arange(1, found.errors.size + 1), 100.0 * found.errors, width=0.5, color=style.color(0))
-    ax.set_xlim(0.4, found.errors.size + 0.6)
-    style.labels(ax, "stretch that was left out", "error (%)")
-    return figure
+    numbers = range(1, found.errors.size + 1)
+    boxes = tuple(Box(n - 0.25, n + 0.25, 0.0, 100.0 * float(e)) for n, e in zip(numbers, found.errors, strict=True))
+    panel = Panel("error (%)", boxes=boxes, low=0.0)
+    return Chart("stretch that was left out", (panel,), low=0.4, high=found.errors.size + 0.6,
+                 ticks=numbered(numbers), height=2.6)  # fmt: skip
 
 
-def delay_fit(found: DelayFit) -> Any:
+validation = figure_of(validation_chart)
+
+
+def delay_fit_chart(found: DelayFit) -> Chart:
     """Residual over the delay that was tried."""
-    figure, (ax,) = style.picture(1, height=2.8)
     near = np.abs(found.delays - found.nearest) <= 6
-    ax.plot(found.delays[near], 100.0 * found.residual[near], "o-", markersize=4.0, color=style.color(0), linewidth=1.0)
-    ax.axvline(found.dead_time, color=style.color(1), linewidth=1.0)
-    style.labels(ax, "dead time (samples, besides the hold)", "residual (%)")
-    style.note(ax, Text(f"{Quantity(found.dead_time):.2f} ± {Quantity(found.error):.2f} samples"))
-    ax.margins(x=0.03)
-    return figure
+    delays = found.delays[near]
+    panel = Panel(
+        "residual (%)", (Curve(delays, 100.0 * found.residual[near], look=MARKED, size=0.9),),
+        levels=(Level(found.dead_time, upright=True, number=1),),
+        said=Text(f"{Quantity(found.dead_time):.2f} ± {Quantity(found.error):.2f} samples"),
+    )  # fmt: skip
+    low, high = style.padded(float(np.min(delays)), float(np.max(delays)), 0.03)
+    return Chart("dead time (samples, besides the hold)", (panel,), low=low, high=high, height=2.8)
 
 
-def control_fit(found: ControlFit) -> Any:
+delay_fit = figure_of(delay_fit_chart)
+
+
+def control_fit_chart(found: ControlFit) -> Chart:
     """Unexplained share of the force, for each law that was tried, by its delay."""
-    figure, (ax,) = style.picture(1, height=2.8)
+    curves = list[Curve]()
     for i, delay in enumerate(sorted({d for _, d in found.tried})):
         samples = [n for n, d in found.tried if d == delay]
         left = [100.0 * found.tried[n, delay] for n in samples]
-        ax.plot(samples, left, marker="o", markersize=4.0, label=f"delay {delay}", **style.curve(i))
-    ax.set_yscale("log")
-    style.plain_decades(ax.yaxis)
-    style.labels(ax, "samples over which the velocity is differenced", "unexplained share of the force (%)")
-    style.legend(figure, ax)
-    return figure
+        curves.append(Curve(np.array(samples, float), np.array(left), f"delay {delay}", i, MARKED, size=0.9))
+    panel = Panel("unexplained share of the force (%)", tuple(curves), scale=LOG)
+    return Chart("samples over which the velocity is differenced", (panel,), height=2.8)
 
 
-def cogging(fit: CoggingFit) -> Any:
+control_fit = figure_of(control_fit_chart)
+
+
+def cogging_chart(fit: CoggingFit) -> Chart:
     """Amplitudes by order, with twice their standard errors: cogging, and the part that changes sign with direction."""
-    figure, (ax,) = style.picture(1, height=3.2)
     kinds = {"cogging": "even", "changes sign with the direction": "odd"}
     if fit.orders and fit.orders[0].even is None:
         kinds = {"as measured": "forward" if fit.orders[0].forward is not None else "backward"}
+    bars, points = list[Curve](), list[Curve]()
     for i, (label, field) in enumerate(kinds.items()):
-        shown = [(each.order, getattr(each, field)) for each in fit.significant]
-        orders = np.array([order for order, _ in shown]) + 0.4 * (i - 0.5 * (len(kinds) - 1))
-        ax.errorbar(
-            orders, [e.value for _, e in shown], [2.0 * e.error for _, e in shown], fmt=style.MARKERS[i],
-            markersize=4.0, color=style.color(i), ecolor=style.MUTED, elinewidth=0.9, label=label,
-        )  # fmt: skip
-    ax.set_yscale("log")
-    style.plain_decades(ax.yaxis)
-    ax.margins(x=0.03)
-    style.labels(ax, "order", f"amplitude ({unit_name(fit.unit, 'SI')})")
-    style.legend(figure, ax)
-    return figure
+        shown = [(order.order, getattr(order, field)) for order in fit.significant]
+        x = np.array([order for order, _ in shown], float) + 0.4 * (i - 0.5 * (len(kinds) - 1))
+        value, error = (np.array([getattr(estimate, part) for _, estimate in shown]) for part in ("value", "error"))
+        bars.append(Curve(*rods(x, np.maximum(value - 2.0 * error, _CUT * value), value + 2.0 * error),
+                          number=NEUTRAL, look=THIN, size=1.5))  # fmt: skip
+        points.append(Curve(x, value, label, i, MARKERS, size=0.9))
+    x = np.concatenate([curve.x for curve in points])
+    low, high = style.padded(float(np.min(x)), float(np.max(x)), 0.03) if x.size else (0.0, 1.0)
+    panel = Panel(f"amplitude ({unit_name(fit.unit, 'SI')})", (*bars, *points), scale=LOG)
+    return Chart("order", (panel,), low=low, high=high, height=3.2)
 
 
-def cogging_over_turn(fit: CoggingFit, runs: Sequence[CoggingRun]) -> Any:
+cogging = figure_of(cogging_chart)
+
+
+def cogging_over_turn_chart(fit: CoggingFit, runs: Sequence[CoggingRun]) -> Chart:
     """Measured force over one period by direction, and the cogging in it."""
-    figure, (ax,) = style.picture(1, height=3.4)
+    curves = list[Curve]()
     for i, (sign, label) in enumerate(((1, "forward"), (-1, "backward"))):
-        for run in (each for each in runs if each.direction == sign):
+        for run in (run for run in runs if run.direction == sign):
             order = np.argsort(np.mod(run.turns, 1.0))
             x, y = envelope(np.mod(run.turns, 1.0)[order], run.force[order])
-            ax.plot(x, y, ".", markersize=2.0, color=style.color(i + 1), alpha=0.5, label=label)
-            label = None
+            curves.append(Curve(x, y, label, i + 1, DOTS, size=0.7))
     both = fit.coulomb is not None
     x = np.linspace(0.0, 1.0, 2001)
     y = np.full(x.size, fit.offset.value)
-    for each in fit.significant:
-        found = each.even if each.even is not None else each.forward or each.backward
+    for order in fit.significant:
+        found = order.even if order.even is not None else order.forward or order.backward
         assert found is not None
-        y += found.value * np.sin(2.0 * np.pi * each.order * x + (each.even_phase if both else each.phase))
-    ax.plot(x, y, label="cogging and offset" if both else "significant orders", **style.curve(0))
-    style.labels(ax, "position (periods)", f"force ({unit_name(fit.unit, 'SI')})")
-    style.legend(figure, ax)
-    return figure
+        y += found.value * np.sin(2.0 * np.pi * order.order * x + (order.even_phase if both else order.phase))
+    curves.append(Curve(x, y, "cogging and offset" if both else "significant orders"))
+    panel = Panel(f"force ({unit_name(fit.unit, 'SI')})", tuple(curves))
+    return Chart("position (periods)", (panel,), height=3.4)
 
 
-def identified(found: Identified) -> Any:
-    """The model over the log."""
-    return drawn(identified_chart(found))
+cogging_over_turn = figure_of(cogging_over_turn_chart)

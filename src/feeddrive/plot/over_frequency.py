@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,8 +13,8 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import DRAWN, USUAL, Quantity, Units, signal_unit, unit_name
 from feeddrive.language.text import Text, joined
 from feeddrive.plot import style
-from feeddrive.plot.chart import BAR, DEGREES, FREQUENCY, LINEAR, LOG, Chart, Curve, Level, Mark, Panel
-from feeddrive.plot.drawing import drawn
+from feeddrive.plot.chart import BAR, DEGREES, FREQUENCY, LINEAR, LOG, PLAIN, Chart, Curve, Level, Mark, Panel
+from feeddrive.plot.drawing import figure_of
 from feeddrive.plot.uncertainty import coherence_panels, doubtful, magnitude_band, phase_band
 
 if TYPE_CHECKING:
@@ -30,13 +31,8 @@ if TYPE_CHECKING:
 BANDS = 500  # over the whole axis: a line shows the largest amplitude in its band
 
 
-def bode(responses: FRF | Mapping[str, FRF]) -> Any:
-    """Magnitude in dB and phase in degrees over Hz; with a third row if a response has a coherence."""
-    return drawn(bode_chart(responses))
-
-
 def bode_chart(responses: FRF | Mapping[str, FRF]) -> Chart:
-    """What `bode` shows."""
+    """Magnitude in dB and phase in degrees over Hz; with a third row if a response has a coherence."""
     chosen = style.named(responses)
     numbered = list(enumerate(chosen.items()))
     unit = next((each.unit for each in chosen.values() if each.unit), "")
@@ -55,13 +51,11 @@ def bode_chart(responses: FRF | Mapping[str, FRF]) -> Chart:
     return Chart("frequency (Hz)", tuple(panels), FREQUENCY, *span, height=4.6 + bool(known))
 
 
-def closed_loop(responses: FRF | Mapping[str, FRF]) -> Any:
-    """Magnitude of the response to the setpoint in dB, with the -3 dB line, and each one's bandwidth and peak."""
-    return drawn(closed_loop_chart(responses))
+bode = figure_of(bode_chart)
 
 
 def closed_loop_chart(responses: FRF | Mapping[str, FRF]) -> Chart:
-    """What `closed_loop` shows."""
+    """Magnitude of the response to the setpoint in dB, with the -3 dB line, and each one's bandwidth and peak."""
     chosen = style.named(responses)
     curves, marks = list[Curve](), list[Mark]()
     for i, (name, response) in enumerate(chosen.items()):
@@ -79,16 +73,14 @@ def closed_loop_chart(responses: FRF | Mapping[str, FRF]) -> Chart:
     return Chart("frequency (Hz)", (panel,), FREQUENCY, *span, columns=style.narrow(chosen))
 
 
+closed_loop = figure_of(closed_loop_chart)
+
+
 _MINUS_3_DB = float(20.0 * np.log10(np.sqrt(0.5)))
 
 
-def sensitivity(loops: Margins | Mapping[str, Margins]) -> Any:
-    """|S| and |T| in dB of loops that were opened at the drive, with the peak Ms marked."""
-    return drawn(sensitivity_chart(loops))
-
-
 def sensitivity_chart(loops: Margins | Mapping[str, Margins], units: Units = DRAWN) -> Chart:
-    """What `sensitivity` shows."""
+    """|S| and |T| in dB of loops that were opened at the drive, with the peak Ms marked."""
     chosen = style.named(loops)
     hertz, rows = units.of("Hz")[1], list[tuple[Curve, Curve]]()
     marks, least = list[Mark](), [0.0, 0.0]
@@ -107,6 +99,9 @@ def sensitivity_chart(loops: Margins | Mapping[str, Margins], units: Units = DRA
     )  # fmt: skip
     span = _span((margins.loop_gain.frequency for margins in chosen.values()), units)
     return Chart(_hertz(), panels, FREQUENCY, *span, height=4.4, columns=style.narrow(chosen), factor=hertz)
+
+
+sensitivity = figure_of(sensitivity_chart)
 
 
 def _decibel(ratio: float) -> float:
@@ -132,13 +127,8 @@ def _hertz() -> str:
     return f"frequency ({unit_name('Hz')})"
 
 
-def stiffness(stiffnesses: Stiffness | Mapping[str, Stiffness]) -> Any:
-    """Dynamic stiffness in N/µm over Hz, log-log, with the minimum marked."""
-    return drawn(stiffness_chart(stiffnesses))
-
-
 def stiffness_chart(stiffnesses: Stiffness | Mapping[str, Stiffness], units: Units = DRAWN) -> Chart:
-    """What `stiffness` shows."""
+    """Dynamic stiffness in N/µm over Hz, log-log, with the minimum marked."""
     chosen = style.named(stiffnesses)
     hertz, factor = (units.of(unit)[1] for unit in ("Hz", "N/m"))
     curves, marks, tops = list[Curve](), list[Mark](), list[float]()
@@ -158,43 +148,37 @@ def stiffness_chart(stiffnesses: Stiffness | Mapping[str, Stiffness], units: Uni
     return Chart(_hertz(), (panel,), FREQUENCY, *span, height=3.4, columns=style.narrow(chosen), factor=hertz)
 
 
-def spectrum(spectra: Spectrum | Mapping[str, Spectrum]) -> Any:
+stiffness = figure_of(stiffness_chart)
+
+
+def spectrum_chart(spectra: Spectrum | Mapping[str, Spectrum]) -> Chart:
     """Amplitude and cumulative RMS over Hz, log-log; dense lines show the largest amplitude of each band."""
     chosen = style.named(spectra)
-    figure, axes = style.picture(2, height=4.6, ratios=[3, 2])
     first = next(iter(chosen.values()))
     unit, factor = USUAL.of(first.unit, signal_unit(first.unit))
     lowest = min(float(found.frequency[1]) for found in chosen.values())
     highest = max(float(found.frequency[-1]) for found in chosen.values())
-    tops, bottoms = [], []
+    amplitudes, sums = list[Curve](), list[Curve]()
+    tops, bottoms = list[float](), list[float]()
     for i, (name, found) in enumerate(chosen.items()):
         frequency, amplitude, cumulative = _banded(found, lowest, highest)
-        line = style.curve(i)
-        axes[0].plot(
-            frequency, factor * amplitude, label=style.caption(name), **line | {"linewidth": 1.0, "linestyle": "-"}
-        )
-        axes[1].plot(frequency, factor * cumulative, **line)
+        amplitudes.append(Curve(frequency, factor * amplitude, name, i, PLAIN, size=0.7))
+        sums.append(Curve(frequency, factor * cumulative, number=i))
         tops.append(factor * float(np.max(amplitude)))
         bottoms.append(factor * float(np.quantile(amplitude, 0.02)))
-    top = max(tops)
-    if top > 0.0:  # a signal that is zero cannot be drawn on a logarithmic scale
-        axes[0].set_yscale("log")
-        style.plain_decades(axes[0].yaxis, crowded=True)
-        axes[0].set_ylim(max(0.5 * min(bottoms), 1e-7 * top), 2.0 * top)
-    whole = [factor * found.rms for found in chosen.values()]
-    if min(whole) > 0.0 and max(whole) > style.WIDE * min(whole):
-        axes[1].set_yscale("log")
-        style.plain_decades(axes[1].yaxis, crowded=True)
-        axes[1].set_ylim(0.1 * min(whole), 2.0 * max(whole))
-    else:
-        axes[1].set_ylim(0.0, 1.15 * max(whole) or 1.0)
+    whole, top = [factor * found.rms for found in chosen.values()], max(tops)
     quantity = first.name.replace("_", " ") if len(chosen) == 1 or first.name else "amplitude"
-    style.labels(axes[0], None, f"{quantity}\namplitude ({unit_name(style.written(unit))})")
-    style.labels(axes[1], "frequency (Hz)", f"cumulative\nRMS ({unit_name(style.written(unit))})")
-    style.frequency_axis(axes[1], lowest, highest)
-    style.frequency_grid(axes)
-    style.legend(figure, axes[0])
-    return figure
+    label = unit_name(style.written(unit))
+    above = Panel(f"{quantity}\namplitude ({label})", tuple(amplitudes), share=3.0)
+    if top > 0.0:  # a signal that is zero cannot be drawn on a logarithmic scale
+        above = replace(above, scale=LOG, low=max(0.5 * min(bottoms), 1e-7 * top), high=2.0 * top)
+    below = Panel(f"cumulative\nRMS ({label})", tuple(sums), low=0.0, high=1.15 * max(whole) or 1.0, share=2.0)
+    if min(whole) > 0.0 and max(whole) > style.WIDE * min(whole):
+        below = replace(below, scale=LOG, low=0.1 * min(whole), high=2.0 * max(whole))
+    return Chart("frequency (Hz)", (above, below), FREQUENCY, lowest, highest, height=4.6)
+
+
+spectrum = figure_of(spectrum_chart)
 
 
 def _banded(found: Spectrum, low: float, high: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -214,7 +198,7 @@ def _span(frequencies: Any, units: Units = DRAWN) -> tuple[float, float]:
     return hertz * min(low for low, _ in ends), hertz * max(high for _, high in ends)
 
 
-def tuned(found: Tuned) -> Any:
+def tuned_chart(found: Tuned) -> Chart:
     """Dynamic stiffness before and after at each point."""
     many = len(found.after) > 1
     curves = {
@@ -223,24 +207,19 @@ def tuned(found: Tuned) -> Any:
         for each in row
         if each.stable
     }
-    return stiffness(curves)
+    return stiffness_chart(curves)
 
 
 FAR = 60.0  # dB: a larger margin is not drawn
 WRITTEN = 3  # crossovers of a kind with their number, in a picture of one loop
 
 
-def open_loop(loops: Margins | Mapping[str, Margins]) -> Any:
+def open_loop_chart(loops: Margins | Mapping[str, Margins], units: Units = DRAWN) -> Chart:
     """Magnitude in dB and phase in degrees of loop gains, with every gain and phase crossover.
 
     A bar on the phase stands for a phase margin, a bar on the magnitude for a gain margin.  Of a measured loop gain the
     bands of 95 %, its coherence in a third row, and shaded where it is 0.9 or less.
     """
-    return drawn(open_loop_chart(loops))
-
-
-def open_loop_chart(loops: Margins | Mapping[str, Margins], units: Units = DRAWN) -> Chart:
-    """What `open_loop` shows."""
     chosen = style.named(loops)
     hertz, gains = units.of("Hz")[1], [margins.loop_gain for margins in chosen.values()]
     levels, phases, levels_dB = list[Curve](), list[Curve](), list[np.ndarray]()
@@ -274,6 +253,9 @@ def open_loop_chart(loops: Margins | Mapping[str, Margins], units: Units = DRAWN
     )  # fmt: skip
     span = _span((each.frequency for each in gains), units)
     return Chart(_hertz(), panels, FREQUENCY, *span, height=3.0 + len(panels), columns=1, factor=hertz)
+
+
+open_loop = figure_of(open_loop_chart)
 
 
 def _said(margins: Margins, units: Units) -> str:
@@ -322,16 +304,16 @@ def _bar(x: float, low: float, high: float, i: int, text: str) -> Curve:
     return Curve(np.array([x, x]), np.array([low, high]), number=i, look=BAR, said=text)
 
 
-def measured_loop(found: MarginIntervals | MeasuredLoop) -> Any:
+def measured_loop_chart(found: MarginIntervals | MeasuredLoop) -> Chart:
     """Loop gain with its crossovers."""
-    return open_loop(found.margins)
+    return open_loop_chart(found.margins)
 
 
-def cascade_loops(found: CascadeLoops) -> Any:
+def cascade_loops_chart(found: CascadeLoops) -> Chart:
     """Loop gains of both loops of a cascade."""
-    return open_loop({"velocity loop": found.velocity, "position loop": found.position})
+    return open_loop_chart({"velocity loop": found.velocity, "position loop": found.position})
 
 
-def recipe(_found: Recipe) -> Any:
+def recipe_chart(_found: Recipe) -> Chart:
     """Raise ParameterError: a recipe has no picture."""
     raise ParameterError("a recipe has no picture: give its law to `tune` or `measured_loop`, and draw that")

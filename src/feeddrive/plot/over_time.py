@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,39 +14,40 @@ from feeddrive.language.quantity import DRAWN, USUAL, Quantity, signal_unit, uni
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.simulate import Run
 from feeddrive.plot import style
+from feeddrive.plot.chart import ALERT, DASHED, NEUTRAL, PANELS, PLAIN, WIDE, Chart, Curve, Level, Panel
+from feeddrive.plot.drawing import figure_of
 from feeddrive.plot.style import POINTS, envelope
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from feeddrive.analysis.replay import Replay
     from feeddrive.cosimulation.simulate_with_fmu import Cosimulation
     from feeddrive.files.guess import Guess
     from feeddrive.files.log import Log
     from feeddrive.identification.motion.output_error import Refinement
 
-_LIMITS = ((0, (5, 2)), (0, (1.5, 1.5)), (0, (5, 1.5, 1, 1.5)))  # dashes of the force limits
-
 Runs = Run | Mapping[str, Run] | Sequence[Run]
 
 
-def run(run: Run) -> Any:
+def run_chart(run: Run) -> Chart:
     """Following error, force and velocity of one run."""
-    figure, axes = style.picture(3, height=5.4)
-    _draw(axes[0], run.time, 1e6 * run["following_error"], style.curve(0))
-    style.labels(axes[0], None, f"following error\n({unit_name('m')})")
-    _draw(axes[1], run.time, run["force"], style.curve(1) | {"linestyle": "-"})
-    style.labels(axes[1], None, f"force\n({unit_name('N')})")
+    velocities = [Curve(*envelope(run.time, 1e3 * set_velocity(run)), "set", NEUTRAL, DASHED, size=0.7)]
     if "velocity_load" in run.signals:  # optional in an FMU
-        _draw(axes[2], run.time, 1e3 * run["velocity_load"], style.curve(2) | {"linestyle": "-"}, "actual")
-    _draw(axes[2], run.time, 1e3 * set_velocity(run), _set_line(), "set")
-    style.labels(axes[2], "time (s)", f"velocity\n({unit_name('m/s')})")
-    style.row_legend(axes[2])
-    style.note(axes[0], Text(f"RMS {Quantity(_rms(run['following_error']), 'm')}"))
-    return figure
+        velocities.insert(0, Curve(*envelope(run.time, 1e3 * run["velocity_load"]), "actual", 2, PLAIN))
+    panels = (
+        Panel(
+            f"following error\n({unit_name('m')})", (Curve(*envelope(run.time, 1e6 * run["following_error"])),),
+            said=Text(f"RMS {Quantity(_rms(run['following_error']), 'm')}"),
+        ),
+        Panel(f"force\n({unit_name('N')})", (Curve(*envelope(run.time, run["force"]), number=1, look=PLAIN),)),
+        Panel(f"velocity\n({unit_name('m/s')})", tuple(velocities)),
+    )  # fmt: skip
+    return Chart("time (s)", panels, height=5.4, legend=PANELS)
 
 
-def following_error(runs: Runs, window: Window | None = None, points: int = POINTS) -> Any:
+run = figure_of(run_chart)
+
+
+def following_error_chart(runs: Runs, window: Window | None = None, points: int = POINTS) -> Chart:
     """Following error of each run in its own row, whole or in a window of time."""
     chosen = style.named(runs)
     values = {name: run["following_error"] for name, run in chosen.items()}
@@ -54,82 +56,87 @@ def following_error(runs: Runs, window: Window | None = None, points: int = POIN
         inside = {name: _inside(run, window) for name, run in chosen.items()}
         notes = {name: Text(f"peak here {Quantity(_peak(values[name][inside[name]]), 'm')}") for name in chosen}
     values = {name: 1e6 * error for name, error in values.items()}
-    figure, axes = _rows(chosen, values, notes, f"following error ({unit_name('m')})", window, points)
-    if window is not None and window.reversal is not None:
-        lines = [ax.axvline(window.reversal, color=style.INK, linewidth=1.0, linestyle=(0, (4, 3))) for ax in axes]
-        style.figure_legend(figure, {"the setpoint starts off in the other direction": lines[0]})
-    return figure
+    chart = _rows(chosen, values, notes, f"following error ({unit_name('m')})", window, points)
+    if window is None or window.reversal is None:
+        return chart
+    said = "the setpoint starts off in the other direction"
+    line = Level(window.reversal, upright=True, dashed=True, said=said)
+    return replace(chart, panels=tuple(replace(panel, levels=(line,)) for panel in chart.panels))
 
 
-def force(runs: Runs, limits: Mapping[str, float] | None = None, points: int = POINTS) -> Any:
+following_error = figure_of(following_error_chart)
+
+
+def force_chart(runs: Runs, limits: Mapping[str, float] | None = None, points: int = POINTS) -> Chart:
     """Force of each run in its own row, with the limits in N by name as lines on both sides."""
     chosen = style.named(runs)
     values = {name: run["force"] for name, run in chosen.items()}
     notes = {name: _sizes(v, "N") for name, v in values.items()}
-    figure, axes = _rows(chosen, values, notes, f"force ({unit_name('N')})", None, points, one_scale=True)
+    chart = _rows(chosen, values, notes, f"force ({unit_name('N')})", None, points, one_scale=True)
     largest = max(_peak(v) for v in values.values())
-    outside: list[Text] = []
-    lines: dict[str, Any] = {}
-    for i, (name, limit) in enumerate((limits or {}).items()):
-        if limit > 4.0 * largest:
-            outside.append(Text(f"{name} ±{Quantity(limit, 'N')}"))
-            continue
-        look: dict[str, Any] = {"color": style.ALERT, "linewidth": 1.0, "linestyle": _LIMITS[i % len(_LIMITS)]}
-        for ax in axes:
-            drawn = [ax.axhline(side, **look) for side in (-limit, limit)]
-            low, high = ax.get_ylim()
-            ax.set_ylim(min(low, -1.12 * limit), max(high, 1.12 * limit))
-            lines[Text(f"{name} ±{Quantity(limit, 'N')}")] = drawn[0]
-    style.figure_legend(figure, lines)
+    said = {name: Text(f"{name} ±{Quantity(limit, 'N')}") for name, limit in (limits or {}).items()}
+    near = {name: limit for name, limit in (limits or {}).items() if limit <= 4.0 * largest}
+    lines = tuple(
+        Level(side * limit, dashed=True, number=ALERT, said=said[name])
+        for name, limit in near.items()
+        for side in (-1.0, 1.0)
+    )
+    reach = 1.12 * max(near.values(), default=0.0)
+    outside = joined(", ", (said[name] for name in said if name not in near))
+    panels = [
+        replace(panel, levels=lines, low=min(panel.low or 0.0, -reach), high=max(panel.high or 0.0, reach))
+        for panel in chart.panels
+    ]
     if outside:
-        style.note(axes[-1], "outside of the picture: " + joined(", ", outside), x=0.005, align="left", y=0.0)
-    return figure
+        panels[-1] = replace(panels[-1], said=Text(f"{panels[-1].said}; outside of the picture: {outside}"))
+    return replace(chart, panels=tuple(panels))
 
 
-def comparison(chosen: Mapping[str, Run]) -> Any:
+force = figure_of(force_chart)
+
+
+def comparison_chart(chosen: Mapping[str, Run]) -> Chart:
     """Following error of each run in its own row, and the forces of all in the last."""
-    rows = len(chosen) + 1
-    figure, axes = style.picture(rows, height=0.9 + 1.45 * rows)
-    errors = [1e6 * run["following_error"] for run in chosen.values()]
-    for i, (name, run) in enumerate(chosen.items()):
-        line = style.curve(i) | {"linestyle": "-"}
-        _draw(axes[i], run.time, errors[i], line, name)
-        style.row_legend(axes[i])
-        style.note(axes[i], _sizes(run["following_error"], "m"))
-        style.labels(axes[i], None, f"error ({unit_name('m')})")
-        _draw(axes[-1], run.time, run["force"], line)
-    if alike(errors):
-        low, high = min(float(np.min(e)) for e in errors), max(float(np.max(e)) for e in errors)
-        for ax in axes[:-1]:
-            ax.set_ylim(*style.padded(low, high))
-    style.labels(axes[-1], "time (s)", f"force ({unit_name('N')})")
-    figure.align_ylabels(axes)
-    return figure
+    errors = {name: 1e6 * run["following_error"] for name, run in chosen.items()}
+    notes = {name: _sizes(run["following_error"], "m") for name, run in chosen.items()}
+    above = _rows(chosen, errors, notes, "", None, POINTS).panels
+    label = f"error ({unit_name('m')})"
+    forces = tuple(
+        Curve(*envelope(run.time, run["force"]), number=i, look=PLAIN) for i, run in enumerate(chosen.values())
+    )
+    panels = (*(replace(panel, label=label) for panel in above), Panel(f"force ({unit_name('N')})", forces))
+    return Chart("time (s)", panels, height=0.9 + 1.45 * len(panels), legend=PANELS)
 
 
-def motion(runs: Runs, points: int = POINTS) -> Any:
+comparison = figure_of(comparison_chart)
+
+
+def motion_chart(runs: Runs, points: int = POINTS) -> Chart:
     """Velocity and acceleration of the table, actual and set."""
     chosen = style.named(runs)
-    figure, axes = style.picture(2, height=4.2)
     first = next(iter(chosen.values()))
-    lows: list[float] = []
-    highs: list[float] = []
+    velocities, accelerations = list[Curve](), list[Curve]()
+    ends = list[float]()
     for i, (name, run) in enumerate(chosen.items()):
         velocity = run["velocity_load"]
-        _draw(axes[0], run.time, 1e3 * velocity, style.curve(i), name or "actual", points)
         acceleration = np.gradient(velocity, run.sample_time)
-        _draw(axes[1], run.time, acceleration, style.curve(i), points=points)
-        lows.append(float(np.min(acceleration)))
-        highs.append(float(np.max(acceleration)))
+        velocities.append(Curve(*envelope(run.time, 1e3 * velocity, points), name or "actual", i))
+        accelerations.append(Curve(*envelope(run.time, acceleration, points), number=i))
+        ends += [float(np.min(acceleration)), float(np.max(acceleration))]
     wanted = set_velocity(first)
-    _draw(axes[0], first.time, 1e3 * wanted, _set_line(), "set", points)
-    _draw(axes[1], first.time, np.gradient(wanted, first.sample_time), _set_line(), points=points)
+    asked = np.gradient(wanted, first.sample_time)
+    velocities.append(Curve(*envelope(first.time, 1e3 * wanted, points), "set", NEUTRAL, DASHED, size=0.7))
+    accelerations.append(Curve(*envelope(first.time, asked, points), "", NEUTRAL, DASHED, size=0.7))
     # a log that starts in motion has a jump in its first set velocity, which is no acceleration of the axis
-    axes[1].set_ylim(*style.padded(min(lows), max(highs)))
-    style.labels(axes[0], None, f"velocity ({unit_name('m/s')})")
-    style.labels(axes[1], "time (s)", f"acceleration ({unit_name('m/s²')})")
-    style.legend(figure, axes[0])
-    return figure
+    low, high = style.padded(min(ends), max(ends))
+    panels = (
+        Panel(f"velocity ({unit_name('m/s')})", tuple(velocities)),
+        Panel(f"acceleration ({unit_name('m/s²')})", tuple(accelerations), low=low, high=high),
+    )
+    return Chart("time (s)", panels, height=4.2)
+
+
+motion = figure_of(motion_chart)
 
 
 def _rows(
@@ -140,41 +147,29 @@ def _rows(
     window: Window | None,
     points: int,
     one_scale: bool = False,
-) -> tuple[Any, list[Axes]]:
+) -> Chart:
     """One row a run, over the same time; with one scale for all if their peaks are alike."""
-    rows = len(chosen)
-    figure, axes = style.picture(rows, height=2.7 if rows == 1 else 0.7 + 1.45 * rows)
-    shown: dict[str, np.ndarray] = {}
-    for i, (ax, (name, run)) in enumerate(zip(axes, chosen.items(), strict=True)):
+    panels, ends = list[Panel](), list[np.ndarray]()
+    for i, (name, run) in enumerate(chosen.items()):
         inside = slice(None) if window is None else _inside(run, window)
-        shown[name] = values[name][inside]
-        _draw(ax, run.time[inside], shown[name], style.curve(i) | {"linestyle": "-"}, name, points)
-        style.row_legend(ax)
-        style.note(ax, notes[name])
-    if one_scale or alike(shown.values()):
-        low, high = min(np.min(v) for v in shown.values()), max(np.max(v) for v in shown.values())
-        for ax in axes:
-            ax.set_ylim(*style.padded(float(low), float(high)))
-    style.labels(axes[-1], "time (s)", quantity if rows == 1 else "")
-    if rows > 1:
-        figure.supylabel(style.read(quantity), fontsize=style.TEXT, color=style.INK)
-    return figure, axes
+        shown = values[name][inside]
+        ends.append(shown)
+        line = Curve(*envelope(run.time[inside], shown, points), name, i, PLAIN)
+        panels.append(Panel(quantity if len(chosen) == 1 else "", (line,), said=notes[name]))
+    if one_scale or alike(ends):
+        low, high = style.padded(float(min(np.min(v) for v in ends)), float(max(np.max(v) for v in ends)))
+        panels = [replace(panel, low=low, high=high) for panel in panels]
+    rows = len(panels)
+    return Chart(
+        "time (s)", tuple(panels), height=2.7 if rows == 1 else 0.7 + 1.45 * rows,
+        side=quantity if rows > 1 else "", legend=PANELS,
+    )  # fmt: skip
 
 
 def alike(curves: Iterable[np.ndarray]) -> bool:
     """Whether the peaks of curves are so near each other that one scale shows them all."""
     peaks = [_peak(curve) for curve in curves]
     return max(peaks) <= style.WIDE * min(peaks)
-
-
-def _draw(
-    ax: Axes, x: np.ndarray, y: np.ndarray, line: Mapping[str, Any], name: str = "", points: int = POINTS
-) -> None:
-    ax.plot(*envelope(x, y, points), label=style.caption(name), **line)
-
-
-def _set_line() -> dict[str, Any]:
-    return {"color": style.INK, "linestyle": (0, (1, 1.5)), "linewidth": 1.0}
 
 
 def _inside(run: Run, window: Window) -> np.ndarray:
@@ -194,31 +189,30 @@ def _peak(values: np.ndarray) -> float:
     return float(np.max(np.abs(values), initial=0.0))
 
 
-def cosimulation(found: Cosimulation) -> Any:
+def cosimulation_chart(found: Cosimulation) -> Chart:
     """Following error of each law."""
-    return following_error({row.name: row.run for row in found.rows})
+    return following_error_chart({row.name: row.run for row in found.rows})
 
 
 MOST = 12  # rows; a log with more channels shows the first ones
 
 
-def log(log: Log) -> Any:
+def log_chart(log: Log) -> Chart:
     """The channels of a log over time, each in the usual unit."""
-    chosen = dict(list(log.channels.items())[:MOST])
-    figure, axes = style.picture(len(chosen), height=1.0 + 1.3 * len(chosen))
-    for i, (name, values) in enumerate(chosen.items()):
+    panels = list[Panel]()
+    for name, values in list(log.channels.items())[:MOST]:
         si = log.units.get(name, "")
         unit, factor = USUAL.of(si, signal_unit(si))
-        axes[i].plot(*envelope(log.time, factor * values, POINTS), **style.curve(0))
         head = name.replace("_", " ")
-        last = i == len(chosen) - 1
-        style.labels(
-            axes[i], "time (s)" if last else None, f"{head}\n({unit_name(style.written(unit))})" if unit else head
-        )
-    return figure
+        label = f"{head}\n({unit_name(style.written(unit))})" if unit else head
+        panels.append(Panel(label, (Curve(*envelope(log.time, factor * values, POINTS)),)))
+    return Chart("time (s)", tuple(panels), height=1.0 + 1.3 * len(panels))
 
 
-def guess(found: Guess) -> Any:
+log = figure_of(log_chart)
+
+
+def guess_chart(found: Guess) -> Chart:
     """Raise ParameterError: a guess has no picture."""
     raise ParameterError(f"{found.name}: a guess of roles has no picture; plot the log itself")
 
@@ -231,40 +225,35 @@ _SHOWN = {
 }
 
 
-def replay(replay: Replay, points: int = POINTS) -> Any:
+def replay_chart(replay: Replay, points: int = POINTS) -> Chart:
     """Measured over predicted for position, following error and force, each with its residual below."""
     signals = [name for name in _SHOWN if name in replay.measured and name in replay.run.signals]
     residuals = [name for name in signals if name != "following_error"]
     rows = [(name, False) for name in signals] + [(name, True) for name in residuals]
     rows.sort(key=lambda row: (signals.index("following_error" if row == ("position_load", True) else row[0]), row[1]))
-    figure, axes = style.picture(len(rows), height=0.8 + 1.45 * len(rows))
-    time = replay.run.time
-    for ax, (name, is_residual) in zip(axes, rows, strict=True):
+    panels, time = list[Panel](), replay.run.time
+    for name, is_residual in rows:
         unit, in_unit, words = _SHOWN[name]
         if is_residual:
             off, factor = replay.residual(name), DRAWN.of(unit)[1]
-            ax.plot(
-                *envelope(time[replay.skipped :], factor * off, points),
-                **style.curve(1) | {"linestyle": "-", "linewidth": 0.9},
-            )
-            style.labels(ax, None, f"{words}\nresidual ({unit_name(unit)})")
-            style.note(ax, Text(f"predicted - measured: {_sizes(off, unit)}"))
+            left = Curve(*envelope(time[replay.skipped :], factor * off, points), number=1, look=PLAIN, size=0.65)
+            said = Text(f"predicted - measured: {_sizes(off, unit)}")
+            panels.append(Panel(f"{words}\nresidual ({unit_name(unit)})", (left,), said=said))
             continue
         factor = DRAWN.of(unit, in_unit)[1]
-        ax.plot(*envelope(time, factor * replay.measured[name], points), color=style.MUTED, linewidth=2.6, alpha=0.55,
-                label="measured")  # fmt: skip
-        ax.plot(*envelope(time, factor * replay.run[name], points), color=style.color(0), linewidth=1.0,
-                label="predicted")  # fmt: skip
-        style.labels(ax, None, f"{words}\n({unit_name(unit, in_unit)})")
-        if name != "position_load":
-            size = Quantity(_rms(replay.measured[name][replay.skipped :]), unit)
-            style.note(ax, Text(f"measured RMS {size}"))
-    axes[-1].set_xlabel("time (s)", fontsize=style.TEXT)
-    figure.align_ylabels(axes)
-    style.legend(figure, axes[0])
-    return figure
+        both = (
+            Curve(*envelope(time, factor * replay.measured[name], points), "measured", NEUTRAL, WIDE),
+            Curve(*envelope(time, factor * replay.run[name], points), "predicted", size=0.7),
+        )
+        size = Quantity(_rms(replay.measured[name][replay.skipped :]), unit)
+        said = "" if name == "position_load" else Text(f"measured RMS {size}")
+        panels.append(Panel(f"{words}\n({unit_name(unit, in_unit)})", both, said=said))
+    return Chart("time (s)", tuple(panels), height=0.8 + 1.45 * len(panels))
 
 
-def refinement(found: Refinement) -> Any:
+replay = figure_of(replay_chart)
+
+
+def refinement_chart(found: Refinement) -> Chart:
     """Predicted and measured columns."""
-    return replay(found.replay)
+    return replay_chart(found.replay)

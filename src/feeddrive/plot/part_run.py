@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.text import Text
-from feeddrive.plot import style
-from feeddrive.plot.chart import Chart, Curve, Panel
-from feeddrive.plot.drawing import drawn
+from feeddrive.plot.chart import LOG, MARKERS, NEUTRAL, PLAIN, THIN, WIDE, Chart, Curve, Panel, listed
+from feeddrive.plot.drawing import figure_of
 from feeddrive.plot.style import POINTS, envelope
 
 if TYPE_CHECKING:
@@ -19,70 +18,75 @@ if TYPE_CHECKING:
 
 _WINDOW = 0.15  # s of estimates that are shown
 _BEFORE, _AFTER = 0.04, 0.1  # s around a worst place
-_SIZES = (("RMS", "o"), ("95 % of the path", "s"), ("largest", "^"))
+_SIZES = ("RMS", "95 % of the path", "largest")
 
 
-def part_run(part: PartRun) -> Any:
+def part_run_chart(part: PartRun) -> Chart:
     """The contour error over time; gray: what does not count."""
-    figure, (ax,) = style.picture()
     contour = part.contour
     error = 1e6 * np.abs(contour.error)
-    ax.plot(*envelope(contour.time, error), color=style.MUTED, linewidth=0.7, alpha=0.6, label="does not count")
-    ax.plot(*envelope(contour.time, np.where(part.contour.counted, error, 0.0)), label="counts", **style.curve(0))
-    style.labels(ax, "time (s)", f"contour error ({unit_name('um')})")
-    style.note(ax, Text(f"RMS {Quantity(part.contour.rms, 'm')}, largest {Quantity(part.contour.largest, 'm')}"))
-    style.legend(figure, ax)
-    return figure
+    curves = (
+        Curve(*envelope(contour.time, error), "does not count", NEUTRAL, THIN),
+        Curve(*envelope(contour.time, np.where(contour.counted, error, 0.0)), "counts"),
+    )
+    said = Text(f"RMS {Quantity(contour.rms, 'm')}, largest {Quantity(contour.largest, 'm')}")
+    return Chart("time (s)", (Panel(f"contour error ({unit_name('um')})", curves, said=said),))
 
 
-def part_laws(parts: Mapping[str, PartRun]) -> Any:
+part_run = figure_of(part_run_chart)
+
+
+def part_laws_chart(parts: Mapping[str, PartRun]) -> Chart:
     """RMS, 95 % and the largest contour error of each law, a row each, on a logarithmic scale."""
-    figure, (ax,) = style.picture(height=1.1 + 0.36 * len(parts))
-    sizes = np.array([(each.contour.rms, each.contour.within(), each.contour.largest) for each in parts.values()])
-    rows = -np.arange(len(parts))
-    shown = 1e6 * np.maximum(sizes, 1e-12)
-    ax.hlines(rows, shown.min(axis=1), shown.max(axis=1), color=style.GRID, linewidth=3.0)
-    for k, (name, marker) in enumerate(_SIZES):
-        ax.plot(shown[:, k], rows, marker, color=style.color(k), markersize=6.5, label=name)
-    ax.set_xscale("log")
-    style.plain_decades(ax.xaxis, between=True)
-    ax.set_xlim(0.7 * shown.min(), 1.5 * shown.max())
-    ax.set_ylim(rows[-1] - 0.6, 0.6)
-    ax.set_yticks(rows, [style.caption(name) or "" for name in parts])
-    ax.set_xlabel(style.read(f"contour error ({unit_name('um')})"), fontsize=style.TEXT)
-    style.legend(figure, ax)
-    return figure
+    sizes = np.array([(part.contour.rms, part.contour.within(), part.contour.largest) for part in parts.values()])
+    rows, shown = -np.arange(len(parts), dtype=np.float64), 1e6 * np.maximum(sizes, 1e-12)
+    spans = tuple(
+        Curve(np.array([row.min(), row.max()]), np.full(2, y), number=NEUTRAL, look=WIDE)
+        for row, y in zip(shown, rows, strict=True)
+    )
+    dots = tuple(Curve(shown[:, k], rows, name, k, MARKERS, size=1.4) for k, name in enumerate(_SIZES))
+    panel = Panel("", (*spans, *dots), ticks=listed(list(parts)), low=float(rows[-1]) - 0.6, high=0.6)
+    return Chart(
+        f"contour error ({unit_name('um')})", (panel,), LOG, 0.7 * float(shown.min()), 1.5 * float(shown.max()),
+        height=1.1 + 0.36 * len(parts),
+    )  # fmt: skip
 
 
-def part_cutting(part: PartRun) -> Any:
+part_laws = figure_of(part_laws_chart)
+
+
+def part_cutting_chart(part: PartRun) -> Chart:
     """The force of the cut on each axis over time."""
     assert part.cutting is not None
-    names = part.contour.axes
-    figure, axes = style.picture(len(names), height=0.9 + 1.15 * len(names))
-    for i, (ax, name) in enumerate(zip(axes, names, strict=True)):
-        ax.plot(
-            *envelope(part.contour.time, part.cutting[:, i], POINTS // 2),
-            **style.curve(i) | {"linewidth": 0.8, "linestyle": "-"},
+    panels = tuple(
+        Panel(
+            f"on {name} ({unit_name('N')})",
+            (Curve(*envelope(part.contour.time, part.cutting[:, i], POINTS // 2), number=i, look=PLAIN, size=0.6),),
         )
-        style.labels(ax, "time (s)" if i == len(names) - 1 else None, f"on {name} ({unit_name('N')})")
-    figure.align_ylabels(axes)
-    return figure
+        for i, name in enumerate(part.contour.axes)
+    )
+    return Chart("time (s)", panels, height=0.9 + 1.15 * len(panels))
 
 
-def part_estimates(part: PartRun, axis: str) -> Any:
+part_cutting = figure_of(part_cutting_chart)
+
+
+def part_estimates_chart(part: PartRun, axis: str) -> Chart:
     """What acts on an axis and what observers make of it, around the largest force of the cut that lasts."""
     time, true = part.contour.time, part.disturbances[axis]
-    figure, (ax,) = style.picture(height=3.4)
     middle = _busiest(part, axis)
     shown = (time >= middle - 0.5 * _WINDOW) & (time <= middle + 0.5 * _WINDOW)
-    ax.plot(1e3 * time[shown], true[shown], color=style.MUTED, linewidth=1.0, alpha=0.6, label="what acts")
+    curves = [Curve(1e3 * time[shown], true[shown], "what acts", NEUTRAL, WIDE, size=0.5)]
     for i, (name, by) in enumerate(part.estimates.items()):
         if axis in by:
-            label = style.read(f"{name.replace('_', ' ')}, {Quantity(by[axis].lag, 's'):3} late")
-            ax.plot(1e3 * time[shown], by[axis].disturbance[shown], label=label, **style.curve(i))
-    style.labels(ax, "time (ms)", f"force on {axis} ({unit_name('N')})")
-    style.legend(figure, ax, 2)
-    return figure
+            late = Text(f"{Quantity(by[axis].lag, 's'):3} late")
+            values = by[axis].disturbance[shown]
+            curves.append(Curve(1e3 * time[shown], values, name.replace("_", " "), i, said=late))
+    panel = Panel(f"force on {axis} ({unit_name('N')})", tuple(curves))
+    return Chart("time (ms)", (panel,), height=3.4, columns=2)
+
+
+part_estimates = figure_of(part_estimates_chart)
 
 
 def _busiest(part: PartRun, axis: str) -> float:
@@ -95,13 +99,8 @@ def _busiest(part: PartRun, axis: str) -> float:
     return float(time[int(np.argmax(total[width:] - total[:-width])) + width // 2])
 
 
-def part_zoom(parts: Mapping[str, PartRun], time: float) -> Any:
-    """The contour error of each law around an instant."""
-    return drawn(part_zoom_chart(parts, time))
-
-
 def part_zoom_chart(parts: Mapping[str, PartRun], time: float) -> Chart:
-    """What `part_zoom` shows: ms from the instant, µm."""
+    """The contour error of each law around an instant: ms from the instant, µm."""
     curves = list[Curve]()
     for k, (name, part) in enumerate(parts.items()):
         at = part.contour.time
@@ -109,3 +108,6 @@ def part_zoom_chart(parts: Mapping[str, PartRun], time: float) -> Chart:
         curves.append(Curve(1e3 * (at[shown] - time), 1e6 * np.abs(part.contour.error[shown]), name, k))
     panel = Panel(f"contour error ({unit_name('um')})", tuple(curves))
     return Chart("time after the worst instant (ms)", (panel,), height=3.4, columns=3)
+
+
+part_zoom = figure_of(part_zoom_chart)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
 import numpy as np
 
 from feeddrive.language.quantity import Quantity
@@ -13,13 +11,26 @@ from feeddrive.path.planned import Planned
 from feeddrive.path.proof.prove import DERIVATIVES
 from feeddrive.path.setpoints import causes
 from feeddrive.plot import style
+from feeddrive.plot.chart import (
+    ALERT,
+    DASHED,
+    NEUTRAL,
+    PLAIN,
+    RING,
+    SOLID,
+    WIDTH,
+    Abscissa,
+    Chart,
+    Curve,
+    Level,
+    Panel,
+    Tick,
+    filled_stairs,
+)
+from feeddrive.plot.drawing import figure_of
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-# from slow to fast: warm to cold, and thinner, so that gray print shows it too
-_SPEEDS = (style.ALERT, style.COLORS[1], style.COLORS[4], style.COLORS[2], style.COLORS[5], style.COLORS[0])
-_WIDTHS = (2.6, 2.2, 1.8, 1.5, 1.3, 1.1)
+# from slow to fast: warm to cold, and thinner, so that gray print shows it too; number of the color, and width
+_SPEEDS = ((ALERT, 1.85), (1, 1.6), (4, 1.3), (2, 1.1), (5, 0.95), (0, 0.8))
 _COLUMNS = 400  # stretches of time over the width of a picture
 _FLAT = 0.02  # of the largest extent: an axis that moves less gets no view of its own
 _MARKED = 300  # stops
@@ -27,37 +38,36 @@ _UNITS = {
     "mm": (("mm/s", 1e3), ("m/s²", 1.0), ("m/s³", 1.0), ("m/s⁴", 1.0)),
     "deg": (("deg/s", float(np.degrees(1.0))), ("rad/s²", 1.0), ("rad/s³", 1.0), ("rad/s⁴", 1.0)),
 }
-_LIMIT = (0, (5, 2))
 
 
-def planned(plan: Planned) -> Any:
+def planned_chart(plan: Planned) -> Chart:
     """The path with its speed as color, and the stops; a second view where a third axis moves."""
-    factors, units = (list(each) for each in zip(*plan.limits.shown, strict=True))
+    factors, units = (list(row) for row in zip(*plan.limits.shown, strict=True))
     place, letters = np.array(factors) * plan.course.position, plan.limits.letters
     if len(letters) == 1:
-        return _along(plan)
+        along = Curve(plan.course.time, place[:, 0])
+        return Chart("time (s)", (Panel(f"{letters} ({units[0]})", (along,)),))
     extent = np.ptp(place, axis=0)
     order = sorted(range(len(letters)), key=lambda i: (extent[i] <= _FLAT * extent.max(), i))
     views = [(order[0], order[1])]
     if len(letters) > 2 and extent[order[2]] > _FLAT * extent.max():
         views.append((order[0], order[2]))
     shapes = [max(0.12, min(0.8, extent[j] / max(extent[i], 1e-9))) for i, j in views]
-    figure, axes = style.picture(
-        len(views), height=0.6 + 0.92 * style.WIDTH * sum(shapes) * 0.9, ratios=shapes, share=False
-    )
-    for ax, (i, j) in zip(axes, views, strict=True):
-        _path(ax, plan, place[:, i], place[:, j])
-        stops = np.array([each.position * factors for each in plan.stops[:_MARKED]]).reshape(-1, len(letters))
+    stops = np.array([stop.position * factors for stop in plan.stops[:_MARKED]]).reshape(-1, len(letters))
+    panels = list[Panel]()
+    for (i, j), shape in zip(views, shapes, strict=True):
+        curves = _path(plan, place[:, i], place[:, j])
         if len(stops):
-            ax.plot(stops[:, i], stops[:, j], "o", color=style.INK, fillstyle="none", markersize=4.5, label="stop")
-        ax.set_aspect("equal", adjustable="datalim")
-        ax.margins(0.04)
-        style.labels(ax, f"{letters[i]} ({units[i]})", f"{letters[j]} ({units[j]})")
-    style.legend(figure, axes[0])
-    return figure
+            curves.append(Curve(stops[:, i], stops[:, j], "stop", NEUTRAL, RING, size=0.8))
+        abscissa = Abscissa(f"{letters[i]} ({units[i]})", square=True)
+        panels.append(Panel(f"{letters[j]} ({units[j]})", tuple(curves), share=shape, abscissa=abscissa))
+    return Chart("", tuple(panels), height=0.6 + 0.92 * WIDTH * sum(shapes) * 0.9)
 
 
-def _path(ax: Axes, plan: Planned, x: np.ndarray, y: np.ndarray) -> None:
+planned = figure_of(planned_chart)
+
+
+def _path(plan: Planned, x: np.ndarray, y: np.ndarray) -> list[Curve]:
     """One curve for each class of speed, with gaps where others are."""
     course = plan.course
     traverse = np.isinf(course.feed)
@@ -66,32 +76,25 @@ def _path(ax: Axes, plan: Planned, x: np.ndarray, y: np.ndarray) -> None:
     edges = np.linspace(0.0, top, len(_SPEEDS) + 1)
     kind = np.clip(np.searchsorted(edges, speed, side="left") - 1, 0, len(_SPEEDS) - 1)
     kind[traverse] = -1
+    curves = list[Curve]()
     if np.any(traverse):
-        _gapped(ax, x, y, traverse, color=style.MUTED, linewidth=0.9, linestyle=(0, (2, 2)), label="traverse")
-    for k, (color, width) in enumerate(zip(_SPEEDS, _WIDTHS, strict=True)):
+        curves.append(Curve(*_stretches(x, y, traverse), "traverse", NEUTRAL, DASHED, size=0.5))
+    for k, (number, size) in enumerate(_SPEEDS):
         if np.any(kind == k):
             low, high = Quantity(1e-3 * edges[k], "m/s", bare=True), Quantity(1e-3 * edges[k + 1], "m/s")
-            label = style.read(f"{low:3} to {high:3}")
-            _gapped(ax, x, y, kind == k, color=color, linewidth=width, label=label, solid_capstyle="round")
+            stretches = _stretches(x, y, kind == k)
+            curves.append(Curve(*stretches, number=number, look=PLAIN, said=Text(f"{low:3} to {high:3}"), size=size))
+    return curves
 
 
-def _gapped(ax: Axes, x: np.ndarray, y: np.ndarray, chosen: np.ndarray, **how: Any) -> None:
-    """The chosen stretches, each drawn up to the begin of the next one."""
-    drawn = chosen | np.concatenate([[False], chosen[:-1]])
-    ax.plot(np.where(drawn, x, np.nan), np.where(drawn, y, np.nan), **how)
+def _stretches(x: np.ndarray, y: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The chosen stretches, each up to the begin of the next one, with gaps between."""
+    there = chosen | np.concatenate([[False], chosen[:-1]])
+    return np.where(there, x, np.nan), np.where(there, y, np.nan)
 
 
-def _along(plan: Planned) -> Any:
-    """The position of a single axis over time."""
-    figure, (ax,) = style.picture()
-    factor, unit = plan.limits.shown[0]
-    ax.plot(plan.course.time, factor * plan.course.position[:, 0], **style.curve(0))
-    style.labels(ax, "time (s)", f"{plan.limits.letters} ({unit})")
-    return figure
-
-
-def plan_causes(plan: Planned) -> Any:
-    """Which limit is used most, over time: a row for each, and the whole cycle time by cause at the right."""
+def plan_causes_chart(plan: Planned) -> Chart:
+    """Which limit is used most, over time: a row for each, with its part of the cycle time."""
     course = plan.course
     found = causes(np.maximum(np.abs(course.low), np.abs(course.high)) / plan.limits.array, course.speed, course.feed)
     names = plan.limits.causes
@@ -101,49 +104,53 @@ def plan_causes(plan: Planned) -> Any:
     whole = np.bincount(column, weights=lengths, minlength=_COLUMNS)
     shown = [name for name in names if plan.seconds.get(name, 0.0) > 2e-3 * plan.cycle_time]
     shown.sort(key=lambda name: -plan.seconds[name])
-    figure, (ax,) = style.picture(height=0.8 + 0.34 * max(len(shown), 1))
+    curves, levels, ticks = list[Curve](), list[Level](), list[Tick]()
     for row, name in enumerate(shown):
         here = found == names.index(name)
         part = np.bincount(column[here], weights=lengths[here], minlength=_COLUMNS) / np.maximum(whole, 1e-12)
-        ax.stairs(0.8 * part - row, edges, baseline=-row, fill=True, color=_cause_color(name))
-        ax.axhline(-row, color=style.GRID, linewidth=0.8)
-        told = style.read(f"{Quantity(plan.seconds[name] / plan.cycle_time, 'share'):3}")
-        ax.annotate(told, (1.005, -row + 0.4), xycoords=("axes fraction", "data"), ha="left", va="center",
-                    fontsize=style.SMALL, color=style.MUTED)  # fmt: skip
-    ax.set_yticks([0.4 - row for row in range(len(shown))], shown)
-    ax.set_ylim(0.1 - max(len(shown), 1), 1.0)
-    ax.grid(visible=False, axis="y")
-    ax.set_xlabel("time (s)", fontsize=style.TEXT)
-    return figure
+        shape = filled_stairs(edges, 0.8 * part, -float(row))
+        curves.append(Curve(*shape, number=_cause_number(name), look=SOLID))
+        levels.append(Level(-float(row), faint=True))
+        share = Text(f"{Quantity(plan.seconds[name] / plan.cycle_time, 'share'):3}")
+        ticks.append(Tick(0.4 - row, name, share))
+    rows = max(len(shown), 1)
+    panel = Panel("", tuple(curves), levels=tuple(levels), ticks=tuple(ticks), low=0.1 - rows, high=1.0)
+    return Chart("time (s)", (panel,), low=0.0, high=float(edges[-1]), height=0.8 + 0.34 * rows)
 
 
-def _cause_color(name: str) -> str:
-    if name == FEED:
-        return style.COLORS[2]
-    if name == STANDSTILL:
-        return style.INK
+plan_causes = figure_of(plan_causes_chart)
+
+
+def _cause_number(name: str) -> int:
+    """The number of the curve whose color a cause has."""
     what = name.split(" ")[0]
-    own = (style.COLORS[5], style.COLORS[0], style.COLORS[1], style.COLORS[4])
-    return own[DERIVATIVES.index(what)] if what in DERIVATIVES else style.MUTED
+    if what in DERIVATIVES:
+        return (5, 0, 1, 4)[DERIVATIVES.index(what)]
+    return 2 if name == FEED else NEUTRAL if name == STANDSTILL else 3
 
 
-def plan_profiles(plan: Planned, axis: int) -> Any:
+def plan_profiles_chart(plan: Planned, axis: int) -> Chart:
     """Velocity to snap of an axis over time, from the least to the most of each stretch, with its limits."""
     course, limits, units = plan.course, plan.limits.array[axis], _UNITS[plan.limits.shown[axis][1]]
-    figure, axes = style.picture(4, height=6.2)
     begins = np.unique(np.linspace(0, len(course.time), min(len(course.time), _COLUMNS) + 1).astype(int)[:-1])
-    time = np.append(course.time[begins], plan.cycle_time)
-    for k, (ax, name, (unit, factor)) in enumerate(zip(axes, DERIVATIVES, units, strict=True)):
+    edges = np.append(course.time[begins], plan.cycle_time)
+    panels = list[Panel]()
+    for k, (name, (unit, factor)) in enumerate(zip(DERIVATIVES, units, strict=True)):
         low = factor * np.minimum.reduceat(course.low[:, axis, k], begins)
         high = factor * np.maximum.reduceat(course.high[:, axis, k], begins)
-        ax.fill_between(time, np.append(low, low[-1]), np.append(high, high[-1]), step="post",
-                        color=style.color(0), linewidth=0.8)  # fmt: skip
+        x = np.repeat(edges, 2)[1:-1]
+        low, high = np.repeat(low, 2), np.repeat(high, 2)
+        shape = Curve(np.concatenate([x, x[::-1]]), np.concatenate([high, low[::-1]]), look=SOLID)
+        # a stretch of one value has no area
+        lines = Curve(x, high, look=PLAIN, size=0.6), Curve(x, low, look=PLAIN, size=0.6)
         top = factor * limits[k]
         used = max(-float(low.min()), float(high.max()))
         within = used > 0.2 * top
-        for side in (-top, top) if within else ():
-            ax.axhline(side, color=style.ALERT, linewidth=1.0, linestyle=_LIMIT)
-        ax.set_ylim(*style.padded(*((-top, top) if within else (-used, used))))
-        style.labels(ax, "time (s)" if k == 3 else None, f"{name}\n({unit})")
-        style.note(ax, Text(f"{Quantity(plan.proof.use[axis, k], 'share'):3} of {Quantity(top, unit)}"))
-    return figure
+        sides = tuple(Level(side, dashed=True, number=ALERT) for side in (-top, top)) if within else ()
+        bottom, upper = style.padded(*((-top, top) if within else (-used, used)))
+        said = Text(f"{Quantity(plan.proof.use[axis, k], 'share'):3} of {Quantity(top, unit)}")
+        panels.append(Panel(f"{name}\n({unit})", (shape, *lines), levels=sides, low=bottom, high=upper, said=said))
+    return Chart("time (s)", tuple(panels), low=float(edges[0]), high=float(edges[-1]), height=6.2)
+
+
+plan_profiles = figure_of(plan_profiles_chart)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,8 +23,9 @@ from feeddrive.plot.chart import (
     Level,
     Note,
     Panel,
+    side_by_side,
 )  # fmt: skip
-from feeddrive.plot.drawing import draw_chart
+from feeddrive.plot.drawing import figure_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -34,15 +35,12 @@ if TYPE_CHECKING:
     from feeddrive.tuning.placement import Placement
 
 
-def poles(model: StateSpace) -> Any:
+def poles_chart(model: StateSpace) -> Chart:
     """Poles of a sampled model as s = ln(z)/T in Hz, and the same as damping ratio over natural frequency."""
-    figure, _ = style.picture(1, height=3.9)
-    figure.clear()
-    axes = [style.dressed(ax) for ax in figure.subplots(1, 2)]
-    for ax, chart in zip(axes, (poles_chart(model), damping_chart(model)), strict=True):
-        draw_chart(chart, [ax])
-    style.legend(figure, axes[0])
-    return figure
+    return side_by_side((plane_chart(model), damping_chart(model)), height=3.9)
+
+
+poles = figure_of(poles_chart)
 
 
 DAMPINGS = (0.1, 0.2, 0.4, 0.7)  # of the rays of a pole map
@@ -50,7 +48,7 @@ _LIGHT = 0.5  # damping up to which a pole decides how much of the plane is show
 _ROOM, _RIGHT, _BELOW = 1.25, 0.25, 0.04  # around the farthest of them; parts of the height to the right and below
 
 
-def poles_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = DRAWN) -> Chart:
+def plane_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = DRAWN) -> Chart:
     """Upper half of the s plane, s = ln(z)/T: poles as crosses, zeros of the first response as rings.
 
     Rays of equal damping and circles of equal natural frequency; what lies on the right of 0 grows.  So much of the
@@ -140,11 +138,11 @@ def damping_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = 
     return Chart(f"natural frequency ({unit_name('Hz')})", (panel,), FREQUENCY, low, high, factor=hertz)
 
 
-def stability(found: Stability) -> Any:
+def stability_chart(found: Stability) -> Chart:
     """Poles of the loop."""
-    return poles(found.model)
+    return poles_chart(found.model)
 
 
-def placement(found: Placement) -> Any:
+def placement_chart(found: Placement) -> Chart:
     """Poles of the sampled loop."""
-    return poles(found.stability.model)
+    return poles_chart(found.stability.model)

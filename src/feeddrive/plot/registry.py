@@ -1,73 +1,73 @@
-"""Which function draws a type of result, and which makes its DataFrame: by name, so that nothing is imported before.
+"""Which function gives the chart of a type of result, and which its DataFrame, by name: nothing is imported before.
 
-The first `plot()` of a type imports the module that draws this type, and no other one.
+The first `chart()` or `plot()` of a type imports the module of its chart, and no other one.
 """
 
 from __future__ import annotations
 
 from importlib import import_module
 
-from feeddrive.language.table import frame_of, picture_of
+from feeddrive.language.table import chart_of, frame_of
 
-# module and class of a result -> the function of this package that draws it
-PICTURES = {
-    "analysis.effort:Effort": "distributions:effort",
-    "analysis.friction_map:FrictionMap": "friction:friction_map",
-    "analysis.margin_intervals:MarginIntervals": "over_frequency:measured_loop",
-    "analysis.margins:Margins": "over_frequency:open_loop",
-    "analysis.measured_loop:MeasuredLoop": "over_frequency:measured_loop",
-    "analysis.replay:Observation": "tuning:disturbance",
-    "analysis.replay:Replay": "over_time:replay",
-    "analysis.spectrum:Spectrum": "over_frequency:spectrum",
-    "analysis.stability:Encirclement": "complex_plane:encirclement",
-    "analysis.stability:Stability": "pole_map:stability",
-    "analysis.step_response:StepResponse": "settling:step_response",
-    "analysis.stiffness:Stiffness": "over_frequency:stiffness",
-    "certificate.certificate:Certificate": "certificate:certificate",
-    "cosimulation.simulate_with_fmu:Cosimulation": "over_time:cosimulation",
-    "files.guess:Guess": "over_time:guess",
-    "files.log:Log": "over_time:log",
-    "identification.cogging:CoggingFit": "identification:cogging",
-    "identification.excitation.excitation:Excitation": "responses:excitation",
-    "identification.excitation.frequency_estimate:FrequencyEstimate": "responses:frequency_estimate",
-    "identification.friction_curve:FrictionCurve": "friction:identified_friction",
-    "identification.friction_curve:SteadyRuns": "friction:steady_runs",
-    "identification.motion.control_law:ControlFit": "identification:control_fit",
-    "identification.motion.delay:DelayFit": "identification:delay_fit",
-    "identification.motion.identify:Identified": "identification:identified",
-    "identification.motion.output_error:Refinement": "over_time:refinement",
-    "identification.motion.rigid:RigidFit": "identification:rigid_fit",
-    "identification.regression:Residuals": "identification:residuals",
-    "identification.regression:Validation": "identification:validation",
-    "identification.response.agreement:Agreement": "responses:response_fit",
-    "identification.response.fit_axis:AxisFits": "responses:axis_fits",
-    "identification.response.modal_fit:ModalFit": "responses:fitted",
-    "identification.response.plant_fit:PlantFit": "responses:fitted",
-    "loop.frequency_response:FRF": "over_frequency:bode",
-    "loop.gradient:Gradient": "distributions:gradient",
-    "loop.linearize:StateSpace": "pole_map:poles",
-    "loop.simulate:Batch": "distributions:batch",
-    "loop.simulate:Run": "over_time:run",
-    "machining.chatter_signs:ChatterSigns": "lobes:chatter_signs",
-    "machining.cutting_force:CuttingForces": "lobes:cutting_forces",
-    "machining.circle_causes:CircleCauses": "circle:circle_causes",
-    "machining.circle_test:CircleTest": "circle:circle_test",
-    "machining.contour:ContourError": "contour:contour",
-    "machining.load:AxisLoad": "circle:axis_load",
-    "machining.lobes:Lobes": "lobes:lobes",
-    "machining.part_run:PartRun": "part_run:part_run",
-    "machining.surface:Surface": "surface:surface",
-    "machining.reversal:Reversals": "circle:reversals",
-    "path.planned:Planned": "planned:planned",
-    "tuning.delay_map:DelayMap": "tuning:delay_map",
-    "learning.iterative_feedforward:Iteration": "tuning:iteration",
-    "tuning.placement:Placement": "pole_map:placement",
-    "tuning.recipes:Recipe": "over_frequency:recipe",
-    "learning.trajectory_prefilter:PrefilterFit": "tuning:prefilter_fit",
-    "learning.trial:Trial": "tuning:trial",
-    "learning.trials:Trials": "tuning:trials",
-    "tuning.tuned:CascadeLoops": "over_frequency:cascade_loops",
-    "tuning.tuned:Tuned": "over_frequency:tuned",
+# module and class of a result -> the function of this package that gives its chart
+CHARTS = {
+    "analysis.effort:Effort": "distributions:effort_chart",
+    "analysis.friction_map:FrictionMap": "friction:friction_map_chart",
+    "analysis.margin_intervals:MarginIntervals": "over_frequency:measured_loop_chart",
+    "analysis.margins:Margins": "over_frequency:open_loop_chart",
+    "analysis.measured_loop:MeasuredLoop": "over_frequency:measured_loop_chart",
+    "analysis.replay:Observation": "tuning:disturbance_chart",
+    "analysis.replay:Replay": "over_time:replay_chart",
+    "analysis.spectrum:Spectrum": "over_frequency:spectrum_chart",
+    "analysis.stability:Encirclement": "complex_plane:encirclement_chart",
+    "analysis.stability:Stability": "pole_map:stability_chart",
+    "analysis.step_response:StepResponse": "settling:step_response_chart",
+    "analysis.stiffness:Stiffness": "over_frequency:stiffness_chart",
+    "certificate.certificate:Certificate": "certificate:certificate_chart",
+    "cosimulation.simulate_with_fmu:Cosimulation": "over_time:cosimulation_chart",
+    "files.guess:Guess": "over_time:guess_chart",
+    "files.log:Log": "over_time:log_chart",
+    "identification.cogging:CoggingFit": "identification:cogging_chart",
+    "identification.excitation.excitation:Excitation": "responses:excitation_chart",
+    "identification.excitation.frequency_estimate:FrequencyEstimate": "responses:frequency_estimate_chart",
+    "identification.friction_curve:FrictionCurve": "friction:identified_friction_chart",
+    "identification.motion.control_law:ControlFit": "identification:control_fit_chart",
+    "identification.motion.delay:DelayFit": "identification:delay_fit_chart",
+    "identification.motion.identify:Identified": "identification:identified_chart",
+    "identification.motion.output_error:Refinement": "over_time:refinement_chart",
+    "identification.motion.rigid:RigidFit": "identification:rigid_fit_chart",
+    "identification.regression:Residuals": "identification:residuals_chart",
+    "identification.regression:Validation": "identification:validation_chart",
+    "identification.response.agreement:Agreement": "responses:response_fit_chart",
+    "identification.response.fit_axis:AxisFits": "responses:axis_fits_chart",
+    "identification.response.modal_fit:ModalFit": "responses:fitted_chart",
+    "identification.response.plant_fit:PlantFit": "responses:fitted_chart",
+    "identification.friction_curve:SteadyRuns": "friction:steady_runs_chart",
+    "loop.frequency_response:FRF": "over_frequency:bode_chart",
+    "loop.gradient:Gradient": "distributions:gradient_chart",
+    "loop.linearize:StateSpace": "pole_map:poles_chart",
+    "loop.simulate:Batch": "distributions:batch_chart",
+    "loop.simulate:Run": "over_time:run_chart",
+    "machining.chatter_signs:ChatterSigns": "lobes:chatter_signs_chart",
+    "machining.cutting_force:CuttingForces": "lobes:cutting_forces_chart",
+    "machining.circle_causes:CircleCauses": "circle:circle_causes_chart",
+    "machining.circle_test:CircleTest": "circle:circle_test_chart",
+    "machining.contour:ContourError": "contour:contour_chart",
+    "machining.load:AxisLoad": "circle:axis_load_chart",
+    "machining.lobes:Lobes": "lobes:lobes_chart",
+    "machining.part_run:PartRun": "part_run:part_run_chart",
+    "machining.surface:Surface": "surface:surface_chart",
+    "machining.reversal:Reversals": "circle:reversals_chart",
+    "path.planned:Planned": "planned:planned_chart",
+    "tuning.delay_map:DelayMap": "tuning:delay_map_chart",
+    "learning.iterative_feedforward:Iteration": "tuning:iteration_chart",
+    "tuning.placement:Placement": "pole_map:placement_chart",
+    "tuning.recipes:Recipe": "over_frequency:recipe_chart",
+    "learning.trajectory_prefilter:PrefilterFit": "tuning:prefilter_fit_chart",
+    "learning.trial:Trial": "tuning:trial_chart",
+    "learning.trials:Trials": "tuning:trials_chart",
+    "tuning.tuned:CascadeLoops": "over_frequency:cascade_loops_chart",
+    "tuning.tuned:Tuned": "over_frequency:tuned_chart",
 }
 
 # the same for the functions of `frames.py`
@@ -124,11 +124,11 @@ FRAMES = {
 
 
 def register(kind: type) -> None:
-    """Import and register what draws and frames a type of result, or the nearest of its bases that is listed."""
+    """Import and register what charts and frames a type of result, or the nearest of its bases that is listed."""
     for base in kind.__mro__:
         name = f"{base.__module__.removeprefix('feeddrive.')}:{base.__qualname__}"
-        if name in PICTURES and base not in picture_of.registry:
-            module, function = PICTURES[name].split(":")
-            picture_of.register(base, getattr(import_module(f"feeddrive.plot.{module}"), function))
+        if name in CHARTS and base not in chart_of.registry:
+            module, function = CHARTS[name].split(":")
+            chart_of.register(base, getattr(import_module(f"feeddrive.plot.{module}"), function))
         if name in FRAMES and base not in frame_of.registry:
             frame_of.register(base, getattr(import_module("feeddrive.plot.frames"), FRAMES[name]))

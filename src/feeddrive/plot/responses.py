@@ -4,14 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from feeddrive.language.quantity import DRAWN, Units, unit_name
 from feeddrive.plot import style
-from feeddrive.plot.chart import DEGREES, DOTS, FREQUENCY, LINEAR, LOG, THIN, Band, Chart, Curve, Panel
-from feeddrive.plot.drawing import drawn
+from feeddrive.plot.chart import (
+    CROSS,
+    DEGREES,
+    DOTS,
+    FREQUENCY,
+    LINEAR,
+    LOG,
+    MARKERS,
+    THIN,
+    Abscissa,
+    Band,
+    Chart,
+    Curve,
+    Level,
+    Panel,
+    rods,
+)
+from feeddrive.plot.drawing import figure_of
 from feeddrive.plot.style import envelope
 from feeddrive.plot.uncertainty import coherence_panels, doubtful, magnitude_band, phase_band
 
@@ -27,9 +43,12 @@ if TYPE_CHECKING:
 _LEVELS = {"noise": "noise", "nonlinear": "scatter beyond noise", "odd": "odd distortion", "even": "even distortion"}
 
 
-def frequency_estimate(found: FrequencyEstimate, model: FRF | None = None) -> Any:
+def frequency_estimate_chart(found: FrequencyEstimate, model: FRF | None = None) -> Chart:
     """Magnitude with the 95 % band, noise and distortion; phase with its band; coherence. `model` is a line."""
-    return drawn(estimates_chart([found], model=model))
+    return estimates_chart([found], model=model)
+
+
+frequency_estimate = figure_of(frequency_estimate_chart)
 
 
 def estimates_chart(found: Sequence[FrequencyEstimate], units: Units = DRAWN, model: FRF | None = None) -> Chart:
@@ -68,26 +87,23 @@ def _beside(phase: np.ndarray, frequency: np.ndarray, frf: FRF) -> np.ndarray:
     return phase + 360.0 * round((float(frf.phase_deg[0]) - at) / 360.0)
 
 
-def excitation(found: Excitation) -> Any:
+def excitation_chart(found: Excitation) -> Chart:
     """The excitation of the first realization, and the simulated speed and force, over time."""
-    drawn = found.drawings[0]
-    figure, axes = style.picture(3, height=5.2)
+    first = found.drawings[0]
     unit, factor = ("N", 1.0) if found.where == "force" else ("um", 1e6)
     rows = (
-        (factor * drawn.excitation, f"excitation ({unit_name(unit)})"),
-        (1e3 * drawn.signals["velocity_load"], f"speed ({unit_name('m/s')})"),
-        (drawn.signals["force"], f"force ({unit_name('N')})"),
+        (factor * first.excitation, f"excitation ({unit_name(unit)})"),
+        (1e3 * first.signals["velocity_load"], f"speed ({unit_name('m/s')})"),
+        (first.signals["force"], f"force ({unit_name('N')})"),
     )
-    for ax, (values, text) in zip(axes, rows, strict=True):
-        ax.plot(*envelope(drawn.time, values), **style.curve(0) | {"linewidth": 0.7})
-        style.labels(ax, None, text)
-    T = found.sample_time
-    for edge in (found.first, found.first + found.periods * found.period):
-        for ax in axes:
-            ax.axvline(edge * T, color=style.MUTED, linewidth=1.0, linestyle=(0, (4, 3)))
-    axes[-1].set_xlabel("time (s)", fontsize=style.TEXT)
-    style.note(axes[0], f"between the dashed lines: {found.periods} whole periods")
-    return figure
+    edges = (found.first, found.first + found.periods * found.period)
+    levels = tuple(Level(edge * found.sample_time, upright=True, dashed=True) for edge in edges)
+    panels = [Panel(text, (Curve(*envelope(first.time, values), size=0.5),), levels=levels) for values, text in rows]
+    panels[0] = replace(panels[0], said=f"between the dashed lines: {found.periods} whole periods")
+    return Chart("time (s)", tuple(panels), height=5.2)
+
+
+excitation = figure_of(excitation_chart)
 
 
 class Overlay(NamedTuple):
@@ -99,19 +115,17 @@ class Overlay(NamedTuple):
     drawn: FRF | None
 
 
-def response_fit(found: Agreement) -> Any:
+def response_fit_chart(found: Agreement, units: Units = DRAWN) -> Chart:
     """Magnitude and phase: the measurement as dots, the model as a line, each in its 95 % band; distance; coherence.
 
     The distance is |model/measured - 1| in dB; the thin line is the radius of the 95 % disc of the measurement.
     """
-    return drawn(response_fit_chart(found))
-
-
-def response_fit_chart(found: Agreement, units: Units = DRAWN) -> Chart:
-    """What `response_fit` shows."""
     rows = zip(found.measured, found.fitted, found.drawn, strict=True)
     several = len(found.measured) > 1
     return overlay_chart([Overlay(each.output if several else "", each, *model) for each, *model in rows], units)
+
+
+response_fit = figure_of(response_fit_chart)
 
 
 def overlay_chart(rows: Sequence[Overlay], units: Units = DRAWN, more: Sequence[Curve] = ()) -> Chart:
@@ -201,56 +215,57 @@ def _gains(label: str, curves: Sequence[Curve], bands: Sequence[Band], scale: st
     return Panel(label, tuple(curves), bands=tuple(bands), scale=scale, share=share, low=low, high=high)
 
 
-def response_residuals(found: Agreement) -> Any:
+def response_residuals_chart(found: Agreement) -> Chart:
     """Weighted residuals over frequency, real and imaginary part, and their autocorrelation from line to line."""
-    figure, axes = style.picture(2, height=4.4, ratios=[2, 1], share=False)
     lags = np.arange(1, max(2, min(40, min(r.size for r in found.residuals) // 4)))
-    for i, (measured, r) in enumerate(zip(found.measured, found.residuals, strict=True)):
+    spread, curves = max(found.spread, 1e-300), list[Curve]()
+    for i, (measured, residual) in enumerate(zip(found.measured, found.residuals, strict=True)):
         name = measured.output if len(found.measured) > 1 else ""
-        look = {"color": style.color(i), "linestyle": "none", "markersize": 3.0}
-        f, scaled = measured.frequency, r / max(found.spread, 1e-300)
-        axes[0].plot(f, np.real(scaled), marker=".", label=style.caption(name, "real"), **look)
-        axes[0].plot(f, np.imag(scaled), marker="x", label=style.caption(name, "imaginary"), **look)
-    across = [found.autocorrelation(int(lag)) for lag in lags]
-    axes[1].vlines(lags, 0.0, across, color=style.color(0), linewidth=1.4)
-    axes[1].set_xlim(0.0, float(lags[-1]) + 1.0)
-    bound = 1.96 / np.sqrt(2.0 * sum(r.size for r in found.residuals))
-    for each in (-bound, bound):
-        axes[1].axhline(each, color=style.MUTED, linewidth=1.0, linestyle=(0, (4, 3)))
+        f, scaled = measured.frequency, residual / spread
+        curves.append(Curve(f, np.real(scaled), name, i, MARKERS, "real", size=0.45))
+        curves.append(Curve(f, np.imag(scaled), name, i, CROSS, "imaginary", size=0.45))
     # a few lines far off must not hide the others
-    reach = 1.15 * float(np.percentile(np.abs(np.concatenate(found.residuals)), 99.0)) / max(found.spread, 1e-300)
-    axes[0].set_ylim(-max(reach, 3.0), max(reach, 3.0))
-    style.labels(axes[0], "frequency (Hz)", "residual (deviations)")
-    style.labels(axes[1], "lines apart", "autocorrelation")
-    _frequency(axes[0], found)
-    style.frequency_grid(axes[:1])
-    style.legend(figure, axes[0], 4)
-    return figure
+    reach = 1.15 * float(np.percentile(np.abs(np.concatenate(found.residuals)), 99.0)) / spread
+    reach = max(reach, 3.0)
+    ends = [float(measured.frequency[k]) for measured in found.measured for k in (0, -1)]
+    across = np.array([found.autocorrelation(int(lag)) for lag in lags])
+    bound = 1.96 / np.sqrt(2.0 * sum(residual.size for residual in found.residuals))
+    panels = (
+        Panel(
+            "residual (deviations)", tuple(curves), low=-reach, high=reach, share=2.0,
+            abscissa=Abscissa("frequency (Hz)", FREQUENCY, min(ends), max(ends)),
+        ),
+        Panel(
+            "autocorrelation", (Curve(*rods(lags.astype(float), 0.0, across)),),
+            levels=(Level(-bound, dashed=True), Level(bound, dashed=True)),
+            abscissa=Abscissa("lines apart", low=0.0, high=float(lags[-1]) + 1.0),
+        ),
+    )  # fmt: skip
+    return Chart("", panels, height=4.4)
 
 
-def response_nyquist(found: Agreement) -> Any:
+response_residuals = figure_of(response_residuals_chart)
+
+
+def response_nyquist_chart(found: Agreement) -> Chart:
     """Responses in the complex plane, as velocity over force: each mode is a circle; dots measured, curves the model.
 
     Velocity, since the rigid motion hides the circles of the position.
     """
-    figure, (ax,) = style.picture(1, height=4.6)
-    figure.set_size_inches(5.4, 4.6)
-    ax.set_aspect("equal", adjustable="datalim")
-    ax.axhline(0.0, color=style.MUTED, linewidth=0.8)
-    ax.axvline(0.0, color=style.MUTED, linewidth=0.8)
     order, unit = 1 - found.order, found.measured[0].unit
+    curves, dots = list[Curve](), list[Curve]()
     for i, (measured, model) in enumerate(zip(found.measured, found.drawn, strict=True)):
         name = measured.output if len(found.measured) > 1 else ""
-        points, curve = (each.response * (2j * np.pi * each.frequency) ** order for each in (measured, model))
-        dots = {"color": style.color(i), "linestyle": "none", "marker": "o", "markersize": 4.0, "zorder": 3.0}
-        ax.plot(np.real(points), np.imag(points), label=style.caption(name, "measured"), **dots)
-        ax.plot(np.real(curve), np.imag(curve), label=style.caption(name, "fitted"), **style.curve(i))
+        points, curve = (frf.response * (2j * np.pi * frf.frequency) ** order for frf in (measured, model))
+        dots.append(Curve(np.real(points), np.imag(points), name, i, MARKERS, "measured", size=0.9))
+        curves.append(Curve(np.real(curve), np.imag(curve), name, i, said="fitted"))
     said = f" ({unit_name(_velocity(unit), 'SI')})" if unit else ""
-    ax.locator_params(nbins=5)
-    ax.ticklabel_format(scilimits=(-3, 3))
-    style.labels(ax, f"real part{said}", f"imaginary part{said}")
-    style.legend(figure, ax, 2)
-    return figure
+    axes = Level(0.0, faint=True), Level(0.0, upright=True, faint=True)
+    panel = Panel(f"imaginary part{said}", (*curves, *dots), levels=axes)
+    return Chart(f"real part{said}", (panel,), square=True, height=4.6, width=5.4, columns=2)
+
+
+response_nyquist = figure_of(response_nyquist_chart)
 
 
 def _velocity(unit: str) -> str:
@@ -259,16 +274,11 @@ def _velocity(unit: str) -> str:
     return f"({above}/s)/{below}" if below and "(" not in unit else "velocity over force"
 
 
-def _frequency(ax: Any, found: Agreement) -> None:
-    lines = [m.frequency for m in found.measured]
-    style.frequency_axis(ax, float(min(f[0] for f in lines)), float(max(f[-1] for f in lines)))
-
-
-def fitted(found: PlantFit | ModalFit) -> Any:
+def fitted_chart(found: PlantFit | ModalFit) -> Chart:
     """Measured and fitted response."""
-    return response_fit(found.agreement)
+    return response_fit_chart(found.agreement)
 
 
-def axis_fits(found: AxisFits) -> Any:
+def axis_fits_chart(found: AxisFits) -> Chart:
     """Measured response and the chosen fit."""
-    return response_fit(found.fit.agreement)
+    return response_fit_chart(found.fit.agreement)

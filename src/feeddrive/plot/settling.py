@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from feeddrive.language.text import Text
 from feeddrive.loop.simulate import Run
 from feeddrive.plot import style
 from feeddrive.plot.chart import Chart, Curve, Level, Mark, Panel
-from feeddrive.plot.drawing import drawn
 
 if TYPE_CHECKING:
     from feeddrive.analysis.step_response import StepResponse
@@ -25,7 +24,7 @@ _SEEN = 1e-3  # of the step: an overshoot that is marked
 _MS = 1e3
 
 
-def run_chart(runs: Mapping[str, Run], units: Units = DRAWN) -> Chart:
+def moves_chart(runs: Mapping[str, Run], units: Units = DRAWN) -> Chart:
     """Following error and force over the same time."""
     micro, newton = (units.of(unit)[1] for unit in ("m", "N"))
     errors, forces = list[Curve](), list[Curve]()
@@ -42,13 +41,8 @@ def run_chart(runs: Mapping[str, Run], units: Units = DRAWN) -> Chart:
     return Chart("time (s)", panels, low=0.0, high=end, height=4.2)
 
 
-def step_response(found: StepResponse | Mapping[str, StepResponse]) -> Any:
+def step_response_chart(responses: StepResponse | Mapping[str, StepResponse]) -> Chart:
     """Position after a step of the set position, with overshoot and settling time."""
-    return drawn(step_chart(found))
-
-
-def step_chart(responses: StepResponse | Mapping[str, StepResponse]) -> Chart:
-    """What `step_response` shows."""
     chosen = style.named(responses)
     curves, marks = list[Curve](), list[Mark]()
     end = max(_LEAST, *(_AFTER * each.settling_time for each in chosen.values()))

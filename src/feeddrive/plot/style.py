@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from feeddrive.language.table import READER
-from feeddrive.language.text import resolve
+from feeddrive.plot.chart import WIDTH as WIDTH
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,8 +28,8 @@ MARKERS = ("o", "s", "^", "D", "v", "P")
 HEAT = ("#54b0d7", "#4197db", "#5e79d3", "#8554b2", "#98277f", "#8a0c47", "#6c0b1b")
 HEAT_STEPS = 12
 INK, MUTED, GRID, PAPER, ALERT = "#1c2329", "#5a6772", "#d9dfe4", "#ffffff", "#b3261e"
+BETTER, WORSE = COLORS[0], COLORS[1]  # ends of the colors of a comparison; the middle is the paper
 
-WIDTH = 8.6  # inches: the width of a report's column
 TEXT, SMALL = 9.5, 8.5  # points
 LINE = 1.4
 WIDE = 8.0  # a ratio of curves beyond which they need a logarithmic scale, or one scale each
@@ -47,9 +46,19 @@ def pale(tint: str) -> str:
     return "#" + "".join(f"{round(each):02x}" for each in rgb)
 
 
+def dashes(i: int) -> Any:
+    """Dashes of the i-th curve; a second round of colors takes other ones."""
+    return DASHES[(i + i // len(COLORS)) % len(DASHES)]
+
+
+def marker(i: int) -> str:
+    """Marker of the i-th curve."""
+    return MARKERS[i % len(MARKERS)]
+
+
 def curve(i: int) -> dict[str, Any]:
     """Color, dashes and width of the i-th curve."""
-    return {"color": color(i), "linestyle": DASHES[i % len(DASHES)], "linewidth": LINE}
+    return {"color": color(i), "linestyle": dashes(i), "linewidth": LINE}
 
 
 def written(unit: str) -> str:
@@ -70,9 +79,10 @@ def named(things: Thing | Mapping[str, Thing] | Sequence[Thing]) -> dict[str, Th
     return {"": things}
 
 
-def read(text: str) -> str:
-    """Return a text in the units of the reader of the picture."""
-    return resolve(text, READER.get())
+def shortened(name: str, most: int = 60) -> str:
+    """A user's name without characters that cannot be printed, not too long."""
+    shown = "".join(filter(str.isprintable, name))
+    return shown if len(shown) <= most else shown[: most - 1] + "…"
 
 
 def caption(name: str, said: str = "", most: int = 60) -> str | None:
@@ -80,24 +90,14 @@ def caption(name: str, said: str = "", most: int = 60) -> str | None:
 
     None if there is neither.
     """
-    shown = "".join(filter(str.isprintable, name))
-    shown = shown if len(shown) <= most else shown[: most - 1] + "…"
-    said = read(said)
-    text = f"{shown}: {said}" if shown and said else shown or said
-    text = text.replace("$", r"\$")
+    shown = shortened(name, most)
+    text = escaped(f"{shown}: {said}" if shown and said else shown or said)
     return (f"\u200b{text}" if text.startswith("_") else text) or None
 
 
-def picture(rows: int = 1, *, height: float = 3.0, ratios: Sequence[float] | None = None, share: bool = True) -> Any:
-    """A figure with `rows` axes below each other over the same abscissa: (figure, list of axes)."""
-    from feeddrive.plot.picture import Picture
-
-    figure = Picture(figsize=(WIDTH, height), layout="constrained", facecolor=PAPER)
-    made = figure.subplots(
-        rows, 1, sharex=share, squeeze=False, gridspec_kw={"height_ratios": ratios} if ratios else None
-    )
-    axes = [dressed(ax) for ax in made[:, 0]]
-    return figure, axes
+def escaped(text: str) -> str:
+    """A text for matplotlib: without formulas."""
+    return text.replace("$", r"\$")
 
 
 def dressed(ax: Axes) -> Axes:
@@ -117,19 +117,6 @@ def dressed(ax: Axes) -> Axes:
     return ax
 
 
-def labels(ax: Axes, x: str | None, y: str) -> None:
-    """Names of the axes, each with its unit."""
-    if x is not None:
-        ax.set_xlabel(read(x), fontsize=TEXT)
-    ax.set_ylabel(read(y), fontsize=TEXT)
-
-
-def legend(figure: Picture, ax: Axes, columns: int = 4) -> None:
-    """A legend of the named curves of `ax`, in a row above the figure."""
-    handles, texts = ax.get_legend_handles_labels()
-    figure_legend(figure, dict(zip(texts, handles, strict=True)), columns)
-
-
 def narrow(things: Mapping[str, Any]) -> int:
     """Columns of a legend with long texts."""
     return 2 if len(things) <= 2 else 1
@@ -142,7 +129,7 @@ def figure_legend(figure: Picture, lines: Mapping[str, Any], columns: int = 4) -
     rows = -(-len(lines) // columns)
     figure.set_figheight(figure.get_figheight() + 0.17 * (rows - 1))
     drawn = figure.legend(
-        list(lines.values()), list(map(read, lines)), loc="outside upper left", ncols=min(columns, len(lines)),
+        list(lines.values()), list(lines), loc="outside upper left", ncols=min(columns, len(lines)),
         fontsize=SMALL, frameon=False, handlelength=2.6, columnspacing=1.6, borderaxespad=0.2, labelcolor=INK,
     )  # fmt: skip
     for handle in drawn.legend_handles:
@@ -150,21 +137,19 @@ def figure_legend(figure: Picture, lines: Mapping[str, Any], columns: int = 4) -
             handle.set_alpha(1.0)
 
 
-def row_legend(ax: Axes) -> None:
+def row_legend(ax: Axes, entries: Mapping[str, Any]) -> None:
     """The curves of one row above it, at the left."""
-    if ax.get_legend_handles_labels()[0]:
+    if entries:
         ax.legend(
-            loc="lower left", bbox_to_anchor=(0.0, 0.98), ncols=4, fontsize=SMALL, frameon=False, borderaxespad=0.0,
-            borderpad=0.2, handlelength=2.0, labelcolor=INK,
+            list(entries.values()), list(entries), loc="lower left", bbox_to_anchor=(0.0, 0.98), ncols=4,
+            fontsize=SMALL, frameon=False, borderaxespad=0.0, borderpad=0.2, handlelength=2.0, labelcolor=INK,
         )  # fmt: skip
 
 
-def note(ax: Axes, text: str, *, x: float = 1.0, align: str = "right", y: float = 1.0, above: bool = True) -> None:
-    """A short text at the upper edge of axes, above them or inside."""
-    ax.annotate(
-        read(text), (x, y), xycoords="axes fraction", xytext=(0, 3 if above else -3), textcoords="offset points",
-        ha=align, va="bottom" if above else "top", fontsize=SMALL, color=MUTED,
-    )  # fmt: skip
+def note(ax: Axes, text: str) -> None:
+    """A short text above the right end of axes."""
+    ax.annotate(text, (1.0, 1.0), xycoords="axes fraction", xytext=(0, 3), textcoords="offset points", ha="right",
+                va="bottom", fontsize=SMALL, color=MUTED)  # fmt: skip
 
 
 def frequency_axis(ax: Axes, low: float, high: float) -> None:
@@ -198,6 +183,14 @@ def _plain(value: float) -> str:
     if 1e-4 < abs(value) < 1e5 or value == 0.0:
         return f"{value:.10g}"
     return f"{value:.0e}".replace("e-0", "e-").replace("e+0", "e")
+
+
+def few_numbers(ax: Axes, most: int) -> None:
+    """At most so many stretches between the numbers of x, which are written whole."""
+    from matplotlib.ticker import MaxNLocator
+
+    ax.xaxis.set_major_locator(MaxNLocator(most))
+    ax.ticklabel_format(axis="x", useOffset=False)
 
 
 def degrees_axis(ax: Axes, low: float, high: float) -> None:

@@ -20,7 +20,7 @@ def circle_report(test: CircleTest, causes: CircleCauses, said: str = "") -> Rep
             "Deviations from the nominal circle, enlarged; a ring is a division. Dots: where a circle begins; arrows: "
             "its direction.",
             "Radial deviations on the nominal circle, in both directions.",
-            lambda: plot.circle_test(test, said=said),
+            lambda: plot.circle_test_chart(test, said=said),
         ),
         Picture(
             "unrolled",
@@ -28,7 +28,7 @@ def circle_report(test: CircleTest, causes: CircleCauses, said: str = "") -> Rep
             "The same over the polar angle; hollow: the peak behind each reversal; below, "
             "ten degrees before and behind each reversal.",
             "Radial deviations over the angle, with zooms of the reversals.",
-            lambda: plot.circle_unrolled(test),
+            lambda: plot.circle_unrolled_chart(test),
         ),
         Picture(
             "causes",
@@ -36,7 +36,7 @@ def circle_report(test: CircleTest, causes: CircleCauses, said: str = "") -> Rep
             "The largest deviation that each cause draws on one of the circles; hatched: it cannot be told apart from "
             "another one.",
             "Causes by the largest deviation that they draw.",
-            causes.plot,
+            causes.chart,
         ),
     ]
     first = test.circles[0]

@@ -49,7 +49,7 @@ def _measured(contents: LawsContents, points: int) -> Iterator[Picture]:
         "Gray: the log. Blue: the model, given only the reference of the log and the state in which it starts. "
         f"Residual: predicted - measured; the first {replay.skipped} samples do not count.",
         Text(f"Measured and predicted signals over time; residual {Quantity(replay.rms('position_load'), 'm'):3} RMS."),
-        lambda: plot.replay(replay, points),
+        lambda: plot.replay_chart(replay, points),
     )
 
 
@@ -62,7 +62,7 @@ def _errors(contents: LawsContents, points: int) -> Iterator[Picture]:
         "Following error over time",
         f"Setpoint minus the controller's reading.{own}",
         Text(f"Following error over time: {listed}."),
-        lambda: plot.following_error(runs, points=points),
+        lambda: plot.following_error_chart(runs, points=points),
     )
     window = worst_window(list(runs.values()))
     what = "the worst reversal" if window.reversal is not None else "the largest error"
@@ -72,7 +72,7 @@ def _errors(contents: LawsContents, points: int) -> Iterator[Picture]:
         f"Following error around {what}",
         Text(f"{Quantity(window.begin, 's'):SI} to {Quantity(window.end, 's'):SI}.{reason}"),
         f"Following error around {what}.",
-        lambda: plot.following_error(runs, window, points),
+        lambda: plot.following_error_chart(runs, window, points),
     )
     spectra = {entry.name: entry.spectrum for entry in contents.entries}
     yield Picture(
@@ -81,7 +81,7 @@ def _errors(contents: LawsContents, points: int) -> Iterator[Picture]:
         "Above: amplitude (Hann window), the largest of each of 500 bands. Below: the RMS of all that lies below a "
         "frequency; its right end is the RMS of the whole error, and where it climbs the error is made.",
         Text(f"Amplitude spectrum and cumulative RMS of the following error: {listed}."),
-        lambda: plot.spectrum(spectra),
+        lambda: plot.spectrum_chart(spectra),
     )
 
 
@@ -94,14 +94,14 @@ def _forces(contents: LawsContents, points: int) -> Iterator[Picture]:
         "Force",
         "As commanded. The peak limit holds for every sample, the continuous one for the RMS of the whole work.",
         Text(f"Commanded force over time, {Quantity(first.peak('force'), 'N'):3} at most with {first.name}."),
-        lambda: plot.force(runs, bounds, points),
+        lambda: plot.force_chart(runs, bounds, points),
     )
     yield Picture(
         "motion",
         "Velocity and acceleration",
         "Of the table, true values; dotted: as the reference states them.",
         "Velocity and acceleration of the table over time.",
-        lambda: plot.motion(runs, points),
+        lambda: plot.motion_chart(runs, points),
     )
     loops = {entry.name: entry.loop for entry in contents.entries}
     if not any(has_friction(loop) for loop in loops.values()):
@@ -113,7 +113,7 @@ def _forces(contents: LawsContents, points: int) -> Iterator[Picture]:
         "Friction",
         f"Force against the motion over velocity, as the model has it, and as met in the run of '{first.name}'.{said}",
         "Friction force over velocity in both directions.",
-        lambda: plot.friction(loops, first.shown, measured),
+        lambda: plot.friction_chart(loops, first.shown, measured),
     )
 
 
@@ -137,14 +137,14 @@ def _open_loop(contents: LawsContents) -> Iterator[Picture]:
         "The loop gain with all delays, opened at the drive, in motion. Bars: phase margins, from the phase at 0 dB to "
         "-180°, and gain margins, from the gain at -180° (open marks) to 0 dB.",
         f"Bode plot of the open loop with gain and phase margins marked: {listed}.",
-        lambda: plot.open_loop(loops),
+        lambda: plot.open_loop_chart(loops),
     )
     yield Picture(
         "nyquist",
         "Nyquist plot near -1",
         "No loop comes nearer to -1 than the circle that it touches; its radius is 1/Ms. Thin: negative frequencies.",
         f"Nyquist plot with unit circle and sensitivity circles: {listed}.",
-        lambda: plot.nyquist(loops),
+        lambda: plot.nyquist_chart(loops),
     )
     yield Picture(
         "sensitivity",
@@ -152,7 +152,7 @@ def _open_loop(contents: LawsContents) -> Iterator[Picture]:
         "|S|: what is left of a disturbance force at the drive; below 0 dB the loop suppresses it, above it amplifies "
         "it, at worst by Ms (marked). |T| = |1 - S|.",
         f"Sensitivity and complementary sensitivity over frequency: {listed}.",
-        lambda: plot.sensitivity(loops),
+        lambda: plot.sensitivity_chart(loops),
     )
 
 
@@ -164,7 +164,7 @@ def _closed_loop(contents: LawsContents) -> Iterator[Picture]:
             "Closed loop",
             "True position over set position, feedforward included; marks where it falls below -3 dB.",
             "Magnitude of the closed loop over frequency.",
-            lambda: plot.closed_loop(tracked),
+            lambda: plot.closed_loop_chart(tracked),
         )
     stiff = {entry.name: entry.stiffness for entry in contents.entries if entry.stiffness is not None}
     if stiff:
@@ -175,5 +175,5 @@ def _closed_loop(contents: LawsContents) -> Iterator[Picture]:
             "Force on the table over the displacement that it causes, in closed loop and in motion: higher is better. "
             "The rise at the right end is the inertia of the axis.",
             Text(f"Dynamic stiffness over frequency: {listed}."),
-            lambda: plot.stiffness(stiff),
+            lambda: plot.stiffness_chart(stiff),
         )

@@ -74,10 +74,7 @@ def _environment() -> Environment:
     @pass_context
     def picture(context: Any, shown: Picture) -> Markup:
         with drawn_in(context["units"]):
-            chart = shown.chart()
-            # every picture will be a Chart; until then some are matplotlib figures, which are taken as they are
-            figure = drawn(chart) if isinstance(chart, Chart) else chart
-            return Markup(svg(figure, shown.key, shown.alt))
+            return Markup(svg(shown.chart(), shown.key, shown.alt))
 
     def unbroken(text: str) -> Markup:
         """A word joiner keeps a unit such as N/µm on one line, an element one that is still a mark."""
@@ -124,14 +121,15 @@ def _beyond(heads: Sequence[str], rows: Sequence[Sequence[Any]], text: bool = Fa
     return "" if needed <= _WIDTHS[0] - 5 else f"beyond-{next((w for w in _WIDTHS if w >= needed), _WIDTHS[-1])}"
 
 
-def svg(figure: Any, key: str, alt: str) -> str:
-    """Return the figure as an SVG element in the colors of the page's theme.
+def svg(chart: Chart, key: str, alt: str) -> str:
+    """Return a chart as an SVG element in the colors of the page's theme.
 
     key  letters that make its identifiers unique among the pictures of one page
-    alt  description of the figure
+    alt  description of the picture
     """
     import matplotlib
 
+    figure = drawn(chart)
     text = StringIO()
     silent = {"Date": None, "Creator": None, "Format": None, "Type": None}
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": key}), warnings.catch_warnings():

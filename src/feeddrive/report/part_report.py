@@ -241,7 +241,7 @@ def pictures(contents: LawsContents) -> Iterator[Picture]:
             "Contour error by law",
             "The root of the mean square, what is kept on 95 % of the path, and the largest, of the path that counts.",
             "Contour error of each law.",
-            lambda: plot.part_laws(parts),
+            lambda: plot.part_laws_chart(parts),
         )
     best = min(parts.values(), key=lambda part: part.contour.rms)
     for key, part in {"path": first, **({} if best is first else {"bestpath": best})}.items():
@@ -251,7 +251,7 @@ def pictures(contents: LawsContents) -> Iterator[Picture]:
             "Color and width: the size of the contour error on the path that counts. Gray: the tool, its deviation "
             "enlarged.",
             f"The path with the contour error of {part.name}, enlarged.",
-            lambda part=part: plot.contour_on_path(part.contour),
+            lambda part=part: plot.contour_on_path_chart(part.contour),
         )
     worst = next(iter(first.worst(1)), None)
     if worst is not None:
@@ -263,7 +263,7 @@ def pictures(contents: LawsContents) -> Iterator[Picture]:
                 "error of each law."
             ),
             "Contour error of each law around the worst place of the first one.",
-            lambda: plot.part_zoom(parts, worst.time),
+            lambda: plot.part_zoom_chart(parts, worst.time),
         )
     if first.cutting is not None:
         yield Picture(
@@ -271,7 +271,7 @@ def pictures(contents: LawsContents) -> Iterator[Picture]:
             "Force of the cut",
             f"On each axis with '{first.name}', from the chip that the actual motion of the axes leaves.",
             "Force of the cut on each axis over time.",
-            lambda: plot.part_cutting(first),
+            lambda: plot.part_cutting_chart(first),
         )
     for axis in list(first.disturbances)[:1] if first.estimates and first.cutting is not None else ():
         yield Picture(
@@ -280,7 +280,7 @@ def pictures(contents: LawsContents) -> Iterator[Picture]:
             f"Cut, friction and weight on axis {axis} where the cut is largest, and three observers in the same run of "
             f"'{first.name}': none follows the teeth.",
             "Estimates of the force on an axis over time.",
-            lambda axis=axis: plot.part_estimates(first, axis),
+            lambda axis=axis: plot.part_estimates_chart(first, axis),
         )
     planned = contents.planned
     if planned is not None:
@@ -290,5 +290,5 @@ def pictures(contents: LawsContents) -> Iterator[Picture]:
             "A row for each limit; it is filled where this limit is used most, and its share of the cycle time stands "
             "at its right.",
             "Which limit is used most, over time.",
-            lambda: plot.plan_causes(planned),
+            lambda: plot.plan_causes_chart(planned),
         )

@@ -74,7 +74,7 @@ def _pictures(plan: Planned) -> Sequence[Picture]:
             "Color and width: the speed along the path, slow is warm and wide. Dotted: traverses. Circles: stops, the "
             "first 300." + (" Of the speed 1 rad counts as 1 m." if plan.limits.rotary else ""),
             f"The path of {plan.program} with its speed as color.",
-            plan.plot,
+            plan.chart,
         ),
         Picture(
             "causes",
@@ -83,7 +83,7 @@ def _pictures(plan: Planned) -> Sequence[Picture]:
             "at its right. Feed: the program asks for no more. None above half: ends of ramps, and "
             "what a bend ahead or behind holds at its speed.",
             "Which limit is used most, over time.",
-            lambda: plot.plan_causes(plan),
+            lambda: plot.plan_causes_chart(plan),
         ),
         *(
             Picture(
@@ -91,7 +91,7 @@ def _pictures(plan: Planned) -> Sequence[Picture]:
                 f"Axis {letter}",
                 "From the least to the most in each stretch of time; dashed: the limits, where they are near.",
                 f"Velocity, acceleration, jerk and snap of axis {letter} over time with their limits.",
-                lambda i=i: plot.plan_profiles(plan, i),
+                lambda i=i: plot.plan_profiles_chart(plan, i),
             )
             for i, letter in enumerate(letters)
             if np.any(plan.proof.use[i] > 0.0)

@@ -10,9 +10,9 @@ from feeddrive.language.quantity import DRAWN, Units
 from feeddrive.plot.chart import Band, Chart, Curve, Disc, Mark, Note
 from feeddrive.plot.complex_plane import nyquist_chart
 from feeddrive.plot.over_frequency import open_loop_chart, sensitivity_chart, stiffness_chart
-from feeddrive.plot.pole_map import damping_chart, poles_chart
+from feeddrive.plot.pole_map import damping_chart, plane_chart
 from feeddrive.plot.responses import overlay_chart
-from feeddrive.plot.settling import run_chart, snap_chart, step_chart
+from feeddrive.plot.settling import moves_chart, snap_chart, step_response_chart
 from feeddrive.studio.bench import Bench
 from feeddrive.studio.parts import Parts
 from feeddrive.tuning.by_hand import Look
@@ -73,7 +73,7 @@ def _stiffness(view: View) -> Chart | None:
 
 def _run(view: View) -> Chart | None:
     runs = view.of_stable(lambda parts: parts.run)
-    return run_chart(runs, view.units) if runs else None
+    return moves_chart(runs, view.units) if runs else None
 
 
 def _snap(view: View) -> Chart | None:
@@ -83,12 +83,12 @@ def _snap(view: View) -> Chart | None:
 
 def _step(view: View) -> Chart | None:
     responses = view.of_stable(lambda parts: parts.step)
-    return step_chart(responses) if responses else None
+    return step_response_chart(responses) if responses else None
 
 
 def _poles(view: View) -> Chart | None:
     loops = {name: parts.linear for name, parts in view.parts.items() if parts.linear is not None}
-    return poles_chart(loops, view.units) if loops else None
+    return plane_chart(loops, view.units) if loops else None
 
 
 def _damping(view: View) -> Chart | None:

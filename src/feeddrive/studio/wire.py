@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from feeddrive.language.text import plain
-from feeddrive.plot.chart import Band, Chart, Curve, Panel
+from feeddrive.plot.chart import Band, Chart, Curve, Level, Panel
 from feeddrive.plot.style import envelope
 
 POINTS = 2000  # of a curve, and pixels of the width of a picture
@@ -60,13 +60,17 @@ def _panel(panel: Panel, numbers: list[np.ndarray], chart: Chart, window: Window
         "share": panel.share,
         "curves": [_curve(curve, numbers, chart, panel, window) for curve in panel.curves],
         "marks": [vars(mark) for mark in panel.marks],
-        "levels": [vars(level) for level in panel.levels],
+        "levels": [_level(level) for level in panel.levels],
         "discs": [vars(disc) for disc in panel.discs],
         "notes": [vars(note) for note in panel.notes],
         "bands": [_band(band, numbers) for band in panel.bands],
         "said": panel.said,
         "heat": panel.heat and vars(panel.heat),
     }
+
+
+def _level(level: Level) -> dict[str, Any]:
+    return {name: getattr(level, name) for name in ("value", "text", "upright", "dashed", "faint")}
 
 
 def _curve(

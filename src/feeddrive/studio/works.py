@@ -122,12 +122,12 @@ def toured(request: TourRequest, progress: Progress) -> list[Understood]:
 
 def certified(request: CertifyRequest, progress: Progress) -> Shown:
     """Prove a certificate, and draw it over frequency and as discs in the complex plane."""
-    from feeddrive.plot.certificate import certificate_chart, discs_chart
+    from feeddrive.plot.certificate import certificate_chart, certificate_discs_chart
 
     outcome = perform("certify", request, progress)
     charts = {"certificate": certificate_chart(outcome.result)}
     if not outcome.result.two_rates:  # with two rates one L has no disc of its own
-        charts["discs"] = discs_chart(outcome.result)
+        charts["discs"] = certificate_discs_chart(outcome.result)
     return Shown(words_of(outcome), _drawn(charts, outcome))
 
 
@@ -158,7 +158,7 @@ def circle_shown(shown: Shown, before: CircleTest | None) -> Shown:
 
 def program_run(request: RunRequest, progress: Progress) -> Shown:
     """Run a part program on the machine: contour error on the path, and the worst places."""
-    from feeddrive.plot.contour import path_chart, place_chart, place_view
+    from feeddrive.plot.contour import contour_on_path_chart, place_chart, place_view
     from feeddrive.plot.part_run import part_zoom_chart
 
     outcome = perform("run", request, progress)
@@ -168,7 +168,7 @@ def program_run(request: RunRequest, progress: Progress) -> Shown:
     row = outcome.result.rows[0]
     if row.part is not None:
         places = row.part.worst(_PLACES)
-        charts["path"] = path_chart(row.part.contour, places=places)
+        charts["path"] = contour_on_path_chart(row.part.contour, places=places)
         for i, place in enumerate(places):
             charts[f"place_{i}"] = place_chart(row.part.contour, place)
             charts[f"time_{i}"] = part_zoom_chart({row.name: row.part}, place.time)

@@ -19,7 +19,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -28,9 +27,10 @@ from feeddrive.figures.of_loops import ROPE_SNAP
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, number
-from feeddrive.language.table import Cell, Result, Table, picture_of
+from feeddrive.language.table import Cell, Result, Table, chart_of
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
+from feeddrive.plot.chart import Chart
 from feeddrive.study.answers.shares import Share
 from feeddrive.study.fresh import Measured, bounds_of, is_limit, limits_of, measured
 from feeddrive.study.scenarios import Merits, scenarios
@@ -112,12 +112,12 @@ class Robust(Result):
         return Table(title, ["", "today", "new"], rows)
 
 
-@picture_of.register
-def _picture(result: Robust) -> Any:
+@chart_of.register
+def _chart(result: Robust) -> Chart:
     """The fresh machines under both controls."""
-    from feeddrive.study.robust_picture import shares
+    from feeddrive.study.robust_picture import shares_chart
 
-    return shares(result.before, result.after)
+    return shares_chart(result.before, result.after)
 
 
 def in_percent(share: Share) -> str:

@@ -2,47 +2,46 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from feeddrive.figures.figure import Figure
 from feeddrive.language.quantity import USUAL, unit_name
 from feeddrive.plot import style
+from feeddrive.plot.chart import ALERT, Abscissa, Box, Chart, Curve, Panel, stairs
+from feeddrive.plot.drawing import figure_of
 from feeddrive.study.fresh import Measured
+from feeddrive.study.specification import Bound
 
 
-def shares(before: Measured, after: Measured) -> Any:
+def shares_chart(before: Measured, after: Measured) -> Chart:
     """By figure the share of the machines below each value; what lies outside of a bound is shaded."""
-    figures = after.figures
-    columns = 2 if len(figures) > 1 else 1
-    rows = -(-len(figures) // columns)
-    picture, _ = style.picture(1, height=0.7 + 2.3 * rows)
-    picture.clear()
-    axes = [style.dressed(ax) for ax in np.ravel(picture.subplots(rows, columns, squeeze=False))]
     bounds = {bound.figure.key: bound for bound in after.bounds}
-    lines: dict[str, Any] = {}
-    for ax, figure in zip(axes, figures, strict=False):
-        factor = USUAL.of(figure.unit)[1]
-        spread = [factor * _sorted(each.values[figure.key]) for each in (before, after)]
-        low, high = _range(spread)
-        for i, (name, values) in enumerate(zip(("today", "new"), spread, strict=True)):
-            share = 100.0 * np.arange(1, values.size + 1) / max(each.count for each in (before, after))
-            (lines[name],) = ax.step(values, share, where="post", **style.curve(i))
-        ax.set_xlim(low, high)
-        ax.set_ylim(0.0, 100.0)
-        bound = bounds.get(figure.key)
-        if bound is not None and bound.least is not None:
-            ax.axvspan(low, max(low, factor * bound.least), color=style.ALERT, alpha=0.1, linewidth=0.0)
-        if bound is not None and bound.most is not None:
-            ax.axvspan(min(high, factor * bound.most), high, color=style.ALERT, alpha=0.1, linewidth=0.0)
-        style.labels(
-            ax, f"{_said(figure)}{f' ({unit_name(figure.unit)})' if figure.unit else ''}", "machines below (%)"
-        )
-    for ax in axes[len(figures) :]:
-        ax.set_visible(False)
-    style.figure_legend(picture, lines)
-    return picture
+    across = 2 if len(after.figures) > 1 else 1
+    panels = tuple(_share(figure, before, after, bounds.get(figure.key)) for figure in after.figures)
+    return Chart("", panels, across=across, height=0.7 + 2.3 * -(-len(panels) // across))
+
+
+shares = figure_of(shares_chart)
+
+
+def _share(figure: Figure, before: Measured, after: Measured, bound: Bound | None) -> Panel:
+    factor = USUAL.of(figure.unit)[1]
+    spread = [factor * _sorted(machines.values[figure.key]) for machines in (before, after)]
+    low, high = _range(spread)
+    curves = list[Curve]()
+    for i, (name, values) in enumerate(zip(("today", "new"), spread, strict=True)):
+        share = 100.0 * np.arange(1, values.size + 1) / max(before.count, after.count)
+        curves.append(Curve(*stairs(values, share), name, i))
+    outside = list[Box]()
+    if bound is not None and bound.least is not None:
+        outside.append(Box(low, max(low, factor * bound.least), number=ALERT, pale=True))
+    if bound is not None and bound.most is not None:
+        outside.append(Box(min(high, factor * bound.most), high, number=ALERT, pale=True))
+    label = f"{_said(figure)}{f' ({unit_name(figure.unit)})' if figure.unit else ''}"
+    return Panel(
+        "machines below (%)", tuple(curves), boxes=tuple(outside), low=0.0, high=100.0,
+        abscissa=Abscissa(label, low=low, high=high),
+    )  # fmt: skip
 
 
 def _sorted(values: np.ndarray) -> np.ndarray:
@@ -61,4 +60,4 @@ def _range(spread: list[np.ndarray]) -> tuple[float, float]:
 
 def _said(figure: Figure) -> str:
     """Its meaning, short enough for an axis."""
-    return style.read(figure.description) if len(figure.description) <= 44 else figure.key.replace("_", " ")
+    return figure.description if len(figure.description) <= 44 else figure.key.replace("_", " ")

@@ -278,7 +278,7 @@ def _pictures(found: Certificate) -> Iterator[Picture]:
             f"frequency; shaded orange is what the discs take.{least}{seen}"
         ),
         "Room around the plant and the radius of the discs over frequency, for each plant.",
-        found.plot,
+        found.chart,
     )
     if found.two_rates:
         return  # one L has no disc of its own: a plant is met at a frequency and all its images at once
@@ -287,7 +287,7 @@ def _pictures(found: Certificate) -> Iterator[Picture]:
         "Discs in the complex plane",
         "Every loop gain L that a plant in the discs can have lies in the shaded area; -1, the red cross, does not.",
         "Nyquist plot of the loop gain with the discs around it, near -1.",
-        lambda: plot.certificate_discs(found),
+        lambda: plot.certificate_discs_chart(found),
     )
 
 

@@ -383,7 +383,7 @@ def _pictures(fit: CoggingFit, runs: Sequence[CoggingRun]) -> Iterator[Picture]:
         if fit.coulomb is not None
         else "Points: the force measured in one direction. Line: the significant orders, friction among them.",
         "Measured force over one period by direction, and the fitted cogging.",
-        lambda: plot.cogging_over_turn(fit, runs),
+        lambda: plot.cogging_over_turn_chart(fit, runs),
     )
     if fit.significant:
         yield Picture(
@@ -392,5 +392,5 @@ def _pictures(fit: CoggingFit, runs: Sequence[CoggingRun]) -> Iterator[Picture]:
             "Orders that chance does not explain, with twice their standard error. What changes its sign with the "
             "direction is no cogging but friction that varies along the travel.",
             "Amplitudes of the significant orders with their errors.",
-            fit.plot,
+            fit.chart,
         )

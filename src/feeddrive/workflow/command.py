@@ -123,7 +123,7 @@ class Outcome(Generic[T]):
         title = titles[0] if titles else type(result).__name__
         drawn = None
         if isinstance(result, Result) and result.has_picture():
-            drawn = Picture("result", title, "", f"The picture of: {title}.", result.plot)
+            drawn = Picture("result", title, "", f"The picture of: {title}.", result.chart)
         return Report(
             title,
             "feeddrive",

@@ -24,7 +24,7 @@ from feeddrive.language.units import turning
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import UNITS, Loop
-from feeddrive.plot.responses import frequency_estimate
+from feeddrive.plot.responses import frequency_estimate_chart
 from feeddrive.report.page import html
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.workflow.command import Outcome, command
@@ -159,12 +159,12 @@ def excitation_report(found: Excitation, loop: Loop, known: Mapping[str, str] | 
         Picture(
             "excitation", "What is sent, and what the axis does",
             "First realisation. Between the dashed lines the speed must keep its sign.",
-            "Excitation, speed and force over time.", found.plot,
+            "Excitation, speed and force over time.", found.chart,
         ),
         Picture(
             "expected", "What the measurement will show",
             "The response estimated from the simulated log, and the response of the model.",
-            "Estimated and modelled response over frequency.", lambda: frequency_estimate(estimate, model),
+            "Estimated and modelled response over frequency.", lambda: frequency_estimate_chart(estimate, model),
         ),
     )  # fmt: skip
     stated = {

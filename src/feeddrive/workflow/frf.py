@@ -338,7 +338,7 @@ def _picture(key: str, found: FrequencyEstimate) -> Picture:
         "of the response; distortion only where the excitation left lines empty or the response scatters more than "
         "noise explains.",
         "Magnitude and phase over frequency with their confidence bands, and the coherence below.",
-        found.plot,
+        found.chart,
     )
 
 

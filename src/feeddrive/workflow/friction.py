@@ -401,5 +401,5 @@ def _pictures(curve: FrictionCurve) -> Iterator[Picture]:
             f"Measured and fitted friction over velocity; the residual is {Quantity(_share(curve), 'share'):2} of the "
             "force."
         ),
-        curve.plot,
+        curve.chart,
     )

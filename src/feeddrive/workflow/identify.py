@@ -361,7 +361,7 @@ def _pictures(found: Identified) -> Iterator[Picture]:
         "Inverse dynamics: mass times acceleration plus friction, over the force that was commanded. Reversals are "
         "left out: there friction is no single number.",
         Text(f"Measured and fitted force over time; the residual is {left} of the force."),
-        rigid.plot,
+        rigid.chart,
     )
     if found.refinement is not None:
         replay = found.refinement.replay
@@ -373,7 +373,7 @@ def _pictures(found: Identified) -> Iterator[Picture]:
                 "Measured and predicted signals; residual of the position "
                 f"{Quantity(replay.rms('position_load'), 'm'):3} RMS."
             ),
-            replay.plot,
+            replay.chart,
         )
     if found.loop is not None and found.friction is not None:
         loop, seen = found.loop, found.friction
@@ -383,19 +383,19 @@ def _pictures(found: Identified) -> Iterator[Picture]:
             "Points: what is left of the force when the inertia is taken out, by velocity. Line: the fitted friction; "
             "a constant force is in the points and not in the line.",
             "Friction force over velocity in both directions, measured and fitted.",
-            lambda: plot.friction(loop, measured=seen),
+            lambda: plot.friction_chart(loop, measured=seen),
         )
     yield Picture(
         "residual",
         "Residual and its autocorrelation",
         "A white residual would stay between the dashed lines; beyond them errors for white noise are too small.",
         "Residual by row and its autocorrelation.",
-        rigid.residuals.plot,
+        rigid.residuals.chart,
     )
     yield Picture(
         "delay",
         "Dead time",
         "Residual of the inverse dynamics if the force acts this many samples later than its hold.",
         Text(f"Residual over dead time; least at {Quantity(found.delay.dead_time):.2f} samples."),
-        found.delay.plot,
+        found.delay.chart,
     )

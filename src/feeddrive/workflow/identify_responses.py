@@ -232,7 +232,7 @@ def _pictures(fit: PlantFit | ModalFit) -> Iterator[Picture]:
         "distance over the size of the response; the dashed line is what noise explains on each line."
         + (" Coherence: 1 is a response without noise." if coherent else ""),
         "Magnitude and phase over frequency, measured and fitted, the error between them, and the coherence.",
-        found.plot,
+        found.chart,
     )
     yield Picture(
         "residual",
@@ -243,14 +243,14 @@ def _pictures(fit: PlantFit | ModalFit) -> Iterator[Picture]:
             f"Weighted residuals over frequency; autocorrelation {Quantity(found.autocorrelation()):.2f} from line to "
             "line."
         ),
-        lambda: plot.response_residuals(found),
+        lambda: plot.response_residuals_chart(found),
     )
     yield Picture(
         "nyquist",
         "In the complex plane",
         "Velocity over force: a resonance is a circle, the wider the less damping. Dots: measured; curves: the model.",
         "Measured and fitted responses in the complex plane.",
-        lambda: plot.response_nyquist(found),
+        lambda: plot.response_nyquist_chart(found),
     )
 
 

@@ -232,7 +232,7 @@ def lobes_report(result: Lobes, known: Mapping[str, str] | None = None) -> Repor
         "lobes", "Depth without chatter over the spindle speed",
         "Shaded: stable. Dotted: speeds at which a tooth passes every k swings of a mode. Below: what is heard at the "
         "limit; dashed are the own frequencies of what gives way.",
-        "Limits of the axial depth and chatter frequency over the spindle speed.", result.plot,
+        "Limits of the axial depth and chatter frequency over the spindle speed.", result.chart,
     )  # fmt: skip
     return Report(
         "Will the cut chatter?",

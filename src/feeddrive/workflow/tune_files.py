@@ -234,7 +234,7 @@ def old_and_new(story: Story, crossover: float) -> Picture:
             f"back, {block_sentence(move)}."
         ),
         "Position of the table after a step and after a rope is cut, and following error of a move, before and after.",
-        lambda: plot.in_time(
+        lambda: plot.in_time_chart(
             [
                 (f"time after the step ({unit_name('s')})", f"position ({unit_name('m')})", rows[0]),
                 (f"time after the cut ({unit_name('s')})", f"position ({unit_name('m')})", rows[1]),
@@ -265,21 +265,21 @@ def _pictures(found: Tuned, story: Story) -> Iterator[Picture]:
         "Dynamic stiffness",
         Text(f"The force {where} that moves the table by {Quantity(1e-6, 'm')}, in closed loop; higher is better."),
         "Dynamic stiffness over frequency, before and after.",
-        lambda: plot.stiffness(stiff),
+        lambda: plot.stiffness_chart(stiff),
     )
     yield Picture(
         "margins",
         "Open loop and margins",
         "The loop opened at the actuator, filters and dead time included.",
         "Bode plot of the loop gain before and after, with margins.",
-        lambda: plot.open_loop(loops),
+        lambda: plot.open_loop_chart(loops),
     )
     yield Picture(
         "sensitivity",
         "Sensitivity",
         "What is left of a disturbance, and the answer to noise; the mark is Ms.",
         "Sensitivity functions before and after.",
-        lambda: plot.sensitivity(loops),
+        lambda: plot.sensitivity_chart(loops),
     )
     if found.cascade:
         last = found.cascade[-1]
@@ -288,7 +288,7 @@ def _pictures(found: Tuned, story: Story) -> Iterator[Picture]:
             "Velocity and position loop",
             "The velocity loop without position loop, and the position loop around the closed velocity loop.",
             "Bode plot of velocity loop and position loop of the new gains.",
-            last.plot,
+            last.chart,
         )
 
 

@@ -199,14 +199,14 @@ def study_tuning_report(tuner: RobustTuner, laws: Laws, story: Story) -> Report:
             f"By figure the share of {best.after.count} machines, which the tuner never saw, that lie below a value. "
             "Shaded: outside of the bounds.",
             "Distribution of figures over the fresh machines, today and new.",
-            best.plot,
+            best.chart,
         ),
         Picture(
             "deciding",
             "The machines that decide",
             "Dynamic stiffness and loop of those sampled machines that limit the tuning, under the new control.",
             "Frequency responses of the machines that decide.",
-            best.tuned.plot,
+            best.tuned.chart,
         ),
     )
     remarks = [sentence(each) for each in _remarks(tuner, laws)]

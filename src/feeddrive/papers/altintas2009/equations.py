@@ -28,7 +28,7 @@ from feeddrive.papers.altintas2009.testbed import (
     transfer,
 )
 from feeddrive.papers.claims import Claim
-from feeddrive.plot.curves import pole_sweep
+from feeddrive.plot.curves import pole_sweep_chart
 from feeddrive.report.report import Picture
 
 R = T / MASS
@@ -270,6 +270,6 @@ def _pole_map() -> tuple[list[Claim], list[Picture]]:
         "Poles of (8) with the same r2 and r4, which grow along the sweep (marks grow with them; r4 faster than r2). "
         "Raised together, r2 and r4 would bring the cascade's poles back to the real axis.",
         "Pole map: DADSC stays on the real axis, the cascade leaves it from the third point on.",
-        lambda: pole_sweep({"DADSC": ours, "P-PI cascade": theirs}),
+        lambda: pole_sweep_chart({"DADSC": ours, "P-PI cascade": theirs}),
     )
     return claims, [picture]

@@ -28,7 +28,7 @@ from feeddrive.language.text import Text
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.papers.altintas2009.testbed import MASS, PLANT, REST, VISCOUS, T, dadsc, loop, milling
 from feeddrive.papers.claims import Claim, stated
-from feeddrive.plot.curves import Row, curves
+from feeddrive.plot.curves import Row, curves_chart
 from feeddrive.report.report import Picture
 
 RATE, DURATION, SKIP = 300.0, 0.6, 2000
@@ -178,7 +178,7 @@ def _picture(run: Run) -> Picture:
         "Gray: the true force. The law's own estimate has a bandwidth of 48 Hz; recovered ones follow the teeth. "
         "Scale of 10 nm, DADSC with p = 300 1/s.",
         "The law's own estimate swings about the mean; recovered forces follow each tooth with a short lag.",
-        lambda: plot.disturbance(chosen, run["load_force"], (0.3, 0.32)),
+        lambda: plot.disturbance_chart(chosen, run["load_force"], (0.3, 0.32)),
     )
 
 
@@ -266,7 +266,7 @@ def _draw(named: dict[str, np.ndarray]) -> object:
     window = slice(0, round(0.5 / T))
     time = 1e3 * T * np.arange(round(0.5 / T))
     rows = [Row(f"{name} (µm)", {name: 1e6 * error[window]}) for name, error in named.items()]
-    return curves("time (ms)", time, rows)
+    return curves_chart("time (ms)", time, rows)
 
 
 def _others(rule: str, none: float, sine: Load) -> list[Claim]:

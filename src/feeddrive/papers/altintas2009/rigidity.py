@@ -35,7 +35,7 @@ from feeddrive.papers.altintas2009.testbed import (
     loop,
 )
 from feeddrive.papers.claims import Claim, stated
-from feeddrive.plot.curves import Row, curves
+from feeddrive.plot.curves import Row, curves_chart
 from feeddrive.report.report import Picture
 from feeddrive.tuning.delay_map import DelayMap, delay_map
 from feeddrive.tuning.tune import tune_control
@@ -92,14 +92,14 @@ def _equal_velocity_gain() -> tuple[list[Claim], list[Picture]]:
         "Dynamic stiffness at equal velocity gain",
         "Force on the table over its motion, closed loop. Both laws have k_d = 3 m p and real poles in the ideal loop.",
         "Both curves fall to a minimum near 30 Hz and rise again; DADSC is the stiffer one below 35 Hz.",
-        lambda: plot.stiffness({"DADSC": stiffness(ours), "P-PI cascade": stiffness(theirs)}),
+        lambda: plot.stiffness_chart({"DADSC": stiffness(ours), "P-PI cascade": stiffness(theirs)}),
     )
     bode = Picture(
         "compliance",
         "Compliance at equal velocity gain",
         "The same as a Bode plot of motion over force.",
         "Two curves that rise with 20 dB a decade, meet near 30 Hz and fall with 40 dB a decade above 100 Hz.",
-        lambda: plot.bode({"DADSC": ours, "P-PI cascade": theirs}),
+        lambda: plot.bode_chart({"DADSC": ours, "P-PI cascade": theirs}),
     )
     return claims, [picture, bode]
 
@@ -310,7 +310,7 @@ def _map(found: DelayMap, name: str) -> Picture:
         "How fast the law may be",
         "Triple pole p over the dead time: the edge of stability, Ms = 2, and the rule of thumb.",
         "Three falling curves; the rule of thumb lies just below Ms = 2.",
-        lambda: curves("dead time (samples)", found.dead_time / T, rows),
+        lambda: curves_chart("dead time (samples)", found.dead_time / T, rows),
     )
 
 
@@ -359,7 +359,7 @@ def _tracking() -> tuple[list[Claim], list[Picture]]:
             f"Largest error {stated(wrong['DADSC'], 'um'):.2f} with DADSC, {stated(wrong['P-PI cascade'], 'um'):.2f} "
             "with P-PI."
         ),
-        lambda: curves("time (ms)", 1e3 * T * np.arange(off["DADSC"].size), [Row("error (µm)", off)]),
+        lambda: curves_chart("time (ms)", 1e3 * T * np.arange(off["DADSC"].size), [Row("error (µm)", off)]),
     )
     return claims, [picture]
 
@@ -429,6 +429,8 @@ def _saturation() -> tuple[list[Claim], list[Picture]]:
             f"{stated(over['none'], 'mm', '3')}."
         ),
         "Two overshoots of a step of 5 mm; the one with back-calculation is the smaller.",
-        lambda: curves("time (ms)", 1e3 * T * np.arange(1500), [Row("position (mm)", shown)], levels={"set": 5.0}),
+        lambda: curves_chart(
+            "time (ms)", 1e3 * T * np.arange(1500), [Row("position (mm)", shown)], levels={"set": 5.0}
+        ),
     )
     return claims, [picture]

@@ -495,11 +495,11 @@ def _pictures(
 
 def _errors(runs: Mapping[str, Run], factor: float, quantity: str) -> Any:
     rows = {axis: {"error": factor * runs[axis]["tracking_error"]} for axis in AXES}
-    return draw.by_axis(runs["x"].time, rows, quantity)
+    return draw.by_axis_chart(runs["x"].time, rows, quantity)
 
 
 def _control(runs: Mapping[str, Run]) -> Any:
-    return draw.by_axis(runs["x"].time, {axis: {"force": runs[axis]["force"]} for axis in AXES}, "force (N)")
+    return draw.by_axis_chart(runs["x"].time, {axis: {"force": runs[axis]["force"]} for axis in AXES}, "force (N)")
 
 
 def _disturbance(runs: Mapping[str, Run]) -> Any:
@@ -508,18 +508,18 @@ def _disturbance(runs: Mapping[str, Run]) -> Any:
     for axis in AXES:
         true, estimate = disturbances(axis, Case("with the estimate"), runs[axis])
         rows[axis] = {"true": true[shown], "estimated": estimate[shown]}
-    return draw.by_axis(runs["x"].time[shown], rows, "disturbance (m/s²)")
+    return draw.by_axis_chart(runs["x"].time[shown], rows, "disturbance (m/s²)")
 
 
 def _left_over(sines: Mapping[int, tuple[np.ndarray, np.ndarray]]) -> Any:
     curves = {_name(n): (FREQUENCY, np.abs(mill.left_over(mill.observer_of(n), FREQUENCY))) for n in STATES}
-    return draw.left_over(curves, {_name(n): sines[n] for n in sines}, "left over (1)", TEETH)
+    return draw.left_over_chart(curves, {_name(n): sines[n] for n in sines}, "left over (1)", TEETH)
 
 
 def _compliance() -> Any:
     cases = {"not subtracted": Case("", share=0.0), **{_name(n): Case("", taylor_states=n) for n in STATES}}
     curves = {name: (FREQUENCY, 1e6 * compliance(loop("x", case), FREQUENCY).magnitude) for name, case in cases.items()}
-    return draw.left_over(curves, {}, "compliance (µm/N)", TEETH, one=False)
+    return draw.left_over_chart(curves, {}, "compliance (µm/N)", TEETH, one=False)
 
 
 def _name(taylor_states: int) -> str:

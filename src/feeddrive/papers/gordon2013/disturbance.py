@@ -42,7 +42,7 @@ from feeddrive.papers.gordon2013.testbed import (
     with_friction,
     with_prefilter,
 )
-from feeddrive.plot import style
+from feeddrive.plot.chart import NEUTRAL, THIN, Chart, Curve, Panel
 from feeddrive.report.report import Picture
 
 SMOOTH = Regularised(coulomb=70.0, breakaway=110.0, stribeck_velocity=4e-3, transition_velocity=2e-4)
@@ -120,7 +120,7 @@ def friction() -> Part:
     }
     drawing = Picture("friction", "Friction", "Stribeck friction on the screw; pole placement with its prefilter. Each "
                     "row has its own scale.", "Tracking error with friction, with and without its feedforward.",
-                    lambda: plot.following_error(shown))  # fmt: skip
+                    lambda: plot.following_error_chart(shown))  # fmt: skip
     return Part(claims, [Table("Friction of the screw, 110 N falling to 70 N", heads, rows)], [drawing])
 
 
@@ -181,17 +181,16 @@ def machining() -> Part:
     return Part(claims, [Table("Milling, mean force 23 N", columns, rows)], [drawing])
 
 
-def _drawn(runs: Mapping[str, Run]) -> Any:
-    figure, axes = style.picture(2, height=4.2, ratios=[2, 1])
+def _drawn(runs: Mapping[str, Run]) -> Chart:
+    positions, forces = list[Curve](), list[Curve]()
     for i, (name, run) in enumerate(runs.items()):
         seen = slice(round((ENTRY - 0.01) / run.sample_time), round((ENTRY + 0.1) / run.sample_time))
-        axes[0].plot(1e3 * run.time[seen], 1e6 * run["position_load"][seen], label=name, **style.curve(i))
+        time = 1e3 * run.time[seen]
+        positions.append(Curve(time, 1e6 * run["position_load"][seen], name, i))
         if i == 0:
-            axes[1].plot(1e3 * run.time[seen], run["load_force"][seen], color=style.MUTED, linewidth=0.8)
-    style.labels(axes[0], None, "position (µm)")
-    style.labels(axes[1], "time (ms)", "force on the\ntable (N)")
-    style.legend(figure, axes[0])
-    return figure
+            forces.append(Curve(time, run["load_force"][seen], number=NEUTRAL, look=THIN, size=1.3))
+    panels = Panel("position (µm)", tuple(positions), share=2.0), Panel("force on the\ntable (N)", tuple(forces))
+    return Chart("time (ms)", panels, height=4.2)
 
 
 def other_axis() -> Part:

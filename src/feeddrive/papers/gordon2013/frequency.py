@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -43,6 +42,7 @@ from feeddrive.papers.gordon2013.testbed import (
     with_prefilter,
 )
 from feeddrive.plot import style
+from feeddrive.plot.chart import FREQUENCY, Chart, Curve, Panel
 from feeddrive.report.report import Picture
 
 LINES = np.geomspace(0.5, 10_000.0, 4000)
@@ -203,12 +203,12 @@ def _pictures(linear: Mapping[str, Linear]) -> list[Picture]:
     return [
         Picture("axis", "The axis before it is controlled", "From the force to both encoders, with delay and hold.",
               "Bode plot of screw and table over the force, with the axial mode at 132 Hz.",
-              lambda: plot.bode(opened)),
+              lambda: plot.bode_chart(opened)),
         Picture("sensitivity", "Sensitivity of the closed loops", "Both loops opened at the drive.",
-              "Sensitivity and its complement of both laws, with equal peaks.", lambda: plot.sensitivity(gains)),
+              "Sensitivity and its complement of both laws, with equal peaks.", lambda: plot.sensitivity_chart(gains)),
         Picture("stiffness", "Dynamic stiffness of the closed loops",
               "Pole placement gains below 20 Hz and loses around 60 Hz.",
-              "Dynamic stiffness of both laws over frequency.", lambda: plot.stiffness(stiff)),
+              "Dynamic stiffness of both laws over frequency.", lambda: plot.stiffness_chart(stiff)),
     ]  # fmt: skip
 
 
@@ -413,16 +413,13 @@ def band(response: FRF) -> tuple[float, float]:
     return tuple(float(BAND_LINES[np.argmax(bad)]) if bad.any() else float(BAND_LINES[-1]) for bad in (off, turned))  # type: ignore[return-value]
 
 
-def _drawn(responses: Mapping[str, FRF]) -> Any:
-    figure, axes = style.picture(2, height=4.6)
-    for i, (name, response) in enumerate(responses.items()):
-        axes[0].plot(BAND_LINES, style.decibel(response.magnitude), label=name, **style.curve(i))
-        axes[1].plot(BAND_LINES, response.phase_deg, **style.curve(i))
-    axes[0].set_ylim(-3.0, 3.0)
-    axes[1].set_ylim(-15.0, 15.0)
-    style.labels(axes[0], None, "position /\nset position (dB)")
-    style.labels(axes[1], "frequency (Hz)", "phase (deg)")
-    style.frequency_axis(axes[1], float(BAND_LINES[0]), float(BAND_LINES[-1]))
-    style.frequency_grid(axes)
-    style.legend(figure, axes[0], 2)
-    return figure
+def _drawn(responses: Mapping[str, FRF]) -> Chart:
+    rows = list(enumerate(responses.items()))
+    magnitudes = tuple(Curve(BAND_LINES, style.decibel(frf.magnitude), name, i) for i, (name, frf) in rows)
+    phases = tuple(Curve(BAND_LINES, frf.phase_deg, number=i) for i, (_, frf) in rows)
+    panels = (
+        Panel("position /\nset position (dB)", magnitudes, low=-3.0, high=3.0),
+        Panel("phase (deg)", phases, low=-15.0, high=15.0),
+    )
+    ends = float(BAND_LINES[0]), float(BAND_LINES[-1])
+    return Chart("frequency (Hz)", panels, FREQUENCY, *ends, height=4.6, columns=2)

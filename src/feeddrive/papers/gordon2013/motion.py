@@ -37,7 +37,8 @@ from feeddrive.papers.gordon2013.testbed import (
     rms,
     with_prefilter,
 )
-from feeddrive.plot import style
+from feeddrive.plot.chart import LOG, Chart, Curve, Panel
+from feeddrive.plot.distributions import bars
 from feeddrive.report.report import Picture
 
 CUT = 0.5  # s, when the rope is cut: the table has settled under it
@@ -120,14 +121,12 @@ def _settling(run: Run) -> float:
     return 1e3 * run.sample_time * float(np.flatnonzero(np.abs(_after(run)) > SETTLED)[-1])
 
 
-def _rope(runs: Mapping[str, Run]) -> Any:
-    figure, (ax,) = style.picture(1, height=3.0)
+def _rope(runs: Mapping[str, Run]) -> Chart:
+    curves = list[Curve]()
     for i, (name, run) in enumerate(runs.items()):
         after = _after(run)[:2000]
-        ax.plot(1e3 * run.sample_time * np.arange(after.size), 1e6 * after, label=name, **style.curve(i))
-    style.labels(ax, "time after the rope is cut (ms)", "position (µm)")
-    style.legend(figure, ax)
-    return figure
+        curves.append(Curve(1e3 * run.sample_time * np.arange(after.size), 1e6 * after, name, i))
+    return Chart("time after the rope is cut (ms)", (Panel("position (µm)", tuple(curves)),))
 
 
 def tracking_error() -> Part:
@@ -221,7 +220,7 @@ def tracking_error() -> Part:
     heads = [f"tracking error, peak / RMS in {unit_name('m')}", PLACED, CASCADE]
     alt = "Tracking error of both laws over time without and with prefilter; each row has its own scale."
     picture = Picture("tracking", "High-speed tracking", "300 mm at 1 m/s and 10 m/s². Each row has its own scale.",
-                      alt, lambda: plot.following_error(shown))  # fmt: skip
+                      alt, lambda: plot.following_error_chart(shown))  # fmt: skip
     return Part(claims, [Table("High-speed tracking without friction", heads, rows)], [picture])
 
 
@@ -307,16 +306,8 @@ def ablation() -> Part:
     return Part(claims, [Table(title, columns, rows)], [drawing])
 
 
-def _bars(found: Mapping[str, float]) -> Any:
-    figure, (ax,) = style.picture(1, height=3.2)
-    names = list(found)[::-1]
-    ax.barh(names, [found[name] for name in names], color=style.color(0), height=0.6)
-    for i, name in enumerate(names):
-        ax.annotate(number(found[name], 3), (found[name], i), xytext=(4, 0), textcoords="offset points", va="center",
-                    fontsize=style.SMALL, color=style.INK)  # fmt: skip
-    ax.set_xscale("log")
-    ax.set_xlim(0.5 * min(found.values()), 2.0 * max(found.values()))
-    style.plain_decades(ax.xaxis)
-    ax.grid(visible=False, axis="y")
-    style.labels(ax, "largest tracking error (µm)", "")
-    return figure
+def _bars(found: Mapping[str, float]) -> Chart:
+    sizes = list(found.values())
+    low, high = 0.5 * min(sizes), 2.0 * max(sizes)
+    panel = bars(list(found), sizes, [number(size, 3) for size in sizes], base=low)
+    return Chart("largest tracking error (µm)", (panel,), LOG, low, high, height=3.2)

@@ -13,11 +13,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
-from feeddrive.language.table import Cell, Column, Result, Table, picture_of
+from feeddrive.language.table import Cell, Column, Result, Table, chart_of
+from feeddrive.plot.chart import Chart
 from feeddrive.study.answers.bands import Band, error_band, stiffness_band
 from feeddrive.study.answers.fronts import Front, FrontKept
 from feeddrive.study.answers.judged import Judged, parts
@@ -88,11 +89,11 @@ class Answers(Result):
         )
 
 
-@picture_of.register
-def _picture(found: Answers) -> Any:
-    from feeddrive.study.answers import pictures  # matplotlib is needed only where something is drawn
+@chart_of.register
+def _chart(found: Answers) -> Chart:
+    from feeddrive.study.answers import pictures
 
-    return pictures.histograms(found.sample, found.stiffness is not None)
+    return pictures.histograms_chart(found.sample, found.stiffness is not None)
 
 
 def answers_of(rows: Store | pyarrow.Table, study: Study, progress: Progress | None = None) -> Answers:

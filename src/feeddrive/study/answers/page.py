@@ -87,7 +87,7 @@ def study_report(found: Answers) -> Report:
         "Machines that keep the specification",
         "Each bound by itself, and all together.",
         "Share of the machines that keep each bound, with its interval.",
-        lambda: pictures.yields(found.yields),
+        lambda: pictures.yields_chart(found.yields),
     )
     front = _front(found)
     return Report(
@@ -190,7 +190,7 @@ def _pictures(found: Answers) -> Iterator[Picture]:
         "Distributions",
         "Of each figure over the machines; dashed: its bound.",
         "Histograms of the figures over the machines.",
-        lambda: pictures.histograms(found.sample, found.stiffness is not None),
+        lambda: pictures.histograms_chart(found.sample, found.stiffness is not None),
     )
     if found.sobol or found.correlations:
         yield Picture(
@@ -198,7 +198,7 @@ def _pictures(found: Answers) -> Iterator[Picture]:
             "Sensitivity",
             "Of the figures with a bound, and of being inside of all bounds.",
             "Bars of what decides the figures, with intervals.",
-            lambda: pictures.decides(study, found.sobol, found.correlations),
+            lambda: pictures.decides_chart(study, found.sobol, found.correlations),
         )
     if found.stiffness is not None:
         stiff = found.stiffness
@@ -207,7 +207,7 @@ def _pictures(found: Answers) -> Iterator[Picture]:
             "Dynamic stiffness over frequency",
             f"Of {stiff.machines:,} machines, at the measured frequencies, with straight lines between them.",
             "Quantile bands of the dynamic stiffness over frequency.",
-            lambda: pictures.stiffness_band(stiff),
+            lambda: pictures.stiffness_band_chart(stiff),
         )
     if found.error is not None:
         error = found.error
@@ -217,7 +217,7 @@ def _pictures(found: Answers) -> Iterator[Picture]:
             f"Of {error.machines} machines that were run again: the largest absolute value in each of "
             f"{error.x.size} windows.",
             "Quantile bands of the following error over time.",
-            lambda: pictures.error_band(error),
+            lambda: pictures.error_band_chart(error),
         )
     if found.front is not None:
         front = found.front
@@ -226,7 +226,7 @@ def _pictures(found: Answers) -> Iterator[Picture]:
             f"Between {' and '.join(front.figures)}" if len(front.figures) < 3 else "Tracking, stiffness, robustness",
             "Rings: the Pareto front. No other machine is better in one of them and as good in all others.",
             "Scatter of the machines with the Pareto front.",
-            lambda: pictures.front(front, found.sample),
+            lambda: pictures.front_chart(front, found.sample),
         )
 
 

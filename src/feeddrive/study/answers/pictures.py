@@ -3,14 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from feeddrive.figures.figure import Figure
 from feeddrive.figures.of_loops import StiffnessAt
 from feeddrive.language.quantity import USUAL, Quantity, unit_name
+from feeddrive.language.text import Text
 from feeddrive.plot import style
+from feeddrive.plot.chart import (
+    ALERT,
+    FREQUENCY,
+    LOG,
+    MARKERS,
+    NEUTRAL,
+    RING,
+    Abscissa,
+    Box,
+    Chart,
+    Curve,
+    Level,
+    Panel,
+    Tick,
+    listed,
+)
+from feeddrive.plot.chart import Band as Area
+from feeddrive.plot.distributions import histogram
+from feeddrive.plot.drawing import figure_of
 from feeddrive.study.answers.bands import Band
 from feeddrive.study.answers.judged import Judged
 from feeddrive.study.answers.sensitivity import INSIDE, RankCorrelation, SobolIndices
@@ -20,15 +41,13 @@ from feeddrive.study.specification import Bound
 from feeddrive.study.study import Study
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from feeddrive.study.answers.fronts import Front
 
 _DOTS = 1200  # of a scatter: the page stays small
 _PANELS = 12  # histograms
 _OUTPUTS = 4  # of which is shown what decides them
 _FACTORS = 8  # of each
-_INSIDE, _OUTSIDE = style.COLORS[0], style.COLORS[1]
+_LETTERS = 30  # of the name of a factor
 
 
 def labelled(figure: Figure) -> str:
@@ -41,42 +60,44 @@ def _scale(unit: str) -> float:
     return USUAL.of(unit)[1]
 
 
-def yields(found: Yield) -> Any:
+def yields_chart(found: Yield) -> Chart:
     """A row for each bound and one for all: the share that keeps it, with its interval."""
-    rows = [(style.read(bound_text(each.bound)), each.kept) for each in found.bounds]
+    rows = [(bound_text(bound.bound), bound.kept) for bound in found.bounds]
     rows.append(("all of them" if rows else "with figures", found.inside))
-    figure, (ax,) = style.picture(height=0.9 + 0.36 * len(rows))
+    lines, dots = list[Curve](), list[Curve]()
     for row, (_, share) in enumerate(rows):
-        color = style.INK if row == len(rows) - 1 else style.color(0)
+        number = NEUTRAL if row == len(rows) - 1 else 0
         if share.interval is not None:
-            ax.plot([100.0 * each for each in share.interval], [-row, -row], color=color, linewidth=2.2)
-        ax.plot(100.0 * share.value, -row, "o", color=color, markersize=6.0)
-    ax.set_yticks([-row for row in range(len(rows))], [text for text, _ in rows])
+            ends = 100.0 * np.array(share.interval)
+            lines.append(Curve(ends, np.full(2, -float(row)), number=number, size=1.6))
+        dots.append(
+            Curve(np.array([100.0 * share.value]), np.array([-float(row)]), number=number, look=MARKERS, size=1.3)
+        )
     low = min((share.interval or (share.value,))[0] for _, share in rows)
-    ax.set_xlim(100.0 * max(0.0, low - 0.08 * (1.0 - low) - 0.002), 100.0 + 100.0 * (0.03 * (1.0 - low) + 5e-4))
-    ax.set_ylim(0.6 - len(rows), 0.6)
-    ax.grid(visible=False, axis="y")
-    style.labels(ax, "machines that keep it (%); lines: 95 % interval", "")
-    return figure
+    left = 100.0 * max(0.0, low - 0.08 * (1.0 - low) - 0.002)
+    right = 100.0 + 100.0 * (0.03 * (1.0 - low) + 5e-4)
+    ticks = tuple(Tick(-float(row), said=text) for row, (text, _) in enumerate(rows))
+    panel = Panel("", (*lines, *dots), ticks=ticks, low=0.6 - len(rows), high=0.6)
+    label = "machines that keep it (%); lines: 95 % interval"
+    return Chart(label, (panel,), low=left, high=right, height=0.9 + 0.36 * len(rows))
 
 
-def histograms(sample: Judged, banded: bool = False) -> Any:
+yields = figure_of(yields_chart)
+
+
+def histograms_chart(sample: Judged, banded: bool = False) -> Chart:
     """The distribution of each figure over the machines, with its bound.
 
     banded  lines of dynamic stiffness without a bound are left to the picture of their band
     """
     figures = _figures(sample.study, banded)[:_PANELS]
-    columns = min(2, len(figures))
-    rows = -(-len(figures) // columns)
-    picture, _ = style.picture(1, height=0.5 + 1.9 * rows)
-    picture.clear()
-    axes = [style.dressed(ax) for ax in np.ravel(picture.subplots(rows, columns, squeeze=False))]
-    bounds = {each.figure: each for each in sample.study.specification}
-    for ax, figure in zip(axes, figures, strict=False):
-        _histogram(ax, figure, sample.figures[figure.key], bounds.get(figure))
-    for ax in axes[len(figures) :]:
-        ax.set_visible(False)
-    return picture
+    bounds = {bound.figure: bound for bound in sample.study.specification}
+    panels = tuple(_histogram(figure, sample.figures[figure.key], bounds.get(figure)) for figure in figures)
+    across = min(2, len(panels))
+    return Chart("", panels, across=across, height=0.5 + 1.9 * -(-len(panels) // across))
+
+
+histograms = figure_of(histograms_chart)
 
 
 def _figures(study: Study, banded: bool) -> list[Figure]:
@@ -86,46 +107,44 @@ def _figures(study: Study, banded: bool) -> list[Figure]:
     return list(dict.fromkeys([*bounded, *others]))
 
 
-def _histogram(ax: Axes, figure: Figure, values: np.ndarray, bound: Bound | None) -> None:
+def _histogram(figure: Figure, values: np.ndarray, bound: Bound | None) -> Panel:
     factor = _scale(figure.unit)
     values = factor * values[np.isfinite(values)]
+    panel = Panel("machines", abscissa=Abscissa(labelled(figure)))
     if values.size:
-        low, high = float(values.min()), float(values.max())
-        if high <= low:
-            low, high = style.padded(low, high)
-        edges = np.linspace(low, high, min(40, 5 + values.size // 8) + 1)
-        ax.hist(values, bins=list(edges), color=_INSIDE, alpha=0.75, edgecolor=style.PAPER, linewidth=0.5)
-        style.note(ax, f"median {Quantity(np.median(values) / factor, figure.unit, bare=True)}")
-    for end in () if bound is None else (bound.least, bound.most):
-        if end is not None:
-            ax.axvline(factor * end, color=style.ALERT, linewidth=1.4, linestyle=(0, (5, 2)))
-    ax.margins(x=0.03)
-    style.labels(ax, labelled(figure), "machines")
+        panel = histogram(values, labelled(figure), "machines", values.size // 8)
+        panel = replace(panel, said=Text(f"median {Quantity(np.median(values) / factor, figure.unit, bare=True)}"))
+    ends = [factor * end for end in (() if bound is None else (bound.least, bound.most)) if end is not None]
+    if ends and panel.abscissa is not None and panel.abscissa.low is not None and panel.abscissa.high is not None:
+        low, high = panel.abscissa.low, panel.abscissa.high
+        room = 0.03 * (max(high, *ends) - min(low, *ends))
+        wider = replace(
+            panel.abscissa, low=min(low, *(e - room for e in ends)), high=max(high, *(e + room for e in ends))
+        )
+        panel = replace(panel, abscissa=wider)
+    levels = tuple(Level(end, upright=True, dashed=True, number=ALERT) for end in ends)
+    return replace(panel, levels=levels)
 
 
-def decides(study: Study, indices: Sequence[SobolIndices], correlations: Sequence[RankCorrelation]) -> Any:
+def decides_chart(study: Study, indices: Sequence[SobolIndices], correlations: Sequence[RankCorrelation]) -> Chart:
     """Bars of what decides the figures of the specification: Sobol indices, or rank correlations, with intervals."""
     outputs = _outputs(study)
-    sobol = {each.output: each for each in indices if each.output in outputs}
-    ranks = {name: [each for each in correlations if each.output == name] for name in outputs}
+    sobol = {found.output: found for found in indices if found.output in outputs}
+    ranks = {name: [found for found in correlations if found.output == name] for name in outputs}
+    titles = {figure.key: name_of(figure) for figure in study.measure} | {INSIDE: "inside the specification"}
     shown = [name for name in outputs if (sobol if indices else ranks).get(name)]
-    if not shown:
-        return None
-    count = min(_FACTORS, len(study.vary) if indices else max(len(ranks[name]) for name in shown))
-    picture, axes = style.picture(len(shown), height=0.7 + len(shown) * (0.45 + 0.27 * count), share=True)
-    names = {each.key: each for each in study.measure}
-    for ax, name in zip(axes, shown, strict=True):
-        if indices:
-            _indices(ax, sobol[name])
-        else:
-            _correlations(ax, ranks[name])
-        style.note(ax, "inside the specification" if name == INSIDE else name_of(names[name]), x=0.0, align="left")
-        ax.grid(visible=False, axis="y")
+    panels = [_indices(sobol[name]) if indices else _correlations(ranks[name]) for name in shown]
+    panels = [replace(panel, said=titles[name]) for panel, name in zip(panels, shown, strict=True)]
+    count = min(_FACTORS, len(study.vary) if indices else max((len(ranks[name]) for name in shown), default=0))
     said = "share of the variance" if indices else "rank correlation, -1 to 1"
-    style.labels(axes[-1], f"{said}; lines: 95 % interval", "")
-    if indices:
-        style.legend(picture, axes[0])
-    return picture
+    low, high = (None, None) if indices else (-1.0, 1.0)
+    return Chart(
+        f"{said}; lines: 95 % interval", tuple(panels) or (Panel("", said="no output varies"),), low=low, high=high,
+        height=0.7 + max(len(panels), 1) * (0.45 + 0.27 * count),
+    )  # fmt: skip
+
+
+decides = figure_of(decides_chart)
 
 
 def _outputs(study: Study) -> list[str]:
@@ -134,82 +153,93 @@ def _outputs(study: Study) -> list[str]:
     return [*bounded, INSIDE] if bounded else [each.key for each in _figures(study, True)][:_OUTPUTS]
 
 
-def _indices(ax: Axes, found: SobolIndices) -> None:
+def _indices(found: SobolIndices) -> Panel:
     order = found.order[:_FACTORS].tolist()
-    rows = np.arange(len(order))
-    for offset, value, interval, color, label in (
-        (0.19, found.first, found.first_interval, style.color(0), "alone"),
-        (-0.19, found.total, found.total_interval, style.color(5), "with what it does together with others"),
+    boxes, lines = list[Box](), list[Curve]()
+    for offset, value, interval, number, name in (
+        (0.19, found.first, found.first_interval, 0, "alone"),
+        (-0.19, found.total, found.total_interval, 5, "with what it does together with others"),
     ):
-        ax.barh(offset - rows, value[order], height=0.36, color=color, label=label)
         for row, i in enumerate(order):
-            ax.plot(interval[:, i], [offset - row] * 2, color=style.INK, linewidth=1.3)
-    _named_rows(ax, [found.factors[i] for i in order], found.factors)
+            y, size = offset - row, float(value[i])
+            boxes.append(Box(min(0.0, size), max(0.0, size), y - 0.18, y + 0.18, number, name))
+            lines.append(Curve(interval[:, i], np.full(2, y), number=NEUTRAL))
+    return _rows([found.factors[i] for i in order], found.factors, boxes, lines)
 
 
-def _correlations(ax: Axes, found: Sequence[RankCorrelation]) -> None:
+def _correlations(found: Sequence[RankCorrelation]) -> Panel:
     some = found[:_FACTORS]
-    for row, each in enumerate(some):
-        ax.barh(-row, each.value, height=0.62, color=_INSIDE if each.value < 0.0 else _OUTSIDE)
-        if each.interval is not None:
-            ax.plot(each.interval, [-row, -row], color=style.INK, linewidth=1.3)
-    ax.axvline(0.0, color=style.INK, linewidth=0.9)
-    ax.set_xlim(-1.0, 1.0)
-    _named_rows(ax, [each.column for each in some], [each.column for each in found])
+    boxes = [
+        Box(min(0.0, each.value), max(0.0, each.value), -row - 0.31, -row + 0.31, int(each.value >= 0.0))
+        for row, each in enumerate(some)
+    ]
+    lines = [
+        Curve(np.array(each.interval), np.full(2, -float(row)), number=NEUTRAL)
+        for row, each in enumerate(some)
+        if each.interval is not None
+    ]
+    panel = _rows([each.column for each in some], [each.column for each in found], boxes, lines)
+    return replace(panel, levels=(Level(0.0, upright=True),))
 
 
-def _named_rows(ax: Axes, some: Sequence[str], names: Sequence[str]) -> None:
+def _rows(some: Sequence[str], names: Sequence[str], boxes: Sequence[Box], lines: Sequence[Curve]) -> Panel:
     said = short(names)
-    ax.set_yticks([-row for row in range(len(some))], [style.caption(said[name], most=30) or "" for name in some])
-    ax.set_ylim(0.55 - len(some), 0.55)
+    shown = [style.shortened(said[name], _LETTERS) for name in some]
+    return Panel("", tuple(lines), boxes=tuple(boxes), ticks=listed(shown), low=0.55 - len(some), high=0.55)
 
 
-def stiffness_band(band: Band) -> Any:
+def stiffness_band_chart(band: Band) -> Chart:
     """Quantiles of the dynamic stiffness over frequency."""
-    figure, (ax,) = style.picture(height=3.2)
-    _band(ax, band)
-    ax.set_yscale("log")
-    style.plain_decades(ax.yaxis, between=True)
-    style.frequency_axis(ax, float(band.x[0]), float(band.x[-1]))
-    style.labels(ax, f"frequency ({unit_name('Hz')})", f"dynamic stiffness ({unit_name(band.unit)})")
-    return figure
+    panel = replace(_quantiles(band, "dynamic stiffness"), scale=LOG)
+    ends = float(band.x[0]), float(band.x[-1])
+    return Chart(f"frequency ({unit_name('Hz')})", (panel,), FREQUENCY, *ends, height=3.2)
 
 
-def error_band(band: Band) -> Any:
+stiffness_band = figure_of(stiffness_band_chart)
+
+
+def error_band_chart(band: Band) -> Chart:
     """Quantiles of the following error over time."""
-    figure, (ax,) = style.picture(height=3.0)
-    _band(ax, band)
-    ax.set_ylim(0.0, None)
-    style.labels(ax, "time (s)", f"largest following error ({unit_name(band.unit)})")
-    return figure
+    return Chart("time (s)", (replace(_quantiles(band, "largest following error"), low=0.0),), height=3.0)
 
 
-def _band(ax: Axes, band: Band) -> None:
+error_band = figure_of(error_band_chart)
+
+
+def _quantiles(band: Band, what: str) -> Panel:
     values = _scale(band.unit) * band.quantiles
-    ax.fill_between(band.x, values[0], values[4], color=_INSIDE, alpha=0.18, linewidth=0)
-    ax.fill_between(band.x, values[1], values[3], color=_INSIDE, alpha=0.35, linewidth=0)
-    ax.plot(band.x, values[2], color=_INSIDE, linewidth=style.LINE)
-    style.note(ax, "line: median; dark: every second machine; light: nine of ten")
+    areas = Area(band.x, values[0], values[4], 0), Area(band.x, values[1], values[3], 0)
+    said = "line: median; dark: every second machine; light: nine of ten"
+    return Panel(f"{what} ({unit_name(band.unit)})", (Curve(band.x, values[2]),), bands=areas, said=said)
 
 
-def front(found: Front, sample: Judged) -> Any:
+def front_chart(found: Front, sample: Judged) -> Chart:
     """The machines between tracking, stiffness and robustness; rings: those of the front."""
     first, *others = found.figures.values()
-    picture, axes = style.picture(len(others), height=0.6 + 3.0 * len(others))
     some = np.linspace(0, sample.variant.size - 1, min(_DOTS, sample.variant.size)).astype(int)
-    for ax, other in zip(axes, others, strict=True):
-        for inside, color, label in ((True, _INSIDE, "inside"), (False, _OUTSIDE, "outside")):
+    kept = np.arange(found.rows.variant.size)[:_DOTS]
+    panels = list[Panel]()
+    for other in others:
+        curves = list[Curve]()
+        for inside, number, name in ((True, 0, "inside"), (False, 1, "outside")):
             chosen = some[sample.inside[some] == inside]
             if chosen.size:
-                ax.plot(*_place(sample.figures, first, other, chosen), ".", color=color, markersize=4.5, label=label)
-        kept = np.arange(found.rows.variant.size)[:_DOTS]
-        ax.plot(*_place(found.rows.figures, first, other, kept), "o", markersize=8.0, markerfacecolor="none",
-                markeredgecolor=style.INK, markeredgewidth=1.0, label="front")  # fmt: skip
-        ax.margins(0.04, 0.06)
-        style.labels(ax, None, labelled(other))
-    axes[-1].set_xlabel(style.read(labelled(first)), fontsize=style.TEXT)
-    style.legend(picture, axes[0])
-    return picture
+                place = _place(sample.figures, first, other, chosen)
+                curves.append(Curve(*place, name, number, MARKERS, size=0.5))
+        ring = _place(found.rows.figures, first, other, kept)
+        curves.append(Curve(*ring, "front", NEUTRAL, RING, size=1.45))
+        low, high = _ends(curves, "y", 0.06)
+        panels.append(Panel(labelled(other), tuple(curves), low=low, high=high))
+    left, right = _ends([curve for panel in panels for curve in panel.curves], "x", 0.04)
+    return Chart(labelled(first), tuple(panels), low=left, high=right, height=0.6 + 3.0 * len(others))
+
+
+front = figure_of(front_chart)
+
+
+def _ends(curves: Sequence[Curve], axis: Literal["x", "y"], part: float) -> tuple[float, float]:
+    values = np.concatenate([getattr(curve, axis) for curve in curves])
+    return style.padded(float(np.min(values)), float(np.max(values)), part) if values.size else (0.0, 1.0)
 
 
 def _place(
