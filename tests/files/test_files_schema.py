@@ -403,15 +403,15 @@ def test_what_the_reader_reads_the_schema_admits(tmp_path: Path, one: Sample, se
     draw = random.Random(seeded(one.name))
     declared = [block for members_ in catalogue().values() for block in members_.values()]
     known = sorted(sections(), key=lambda section: section.__qualname__)
-    admitted = refused = 0
+    refused = 0
     counts = {"mill": 150, "circle_diamond_square": 12, "circle": 12, "slot": 12}
     counts |= {"forms": 120, "channels": 300, "drive": 600, "limits": 300}
-    for _ in range(counts.get(one.name, 60)):
+    for number in range(counts.get(one.name, 60)):
         content = tomllib.loads(one.text)
         table = draw.choice(tables(content))
-        if draw.random() < 0.4 and table:
+        if number and draw.random() < 0.4 and table:  # the first is the sample as it is
             del table[draw.choice(list(table))]
-        if draw.random() < 0.8:
+        if number and draw.random() < 0.8:
             names = [*table, *declarations(draw.choice(declared)), *declarations(draw.choice(known)), "kind"]
             table[draw.choice(names) + draw.choice(["", "", "_mm", "_N_per_um"])] = draw.choice(VALUES)
         changed = "\n".join(f"{json.dumps(key)} = {as_toml(value)}" for key, value in content.items())
@@ -420,11 +420,11 @@ def test_what_the_reader_reads_the_schema_admits(tmp_path: Path, one: Sample, se
             with np.errstate(all="ignore"):
                 READERS[one.kind](tmp_path / "changed.toml")
         except FeeddriveError:
+            assert number, "the sample itself is refused"
             refused += 1
             continue
-        admitted += 1
         assert problems(VALIDATORS[one.kind], changed) == [], changed
-    assert min(admitted, refused) > 3
+    assert refused > 3
 
 
 def test_schemas_are_written(tmp_path: Path) -> None:
