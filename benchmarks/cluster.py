@@ -78,12 +78,14 @@ def compare(given: Study, workers: int, address: str, repeated: int, folder: Pat
         assert rows(here) == rows(there)
     one = statistics.median(wall["here"]) * workers / given.chunks
     return [
-        f"{given.chunk:,}", f"{given.chunks}", f"{one:.2f}",
+        f"{given.chunk:,}",
+        f"{given.chunks}",
+        f"{one:.2f}",
         *(f"{statistics.median(wall[name]):.2f}" for name in paths),
         f"{100.0 * (rounds.ratio(wall, 'there', 'here') - 1.0):+.1f} %",
         f"{100.0 * (rounds.ratio(used, 'there', 'here') - 1.0):+.1f} %",
         f"{1e3 * statistics.median(own[1:]):.1f}",
-    ]  # fmt: skip
+    ]
 
 
 def main() -> None:
@@ -106,8 +108,16 @@ def main() -> None:
             some = replace(whole, count=chunk * chunks, chunk=chunk)
             lines.append(compare(some, workers, cluster.scheduler_address, given.rounds, Path(place)))
             print(*lines[-1], file=sys.stderr)
-    heads = ["variants a chunk", "chunks", "s a chunk", "here, s", "cluster, s", "more wall time", "more CPU time",
-             "client and scheduler, ms a chunk"]  # fmt: skip
+    heads = [
+        "variants a chunk",
+        "chunks",
+        "s a chunk",
+        "here, s",
+        "cluster, s",
+        "more wall time",
+        "more CPU time",
+        "client and scheduler, ms a chunk",
+    ]
     print(f"## {workers} worker(s)\n")
     rounds.table(heads, lines)
 

@@ -37,23 +37,48 @@ SAMPLES = 40_000
 RECORD = tuple(f"{axis}.{name}" for axis in AXES for name in ("position_load", "load_force"))
 # the order of `Axis` in cut.c, and that of `Cut`
 AXIS = [
-    "control.law.Kv", "control.law.Kp", "control.law.Tn", "control.law.velocity_feedforward",
-    "control.feedforward.0.mass", "control.feedforward.0.viscous", "control.force_limit",
-    "friction_load.coulomb", "friction_load.breakaway", "friction_load.stribeck_velocity",
-    "encoder_motor.resolution", "encoder_load.resolution",
-]  # fmt: skip
+    "control.law.Kv",
+    "control.law.Kp",
+    "control.law.Tn",
+    "control.law.velocity_feedforward",
+    "control.feedforward.0.mass",
+    "control.feedforward.0.viscous",
+    "control.force_limit",
+    "friction_load.coulomb",
+    "friction_load.breakaway",
+    "friction_load.stribeck_velocity",
+    "encoder_motor.resolution",
+    "encoder_load.resolution",
+]
 CUT = [
-    "cutter.diameter", "cutter.axial_depth", "cutter.helix_angle", "cutter.Ktc", "cutter.Krc", "cutter.Kac",
-    "cutter.Kte", "cutter.Kre", "cutter.Kae", "spindle_speed",
-]  # fmt: skip
+    "cutter.diameter",
+    "cutter.axial_depth",
+    "cutter.helix_angle",
+    "cutter.Ktc",
+    "cutter.Krc",
+    "cutter.Kac",
+    "cutter.Kte",
+    "cutter.Kre",
+    "cutter.Kae",
+    "spindle_speed",
+]
 
 
 def machine(substeps: int) -> Machine:
     """Three ball screws with encoders and friction, and a slot of 2 mm in aluminum."""
     tool = MechanisticCutter(
-        teeth=4, slices=5, diameter=0.012, axial_depth=2e-3, helix_angle=np.pi / 6, Ktc=796e6, Krc=168e6, Kac=222e6,
-        Kte=27.7e3, Kre=30.8e3, Kae=1.4e3,
-    )  # fmt: skip
+        teeth=4,
+        slices=5,
+        diameter=0.012,
+        axial_depth=2e-3,
+        helix_angle=np.pi / 6,
+        Ktc=796e6,
+        Krc=168e6,
+        Kac=222e6,
+        Kte=27.7e3,
+        Kre=30.8e3,
+        Kae=1.4e3,
+    )
     cut = MillingCut(
         cutter=tool, spindle_speed=7000.0, along_z="z", direction=0.0, surfaces=3, remembered=1024 * substeps
     )
@@ -91,10 +116,18 @@ def by_hand(
     run.restype, run.argtypes = None, [ctypes.c_long, *[ctypes.c_void_p] * 5]
     given = parameters(prepared)
     states = [
-        "control.memory.law.positions.0", "control.memory.law.integral", "control.memory.filters.0.first",
-        "control.memory.filters.0.second", "control.applied", "control.requested", "axis.pending.0",
-        "axis.position.0", "axis.position.1", "axis.velocity.0", "axis.velocity.1",
-    ]  # fmt: skip
+        "control.memory.law.positions.0",
+        "control.memory.law.integral",
+        "control.memory.filters.0.first",
+        "control.memory.filters.0.second",
+        "control.applied",
+        "control.requested",
+        "axis.pending.0",
+        "axis.position.0",
+        "axis.position.1",
+        "axis.velocity.0",
+        "axis.velocity.1",
+    ]
     first = np.array([[float(prepared.first[f"axis.{axis}.{name}"]) for name in states] for axis in AXES])
     state, past = np.empty_like(first), np.zeros(4 * length + 1)
     arguments = [len(setpoints), *(each.ctypes.data for each in (given, setpoints, state, past, record))]

@@ -41,17 +41,27 @@ def simulated() -> MotionLog:
     """The bundled axis along four strokes to and fro, with 2 N of noise."""
     T = 1e-3
     move = SnapLimitedMove(
-        distance=0.246, velocity=0.125, acceleration=0.84, jerk=20.0, snap=1000.0, back=True, dwell_before=0.2,
-        dwell_between=0.2, dwell_after=0.8,
-    )  # fmt: skip
+        distance=0.246,
+        velocity=0.125,
+        acceleration=0.84,
+        jerk=20.0,
+        snap=1000.0,
+        back=True,
+        dwell_before=0.2,
+        dwell_between=0.2,
+        dwell_after=0.8,
+    )
     t = np.arange(ROWS) * T
     positions = np.asarray(move.at(np.mod(t, move.duration)).position)
     noise = RecordedForce(force=2.0 * np.random.default_rng(1).standard_normal(ROWS), sample_time=T)
     run = simulate(read_machine("emps").loop("x"), Recorded(position=positions, sample_time=T), load=noise)
     return MotionLog(
-        name="simulated", position=run["reading_load"][:ROWS], force=run["force"][:ROWS], set_position=positions,
+        name="simulated",
+        position=run["reading_load"][:ROWS],
+        force=run["force"][:ROWS],
+        set_position=positions,
         sample_time=T,
-    )  # fmt: skip
+    )
 
 
 if __name__ == "__main__":

@@ -40,9 +40,12 @@ def measured(path: Path) -> MotionLog:
     """The EMPS log in SI."""
     log = read_log(path)
     return MotionLog(
-        name="EMPS", position=log["qm"], force=log.constants["gtau"] * log["vir"], set_position=log["qg"],
+        name="EMPS",
+        position=log["qm"],
+        force=log.constants["gtau"] * log["vir"],
+        set_position=log["qg"],
         sample_time=log.sample_time,
-    )  # fmt: skip
+    )
 
 
 def part(log: MotionLog, rows: slice) -> MotionLog:
@@ -68,10 +71,12 @@ def free_run(fit: RigidFit, log: MotionLog) -> np.ndarray:
     """Speed of the identified drive from rest: m v' = F - friction - offset, friction implicit."""
     T, value = log.sample_time, {each.name: each.value for each in fit.estimates}
     sides = {
-        way: (value.get(f"viscous_{name}", value.get("viscous", 0.0)),
-              value.get(f"coulomb_{name}", value.get("coulomb", 0.0)))
+        way: (
+            value.get(f"viscous_{name}", value.get("viscous", 0.0)),
+            value.get(f"coulomb_{name}", value.get("coulomb", 0.0)),
+        )
         for way, name in ((1.0, "positive"), (-1.0, "negative"))
-    }  # fmt: skip
+    }
     v, found = 0.0, np.empty(log.force.size)
     for k, force in enumerate(log.force):
         found[k] = v
@@ -163,10 +168,14 @@ def main() -> None:
             print(f"{name}: {error}")
     taken = measure(calls, ROUNDS)
     rows = [
-        [name, f"{1e3 * np.median(taken[name]):.0f}", f"{ratio(taken, name, OURS):.2g}",
-         "" if np.isnan(fits[name]) else f"{fits[name]:.1f}"]
+        [
+            name,
+            f"{1e3 * np.median(taken[name]):.0f}",
+            f"{ratio(taken, name, OURS):.2g}",
+            "" if np.isnan(fits[name]) else f"{fits[name]:.1f}",
+        ]
         for name in calls
-    ]  # fmt: skip
+    ]
     table([f"{half} rows of '{log.name}'", "CPU ms", "times ours", "fit of the unused half, %"], rows)
 
 

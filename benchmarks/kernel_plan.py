@@ -63,9 +63,16 @@ def held(
 
 @kernel
 def plan(
-    ends: Floats, caps: Floats, acceleration: float, jerk: float, snap: float,
-    stack: Ints, speeds: Floats2, times: Floats, pieces: Floats2,
-) -> tuple[int, float, float]:  # fmt: skip
+    ends: Floats,
+    caps: Floats,
+    acceleration: float,
+    jerk: float,
+    snap: float,
+    stack: Ints,
+    speeds: Floats2,
+    times: Floats,
+    pieces: Floats2,
+) -> tuple[int, float, float]:
     """The pieces of a motion from rest to rest; gives their count, the time and the way."""
     limits = zeros(3)
     limits[0], limits[1], limits[2] = acceleration, jerk, snap
@@ -107,9 +114,18 @@ def plan(
 
 @kernel
 def plan_and_sample(
-    ends: Floats, caps: Floats, acceleration: float, jerk: float, snap: float,
-    stack: Ints, speeds: Floats2, times: Floats, pieces: Floats2, at: Floats, values: Floats2,
-) -> tuple[int, float, float]:  # fmt: skip
+    ends: Floats,
+    caps: Floats,
+    acceleration: float,
+    jerk: float,
+    snap: float,
+    stack: Ints,
+    speeds: Floats2,
+    times: Floats,
+    pieces: Floats2,
+    at: Floats,
+    values: Floats2,
+) -> tuple[int, float, float]:
     """The plan and its setpoints with all derivatives."""
     count, time, way = plan(ends, caps, acceleration, jerk, snap, stack, speeds, times, pieces)
     evaluate(times, pieces, count, at, values)

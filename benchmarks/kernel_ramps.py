@@ -23,9 +23,17 @@ def ramp_distance(start: float, end: float, acceleration: float, jerk: float, sn
 
 @kernel
 def ramp_pieces(
-    time: float, position: float, start: float, end: float, acceleration: float, jerk: float, snap: float,
-    times: Floats, pieces: Floats2, count: int,
-) -> tuple[int, float, float]:  # fmt: skip
+    time: float,
+    position: float,
+    start: float,
+    end: float,
+    acceleration: float,
+    jerk: float,
+    snap: float,
+    times: Floats,
+    pieces: Floats2,
+    count: int,
+) -> tuple[int, float, float]:
     """Appends the shortest ramp as up to seven pieces of constant snap; gives their count, its last time and position.
 
     times   when each piece begins, s

@@ -94,8 +94,10 @@ def run_times(rounds: int) -> None:
         kernel_plan.plan_and_sample(*arguments(0))
         plain = time.thread_time() - begun
     print(f"{machine()}\n")
-    rows = [[name, f"{1e3 * statistics.median(taken[name]) / len(paths):.3f}",
-             f"{ratio(taken, 'kernels', name):.2f}"] for name in candidates]  # fmt: skip
+    rows = [
+        [name, f"{1e3 * statistics.median(taken[name]) / len(paths):.3f}", f"{ratio(taken, 'kernels', name):.2f}"]
+        for name in candidates
+    ]
     table(["way", "ms a path", "kernels / this"], rows)
     print(f"plain Python: {1e3 * plain:.0f} ms a path\n")
 
@@ -109,9 +111,12 @@ def first_calls(processes: int) -> None:
         with tempfile.TemporaryDirectory() as cache:
             for name in found:
                 done = subprocess.run(
-                    [sys.executable, __file__, "--child"], capture_output=True, text=True, check=True,
+                    [sys.executable, __file__, "--child"],
+                    capture_output=True,
+                    text=True,
+                    check=True,
                     env={**os.environ, "FEEDDRIVE_CACHE": cache},
-                )  # fmt: skip
+                )
                 found[name].append(json.loads(done.stdout))
     parts = list(found["cold"][0])
     rows = [

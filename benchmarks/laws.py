@@ -57,25 +57,43 @@ def candidates() -> list[Candidate]:
     cascade = fd.blocks.CascadePPI(Kv=100.0, Kp=6.8e4, Tn=5.4e-3)
     return [
         Candidate(
-            "P-PI", "cascade_ppi", cascade, 5e-5,
+            "P-PI",
+            "cascade_ppi",
+            cascade,
+            5e-5,
             lambda law, _: [law.Kv, law.Kp, law.Tn, law.velocity_feedforward],
         ),
         Candidate(
-            "DADSC", "dadsc", dadsc, 1e-4,
+            "DADSC",
+            "dadsc",
+            dadsc,
+            1e-4,
             lambda law, made: [law.mass, law.viscous, law.tracking_rate, law.reaching_rate, made.g1, made.g2],
         ),
         Candidate(
-            "pole placement", "pole_placement", poles, 5e-5,
+            "pole placement",
+            "pole_placement",
+            poles,
+            5e-5,
             lambda _, made: [*made.gains, bodies.led / bodies.k, bodies.dragged / bodies.k, lag(bodies)],
         ),
         Candidate(
-            "GPI observer and its law", "gpi", rejection, 1e-4,
+            "GPI observer and its law",
+            "gpi",
+            rejection,
+            1e-4,
             lambda law, made: [
-                law.mass, law.omega_c, law.zeta_c, law.share, law.observer.omega_o,
-                *(float(x) for row in made.F for x in row), *made.Gu, *made.Gy,
+                law.mass,
+                law.omega_c,
+                law.zeta_c,
+                law.share,
+                law.observer.omega_o,
+                *(float(x) for row in made.F for x in row),
+                *made.Gu,
+                *made.Gy,
             ],
         ),
-    ]  # fmt: skip
+    ]
 
 
 def program(law: Law, T: float, begun: Any) -> Program:

@@ -20,8 +20,11 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path += [str(Path(__file__).parent), str(Path(__file__).parents[1] / "tests" / "path"),
-             str(Path(__file__).parents[1] / "tests")]  # fmt: skip
+sys.path += [
+    str(Path(__file__).parent),
+    str(Path(__file__).parents[1] / "tests" / "path"),
+    str(Path(__file__).parents[1] / "tests"),
+]
 
 import planner
 from test_plan_drawn import LIMITS, program
@@ -74,8 +77,10 @@ if __name__ == "__main__":
     for path in sorted(BUNDLED.glob("*.ngc")):
         ends[digest(read_program(path, axes=LIMITS.travel, front_end="own"), LIMITS.array, None, total)] += 1
     for points, tolerance in (
-        (planner.curve(1e-3, 3000), 1e-5), (planner.curve(5e-5, 5000), 1e-5), (planner.zigzag(1e-3, 2000), 1e-6),
-    ):  # fmt: skip
+        (planner.curve(1e-3, 3000), 1e-5),
+        (planner.curve(5e-5, 5000), 1e-5),
+        (planner.zigzag(1e-3, 2000), 1e-6),
+    ):
         ends[digest(planner.moves(points, tolerance, 0.1), planner.LIMITS, None, total)] += 1
     ends[digest(planner.mixed(3000, 1e-5, 0.05), planner.LIMITS, None, total)] += 1
     print(f"{feeddrive.__file__}: {dict(ends)}, {time.process_time() - begun:.1f} s\n{total.hexdigest()}")

@@ -31,23 +31,40 @@ from feeddrive.loop.work import Work
 SOURCE = (Path(__file__).parent / "single.c").read_text()
 # the order of `Parameters` and `State` in single.c
 PARAMETERS = [
-    "control.law.Kv", "control.law.Kp", "control.law.Tn", "control.law.velocity_feedforward",
-    "control.feedforward.0.mass", "control.feedforward.0.viscous", "control.force_limit",
-    "axis.friction_load.coulomb", "axis.friction_load.breakaway", "axis.friction_load.stribeck_velocity",
-    "axis.encoder_motor.resolution", "axis.encoder_load.resolution", "sample_time",
+    "control.law.Kv",
+    "control.law.Kp",
+    "control.law.Tn",
+    "control.law.velocity_feedforward",
+    "control.feedforward.0.mass",
+    "control.feedforward.0.viscous",
+    "control.force_limit",
+    "axis.friction_load.coulomb",
+    "axis.friction_load.breakaway",
+    "axis.friction_load.stribeck_velocity",
+    "axis.encoder_motor.resolution",
+    "axis.encoder_load.resolution",
+    "sample_time",
     *(f"prepared.control.filters.0.{name}" for name in ("b0", "b1", "b2", "a2")),
     *(f"prepared.axis.change.{i}.{j}" for i in range(4) for j in range(4)),
     *(f"prepared.axis.new.0.{i}" for i in range(4)),
     *(f"prepared.axis.forces.1.{i}" for i in range(4)),
-]  # fmt: skip
+]
 WARM = 20  # runs with other numbers before the clock starts
 CHANGES = 300  # of them, more than are kept
 _steps = itertools.count(1)  # of 1e-6 each: no change comes twice
 STATES = [
-    "control.memory.law.positions.0", "control.memory.law.integral", "control.memory.filters.0.first",
-    "control.memory.filters.0.second", "control.applied", "control.requested", "axis.pending.0",
-    "axis.position.0", "axis.position.1", "axis.velocity.0", "axis.velocity.1",
-]  # fmt: skip
+    "control.memory.law.positions.0",
+    "control.memory.law.integral",
+    "control.memory.filters.0.first",
+    "control.memory.filters.0.second",
+    "control.applied",
+    "control.requested",
+    "axis.pending.0",
+    "axis.position.0",
+    "axis.position.1",
+    "axis.velocity.0",
+    "axis.velocity.1",
+]
 
 
 def by_hand(

@@ -164,9 +164,13 @@ def driver(begin: str, controller: str, inputs: str, outputs: str, step: str) ->
         samples.append(f"static const unsigned char counted_{i}[] = {{{', '.join(str(int(x)) for x in counted)}}};")
         table.append(f'    {{rows_{i}, counted_{i}, {len(rows)}, "{name}"}},')
     return begin + DRIVER.format(
-        samples="\n".join(samples), table="\n".join(table), controller=controller, inputs=inputs, outputs=outputs,
+        samples="\n".join(samples),
+        table="\n".join(table),
+        controller=controller,
+        inputs=inputs,
+        outputs=outputs,
         step=step,
-    )  # fmt: skip
+    )
 
 
 def counted(folder: Path, sources: list[str]) -> dict[str, float]:

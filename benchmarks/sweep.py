@@ -40,10 +40,13 @@ from feeddrive.study.variants import variants
 FIGURES = tuple(
     f"{signal}_{what}_{unit}"
     for signal, unit in (
-        ("following_error", "m"), ("tracking_error", "m"), ("force", "N"), ("velocity_load", "m_per_s")
+        ("following_error", "m"),
+        ("tracking_error", "m"),
+        ("force", "N"),
+        ("velocity_load", "m_per_s"),
     )
     for what in ("rms", "peak")
-)  # fmt: skip
+)
 
 
 def study(folder: Path, count: int) -> Study:
@@ -82,8 +85,9 @@ def best(given: Study) -> tuple[str, ByHand]:
                 print(f"{name} is left out: {str(error).splitlines()[-1]}")
     if not found:
         raise SystemExit("this benchmark needs a compiler: gcc with C++, clang, or pip install ziglang")
-    taken = rounds.measure({name: lambda made=made: [made.run(i) for i in range(128 // made.lanes)]
-                            for name, made in found.items()}, 7)  # fmt: skip
+    taken = rounds.measure(
+        {name: lambda made=made: [made.run(i) for i in range(128 // made.lanes)] for name, made in found.items()}, 7
+    )
     name = min(found, key=lambda each: statistics.median(taken[each]))
     return name, found[name]
 
@@ -121,11 +125,16 @@ def compare(count: int, repeated: int) -> None:
         seconds = statistics.median(wall[each])
         base = f"{name}, {each.rsplit(', ', 1)[1]}"
         alone = f"{each.rsplit(', ', 1)[0]}, 1 thread(s)"
-        lines.append([
-            each, f"{seconds:.2f}", f"{count * workload.SAMPLES / seconds * 1e-6:.0f}",
-            f"{rounds.ratio(wall, each, base):.2f}", f"{rounds.ratio(cpu, each, base):.2f}",
-            f"{1.0 / rounds.ratio(wall, each, alone):.2f}",
-        ])  # fmt: skip
+        lines.append(
+            [
+                each,
+                f"{seconds:.2f}",
+                f"{count * workload.SAMPLES / seconds * 1e-6:.0f}",
+                f"{rounds.ratio(wall, each, base):.2f}",
+                f"{rounds.ratio(cpu, each, base):.2f}",
+                f"{1.0 / rounds.ratio(wall, each, alone):.2f}",
+            ]
+        )
     print(
         f"## {count:,} variants x {workload.SAMPLES:,} samples; Σ e² is {apart[0]:.0e} from that of the C, of 1 % of "
         f"the variants more than {apart[1]:.0e}\n"
@@ -136,8 +145,11 @@ def compare(count: int, repeated: int) -> None:
 
 def peak(count: int) -> float:
     """MB of memory at most in a fresh process that sweeps so many variants, in chunks of 256."""
-    return float(subprocess.run([sys.executable, __file__, "--alone", str(count)], check=True, capture_output=True,
-                                text=True).stdout)  # fmt: skip
+    return float(
+        subprocess.run(
+            [sys.executable, __file__, "--alone", str(count)], check=True, capture_output=True, text=True
+        ).stdout
+    )
 
 
 def alone(count: int) -> None:

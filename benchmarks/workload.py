@@ -26,16 +26,29 @@ RECORD = ("position_load", "velocity_load", "following_error", "force", "frictio
 # Leaves that differ between the variants of a batch.  What `prepare` makes of them differs too: with hold and notch
 # more than 31 numbers of the inner loop are vectors.
 VARIED = (
-    "axis.x.control.law.Kv", "axis.x.control.law.Kp", "axis.x.control.law.Tn",
+    "axis.x.control.law.Kv",
+    "axis.x.control.law.Kp",
+    "axis.x.control.law.Tn",
     "axis.x.control.law.velocity_feedforward",
-    "axis.x.control.filters.0.frequency", "axis.x.control.filters.0.damping_zero",
+    "axis.x.control.filters.0.frequency",
+    "axis.x.control.filters.0.damping_zero",
     "axis.x.control.filters.0.damping_pole",
-    "axis.x.control.feedforward.0.mass", "axis.x.control.feedforward.0.viscous", "axis.x.control.force_limit",
-    "axis.x.plant.mass_motor", "axis.x.plant.mass_load", "axis.x.plant.stiffness", "axis.x.plant.damping",
-    "axis.x.plant.viscous_motor", "axis.x.plant.viscous_load",
-    "axis.x.friction_load.coulomb", "axis.x.friction_load.breakaway", "axis.x.friction_load.stribeck_velocity",
-    "axis.x.friction_load.viscous", "axis.x.encoder_motor.resolution", "axis.x.encoder_load.resolution",
-)  # fmt: skip
+    "axis.x.control.feedforward.0.mass",
+    "axis.x.control.feedforward.0.viscous",
+    "axis.x.control.force_limit",
+    "axis.x.plant.mass_motor",
+    "axis.x.plant.mass_load",
+    "axis.x.plant.stiffness",
+    "axis.x.plant.damping",
+    "axis.x.plant.viscous_motor",
+    "axis.x.plant.viscous_load",
+    "axis.x.friction_load.coulomb",
+    "axis.x.friction_load.breakaway",
+    "axis.x.friction_load.stribeck_velocity",
+    "axis.x.friction_load.viscous",
+    "axis.x.encoder_motor.resolution",
+    "axis.x.encoder_load.resolution",
+)
 
 
 def reference() -> SnapLimitedMove:

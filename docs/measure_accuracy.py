@@ -106,13 +106,17 @@ def two_mass(random: np.random.Generator) -> fd.Axis:
     coulomb = random.uniform(20.0, 200.0)
     return fd.Axis(
         plant=fd.blocks.TwoMass(
-            mass_motor=motor, mass_load=load, stiffness=stiffness, damping=0.02 * math.sqrt(stiffness * load),
-            viscous_motor=300.0, viscous_load=100.0,
+            mass_motor=motor,
+            mass_load=load,
+            stiffness=stiffness,
+            damping=0.02 * math.sqrt(stiffness * load),
+            viscous_motor=300.0,
+            viscous_load=100.0,
         ),
         friction_load=fd.blocks.Stribeck(
             coulomb=coulomb, breakaway=coulomb * random.uniform(1.0, 1.6), stribeck_velocity=random.uniform(1e-3, 1e-2)
         ),
-    )  # fmt: skip
+    )
 
 
 def holds(count: int = 200) -> None:
@@ -297,9 +301,15 @@ def gradients() -> None:
         axis=fd.Axis(plant=loop.axis.plant, actuator=loop.axis.actuator),
         control=dataclasses.replace(loop.control, force_limit=None),
     )
-    names = ["axis.x.control.law.Kv", "axis.x.control.law.Kp", "axis.x.control.law.Tn",
-             "axis.x.control.filters.0.frequency",
-             "axis.x.control.feedforward.0.mass", "axis.x.plant.stiffness", "axis.x.actuator.dead_time"]  # fmt: skip
+    names = [
+        "axis.x.control.law.Kv",
+        "axis.x.control.law.Kp",
+        "axis.x.control.law.Tn",
+        "axis.x.control.filters.0.frequency",
+        "axis.x.control.feedforward.0.mass",
+        "axis.x.plant.stiffness",
+        "axis.x.actuator.dead_time",
+    ]
     found = fd.gradient(smooth, swing, names)
     worst = 0.0
     for name in names:

@@ -25,5 +25,7 @@ for best in np.argsort(batch.rms["following_error"]):
     peak = fd.margins(fd.loop_gain(fd.vary(loop, gains), f)).sensitivity_peak
     if peak <= 2.0:
         break
-print(f"least error with Ms <= 2: Kv {Kv.flat[best]:.0f} 1/s, Kp {Kp.flat[best]:.0f} N s/m, Ms {peak:.2f}, "
-      f"{1e6 * batch.rms['following_error'][best]:.1f} um RMS")  # fmt: skip
+print(
+    f"least error with Ms <= 2: Kv {Kv.flat[best]:.0f} 1/s, Kp {Kp.flat[best]:.0f} N s/m, Ms {peak:.2f}, "
+    f"{1e6 * batch.rms['following_error'][best]:.1f} um RMS"
+)

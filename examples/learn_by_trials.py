@@ -9,9 +9,16 @@ machine = fd.read_machine("xy_table").loop("x")
 
 def move(distance: float, velocity: float) -> fd.blocks.SnapLimitedMove:
     return fd.blocks.SnapLimitedMove(
-        distance=distance, velocity=velocity, acceleration=3.0, jerk=60.0, snap=15e3, back=True, dwell_before=0.02,
-        dwell_between=0.2, dwell_after=0.2,
-    )  # fmt: skip
+        distance=distance,
+        velocity=velocity,
+        acceleration=3.0,
+        jerk=60.0,
+        snap=15e3,
+        back=True,
+        dwell_before=0.02,
+        dwell_between=0.2,
+        dwell_after=0.2,
+    )
 
 
 def force_noise(trial: int) -> fd.blocks.RecordedForce:

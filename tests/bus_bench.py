@@ -37,9 +37,14 @@ from feeddrive.loop.loop import Loop
 T = 1e-3
 PAIR = "ip link add veth0 type veth peer name veth1 && ip link set veth0 up && ip link set veth1 up && "
 LIMITS = BusLimits(
-    travel=0.2, velocity=0.5, force=2000.0, following_error=2e-3, quick_stop_deceleration=5.0, largest_mass=120.0,
+    travel=0.2,
+    velocity=0.5,
+    force=2000.0,
+    following_error=2e-3,
+    quick_stop_deceleration=5.0,
+    largest_mass=120.0,
     breakaway_force=5.0,
-)  # fmt: skip
+)
 SCALING = DriveScaling(counts_per_turn=1e6, lead=0.01, gear=1.0, rated_torque=1.0)  # 10 nm; 0.628 N
 
 
@@ -54,8 +59,12 @@ def bench_loop(**guard: float) -> Loop:
 
 def drive(bus: str, **changes: Any) -> BusDrive:
     """Its description, as a drive file would have it."""
-    given: dict[str, Any] = {"station": 1 if bus == "ethercat" else 5, "cycle_time": T, "scaling": SCALING,
-                             "limits": LIMITS}  # fmt: skip
+    given: dict[str, Any] = {
+        "station": 1 if bus == "ethercat" else 5,
+        "cycle_time": T,
+        "scaling": SCALING,
+        "limits": LIMITS,
+    }
     return BusDrive(bus=bus, **{**given, **changes})
 
 
@@ -80,9 +89,11 @@ class Bench:
 
 def _look(firmware: Firmware, name: str) -> Any:
     return {
-        "state": lambda: firmware.state.name, "cycles": lambda: firmware.cycles,
-        "place": lambda: firmware.axis.last.position, "error_code": lambda: firmware.values["error_code"],
-    }[name]()  # fmt: skip
+        "state": lambda: firmware.state.name,
+        "cycles": lambda: firmware.cycles,
+        "place": lambda: firmware.axis.last.position,
+        "error_code": lambda: firmware.values["error_code"],
+    }[name]()
 
 
 @contextmanager

@@ -60,17 +60,21 @@ def exact(bus: str) -> dict[str, float]:
     velocity = np.array([SCALING.increments(v) * metre for v in sent.velocity])
     force = np.array([SCALING.per_mille(f) * newton for f in sent.excitation])
     truth = simulate(
-        bench_loop(), Recorded(position=target, velocity=velocity, sample_time=T),
-        added_force=RecordedForce(force=force, sample_time=T), start=(0.0, 0.0),
-    )  # fmt: skip
+        bench_loop(),
+        Recorded(position=target, velocity=velocity, sample_time=T),
+        added_force=RecordedForce(force=force, sample_time=T),
+        start=(0.0, 0.0),
+    )
     return {
-        "rows": len(log), "lost": played.lost, "aborted": float(played.aborted is not None),
+        "rows": len(log),
+        "lost": played.lost,
+        "aborted": float(played.aborted is not None),
         "target": float(np.max(np.abs(log["set_position"] - target))),
         "load_increments": float(np.max(np.abs(log["reading_load"] - truth["reading_load"]))) / metre,
         "motor_increments": float(np.max(np.abs(log["reading_motor"] - truth["reading_motor"]))) / metre,
         "force_per_mille": float(np.max(np.abs(log["force"] - truth["force"] - force))) / newton,
         "moved": float(np.ptp(log["reading_load"])),
-    }  # fmt: skip
+    }
 
 
 def torque(bus: str) -> dict[str, float]:
@@ -109,11 +113,13 @@ def losses(bus: str) -> dict[str, Any]:
                 bench.lose(100, few)
                 played = play_profile(master, profile())
                 found[name] = {
-                    "aborted": played.aborted, "lost": played.lost, "rows": len(played.log),
+                    "aborted": played.aborted,
+                    "lost": played.lost,
+                    "rows": len(played.log),
                     "marked": float(np.sum(played.log["lost"])) if "lost" in played.log.channels else 0.0,
                     "finite": bool(np.all(np.isfinite(played.log["reading_load"]))),
                     "state": bench.state,
-                }  # fmt: skip
+                }
     return found
 
 
@@ -274,10 +280,11 @@ def kinds(bus: str) -> dict[str, Any]:
             played = play_profile(master, sent)
         truth = _unbused(mode, sent, 400)
         found[mode] = {
-            "aborted": played.aborted, "moved": float(np.ptp(truth)),
+            "aborted": played.aborted,
+            "moved": float(np.ptp(truth)),
             "increments": float(np.max(np.abs(played.log["reading_load"] - truth))) / SCALING.metre,
             "excitation": bool(np.array_equal(played.log["excitation"], sent.excitation)),
-        }  # fmt: skip
+        }
     return found
 
 
@@ -533,8 +540,27 @@ def said(asked: Any) -> str:
     return ""
 
 
-SCENARIOS = (exact, torque, speed, losses, faults, limits, wrong, refusals, silence, kinds, second, hearing, mapping,
-             held_up, pulled, foreign, plan, frozen, deceived)  # fmt: skip
+SCENARIOS = (
+    exact,
+    torque,
+    speed,
+    losses,
+    faults,
+    limits,
+    wrong,
+    refusals,
+    silence,
+    kinds,
+    second,
+    hearing,
+    mapping,
+    held_up,
+    pulled,
+    foreign,
+    plan,
+    frozen,
+    deceived,
+)
 ANSWER = "ANSWER "  # before the result on its line
 
 if __name__ == "__main__":

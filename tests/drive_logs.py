@@ -33,9 +33,16 @@ def set_positions(strokes: int = 3) -> np.ndarray:
     parts: list[np.ndarray] = []
     for speed in (0.125, 0.05, 0.09, 0.02)[:strokes]:
         move = SnapLimitedMove(
-            distance=0.2 * speed / 0.125, velocity=speed, acceleration=0.84, jerk=20.0, snap=1000.0, back=True,
-            dwell_before=0.1, dwell_between=0.1, dwell_after=0.1,
-        )  # fmt: skip
+            distance=0.2 * speed / 0.125,
+            velocity=speed,
+            acceleration=0.84,
+            jerk=20.0,
+            snap=1000.0,
+            back=True,
+            dwell_before=0.1,
+            dwell_between=0.1,
+            dwell_after=0.1,
+        )
         parts.append(np.asarray(move.at(np.arange(round(move.duration / T)) * T).position))
     return np.concatenate(parts)
 
@@ -59,9 +66,12 @@ def simulated(size: float = 2.0, memory: float = 0.05, seed: int = 1, dead_sampl
     )
     rows = reference.size
     return MotionLog(
-        name="simulated", position=run["reading_load"][:rows], force=run["force"][:rows], set_position=reference,
+        name="simulated",
+        position=run["reading_load"][:rows],
+        force=run["force"][:rows],
+        set_position=reference,
         sample_time=T,
-    )  # fmt: skip
+    )
 
 
 def changed(log: MotionLog, **fields: object) -> MotionLog:

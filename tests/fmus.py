@@ -29,9 +29,12 @@ class Played:
         library = unzipped / "binaries" / place / f"{model}{fmpy.sharedLibraryExtension}"
         kind = fmpy.fmi3.FMU3Slave if self.three else fmpy.fmi2.FMU2Slave
         self.fmu = kind(
-            guid=token or self.description.guid, modelIdentifier=model, unzipDirectory=str(unzipped),
-            instanceName=name, libraryPath=str(library),
-        )  # fmt: skip
+            guid=token or self.description.guid,
+            modelIdentifier=model,
+            unzipDirectory=str(unzipped),
+            instanceName=name,
+            libraryPath=str(library),
+        )
         self._instantiate()
         self.begin(**start)
 
@@ -63,17 +66,21 @@ class Played:
     def set(self, **values: float) -> None:
         for name, value in values.items():
             setter = {
-                "Real": "setReal", "Float64": "setFloat64", "Boolean": "setBoolean", "Enumeration":
-                "setInt64" if self.three else "setInteger",
-            }[self.kinds[name]]  # fmt: skip
+                "Real": "setReal",
+                "Float64": "setFloat64",
+                "Boolean": "setBoolean",
+                "Enumeration": "setInt64" if self.three else "setInteger",
+            }[self.kinds[name]]
             given = bool(value > 0.5) if self.kinds[name] == "Boolean" else value
             getattr(self.fmu, setter)([self.references[name]], [given])
 
     def get(self, *names: str) -> np.ndarray:
         getters = {
-            "Real": "getReal", "Float64": "getFloat64", "Boolean": "getBoolean",
+            "Real": "getReal",
+            "Float64": "getFloat64",
+            "Boolean": "getBoolean",
             "Enumeration": "getInt64" if self.three else "getInteger",
-        }  # fmt: skip
+        }
         return np.array([float(getattr(self.fmu, getters[self.kinds[n]])([self.references[n]])[0]) for n in names])
 
     def step(self, time: float, step: float) -> None:

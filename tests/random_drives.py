@@ -47,8 +47,12 @@ def drive(random: np.random.Generator) -> Drive:
     force = 10.0 * (motor + load)
     axis = fd.Axis(
         plant=fd.blocks.TwoMass(
-            mass_motor=motor, mass_load=load, stiffness=stiffness, damping=damping,
-            viscous_motor=float(random.uniform(0.5, 10.0)) * motor, viscous_load=float(random.uniform(0.0, 2.0)) * load,
+            mass_motor=motor,
+            mass_load=load,
+            stiffness=stiffness,
+            damping=damping,
+            viscous_motor=float(random.uniform(0.5, 10.0)) * motor,
+            viscous_load=float(random.uniform(0.0, 2.0)) * load,
         ),
         friction_motor=fd.blocks.Stribeck(coulomb=0.02 * force, breakaway=0.03 * force, stribeck_velocity=0.004),
         actuator=fd.blocks.Actuator(
@@ -56,7 +60,7 @@ def drive(random: np.random.Generator) -> Drive:
         ),
         encoder_motor=fd.blocks.Encoder(resolution=1e-8),
         encoder_load=fd.blocks.Encoder(resolution=1e-8),
-    )  # fmt: skip
+    )
     rate = 2.0 * np.pi * 5.0
     law = fd.blocks.CascadePPI(Kv=0.3 * rate, Kp=(motor + load) * rate, Tn=5.0 / rate)
     loop = fd.Loop(

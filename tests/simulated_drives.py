@@ -133,13 +133,26 @@ def drawn(seed: int, drives: int, mode: str, cycles: int = 1500) -> Run:
     return simulated(
         Run(mode, T, c, known + 1, margin * mass, margin * least, target, velocity, force),
         rng,
-        mass=mass, coulomb=coulomb, stiction=stiction, weight=weight, viscous=mass * rng.uniform(0.0, 5.0, drives),
-        current=current, Kp=mass * bandwidth, Kv=Kv, reset=reset, forward=forward, delay=known + unknown,
-        refresh=refresh, told=rng.integers(0, 4, drives), speed=speed,
+        mass=mass,
+        coulomb=coulomb,
+        stiction=stiction,
+        weight=weight,
+        viscous=mass * rng.uniform(0.0, 5.0, drives),
+        current=current,
+        Kp=mass * bandwidth,
+        Kv=Kv,
+        reset=reset,
+        forward=forward,
+        delay=known + unknown,
+        refresh=refresh,
+        told=rng.integers(0, 4, drives),
+        speed=speed,
         filter=rng.uniform(0.0, 3e-3, drives) * rng.choice([0.0, 0.3, 1.0], drives),
-        factor=rng.choice([1.0, 0.97, 1.03], drives), noise=rng.choice([0.0, 0.0, 0.5, 2.0], drives),
-        shaking=rng.choice([0.0, 2.0], drives), unknown=unknown,
-    )  # fmt: skip
+        factor=rng.choice([1.0, 0.97, 1.03], drives),
+        noise=rng.choice([0.0, 0.0, 0.5, 2.0], drives),
+        shaking=rng.choice([0.0, 2.0], drives),
+        unknown=unknown,
+    )
 
 
 def simulated(run: Run, rng: np.random.Generator, **d: np.ndarray) -> Run:

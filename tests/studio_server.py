@@ -94,9 +94,14 @@ class Served:
             given |= {"PYTHONPATH": os.pathsep.join(paths), "WATCHED": str(self.watch), "PYTHONDONTWRITEBYTECODE": "1"}
         self.process = subprocess.Popen(
             [*FEEDDRIVE, "studio", *words, "--no-browser", "--folder", str(folder)],
-            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, encoding="utf-8",
-            env=given, cwd=cwd,
-        )  # fmt: skip
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            encoding="utf-8",
+            env=given,
+            cwd=cwd,
+        )
         assert self.process.stdout is not None
         self.first = self.process.stdout.readline()
         found = re.search(r"http://([\d.:]+)/\?token=(\S+)", self.first)

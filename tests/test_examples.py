@@ -191,8 +191,12 @@ def test_margins_of_a_measured_axis_hold_the_true_one(capsys: pytest.CaptureFixt
 @pytest.mark.slow(reason="what no line tells is searched for long; its fits have quick tests")
 def test_masses_come_out_and_what_no_line_tells_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     text = said("identify_masses.py", capsys)
-    found = {name: (float(value), float(error)) for name, value, error in
-             re.findall(r"^(mass_motor|mass_load|stiffness) +\S+ +(\S+) +(\S+)", text, re.MULTILINE)}  # fmt: skip
+    found = {
+        name: (float(value), float(error))
+        for name, value, error in re.findall(
+            r"^(mass_motor|mass_load|stiffness) +\S+ +(\S+) +(\S+)", text, re.MULTILINE
+        )
+    }
     for name, truth in (("mass_motor", 130.0), ("mass_load", 33.0), ("stiffness", 18.0)):  # kg, N/um
         value, error = found[name]
         assert abs(value - truth) < 4.0 * error

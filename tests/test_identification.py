@@ -36,17 +36,24 @@ def needs(path: Path) -> pytest.MarkDecorator:
 def emps() -> MotionLog:
     log = read_log(EMPS)
     return MotionLog(
-        name="EMPS", position=log["qm"], force=log.constants["gtau"] * log["vir"], set_position=log["qg"],
+        name="EMPS",
+        position=log["qm"],
+        force=log.constants["gtau"] * log["vir"],
+        set_position=log["qg"],
         sample_time=log.sample_time,
-    )  # fmt: skip
+    )
 
 
 @needs(EMPS)
 def test_the_published_least_squares_are_reproduced() -> None:
     """Values, errors and residual with the published preprocessing."""
     fit = identify_rigid(emps(), friction="symmetric", how=JANOT)
-    published = {"mass": (95.1089, 0.1085), "viscous": (203.5034, 1.1460), "coulomb": (20.3935, 0.1012),
-                 "offset": (-3.1648, 0.0444)}  # fmt: skip
+    published = {
+        "mass": (95.1089, 0.1085),
+        "viscous": (203.5034, 1.1460),
+        "coulomb": (20.3935, 0.1012),
+        "offset": (-3.1648, 0.0444),
+    }
     for name, (value, error) in published.items():
         # printed to 7 digits; when measured the largest difference was 2.3e-6
         assert fit[name].value == pytest.approx(value, rel=1e-5)
@@ -64,8 +71,13 @@ def test_the_published_least_squares_are_reproduced() -> None:
 @needs(EMPS)
 def test_the_published_direction_dependent_friction_is_reproduced() -> None:
     fit = identify_rigid(emps(), friction="directional", how=JANOT)
-    published = {"mass": 95.1540, "viscous_positive": 166.7061, "coulomb_positive": 20.1440,
-                 "viscous_negative": 240.4236, "coulomb_negative": 20.6277}  # fmt: skip
+    published = {
+        "mass": 95.1540,
+        "viscous_positive": 166.7061,
+        "coulomb_positive": 20.1440,
+        "viscous_negative": 240.4236,
+        "coulomb_negative": 20.6277,
+    }
     for name, value in published.items():
         assert fit[name].value == pytest.approx(value, rel=1e-5)
     assert fit.residuals.norm == pytest.approx(82.8778, rel=1e-5)

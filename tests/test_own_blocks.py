@@ -233,8 +233,11 @@ def test_the_battery_finds_what_is_wrong_with_a_law(force: str, rows: set[str], 
     path = os.pathsep.join([str(Path(fd.__file__).parents[1])])
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"],
-        capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path}, timeout=250,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+        timeout=250,
+    )
     found = {line.split("::test_")[1].split("_")[0] for line in done.stdout.splitlines() if line.startswith("FAILED")}
     assert found == rows if not rows else found >= rows, done.stdout[-3000:]
     assert "passed" in done.stdout
@@ -339,8 +342,11 @@ def test_a_law_without_a_slope_passes_the_battery(folder: Path) -> None:
     path = os.pathsep.join([str(Path(fd.__file__).parents[1]), str(EXAMPLES)])
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"],
-        capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path}, timeout=250,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+        timeout=250,
+    )
     assert done.returncode == 0, done.stdout[-3000:]
 
 
@@ -368,7 +374,7 @@ def test_the_page_is_walked_from_an_empty_folder(folder: Path) -> None:
             words = ["python", "-c", "from feeddrive.cli import main; main()", *words[1:]]
         done = subprocess.run(
             [python, *words[1:]], cwd=here, env=environment, capture_output=True, text=True, timeout=250
-        )  # fmt: skip
+        )
         if "verify" in words and shutil.which("gcc") is None:
             pytest.skip("NOT TESTED to its end: `feeddrive verify` needs gcc: apt-get install gcc libc6-dev")
         assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"

@@ -17,8 +17,22 @@ import feeddrive
 
 SOURCE = Path(feeddrive.__file__).parent
 TESTS = Path(__file__).parent
-MODULES = {"crypt", "curses", "fcntl", "grp", "nis", "posix", "pty", "pwd", "readline", "resource", "spwd", "syslog",
-           "termios", "tty"}  # fmt: skip
+MODULES = {
+    "crypt",
+    "curses",
+    "fcntl",
+    "grp",
+    "nis",
+    "posix",
+    "pty",
+    "pwd",
+    "readline",
+    "resource",
+    "spwd",
+    "syslog",
+    "termios",
+    "tty",
+}
 # names of the standard library that Windows lacks, by module
 LACKING = {
     "os": (

@@ -29,9 +29,14 @@ def estimated(angle: str, sign: float = 1.0, **asked: object) -> FrequencyEstima
         for role, name in channels.items()
     }
     record = Record(
-        input=found["input"], output=sign * found["output"], references=(found["reference"],), sample_time=4e-4,
-        input_name="current", output_name="angle", unit="rad/A",
-    )  # fmt: skip
+        input=found["input"],
+        output=sign * found["output"],
+        references=(found["reference"],),
+        sample_time=4e-4,
+        input_name="current",
+        output_name="angle",
+        unit="rad/A",
+    )
     return estimate_frf(record, band=BAND, **asked)  # type: ignore[arg-type]
 
 

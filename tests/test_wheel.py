@@ -23,9 +23,15 @@ def test_a_wheel_holds_every_file_of_the_package() -> None:
     assert there - packed == set()
 
 
-@pytest.mark.parametrize(("clone", "built", "needed"), [
-    (True, True, True), (True, False, True), (False, False, True), (False, True, False),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("clone", "built", "needed"),
+    [
+        (True, True, True),
+        (True, False, True),
+        (False, False, True),
+        (False, True, False),
+    ],
+)
 def test_node_is_taken_as_a_package_wherever_the_page_is_built_and_the_machine_has_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clone: bool, built: bool, needed: bool
 ) -> None:

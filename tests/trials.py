@@ -25,9 +25,15 @@ TRUE = {"mass": MASS, "viscous": VISCOUS, "coulomb_positive": POSITIVE, "coulomb
 START = {"mass": 30.0, "viscous": 0.0, "coulomb_positive": 0.0, "coulomb_negative": 0.0}
 RECORD = ("following_error", "force", "requested", "trip")
 OUT_AND_BACK: dict[str, Any] = {
-    "velocity": 0.25, "acceleration": 3.0, "jerk": 60.0, "snap": 15e3, "back": True, "dwell_before": 0.02,
-    "dwell_between": 0.2, "dwell_after": 0.2,
-}  # fmt: skip
+    "velocity": 0.25,
+    "acceleration": 3.0,
+    "jerk": 60.0,
+    "snap": 15e3,
+    "back": True,
+    "dwell_before": 0.02,
+    "dwell_between": 0.2,
+    "dwell_after": 0.2,
+}
 MOVE = SnapLimitedMove(distance=0.1, **OUT_AND_BACK)
 
 

@@ -167,9 +167,13 @@ def test_what_does_not_occur_is_absent_and_never_nan() -> None:
     found = margins(continuous(lambda s: 0.1 / (1 + s)))
     numbers = found.numbers()
     assert [name for name, value in numbers.items() if value is None] == [
-        "crossover_Hz", "phase_margin_deg", "gain_increase_dB", "gain_reduction_dB", "delay_margin_s",
+        "crossover_Hz",
+        "phase_margin_deg",
+        "gain_increase_dB",
+        "gain_reduction_dB",
+        "delay_margin_s",
         "delay_margin_samples",
-    ]  # fmt: skip
+    ]
     assert all(np.isfinite(value) for value in numbers.values() if value is not None)
     assert "nan" not in str(found).lower()
 

@@ -31,8 +31,16 @@ def second_order(frequency: float, damping: float, step: float = 1e-5) -> StateS
     w = 2.0 * np.pi * frequency
     whole = expm(step * np.array([[0.0, 1.0, 0.0], [-w * w, -2.0 * damping * w, w * w], [0.0, 0.0, 0.0]]))
     names = ("position", "velocity")
-    return StateSpace(whole[:2, :2], whole[:2, 2:], np.array([[1.0, 0.0]]), np.zeros((1, 1)), step, names,
-                      ("set_position",), ("position_load",))  # fmt: skip
+    return StateSpace(
+        whole[:2, :2],
+        whole[:2, 2:],
+        np.array([[1.0, 0.0]]),
+        np.zeros((1, 1)),
+        step,
+        names,
+        ("set_position",),
+        ("position_load",),
+    )
 
 
 def test_the_poles_of_a_cascade_on_a_free_mass_are_the_roots_of_its_characteristic_polynomial() -> None:
@@ -85,8 +93,16 @@ def test_a_slow_rest_that_is_small_is_waited_for() -> None:
     step, times = 1e-4, np.array([1e-3, 0.5])
     decay = np.exp(-step / times)
     shares = np.array([0.975, 0.025])
-    model = StateSpace(np.diag(decay), (1.0 - decay)[:, None], shares[None], np.zeros((1, 1)), step, ("fast", "slow"),
-                       ("set_position",), ("position_load",))  # fmt: skip
+    model = StateSpace(
+        np.diag(decay),
+        (1.0 - decay)[:, None],
+        shares[None],
+        np.zeros((1, 1)),
+        step,
+        ("fast", "slow"),
+        ("set_position",),
+        ("position_load",),
+    )
     found = step_response(model)
     assert found.settling_time == pytest.approx(0.5 * np.log(0.025 / 0.02), abs=2.1e-4)
     assert found.overshoot == 0.0

@@ -44,8 +44,10 @@ def test_rules_1_do_not_move() -> None:
 def test_seeds_are_those_of_one_use_each() -> None:
     seeds = [
         RULES.seed(plant, use, own)
-        for plant in RULES.plants.values() for use in ("run 0", "run 1", "learning") for own in (0, 1)
-    ]  # fmt: skip
+        for plant in RULES.plants.values()
+        for use in ("run 0", "run 1", "learning")
+        for own in (0, 1)
+    ]
     assert len(set(seeds)) == len(seeds)
     assert min(seeds) > RULES.repeats  # those of the searches
 
@@ -65,8 +67,9 @@ def test_the_plants_are_those_of_the_field() -> None:
     encoders = [plant.loop.axis.one_encoder() for plant in RULES.plants.values()]
     assert encoders.count(True) == 6
     assert [place.name for place in RULES.plants["screw_long"].places][1:] == [
-        "near the bearing, x = 0.4 m", "far from it, x = 2.7 m"
-    ]  # fmt: skip
+        "near the bearing, x = 0.4 m",
+        "far from it, x = 2.7 m",
+    ]
 
 
 def test_play_is_in_the_runs_and_not_in_the_model() -> None:

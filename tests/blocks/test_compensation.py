@@ -137,9 +137,12 @@ def test_a_compensation_without_modes_or_above_nyquist_is_refused() -> None:
 
 
 def tool_error(
-    control: Law, compensation: tuple[Compensation, ...], modes: tuple[MachineMode, ...], load: SineForce | ForceSum,
+    control: Law,
+    compensation: tuple[Compensation, ...],
+    modes: tuple[MachineMode, ...],
+    load: SineForce | ForceSum,
     T: float = 1e-4,
-) -> float:  # fmt: skip
+) -> float:
     """RMS in m of the error at the tool in the second half of 2 s."""
     run = simulate(loop(control, compensation, T=T), REST, load=load, duration=2.0)
     error = run["position_load"] - sum(swing(each, -run["load_force"], T) for each in modes)

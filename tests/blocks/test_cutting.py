@@ -72,9 +72,16 @@ def test_the_closed_form_is_the_sum_over_slices(
 ) -> None:
     """Up to a slice too much or too little at each entry and exit of each tooth, and at a small helix a whole edge."""
     cutter = HelicalCutter(
-        teeth=teeth, diameter=0.012, axial_depth=axial, helix_angle=helix, radial_depth=radial, milling=milling,
-        specific_energy=2e9, radial_ratio=0.4, axial_ratio=0.25,
-    )  # fmt: skip
+        teeth=teeth,
+        diameter=0.012,
+        axial_depth=axial,
+        helix_angle=helix,
+        radial_depth=radial,
+        milling=milling,
+        specific_energy=2e9,
+        radial_ratio=0.4,
+        axial_ratio=0.25,
+    )
     lag = 2.0 * axial * np.tan(helix) / 0.012
     # an edge that lies within a slice of entry or exit cuts whole or not at all by rounding
     tips = (angle + 2.0 * np.pi * np.arange(teeth) / teeth) % (2.0 * np.pi)
@@ -95,9 +102,14 @@ def test_the_closed_form_is_the_sum_over_slices(
 def test_the_energy_is_that_of_the_chip(teeth: int, helix: float, radial: float | None, milling: str) -> None:
     """Mean torque · ω = u_s · volume per second: the mean over a turn by the middle rule, whose kinks leave 1e-7."""
     cutter = HelicalCutter(
-        teeth=teeth, diameter=0.010, axial_depth=0.005, helix_angle=helix, radial_depth=radial, milling=milling,
+        teeth=teeth,
+        diameter=0.010,
+        axial_depth=0.005,
+        helix_angle=helix,
+        radial_depth=radial,
+        milling=milling,
         specific_energy=3e9,
-    )  # fmt: skip
+    )
     angles: Any = 2.0 * np.pi * (np.arange(20_000) + 0.5) / 20_000
     power = np.mean(np.asarray(cutter.torque(angles, CHIP))) * 2.0 * np.pi * 30.0
     width = 0.010 if radial is None else radial
@@ -119,8 +131,9 @@ def test_straight_edges_are_the_limit_of_helical_ones(angle: float) -> None:
     """The force differs by its slope times half the lag, which is below 2 lag of the largest force."""
 
     def made(helix: float) -> np.ndarray:
-        return closed(HelicalCutter(teeth=3, diameter=0.01, axial_depth=0.005, helix_angle=helix, specific_energy=3e9),
-                      angle)  # fmt: skip
+        return closed(
+            HelicalCutter(teeth=3, diameter=0.01, axial_depth=0.005, helix_angle=helix, specific_energy=3e9), angle
+        )
 
     straight = made(0.0)
     for helix in (1e-2, 1e-4, 1e-6, 1e-9, 1e-13):
@@ -184,9 +197,11 @@ def test_the_chip_follows_the_feed_of_the_references() -> None:
     bezier = Bezier10(distance=0.1 * 3e-3, travel_time=0.1)
     share = np.asarray(bezier.at(TIME).velocity) / 3e-3
     np.testing.assert_allclose(
-        milling(chip_load=None, references=(still, bezier), component="y").at(TIME), share * milling().at(TIME),
-        rtol=0, atol=1e-9,
-    )  # fmt: skip
+        milling(chip_load=None, references=(still, bezier), component="y").at(TIME),
+        share * milling().at(TIME),
+        rtol=0,
+        atol=1e-9,
+    )
     assert np.all(milling(chip_load=None, references=(still, still)).at(TIME) == 0.0)
 
 

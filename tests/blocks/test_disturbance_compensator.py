@@ -19,16 +19,28 @@ from feeddrive.loop.control import Control
 
 T = 1e-4
 WHOLE = DisturbanceCompensator(
-    mass=120.0, viscous=400.0, coulomb_positive=95.0, coulomb_negative=80.0, stribeck=35.0, stribeck_velocity=6e-3,
-    jerk_feedforward=0.02, snap_feedforward=1e-5,
-)  # fmt: skip
+    mass=120.0,
+    viscous=400.0,
+    coulomb_positive=95.0,
+    coulomb_negative=80.0,
+    stribeck=35.0,
+    stribeck_velocity=6e-3,
+    jerk_feedforward=0.02,
+    snap_feedforward=1e-5,
+)
 
 
 def moved() -> tuple[Setpoint, np.ndarray]:
     reference = SnapLimitedMove(
-        distance=0.01, velocity=0.05, acceleration=1.0, jerk=50.0, snap=5e3, back=True, dwell_before=0.01,
+        distance=0.01,
+        velocity=0.05,
+        acceleration=1.0,
+        jerk=50.0,
+        snap=5e3,
+        back=True,
+        dwell_before=0.01,
         dwell_after=0.01,
-    )  # fmt: skip
+    )
     t = np.arange(int(reference.duration / T)) * T
     return reference.at(t), t
 

@@ -36,9 +36,12 @@ def test_it_is_the_steady_friction_of_the_same_parameters(velocity: float) -> No
                 coulomb_positive=70.0, coulomb_negative=60.0, breakaway=110.0, stribeck_velocity=4e-3
             )
             dry = DirectionalStribeck(
-                coulomb_positive=70.0, coulomb_negative=60.0, breakaway_positive=110.0, breakaway_negative=110.0,
+                coulomb_positive=70.0,
+                coulomb_negative=60.0,
+                breakaway_positive=110.0,
+                breakaway_negative=110.0,
                 stribeck_velocity=4e-3,
-            )  # fmt: skip
+            )
             assert fed(hard, Setpoint(0.0, v), T) == dry.steady(v)
 
 
@@ -58,9 +61,13 @@ def test_the_force_turns_with_the_velocity_in_the_middle_of_the_sample() -> None
 def test_an_axis_without_feedback_follows_its_feedforward() -> None:
     # open loop: mass, viscous and dry friction are all fed forward, the axis runs a sine with its reversals
     friction = DirectionalStribeck(
-        coulomb_positive=70.0, coulomb_negative=60.0, breakaway_positive=70.0, breakaway_negative=60.0,
-        stribeck_velocity=4e-3, viscous=300.0,
-    )  # fmt: skip
+        coulomb_positive=70.0,
+        coulomb_negative=60.0,
+        breakaway_positive=70.0,
+        breakaway_negative=60.0,
+        stribeck_velocity=4e-3,
+        viscous=300.0,
+    )
     dry = FrictionFeedforward(coulomb_positive=70.0, coulomb_negative=60.0)
     inertia = Inertia(mass=100.0, viscous=300.0)
     w, size, n = 2 * np.pi * 2.0, 0.01, 5000
@@ -68,11 +75,14 @@ def test_an_axis_without_feedback_follows_its_feedforward() -> None:
     # one period, from a crest where the axis rests
     moves = [
         Setpoint(
-            -size * np.cos(w * x), size * w * np.sin(w * x), size * w**2 * np.cos(w * x), -size * w**3 * np.sin(w * x),
+            -size * np.cos(w * x),
+            size * w * np.sin(w * x),
+            size * w**2 * np.cos(w * x),
+            -size * w**3 * np.sin(w * x),
             -size * w**4 * np.cos(w * x),
         )
         for x in t
-    ]  # fmt: skip
+    ]
     commands = [float(fed(inertia, s, T) + fed(dry, s, T)) for s in moves]
     found = move(Axis(plant=Rigid(mass=100.0), friction_load=friction), T, commands, position=-size)
     true = -size * np.cos(w * T * np.arange(n + 1))

@@ -35,9 +35,13 @@ STIFFNESS, SHARE = np.array([4e6, 2e6, 1e6, 5e5]), np.array([0.3, 0.3, 0.2, 0.2]
 
 def slip(coulomb: float = 60.0, breakaway: float = 90.0, **changes: float) -> GeneralizedMaxwellSlip:
     return GeneralizedMaxwellSlip(
-        coulomb=coulomb, breakaway=breakaway, stribeck_velocity=4e-3, stiffness=STIFFNESS, share=SHARE,
+        coulomb=coulomb,
+        breakaway=breakaway,
+        stribeck_velocity=4e-3,
+        stiffness=STIFFNESS,
+        share=SHARE,
         **({"attraction": 3000.0, "viscous": 100.0} | changes),
-    )  # fmt: skip
+    )
 
 
 def stops(level: float = 60.0, wider: float = 1.0) -> FrictionStops:
@@ -132,9 +136,13 @@ def test_nothing_is_fed_forward_until_the_friction_has_forgotten_how_it_began() 
 def test_bells_end_with_what_was_learned() -> None:
     """At twice the range of their data they are 0, where a polynomial is at thousands of newtons."""
     block = FrictionStops(
-        width=SHARE * 60.0 / STIFFNESS, stiffness=STIFFNESS, residual_velocity=np.array([-0.1, 0.0, 0.1]),
-        residual_force=np.array([5.0, 9.0, -5.0]), residual_width=0.03, residual_limit=7.0,
-    )  # fmt: skip
+        width=SHARE * 60.0 / STIFFNESS,
+        stiffness=STIFFNESS,
+        residual_velocity=np.array([-0.1, 0.0, 0.1]),
+        residual_force=np.array([5.0, 9.0, -5.0]),
+        residual_width=0.03,
+        residual_limit=7.0,
+    )
     assert block.residual(np.float64(0.0)) == 7.0  # held to the largest residual that was seen
     assert block.residual(np.float64(0.1)) == pytest.approx(-5.0 + 9.0 * np.exp(-0.5 / 0.09), abs=1e-8)
     assert block.residual(np.float64(0.2)) == 0.0

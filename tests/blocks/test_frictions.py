@@ -81,9 +81,13 @@ def test_a_sliding_stribeck_contact_lies_between_its_levels(
 def test_equal_directions_are_the_undirected_law_to_the_last_bit() -> None:
     one = Stribeck(coulomb=70.0, breakaway=110.0, stribeck_velocity=4e-3, viscous=30.0)
     both = DirectionalStribeck(
-        coulomb_positive=70.0, coulomb_negative=70.0, breakaway_positive=110.0, breakaway_negative=110.0,
-        stribeck_velocity=4e-3, viscous=30.0,
-    )  # fmt: skip
+        coulomb_positive=70.0,
+        coulomb_negative=70.0,
+        breakaway_positive=110.0,
+        breakaway_negative=110.0,
+        stribeck_velocity=4e-3,
+        viscous=30.0,
+    )
     for velocity, free in ((0.0, 1e-3), (1e-3, -2e-4), (-3e-3, -5e-3), (0.1, 0.0999)):
         assert contact(one, velocity, free, 1e-5) == contact(both, velocity, free, 1e-5)
 

@@ -104,18 +104,26 @@ def test_the_normalised_polynomial_reads_the_same_backwards(taylor_states: int) 
 
 @settings(max_examples=60, deadline=None)
 @given(
-    taylor_states=st.integers(0, 7), turn=st.floats(1e-3, 0.6), T=st.floats(2e-5, 2e-3), zeta=st.floats(0.3, 1.0),
-    mass=st.floats(1.0, 2000.0), p0=st.one_of(st.none(), st.floats(0.3, 3.0)),
+    taylor_states=st.integers(0, 7),
+    turn=st.floats(1e-3, 0.6),
+    T=st.floats(2e-5, 2e-3),
+    zeta=st.floats(0.3, 1.0),
+    mass=st.floats(1.0, 2000.0),
+    p0=st.one_of(st.none(), st.floats(0.3, 3.0)),
     hold=st.sampled_from(["first_order", "zero_order"]),
-)  # fmt: skip
+)
 def test_any_order_mass_and_sample_time_is_sampled_exactly(
     taylor_states: int, turn: float, T: float, zeta: float, mass: float, p0: float | None, hold: str
 ) -> None:
     """Against scipy's exponential with y as an input; both are exact to the rounding of entries of the size of one."""
     observer = GpiObserver(
-        mass=mass, omega_o=turn / T, zeta_o=zeta, p0=None if p0 is None else p0 * turn / T,
-        taylor_states=taylor_states, hold=hold,
-    )  # fmt: skip
+        mass=mass,
+        omega_o=turn / T,
+        zeta_o=zeta,
+        p0=None if p0 is None else p0 * turn / T,
+        taylor_states=taylor_states,
+        hold=hold,
+    )
     got, expected = prepared(observer, T), sampled(observer, T)
     np.testing.assert_allclose(got["F"], expected["F"], rtol=0, atol=1e-11)
     if hold == "first_order":

@@ -23,20 +23,41 @@ T = PERIOD * 1e-9
 
 # each gain of a size at which it matters beside the others, for commands of size 1
 SIZES = {
-    "Pgain": 2.0, "Igain": 2e3, "Dgain": 1e-3, "FF0": 1.0, "FF1": 1e-3, "FF2": 1e-7, "FF3": 1e-11, "bias": 1.0,
-    "deadband": 0.2, "maxerror": 1.0, "maxerrorI": 1e-4, "maxerrorD": 1e4, "maxcmdD": 1e4, "maxcmdDD": 1e8,
-    "maxcmdDDD": 1e12, "maxoutput": 3.0,
-}  # fmt: skip
+    "Pgain": 2.0,
+    "Igain": 2e3,
+    "Dgain": 1e-3,
+    "FF0": 1.0,
+    "FF1": 1e-3,
+    "FF2": 1e-7,
+    "FF3": 1e-11,
+    "bias": 1.0,
+    "deadband": 0.2,
+    "maxerror": 1.0,
+    "maxerrorI": 1e-4,
+    "maxerrorD": 1e4,
+    "maxcmdD": 1e4,
+    "maxcmdDD": 1e8,
+    "maxcmdDDD": 1e12,
+    "maxoutput": 3.0,
+}
 TRAPS: dict[str, dict[str, Any]] = {
     "the defaults": {},
     "the error against the command of now": {"error_previous_target": False, "Igain": 100.0},
     "a dead band behind a limit": {"deadband": 0.3, "maxerror": 0.8},
     "a limit of the integral": {"Igain": 2e3, "maxerrorI": 1e-4},
     "a limit of the output": {"Igain": 9e3, "maxoutput": 1.5},
-    "limits of the derivatives": {"Dgain": 1e-3, "FF1": 1e-3, "FF2": 1e-7, "FF3": 1e-11, "maxerrorD": 1e4,
-                                  "maxcmdD": 1e4, "maxcmdDD": 1e8, "maxcmdDDD": 1e12},
+    "limits of the derivatives": {
+        "Dgain": 1e-3,
+        "FF1": 1e-3,
+        "FF2": 1e-7,
+        "FF3": 1e-11,
+        "maxerrorD": 1e4,
+        "maxcmdD": 1e4,
+        "maxcmdDD": 1e8,
+        "maxcmdDDD": 1e12,
+    },
     "negative feedforward": {"FF1": -1e-3, "FF2": -1e-7},
-}  # fmt: skip
+}
 
 
 def random_pid(rng: np.random.Generator) -> StockPid:
@@ -134,10 +155,12 @@ class TestAgainstARunningHal:
         rows = np.column_stack([command, np.zeros(count), np.ones(count), np.zeros(count), gain])
         pins = ("command", "feedback", "enable", "index-enable", "Igain")
         wiring = [
-            "loadrt pid names=p0", "addf p0.do-pid-calcs servo-thread",
+            "loadrt pid names=p0",
+            "addf p0.do-pid-calcs servo-thread",
             *(f"net in-{i} streamer.0.pin.{i} => p0.{pin}" for i, pin in enumerate(pins)),
-            "net out-0 p0.output => sampler.0.pin.0", *settings(before, "p0", wired="Igain"),
-        ]  # fmt: skip
+            "net out-0 p0.output => sampler.0.pin.0",
+            *settings(before, "p0", wired="Igain"),
+        ]
         found = halrun([], tmp_path, PERIOD, wiring, rows, "ffbbf", "f").rows[:, 0]
         state, outputs = before.start(0.0, 0.0), []
         for k, row in enumerate(rows):
@@ -229,8 +252,13 @@ def test_two_pids_are_the_cascade_where_no_limit_acts(Tn: float | None, share: f
     positions = 1e-5 * np.cumsum(rng.normal(size=(300, 2)), axis=0)
     t = T * np.arange(300)
     w = 2 * np.pi * 20.0
-    there = Setpoint(0.01 * np.sin(w * t), 0.01 * w * np.cos(w * t), -0.01 * w**2 * np.sin(w * t),
-                     -0.01 * w**3 * np.cos(w * t), 0.01 * w**4 * np.sin(w * t))  # fmt: skip
+    there = Setpoint(
+        0.01 * np.sin(w * t),
+        0.01 * w * np.cos(w * t),
+        -0.01 * w**2 * np.sin(w * t),
+        -0.01 * w**3 * np.cos(w * t),
+        0.01 * w**4 * np.sin(w * t),
+    )
     rest = Setpoint(0.0, 0.01 * w, 0.0, -0.01 * w**3, 0.0)
     states = [law.start(law.prepare(T), rest, Reading(0.0, 0.0)) for law in (cascade, pids)]
     found = []

@@ -74,9 +74,12 @@ def test_the_golden_gains_of_two_masses() -> None:
     assert made.feedback == pytest.approx((1.0044951e8, -3.4792506e7, 1.6962041e5, 4.8454709e4), rel=5e-8)
     assert made.pending == pytest.approx((0.12668640,), rel=5e-8)
     stated = [
-        [0.28389691, 0.0029826644], [0.0029826644, 0.51313132], [472.95191, 16.754195], [19.139659, 1826.2092],
+        [0.28389691, 0.0029826644],
+        [0.0029826644, 0.51313132],
+        [472.95191, 16.754195],
+        [19.139659, 1826.2092],
         [-2.0253287e6, 1.1282997e8],
-    ]  # fmt: skip
+    ]
     assert np.array(made.gain) == pytest.approx(np.array(stated), rel=5e-8)
 
 
@@ -253,15 +256,18 @@ def test_a_search_finds_more_than_the_table() -> None:
         for noise in (1.5e9, 1.2e9)
     }
     found = tune_control(
-        loop(rigid(omega_o=2000.0), force_limit=1e5), limits=limits[1.5e9], filters="kept",
+        loop(rigid(omega_o=2000.0), force_limit=1e5),
+        limits=limits[1.5e9],
+        filters="kept",
         tunables=("law.omega_c", "law.omega_o"),
-    )  # fmt: skip
+    )
     assert found.settled
     assert found.after[0].rope_snap == pytest.approx(2.155e-10, rel=0.02)
     found = tune_control(
-        loop(screw(omega_c=300.0, omega_o=1200.0, offset_rate=15.0), W, force_limit=1e5), limits=limits[1.2e9],
+        loop(screw(omega_c=300.0, omega_o=1200.0, offset_rate=15.0), W, force_limit=1e5),
+        limits=limits[1.2e9],
         filters="kept",
-    )  # fmt: skip
+    )
     assert found.settled
     assert found.proven
     assert found.after[0].rope_snap == pytest.approx(2.84e-9, rel=0.02)

@@ -36,9 +36,17 @@ from feeddrive.loop.work import Work
 CHIP = 1e-4  # m
 # Al 7075-T6, carbide, 4 teeth, 12 mm, 30 degrees of helix, 6 mm deep
 TOOL = MechanisticCutter(
-    teeth=4, diameter=0.012, axial_depth=0.006, helix_angle=np.pi / 6, Ktc=796e6, Krc=168e6, Kac=222e6,
-    Kte=27.7e3, Kre=30.8e3, Kae=1.4e3,
-)  # fmt: skip
+    teeth=4,
+    diameter=0.012,
+    axial_depth=0.006,
+    helix_angle=np.pi / 6,
+    Ktc=796e6,
+    Krc=168e6,
+    Kac=222e6,
+    Kte=27.7e3,
+    Kre=30.8e3,
+    Kae=1.4e3,
+)
 UP = replace(TOOL, radial_depth=0.003, milling="up")
 DOWN = replace(TOOL, radial_depth=0.003, milling="down")
 # feed, normal, axial force in N, torque in N m, from quadrature with 1e6 slices and more
@@ -86,9 +94,14 @@ def test_the_mean_over_a_turn(cutter: MechanisticCutter, expected: tuple[float, 
 def test_without_edge_forces_it_is_the_closed_form_of_kline() -> None:
     """Two ways to the same integral: 1e-12 of 1000 N."""
     kline = HelicalCutter(
-        teeth=4, diameter=0.012, axial_depth=0.006, helix_angle=np.pi / 6, specific_energy=796e6, radial_ratio=0.3,
+        teeth=4,
+        diameter=0.012,
+        axial_depth=0.006,
+        helix_angle=np.pi / 6,
+        specific_energy=796e6,
+        radial_ratio=0.3,
         axial_ratio=0.2,
-    )  # fmt: skip
+    )
     same = replace(TOOL, Krc=0.3 * 796e6, Kac=0.2 * 796e6, Kte=0, Kre=0, Kae=0)
     for way in ("up", "down"):
         for width in (None, 0.003):
@@ -130,9 +143,16 @@ def test_run_out(angle: float, expected: tuple[float, ...]) -> None:
 def test_the_chips_of_a_tool_that_runs_out(offset: float, expected: tuple[float, ...]) -> None:
     """µm, of each tooth where it stands along the feed; together they are the feed of a turn."""
     tool = MechanisticCutter(
-        teeth=4, diameter=0.012, axial_depth=1e-3, slices=1, Ktc=1e9, runout_offset=offset, runout_angle=0.3,
-        entry=0.5 * np.pi - 0.01, exit=0.5 * np.pi + 0.01,
-    )  # fmt: skip
+        teeth=4,
+        diameter=0.012,
+        axial_depth=1e-3,
+        slices=1,
+        Ktc=1e9,
+        runout_offset=offset,
+        runout_angle=0.3,
+        entry=0.5 * np.pi - 0.01,
+        exit=0.5 * np.pi + 0.01,
+    )
     found = [1e6 * tool.torque(0.5 * np.pi * (1 - j), CHIP) / (0.006 * 1e9 * 1e-3) for j in range(4)]
     np.testing.assert_allclose(found, expected, rtol=0, atol=2e-8)  # over 1e-6 rad, with its roundings
     assert sum(found) == pytest.approx(400.0, abs=1e-7)
@@ -160,9 +180,16 @@ def test_arcs_of_engagement_on_a_circle() -> None:
 def test_the_chip_of_a_trochoid() -> None:
     """R 5 mm, 0.2 mm, two teeth, µm; it begins before 0 and ends after π."""
     golden = {
-        0.0: 3.9015503898, 0.02: 7.8494534351, 0.5: 97.8391349377, 0.5 * np.pi: 200.0, 2.0: 183.5284161456,
-        3.0: 32.6071224974, np.pi: 4.1055526274, -0.0197498214: 0.0, np.pi + 0.0202593357: 0.0,
-    }  # fmt: skip
+        0.0: 3.9015503898,
+        0.02: 7.8494534351,
+        0.5: 97.8391349377,
+        0.5 * np.pi: 200.0,
+        2.0: 183.5284161456,
+        3.0: 32.6071224974,
+        np.pi: 4.1055526274,
+        -0.0197498214: 0.0,
+        np.pi + 0.0202593357: 0.0,
+    }
     for angle, chip in golden.items():
         assert 1e6 * trochoid_chip(angle, 2e-4, 0.005, 2) == pytest.approx(chip, abs=2e-8)
 
@@ -282,8 +309,9 @@ def test_chatter_that_loses_contact(surfaces: int, largest: float, least: float,
     137.68 and 98.284, with order two.
     """
     steps, teeth = 100, 700
-    made, feed = machine("x", replace(BENCH, axial_depth=3.2e-3, radial_depth=0.001, milling="down"), 10000.0, steps,
-                         surfaces=surfaces)  # fmt: skip
+    made, feed = machine(
+        "x", replace(BENCH, axial_depth=3.2e-3, radial_depth=0.001, milling="down"), 10000.0, steps, surfaces=surfaces
+    )
     run = moved(made, feed, teeth, ["x.position_load"])
     x = 1e6 * (run["x.position_load"] - feed * run.time)[: teeth * steps]
     again = 1e6 * flipping(steps, surfaces, teeth)
@@ -329,9 +357,13 @@ def test_alternating_teeth_cut_nothing_and_double() -> None:
 
 
 SECTIONS = CutSections(
-    start=[0.0, 0.006, 0.012], axial_depth=[1e-3, 0.0, 2e-3], entry=[0.0, 0.0, 2.0], exit=[1.0, 1.0, 3.1],
-    spindle_speed=[6000.0, 6000.0, 9000.0], direction=[0.3, 0.3, 1.0],
-)  # fmt: skip
+    start=[0.0, 0.006, 0.012],
+    axial_depth=[1e-3, 0.0, 2e-3],
+    entry=[0.0, 0.0, 2.0],
+    exit=[1.0, 1.0, 3.1],
+    spindle_speed=[6000.0, 6000.0, 9000.0],
+    direction=[0.3, 0.3, 1.0],
+)
 
 
 def test_sections_are_cuts_of_their_own() -> None:
@@ -371,8 +403,9 @@ def test_the_chip_is_what_was_fed_since_the_last_tooth_when_the_speed_changes() 
     turns = np.where(time < change, slow * time, slow * change + fast * (time - change))
     then = turns - 0.5
     before = np.where(then < slow * change, then / slow, change + (then - slow * change) / fast)
-    expected = cut(tool.edge(), 2.0 * np.pi * turns, 2.0 * np.pi * fast * made.sample_time,
-                   [(feed * (time - before), 0.0)]).feed  # fmt: skip
+    expected = cut(
+        tool.edge(), 2.0 * np.pi * turns, 2.0 * np.pi * fast * made.sample_time, [(feed * (time - before), 0.0)]
+    ).feed
     late = (run.time > change + made.sample_time) & (run.time < change + 0.01)
     assert np.max(np.abs(run["x.load_force"] - expected)[late]) < 1e-6 * np.max(np.abs(expected[late]))
     assert np.ptp((time - before)[late]) > 0.003  # s: from 7.5 ms to 3.3 ms

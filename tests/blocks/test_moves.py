@@ -160,9 +160,17 @@ def test_no_jerk_limited_motion_goes_farther_in_the_same_time(limits: tuple[floa
 
 def test_a_move_out_and_back_stands_where_and_as_long_as_it_says():
     move = SnapLimitedMove(
-        distance=-0.1, velocity=0.2, acceleration=3, jerk=100, snap=5000, start=0.05, back=True,
-        dwell_before=0.1, dwell_between=0.2, dwell_after=0.3,
-    )  # fmt: skip
+        distance=-0.1,
+        velocity=0.2,
+        acceleration=3,
+        jerk=100,
+        snap=5000,
+        start=0.05,
+        back=True,
+        dwell_before=0.1,
+        dwell_between=0.2,
+        dwell_after=0.3,
+    )
     leg = move.leg_time
     assert move.duration == pytest.approx(0.1 + leg + 0.2 + leg + 0.3, rel=1e-15)
     at = move.at(np.array([0.05, 0.1, 0.1 + leg, 0.2 + leg, 0.3 + leg - 1e-9, move.duration - 0.3, move.duration + 9]))

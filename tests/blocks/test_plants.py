@@ -91,9 +91,16 @@ def test_three_mass_chain_has_the_modes_of_the_truth_plant() -> None:
 
 def test_three_mass_chain_with_a_hard_coupling_is_the_two_mass_axis() -> None:
     chain = ThreeMassChain(
-        mass_motor=85.0, mass_screw=45.0, mass_load=33.0, coupling_stiffness=1e13, stiffness=1.8e7, damping=700.0,
-        viscous_motor=700.0, viscous_screw=800.0, viscous_load=20.0,
-    )  # fmt: skip
+        mass_motor=85.0,
+        mass_screw=45.0,
+        mass_load=33.0,
+        coupling_stiffness=1e13,
+        stiffness=1.8e7,
+        damping=700.0,
+        viscous_motor=700.0,
+        viscous_screw=800.0,
+        viscous_load=20.0,
+    )
     for frequency in (1.0, 100.0, 400.0):
         # what the coupling gives, as a share: 85 kg (2π 400 Hz)² / 1e13 N/m = 5e-5
         np.testing.assert_allclose(response(chain, frequency), response(TWO_MASS, frequency), rtol=6e-5)
@@ -165,13 +172,23 @@ def test_power_is_the_same_at_motor_and_table() -> None:
 def test_screw_two_mass_is_the_two_mass_axis_with_reflected_inertia() -> None:
     r = 2 * np.pi / 0.02
     plant = ScrewTwoMass(
-        inertia_motor=1e-3, inertia_screw=3.5e-4, lead=0.02, mass_load=33.0, stiffness=1.8e7, damping=700.0,
-        viscous_bearings=0.015, viscous_load=20.0,
-    )  # fmt: skip
-    same = TwoMass(
-        mass_motor=1.35e-3 * r**2, mass_load=33.0, stiffness=1.8e7, damping=700.0, viscous_motor=0.015 * r**2,
+        inertia_motor=1e-3,
+        inertia_screw=3.5e-4,
+        lead=0.02,
+        mass_load=33.0,
+        stiffness=1.8e7,
+        damping=700.0,
+        viscous_bearings=0.015,
         viscous_load=20.0,
-    )  # fmt: skip
+    )
+    same = TwoMass(
+        mass_motor=1.35e-3 * r**2,
+        mass_load=33.0,
+        stiffness=1.8e7,
+        damping=700.0,
+        viscous_motor=0.015 * r**2,
+        viscous_load=20.0,
+    )
     assert plant.mechanics().mass[0][0] == pytest.approx(
         133.0, abs=0.5
     )  # motor, coupling and screw of the design model

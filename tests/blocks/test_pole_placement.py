@@ -142,8 +142,14 @@ def test_the_closed_loop_has_the_desired_polynomial(made: fd.blocks.PolePlacemen
 @settings(max_examples=60, deadline=None)
 def test_poles_are_reproduced(made: fd.blocks.PolePlacement) -> None:
     """Each pole that stands apart from the others moves by less than 1e-12 of its size, to first order p/p'."""
-    found = [float(each - Fraction(a)) for each, a in zip(characteristic(made.model, tuple(made.gains())),  # type: ignore[arg-type]
-                                                          made.polynomial(), strict=True)]  # fmt: skip
+    found = [
+        float(each - Fraction(a))
+        for each, a in zip(
+            characteristic(made.model, tuple(made.gains())),  # type: ignore[arg-type]
+            made.polynomial(),
+            strict=True,
+        )
+    ]
     poles = np.roots(made.polynomial()[::-1])
     slope = np.polyder(np.array(made.polynomial()[::-1]))
     for i, pole in enumerate(poles):
@@ -207,9 +213,14 @@ def test_a_screw_in_rotary_terms_gives_the_same_gains() -> None:
     lead = 0.02
     radius = lead / (2.0 * np.pi)
     rotary = fd.blocks.ScrewTwoMass(
-        inertia_motor=130.0 * radius**2, lead=lead, mass_load=33.0, stiffness=1.8e7, damping=700.0,
-        viscous_bearings=1500.0 * radius**2, viscous_load=20.0,
-    )  # fmt: skip
+        inertia_motor=130.0 * radius**2,
+        lead=lead,
+        mass_load=33.0,
+        stiffness=1.8e7,
+        damping=700.0,
+        viscous_bearings=1500.0 * radius**2,
+        viscous_load=20.0,
+    )
     assert tuple(law(model=rotary).gains()) == pytest.approx(tuple(law().gains()), rel=1e-11)
 
 

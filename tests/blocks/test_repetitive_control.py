@@ -30,9 +30,16 @@ REPETITIVE = RepetitiveControl(period_samples=2000, lead_samples=10, passes=32)
 
 def test_the_golden_taps() -> None:
     expected = [
-        0.1963806152, 0.1745605469, 0.1221923828, 0.06665039062, 0.02777099609, 8.544921875e-3, 1.831054688e-3,
-        2.441406250e-4, 1.525878906e-5,
-    ]  # fmt: skip
+        0.1963806152,
+        0.1745605469,
+        0.1221923828,
+        0.06665039062,
+        0.02777099609,
+        8.544921875e-3,
+        1.831054688e-3,
+        2.441406250e-4,
+        1.525878906e-5,
+    ]
     found = taps(0.25, 8)
     assert found == pytest.approx(expected, rel=3e-10)
     assert found[0] + 2.0 * sum(found[1:]) == 1.0
@@ -114,9 +121,13 @@ def rms(block: RepetitiveControl, periods: int = 8) -> np.ndarray:
     t, w = np.arange(periods * 2000) * T, 10.0 * np.pi
     sine, cosine = 0.01 * np.sin(w * t), 0.01 * np.cos(w * t)
     swing = Recorded(
-        position=sine, velocity=w * cosine, acceleration=-(w**2) * sine, jerk=-(w**3) * cosine, snap=w**4 * sine,
+        position=sine,
+        velocity=w * cosine,
+        acceleration=-(w**2) * sine,
+        jerk=-(w**3) * cosine,
+        snap=w**4 * sine,
         sample_time=T,
-    )  # fmt: skip
+    )
     run = simulate(Loop(control=control, axis=axis, sample_time=T), swing, record=["tracking_error"])
     return 1e6 * np.sqrt(np.mean(run["tracking_error"].reshape(periods, 2000) ** 2, axis=1))
 

@@ -80,7 +80,7 @@ def test_a_drive_says_who_it_is_as_far_as_it_does() -> None:
         # positions in micrometres of the table: 10 000 in a turn of the shaft, whatever the encoder counts
         ({"feed_constant": 10_000, "encoder_increments": 10**6}, "says 5000 in object 0x6092:01"),
     ],
-)  # fmt: skip
+)
 def test_units_that_differ_are_refused_with_both_numbers(values: dict[str, int], words: str) -> None:
     with pytest.raises(BusError, match=words):
         check_scaling(Paper(**values), SCREW)
@@ -112,8 +112,14 @@ def test_limits_go_into_the_drive_and_what_it_does_not_take_is_remarked() -> Non
         travel=0.2, velocity=0.5, force=100.0, following_error=2e-3, quick_stop_deceleration=5.0, position_most=0.3
     )
     made = drive("ethercat", limits=bounded)
-    paper = Paper(("quick_stop_option",), max_torque=0, following_error_window=0, quick_stop_deceleration=0,
-                  quick_stop_option=0, position_most=0)  # fmt: skip
+    paper = Paper(
+        ("quick_stop_option",),
+        max_torque=0,
+        following_error_window=0,
+        quick_stop_deceleration=0,
+        quick_stop_option=0,
+        position_most=0,
+    )
     remarks = write_limits(paper, made)
     assert paper.values["max_torque"] == int(100.0 / made.scaling.newton)  # rounded towards the safe side
     assert paper.values["following_error_window"] == 200_000
@@ -131,8 +137,16 @@ def test_the_cycle_time_is_written_where_it_can_be() -> None:
         write_cycle_time(Paper(("cycle_value",), cycle_value=1, cycle_exponent=-3), drive("ethercat"))
 
 
-NEEDED = {"controlword": 0, "statusword": 0, "mode": 0, "mode_display": 0, "position": 0, "torque": 0,
-          "rated_torque": 1000, "target_position": 0}  # fmt: skip
+NEEDED = {
+    "controlword": 0,
+    "statusword": 0,
+    "mode": 0,
+    "mode_display": 0,
+    "position": 0,
+    "torque": 0,
+    "rated_torque": 1000,
+    "target_position": 0,
+}
 
 
 @pytest.mark.parametrize("missing", ["statusword", "torque", "target_position"])

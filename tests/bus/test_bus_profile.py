@@ -23,8 +23,10 @@ def path(tmp_path: Path) -> Path:
     """Two seconds from 10 mm to 30 mm, with 20 Hz of 50 N on top that does not fade by itself."""
     t = np.arange(ROWS) * T
     s = t / t[-1]
-    columns = {"excitation": 50.0 * np.cos(2 * np.pi * 20.0 * t),
-               "set_position": 0.01 + 0.02 * s**3 * (10.0 - 15.0 * s + 6.0 * s * s)}  # fmt: skip
+    columns = {
+        "excitation": 50.0 * np.cos(2 * np.pi * 20.0 * t),
+        "set_position": 0.01 + 0.02 * s**3 * (10.0 - 15.0 * s + 6.0 * s * s),
+    }
     write_run_csv(tmp_path / "p.csv", np.round(t, 12), columns, {"excitation": "N", "set_position": "m"})
     return tmp_path / "p.csv"
 

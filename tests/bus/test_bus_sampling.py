@@ -59,8 +59,13 @@ def test_no_object_that_a_master_may_write_is_changed_and_the_drive_stays_off() 
         assert firmware.state.name == "SWITCH_ON_DISABLED"
     assert {name for name in after if after[name] != before[name]} <= ACTUAL
     assert channels == {
-        "position": "m", "velocity": "m/s", "force": "N", "following_error": "m", "position_second": "m", "status": "",
-    }  # fmt: skip
+        "position": "m",
+        "velocity": "m/s",
+        "force": "N",
+        "following_error": "m",
+        "position_second": "m",
+        "status": "",
+    }
     np.testing.assert_allclose(np.diff(time), T, atol=1e-12)
     # 2 N on 100 kg with 300 N s/m: the motion of a mass that nobody holds, to the increments and the swing of the screw
     place = values[:, [*channels].index("position")]

@@ -203,8 +203,11 @@ def test_a_mapping_can_be_changed_before_safe_op(slave: SlaveController) -> None
     mailboxes(slave)
     to(slave, PREOP)
     for subindex, value, size in (
-        (0, 0, 1), (1, OBJECTS["controlword"].mapped, 4), (2, OBJECTS["target_torque"].mapped, 4), (0, 2, 1),
-    ):  # fmt: skip
+        (0, 0, 1),
+        (1, OBJECTS["controlword"].mapped, 4),
+        (2, OBJECTS["target_torque"].mapped, 4),
+        (0, 2, 1),
+    ):
         command = 0x2F if size == 1 else 0x23
         assert sdo(slave, struct.pack("<BHBI", command, 0x1600, subindex, value))[0] == 0x60
     for subindex, value, size in ((0, 0, 1), (1, 0x1600, 2), (0, 1, 1)):

@@ -30,10 +30,14 @@ def described(mode: str, T: float, count: float, following_error: float, **more:
     limits = {"travel": 1e6, "velocity": 1e6, "force": 1e9, "largest_mass": 100.0, "breakaway_force": 50.0}
     limits |= {key: more.pop(key) for key in list(more) if key in BusLimits.__dataclass_fields__}
     return BusDrive(
-        bus="canopen", cycle_time=T, mode=mode, lost_frames=LOST_FRAMES,
+        bus="canopen",
+        cycle_time=T,
+        mode=mode,
+        lost_frames=LOST_FRAMES,
         scaling=DriveScaling(increment=count, rated_force=1.0),
-        limits=BusLimits(following_error=following_error, **limits), **more,
-    )  # fmt: skip
+        limits=BusLimits(following_error=following_error, **limits),
+        **more,
+    )
 
 
 def watched(
@@ -74,9 +78,14 @@ def tightest(run: Run, i: int) -> float:
 
 def of_run(run: Run, i: int) -> BusDrive:
     return described(
-        run.mode, float(run.cycle_time[i]), float(run.count[i]), tightest(run, i), lag=int(run.lag[i]),
-        largest_mass=float(run.mass[i]), breakaway_force=float(run.breakaway[i]),
-    )  # fmt: skip
+        run.mode,
+        float(run.cycle_time[i]),
+        float(run.count[i]),
+        tightest(run, i),
+        lag=int(run.lag[i]),
+        largest_mass=float(run.mass[i]),
+        breakaway_force=float(run.breakaway[i]),
+    )
 
 
 def targets_of(run: Run, i: int) -> list[Target]:
@@ -120,10 +129,13 @@ def test_a_thousand_healthy_drives_are_not_stopped(mode: str, part: int) -> None
     moved, pushed = np.diff(run.target, axis=0), run.target_force[1:]
     asked = np.abs({"csp": moved, "csv": run.target_velocity[1:], "cst": pushed}[mode]) > 0.0
     seen = {
-        "stuck": np.mean(run.stuck[1:].astype(bool) & asked, axis=0) > 0.05, "coarse": run.count == 20e-6,
-        "weight": run.drawn["weight"] != 0.0, "late": run.drawn["unknown"] > 0, "noise": run.drawn["noise"] > 0.0,
+        "stuck": np.mean(run.stuck[1:].astype(bool) & asked, axis=0) > 0.05,
+        "coarse": run.count == 20e-6,
+        "weight": run.drawn["weight"] != 0.0,
+        "late": run.drawn["unknown"] > 0,
+        "noise": run.drawn["noise"] > 0.0,
         "held": run.drawn["refresh"] > 1,
-    }  # fmt: skip
+    }
     assert min(np.sum(each) for each in seen.values()) >= 20, {name: int(np.sum(each)) for name, each in seen.items()}
 
 
@@ -274,10 +286,16 @@ T, C, E = 1e-3, 1e-6, 1e-3  # s, m, m
 
 
 def runs(
-    drive: BusDrive, position: Callable[[int], float], *, at: Callable[[int], float] = lambda _: 0.0,
-    velocity: Callable[[int], float] = lambda _: 0.0, force: Callable[[int], float] = lambda _: 0.0,
-    told: Callable[[int], float | None] = lambda _: None, cycles: int = 400, late: Container[int] = (),
-) -> int | None:  # fmt: skip
+    drive: BusDrive,
+    position: Callable[[int], float],
+    *,
+    at: Callable[[int], float] = lambda _: 0.0,
+    velocity: Callable[[int], float] = lambda _: 0.0,
+    force: Callable[[int], float] = lambda _: 0.0,
+    told: Callable[[int], float | None] = lambda _: None,
+    cycles: int = 400,
+    late: Container[int] = (),
+) -> int | None:
     """The cycle in which a run is stopped, of targets and what is true of the axis; readings come a cycle later."""
     targets = [Target(at(k), velocity(k), force(k)) for k in range(cycles)]
     answers = [Answer(0.0, told(0), 0.0)]

@@ -40,9 +40,14 @@ def late_integrator(delay: int) -> Held:
 
 def row(model: Held, r: float, T: float = 1e-3) -> dict[str, object]:
     return {
-        "name": "test", "model": model, "discs": "one", "lines": [], "reserve": None, "reserve_at_Hz": 0.0,
+        "name": "test",
+        "model": model,
+        "discs": "one",
+        "lines": [],
+        "reserve": None,
+        "reserve_at_Hz": 0.0,
         "radius": [{"from_Hz": 0.0, "to_Hz": 0.5 / T, "r": [r]}],
-    }  # fmt: skip
+    }
 
 
 def proven(control: Held, model: Held, r: float) -> bool:
@@ -126,11 +131,13 @@ def perturbed(loop: LoopResponse, r: float, a: float, sign: float) -> float:
     # Δ f: q' = a q + f,  d = ± r ((1 - a²) q - a f)
     s = sign * r
     b = P.B
-    A = np.block([
-        [P.A + b * (1.0 - s * a) @ K, b * (1.0 - s * a) @ C.C, b * s * (1.0 - a * a)],
-        [C.B @ P.C, C.A, np.zeros((m, 1))],
-        [K, C.C, np.array([[a]])],
-    ])  # fmt: skip
+    A = np.block(
+        [
+            [P.A + b * (1.0 - s * a) @ K, b * (1.0 - s * a) @ C.C, b * s * (1.0 - a * a)],
+            [C.B @ P.C, C.A, np.zeros((m, 1))],
+            [K, C.C, np.array([[a]])],
+        ]
+    )
     assert A.shape == (n + m + 1,) * 2
     return float(np.max(np.abs(np.linalg.eigvals(A))))
 

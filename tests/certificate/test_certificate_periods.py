@@ -177,11 +177,16 @@ def perturbed(loop: LoopResponse, r: float, a: float, sign: float) -> float:
     product = np.eye(len(P.states) + len(loop.samples[0].states) + 1)
     for C in loop.samples:
         K = C.D @ P.C
-        product = np.block([
-            [P.A + b * (1.0 - s * a) @ K, b * (1.0 - s * a) @ C.C, b * s * (1.0 - a * a)],
-            [C.B @ P.C, C.A, np.zeros((len(C.states), 1))],
-            [K, C.C, np.array([[a]])],
-        ]) @ product  # fmt: skip
+        product = (
+            np.block(
+                [
+                    [P.A + b * (1.0 - s * a) @ K, b * (1.0 - s * a) @ C.C, b * s * (1.0 - a * a)],
+                    [C.B @ P.C, C.A, np.zeros((len(C.states), 1))],
+                    [K, C.C, np.array([[a]])],
+                ]
+            )
+            @ product
+        )
     return float(np.max(np.abs(np.linalg.eigvals(product))))
 
 

@@ -70,9 +70,18 @@ def test_measured_responses_and_other_positions(tmp_path: Path) -> None:
     """Both encoders in one file: around a fit, around the machine's plant, and another machine beside it."""
     file = measured(tmp_path)
     said = run(
-        "certify", "ball_screw", "--measured", file, "--fit", "--at", "ball_screw", "--at", file,
-        "--out", str(tmp_path / "out"),
-    )  # fmt: skip
+        "certify",
+        "ball_screw",
+        "--measured",
+        file,
+        "--fit",
+        "--at",
+        "ball_screw",
+        "--at",
+        file,
+        "--out",
+        str(tmp_path / "out"),
+    )
     assert "stable for 3 plants" in said
     assert said.count(" 600 ") == 2  # no value of the table is cut at 80 columns
     assert "Green at the lower edge: where the plant was measured" in (tmp_path / "out" / "report.html").read_text()

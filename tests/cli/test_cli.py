@@ -141,7 +141,7 @@ def test_a_measured_log_is_put_beside_its_prediction(run) -> None:
         (MACHINE, 'machine = "m.toml"\nseed = -1\n' + JOB.split("\n", 2)[2], r"j\.toml:2: seed = -1 .* must be >= 0"),
         (MACHINE + "x = [1,\n", JOB, r"m\.toml:\d+: is not valid TOML"),
     ],
-)  # fmt: skip
+)
 def test_a_wrong_file_is_refused_by_file_line_key_value_bound_and_unit(run, machine, job, message) -> None:
     given(machine, job)
     assert re.search(message, refused(run, "run", "j.toml"))

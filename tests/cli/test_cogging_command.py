@@ -35,9 +35,13 @@ def written(folder: Path, *, periods: float = 3.2, way: str = "both", name: str 
     force += 0.05 * rng.standard_normal(x.size)
     path = folder / name
     np.savetxt(
-        path, np.column_stack([T * np.arange(x.size), 1e3 * x, force]), delimiter=",", fmt="%.9g",
-        header="time_s,position_mm,current_A", comments="",
-    )  # fmt: skip
+        path,
+        np.column_stack([T * np.arange(x.size), 1e3 * x, force]),
+        delimiter=",",
+        fmt="%.9g",
+        header="time_s,position_mm,current_A",
+        comments="",
+    )
     return str(path)
 
 
@@ -72,9 +76,17 @@ def test_one_log_to_and_fro_becomes_a_force_in_a_machine_whose_comments_stay(tmp
     start.write_text((BUNDLED / "machines" / "emps_symmetric.toml").read_text(encoding="utf-8"), encoding="utf-8")
     out = tmp_path / "out"
     output = called(
-        written(tmp_path), *NAMED, "--period", "24:mm", "--force-constant", "40", "--machine", str(start), "--out",
+        written(tmp_path),
+        *NAMED,
+        "--period",
+        "24:mm",
+        "--force-constant",
+        "40",
+        "--machine",
+        str(start),
+        "--out",
         str(out),
-    )  # fmt: skip
+    )
     # an amplitude of 12,000 rows with noise 0.05 A has the error 0.05 √(2/12000) = 0.0006; and the mean of 32 rows
     # a wave takes 0.2 % off the largest order only
     assert row(output, 6)[2] == pytest.approx(0.5, abs=0.003)
@@ -100,9 +112,17 @@ def test_one_log_to_and_fro_becomes_a_force_in_a_machine_whose_comments_stay(tmp
         assert said in page
     # a second time the block is replaced, not doubled
     called(
-        written(tmp_path), *NAMED, "--period", "24:mm", "--force-constant", "80", "--machine",
-        str(out / "machine.toml"), "--out", str(tmp_path / "again"),
-    )  # fmt: skip
+        written(tmp_path),
+        *NAMED,
+        "--period",
+        "24:mm",
+        "--force-constant",
+        "80",
+        "--machine",
+        str(out / "machine.toml"),
+        "--out",
+        str(tmp_path / "again"),
+    )
     forces = read_machine(tmp_path / "again" / "machine.toml").loop("x").axis.forces
     assert [type(each) for each in forces] == [type(each) for each in loop.axis.forces]
     assert float(forces[-1].force) == pytest.approx(40.0, abs=0.24)  # type: ignore[attr-defined]
@@ -117,8 +137,9 @@ def test_an_angle_that_starts_again_each_turn_needs_no_clock_and_no_period(tmp_p
     np.savetxt(
         path, np.column_stack([360.0 * np.mod(turns, 1.0), force]), delimiter=",", header="theta,iq", comments=""
     )
-    output = called(str(path), "--angle", "theta:deg", "--torque", "iq*0.05:N m", "--lead", "0.01", "--out",
-                    str(tmp_path / "out"))  # fmt: skip
+    output = called(
+        str(path), "--angle", "theta:deg", "--torque", "iq*0.05:N m", "--lead", "0.01", "--out", str(tmp_path / "out")
+    )
     assert row(output, 7)[2] == pytest.approx(0.025, abs=2e-4)
     section = (tmp_path / "out" / "machine.toml").read_text(encoding="utf-8")
     # 0.025 N m at a lead of 10 mm: F = 2 pi τ / lead
@@ -130,9 +151,16 @@ def test_an_angle_that_starts_again_each_turn_needs_no_clock_and_no_period(tmp_p
 
 def test_one_direction_gives_a_report_and_no_machine_file(tmp_path: Path) -> None:
     output = called(
-        written(tmp_path, way="forward"), *NAMED, "--period", "24:mm", "--force-constant", "40", "--out",
-        str(tmp_path / "out"), code=1,
-    )  # fmt: skip
+        written(tmp_path, way="forward"),
+        *NAMED,
+        "--period",
+        "24:mm",
+        "--force-constant",
+        "40",
+        "--out",
+        str(tmp_path / "out"),
+        code=1,
+    )
     assert "Measure the same travel the other way before you compensate anything" in output
     assert "one direction cannot tell" in " ".join(output.split())
     assert not (tmp_path / "out" / "machine.toml").exists()
@@ -155,8 +183,20 @@ def test_what_runs_cannot_tell_is_said_and_nothing_is_written(tmp_path: Path) ->
     assert "there are: column_1, column_2, column_3" in str(refused(tmp_path, str(tmp_path / "nameless.npy")))
     assert "--map" in str(refused(tmp_path, str(tmp_path / "nameless.npy"), "--current", "column_1"))
     assert "--backward is for maps" in str(refused(tmp_path, log, *NAMED, "--period", "24:mm", "--backward", log))
-    assert "for its force" in str(refused(tmp_path, log, "--position", "position_mm:mm", "--period", "24:mm", "--time",
-                                     "time_s", "--channels", str(only_position(tmp_path, log))))  # fmt: skip
+    assert "for its force" in str(
+        refused(
+            tmp_path,
+            log,
+            "--position",
+            "position_mm:mm",
+            "--period",
+            "24:mm",
+            "--time",
+            "time_s",
+            "--channels",
+            str(only_position(tmp_path, log)),
+        )
+    )
 
 
 def only_position(folder: Path, log: str) -> Path:

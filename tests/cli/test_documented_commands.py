@@ -91,9 +91,11 @@ def for_linuxcnc(folder: Path) -> None:
 def for_sinumerik(folder: Path) -> None:
     run = turned()
     columns = {
-        "Zeit [s]": run["time"], "Lagesollwert [mm]": 1e3 * run["set"], "Lageistwert [mm]": 1e3 * run["position"],
+        "Zeit [s]": run["time"],
+        "Lagesollwert [mm]": 1e3 * run["set"],
+        "Lageistwert [mm]": 1e3 * run["position"],
         "Drehmomentsollwert [Nm]": run["force"] / RADIANS,
-    }  # fmt: skip
+    }
     write_columns(folder / "trace.csv", columns, ";", ",")
     f = np.geomspace(2.0, 800.0, 90)
     s = 2j * np.pi * f
@@ -197,13 +199,16 @@ FOUND: dict[str, Callable[[Path, str], None]] = {
 LONG = ("feeddrive tune", "feeddrive identify x.halscope", "feeddrive identify X1.xml")
 CASES = [
     pytest.param(
-        page.name, line, id=f"{page.stem}: {line[:60]}",
+        page.name,
+        line,
+        id=f"{page.stem}: {line[:60]}",
         marks=[pytest.mark.slow(reason="a search, a whole loop with friction, three structures: seconds each")]
-        if line.startswith(LONG) else [],
+        if line.startswith(LONG)
+        else [],
     )
     for page in PAGES
     for line in commands_of(page)
-]  # fmt: skip
+]
 
 
 def test_each_page_for_a_shop_has_its_files_here() -> None:

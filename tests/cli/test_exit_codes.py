@@ -347,9 +347,14 @@ SLOW: dict[Judgment, Callable[[], list[str]]] = {
 }
 # what a good result says by its figures, and no sentence
 SILENT = {
-    Judgment.DONE, Judgment.TAKE_TUNING, Judgment.PLANNED, Judgment.RAN, Judgment.SWEPT, Judgment.EXPORTED,
+    Judgment.DONE,
+    Judgment.TAKE_TUNING,
+    Judgment.PLANNED,
+    Judgment.RAN,
+    Judgment.SWEPT,
+    Judgment.EXPORTED,
     Judgment.CLAIMS_HOLD,
-}  # fmt: skip
+}
 PATCH: pytest.MonkeyPatch
 
 
@@ -443,15 +448,28 @@ def commands() -> dict[str, Callable[[], list[str]]]:
         return [words[0], "machine.toml", *words[1:]]
 
     return {
-        "channels": channels, "circle": circles, "identify": log, "frf": lambda: shaken(1.0),
-        "friction": lambda: speeds(*ALL), "cogging": lambda: turns(0.0, 0.3), "tune": lambda: tuned("kv-rule"),
-        "run": lambda: job(5.0), "plan": part, "lobes": lambda: cut(0.3), "force": QUICK[Judgment.DONE],
-        "certify": lambda: of_machine("certify"), "check": lambda: certificate('"confidence": 0.95'),
-        "adjust": lambda: of_machine("adjust", "--set", "law.Kv=31"), "export": exported,
-        "setpath": lambda: of_machine("setpath"), "sweep": lambda: swept("500, 1000"),
+        "channels": channels,
+        "circle": circles,
+        "identify": log,
+        "frf": lambda: shaken(1.0),
+        "friction": lambda: speeds(*ALL),
+        "cogging": lambda: turns(0.0, 0.3),
+        "tune": lambda: tuned("kv-rule"),
+        "run": lambda: job(5.0),
+        "plan": part,
+        "lobes": lambda: cut(0.3),
+        "force": QUICK[Judgment.DONE],
+        "certify": lambda: of_machine("certify"),
+        "check": lambda: certificate('"confidence": 0.95'),
+        "adjust": lambda: of_machine("adjust", "--set", "law.Kv=31"),
+        "export": exported,
+        "setpath": lambda: of_machine("setpath"),
+        "sweep": lambda: swept("500, 1000"),
         "excite": lambda: ["excite", "ball_screw", "--band", "5..200", "--amplitude", "300"],
-        "reproduce": lambda: claimed(0.8), "compare": lambda: compared(1), "tour": lambda: ["tour"],
-    }  # fmt: skip
+        "reproduce": lambda: claimed(0.8),
+        "compare": lambda: compared(1),
+        "tour": lambda: ["tour"],
+    }
 
 
 @pytest.mark.parametrize("command", ["channels", "circle", "force", "adjust", "frf", "check", "reproduce"])
@@ -464,9 +482,23 @@ def test_a_command_prints_json(streams, command: str) -> None:
 @pytest.mark.slow(reason="the other commands, up to 30 s each")
 @pytest.mark.parametrize(
     "command",
-    ["identify", "friction", "cogging", "tune", "run", "plan", "lobes", "certify", "export", "setpath", "sweep",
-     "excite", "compare", "tour"],
-)  # fmt: skip
+    [
+        "identify",
+        "friction",
+        "cogging",
+        "tune",
+        "run",
+        "plan",
+        "lobes",
+        "certify",
+        "export",
+        "setpath",
+        "sweep",
+        "excite",
+        "compare",
+        "tour",
+    ],
+)
 def test_every_command_prints_json(streams, command: str) -> None:
     found = record(streams, commands()[command]())
     assert found["tables"] or found["verdict"] or found["files"]
@@ -485,8 +517,10 @@ def test_a_bad_judgment_and_an_error_are_json_with_the_same_code(streams) -> Non
     code, out, errors = streams(["check", "nothing.json", "--json"])
     found = json.loads(out)
     assert found == {
-        "command": "check", "exit_code": 2, "error": {"kind": "FileError", "message": "nothing.json: no such file"},
-    }  # fmt: skip
+        "command": "check",
+        "exit_code": 2,
+        "error": {"kind": "FileError", "message": "nothing.json: no such file"},
+    }
     assert (code, errors) == (2, "feeddrive: error: nothing.json: no such file\n")
     code, out, errors = streams(["check", "--nothing", "--json"])
     assert (code, json.loads(out)["exit_code"]) == (2, 2)

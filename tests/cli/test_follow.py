@@ -143,12 +143,18 @@ def test_halsampler_of_a_real_linuxcnc_through_a_pipe(tmp_path: Path) -> None:
     from feeddrive.export.linuxcnc_session import session
 
     lines = [
-        "loadrt threads name1=servo-thread period1=1000000", "loadrt siggen", "loadrt sampler depth=4000 cfg=ff",
-        "setp siggen.0.frequency 5", "setp siggen.0.amplitude 2",
-        "net a siggen.0.sine => sampler.0.pin.0", "net b siggen.0.cosine => sampler.0.pin.1",
-        "addf siggen.0.update servo-thread", "addf sampler.0 servo-thread", "start",
+        "loadrt threads name1=servo-thread period1=1000000",
+        "loadrt siggen",
+        "loadrt sampler depth=4000 cfg=ff",
+        "setp siggen.0.frequency 5",
+        "setp siggen.0.amplitude 2",
+        "net a siggen.0.sine => sampler.0.pin.0",
+        "net b siggen.0.cosine => sampler.0.pin.1",
+        "addf siggen.0.update servo-thread",
+        "addf sampler.0 servo-thread",
+        "start",
         "loadusr -w bash sampled.sh",
-    ]  # fmt: skip
+    ]
     words = "--channel column_2 --level 1 --window 0.3 --sample-time 1e-3 --timeout 20 --out window.parquet"
     out = tmp_path / "run"
     out.mkdir()

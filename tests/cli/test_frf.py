@@ -132,8 +132,22 @@ def test_units_by_name_by_option_and_by_nothing(call) -> None:
 
 def test_an_excitation_that_is_lost_in_noise_is_said_with_what_to_do(call) -> None:
     """Above the torsional mode, 450 Hz, the table hardly answers: 3 N there are less than the encoder's count."""
-    code, _, err = call("excite", "ball_screw", "--band", "100..900", "--amplitude", "3", "--resolution", "10",
-                        "--periods", "3", "--realisations", "1", "--out", "weak")  # fmt: skip
+    code, _, err = call(
+        "excite",
+        "ball_screw",
+        "--band",
+        "100..900",
+        "--amplitude",
+        "3",
+        "--resolution",
+        "10",
+        "--periods",
+        "3",
+        "--realisations",
+        "1",
+        "--out",
+        "weak",
+    )
     assert code == 0, err
     page = " ".join(Path("weak/report.html").read_text(encoding="utf-8").split())
     assert "lines are not known to 30 %" in page

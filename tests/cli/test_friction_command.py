@@ -29,9 +29,11 @@ def signals(speeds: tuple[float, ...], rows: int = 400) -> np.ndarray:
     """Time, position, velocity and force at one speed after the other, with ramps between and noise."""
     rng = np.random.default_rng(4)
     velocity = np.concatenate(
-        [np.concatenate([np.full(rows, v), np.linspace(v, after, 60)])
-         for v, after in zip(speeds, [*speeds[1:], 0.0], strict=True)]
-    )  # fmt: skip
+        [
+            np.concatenate([np.full(rows, v), np.linspace(v, after, 60)])
+            for v, after in zip(speeds, [*speeds[1:], 0.0], strict=True)
+        ]
+    )
     force = np.array([float(TRUTH.steady(np.float64(v))) for v in velocity]) + OFFSET
     force += 0.5 * rng.standard_normal(velocity.size)
     time = T * np.arange(velocity.size)
@@ -72,9 +74,7 @@ def test_one_log_of_many_speeds_becomes_a_block_in_a_machine_whose_comments_stay
     start = tmp_path / "mine.toml"
     text = (BUNDLED / "machines" / "emps_symmetric.toml").read_text(encoding="utf-8")
     start.write_text(text, encoding="utf-8")
-    output = called(
-        written(tmp_path, both()), *NAMED, "--machine", str(start), "--out", str(tmp_path / "out")
-    )  # fmt: skip
+    output = called(written(tmp_path, both()), *NAMED, "--machine", str(start), "--out", str(tmp_path / "out"))
     assert "stribeck with offset, exponential" in output
     assert "Take the block 'stribeck'" in output
     made = (tmp_path / "out" / "machine.toml").read_text(encoding="utf-8")
@@ -200,8 +200,13 @@ def test_a_lead_screw_from_its_raw_records(tmp_path: Path) -> None:
         "Torque actual value averaged*-0.0984:mN m",
     )
     output = called(*logs, *named, "--out", str(tmp_path / "out"))
-    expected = {"coulomb": 2.320e-3, "breakaway": 3.196e-3, "stribeck_velocity": 4.78, "viscous": 5.86e-5,
-                "offset": -3.59e-4}  # fmt: skip
+    expected = {
+        "coulomb": 2.320e-3,
+        "breakaway": 3.196e-3,
+        "stribeck_velocity": 4.78,
+        "viscous": 5.86e-5,
+        "offset": -3.59e-4,
+    }
     for name, value in expected.items():
         row = re.search(rf"^ {name} +(?:N m|N m s/rad|rad/s) +(-?[0-9.e+-]+)", output, re.MULTILINE)
         assert row is not None, output

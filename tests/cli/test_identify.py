@@ -25,9 +25,13 @@ def written(folder: Path) -> Path:
     t = np.arange(log.position.size) * T
     path = folder / "log.csv"
     np.savetxt(
-        path, np.column_stack([t, log.set_position, log.position, log.force]), delimiter=",", fmt="%.12g",
-        header="time_s,set_position_m,position_m,force_N", comments="",
-    )  # fmt: skip
+        path,
+        np.column_stack([t, log.set_position, log.position, log.force]),
+        delimiter=",",
+        fmt="%.12g",
+        header="time_s,set_position_m,position_m,force_N",
+        comments="",
+    )
     return path
 
 

@@ -29,9 +29,13 @@ def written(folder: Path, scale: float = 1.0, unit: str = "m/N") -> Path:
     path = folder / "frf.csv"
     columns = np.column_stack([F, motor.real, motor.imag, load.real, load.imag])
     np.savetxt(
-        path, columns, delimiter=",", fmt="%.12g", comments="",
+        path,
+        columns,
+        delimiter=",",
+        fmt="%.12g",
+        comments="",
         header=f"f_Hz,re_motor[{unit}],im_motor[{unit}],re_load[{unit}],im_load[{unit}]",
-    )  # fmt: skip
+    )
     return path
 
 
@@ -117,9 +121,17 @@ def test_encoders_must_be_told_apart(tmp_path: Path) -> None:
 def test_the_structure_of_a_machine_file_is_a_candidate(tmp_path: Path) -> None:
     """Motor, screw and table; a data sheet's rotor makes the others identifiable."""
     chain = ThreeMassChain(
-        mass_motor=85.0, mass_screw=45.0, mass_load=33.0, coupling_stiffness=2.352e8, coupling_damping=2496.0,
-        stiffness=1.8e7, damping=700.0, viscous_motor=750.0, viscous_screw=750.0, viscous_load=20.0,
-    )  # fmt: skip
+        mass_motor=85.0,
+        mass_screw=45.0,
+        mass_load=33.0,
+        coupling_stiffness=2.352e8,
+        coupling_damping=2496.0,
+        stiffness=1.8e7,
+        damping=700.0,
+        viscous_motor=750.0,
+        viscous_screw=750.0,
+        viscous_load=20.0,
+    )
     path = tmp_path / "frf.csv"
     write_frf(path, *responses(chain, np.linspace(5.0, 700.0, 150), noise=0.003, variance=True, late=5e-5))
     asked = ["identify", str(path), "--machine", "ball_screw", "--fix", "mass_motor=85"]
@@ -147,9 +159,18 @@ def test_each_encoder_in_a_file_of_its_own(tmp_path: Path) -> None:
     write_frf(tmp_path / "m.csv", motor)
     write_frf(tmp_path / "l.csv", load)
     done = runner.invoke(
-        app, ["identify", str(tmp_path / "m.csv"), "--motor", str(tmp_path / "m.csv"), "--load",
-              str(tmp_path / "l.csv"), "--out", str(tmp_path / "o")],
-    )  # fmt: skip
+        app,
+        [
+            "identify",
+            str(tmp_path / "m.csv"),
+            "--motor",
+            str(tmp_path / "m.csv"),
+            "--load",
+            str(tmp_path / "l.csv"),
+            "--out",
+            str(tmp_path / "o"),
+        ],
+    )
     assert done.exit_code == 0, done.output
     assert 'kind = "two_mass"' in (tmp_path / "o" / "machine.toml").read_text(encoding="utf-8")
 

@@ -99,16 +99,24 @@ force = 1000
 following_error_mm = 5
 """
     for name, axis, bus, travel in (
-        ("x", "x", "ethercat", 100), ("y", "y", "ethercat", 100), ("z", "z", "ethercat", 100),
-        ("c", "y", "canopen", 100), ("n", "", "ethercat", 100), ("s", "y", "ethercat", 1),
-    ):  # fmt: skip
+        ("x", "x", "ethercat", 100),
+        ("y", "y", "ethercat", 100),
+        ("z", "z", "ethercat", 100),
+        ("c", "y", "canopen", 100),
+        ("n", "", "ethercat", 100),
+        ("s", "y", "ethercat", 1),
+    ):
         text = drive.format(f'axis = "{axis}"\n' if axis else "", bus, travel)
         (tmp_path / f"{name}.toml").write_text(text, encoding="utf-8")
     for drives, said in (
-        ("x", "there is no drive for y"), ("xyz", "there is no axis z"), ("xx", "names an axis of its own"),
-        ("xc", "on drives of one EtherCAT segment"), ("xn", "names an axis of its own"), ("xs", "limits.travel"),
+        ("x", "there is no drive for y"),
+        ("xyz", "there is no axis z"),
+        ("xx", "names an axis of its own"),
+        ("xc", "on drives of one EtherCAT segment"),
+        ("xn", "names an axis of its own"),
+        ("xs", "limits.travel"),
         ("xy", "interface 'nothing' is not there"),
-    ):  # fmt: skip
+    ):
         code, _, error = call(
             "play", "plan", "--yes", *(each for name in drives for each in ("--drive", f"{name}.toml"))
         )
@@ -132,8 +140,13 @@ def test_excite_play_frf_identify_gives_the_mass_back(call, tmp_path: Path) -> N
     sent = read_log("sent/excitation_1.csv")
     assert len(log) == len(sent)
     assert np.array_equal(log["excitation"], sent["excitation"])
-    assert log.units == {"set_position": "m", "excitation": "N", "force": "N", "reading_load": "m",
-                         "velocity_load": "m/s"}  # fmt: skip
+    assert log.units == {
+        "set_position": "m",
+        "excitation": "N",
+        "force": "N",
+        "reading_load": "m",
+        "velocity_load": "m/s",
+    }
     assert log.provenance["origin"]["bus"] == "EtherCAT veth0, station 1"
     assert call("frf", "measured/measured_1.parquet", "measured/measured_2.parquet", "--out", "response")[0] == 0
     code, out, err = call("identify", "response/frf.csv", "--machine", "emps", "--out", "model")
@@ -153,8 +166,9 @@ def test_the_afternoon_with_two_encoders_gives_the_masses_back(call, tmp_path: P
     done = beside(tmp_path, "ball_screw", "--interface veth1 --master veth0", play, timeout=900.0)
     assert done.returncode == 0, done.stderr + done.stdout
     assert call("frf", "measured/measured_1.parquet", "measured/measured_2.parquet", "--out", "response")[0] == 0
-    code, out, err = call("identify", "response/frf.csv", "--machine", "ball_screw", "--out", "model", "--fix",
-                          "mass_motor=85")  # fmt: skip
+    code, out, err = call(
+        "identify", "response/frf.csv", "--machine", "ball_screw", "--out", "model", "--fix", "mass_motor=85"
+    )
     assert code == 0, err + out
     axis = read_machine("model/machine.toml").loop(None).axis
     plant = axis.plant
@@ -169,14 +183,33 @@ def test_the_afternoon_with_two_encoders_gives_the_masses_back(call, tmp_path: P
 @pytest.mark.slow(reason="two processes that move an axis in real time")
 def test_over_canopen_between_processes(call, tmp_path: Path) -> None:
     """The same profile over UDP multicast in a namespace of its own, and a log of the drive at rest after it."""
-    assert call("excite", "emps", "--band", "10..100", "--amplitude", "20", "--resolution", "10", "--periods", "2",
-                "--realisations", "1", "--out", "sent")[0] == 0  # fmt: skip
+    assert (
+        call(
+            "excite",
+            "emps",
+            "--band",
+            "10..100",
+            "--amplitude",
+            "20",
+            "--resolution",
+            "10",
+            "--periods",
+            "2",
+            "--realisations",
+            "1",
+            "--out",
+            "sent",
+        )[0]
+        == 0
+    )
     done = beside(
-        tmp_path, "emps", "--bus canopen --station 9 --interface udp_multicast:239.74.163.2",
+        tmp_path,
+        "emps",
+        "--bus canopen --station 9 --interface udp_multicast:239.74.163.2",
         "play sent/excitation_1.csv --drive drive.toml --unpaced --out measured",
         "listen --drive drive.toml --unpaced --seconds 0.1 --out heard",
         before="ip link set lo up; ip route add 239.0.0.0/8 dev lo\n",
-    )  # fmt: skip
+    )
     assert done.returncode == 0, done.stderr + done.stdout
     log = read_log("measured/measured_1.parquet")
     assert len(log) == len(read_log("sent/excitation_1.csv"))
@@ -234,15 +267,27 @@ def attacked(tmp_path: Path, bus: str, watchdog: int) -> tuple[str, str]:
     (tmp_path / "claimed.py").write_text(CLAIMED.format(name=name))
     words = {
         "ethercat": ("--interface veth1 --master veth0", "ip link set veth0 down", "ip link set veth0 up", ""),
-        "canopen": ("--bus canopen --station 9 --interface udp_multicast:239.74.163.2", "kill -STOP $served",
-                    "kill -CONT $served", "ip link set lo up; ip route add 239.0.0.0/8 dev lo\n"),
-    }[bus]  # fmt: skip
+        "canopen": (
+            "--bus canopen --station 9 --interface udp_multicast:239.74.163.2",
+            "kill -STOP $served",
+            "kill -CONT $served",
+            "ip link set lo up; ip route add 239.0.0.0/8 dev lo\n",
+        ),
+    }[bus]
     second = f"{FEEDDRIVE} play sent.csv --drive drive.toml --yes --out second 2>&1 && exit 9 || true"
     script = words[3] + WALK.format(
-        feeddrive=FEEDDRIVE, machine="emps", drive=words[0],
-        commands=ATTACK.format(feeddrive=FEEDDRIVE, python=sys.executable, watchdog=watchdog, second=second,
-                               pulled=words[1], mended=words[2]),
-    )  # fmt: skip
+        feeddrive=FEEDDRIVE,
+        machine="emps",
+        drive=words[0],
+        commands=ATTACK.format(
+            feeddrive=FEEDDRIVE,
+            python=sys.executable,
+            watchdog=watchdog,
+            second=second,
+            pulled=words[1],
+            mended=words[2],
+        ),
+    )
     done = in_a_namespace("bash", "-c", script, cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     held, _, pulled = done.stdout.partition("after ")
@@ -285,9 +330,11 @@ def test_the_move_of_a_job_is_played_as_it_was_simulated(call, tmp_path: Path) -
     """
     assert call("demo", "--out", "demo")[0] == 0
     done = beside(
-        tmp_path, "emps", "--interface veth1 --master veth0",
+        tmp_path,
+        "emps",
+        "--interface veth1 --master veth0",
         "play demo/runs/today.csv --drive drive.toml --unpaced --out measured",
-    )  # fmt: skip
+    )
     assert done.returncode == 0, done.stderr + done.stdout
     log, run = read_log("measured/measured_1.parquet"), read_log("demo/runs/today.csv")
     assert np.ptp(run["reading_load"]) > 0.1
@@ -312,9 +359,11 @@ def test_an_aborted_motion_leaves_its_log_and_its_reason(call, tmp_path: Path) -
     play = "play p.csv --drive tight.toml --unpaced --out measured || echo code $? > code.txt"
     tighten = "sed 's/^following_error.*/following_error = 2e-4/' drive.toml > tight.toml\n"
     script = WALK.format(
-        feeddrive=FEEDDRIVE, machine="emps", drive="--interface veth1 --master veth0",
+        feeddrive=FEEDDRIVE,
+        machine="emps",
+        drive="--interface veth1 --master veth0",
         commands=f"{tighten}{FEEDDRIVE} {play}",
-    )  # fmt: skip
+    )
     done = in_a_namespace("bash", "-c", script, cwd=tmp_path)
     assert (tmp_path / "code.txt").read_text() == "code 1\n"
     assert "tight.toml: fault 0x8611, following error too large; the drive stops by itself" in done.stderr

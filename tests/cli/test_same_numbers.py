@@ -36,9 +36,11 @@ AXIS, KV, KP, PER_PERCENT = PlainAxis(mass=180.0), 30.0, 9000.0, 12.0
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = AXIS.run(Cascade(KV, KP))
     columns = {
-        "t_s": run["time"], "x_cmd_mm": 1e3 * run["set"], "x_fb_mm": 1e3 * run["position"],
+        "t_s": run["time"],
+        "x_cmd_mm": 1e3 * run["set"],
+        "x_fb_mm": 1e3 * run["position"],
         "load": run["force"] / PER_PERCENT,
-    }  # fmt: skip
+    }
     return write_columns(tmp_path_factory.mktemp("log") / "axis.csv", columns)
 
 
@@ -112,10 +114,13 @@ def from_python(log: Path, folder: Path, **typed: Any) -> Path:
     return folder / "out" / "machine.toml"
 
 
-MAPPING = Mapping({
-    "setpoint_position": Column(name="x_cmd_mm", unit="mm"), "position_load": Column(name="x_fb_mm", unit="mm"),
-    "force": Column(name="load", factor=PER_PERCENT),
-})  # fmt: skip
+MAPPING = Mapping(
+    {
+        "setpoint_position": Column(name="x_cmd_mm", unit="mm"),
+        "position_load": Column(name="x_fb_mm", unit="mm"),
+        "force": Column(name="load", factor=PER_PERCENT),
+    }
+)
 # each with the column of the force as its report says it
 SURFACES: dict[str, tuple[Callable[[Path, Path], Path], str]] = {
     "page": (lambda log, folder: on_the_page(log, folder, factor=12), "load*12.0"),

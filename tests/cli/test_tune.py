@@ -58,8 +58,19 @@ def test_a_machine_gets_new_numbers_and_keeps_its_comments(tmp_path: Path) -> No
 
 
 def test_another_law_takes_the_place_of_the_old_one(tmp_path: Path) -> None:
-    tune("ball_screw", "--law", "pole_placement", "--filters", "kept", "--max-compliance", "0.2", "--starts", "1",
-         "--out", str(tmp_path / "out"))  # fmt: skip
+    tune(
+        "ball_screw",
+        "--law",
+        "pole_placement",
+        "--filters",
+        "kept",
+        "--max-compliance",
+        "0.2",
+        "--starts",
+        "1",
+        "--out",
+        str(tmp_path / "out"),
+    )
     loop = fd.read_machine(tmp_path / "out" / "machine.toml").loop("x")
     assert loop.control.law.kind == "pole_placement"
     assert [each.kind for each in loop.control.feedforward] == ["inverse_dynamics"]
@@ -75,11 +86,29 @@ def test_a_measured_response_with_and_without_a_baseline(tmp_path: Path) -> None
     true = fd.linearize(loop, ["cut"], ["reading_load"]).response(lines)
     random = np.random.default_rng(1)
     noise = 0.01 * np.abs(true.response) * (random.standard_normal((2, lines.size)))
-    frf = fd.FRF(lines, true.response + (noise[0] + 1j * noise[1]) / np.sqrt(2.0), "force", "position", "m/N",
-                 float(loop.sample_time), variance=(0.01 * np.abs(true.response)) ** 2)  # fmt: skip
+    frf = fd.FRF(
+        lines,
+        true.response + (noise[0] + 1j * noise[1]) / np.sqrt(2.0),
+        "force",
+        "position",
+        "m/N",
+        float(loop.sample_time),
+        variance=(0.01 * np.abs(true.response)) ** 2,
+    )
     fd.write_frf(tmp_path / "axis.csv", frf)
-    said = tune(str(tmp_path / "axis.csv"), "--baseline", "linear_motor", "--goal", "stiffness", "--band", "1..50",
-                "--filters", "kept", "--out", str(tmp_path / "one"))  # fmt: skip
+    said = tune(
+        str(tmp_path / "axis.csv"),
+        "--baseline",
+        "linear_motor",
+        "--goal",
+        "stiffness",
+        "--band",
+        "1..50",
+        "--filters",
+        "kept",
+        "--out",
+        str(tmp_path / "one"),
+    )
     assert "dynamic stiffness" in said
     assert "certificate.json" in said
     tuned = fd.read_machine(tmp_path / "one" / "machine.toml").loop("x")

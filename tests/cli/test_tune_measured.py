@@ -76,8 +76,12 @@ def test_one_file_or_two_give_the_same(tmp_path: Path, screw: fd.Loop, both: Pat
     fd.write_frf(tmp_path / "load.csv", response(screw, "reading_load"))
     motor = response(screw, "reading_motor", seed=1)
     # in another unit, and as a velocity: both are brought into m/N
-    moved = replace(motor, response=motor.response * 2j * np.pi * LINES * 1e3, unit="mm/s/N",
-                    variance=np.asarray(motor.variance) * (2e3 * np.pi * LINES) ** 2)  # fmt: skip
+    moved = replace(
+        motor,
+        response=motor.response * 2j * np.pi * LINES * 1e3,
+        unit="mm/s/N",
+        variance=np.asarray(motor.variance) * (2e3 * np.pi * LINES) ** 2,
+    )
     fd.write_frf(tmp_path / "motor.csv", moved)
     command(*fast(str(both), "--out", str(tmp_path / "one")))
     command(*fast(str(tmp_path / "load.csv"), "--motor", str(tmp_path / "motor.csv"), "--out", str(tmp_path / "two")))
@@ -173,8 +177,13 @@ def test_a_rule_of_the_trade_is_judged_like_a_search(tmp_path: Path) -> None:
     summary = json.loads((tmp_path / "robust" / "summary.json").read_text())
     assert summary["figures"]["new"]["model"]["gain may rise by"] >= 12.0
     assert set(summary["rules"]) == {
-        "symmetric-optimum", "makers-rule", "kv-rule", "half-antiresonance", "margins-robust", "margins-dynamic",
-    }  # fmt: skip
+        "symmetric-optimum",
+        "makers-rule",
+        "kv-rule",
+        "half-antiresonance",
+        "margins-robust",
+        "margins-dynamic",
+    }
     # Ms 2.008 of the rule is over the limit: the report is written, the machine file is not
     said = command("tune", "ball_screw", "--recipe", "kv-rule", "--out", str(tmp_path / "kv"), code=1)
     assert "Do not use this tuning" in said
@@ -189,10 +198,13 @@ def test_a_rule_of_the_trade_is_judged_like_a_search(tmp_path: Path) -> None:
 def test_a_fit_of_modes_knows_the_hold_of_a_file_that_does_not_state_it() -> None:
     """Two modes, 1.37 samples of dead time, T = 0.25 ms: without the hold the fit was a fifth off at 240 Hz."""
     plant = fd.blocks.Modal(
-        mass=217.0, viscous=400.0,
-        modes=(fd.blocks.Mode(frequency=91.0, damping_ratio=0.03, mass=500.0, load=-1.1),
-               fd.blocks.Mode(frequency=240.0, damping_ratio=0.02, mass=900.0, load=0.3)),
-    )  # fmt: skip
+        mass=217.0,
+        viscous=400.0,
+        modes=(
+            fd.blocks.Mode(frequency=91.0, damping_ratio=0.03, mass=500.0, load=-1.1),
+            fd.blocks.Mode(frequency=240.0, damping_ratio=0.02, mass=900.0, load=0.3),
+        ),
+    )
     T = 2.5e-4
     axis = fd.Axis(plant=plant, actuator=fd.blocks.Actuator(dead_time=1.37 * T))
     control = replace(fd.read_machine("ball_screw").loop("x").control, filters=())

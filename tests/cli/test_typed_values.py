@@ -65,10 +65,15 @@ NAMED = {"set_position": "xs:mm", "position": "x:mm"}
 @pytest.mark.parametrize(
     ("unit", "by_motor", "by_typed"),
     [
-        ("N", 1.0, 40.0), ("kN", 1000.0, 40.0), ("N m", RADIANS, 40.0), ("mN m", 1e-3 * RADIANS, 40.0),
-        ("", 1.5 * RADIANS, 40.0), ("A", 1.5 * RADIANS, 40.0), ("percent", 1.5 * RADIANS, 40.0),
+        ("N", 1.0, 40.0),
+        ("kN", 1000.0, 40.0),
+        ("N m", RADIANS, 40.0),
+        ("mN m", 1e-3 * RADIANS, 40.0),
+        ("", 1.5 * RADIANS, 40.0),
+        ("A", 1.5 * RADIANS, 40.0),
+        ("percent", 1.5 * RADIANS, 40.0),
     ],
-)  # fmt: skip
+)
 def test_one_of_a_command_in_newtons(tmp_path: Path, unit: str, by_motor: float, by_typed: float) -> None:
     """A typed constant, then the unit of the column, then the motor, whose constant is for the drive's own unit."""
     (tmp_path / "m.toml").write_text(MACHINE, encoding="utf-8")
@@ -86,10 +91,12 @@ def test_one_of_a_command_in_newtons(tmp_path: Path, unit: str, by_motor: float,
 @pytest.mark.parametrize(
     ("head", "named", "machine"),
     [
-        ("M_soll [Nm]", {"torque": "M_soll"}, False), ("M", {"torque": "M*1e-3:kNm"}, False),
-        ("M_soll [Nm]", {"command": "M_soll"}, False), ("M_soll [Nm]", {"command": "M_soll"}, True),
+        ("M_soll [Nm]", {"torque": "M_soll"}, False),
+        ("M", {"torque": "M*1e-3:kNm"}, False),
+        ("M_soll [Nm]", {"command": "M_soll"}, False),
+        ("M_soll [Nm]", {"command": "M_soll"}, True),
     ],
-)  # fmt: skip
+)
 def test_a_torque_beside_a_position_is_put_at_the_table(
     tmp_path: Path, head: str, named: dict[str, str], machine: bool
 ) -> None:
@@ -205,9 +212,10 @@ def test_all_fields_of_the_page_are_in_its_request(tmp_path: Path) -> None:
     (tmp_path / "axis.csv").write_text(f"f_Hz,re,im\n{rows}", encoding="utf-8")
     session.desk.files = {"axis.csv": tmp_path / "axis.csv", "log.csv": logged(tmp_path, "F [N]", 1.0)}
     for do, more in (
-        ("look", {"names": ["axis.csv", "log.csv"]}), ("identify", {"name": "axis.csv", "unit": "um/N"}),
+        ("look", {"names": ["axis.csv", "log.csv"]}),
+        ("identify", {"name": "axis.csv", "unit": "um/N"}),
         ("estimate", {"name": "log.csv", "sample_time": 0.001}),
-    ):  # fmt: skip
+    ):
         said = session.answer({"number": 1, "do": f"bring.{do}", **more})
         assert re.search(rb'"error": ?"[^"]', said) is None, said
     _, identified, estimated = work
@@ -223,8 +231,9 @@ def test_what_is_refused_on_the_page_names_the_column(tmp_path: Path) -> None:
     session.desk.start = lambda _room, _what, work, then, *_: then(work(Progress()))  # type: ignore[method-assign]
     bring.do("look", Asked({"names": ["log.csv"]}))
     for typed, message in (
-        ({"factor": "1.2,3"}, "factor must be a number"), ({"factor": 0}, "factor = 0 must be a finite number"),
+        ({"factor": "1.2,3"}, "factor must be a number"),
+        ({"factor": 0}, "factor = 0 must be a finite number"),
         ({"unit": "percent", "factor": 12}, "'percent' does not measure .* a factor from it to N is stated without a"),
-    ):  # fmt: skip
+    ):
         with pytest.raises(FeeddriveError, match=message):
             bring.do("role", Asked({"name": "log.csv", "column": "F", "role": "force", **typed}))

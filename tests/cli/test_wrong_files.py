@@ -21,7 +21,7 @@ WRONG = {
     "part.ngc": "G1 X1 F100\nM2\n",
     "picture.png": "\x89PNG\r\n\x1a\n\x00",
     "empty.toml": "",
-}  # fmt: skip
+}
 MACHINES = ("job.toml", "roles.toml", "log.csv", "certificate.json", "part.ngc", "picture.png", "empty.toml")
 LOGS = ("machine.toml", "job.toml", "certificate.json", "part.ngc", "picture.png", "empty.toml")
 # the command with FILE in place of the file, and the kinds that it cannot take
@@ -78,7 +78,7 @@ def test_a_file_of_another_kind_is_named_and_nothing_is_written(
         ("run part.ngc", "is no TOML text; a job is wanted here: it names a machine file"),
         ("listen --drive machine.toml", "is a machine file, not a drive file"),
     ],
-)  # fmt: skip
+)
 def test_the_kind_and_the_remedy_are_said(
     words: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -150,12 +150,17 @@ def test_an_fmu_in_an_fmu(plants: Path, tmp_path: Path, version: int) -> None:
     real = "Real" if version == 2 else "Float64"
     mapped = {
         ModelVariable(
-            name=each.name, valueReference=0, type=real, causality=each.causality, variability=each.variability,
-            initial=each.initial, start=each.start,
+            name=each.name,
+            valueReference=0,
+            type=real,
+            causality=each.causality,
+            variability=each.variability,
+            initial=each.initial,
+            start=each.start,
         ): [(plant, each)]
         for each in inner.modelVariables
         if each.name in ("force", "load_force", "reading_motor", "reading_load", "position_load")
-    }  # fmt: skip
+    }
     time = ModelVariable(name="time", valueReference=0, type=real, causality="independent", variability="continuous")
     outer = ModelDescription(fmiVersion=f"{version}.0", modelName="Container", instantiationToken="{box}")
     outer.guid = "{box}"

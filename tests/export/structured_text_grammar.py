@@ -120,10 +120,40 @@ _TOKEN = re.compile(
 )
 _NAME = re.compile(r"_?[A-Za-z0-9]+(?:_[A-Za-z0-9]+)*", re.ASCII)
 _KEYWORDS = {
-    "TYPE", "END_TYPE", "STRUCT", "END_STRUCT", "FUNCTION", "END_FUNCTION", "FUNCTION_BLOCK", "END_FUNCTION_BLOCK",
-    "VAR", "VAR_INPUT", "VAR_OUTPUT", "CONSTANT", "END_VAR", "ARRAY", "OF", "IF", "THEN", "ELSIF", "ELSE", "END_IF",
-    "WHILE", "DO", "END_WHILE", "FOR", "TO", "END_FOR", "AND", "OR", "XOR", "NOT", "MOD", "TRUE", "FALSE",
-}  # fmt: skip
+    "TYPE",
+    "END_TYPE",
+    "STRUCT",
+    "END_STRUCT",
+    "FUNCTION",
+    "END_FUNCTION",
+    "FUNCTION_BLOCK",
+    "END_FUNCTION_BLOCK",
+    "VAR",
+    "VAR_INPUT",
+    "VAR_OUTPUT",
+    "CONSTANT",
+    "END_VAR",
+    "ARRAY",
+    "OF",
+    "IF",
+    "THEN",
+    "ELSIF",
+    "ELSE",
+    "END_IF",
+    "WHILE",
+    "DO",
+    "END_WHILE",
+    "FOR",
+    "TO",
+    "END_FOR",
+    "AND",
+    "OR",
+    "XOR",
+    "NOT",
+    "MOD",
+    "TRUE",
+    "FALSE",
+}
 _LEVELS = (("OR",), ("XOR",), ("AND",), ("=", "<>"), ("<", ">", "<=", ">="), ("+", "-"), ("*", "/", "MOD"))
 
 

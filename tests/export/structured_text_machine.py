@@ -141,13 +141,20 @@ class Unit:
         """The Python function."""
         z, z32 = (flushed, short_flushed) if self.owner.flush else (float, short)
         scope: dict[str, Any] = {
-            "LREAL_add": lambda a, b: z(a + b), "LREAL_sub": lambda a, b: z(a - b), "LREAL_mul": lambda a, b: z(a * b),
-            "LREAL_div": lambda a, b: z(divide(a, b)), "LREAL_sqrt": lambda a: z(root(a)),
-            "REAL_add": lambda a, b: z32(a + b), "REAL_sub": lambda a, b: z32(a - b),
-            "REAL_mul": lambda a, b: z32(a * b), "REAL_div": lambda a, b: z32(divide(a, b)),
-            "REAL_sqrt": lambda a: z32(root(a)), "REAL": z32,
-            "to_integer": to_integer, "truncated": truncated,
-        }  # fmt: skip
+            "LREAL_add": lambda a, b: z(a + b),
+            "LREAL_sub": lambda a, b: z(a - b),
+            "LREAL_mul": lambda a, b: z(a * b),
+            "LREAL_div": lambda a, b: z(divide(a, b)),
+            "LREAL_sqrt": lambda a: z(root(a)),
+            "REAL_add": lambda a, b: z32(a + b),
+            "REAL_sub": lambda a, b: z32(a - b),
+            "REAL_mul": lambda a, b: z32(a * b),
+            "REAL_div": lambda a, b: z32(divide(a, b)),
+            "REAL_sqrt": lambda a: z32(root(a)),
+            "REAL": z32,
+            "to_integer": to_integer,
+            "truncated": truncated,
+        }
         for name, (function, _, _) in self.owner.functions.items():
             scope[f"call_{name}"] = function
         exec(compile(self.python, f"<{self.name}>", "exec"), scope)

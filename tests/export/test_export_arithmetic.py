@@ -30,9 +30,12 @@ needs_x86 = pytest.mark.skipif("x86" not in platform.machine(), reason="NOT TEST
 STRICT = ("-std=c99", "-O2", "-ffp-contract=off", "-w")
 # what a compiler says of itself, taken away: an older gcc has no macros for the parts of -ffast-math
 SILENT = (
-    "-U__ASSOCIATIVE_MATH__", "-U__RECIPROCAL_MATH__", "-U__NO_SIGNED_ZEROS__", "-U__FLT_EVAL_METHOD__",
+    "-U__ASSOCIATIVE_MATH__",
+    "-U__RECIPROCAL_MATH__",
+    "-U__NO_SIGNED_ZEROS__",
+    "-U__FLT_EVAL_METHOD__",
     "-U__FLT_EVAL_METHOD_TS_18661_3__",
-)  # fmt: skip
+)
 ASSOCIATIVE = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math")
 TOLD = [
     (("-ffast-math",), "broken readings could not be detected"),

@@ -103,9 +103,11 @@ def test_a_closed_loop_has_the_simulators_bits(name: str) -> None:
     setpoint = move.at(np.arange(count) * T)
     rows = {
         **{f"set_{field}": np.broadcast_to(getattr(setpoint, field), count) for field in setpoint._fields},
-        "reading": simulated["reading_load"], "reading_motor": simulated["reading_motor"],
-        "reading_load": simulated["reading_load"], "enable": np.ones(count),
-    }  # fmt: skip
+        "reading": simulated["reading_load"],
+        "reading_motor": simulated["reading_motor"],
+        "reading_load": simulated["reading_load"],
+        "enable": np.ones(count),
+    }
     inputs = np.column_stack([rows[variable.name] for variable in made.routine.inputs])
     assert count > 1000
     assert np.ptp(simulated["force"]) > 100.0
@@ -204,7 +206,7 @@ def test_an_exported_axis_moves_as_the_simulated_one(axis: str, tmp_path: Path) 
     (tmp_path / "main.c").write_text(_PLANT, encoding="utf-8")
     subprocess.run(
         ["gcc", *WARNINGS, "plant_x.c", "plant_x_configure.c", "main.c", "-o", "plant", "-lm"], cwd=tmp_path, check=True
-    )  # fmt: skip
+    )
     with open(tmp_path / "in", "rb") as given:
         answer = subprocess.run([tmp_path / "plant"], stdin=given, capture_output=True, check=True).stdout
     motion = np.frombuffer(answer, dtype=np.float64).reshape(-1, 3)

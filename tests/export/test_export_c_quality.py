@@ -46,10 +46,21 @@ def misra(files: dict[str, str], place: Path) -> dict[str, list[str]]:
         (place / name).write_text(text, encoding="utf-8")
     sources = sorted(name for name in files if name.endswith(".c"))
     done = subprocess.run(
-        ["cppcheck", "--addon=misra", "--std=c99", "--language=c", "--enable=style", "--quiet",
-         "--template={id} {file}:{line}", *sources],
-        cwd=place, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        [
+            "cppcheck",
+            "--addon=misra",
+            "--std=c99",
+            "--language=c",
+            "--enable=style",
+            "--quiet",
+            "--template={id} {file}:{line}",
+            *sources,
+        ],
+        cwd=place,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     found: dict[str, list[str]] = {}
     for line in done.stderr.splitlines():

@@ -63,8 +63,11 @@ def test_the_routine_is_the_run_of_the_machine() -> None:
     without = simulate(crossed(0.0), PATH)
     assert np.max(np.abs(run["y.force"] - without["y.force"])) > 1.0  # N: the coupling acts
     routine = controller_routine(machine, "axes")
-    rows = {f"{axis}.{name}": row for axis, each in PATH.items() for name, row in zip(
-        SETPOINT, each.at(run.time), strict=True)}  # fmt: skip
+    rows = {
+        f"{axis}.{name}": row
+        for axis, each in PATH.items()
+        for name, row in zip(SETPOINT, each.at(run.time), strict=True)
+    }
     for axis in PATH:
         rows |= {f"{axis}.reading": run[f"{axis}.reading_load"], f"{axis}.enable": np.ones(run.samples)}
     given = np.column_stack([rows[each.path] for each in routine.inputs])

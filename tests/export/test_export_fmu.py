@@ -130,9 +130,14 @@ def test_fmpy_itself_gets_the_bits_of_the_simulator(made: Path, version: int) ->
     signals = np.array([(k * T, *row[:-1], row[-1] > 0.5) for k, row in enumerate(inputs)], dtype=kinds)
     gains = {"law_Kv": 60.0, "law_Tn": 0.01}
     result = fmpy.simulate_fmu(
-        str(made / f"control{version}.fmu"), start_values=gains, input=signals, output=list(ANSWERS),
-        step_size=T, output_interval=T, stop_time=(len(inputs) - 1) * T,
-    )  # fmt: skip
+        str(made / f"control{version}.fmu"),
+        start_values=gains,
+        input=signals,
+        output=list(ANSWERS),
+        step_size=T,
+        output_interval=T,
+        stop_time=(len(inputs) - 1) * T,
+    )
     routine = controller_routine(
         tree.vary(ball_screw(), {f"axis.x.control.law.{k[4:]}": v for k, v in gains.items()}), "axis_x"
     )
@@ -378,9 +383,16 @@ def test_a_source_fmu_is_compiled_by_fmpy(made: Path, tmp_path: Path, version: i
 @pytest.mark.parametrize("version", VERSIONS)
 def test_its_c_has_no_warning(made: Path, tmp_path: Path, version: int) -> None:
     flags = (
-        "-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Werror",
+        "-std=c99",
+        "-pedantic",
+        "-Wall",
+        "-Wextra",
+        "-Wconversion",
+        "-Wdouble-promotion",
+        "-Wshadow",
+        "-Werror",
         "-fsyntax-only",
-    )  # fmt: skip
+    )
     for kind in ("control", "plant"):
         folder = tmp_path / kind
         zipfile.ZipFile(made / f"{kind}{version}.fmu").extractall(folder)

@@ -136,9 +136,14 @@ def test_closed_loop_in_hal_is_the_simulation(exported, tmp_path, machine, axis)
     two = len(routine.inputs) == 8
     commands = ["position-cmd", "velocity-cmd", "acceleration-cmd", "jerk-cmd", "snap-cmd", "enable"]
     wiring = [
-        f"loadrt {routine.name}", f"loadrt {routine.name}_plant",
-        f"setp {c}.units-per-m 1", f"setp {p}.units-per-m 1", f"setp {c}.late-limit 0",
-        f"addf {p}.read servo-thread", f"addf {c} servo-thread", f"addf {p}.write servo-thread",
+        f"loadrt {routine.name}",
+        f"loadrt {routine.name}_plant",
+        f"setp {c}.units-per-m 1",
+        f"setp {p}.units-per-m 1",
+        f"setp {c}.late-limit 0",
+        f"addf {p}.read servo-thread",
+        f"addf {c} servo-thread",
+        f"addf {p}.write servo-thread",
         *(f"net in-{i} streamer.0.pin.{i} => {c}.{pin}" for i, pin in enumerate(commands)),
         f"net force {c}.force-cmd => {p}.force sampler.0.pin.0",
         f"net motor {p}.motor-position-fb => sampler.0.pin.1",
@@ -147,7 +152,7 @@ def test_closed_loop_in_hal_is_the_simulation(exported, tmp_path, machine, axis)
         f"net true-motor {p}.motor-position => sampler.0.pin.3",
         f"net true-load {p}.load-position => sampler.0.pin.4",
         f"net trip {c}.trip-code => sampler.0.pin.5",
-    ]  # fmt: skip
+    ]
     components = [place / f"{routine.name}.comp", place / f"{routine.name}_plant.comp"]
     got = halrun(components, tmp_path, servo_period(routine), wiring, given, "fffffb", "fffffs").rows
     assert same_bits(got, np.column_stack([expected[each] for each in signals]))
@@ -192,17 +197,25 @@ def test_parameters_change_while_it_runs(exported, tmp_path):
     inputs[:, 0], inputs[:, 1] = 1e-3 * np.sin(20.0 * time), 0.02 * np.cos(20.0 * time)
     inputs[:, 5] = inputs[:, 6] = inputs[:, 0] - 2e-5 * np.sin(35.0 * time)
     inputs[:, -1] = 1.0
-    changes = [("axis.x.control.law.Kv", 80.0), ("axis.x.control.law.Tn", 0.01),
-               ("axis.x.control.filters.0.frequency", 400.0),
-               ("axis.x.control.force_limit", 300.0)]  # fmt: skip
+    changes = [
+        ("axis.x.control.law.Kv", 80.0),
+        ("axis.x.control.law.Tn", 0.01),
+        ("axis.x.control.filters.0.frequency", 400.0),
+        ("axis.x.control.force_limit", 300.0),
+    ]
     path = {name: name.removeprefix("axis.x.control.").replace("_", "-") for name, _ in changes}
     meanwhile = [line for name, value in changes for line in between(f"setp axis-x.{path[name]} {value}")]
     # out of bounds: does not act, and does not count
     meanwhile += between("setp axis-x.law.Kv -1") + between("setp axis-x.law.Kv 80")
     got = answers(
-        routine, place, tmp_path, inputs, paced=True, meanwhile=meanwhile,
+        routine,
+        place,
+        tmp_path,
+        inputs,
+        paced=True,
+        meanwhile=meanwhile,
         more=[("retunes", "u"), ("parameter-bad", "b"), ("parameter-rule", "s")],
-    ).rows  # fmt: skip
+    ).rows
     outputs, retunes, bad, rule = got[:, :-3], got[:, -3], got[:, -2], got[:, -1]
     assert {int(code) for code in rule[bad == 1.0]} == {1}
     assert routine.sentences[1].startswith("law_Kv")
@@ -309,8 +322,15 @@ def test_a_late_call_is_a_fault(exported, tmp_path):
     design, place = exported("emps")
     inputs = np.zeros((50, len(design.routine.inputs)))
     inputs[:, -1] = 1.0
-    got = answers(design.routine, place, tmp_path, inputs, paced=True, setup=["setp axis-x.late-limit 100000"],
-                  more=[("fault-code", "s")]).rows  # fmt: skip
+    got = answers(
+        design.routine,
+        place,
+        tmp_path,
+        inputs,
+        paced=True,
+        setup=["setp axis-x.late-limit 100000"],
+        more=[("fault-code", "s")],
+    ).rows
     code = got[:, -1]
     assert code[0] == 0.0, "nothing was called before the first call"
     assert code[-1] == 12.0
@@ -331,8 +351,14 @@ def test_bad_parameters_at_enable_are_a_fault(exported, tmp_path, setting):
     design, place = exported("emps")
     inputs = np.zeros((50, len(design.routine.inputs)))
     inputs[:, 0], inputs[:, -1] = 1e-4, 1.0
-    got = answers(design.routine, place, tmp_path, inputs, setup=[f"setp axis-x.{setting}"],
-                  more=[("fault-code", "s"), ("parameter-bad", "b")]).rows  # fmt: skip
+    got = answers(
+        design.routine,
+        place,
+        tmp_path,
+        inputs,
+        setup=[f"setp axis-x.{setting}"],
+        more=[("fault-code", "s"), ("parameter-bad", "b")],
+    ).rows
     assert np.all(got[:, -2:] == [13.0, 1.0])
     assert np.all(got[:, 0] == 0.0)
 
@@ -341,9 +367,19 @@ def test_directory_says_all(exported):
     """Every pin and parameter stands in the README; the planner's commands and the trips are wired."""
     design, place = exported("ball_screw")
     files = {each.name for each in place.iterdir()} - {".feeddrive"}
-    assert files == {"export.json", "machine.toml",
-                     "axis_x.comp", "axis_x.h", "axis_x.hal", "axis_x.ini", "axis_x_plant.comp", "axis_x_plant.h",
-                     "desk.hal", "desk.ini", "README.md"}  # fmt: skip
+    assert files == {
+        "export.json",
+        "machine.toml",
+        "axis_x.comp",
+        "axis_x.h",
+        "axis_x.hal",
+        "axis_x.ini",
+        "axis_x_plant.comp",
+        "axis_x_plant.h",
+        "desk.hal",
+        "desk.ini",
+        "README.md",
+    }
     comp, readme = (place / "axis_x.comp").read_text(), (place / "README.md").read_text()
     assert comp.isascii(), "halcompile reads it in the locale of its user"
     declared = [line.split()[3] for line in comp.splitlines() if line.startswith(("pin ", "param "))]
@@ -354,8 +390,14 @@ def test_directory_says_all(exported):
         short = variable.path.removeprefix("axis.x.").removeprefix("control.").removeprefix("actuator.")
         assert short.replace("_", "-") in declared
     wiring = (place / "axis_x.hal").read_text()
-    for each in ("joint.0.motor-pos-cmd", "joint.0.vel-cmd", "joint.0.acc-cmd", "joint.0.amp-enable-out",
-                 "joint.0.amp-fault-in", "joint.0.motor-pos-fb"):  # fmt: skip
+    for each in (
+        "joint.0.motor-pos-cmd",
+        "joint.0.vel-cmd",
+        "joint.0.acc-cmd",
+        "joint.0.amp-enable-out",
+        "joint.0.amp-fault-in",
+        "joint.0.motor-pos-fb",
+    ):
         assert each in wiring
     assert "emergency stop" in readme
     assert "uncoupled" in readme
@@ -382,9 +424,12 @@ def test_wiring_is_taken_by_the_real_motion_module(tmp_path, machine, axis):
     place = tmp_path / "made"
     for file in place.glob("*.hal"):
         (tmp_path / file.name).write_text(file.read_text().replace("#   setp", "setp"))
-    values = {"[KINS]KINEMATICS": f"trivkins coordinates={'XY'[: 'xy'.index(axis) + 1]}", "[EMCMOT]EMCMOT": "motmod",
-              "[EMCMOT]SERVO_PERIOD": str(servo_period(design.routine)),
-              "[KINS]JOINTS": str("xy".index(axis) + 1)}  # fmt: skip
+    values = {
+        "[KINS]KINEMATICS": f"trivkins coordinates={'XY'[: 'xy'.index(axis) + 1]}",
+        "[EMCMOT]EMCMOT": "motmod",
+        "[EMCMOT]SERVO_PERIOD": str(servo_period(design.routine)),
+        "[KINS]JOINTS": str("xy".index(axis) + 1),
+    }
     desk = (tmp_path / "desk.hal").read_text()
     for key, value in values.items():
         desk = desk.replace(key, value)
@@ -407,8 +452,9 @@ def test_no_processor_contracts_a_product_and_a_sum(exported, tmp_path):
     header = (place / "axis_x.h").read_text()
     found = []
     for text in (header, header.replace("#pragma GCC optimize", "// ")):
-        (tmp_path / "law.c").write_text(text + "\nvoid (*const kept)(axis_x_controller *, const axis_x_inputs *, "
-                                        "axis_x_outputs *) = axis_x_step;\n")  # fmt: skip
+        (tmp_path / "law.c").write_text(
+            text + "\nvoid (*const kept)(axis_x_controller *, const axis_x_inputs *, axis_x_outputs *) = axis_x_step;\n"
+        )
         subprocess.run(["gcc", "-Os", "-mfma", "-S", "law.c"], cwd=tmp_path, check=True)
         found.append(len(re.findall(r"vfn?m(?:add|sub)", (tmp_path / "law.s").read_text())))
     assert found[0] == 0

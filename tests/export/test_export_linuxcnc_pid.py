@@ -43,9 +43,11 @@ LONG_DIFFERENCE = (
     ("Tn_ms = 5.4", "Tn_ms = 30"),
 )
 ONE_LOW_PASS = (
-    ("[[axis.x.control.feedforward]]", '[[axis.x.control.filters]]\nkind = "low_pass"\nfrequency = 1500\n'
-     '[[axis.x.control.feedforward]]'),
-)  # fmt: skip
+    (
+        "[[axis.x.control.feedforward]]",
+        '[[axis.x.control.filters]]\nkind = "low_pass"\nfrequency = 1500\n[[axis.x.control.feedforward]]',
+    ),
+)
 HANGING = (
     ("[axis.x.encoder_load]", '[[axis.x.forces]]\nkind = "gravity"\nforce_N = -390\n[axis.x.encoder_load]'),
     ("[axis.x.control.guard]", "[axis.x.control.guard]\nsafe_force_N = 390"),
@@ -141,10 +143,11 @@ def in_hal(directory: Path, folder: Path, loop: Loop, law: LinuxcncPid, run: dic
 @pytest.mark.parametrize(
     "case",
     all_but(
-        ("linear motor, one pid and a low pass", "stick and slip, learned feedforward"), CASES,
+        ("linear motor, one pid and a low pass", "stick and slip, learned feedforward"),
+        CASES,
         "a session of HAL for each; the quick ones have both routes and every part",
     ),
-)  # fmt: skip
+)
 def test_the_fragments_close_the_loop_as_it_was_simulated(case: str, tmp_path: Path) -> None:
     """A move beyond the force limit where there is one: outputs of the pids and positions, every sample, every bit."""
     machine, route, changes = CASES[case]

@@ -29,9 +29,15 @@ ASKED_FOR = ("share", "limit", "safe_force", "table_start", "spacing", "most_shi
 # LinuxCNC has them; a share rises from 0, modes swing to the force, a learned force is one of time; and the implicit
 # sliding mode holds a force by an error only
 UNHELD = (
-    "cascade_ppi, plain", "active_disturbance_rejection, 0 taylor states", "linuxcnc_pid", "cascade_ppi, recovery",
-    "active_disturbance_rejection, hanging", "dadsc, mode", "cascade_ppi, learned force", "super_twisting, implicit",
-)  # fmt: skip
+    "cascade_ppi, plain",
+    "active_disturbance_rejection, 0 taylor states",
+    "linuxcnc_pid",
+    "cascade_ppi, recovery",
+    "active_disturbance_rejection, hanging",
+    "dadsc, mode",
+    "cascade_ppi, learned force",
+    "super_twisting, implicit",
+)
 HELD = [name for name in LOOPS if name not in UNHELD]
 SHIFTS = {"cascade_ppi, pitch tables": -0.5e-6}  # m, by which the reading of a steady state is beside the set position
 

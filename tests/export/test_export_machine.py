@@ -85,8 +85,11 @@ def test_c_of_controls_and_plant_is_the_run_of_the_coupled_machine(name: str, tm
     given = np.column_stack([rows[name] for name in names])
     (tmp_path / "main.c").write_text(_MAIN, encoding="utf-8")
     folders = [tmp_path / "controls" / "x", tmp_path / "controls" / "y", tmp_path / "plant"]
-    sources = [str(folder / f"{each.name}{part}.c") for folder, each in zip(folders, (one, two, plant), strict=True)
-               for part in ("", "_configure")]  # fmt: skip
+    sources = [
+        str(folder / f"{each.name}{part}.c")
+        for folder, each in zip(folders, (one, two, plant), strict=True)
+        for part in ("", "_configure")
+    ]
     flags = [
         "-std=c99",
         "-O0",

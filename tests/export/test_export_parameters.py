@@ -68,7 +68,7 @@ BACK: dict[str, tuple[Callable[[float], float], float]] = {
     "odrv0.axis0.controller.config.vel_limit": (lambda x: x * TURN / R, SIX),
     "odrv0.axis0.motor.config.torque_lim": (lambda x: x * R, SIX),
     "odrv0.axis0.controller.config.inertia": (lambda x: x / TURN * R**2, SIX),
-}  # fmt: skip
+}
 LINE = re.compile(r"^(?P<name>[^#;/=][^=]*?) = (?P<value>\S+)$")
 
 
@@ -106,7 +106,9 @@ class TestBallScrew:
         assert isinstance(law, CascadePPI)
         assert guard is not None
         truth = {
-            "axis.x.control.law.Kv": law.Kv, "axis.x.control.law.Kp": law.Kp, "axis.x.control.law.Tn": law.Tn,
+            "axis.x.control.law.Kv": law.Kv,
+            "axis.x.control.law.Kp": law.Kp,
+            "axis.x.control.law.Tn": law.Tn,
             "axis.x.control.law.Kp / axis.x.control.law.Tn": law.Kp / law.Tn,
             "axis.x.control.law.velocity_feedforward": law.velocity_feedforward,
             "axis.x.control.feedforward, mass": 163.0,
@@ -116,7 +118,7 @@ class TestBallScrew:
             "axis.x.control.guard.travel_least": guard.travel_least,
             "axis.x.control.guard.travel_most": guard.travel_most,
             "axis.x.actuator.motor.lead": LEAD,
-        }  # fmt: skip
+        }
         blocks = re.findall(r"from (?P<path>[^=\n]+) = (?P<si>\S+).*\n(?:[;/#]+ .*\n)*(?P<line>.+)", text)
         seen = 0
         for path, si, line in blocks:
@@ -142,8 +144,19 @@ class TestBallScrew:
     @pytest.mark.parametrize("file", ["sinumerik.txt", "twincat.txt", "odrive.txt", "linuxcnc.txt", "parameters.csv"])
     def test_every_file_states_safety_and_kv_in_four_units(self, written: tuple[Design, Path], file: str) -> None:
         text = (written[1] / file).read_text(encoding="utf-8")
-        for word in ("for a person to check", "Compare every unit", "emergency stop", "uncoupled", "vertical axis",
-                     "100 1/s", "(mm/s)/mm", "6 (m/min)/mm", "6 1000/min", "0.01/s", "16.667"):  # fmt: skip
+        for word in (
+            "for a person to check",
+            "Compare every unit",
+            "emergency stop",
+            "uncoupled",
+            "vertical axis",
+            "100 1/s",
+            "(mm/s)/mm",
+            "6 (m/min)/mm",
+            "6 1000/min",
+            "0.01/s",
+            "16.667",
+        ):
             assert word in text, word
 
     def test_filters_of_sinamics_have_the_response_of_the_design(self, written: tuple[Design, Path]) -> None:
@@ -293,26 +306,42 @@ class TestBadInput:
 def full(loop: Loop) -> Loop:
     """A control with something of every kind."""
     spring = TwoMass(mass_motor=100.0, mass_load=50.0, stiffness=1e7, viscous_load=100.0)
-    law = CascadePPI(Kv=50.0, Kp=4e4, Tn=0.01, viscous=30.0, velocity_samples=2, velocity_encoder="load",
-                     position_every=2, model_mass=150.0)  # fmt: skip
+    law = CascadePPI(
+        Kv=50.0,
+        Kp=4e4,
+        Tn=0.01,
+        viscous=30.0,
+        velocity_samples=2,
+        velocity_encoder="load",
+        position_every=2,
+        model_mass=150.0,
+    )
     guard = Guard(following_error_limit=1e-3, velocity_limit=2.0, travel_least=-0.1, travel_most=0.5, safe_force=300.0)
     control = Control(
         law=law,
         prefilter=TrajectoryPrefilter(theta1=0.0, theta2=1e-6, theta3=0.0, theta4=0.0),
-        filters=(Notch(frequency=300.0), LowPass(frequency=900.0), LowPass2(frequency=2000.0),
-                 SecondOrder(frequency_zero=700.0, frequency_pole=500.0), LowPass2(frequency=3000.0)),
+        filters=(
+            Notch(frequency=300.0),
+            LowPass(frequency=900.0),
+            LowPass2(frequency=2000.0),
+            SecondOrder(frequency_zero=700.0, frequency_pole=500.0),
+            LowPass2(frequency=3000.0),
+        ),
         force_limit=5000.0,
         guard=guard,
         feedback_delay=1e-4,
-    )  # fmt: skip
+    )
     return replace(loop, control=replace(control, feedforward=(InverseDynamics(model=spring),)))
 
 
 @pytest.mark.parametrize("target", [*MAKERS, "linuxcnc"])
 def test_every_item_of_a_design_is_held_or_stands_in_the_table(target: str) -> None:
     loop = full(read_design("ball_screw", "x").loop)
-    more = (DisturbanceCompensator(mass=10.0, viscous=5.0, coulomb_positive=20.0, coulomb_negative=20.0,
-                                   jerk_feedforward=0.1),)  # fmt: skip
+    more = (
+        DisturbanceCompensator(
+            mass=10.0, viscous=5.0, coulomb_positive=20.0, coulomb_negative=20.0, jerk_feedforward=0.1
+        ),
+    )
     friction = (Inertia(mass=10.0), FrictionFeedforward(coulomb_positive=10.0, coulomb_negative=10.0))
     if target == "linuxcnc":
         held, outside = linuxcnc_pid.HELD, linuxcnc_pid.OUTSIDE

@@ -248,9 +248,12 @@ DEFECTS = {
     "gpi, omega_o": ("cascade_ppi, rejection", "compensation.0.observer.omega_o", 50.0, "omega_o is slow"),
     "adrc, zeta_o": ("active_disturbance_rejection", "law.observer.zeta_o", 1000.0, "rigid axis of this mass"),
     "filter beyond half the sample rate": (
-        "cascade_ppi, filters and inertia", "filters.0.frequency", 20.0, "half the sample rate"
+        "cascade_ppi, filters and inertia",
+        "filters.0.frequency",
+        20.0,
+        "half the sample rate",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.fixture(scope="module")

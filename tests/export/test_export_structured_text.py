@@ -92,9 +92,11 @@ def closed_loop(loop: fd.Loop, routine: Routine) -> tuple[np.ndarray, Mapping[st
     setpoint = move.at(np.arange(count) * T)
     rows = {
         **{f"set_{field}": np.broadcast_to(getattr(setpoint, field), count) for field in setpoint._fields},
-        "reading": simulated["reading_load"], "reading_motor": simulated["reading_motor"],
-        "reading_load": simulated["reading_load"], "enable": np.ones(count),
-    }  # fmt: skip
+        "reading": simulated["reading_load"],
+        "reading_motor": simulated["reading_motor"],
+        "reading_load": simulated["reading_load"],
+        "enable": np.ones(count),
+    }
     signals = {name: np.asarray(simulated[name]) for name in record}
     return np.column_stack([rows[variable.name] for variable in routine.inputs]), signals
 

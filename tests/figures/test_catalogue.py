@@ -25,11 +25,16 @@ from feeddrive.tuning.tune import tune_control
 
 LOOP = fd.read_machine("linear_motor").loop(None)
 SOFT = Figure(
-    "softness_m_per_N", "softness", "m/N", MODEL, lambda loop: 1.0 / loop.stiffness.minimum, meaning="by a package",
+    "softness_m_per_N",
+    "softness",
+    "m/N",
+    MODEL,
+    lambda loop: 1.0 / loop.stiffness.minimum,
+    meaning="by a package",
     tuned=True,
     goal=Goal("softness", "softness", lambda loop, _: float(np.max(loop.compliance.magnitude)), compliance_peak_slope),
     limit=replace(COMPLIANCE_PEAK.limit, option="most_softness") if COMPLIANCE_PEAK.limit else None,
-)  # fmt: skip
+)
 
 
 @pytest.fixture
@@ -81,8 +86,9 @@ def test_limits_are_data() -> None:
     assert limits.eased(PHASE_MARGIN, 1.5).bound(PHASE_MARGIN) == 20.0
     assert Limits().eased(SENSITIVITY_PEAK, 1.5).bound(SENSITIVITY_PEAK) == 2.5
     assert [limit.figure for limit in limits.having(Limit(SENSITIVITY_PEAK, 1.5)).limits] == [
-        SENSITIVITY_PEAK, PHASE_MARGIN,
-    ]  # fmt: skip
+        SENSITIVITY_PEAK,
+        PHASE_MARGIN,
+    ]
     with pytest.raises(ParameterError, match="no tuning can limit 'crossover_Hz'"):
         Limits(crossover_Hz=10.0)
     with pytest.raises(ParameterError, match="phase_margin_deg = 180 must be < 180"):

@@ -98,9 +98,11 @@ for x in PLACES:
 @pytest.mark.parametrize("file_type", [0, 1])
 def test_linuxcnc_adds_what_the_block_adds(file_type: int, tmp_path: Path) -> None:
     block = PitchCompensation(
-        forward=1e-3 * np.array([0.1, 0.3, 0.5, 0.1, 0.2]), backward=1e-3 * np.array([-0.2, 0.1, 0.2, -0.3, -0.1]),
-        table_start=-0.1, spacing=0.05,
-    )  # fmt: skip
+        forward=1e-3 * np.array([0.1, 0.3, 0.5, 0.1, 0.2]),
+        backward=1e-3 * np.array([-0.2, 0.1, 0.2, -0.3, -0.1]),
+        table_start=-0.1,
+        spacing=0.05,
+    )
     write_comp_file(block, tmp_path / "x.comp", file_type=file_type)
     joints = (
         "".join(f"[JOINT_{i}]\n{_JOINT}" for i in (1, 2, 0)) + f"COMP_FILE = x.comp\nCOMP_FILE_TYPE = {file_type}\n"

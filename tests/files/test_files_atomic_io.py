@@ -160,8 +160,12 @@ def test_a_place_for_a_directory_is_checked_without_touching_it(tmp_path: Path) 
     before = listing(tmp_path)
     check_directory(tmp_path / "ours")
     check_directory(tmp_path / "new" / "and" / "deep")
-    for name, reason in (("file", "is a file"), ("mine", "was not written by feeddrive"), ("link", "symbolic link"),
-                         ("file/below", "a directory|a part of its path")):  # fmt: skip
+    for name, reason in (
+        ("file", "is a file"),
+        ("mine", "was not written by feeddrive"),
+        ("link", "symbolic link"),
+        ("file/below", "a directory|a part of its path"),
+    ):
         with pytest.raises(FileError, match=reason):
             check_directory(tmp_path / name)
     assert listing(tmp_path) == before

@@ -117,7 +117,7 @@ spindle_speed = 5000
         (" down)", ")", r"line 5, column 1: .*either up or down"),
         ("(AP=2)", "(ap=2 up)", r"line 10, column 1: .*up has no ae"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_cut_is_named_with_its_line(tmp_path: Path, old: str, new: str, said: str) -> None:
     assert old in PROGRAM
     with pytest.raises(ProgramError, match=said):
@@ -133,7 +133,7 @@ def test_what_cannot_be_cut_is_named_with_its_line(tmp_path: Path, old: str, new
         ("Ktc_N_per_mm2 = 767", "Ktc = 767", r"Ktc.*N_per_mm2"),
         ("diameter_mm = 12", "diameter_mm = 12\ncolour = 1", r"key 'process\.tool\.1\.colour' is not known"),
     ],
-)  # fmt: skip
+)
 def test_a_process_that_cannot_be_is_named_with_its_key(tmp_path: Path, old: str, new: str, said: str) -> None:
     assert old in JOB
     job = JOB.replace(old, new)

@@ -253,23 +253,36 @@ def test_the_stage_and_the_bench(shared: Path) -> None:
 
 
 def function(
-    data: np.ndarray, *, binary: bool, kind: int = 4, name: str = "x", node: int = 1, unit: str = "NONE",
-    of: tuple[int, int, int] = (18, 8, 13), begin: float = 1.0, step: float = 1.0,
-) -> bytes:  # fmt: skip
+    data: np.ndarray,
+    *,
+    binary: bool,
+    kind: int = 4,
+    name: str = "x",
+    node: int = 1,
+    unit: str = "NONE",
+    of: tuple[int, int, int] = (18, 8, 13),
+    begin: float = 1.0,
+    step: float = 1.0,
+) -> bytes:
     """One dataset 58 over an even abscissa in double precision, by the published layout."""
     numbers = data.astype("<c16").view("<f8") if np.iscomplexobj(data) else data.astype("<f8")
     body = numbers.tobytes()
     first = f"    58b     1     2          11{len(body):12d}     0     0           0           0\n"
-    axes = [f"{each:10d}    0    0    0 {'NONE':20s} {label:20s}\n" for each, label in zip(
-        (*of, 0), ("NONE", unit, "NONE", "NONE"), strict=True)]  # fmt: skip
+    axes = [
+        f"{each:10d}    0    0    0 {'NONE':20s} {label:20s}\n"
+        for each, label in zip((*of, 0), ("NONE", unit, "NONE", "NONE"), strict=True)
+    ]
     head = "".join(
         [
-            "    -1\n", first if binary else "    58\n", f"{name:80s}\n", *(f"{'NONE':80s}\n" for _ in range(4)),
+            "    -1\n",
+            first if binary else "    58\n",
+            f"{name:80s}\n",
+            *(f"{'NONE':80s}\n" for _ in range(4)),
             f"{kind:5d}{0:10d}{0:5d}{0:10d} {'NONE':10s}{node:10d}{3:4d} {'NONE':10s}{2:10d}{-3:4d}\n",
             f"{6 if np.iscomplexobj(data) else 4:10d}{data.size:10d}{1:10d}{begin:13.5e}{step:13.5e}{0.0:13.5e}\n",
             *axes,
         ]
-    )  # fmt: skip
+    )
     if binary:
         return head.encode() + body + b"\n    -1\n"
     cells = [f"{number:20.12e}" for number in numbers]
@@ -514,10 +527,15 @@ def test_encoders_are_known_by_name_alone():
     assert encoders({"a": frf, "b": frf}) == {}
 
 
-@pytest.mark.parametrize(("head", "si", "times"), [
-    ("|G| [mm/s/A]", "(m/s)/A", 1e-3), ("|G| [rad/(s Nm)]", "(rad/s)/(N m)", 1.0), ("|G| [µm/N]", "m/N", 1e-6),
-    ("magnitude [(m/s)/N]", "(m/s)/N", 1.0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("head", "si", "times"),
+    [
+        ("|G| [mm/s/A]", "(m/s)/A", 1e-3),
+        ("|G| [rad/(s Nm)]", "(rad/s)/(N m)", 1.0),
+        ("|G| [µm/N]", "m/N", 1e-6),
+        ("magnitude [(m/s)/N]", "(m/s)/N", 1.0),
+    ],
+)
 def test_a_magnitude_between_bars_with_its_unit(tmp_path: Path, head: str, si: str, times: float) -> None:
     path = tmp_path / "frf.csv"
     name = "G" if head.startswith("|") else ""

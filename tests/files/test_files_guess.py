@@ -43,9 +43,19 @@ def test_words(name: str, words: list[str]) -> None:
 
 @pytest.mark.parametrize(
     ("name", "unit"),
-    [("pos_act_mm", "mm"), ("force_N", "N"), ("x_m", ""), ("pos_m", "m"), ("speed rpm", "rpm"), ("u_in", ""),
-     ("iq_A", "A"), ("theta_mx", ""), ("N", ""), ("force", "")],
-)  # fmt: skip
+    [
+        ("pos_act_mm", "mm"),
+        ("force_N", "N"),
+        ("x_m", ""),
+        ("pos_m", "m"),
+        ("speed rpm", "rpm"),
+        ("u_in", ""),
+        ("iq_A", "A"),
+        ("theta_mx", ""),
+        ("N", ""),
+        ("force", ""),
+    ],
+)
 def test_units_in_names(name: str, unit: str) -> None:
     assert unit_in_name(name) == unit
 
@@ -56,14 +66,19 @@ LOGS: list[tuple[dict[str, str], dict[str, str]]] = [
     (
         {"iq_refx": "", "iq_adx": "", "theta_mx": "", "theta_my": "", "omega_max": "", "omega_may": "", "vdc_adx": ""},
         {
-            "command": "iq_refx", "current": "iq_adx", "angle_motor": "theta_mx", "angle_load": "theta_my",
-            "speed_motor": "omega_max", "speed_load": "omega_may",
+            "command": "iq_refx",
+            "current": "iq_adx",
+            "angle_motor": "theta_mx",
+            "angle_load": "theta_my",
+            "speed_motor": "omega_max",
+            "speed_load": "omega_may",
         },
     ),
     (
         {"Velocity actual value averaged": "rpm", "Current actual value": "mA", "Position actual value": "mm"},
         {
-            "speed_motor": "Velocity actual value averaged", "current": "Current actual value",
+            "speed_motor": "Velocity actual value averaged",
+            "current": "Current actual value",
             "position_load": "Position actual value",
         },
     ),
@@ -81,8 +96,12 @@ LOGS: list[tuple[dict[str, str], dict[str, str]]] = [
     ),
     (
         {"Lagesollwert": "mm", "Lageistwert": "mm", "Drehzahlistwert": "U/min", "Drehmoment": "N m"},
-        {"setpoint_position": "Lagesollwert", "position_load": "Lageistwert", "speed_motor": "Drehzahlistwert",
-         "torque": "Drehmoment"},
+        {
+            "setpoint_position": "Lagesollwert",
+            "position_load": "Lageistwert",
+            "speed_motor": "Drehzahlistwert",
+            "torque": "Drehmoment",
+        },
     ),
     (
         {"Sollposition": "mm", "Istposition": "mm", "Sollkraft": "N", "Schleppabstand": "um"},
@@ -95,17 +114,24 @@ LOGS: list[tuple[dict[str, str], dict[str, str]]] = [
     (
         {"x_motor": "mm", "x_table": "mm", "cutting force": "N", "F_cmd": "N", "table acceleration": "m/s2"},
         {
-            "position_motor": "x_motor", "position_load": "x_table", "load_force": "cutting force", "force": "F_cmd",
+            "position_motor": "x_motor",
+            "position_load": "x_table",
+            "load_force": "cutting force",
+            "force": "F_cmd",
             "acceleration_load": "table acceleration",
         },
     ),
     (
         {"set_position": "m", "position_load": "m", "force": "N", "dither": "N"},
-        {"setpoint_position": "set_position", "position_load": "position_load", "force": "force",
-         "excitation": "dither"},
+        {
+            "setpoint_position": "set_position",
+            "position_load": "position_load",
+            "force": "force",
+            "excitation": "dither",
+        },
     ),
     ({"temperature": "", "state": "", "note": "kg"}, {}),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("units", "roles"), LOGS)

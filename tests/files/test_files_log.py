@@ -86,7 +86,7 @@ def test_what_is_wrong_with_a_clock() -> None:
         (time**1.3, r"the clock is not uniform|a gap lies"),
         (1e3 * time, r"a sample time of 1 s is not one of a servo loop.*unit = 'ms'"),
         (1e-6 * time, r"a sample time of 1e-09 s is not one"),
-    ]  # fmt: skip
+    ]
     for stamps, message in cases:
         with pytest.raises(LogError, match=message):
             checked_clock("a", stamps, row)
@@ -219,9 +219,16 @@ def test_numbers_beyond_all_measure_are_named_with_their_row(tmp_path: Path) -> 
 
 @pytest.mark.parametrize(
     ("role", "unit", "factor"),
-    [("torque", "Nm", 1.0), ("torque", "mNm", 1e-3), ("torque", "Nmm", 1e-3), ("angle_motor", "mdeg", np.pi / 180e3),
-     ("angle_motor", "°", np.pi / 180), ("position_load", "µm", 1e-6), ("speed_motor", "1/min", np.pi / 30)],
-)  # fmt: skip
+    [
+        ("torque", "Nm", 1.0),
+        ("torque", "mNm", 1e-3),
+        ("torque", "Nmm", 1e-3),
+        ("angle_motor", "mdeg", np.pi / 180e3),
+        ("angle_motor", "°", np.pi / 180),
+        ("position_load", "µm", 1e-6),
+        ("speed_motor", "1/min", np.pi / 30),
+    ],
+)
 def test_units_of_a_mapping_as_makers_write_them(tmp_path: Path, role: str, unit: str, factor: float) -> None:
     path = write(tmp_path, "t [ms],y\n" + "".join(f"{k},{k}\n" for k in range(10)))
     # two roundings: of the factor and of the product

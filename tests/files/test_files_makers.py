@@ -250,11 +250,18 @@ def twincat(separator: str = "\t", decimal: str = ",", *, shared_time: bool = Fa
         return repr(float(number)).replace(".", decimal)
 
     lines = [
-        f"Name{separator}Scope1", f"File{separator}C:\\a.csv",
-        f"Starttime of export{separator}132959733843760000{separator}Montag, 2. Mai 2022", "", "",
-        row("Name", names), row("SymbolComment", [""] * 3), row("Data-Type", ["REAL64"] * 3),
-        row("SampleTime[ms]", [str(step) for step in steps]), row("Unit", units_), "",
-    ]  # fmt: skip
+        f"Name{separator}Scope1",
+        f"File{separator}C:\\a.csv",
+        f"Starttime of export{separator}132959733843760000{separator}Montag, 2. Mai 2022",
+        "",
+        "",
+        row("Name", names),
+        row("SymbolComment", [""] * 3),
+        row("Data-Type", ["REAL64"] * 3),
+        row("SampleTime[ms]", [str(step) for step in steps]),
+        row("Unit", units_),
+        "",
+    ]
     for k in range(40):
         t = str(132959733843760000 + 10_000 * k) if filetime else str(k)
         slow = [str(5 * k), shown(float(k))] if k < 8 else []
@@ -290,5 +297,7 @@ def test_what_is_wrong_with_a_twincat_export(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"a gap lies before line 21"):
         read_log(write(tmp_path, "\n".join([*lines[:20], *lines[22:]]).replace("EOF", "")))
     with pytest.raises(LogError, match=r"column 'slow' \(force\) is not numbers but sampled every 5 ms"):
-        read_log(write(tmp_path, "\n".join(lines)), {"position_load": "Axis 1.ActPos", "velocity_load":
-                                                     "Axis 1.ActVelo", "force": "slow"})  # fmt: skip
+        read_log(
+            write(tmp_path, "\n".join(lines)),
+            {"position_load": "Axis 1.ActPos", "velocity_load": "Axis 1.ActVelo", "force": "slow"},
+        )

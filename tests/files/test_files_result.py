@@ -161,8 +161,10 @@ def test_parquet_of_somebody_else(tmp_path: Path) -> None:
     log = read_log(tmp_path / "a.parquet")
     assert log.sample_time == 1e-3
     assert {name: values.tolist() for name, values in log.channels.items()} == {
-        "i": [1, 2, 3], "f": [1.5, 2.5, 3.5], "b": [1, 0, 1],
-    }  # fmt: skip
+        "i": [1, 2, 3],
+        "f": [1.5, 2.5, 3.5],
+        "b": [1, 0, 1],
+    }
     assert set(log.left_out) == {"text", "nested"}
     missing = arrow.table(
         {"t": [0.0, 1e-3, 2e-3], "x": [1.0, None, 3.0], "n": arrow.array([1, None, 3], arrow.int64())}

@@ -257,10 +257,29 @@ def test_the_samples_hold_each_field_of_a_file_or_a_bundled_file_does() -> None:
 
 
 UNWRITTEN = {
-    "tools", "offsets", "tables_inch", "skip_deleted", "recorded", "columns", "average", "section", "first_line",
-    "last_line", "radial_depth", "milling", "covariance", "steps", "increment", "rated_force", "gear",
-    "position_least", "position_most", "quick_stop_deceleration", "duration", "geometry",
-}  # fmt: skip
+    "tools",
+    "offsets",
+    "tables_inch",
+    "skip_deleted",
+    "recorded",
+    "columns",
+    "average",
+    "section",
+    "first_line",
+    "last_line",
+    "radial_depth",
+    "milling",
+    "covariance",
+    "steps",
+    "increment",
+    "rated_force",
+    "gear",
+    "position_least",
+    "position_most",
+    "quick_stop_deceleration",
+    "duration",
+    "geometry",
+}
 
 
 def test_every_block_is_in_a_schema() -> None:

@@ -17,15 +17,42 @@ from feeddrive.language.errors import LogError, ParameterError
 
 # of each quantity, in the spelling of makers too
 SPELLINGS = {
-    "s": ("s", "ms", "µs", "sec"), "m": ("m", "mm", "µm", "in"), "m/s": ("mm/s", "m/min"), "m/s2": ("mm/s²",),
-    "N": ("N", "kN", "Newton"), "rad": ("rad", "deg", "°"), "rad/s": ("rpm", "U/min", "deg/s"),
-    "N m": ("Nm", "mNm", "N m"), "A": ("A", "mA"), "": ("V", "percent", "A", "[%]", "any text: N*m"),
-}  # fmt: skip
+    "s": ("s", "ms", "µs", "sec"),
+    "m": ("m", "mm", "µm", "in"),
+    "m/s": ("mm/s", "m/min"),
+    "m/s2": ("mm/s²",),
+    "N": ("N", "kN", "Newton"),
+    "rad": ("rad", "deg", "°"),
+    "rad/s": ("rpm", "U/min", "deg/s"),
+    "N m": ("Nm", "mNm", "N m"),
+    "A": ("A", "mA"),
+    "": ("V", "percent", "A", "[%]", "any text: N*m"),
+}
 FACTORS = st.floats(allow_nan=False, allow_infinity=False).filter(bool) | st.integers(1, 10**15)
-NAMES = st.text() | st.sampled_from([
-    "force [N]", 'said "so"', "it's", "a]", "[a", "{ column = 'x' }", "# no comment", "tab\tand\nline", "\r\n", "\\n",
-    "\x7f\x00\x1b", "\u2028\x85", '"""', "'''", "Ü-ß-µ", "位置", "a = b", "x*2:mm", " ", "",
-])  # fmt: skip
+NAMES = st.text() | st.sampled_from(
+    [
+        "force [N]",
+        'said "so"',
+        "it's",
+        "a]",
+        "[a",
+        "{ column = 'x' }",
+        "# no comment",
+        "tab\tand\nline",
+        "\r\n",
+        "\\n",
+        "\x7f\x00\x1b",
+        "\u2028\x85",
+        '"""',
+        "'''",
+        "Ü-ß-µ",
+        "位置",
+        "a = b",
+        "x*2:mm",
+        " ",
+        "",
+    ]
+)
 
 
 def columns(role: str) -> st.SearchStrategy[Column]:
@@ -97,9 +124,16 @@ def test_unit_and_factor_together_are_a_factor_to_the_unit(tmp_path: Path) -> No
     for log in (
         read_request(tmp_path / "roles.toml").read(),
         read_log(path, {"position_load": Column.of("x*-1:mm"), "force": Column.of("load*0.4:kN")}),
-        read_log(path, Mapping({"position_load": Column(name="x", unit="mm", factor=-1.0),
-                                "force": Column(name="load", unit="kN", factor=0.4)})),
-    ):  # fmt: skip
+        read_log(
+            path,
+            Mapping(
+                {
+                    "position_load": Column(name="x", unit="mm", factor=-1.0),
+                    "force": Column(name="load", unit="kN", factor=0.4),
+                }
+            ),
+        ),
+    ):
         np.testing.assert_allclose(log["position_load"], -1e-3 * x, rtol=1e-15)
         np.testing.assert_allclose(log["force"], 400.0 * load, rtol=1e-15)
         assert log.units == {"position_load": "m", "force": "N"}
@@ -117,9 +151,12 @@ def test_a_mapping_says_which_columns_may_be_missing_and_the_clock(tmp_path: Pat
     (tmp_path / "run.csv").write_text("x,f\n" + "".join(f"{k},{k}\n" for k in range(9)), encoding="utf-8")
     found = read_log(
         tmp_path / "run.csv",
-        Mapping({"position_load": Column(name="x")}, {"force": Column(name="f"), "command": Column(name="none")},
-                sample_time=2e-3),
-    )  # fmt: skip
+        Mapping(
+            {"position_load": Column(name="x")},
+            {"force": Column(name="f"), "command": Column(name="none")},
+            sample_time=2e-3,
+        ),
+    )
     assert {*found.channels} == {"position_load", "force"}
     assert found.sample_time == 2e-3
 

@@ -37,9 +37,17 @@ def with_dwells(seed: int, count: float, reset: bool, force: float) -> MotionLog
     parts: list[np.ndarray] = []
     for speed in (0.2, 0.05, 0.1):
         move = SnapLimitedMove(
-            start=start, distance=0.75 * speed * random.uniform(0.9, 1.1), velocity=speed, acceleration=2.0,
-            jerk=50.0, snap=3000.0, back=True, dwell_before=0.3, dwell_between=0.6, dwell_after=0.3,
-        )  # fmt: skip
+            start=start,
+            distance=0.75 * speed * random.uniform(0.9, 1.1),
+            velocity=speed,
+            acceleration=2.0,
+            jerk=50.0,
+            snap=3000.0,
+            back=True,
+            dwell_before=0.3,
+            dwell_between=0.6,
+            dwell_after=0.3,
+        )
         parts.append(np.asarray(move.at(np.arange(round(move.duration / T)) * T).position))
     reference = np.concatenate(parts)
     run = simulate(
@@ -50,18 +58,18 @@ def with_dwells(seed: int, count: float, reset: bool, force: float) -> MotionLog
     )
     rows = reference.size
     return MotionLog(
-        name="counts", position=run["reading_load"][:rows], force=run["force"][:rows], set_position=reference,
+        name="counts",
+        position=run["reading_load"][:rows],
+        force=run["force"][:rows],
+        set_position=reference,
         sample_time=T,
-    )  # fmt: skip
+    )
 
 
 def off(log: MotionLog, count: float, reset: bool) -> dict[str, float]:
     """Value less truth, in standard errors, by name."""
     found = refine(tree.vary(axis_loop(count, reset), {"axis.x.friction_load.coulomb": 300.0}), log, delays=[0])
-    return {
-        name: (found[name].value - truth) / found[name].error
-        for name, truth in TRUTH.items()
-    }  # fmt: skip
+    return {name: (found[name].value - truth) / found[name].error for name, truth in TRUTH.items()}
 
 
 def test_a_coarse_count_biases_no_value_beyond_its_error() -> None:

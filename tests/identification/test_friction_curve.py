@@ -20,10 +20,8 @@ TRUE = {
         coulomb_positive=20.0, coulomb_negative=23.0, viscous_positive=170.0, viscous_negative=240.0
     ),
     "stribeck, gaussian": Stribeck(coulomb=20.0, breakaway=30.0, stribeck_velocity=0.01, viscous=200.0),
-    "stribeck, exponential": Stribeck(
-        coulomb=20.0, breakaway=30.0, stribeck_velocity=0.01, viscous=200.0, exponent=1
-    ),
-}  # fmt: skip
+    "stribeck, exponential": Stribeck(coulomb=20.0, breakaway=30.0, stribeck_velocity=0.01, viscous=200.0, exponent=1),
+}
 
 
 @pytest.mark.parametrize("sets", all_but([6], [6, 20], "the same on more sets of runs"))
@@ -72,8 +70,12 @@ def test_a_residual_with_a_memory_is_no_evidence_for_more_parameters(sets: int) 
 def test_plateaus_are_found_in_a_raw_log() -> None:
     rng = np.random.default_rng(2)
     levels = [0.0, 0.05, 0.1, 0.0, -0.1, -0.05, 0.0]
-    v = np.concatenate([np.concatenate([np.full(300, level), np.linspace(level, after, 40)])
-                        for level, after in zip(levels, [*levels[1:], 0.0], strict=True)])  # fmt: skip
+    v = np.concatenate(
+        [
+            np.concatenate([np.full(300, level), np.linspace(level, after, 40)])
+            for level, after in zip(levels, [*levels[1:], 0.0], strict=True)
+        ]
+    )
     force = 20.0 * np.sign(v) + 200.0 * v
     runs = steady_runs([(v + 1e-3 * rng.standard_normal(v.size), force + rng.standard_normal(v.size))])
     # 240 to 340 rows a mean: 1e-3 / √240 and 1 / √240, times four

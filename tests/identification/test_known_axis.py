@@ -31,9 +31,12 @@ def logged(truth: Loop) -> MotionLog:
     reference = set_positions()
     run = simulate(truth, Recorded(position=reference, sample_time=T), record=("force", "reading_load"))
     return MotionLog(
-        name="simulated", position=run["reading_load"][: reference.size], force=run["force"][: reference.size],
-        set_position=reference, sample_time=T,
-    )  # fmt: skip
+        name="simulated",
+        position=run["reading_load"][: reference.size],
+        force=run["force"][: reference.size],
+        set_position=reference,
+        sample_time=T,
+    )
 
 
 def with_axis(**parts: object) -> Loop:

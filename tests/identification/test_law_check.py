@@ -25,9 +25,12 @@ def law_of(law: Cascade | Pid, wrong: str = "", factor: float = 1.0) -> fd.block
     if isinstance(law, Cascade):
         Kv, Kp, Tn = (getattr(law, name) * (factor if name == wrong else 1.0) for name in ("Kv", "Kp", "Tn"))
         return B.CascadePPI(
-            Kv=Kv, Kp=Kp, Tn=Tn if Tn and wrong != "integral" else None, velocity_feedforward=law.feedforward,
+            Kv=Kv,
+            Kp=Kp,
+            Tn=Tn if Tn and wrong != "integral" else None,
+            velocity_feedforward=law.feedforward,
             velocity_samples=law.n,
-        )  # fmt: skip
+        )
     gains = {"Pgain": law.P, "Igain": law.I, "Dgain": law.D, "FF1": law.F1, "FF2": law.F2}
     if wrong == "integral":
         gains["Igain"] = 0.0
@@ -40,11 +43,13 @@ def loop_of(law: fd.blocks.CascadePPI | fd.blocks.LinuxcncPid, drive: Drive, T: 
     return fd.Loop(
         control=fd.Control(law=law),
         axis=fd.Axis(
-            plant=B.Rigid(mass=1.3 * drive.mass), friction_load=B.Coulomb(coulomb=0.4 * drive.coulomb),
-            actuator=B.Actuator(dead_time=drive.dead_time), encoder_load=B.Encoder(resolution=drive.count),
+            plant=B.Rigid(mass=1.3 * drive.mass),
+            friction_load=B.Coulomb(coulomb=0.4 * drive.coulomb),
+            actuator=B.Actuator(dead_time=drive.dead_time),
+            encoder_load=B.Encoder(resolution=drive.count),
         ),
         sample_time=T,
-    )  # fmt: skip
+    )
 
 
 @cache
@@ -185,9 +190,12 @@ def drawn(seed: int, logs: int) -> Iterator[tuple[MotionLog, Cascade | Pid, Driv
     law = laws[seed % 4]
     speed = float(random.uniform(0.08, 0.3))
     reference = strokes(
-        T, (speed, speed / 3.0, speed / 1.6), float(random.uniform(0.8, 3.0)), seconds=0.35,
+        T,
+        (speed, speed / 3.0, speed / 1.6),
+        float(random.uniform(0.8, 3.0)),
+        seconds=0.35,
         dwell=float(random.uniform(0.1, 0.5)),
-    )  # fmt: skip
+    )
     drive = Drive(mass, coulomb, viscous, dead_time=late, count=count, start=count * random.uniform(-0.5, 0.5, logs))
     load = unknown(0.05 * coulomb, 0.02, T, logs, reference.size, seed)
     positions, forces = run(drive, law, reference, T, logs=logs, load=load)

@@ -42,9 +42,12 @@ def screw(compensation: tuple[PitchCompensation, ...] = ()) -> Loop:
     """A screw with a lead error and 8 um of backlash, under the encoder of its motor, on a guideway with friction."""
     law = CascadePPI(Kv=60.0, Kp=3e4, Tn=0.01)
     physics = Axis(
-        plant=PLANT, forces=(Backlash(gap=8e-6, lead_error=ERROR),), friction_load=Coulomb(coulomb=40.0),
-        encoder_motor=Encoder(resolution=1e-9), substeps=8,
-    )  # fmt: skip
+        plant=PLANT,
+        forces=(Backlash(gap=8e-6, lead_error=ERROR),),
+        friction_load=Coulomb(coulomb=40.0),
+        encoder_motor=Encoder(resolution=1e-9),
+        substeps=8,
+    )
     return Loop(control=Control(law=law, compensation=compensation), axis=physics, sample_time=2.5e-4)
 
 

@@ -68,9 +68,16 @@ def test_the_sampled_response_is_that_of_the_house(plant, sensor: str) -> None:
 
 
 CHAIN = ThreeMassChain(
-    mass_motor=85.0, mass_screw=45.0, mass_load=33.0, coupling_stiffness=2.352e8, coupling_damping=2496.0,
-    stiffness=1.8e7, damping=700.0, viscous_motor=700.0, viscous_screw=700.0,
-)  # fmt: skip
+    mass_motor=85.0,
+    mass_screw=45.0,
+    mass_load=33.0,
+    coupling_stiffness=2.352e8,
+    coupling_damping=2496.0,
+    stiffness=1.8e7,
+    damping=700.0,
+    viscous_motor=700.0,
+    viscous_screw=700.0,
+)
 COUPLED = replace(SCREW, coupling_mass=20.0)
 MODES = Modal(mass=60.0, viscous=300.0, modes=(Mode(frequency=80.0, mass=40.0, motor=0.9, load=-0.7),))
 
@@ -104,8 +111,10 @@ def test_slopes_are_those_of_differences() -> None:
 def test_common_poles_of_exact_responses_come_out_exactly() -> None:
     s = 2j * np.pi * F
     poles = np.array([-30.0 + 300j, -10.0 + 700j, -60.0 + 1200j])
-    made = [sum(c / (s - p) + np.conj(c) / (s - np.conj(p)) for c, p in zip(row, poles, strict=True)) + 1e-3
-            for row in ((1.0, 0.3j, 2.0), (0.2 + 1j, -1.0, 0.5))]  # fmt: skip
+    made = [
+        sum(c / (s - p) + np.conj(c) / (s - np.conj(p)) for c, p in zip(row, poles, strict=True)) + 1e-3
+        for row in ((1.0, 0.3j, 2.0), (0.2 + 1j, -1.0, 0.5))
+    ]
     found, _ = common_poles([s, s], made, 3, 0)
     assert np.max(np.abs(found - poles) / np.abs(poles)) < 1e-8
 
@@ -341,9 +350,16 @@ def test_modes_come_out_of_velocity_as_out_of_position() -> None:
 
 @pytest.mark.parametrize(
     ("unit", "output", "force", "order"),
-    [("m/N", "m", "N", 0), ("(m/s)/N", "m", "N", 1), ("m/s/N", "m", "N", 1), ("(m/s2)/N", "m", "N", 2),
-     ("rad/A", "rad", "A", 0), ("(rad/s)/(N m)", "rad", "N m", 1), ("", "m", "N", 0)],
-)  # fmt: skip
+    [
+        ("m/N", "m", "N", 0),
+        ("(m/s)/N", "m", "N", 1),
+        ("m/s/N", "m", "N", 1),
+        ("(m/s2)/N", "m", "N", 2),
+        ("rad/A", "rad", "A", 0),
+        ("(rad/s)/(N m)", "rad", "N m", 1),
+        ("", "m", "N", 0),
+    ],
+)
 def test_units(unit: str, output: str, force: str, order: int) -> None:
     found = response_units(FRF(F, np.ones(F.size), unit=unit))
     assert (found.output, found.input, found.order) == (output, force, order)
@@ -405,9 +421,12 @@ def test_two_inertia_bench_from_its_log() -> None:
     found = []
     for output, sign, name in (("theta_mx", 1.0, "motor"), ("theta_my", -1.0, "load")):
         record = Record(
-            input=log["iq_adx"].ravel(), output=sign * log[output].ravel(), sample_time=1 / 2500, unit="rad/A",
+            input=log["iq_adx"].ravel(),
+            output=sign * log[output].ravel(),
+            sample_time=1 / 2500,
+            unit="rad/A",
             output_name=name,
-        )  # fmt: skip
+        )
         found.append(estimate_frf(record, method="periodic", band=(11.0, 250.0)).frf)
     fit = fit_two_mass(*found, held=False)
     assert fit["antiresonance"].value == pytest.approx(53.95, rel=0.002)

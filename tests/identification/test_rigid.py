@@ -198,9 +198,11 @@ def constant_speed() -> MotionLog:
     rng = np.random.default_rng(1)
     x = np.concatenate([[0.0], np.cumsum(v)[:-1]]) * T
     return MotionLog(
-        name="constant", position=x + 1e-9 * rng.standard_normal(t.size),
-        force=20.0 * np.sign(v) + 200.0 * v + rng.standard_normal(t.size), sample_time=T,
-    )  # fmt: skip
+        name="constant",
+        position=x + 1e-9 * rng.standard_normal(t.size),
+        force=20.0 * np.sign(v) + 200.0 * v + rng.standard_normal(t.size),
+        sample_time=T,
+    )
 
 
 def test_what_a_log_cannot_tell_is_said_with_what_to_measure_next() -> None:

@@ -160,10 +160,8 @@ def record_errors(stretches: Records[Stretch], i: int, x: float) -> Stretch:
     stretch = Stretch(
         1.0 / x,
         stretches[i].up,
-        end=stretches[
-            i + 1
-        ].begin,
-    )  # fmt: skip
+        end=stretches[i + 1].begin,
+    )
     if stretch.begin > 1e6:
         raise ValueError("too steep")
     return stretch

@@ -106,9 +106,12 @@ def test_abs_is_that_of_ops_and_numbers_of_numpy_take_part(x: Symbol):
     """`abs(x)` was "bad operand type"."""
     assert abs(x).index == ops.absolute(x).index
     pairs = [
-        (np.float64(2.0) * x, 2.0 * x), (np.float64(2.0) - x, 2.0 - x), (x / np.float64(2.0), x / 2.0),
-        (np.float64(2.0) > x, x < 2.0), (np.float64(2.0) <= x, x >= 2.0),
-    ]  # fmt: skip
+        (np.float64(2.0) * x, 2.0 * x),
+        (np.float64(2.0) - x, 2.0 - x),
+        (x / np.float64(2.0), x / 2.0),
+        (np.float64(2.0) > x, x < 2.0),
+        (np.float64(2.0) <= x, x >= 2.0),
+    ]
     assert all(one.index == other.index for one, other in pairs)
 
 

@@ -161,12 +161,21 @@ def test_records_of_the_caller_are_checked_in_both_ways():
     refused("'stretch.up' is float: give Ramp", kernel_records.record_fields, Stretch(1.0, 2.0), 1.0)
     refused("'stretch.up.rise' is str: give float", kernel_records.record_fields, Stretch(1.0, Ramp("a")), 1.0)
     refused("'stretch.held' is int: give bool", kernel_records.record_fields, Stretch(1.0, ramp, 1), 1.0)
-    refused("'stretches' is an array with 6 columns: give 7, those of Stretch", kernel_records.record_bools,
-            np.zeros((3, 6)), 1)  # fmt: skip
-    refused("'stretches' is an array of float64 with 1 indices: give float64 with 2", kernel_records.record_bools,
-            np.zeros(7), 1)  # fmt: skip
-    path = kernel_records.Path(np.ones(3), np.ones((3, 2)), np.ones((3, 3)), np.ones(3, np.int64), np.ones((3, 3, 2)),
-                               Counted(1, ramp, True))  # fmt: skip
+    refused(
+        "'stretches' is an array with 6 columns: give 7, those of Stretch",
+        kernel_records.record_bools,
+        np.zeros((3, 6)),
+        1,
+    )
+    refused(
+        "'stretches' is an array of float64 with 1 indices: give float64 with 2",
+        kernel_records.record_bools,
+        np.zeros(7),
+        1,
+    )
+    path = kernel_records.Path(
+        np.ones(3), np.ones((3, 2)), np.ones((3, 3)), np.ones(3, np.int64), np.ones((3, 3, 2)), Counted(1, ramp, True)
+    )
     path.caps.flags.writeable = False
     refused("'path.caps' is written to and is read-only", kernel_records.record_with_arrays, path, 0, 1.0)
     assert kernel_records.record_fields(stretch=Stretch(1, Ramp(2)), x=1) == (2.0, 0.5, False, np.inf)
@@ -177,8 +186,9 @@ def test_a_row_is_the_fields_in_their_order():
     assert stretches.shape == (2, 7)
     stretches[1] = columns(Stretch(1.0, Ramp(2.0, 3.0), True, Ramp(4.0, 5.0), 6.0))
     assert stretches[1].tolist() == [1.0, 2.0, 3.0, 1.0, 4.0, 5.0, 6.0]
-    assert kernel_records.record_is_a_value(stretches, 0, 1, 9.0)[2] == Stretch(9.0, Ramp(0.0, 0.0), False,
-                                                                               Ramp(0.0, 0.0), 0.0)  # fmt: skip
+    assert kernel_records.record_is_a_value(stretches, 0, 1, 9.0)[2] == Stretch(
+        9.0, Ramp(0.0, 0.0), False, Ramp(0.0, 0.0), 0.0
+    )
 
 
 def test_writing_into_arrays_of_records_counts_as_writing():
@@ -198,8 +208,12 @@ def test_machine_code_on_disk_is_that_of_the_fields(tmp_path: Path, monkeypatch:
     fields = "class Pair(NamedTuple):\n    a: float\n    b: float = 2.0\n\nKNOWN = Pair(1.0)\n\n"
     text = "@kernel\ndef f(pairs: Records[Pair]) -> float:\n    return pairs[0].a - Pair(1.0).b + 10.0 * KNOWN.b\n"
     turned = fields.replace("a: float\n    b: float = 2.0", "b: float\n    a: float = 2.0")
-    for changed, result in ((fields, 21.0), (fields.replace("2.0", "3.0"), 30.0), (turned, 13.0),
-                            (fields.replace("Pair(1.0)", "Pair(1.0, 4.0)"), 41.0)):  # fmt: skip
+    for changed, result in (
+        (fields, 21.0),
+        (fields.replace("2.0", "3.0"), 30.0),
+        (turned, 13.0),
+        (fields.replace("Pair(1.0)", "Pair(1.0, 4.0)"), 41.0),
+    ):
         assert made(tmp_path, changed + text)(np.array([[3.0, 4.0]])) == result
 
 

@@ -221,7 +221,7 @@ REFUSED = {
     "if p:\n        y = zeros(3)": ("y = zeros(3)", "outside of loops and branches"),
     "y = len(zeros(3))": ("makes an array here", "name = zeros(3)"),
     "f(x, n, p, row, table, whole)": ("recursion: f -> f", "a stack in an array"),
-}  # fmt: skip
+}
 
 
 def test_what_is_not_in_the_language_is_refused(tmp_path: Path):
@@ -264,8 +264,10 @@ HEADS = {
     "def f(x: float) -> tuple[float, int]:\n    return x, 1, 2": ("3 values for 2", ""),
     "def f(x: Floats) -> tuple[float, float]:\n    return x[0]": ("is no tuple", "one by one"),
     "def f(x: float) -> float:\n    return g(x)\n\n@kernel\ndef g(x: float) -> float:\n    return f(x)": (
-        "recursion: f -> g -> f", "a stack in an array"),
-}  # fmt: skip
+        "recursion: f -> g -> f",
+        "a stack in an array",
+    ),
+}
 
 
 def test_a_kernel_with_another_head_or_end_is_refused(tmp_path: Path):
@@ -317,8 +319,18 @@ def test_arguments_are_checked_before_the_call_in_both_ways():
 
     refused(TypeError, "cells.*'row' is list: give a numpy array", cells, [1.0], table, block, whole, 0, 0, 0)
     refused(TypeError, "'row' is an array of int64 with 1", cells, whole, table, block, whole, 0, 0, 0)
-    refused(TypeError, "'table' is an array of float64 with 1 indices: give float64 with 2", cells, row, row, block,
-            whole, 0, 0, 0)  # fmt: skip
+    refused(
+        TypeError,
+        "'table' is an array of float64 with 1 indices: give float64 with 2",
+        cells,
+        row,
+        row,
+        block,
+        whole,
+        0,
+        0,
+        0,
+    )
     refused(TypeError, "'table' does not lie in C order", cells, row, np.zeros((3, 4)).T, block, whole, 0, 0, 0)
     refused(TypeError, r"'x' is str: give float", raises, "1", 2)
     refused(TypeError, r"'x' is bool: give float", raises, True, 2)
@@ -369,8 +381,13 @@ def test_an_error_names_kernel_file_and_line():
 def test_whole_numbers_end_at_64_bits():
     """Where Python goes on: an error, never another number."""
     largest = 2**63 - 1
-    for name, given in {"whole_sum": (largest, 1), "whole_product": (-(2**63), -1), "whole_floor": (-(2**63), -1),
-                        "whole_signs": (-(2**63),), "whole_quotient": (2**53 + 1, 3)}.items():  # fmt: skip
+    for name, given in {
+        "whole_sum": (largest, 1),
+        "whole_product": (-(2**63), -1),
+        "whole_floor": (-(2**63), -1),
+        "whole_signs": (-(2**63),),
+        "whole_quotient": (2**53 + 1, 3),
+    }.items():
         with pytest.raises(OverflowError):
             getattr(kernel_constructs, name)(*given)
     assert kernel_constructs.whole_remainder(-(2**63), -1) == 0
@@ -433,9 +450,11 @@ def test_code_on_disk_is_used_until_a_constant_or_a_called_kernel_changes(tmp_pa
     below = "@kernel\ndef g(x: float) -> float:\n    return x * K\n\n"
     text = "K = 2.0\n" + below + "@kernel\ndef f(x: float) -> float:\n    return g(x) + 1.0\n"
     for changed, result, files in (
-        (text, 7.0, 1), ("# a comment\n" + text, 7.0, 1), (text.replace("2.0", "4.0"), 13.0, 2),
+        (text, 7.0, 1),
+        ("# a comment\n" + text, 7.0, 1),
+        (text.replace("2.0", "4.0"), 13.0, 2),
         (text.replace("x * K", "x - K"), 2.0, 3),
-    ):  # fmt: skip
+    ):
         assert made(tmp_path, changed)(3.0) == result
         assert len(list((tmp_path / "cache").iterdir())) == files
 
@@ -519,7 +538,11 @@ def test_no_library_is_called():
     text = kernel_constructs.cells.unit.text(THOROUGH)
     declared = re.findall(r"declare .* @([\w.]+)\(", text)
     assert {each for each in declared if not each.startswith("k")} == {
-        "llvm.sqrt.f64", "llvm.fabs.f64", "llvm.floor.f64", "llvm.sadd.with.overflow.i64",
-        "llvm.ssub.with.overflow.i64", "llvm.smul.with.overflow.i64",
-    }  # fmt: skip
+        "llvm.sqrt.f64",
+        "llvm.fabs.f64",
+        "llvm.floor.f64",
+        "llvm.sadd.with.overflow.i64",
+        "llvm.ssub.with.overflow.i64",
+        "llvm.smul.with.overflow.i64",
+    }
     assert not re.search(r"\b(fast|contract|reassoc|frem)\b", text)

@@ -85,8 +85,11 @@ def test_a_table_has_numbers_for_programs_and_units_for_people() -> None:
     assert table.grid(TURNS).rows[0] == ["mass", "90", "94.2", "kg m2"]
     record = json.loads(json.dumps(table.record(), allow_nan=False))
     assert record["rows"][0] == [
-        "mass", {"value": 90.0, "unit": "kg"}, {"value": 94.2173, "unit": "kg", "error": 0.3}, "kg",
-    ]  # fmt: skip
+        "mass",
+        {"value": 90.0, "unit": "kg"},
+        {"value": 94.2173, "unit": "kg", "error": 0.3},
+        "kg",
+    ]
 
 
 def test_a_message_of_an_error_keeps_its_quantities() -> None:

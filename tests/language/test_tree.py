@@ -49,8 +49,9 @@ def test_a_path_is_the_name_in_the_machine_file():
     assert tree.get(tree.vary(other, {"axis.y.control.law.Kv": 7.0}), "axis.y.control.law.Kv") == 7.0
     assert tree.parameters(other.control.law) == dict(tree.leaves(other.control.law))
     for refused, right in (
-        ("control.law.Kv", "axis.y.control.law.Kv"), ("axis.plant.stiffness", "axis.y.plant.stiffness"),
-    ):  # fmt: skip
+        ("control.law.Kv", "axis.y.control.law.Kv"),
+        ("axis.plant.stiffness", "axis.y.plant.stiffness"),
+    ):
         with pytest.raises(ParameterError, match=f"'{refused}' is written '{right}', as in a machine file"):
             tree.vary(other, {refused: 1.0})
     with pytest.raises(ParameterError, match=r"no parameter 'axis.x.control.law.Kv'; did you mean axis.y.control.law"):

@@ -40,9 +40,12 @@ OTHER = SnapLimitedMove(distance=0.05, **{**OUT_AND_BACK, "velocity": 0.15})
 
 def placed(friction: Directional | None = None) -> Loop:
     axis = Axis(
-        plant=SCREW, actuator=Actuator(dead_time=T, current_loop=1200.0), encoder_motor=Encoder(),
-        encoder_load=Encoder(), friction_motor=friction,
-    )  # fmt: skip
+        plant=SCREW,
+        actuator=Actuator(dead_time=T, current_loop=1200.0),
+        encoder_motor=Encoder(),
+        encoder_load=Encoder(),
+        friction_motor=friction,
+    )
     law = PolePlacement(model=SCREW, bandwidth=60.0, axial_damping=0.08)
     return Loop(control=Control(law=law), axis=axis, sample_time=T)
 
@@ -75,9 +78,11 @@ def test_the_error_model_under_pole_placement_is_the_loop() -> None:
 
 def test_under_dadsc_friction_is_tuned_and_mass_is_its_own() -> None:
     axis = Axis(
-        plant=Rigid(mass=40.0, viscous=60.0), actuator=Actuator(dead_time=T), encoder_load=Encoder(),
+        plant=Rigid(mass=40.0, viscous=60.0),
+        actuator=Actuator(dead_time=T),
+        encoder_load=Encoder(),
         friction_load=Directional(coulomb_positive=30.0, coulomb_negative=25.0),
-    )  # fmt: skip
+    )
     law = DADSC(mass=40.0, viscous=60.0, tracking_rate=300.0, reaching_rate=300.0, adaptation_rate=300.0)
     bare = Loop(control=Control(law=law), axis=axis, sample_time=T)
     loop = begin_compensation(bare)

@@ -76,9 +76,14 @@ class TestErrorModel:
 
     @HOUSE
     @given(
-        mass=st.floats(2.0, 800.0), viscous=st.floats(0.0, 3.0), period=st.sampled_from([1e-4, 2.5e-4, 5e-4]),
-        delay=st.integers(0, 2), stribeck=st.booleans(), higher=st.booleans(), every=st.sampled_from([1, 3, 8]),
-    )  # fmt: skip
+        mass=st.floats(2.0, 800.0),
+        viscous=st.floats(0.0, 3.0),
+        period=st.sampled_from([1e-4, 2.5e-4, 5e-4]),
+        delay=st.integers(0, 2),
+        stribeck=st.booleans(),
+        higher=st.booleans(),
+        every=st.sampled_from([1, 3, 8]),
+    )
     def test_the_difference_of_two_runs_is_the_model_times_the_columns(
         self, mass: float, viscous: float, period: float, delay: int, stribeck: bool, higher: bool, every: int
     ) -> None:
@@ -93,11 +98,16 @@ class TestErrorModel:
         law = CascadePPI(Kv=40.0, Kp=0.09 / period * mass, Tn=0.015, position_every=every)
         loops = [
             linear_loop(
-                theta, law=law, mass=mass, viscous=true["viscous"], sample_time=period, dead_time=delay * period,
+                theta,
+                law=law,
+                mass=mass,
+                viscous=true["viscous"],
+                sample_time=period,
+                dead_time=delay * period,
                 stribeck_velocity=6e-3 if stribeck else None,
             )
             for theta in (start, true)
-        ]  # fmt: skip
+        ]
         errors = [trial_with_friction(loop, MOVE).following_error for loop in loops]
         names, phi, _ = regressors(loops[0], compensator(loops[0]), MOVE.at(along(MOVE, period)))
         predicted = filtered(true_error_model(loops[0]), phi) @ [true[name] - start[name] for name in names]
@@ -230,9 +240,11 @@ class TestUpdate:
 
     @HOUSE
     @given(
-        mass=st.floats(5.0, 500.0), period=st.sampled_from([1e-4, 2.5e-4, 5e-4]), delay=st.integers(0, 2),
+        mass=st.floats(5.0, 500.0),
+        period=st.sampled_from([1e-4, 2.5e-4, 5e-4]),
+        delay=st.integers(0, 2),
         columns=st.sampled_from([("mass", "viscous"), tuple(TRUE), (*TRUE, "stribeck"), (*TRUE, "jerk_feedforward")]),
-    )  # fmt: skip
+    )
     def test_trials_converge_for_other_axes(
         self, mass: float, period: float, delay: int, columns: tuple[str, ...]
     ) -> None:
@@ -240,9 +252,14 @@ class TestUpdate:
         law = CascadePPI(Kv=40.0, Kp=0.09 / period * mass, Tn=0.015)
         dry = DisturbanceCompensator(coulomb_positive=0.8 * mass, coulomb_negative=0.6 * mass)
         loop = linear_loop(
-            dict.fromkeys(columns, 0.0), law=law, mass=mass, viscous=3.0 * mass, sample_time=period,
-            dead_time=delay * period, stribeck_velocity=6e-3 if "stribeck" in columns else None,
-        )  # fmt: skip
+            dict.fromkeys(columns, 0.0),
+            law=law,
+            mass=mass,
+            viscous=3.0 * mass,
+            sample_time=period,
+            dead_time=delay * period,
+            stribeck_velocity=6e-3 if "stribeck" in columns else None,
+        )
         if "coulomb_positive" not in columns:
             dry = DisturbanceCompensator(coulomb_positive=0.0)
         first = trial_with_friction(loop, MOVE, dry)

@@ -14,9 +14,12 @@ from feeddrive.learning.stops import learn_stops
 from feeddrive.tuning.candidates import candidates
 
 FRICTION = fd.blocks.GeneralizedMaxwellSlip(
-    coulomb=30.0, breakaway=30.0, stribeck_velocity=4e-3, stiffness=np.array([2e6, 1e6, 5e5]),
+    coulomb=30.0,
+    breakaway=30.0,
+    stribeck_velocity=4e-3,
+    stiffness=np.array([2e6, 1e6, 5e5]),
     share=np.array([0.4, 0.3, 0.3]),
-)  # fmt: skip
+)
 
 
 def test_the_log_of_a_loop_with_presliding_gives_its_friction_and_the_loop_feeds_it_forward() -> None:

@@ -20,9 +20,16 @@ from feeddrive.workflow import iterate
 from feeddrive.workflow.iterate import IterateRequest
 
 MOVE = SnapLimitedMove(
-    distance=0.03, velocity=0.1, acceleration=2.0, jerk=100.0, snap=2e4, back=True, dwell_before=0.05,
-    dwell_between=0.1, dwell_after=0.1,
-)  # fmt: skip
+    distance=0.03,
+    velocity=0.1,
+    acceleration=2.0,
+    jerk=100.0,
+    snap=2e4,
+    back=True,
+    dwell_before=0.05,
+    dwell_between=0.1,
+    dwell_after=0.1,
+)
 PATH = {"x": MOVE, "y": replace(MOVE, distance=-0.02)}
 
 

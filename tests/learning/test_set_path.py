@@ -70,8 +70,9 @@ def test_no_phase_and_the_stated_gain() -> None:
     ours = np.polyval(found.A[::-1], z) * np.polyval(found.kept[::-1], 1.0 / z) * z ** (-found.delay)
     ours /= np.polyval(found.inverted[::-1], z) * np.sum(found.kept) ** 2
     model = set_path(ON_R).samples[0]
-    by_position, by_velocity = (model.response(f, "position_load", each).response
-                                for each in ("set_position", "set_velocity"))  # fmt: skip
+    by_position, by_velocity = (
+        model.response(f, "position_load", each).response for each in ("set_position", "set_velocity")
+    )
     whole = ours * (by_position + by_velocity * (1.0 - z) / T)
     assert np.max(np.abs(np.degrees(np.angle(whole)))) < 1e-6
     assert pytest.approx(found.gain(f, T), rel=1e-8) == np.abs(whole)

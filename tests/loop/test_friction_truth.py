@@ -60,9 +60,13 @@ def directional_stribeck(rng: np.random.Generator, body: int) -> tuple[Friction,
     rise_up, rise_down = rng.uniform(1.0, 1.5, 2)
     v_s = 10.0 ** rng.uniform(-2.5, -1.0)
     made = DirectionalStribeck(
-        coulomb_positive=up, coulomb_negative=down, breakaway_positive=rise_up * up,
-        breakaway_negative=rise_down * down, stribeck_velocity=v_s, viscous=rng.uniform(0, 500),
-    )  # fmt: skip
+        coulomb_positive=up,
+        coulomb_negative=down,
+        breakaway_positive=rise_up * up,
+        breakaway_negative=rise_down * down,
+        stribeck_velocity=v_s,
+        viscous=rng.uniform(0, 500),
+    )
     return made, Dry(body, curve(up, rise_up * up, v_s), curve(down, rise_down * down, v_s))
 
 
@@ -218,9 +222,12 @@ def test_regularised_converges_to_its_differential_equation(v_t: float, curved: 
     step = 5e-4
     commands = 130.0 * np.sin(2 * np.pi * 40.0 * step * np.arange(50))
     friction = Regularised(
-        coulomb=level, transition_velocity=v_t, viscous=200.0, breakaway=breakaway if curved else None,
+        coulomb=level,
+        transition_velocity=v_t,
+        viscous=200.0,
+        breakaway=breakaway if curved else None,
         stribeck_velocity=v_s if curved else None,
-    )  # fmt: skip
+    )
     found, share = order(m, friction, commands, step, smooth_truth(slope, 2, commands, step))
     # order 1; the reversal of a steep tanh is an event, which bends the slope as with set-valued friction
     assert -1.4 < found < -0.75

@@ -32,9 +32,17 @@ FULL = TwoMass(
     mass_motor=130.0, mass_load=33.0, stiffness=1.8e7, damping=700.0, viscous_motor=1500.0, coupling_mass=8.0
 )
 THREE_MASS = ThreeMassChain(
-    mass_motor=85.0, mass_screw=45.0, mass_load=33.0, coupling_stiffness=2.352e8, coupling_damping=2496.0,
-    stiffness=1.8e7, damping=700.0, viscous_motor=750.0, viscous_screw=750.0, viscous_load=20.0,
-)  # fmt: skip
+    mass_motor=85.0,
+    mass_screw=45.0,
+    mass_load=33.0,
+    coupling_stiffness=2.352e8,
+    coupling_damping=2496.0,
+    stiffness=1.8e7,
+    damping=700.0,
+    viscous_motor=750.0,
+    viscous_screw=750.0,
+    viscous_load=20.0,
+)
 MODAL = Modal(
     mass=163.0,
     viscous=300.0,
@@ -104,9 +112,13 @@ def test_hold_of_any_two_mass_axis(
     reduced = m * m2 / (m + m2)
     omega = 2 * np.pi * frequency
     plant = TwoMass(
-        mass_motor=m, mass_load=m2, stiffness=reduced * omega**2, damping=2 * damping * reduced * omega,
-        viscous_motor=viscous, coupling_mass=full * float(np.sqrt(m * m2)),
-    )  # fmt: skip
+        mass_motor=m,
+        mass_load=m2,
+        stiffness=reduced * omega**2,
+        damping=2 * damping * reduced * omega,
+        viscous_motor=viscous,
+        coupling_mass=full * float(np.sqrt(m * m2)),
+    )
     axis = Axis(plant=plant)
     made = axis.prepare(T, axis.timing(T))
     A, B = state_space(axis, None)

@@ -141,9 +141,13 @@ def test_tracking_of_two_rates_is_that_of_a_run(slide: Loop) -> None:
     angle = 2.0 * np.pi * frequency * T * np.arange(samples)
     w = 2.0 * np.pi * frequency
     sine = fd.blocks.Recorded(
-        position=1e-3 * np.sin(angle), velocity=1e-3 * w * np.cos(angle), acceleration=-1e-3 * w**2 * np.sin(angle),
-        jerk=-1e-3 * w**3 * np.cos(angle), snap=1e-3 * w**4 * np.sin(angle), sample_time=T,
-    )  # fmt: skip
+        position=1e-3 * np.sin(angle),
+        velocity=1e-3 * w * np.cos(angle),
+        acceleration=-1e-3 * w**2 * np.sin(angle),
+        jerk=-1e-3 * w**3 * np.cos(angle),
+        snap=1e-3 * w**4 * np.sin(angle),
+        sample_time=T,
+    )
     run = fd.simulate(loop, sine, record=["position_load"])
     first = samples // 3
     found = 2j * np.mean(np.exp(-1j * angle[first:]) * run["position_load"][first:]) / 1e-3

@@ -52,9 +52,12 @@ def test_other_numbers_make_no_bump_in_a_steady_state(control: Control, factor: 
     rows = np.arange(12_001)
     way = Recorded(position=0.3 + speed * T * rows, velocity=np.full(rows.size, speed), sample_time=T)
     run = simulate(
-        loop_of(control), way, load=StepForce(force=300.0, start=0.01), start=(0.3, speed),
+        loop_of(control),
+        way,
+        load=StepForce(force=300.0, start=0.01),
+        start=(0.3, speed),
         changes={10_000: moved(control, factor)},
-    )  # fmt: skip
+    )
     assert run["force"][9_999] == pytest.approx(-300.0, abs=1e-3)  # N: settled, and the controls hold the load
     assert np.max(np.abs(run["force"][9_990:] + 300.0)) < 0.01  # N, 1/30000 of what would be lost
     assert np.max(np.abs(run["tracking_error"][10_000:] - run["tracking_error"][9_999])) < 1e-9  # m
@@ -232,7 +235,7 @@ class TestInMotion:
         ),
     ],
     ids=["notch", "notch switched on", "low pass 2", "low pass", "second order"],
-)  # fmt: skip
+)
 def test_the_output_of_a_filter_goes_on(old: Any, new: Any) -> None:
     """At rest for ever; and after any input the next output is the old one, if the input equals the last output."""
     before, after = old.prepare(T), new.prepare(T)
@@ -288,11 +291,14 @@ def test_a_share_that_grows_blends_in_and_one_that_falls_acts_at_once(share: flo
         ({10: Control(law=replace(PPI, velocity_samples=2))}, StructureError, "velocity_samples would go from 1 to 2"),
         ({10: Control(law=PPI, guard=Guard())}, StructureError, "axis.x.control.guard would go from nothing to guard"),
         ({10: Control(law=PPI, filters=(LowPass(frequency=9.0),))}, StructureError, "would go from 0 blocks to 1"),
-        ({10: Control(law=DADSC(mass=1.0, tracking_rate=9.0, reaching_rate=9.0, adaptation_rate=9.0))}, StructureError,
-         "axis.x.control.law would go from cascade_ppi to dadsc"),
+        (
+            {10: Control(law=DADSC(mass=1.0, tracking_rate=9.0, reaching_rate=9.0, adaptation_rate=9.0))},
+            StructureError,
+            "axis.x.control.law would go from cascade_ppi to dadsc",
+        ),
     ],
     ids=str,
-)  # fmt: skip
+)
 def test_a_bad_change_is_named(changes: Mapping[Any, Any], kind: type[FeeddriveError], told: str) -> None:
     with pytest.raises(kind, match=told):
         simulate(loop_of(Control(law=PPI)), MOVE, duration=0.14, changes=changes)

@@ -47,11 +47,13 @@ X = TwoMass(mass_motor=120.0, mass_load=300.0, stiffness=6e7, damping=3000.0, vi
 Y = Rigid(mass=180.0, viscous=900.0)
 MODES = (
     StructureMode(
-        frequency=43.0, damping_ratio=0.03, mass=1500.0,
+        frequency=43.0,
+        damping_ratio=0.03,
+        mass=1500.0,
         shapes=(ModeShape(axis="x", motor=-0.4, load=1.0), ModeShape(axis="y", motor=0.7, load=0.7)),
     ),
     StructureMode(frequency=95.0, damping_ratio=0.02, mass=700.0, shapes=(ModeShape(axis="y", motor=0.2, load=-1.1),)),
-)  # fmt: skip
+)
 
 
 def law() -> Control:
@@ -60,9 +62,11 @@ def law() -> Control:
 
 def coupled(modes: tuple[StructureMode, ...] = MODES, substeps: int = 2) -> Machine:
     x = Axis(
-        plant=X, friction_load=Viscous(viscous=800.0), actuator=Actuator(dead_time=1.3 * T, current_loop=900.0),
+        plant=X,
+        friction_load=Viscous(viscous=800.0),
+        actuator=Actuator(dead_time=1.3 * T, current_loop=900.0),
         substeps=substeps,
-    )  # fmt: skip
+    )
     y = Axis(plant=Y, friction_load=Viscous(viscous=400.0), actuator=Actuator(dead_time=T), substeps=substeps)
     both = {"x": Loop(control=law(), axis=x, sample_time=T), "y": Loop(control=law(), axis=y, sample_time=T)}
     return Machine.of(both, modes)
@@ -289,9 +293,7 @@ def test_the_chip_is_what_the_axes_really_did():
     chip, direction = float(np.hypot(*feed)) / (2.0 * speed / 60.0), float(np.arctan2(feed[1], feed[0]))
     settled = found.time > 60.0 / (2.0 * speed) + T
     for axis in "xy":
-        load = MillingForce(
-            cutter=cutter, spindle_speed=speed, component=axis, chip_load=chip, direction=direction
-        )  # fmt: skip
+        load = MillingForce(cutter=cutter, spindle_speed=speed, component=axis, chip_load=chip, direction=direction)
         expected = load.at(found.time + 0.5 * T)  # a force of the substep's middle
         assert np.max(np.abs(found[f"{axis}.load_force"] - expected)[settled]) < 1e-6 * np.max(np.abs(expected))
     grown = np.abs(found["x.load_force"])[~settled]

@@ -128,9 +128,14 @@ def by_source(loop: Loop) -> dict[str, np.ndarray]:
             setpoint = Setpoint(*(np.float64(rows[f"set_{name}"][k]) for name in Setpoint._fields))
             noise = Noise(np.float64(0.0), np.float64(k))
             state, signals = plain.step(
-                made, state, setpoint, np.float64(rows["load_force"][k]), noise, np.float64(ENABLE[k]),
+                made,
+                state,
+                setpoint,
+                np.float64(rows["load_force"][k]),
+                noise,
+                np.float64(ENABLE[k]),
                 np.float64(k) * plain.sample_time,
-            )  # fmt: skip
+            )
             record.append([float(value) for value in signals])
     return dict(zip(Signals._fields, np.array(record).T, strict=True))
 

@@ -71,9 +71,13 @@ def test_both_bodies_of_a_full_mass_matrix_stand(friction: Friction) -> None:
 
 def test_screw_of_a_three_mass_chain_stands() -> None:
     plant = ThreeMassChain(
-        mass_motor=85.0, mass_screw=45.0, mass_load=33.0, coupling_stiffness=2.352e8, coupling_damping=2496.0,
+        mass_motor=85.0,
+        mass_screw=45.0,
+        mass_load=33.0,
+        coupling_stiffness=2.352e8,
+        coupling_damping=2496.0,
         stiffness=1.8e7,
-    )  # fmt: skip
+    )
     axis = Axis(plant=plant, friction_motor=Stribeck(coulomb=70.0, breakaway=110.0, stribeck_velocity=4e-3))
     found = move(axis, 5e-5, np.full(200, 50.0))
     assert np.all(found.velocity[:, 1] == 0.0)

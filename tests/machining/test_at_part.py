@@ -50,10 +50,14 @@ def test_up_milling_is_the_same_path_backwards() -> None:
 
 def test_around_a_circle_the_tangential_arcs_of_lead_in_and_out_do_not_count() -> None:
     """A part of radius 20, entered and left by arcs of 7 mm; what is left of them is below the tolerance."""
-    path = np.vstack([
-        along((-45, 0), (-40, 0)), arc(7.0, 180.0, 360.0, (-33.0, 0.0)), arc(26.0, 180.0, -180.0),
-        arc(7.0, 0.0, 180.0, (-33.0, 0.0)),
-    ])  # fmt: skip
+    path = np.vstack(
+        [
+            along((-45, 0), (-40, 0)),
+            arc(7.0, 180.0, 360.0, (-33.0, 0.0)),
+            arc(26.0, 180.0, -180.0),
+            arc(7.0, 0.0, 180.0, (-33.0, 0.0)),
+        ]
+    )
     counted = on_part(path, velocity(path), R, "down")
     turning = np.abs(np.hypot(*path.T) - 26e-3) < 1e-9
     assert np.mean(counted[turning]) > 0.999

@@ -22,10 +22,16 @@ def write_log(path: Path, direction: int, feed: float, squareness: float = 0.0, 
     end = 2.0 * np.pi * turns * radius / feed
     t = np.arange(0.0, end + 0.6, T)
     ramp = 0.3
-    angle = direction * feed / radius * (
-        np.clip(t, 0.0, ramp) ** 2 / (2.0 * ramp) + np.clip(t - ramp, 0.0, end - ramp)
-        + np.where(t > end, np.clip(t - end, 0, ramp) - np.clip(t - end, 0, ramp) ** 2 / (2.0 * ramp), 0.0)
-    )  # fmt: skip
+    angle = (
+        direction
+        * feed
+        / radius
+        * (
+            np.clip(t, 0.0, ramp) ** 2 / (2.0 * ramp)
+            + np.clip(t - ramp, 0.0, end - ramp)
+            + np.where(t > end, np.clip(t - end, 0, ramp) - np.clip(t - end, 0, ramp) ** 2 / (2.0 * ramp), 0.0)
+        )
+    )
     x, y = radius * np.cos(angle), radius * np.sin(angle)
     rows = np.column_stack([t, 120.0 + 1e3 * (x + squareness * y), 80.0 + 1e3 * y])
     np.savetxt(path, rows, delimiter=",", header="time [s],X,Y", comments="", fmt="%.9f")
@@ -35,8 +41,9 @@ def write_log(path: Path, direction: int, feed: float, squareness: float = 0.0, 
 def logs(folder: Path) -> list[Path]:
     return [
         write_log(folder / f"{'ccw' if d > 0 else 'cw'}_{round(1e3 * feed)}.csv", d, feed, 60e-6)
-        for feed in (0.05, 0.1) for d in (1, -1)
-    ]  # fmt: skip
+        for feed in (0.05, 0.1)
+        for d in (1, -1)
+    ]
 
 
 @pytest.mark.slow(reason="5 s: a report with three pictures, and a fit of over a hundred columns")

@@ -55,16 +55,26 @@ def drawn(V: float, d: int, **faults: Any) -> CirclePath:
 
 
 WHOLE: dict[str, Any] = {
-    "scale": (30e-6, -20e-6), "squareness": 40e-6, "Kv": (40.0, 39.0), "backlash": (4 * UM, 2 * UM),
-    "spike": (6 * UM, 4 * UM), "cyclic": 1.5 * UM, "offset": (12 * UM, -7 * UM),
-}  # fmt: skip
+    "scale": (30e-6, -20e-6),
+    "squareness": 40e-6,
+    "Kv": (40.0, 39.0),
+    "backlash": (4 * UM, 2 * UM),
+    "spike": (6 * UM, 4 * UM),
+    "cyclic": 1.5 * UM,
+    "offset": (12 * UM, -7 * UM),
+}
 
 
 def test_the_golden_figures() -> None:
     found = circle_test([drawn(V, d, **WHOLE) for V, d in ALL])
     assert [each.name for each in found.figures] == [
-        "CCW 1000 mm/min", "CW 1000 mm/min", "CCW 6000 mm/min", "CW 6000 mm/min", "1000 mm/min", "6000 mm/min",
-    ]  # fmt: skip
+        "CCW 1000 mm/min",
+        "CW 1000 mm/min",
+        "CCW 6000 mm/min",
+        "CW 6000 mm/min",
+        "1000 mm/min",
+        "6000 mm/min",
+    ]
     slow, _, fast, _, both_slow, both_fast = found.figures
     digits = 1e-9  # um: ten decimals are stated, the last one rounded
     G = [each.G / UM for each in found.figures]
@@ -138,8 +148,15 @@ def test_the_golden_fit() -> None:
 def test_columns_give_back_what_they_drew() -> None:
     """Circles made of the columns themselves: the fit returns them to rounding."""
     angle = 2.0 * np.pi * (np.arange(3600) + 0.5) / 3600
-    truth = {"squareness": 37e-6, "backlash x": 3.1 * UM, "backlash y": -1.7 * UM, "scale, difference": 21e-6,
-             "lag radius, mean": 5e-4, "scale, mean": -8e-6, "reversal spike x": 5.0 * UM}  # fmt: skip
+    truth = {
+        "squareness": 37e-6,
+        "backlash x": 3.1 * UM,
+        "backlash y": -1.7 * UM,
+        "scale, difference": 21e-6,
+        "lag radius, mean": 5e-4,
+        "scale, mean": -8e-6,
+        "reversal spike x": 5.0 * UM,
+    }
     circles = []
     for V, d in ALL:
         gone = np.mod(d * angle, np.pi)
@@ -185,8 +202,11 @@ def test_a_spike_of_unknown_decay_and_of_any_course() -> None:
 def test_what_circles_cannot_tell_apart_is_named(chosen: Any, twins: dict[str, str]) -> None:
     found = circle_causes([drawn(V, d, **WHOLE) for V, d in chosen], spike="exponential", decay=0.01)
     noted = {each.name: each.note for each in found.causes if each.note}
-    others = {"scale, mean": "lag radius, mean", "scale, difference": "lag radius, difference",
-              "squareness": "lag mismatch"}  # fmt: skip
+    others = {
+        "scale, mean": "lag radius, mean",
+        "scale, difference": "lag radius, difference",
+        "squareness": "lag mismatch",
+    }
     assert set(noted) == {*twins, *(others[name] for name in twins)}
     for name, said in twins.items():
         assert said in noted[name]
@@ -322,8 +342,10 @@ def test_backlash_is_found() -> None:
     """
     physics: dict[str, Any] = {
         "plant": TwoMass(mass_motor=100.0, mass_load=20.0, stiffness=1e9, damping=10.0, viscous_motor=0.0),
-        "friction_load": Viscous(viscous=8000.0), "encoder_motor": Encoder(), "forces": (Backlash(gap=8 * UM),),
-    }  # fmt: skip
+        "friction_load": Viscous(viscous=8000.0),
+        "encoder_motor": Encoder(),
+        "forces": (Backlash(gap=8 * UM),),
+    }
     machine = Machine.of({"x": axis(T, substeps=32, **physics), "y": axis(T, substeps=32)})
     circles = measured(machine, feeds=(0.002, 0.005))
     found = circle_causes(circles)

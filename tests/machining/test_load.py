@@ -50,8 +50,9 @@ def test_the_golden_trapezoid() -> None:
 def test_heat_against_its_closed_form() -> None:
     """Twice the continuous force for a third of the cycle: 4/3 of the heat in the mean, more at the end of the push."""
     force = np.concatenate([np.full(100, 200.0), np.zeros(200)])
-    found = axis_load(force, np.zeros(301), 0.1, continuous_force=100.0, peak_force=250.0, time_constant=20.0,
-                      motor_constant=8.0)  # fmt: skip
+    found = axis_load(
+        force, np.zeros(301), 0.1, continuous_force=100.0, peak_force=250.0, time_constant=20.0, motor_constant=8.0
+    )
     assert found.heat is not None
     assert found.heat[100] == pytest.approx(4.0 * -np.expm1(-0.5), rel=1e-12)
     assert found.heat[-1] == pytest.approx(4.0 * -np.expm1(-0.5) * np.exp(-1.0), rel=1e-12)

@@ -37,9 +37,12 @@ def engaged(share: float, milling: str) -> Regeneration:
 
 
 CUTS = {
-    "slot": SLOT, "up 0.5": engaged(0.5, "up"), "down 0.5": engaged(0.5, "down"),
-    "up 0.1": engaged(0.1, "up"), "down 0.1": engaged(0.1, "down"),
-}  # fmt: skip
+    "slot": SLOT,
+    "up 0.5": engaged(0.5, "up"),
+    "down 0.5": engaged(0.5, "down"),
+    "up 0.1": engaged(0.1, "up"),
+    "down 0.1": engaged(0.1, "down"),
+}
 SPEEDS = (5000.0, 8000.0, 10000.0, 12500.0, 15000.0, 20000.0)
 # mm; the zero-order limits to 4 decimals
 LIMITS = {
@@ -65,9 +68,12 @@ MEANS = {
     "down 0.1": -29.17306577,
 }
 LEAST = {
-    "slot": 0.2980538427, "up 0.5": 0.2048579057, "down 0.5": 0.6409078787, "up 0.1": 0.7530059732,
+    "slot": 0.2980538427,
+    "up 0.5": 0.2048579057,
+    "down 0.5": 0.6409078787,
+    "up 0.1": 0.7530059732,
     "down 0.1": 0.9994424469,
-}  # fmt: skip
+}
 # the last digit of the reference is 1e-10 mm, and roots are found to 1e-10 of their size
 EXACT = 3e-9
 
@@ -160,8 +166,10 @@ def test_helical_edges_average_the_direction_over_the_depth() -> None:
             v = angle + tooth * helical.pitch - z
             v = v[(v > 0.0) & (v < 0.5 * np.pi)]
             s, c = np.sin(v), np.cos(v)
-            total += [[np.sum(s * (6e8 * c + 2e8 * s)), np.sum(c * (6e8 * c + 2e8 * s))],
-                      [np.sum(s * (2e8 * c - 6e8 * s)), np.sum(c * (2e8 * c - 6e8 * s))]]  # fmt: skip
+            total += [
+                [np.sum(s * (6e8 * c + 2e8 * s)), np.sum(c * (6e8 * c + 2e8 * s))],
+                [np.sum(s * (2e8 * c - 6e8 * s)), np.sum(c * (2e8 * c - 6e8 * s))],
+            ]
         H = helical.matrices(piece, np.array([angle]), depth)[0][0]
         assert np.max(np.abs(H - total / z.size)) < 2e-5 * 6e8  # one slice of 2e5 at each end of an edge
         assert piece.cutting == bool(np.any(total))
@@ -206,13 +214,19 @@ def steel(teeth: int, entry: float = 0.0, leave: float = float(np.pi)) -> Regene
 @pytest.mark.parametrize(
     ("cut", "least", "limits"),
     [
-        (steel(5, *arc("symmetric", 0.75, 1.0)), 16.74065501,
-         (18.5081507463, 21.0100842095, 16.9620561827, 21.5395461392, 34.7493894895)),
-        (steel(4, *arc("up", 0.5, 1.0)), 12.30736941,
-         (13.1550963876, 15.6442898141, 14.1302268857, 13.5856560747, 19.6243185316)),
+        (
+            steel(5, *arc("symmetric", 0.75, 1.0)),
+            16.74065501,
+            (18.5081507463, 21.0100842095, 16.9620561827, 21.5395461392, 34.7493894895),
+        ),
+        (
+            steel(4, *arc("up", 0.5, 1.0)),
+            12.30736941,
+            (13.1550963876, 15.6442898141, 14.1302268857, 13.5856560747, 19.6243185316),
+        ),
         (steel(3), 23.87514236, (25.2903849232, 24.5568828063, 30.0165542824, 24.1768202307, 27.3321869413)),
     ],
-)  # fmt: skip
+)
 def test_the_drive_as_the_flexible_mode(cut: Regeneration, least: float, limits: tuple[float, ...]) -> None:
     found = stability_lobes(DRIVE, cut, (200.0, 300.0, 400.0, 600.0, 900.0))
     assert 1e3 * found.depth == pytest.approx(np.array(limits), rel=2e-8)  # 10 points fewer than the mode needs
@@ -345,7 +359,7 @@ def test_what_is_shown() -> None:
         ("axis 'c' turns", lambda: tool_point(read_machine("rotary_table").machine())),
         ("straight edges", lambda: semi_discretisation(TOOL, dataclasses.replace(SLOT, lag=9.0), 5000.0, 1e-3)),
     ],
-)  # fmt: skip
+)
 def test_wrong_input_is_named(said: str, call: object) -> None:
     assert callable(call)
     with pytest.raises(ParameterError, match=said):

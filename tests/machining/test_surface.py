@@ -22,10 +22,13 @@ def moved(feed: float, teeth: int, away: float = 0.0, bend: float = 0.0) -> Run:
     passing = 2.0 * np.pi * teeth * SPEED / 60.0
     x, zero = velocity * time, np.zeros(len(time))
     signals = {
-        "x.position_load": x, "x.velocity_load": zero + velocity, "x.set_position": x,
-        "y.position_load": away + bend * np.cos(passing * time), "y.set_position": zero,
+        "x.position_load": x,
+        "x.velocity_load": zero + velocity,
+        "x.set_position": x,
+        "y.position_load": away + bend * np.cos(passing * time),
+        "y.set_position": zero,
         "y.velocity_load": -bend * passing * np.sin(passing * time),
-    }  # fmt: skip
+    }
     return Run("moved", signals, T, len(time))
 
 
@@ -37,10 +40,12 @@ def cut(teeth: int, radius: float, helix: float = 0.0) -> MillingCut:
 @pytest.mark.parametrize(
     ("feed", "teeth", "milling", "micrometers"),
     [
-        (1e-4, 2, "up", 0.2468530838), (1e-4, 2, "down", 0.2532202221),
-        (2e-4, 4, "up", 0.9510392268), (2e-4, 4, "down", 1.0530579249),
+        (1e-4, 2, "up", 0.2468530838),
+        (1e-4, 2, "down", 0.2532202221),
+        (2e-4, 4, "up", 0.9510392268),
+        (2e-4, 4, "down", 1.0530579249),
     ],
-)  # fmt: skip
+)
 def test_feed_marks_are_those_of_the_trochoid(feed: float, teeth: int, milling: str, micrometers: float) -> None:
     # the closed form is that of small marks, c²/R² from the exact one that the golden values are
     assert 1e6 * feed_mark(5e-3, feed, teeth, milling) == pytest.approx(micrometers, rel=2e-4)

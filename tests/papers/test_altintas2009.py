@@ -68,11 +68,21 @@ def test_the_page_is_built_with_all_pictures(experiment: Experiment) -> None:
 
 # computed before this library began, by another program
 DADSC_IMPULSE = (
-    2.287854148e-10, 4.375798711e-10, 6.275478906e-10, 7.997974651e-10, 9.553825258e-10, 1.095305313e-09,
-)  # fmt: skip
+    2.287854148e-10,
+    4.375798711e-10,
+    6.275478906e-10,
+    7.997974651e-10,
+    9.553825258e-10,
+    1.095305313e-09,
+)
 CASCADE_IMPULSE = (
-    2.288505478e-10, 4.378313603e-10, 6.281547764e-10, 8.009690494e-10, 9.573614850e-10, 1.098361433e-09,
-)  # fmt: skip
+    2.288505478e-10,
+    4.378313603e-10,
+    6.281547764e-10,
+    8.009690494e-10,
+    9.573614850e-10,
+    1.098361433e-09,
+)
 
 
 def test_golden_impulse_responses_and_poles() -> None:
@@ -102,9 +112,13 @@ def test_the_largest_integral_gain_of_a_cascade_with_real_poles() -> None:
 def test_the_corrected_closed_form_is_the_loop_for_any_axis(mass: float, sample_time: float, ratio: float) -> None:
     """Other masses, sample times and g2: the law's own step against (8), and the printed form against it."""
     law = DADSC(
-        mass=mass, viscous=5.0 * mass, tracking_rate=120.0, reaching_rate=260.0, adaptation_rate=80.0,
+        mass=mass,
+        viscous=5.0 * mass,
+        tracking_rate=120.0,
+        reaching_rate=260.0,
+        adaptation_rate=80.0,
         adaptation_ratio=ratio,
-    )  # fmt: skip
+    )
     push = np.zeros(800)
     push[0] = 1.0
     found = run_ideal(law, mass, 5.0 * mass, sample_time, push).position

@@ -58,5 +58,11 @@ def test_the_page_has_the_papers_kinds_of_pictures(experiment: Experiment) -> No
     for shown in experiment.pictures:
         assert f"figure-{shown.key}" in page
     assert {s.key for s in experiment.pictures} == {
-        "errors", "parameters", "overtime", "convergence", "contour", "quadrant", "signal",
-    }  # fmt: skip
+        "errors",
+        "parameters",
+        "overtime",
+        "convergence",
+        "contour",
+        "quadrant",
+        "signal",
+    }

@@ -35,8 +35,17 @@ def plans(count: int, seed: int) -> Iterator[list[Any]]:
         caps = np.array([10.0 ** draw.uniform(-3, 0) for _ in range(n)])
         limits = 10.0 ** draw.uniform(-1, 2), 10.0 ** draw.uniform(0, 4), 10.0 ** draw.uniform(2, 6)
         room = draw.choice([15 * n, 15 * n, 15 * n, n])
-        yield [ends, caps, *limits, np.zeros(9 * n + 9, dtype=np.int64), np.zeros((3 * n + 3, 2)), np.zeros(room),
-               np.zeros((room, 5)), np.linspace(0.0, 1.0, 20), np.zeros((20, 5))]  # fmt: skip
+        yield [
+            ends,
+            caps,
+            *limits,
+            np.zeros(9 * n + 9, dtype=np.int64),
+            np.zeros((3 * n + 3, 2)),
+            np.zeros(room),
+            np.zeros((room, 5)),
+            np.linspace(0.0, 1.0, 20),
+            np.zeros((20, 5)),
+        ]
 
 
 def test_whole_plans_have_the_bits_of_the_interpreter(planner: Any, seeded: Seeded):

@@ -207,7 +207,7 @@ def refused(folder: Path, text: str, **given: Any) -> str:
         ("G1 X1\n", "F"),
         ("G1 X1 F0\n", "feed"),
     ],
-)  # fmt: skip
+)
 def test_what_the_machine_cannot_do_is_refused_at_its_line(text: str, said: str, tmp_path: Path) -> None:
     """Soft limits, arcs through their farthest points too, missing axes, a tolerance that no axis resolves, no feed."""
     assert said in refused(tmp_path, f"{text}M2\n")
@@ -431,11 +431,17 @@ def test_the_streamer_of_linuxcnc_gives_the_setpoints(tmp_path: Path) -> None:
     """Each line comes out of the pins, one a period, bit for bit."""
     plan(part(tmp_path, "G1 X5 Y2 F3000\nM2\n"), machine="xy_table", sample_time=1e-3, out=tmp_path / "out")
     lines = [
-        "loadrt threads name1=servo-thread period1=1000000", "source streamer.hal", "loadrt sampler depth=4000 cfg=ff",
-        "net a streamer.0.pin.0 => sampler.0.pin.0", "net b streamer.0.pin.1 => sampler.0.pin.1",
-        "addf sampler.0 servo-thread", "start", "loadusr -w sleep 0.5", "setp streamer.0.enable 1",
+        "loadrt threads name1=servo-thread period1=1000000",
+        "source streamer.hal",
+        "loadrt sampler depth=4000 cfg=ff",
+        "net a streamer.0.pin.0 => sampler.0.pin.0",
+        "net b streamer.0.pin.1 => sampler.0.pin.1",
+        "addf sampler.0 servo-thread",
+        "start",
+        "loadusr -w sleep 0.5",
+        "setp streamer.0.enable 1",
         "loadusr -w halsampler -n 1000 out.txt",
-    ]  # fmt: skip
+    ]
     (tmp_path / "out" / "run.hal").write_text("\n".join(lines) + "\n", encoding="utf-8")
     session(tmp_path / "out", [], "halrun -f run.hal")
     given, taken = np.loadtxt(tmp_path / "out" / "streamer.txt"), np.loadtxt(tmp_path / "out" / "out.txt")

@@ -98,10 +98,16 @@ def lobes() -> Any:
     wave = np.sin(96000.0 / speed)
     own = Stand(stable=False, growth=1.23, speed=9000.0, depth=2e-3)
     return Stand(
-        spindle_speed=speed, depth=1e-3 * (1.0 + np.abs(wave)), flip=wave > 0.8, frequency=400.0 + 100.0 * wave,
-        deepest=0.01, islands=((5000.0, 2.2e-3, 2.6e-3),), passing=lambda: [(3000.0, 200.0, 4), (6000.0, 200.0, 2)],
-        natural=np.array([380.0]), own=own,
-    )  # fmt: skip
+        spindle_speed=speed,
+        depth=1e-3 * (1.0 + np.abs(wave)),
+        flip=wave > 0.8,
+        frequency=400.0 + 100.0 * wave,
+        deepest=0.01,
+        islands=((5000.0, 2.2e-3, 2.6e-3),),
+        passing=lambda: [(3000.0, 200.0, 4), (6000.0, 200.0, 2)],
+        natural=np.array([380.0]),
+        own=own,
+    )
 
 
 def cut() -> Any:
@@ -135,9 +141,13 @@ def delays() -> Any:
     dead_time = 1e-3 * np.arange(6.0)
     gains = 200.0 / (1.0 + np.arange(6.0))
     return Stand(
-        tunables=["axis.x.control.law.Kv"], dead_time=dead_time, sample_time=1e-3, at_edge=lambda _: gains,
-        at_robust=lambda _: 0.5 * gains, sensitivity_bound=2.0,
-    )  # fmt: skip
+        tunables=["axis.x.control.law.Kv"],
+        dead_time=dead_time,
+        sample_time=1e-3,
+        at_edge=lambda _: gains,
+        at_robust=lambda _: 0.5 * gains,
+        sensitivity_bound=2.0,
+    )
 
 
 def part() -> Any:
@@ -154,9 +164,14 @@ def agreement() -> Any:
     s = 2j * np.pi * F
     model = FRF(F, 1.0 / (s * (100.0 * s + 800.0)), "force", "position_load", "m/N")
     return Stand(
-        measured=[model], fitted=[model], drawn=[model], residuals=[random(F.size) + 1j * random(F.size)], spread=1.0,
-        order=0, autocorrelation=lambda lag: 0.2 / lag,
-    )  # fmt: skip
+        measured=[model],
+        fitted=[model],
+        drawn=[model],
+        residuals=[random(F.size) + 1j * random(F.size)],
+        spread=1.0,
+        order=0,
+        autocorrelation=lambda lag: 0.2 / lag,
+    )
 
 
 def excitation() -> Any:
@@ -173,9 +188,12 @@ def steady() -> Any:
 def friction_curve() -> Any:
     runs = steady()
     return Stand(
-        runs=runs, at=lambda v: 20.0 * np.sign(v), error=lambda v: np.full(v.shape, 0.4), residual=random(18),
+        runs=runs,
+        at=lambda v: 20.0 * np.sign(v),
+        error=lambda v: np.full(v.shape, 0.4),
+        residual=random(18),
         model=Stand(name="stribeck"),
-    )  # fmt: skip
+    )
 
 
 def judged() -> Any:
@@ -348,8 +366,13 @@ def test_every_function_of_a_chart_says_so_and_every_picture_has_one() -> None:
 
 
 def test_results_of_later_rooms_give_charts_too() -> None:
-    for place in ("benchmark.score:Benchmark", "comparison.compare:Comparison", "jobs.run_laws:JobResult",
-                  "study.answers.answers:Answers", "study.robust:Robust"):  # fmt: skip
+    for place in (
+        "benchmark.score:Benchmark",
+        "comparison.compare:Comparison",
+        "jobs.run_laws:JobResult",
+        "study.answers.answers:Answers",
+        "study.robust:Robust",
+    ):
         module, name = place.split(":")
         kind = getattr(import_module(f"feeddrive.{module}"), name)
         assert get_type_hints(chart_of.registry[kind])["return"] is Chart
@@ -378,9 +401,14 @@ def test_all_texts_are_read_in_the_units_of_the_reader_and_names_stay() -> None:
     said = Text(f"{Quantity(2e-6, 'm')}")
     ticks = (Tick(0.0, "2 µm", said),)
     panel = Panel(
-        said, (Curve(T, S, "2 µm", said=said),), levels=(Level(0.0, said, said=said),), said=said, ticks=ticks,
-        boxes=(Box(0.0, 1.0, 0.0, 1.0, name="2 µm", text=said),), abscissa=Abscissa(said, ticks=ticks),
-    )  # fmt: skip
+        said,
+        (Curve(T, S, "2 µm", said=said),),
+        levels=(Level(0.0, said, said=said),),
+        said=said,
+        ticks=ticks,
+        boxes=(Box(0.0, 1.0, 0.0, 1.0, name="2 µm", text=said),),
+        abscissa=Abscissa(said, ticks=ticks),
+    )
     made = Chart(said, (panel,), side=said, beside=said, said=said, ticks=ticks).shown(Units(rotary=True))
     read = [text for text in texts(made) if text.startswith("2 ")]
     assert read.count("2 µm") == 5  # names

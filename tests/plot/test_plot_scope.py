@@ -80,8 +80,11 @@ def test_channels_of_one_unit_share_a_panel_and_lines_stand_where_they_are_read(
     np.testing.assert_allclose(first.curves[1].y, -1e3 * window.time)
     assert first.curves[0].said == "6000 mm"
     assert [(each.value, each.upright) for each in first.levels] == [
-        (-5500.0, False), (0.0, True), (0.1, True), (0.4, True),
-    ]  # fmt: skip
+        (-5500.0, False),
+        (0.0, True),
+        (0.1, True),
+        (0.4, True),
+    ]
     assert all(not each.upright or each.value != -5500.0 for each in chart.panels[1].levels)
     assert (chart.low, chart.high) == (-0.2, 0.8)
     again, kept = scope_chart(window, channels, before=ranges)

@@ -109,8 +109,9 @@ def test_a_picture_is_drawn_in_the_units_of_its_reader() -> None:
     found = stiffness(compliance)
     usual, turned = found.plot(), drawn(stiffness_chart(found), Units(rotary=True, typographic=True))
     assert [each.axes[0].get_ylabel() for each in (usual, turned)] == [
-        "dynamic stiffness (N/µm)", "dynamic stiffness (N m/µrad)",
-    ]  # fmt: skip
+        "dynamic stiffness (N/µm)",
+        "dynamic stiffness (N m/µrad)",
+    ]
     note = READER.set(Units(rotary=True, typographic=True))
     try:
         again = drawn(stiffness_chart(found))
@@ -163,8 +164,11 @@ def test_a_measured_response_lies_over_its_model_with_a_band_each() -> None:
         [Overlay("", replace(measured(np.linspace(0.5, 1.0, F.size)), unit="m/N"), model, model)]
     ).shown(DRAWN)
     assert [each.label for each in chart.panels] == [
-        "magnitude (dB re 1 m/N)", "phase (deg)", "error (dB)", "coherence",
-    ]  # fmt: skip
+        "magnitude (dB re 1 m/N)",
+        "phase (deg)",
+        "error (dB)",
+        "coherence",
+    ]
     assert [each.name for each in chart.panels[0].curves] == ["measured", "model"]
     np.testing.assert_allclose(chart.panels[2].curves[0].y, 20.0 * np.log10(0.02), atol=1e-9)
     assert [each.name for each in chart.panels[0].bands] == ["", "95 % of the measurement"]

@@ -235,9 +235,17 @@ def test_the_report_of_a_comparison() -> None:
         assert expected in found.text
     titles = re.findall(r"<h3>(.*?)</h3>", text)
     check_order(text)
-    for expected in ("Following error over time", "Amplitude spectrum of the following error", "Force", "Friction",
-                     "Velocity and acceleration", "Open loop and its margins", "Nyquist plot near -1",
-                     "Closed loop", "Dynamic stiffness"):  # fmt: skip
+    for expected in (
+        "Following error over time",
+        "Amplitude spectrum of the following error",
+        "Force",
+        "Friction",
+        "Velocity and acceleration",
+        "Open loop and its margins",
+        "Nyquist plot near -1",
+        "Closed loop",
+        "Dynamic stiffness",
+    ):
         assert expected in titles
     assert "Measured and predicted" not in titles
 

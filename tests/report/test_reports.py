@@ -104,7 +104,7 @@ def _report(result: Weighed) -> Report:
             Section("empty", "Nothing", (Remarks([]), "")),
         ),
         picture,
-    )  # fmt: skip
+    )
 
 
 @chart_of.register

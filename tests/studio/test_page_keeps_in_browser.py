@@ -172,9 +172,13 @@ def test_what_is_typed_of_a_column_is_what_it_is_read_by(served: Callable[..., A
     run = PlainAxis(mass=180.0).run(Cascade(30.0, 9000.0))
     log = write_columns(
         tmp_path / "axis.csv",
-        {"t_s": run["time"], "x_cmd [mm]": 1e3 * run["set"], "x_fb [mm]": -1e3 * run["position"],
-         "load [%]": run["force"] / 12.0},
-    )  # fmt: skip
+        {
+            "t_s": run["time"],
+            "x_cmd [mm]": 1e3 * run["set"],
+            "x_fb [mm]": -1e3 * run["position"],
+            "load [%]": run["force"] / 12.0,
+        },
+    )
     page = (opened := (studio := served()).open()).page
     page.set_input_files("#files", str(log))
     page.wait_for_selector("#identify")

@@ -15,9 +15,13 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
 
 _MORE = {  # by picture: what its legend says of the control of now, or of the axis
-    "step": "now: overshoot", "snap": "now: peak", "poles": "now: least damping", "damping": "now: least damping",
-    "response": "reading of the load, model", "friction": "model",
-}  # fmt: skip
+    "step": "now: overshoot",
+    "snap": "now: peak",
+    "poles": "now: least damping",
+    "damping": "now: least damping",
+    "response": "reading of the load, model",
+    "friction": "model",
+}
 
 
 def words(page: Any, name: str) -> str:
@@ -181,7 +185,11 @@ def test_all_pictures_at_once_are_accessible_and_fit_a_tablet(studio: Any, look:
         assert page.evaluate("document.activeElement.id") == f"see-{name}"
         assert page.locator(f"#picture-{name}").is_visible()
     found = axe.Axe().run(page)
-    serious = [(each["id"], node["target"]) for each in found["violations"] for node in each["nodes"]
-               if each["impact"] in ("serious", "critical")]  # fmt: skip
+    serious = [
+        (each["id"], node["target"])
+        for each in found["violations"]
+        for node in each["nodes"]
+        if each["impact"] in ("serious", "critical")
+    ]
     assert serious == []
     assert page.evaluate("document.documentElement.scrollWidth") <= 768

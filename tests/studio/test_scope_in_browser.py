@@ -142,8 +142,12 @@ def test_the_room_that_follows_has_no_serious_violation_of_accessibility(scope: 
     opened.page.click("#scope-pause")
     opened.settled()
     found = axe.Axe().run(opened.page)
-    serious = [(each["id"], node["target"]) for each in found["violations"] if each["impact"] in ("serious", "critical")
-               for node in each["nodes"]]  # fmt: skip
+    serious = [
+        (each["id"], node["target"])
+        for each in found["violations"]
+        if each["impact"] in ("serious", "critical")
+        for node in each["nodes"]
+    ]
     assert serious == []
     assert opened.page.evaluate("document.documentElement.scrollWidth") <= 768
     assert opened.said == []

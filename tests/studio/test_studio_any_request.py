@@ -16,9 +16,44 @@ from feeddrive.studio.bench import bench_of
 from feeddrive.studio.room import Room
 from feeddrive.studio.session import Session
 
-_ODD = (None, "", "x", "-1", "0", "0.5", 0, 1, -1, 2.5, 1e308, -1e308, 1e-320, 10**400, float("nan"), float("inf"),
-        True, False, [], ["x"], [1], {}, {"a": 1}, "nan", "1e999", "1" * 5000, "\0", "\ud800", "../x", "ball_screw",
-        "law.Kp", "notch", "sensitivity", "max_ms", "A", "auto")  # fmt: skip
+_ODD = (
+    None,
+    "",
+    "x",
+    "-1",
+    "0",
+    "0.5",
+    0,
+    1,
+    -1,
+    2.5,
+    1e308,
+    -1e308,
+    1e-320,
+    10**400,
+    float("nan"),
+    float("inf"),
+    True,
+    False,
+    [],
+    ["x"],
+    [1],
+    {},
+    {"a": 1},
+    "nan",
+    "1e999",
+    "1" * 5000,
+    "\0",
+    "\ud800",
+    "../x",
+    "ball_screw",
+    "law.Kp",
+    "notch",
+    "sensitivity",
+    "max_ms",
+    "A",
+    "auto",
+)
 _LONG = ("tune", "start", "certify", "circle", "program", "export", "tour")  # begin long work: asked less often
 _MANY = 1500
 

@@ -91,9 +91,14 @@ def test_ctrl_c_ends_all_also_work_that_waits_for_a_processor(serve: Callable[..
 
 def refused(*words: str, **environment: str) -> tuple[int, str]:
     done = subprocess.run(
-        [*FEEDDRIVE, "studio", "--no-browser", *words], capture_output=True, text=True, encoding="utf-8", timeout=60.0,
-        env={**os.environ, **environment}, check=False,
-    )  # fmt: skip
+        [*FEEDDRIVE, "studio", "--no-browser", *words],
+        capture_output=True,
+        text=True,
+        encoding="utf-8",
+        timeout=60.0,
+        env={**os.environ, **environment},
+        check=False,
+    )
     return done.returncode, done.stderr
 
 

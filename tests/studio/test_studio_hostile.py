@@ -102,9 +102,13 @@ def test_files_that_name_other_files_or_hold_code_are_refused_and_nothing_else_i
 ) -> None:
     code = "open('executed', 'w').close()"
     entity = f'<?xml version="1.0"?><!DOCTYPE a [<!ENTITY e SYSTEM "{(outside / "secret.csv").as_uri()}">]><a>&e;</a>'
-    laughs = '<!DOCTYPE a [<!ENTITY a "' + "x" * 1000 + '">' + "".join(
-        f'<!ENTITY {b} "{f"&{a};" * 50}">' for a, b in zip("abcdef", "bcdefg", strict=True)
-    ) + "]><a>&g;</a>"  # fmt: skip
+    laughs = (
+        '<!DOCTYPE a [<!ENTITY a "'
+        + "x" * 1000
+        + '">'
+        + "".join(f'<!ENTITY {b} "{f"&{a};" * 50}">' for a, b in zip("abcdef", "bcdefg", strict=True))
+        + "]><a>&g;</a>"
+    )
     secret = json.dumps(str(outside / "secret.toml"))
     wanted = {
         "job.toml": (f'machine = {secret}\n[program]\nfile = "secret.ngc"\n', "no machine file"),
@@ -119,7 +123,7 @@ def test_files_that_name_other_files_or_hold_code_are_refused_and_nothing_else_i
         "cut.uff": ("    -1\n    58\n", "universal file"),  # its reader needs a file of its own
         "links.mat": (hdf5_links(outside), "log"),
         "call.ngc": ("o<secret> call\nM98 P/secret\nG1 X1 F100\n", "part program"),
-    }  # fmt: skip
+    }
     with served.page("names") as page:
         files = {name: text if isinstance(text, bytes) else text.encode() for name, (text, _) in wanted.items()}
         for name, found in brought(served, page, files).items():
@@ -146,8 +150,15 @@ def test_names_in_requests_stay_in_the_folder(served: Served, outside: Path) -> 
             assert served.upload(session, "linked.csv", b"overwritten")[0] == 400
         for name in names:
             assert served.result(session, name)[0] == 404
-            for do in ("bring.look", "bring.axis", "bring.identify", "prove.program", "take.result", "take.export",
-                       "scope.follow"):  # fmt: skip
+            for do in (
+                "bring.look",
+                "bring.axis",
+                "bring.identify",
+                "prove.program",
+                "take.result",
+                "take.export",
+                "scope.follow",
+            ):
                 said = page.ask(do, name=name, names=[name], target=name, at=[name])
                 assert "error" in said, do
                 assert SECRET not in json.dumps(said["error"])
@@ -177,10 +188,13 @@ def bombs() -> dict[str, bytes]:
     head = "{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000,), }"
     npy = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head) + 1) + head.encode() + b"\n"
     return {
-        "gzip.csv.gz": gz, "parquet.parquet": table.getvalue(), "hdf5.mat": hdf5.getvalue(), "numpy.npy": npy,
+        "gzip.csv.gz": gz,
+        "parquet.parquet": table.getvalue(),
+        "hdf5.mat": hdf5.getvalue(),
+        "numpy.npy": npy,
         "nested.gz": gzip.compress(gzip.compress(gzip.compress(b"0" * 1_000_000))),
         "zip.xlsx": b"PK\x03\x04" + b"0" * 99,
-    }  # fmt: skip
+    }
 
 
 @needs_proc

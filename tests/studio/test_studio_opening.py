@@ -62,9 +62,13 @@ def started(folder: Path, *words: str, **environment: str) -> Iterator[subproces
     if not (PAGE / "index.html").is_file():
         pytest.skip("NOT TESTED: the page is not built: make page")
     with subprocess.Popen(
-        [*FEEDDRIVE, "studio", "--folder", str(folder), *words], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-        text=True, encoding="utf-8", env={**os.environ, **environment},
-    ) as process:  # fmt: skip
+        [*FEEDDRIVE, "studio", "--folder", str(folder), *words],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        text=True,
+        encoding="utf-8",
+        env={**os.environ, **environment},
+    ) as process:
         try:
             yield process
         finally:

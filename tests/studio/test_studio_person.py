@@ -100,16 +100,27 @@ def unseen(path: Path, integral: float | None) -> None:
     blocks = fd.blocks
     loop = fd.Loop(
         axis=fd.Axis(
-            plant=blocks.Rigid(mass=_MASS), friction_load=blocks.Coulomb(coulomb=_COULOMB, viscous=900.0),
-            actuator=blocks.Actuator(dead_time=_T), encoder_load=blocks.Encoder(resolution=1e-7, noise=5e-8),
+            plant=blocks.Rigid(mass=_MASS),
+            friction_load=blocks.Coulomb(coulomb=_COULOMB, viscous=900.0),
+            actuator=blocks.Actuator(dead_time=_T),
+            encoder_load=blocks.Encoder(resolution=1e-7, noise=5e-8),
         ),
-        control=fd.Control(law=blocks.CascadePPI(Kv=_KV, Kp=_KP, Tn=integral), force_limit=12e3), sample_time=_T,
-    )  # fmt: skip
+        control=fd.Control(law=blocks.CascadePPI(Kv=_KV, Kp=_KP, Tn=integral), force_limit=12e3),
+        sample_time=_T,
+    )
     moves = [
-        blocks.SnapLimitedMove(distance=distance, velocity=velocity, acceleration=acceleration, jerk=40.0, snap=2000.0,
-                               back=True, dwell_before=0.2, dwell_after=0.2)
+        blocks.SnapLimitedMove(
+            distance=distance,
+            velocity=velocity,
+            acceleration=acceleration,
+            jerk=40.0,
+            snap=2000.0,
+            back=True,
+            dwell_before=0.2,
+            dwell_after=0.2,
+        )
         for distance, velocity, acceleration in ((0.3, 0.6, 3.0), (0.12, 0.2, 2.0), (0.02, 0.05, 0.8))
-    ]  # fmt: skip
+    ]
     reference = np.concatenate([each.at(np.arange(round(each.duration / _T)) * _T).position for each in moves])
     run = fd.simulate(loop, blocks.Recorded(position=reference, sample_time=_T), seed=20261123)
     rows = slice(0, reference.size)

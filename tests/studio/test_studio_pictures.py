@@ -66,8 +66,11 @@ def test_every_picture_can_be_chosen_and_follows_what_is_moved(session: Session)
     assert all(each["why"] == "" for each in before["pictures"])
     after = asked(session, "tune.move", name="law.Kp", value=40000.0)
     told = {name: json.dumps([[c["said"] for c in p["curves"]] for p in panels(after, name)]) for name in PICTURES}
-    same = {name for name in PICTURES
-            if told[name] == json.dumps([[c["said"] for c in p["curves"]] for p in panels(before, name)])}  # fmt: skip
+    same = {
+        name
+        for name in PICTURES
+        if told[name] == json.dumps([[c["said"] for c in p["curves"]] for p in panels(before, name)])
+    }
     assert same == {"response", "friction"}  # of the axis, whatever its control
     assert set(asked(session, "tune.show")["charts"]) == set(PICTURES)  # a page that is loaded again has them still
     assert "there is no picture 'x'" in asked(session, "tune.see", names=["x"])["error"]
@@ -163,8 +166,11 @@ def test_a_measured_response_has_coherence_bands_and_its_model_beside_it(respons
     assert {each["name"] for each in loop[0]["bands"]} == {"", "95 % of the measurement"}
     assert loop[2]["bands"][0]["name"] == "coherence 0.9 or less"
     assert [each["label"] for each in response] == [
-        "magnitude (dB re 1 m/N)", "phase (deg)", "error (dB)", "coherence",
-    ]  # fmt: skip
+        "magnitude (dB re 1 m/N)",
+        "phase (deg)",
+        "error (dB)",
+        "coherence",
+    ]
     names = [each["name"] for each in response[0]["curves"]]
     assert names == [f"reading of the {side}, {what}" for side in ("motor", "load") for what in ("measured", "model")]
     measured, model = response[0]["curves"][:2]
@@ -180,5 +186,6 @@ def test_what_needs_a_machine_says_so_without_one(responses: Path, tmp_path: Pat
     assert absent == {"run", "step", "snap", "poles", "damping", "friction"}
     assert set(said["charts"]) == set(PICTURES) - absent
     assert [each["name"] for each in panels(said, "response")[0]["curves"]] == [
-        "reading of the motor, measured", "reading of the load, measured",
-    ]  # fmt: skip
+        "reading of the motor, measured",
+        "reading of the load, measured",
+    ]

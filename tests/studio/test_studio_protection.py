@@ -70,9 +70,12 @@ class Server(NamedTuple):
         """A WebSocket as a page of some origin opens it."""
         own = f"http://{self.host}" if origin == "own" else origin
         return connect(
-            f"ws://{self.host}{path}", origin=own, additional_headers={"Cookie": f"{self.cookie}={cookie}"},
-            max_size=None, proxy=None,
-        )  # fmt: skip
+            f"ws://{self.host}{path}",
+            origin=own,
+            additional_headers={"Cookie": f"{self.cookie}={cookie}"},
+            max_size=None,
+            proxy=None,
+        )
 
 
 @contextmanager

@@ -82,8 +82,10 @@ def curve(said: dict[str, Any], name: str) -> tuple[np.ndarray, np.ndarray]:
 def test_a_file_is_followed_while_it_grows(session: Session, tmp_path: Path) -> None:
     said = followed(session, tmp_path)
     assert [(each["name"], each["unit"], each["shown"]) for each in said["channels"]] == [
-        ("x_mm", "mm", True), ("force_N", "N", True), ("note", "", True),
-    ]  # fmt: skip
+        ("x_mm", "mm", True),
+        ("force_N", "N", True),
+        ("note", "", True),
+    ]
     assert said["look"].startswith("runs by")
     write(tmp_path / "run.csv", 500, 1600)
     said = until(session, lambda said: abs(curve(said, "force_N")[1][-1] - 100 * abs(2 * 0.599 - 1)) < 1e-3)

@@ -32,10 +32,31 @@ def test_a_file_is_kept_under_its_name(tmp_path: Path, name: str) -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["", "../a.csv", "..", "a/b.csv", "a\\b.csv", "/etc/passwd", ".feeddrive", "C:a.csv", "nul", "con.csv", "con .csv",
-     "COM¹.csv", "lpt9 .tar.gz", "a\\..\\b.csv", "a.csv:hidden", "\\\\host\\a.csv",
-     "a\x1b[2J.csv", "<b>.csv", "a\n.csv", "a.csv.", "x" * 121, "-rf"],
-)  # fmt: skip
+    [
+        "",
+        "../a.csv",
+        "..",
+        "a/b.csv",
+        "a\\b.csv",
+        "/etc/passwd",
+        ".feeddrive",
+        "C:a.csv",
+        "nul",
+        "con.csv",
+        "con .csv",
+        "COM¹.csv",
+        "lpt9 .tar.gz",
+        "a\\..\\b.csv",
+        "a.csv:hidden",
+        "\\\\host\\a.csv",
+        "a\x1b[2J.csv",
+        "<b>.csv",
+        "a\n.csv",
+        "a.csv.",
+        "x" * 121,
+        "-rf",
+    ],
+)
 def test_no_name_leaves_the_folder(tmp_path: Path, name: str) -> None:
     with pytest.raises(FileError, match="is no name for a file here"):
         kept(name, tmp_path / "brought")

@@ -93,8 +93,10 @@ def test_a_notch_is_dragged_in_frequency_depth_and_width_and_undone(opened: Any)
     """The grip stays under the pointer; each drag is one step."""
     page, place = opened.page, f"filters.{len(filters(opened.page))}"
     add(opened, place, "150")
-    grip, begun = f"{place}.frequency", {each: number(page, f"{place}.{each}")
-                                         for each in ("frequency", "damping_zero", "damping_pole")}  # fmt: skip
+    grip, begun = (
+        f"{place}.frequency",
+        {each: number(page, f"{place}.{each}") for each in ("frequency", "damping_zero", "damping_pole")},
+    )
     at = page.locator(f"[data-grip='{grip}']").bounding_box()
     drag(page, grip, 30, -12)
     opened.settled()

@@ -331,8 +331,17 @@ def test_the_page(found) -> None:
 def test_rows_of_another_study(found, tmp_path) -> None:
     study = read(tmp_path)
     with pytest.raises(ParameterError, match="there is no column 'force_peak_N'"):
-        answers_of(arrow.table({"variant": [0], **{name: [1.0] for name in study.columns}, "reason": [None],
-                                "tracking_error_peak_m": [1.0]}), study)  # fmt: skip
+        answers_of(
+            arrow.table(
+                {
+                    "variant": [0],
+                    **{name: [1.0] for name in study.columns},
+                    "reason": [None],
+                    "tracking_error_peak_m": [1.0],
+                }
+            ),
+            study,
+        )
     with pytest.raises(ParameterError, match="40 variants, and here are rows of 10"):
         answers_of(_rows(study, np.ones(40)).slice(0, 10), study)
 

@@ -151,8 +151,10 @@ values = [true, false]
         found[key] = case
         mass = tree.get(case.system, "axis.x.control.feedforward.0.mass")
         assert (mass, case.system.axis.substeps, case.references.back) == (
-            163.0 if key[0] == "today" else 130.4, key[1], key[2],
-        )  # fmt: skip
+            163.0 if key[0] == "today" else 130.4,
+            key[1],
+            key[2],
+        )
     assert len(found) == 8
     assert sum(case.rows.size for case in found.values()) == 64
 
@@ -213,14 +215,16 @@ BAD = {
     "no such parameter": (HEAD, '[[vary]]\nparameter = "axis.x.plant.mas_load"\n', ":7: vary.0.parameter: there is no"),
     "no such part of the work": (HEAD, '[[vary]]\nparameter = "reference.speed"\nvalues = [1]\n', "there is no"),
     "no variants": (
-        HEAD.replace("64", "0"), GOOD,
+        HEAD.replace("64", "0"),
+        GOOD,
         ":3: count = 0 (variants; of saltelli points of k + 2 variants; none of a grid) must be >= 1",
     ),
     "too many": (HEAD.replace("64", "1000000000000"), GOOD, ":3: these are 1,000,000,000,000 variants, more than"),
     "half a variant": (HEAD.replace("64", "1.5"), GOOD, "none of a grid) must be a whole number"),
     "count of a grid": (HEAD.replace("monte_carlo", "grid"), MASS + "values = [1]\n", "count does not go with a grid"),
     "unknown sampler": (
-        HEAD.replace("monte_carlo", "halton"), GOOD,
+        HEAD.replace("monte_carlo", "halton"),
+        GOOD,
         ":2: sampler = 'halton' (how variants are drawn) must be one of \"grid\"",
     ),
     "unknown key": (HEAD + "cout = 3\n", GOOD, "key 'cout' is not known; did you mean"),
@@ -229,7 +233,8 @@ BAD = {
     "impossible mass": (HEAD, MASS + "tolerance_percent = 120\n", "-6.6 kg (table and workpiece) must be > 0 kg"),
     "impossible deviation": (HEAD, MASS + 'kind = "normal"\ndeviation = -1\n', "deviation = -1 of a normal"),
     "another dimension": (
-        HEAD, MASS + "tolerance_mm = 3\n",
+        HEAD,
+        MASS + "tolerance_mm = 3\n",
         ":8: key 'vary.0.tolerance_mm' is not known; if tolerance is meant: unit 'mm' does",
     ),
     "a key of another kind": (HEAD, MASS + "tolerance = 3\ndeviation = 1\n", "'vary.0.deviation' is not known"),
@@ -241,14 +246,20 @@ BAD = {
     "unknown figure": (HEAD.replace("rms_m", "rsm_m"), GOOD, ":5: measure: there is no figure 'following_error_rsm_m'"),
     "empty bound": (HEAD, "[specification]\nforce_rms_N = {}\n" + GOOD, "force_rms_N needs least or most"),
     "bound in another unit": (
-        HEAD, "[specification]\nforce_rms_N = { most_um = 3 }\n" + GOOD, "unit 'um' does not measure",
+        HEAD,
+        "[specification]\nforce_rms_N = { most_um = 3 }\n" + GOOD,
+        "unit 'um' does not measure",
     ),
     "crossed bounds": (
-        HEAD, "[specification]\nforce_rms_N = { least = 4, most = 3 }\n" + GOOD, "least = 4 must be < most = 3",
+        HEAD,
+        "[specification]\nforce_rms_N = { least = 4, most = 3 }\n" + GOOD,
+        "least = 4 must be < most = 3",
     ),
     "no such row": (HEAD + 'row = "tomorrow"\n', GOOD, "row: there is no row 'tomorrow' in"),
     "no such choice": (
-        HEAD, '[[vary]]\nchoice = "axis.x.substps"\nvalues = [1]\n', "with axis.x.substps = 1: ",
+        HEAD,
+        '[[vary]]\nchoice = "axis.x.substps"\nvalues = [1]\n',
+        "with axis.x.substps = 1: ",
     ),
     "no such job": (HEAD.replace('"ball_screw"', '"ball_scrw"'), GOOD, ":1: job: ball_scrw: there is no such file"),
     "a log": (HEAD.replace('"ball_screw"', '"emps_log"'), GOOD, "replays a log, which has one machine"),
@@ -266,9 +277,11 @@ BAD = {
     ),
     "steps without a grid": (HEAD, GOOD + "steps = 3\n", "steps belongs to a grid"),
     "points that are no power of 2": (
-        HEAD.replace("monte_carlo", "saltelli").replace("64", "100"), GOOD, "must be a power of 2, such as 64 or 128",
+        HEAD.replace("monte_carlo", "saltelli").replace("64", "100"),
+        GOOD,
+        "must be a power of 2, such as 64 or 128",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BAD)

@@ -117,9 +117,13 @@ def client(path: Path, out: Path, *options: str) -> subprocess.Popen[str]:
     main = "from feeddrive.cli import main; main()"
     line = [sys.executable, "-c", main, "sweep", str(path), "--workers", "2", "--out", str(out), *options]
     return subprocess.Popen(
-        line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
+        line,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )  # fmt: skip
+    )
 
 
 def processes(group: int) -> int:

@@ -289,10 +289,19 @@ UNBOUND = Limits(
     sensitivity_peak=2.0, delay_margin_samples=2.0, force_noise_N=1e6, reading_noise=(1e-9, 1e-9)
 )  # noise of 1e15 N/m
 LAWS = (
-    PLAIN, "P-PI + recovery", "P-PI + Kalman recovery", "P-PI + GPI recovery", "GPI, 5 Taylor states",
-    "GPI, 3 Taylor states", "GPI, 1 Taylor state", "DADSC", "DADSC + recovery", "DADSC + Kalman recovery",
-    "DADSC + GPI recovery", "pole placement",
-)  # fmt: skip
+    PLAIN,
+    "P-PI + recovery",
+    "P-PI + Kalman recovery",
+    "P-PI + GPI recovery",
+    "GPI, 5 Taylor states",
+    "GPI, 3 Taylor states",
+    "GPI, 1 Taylor state",
+    "DADSC",
+    "DADSC + recovery",
+    "DADSC + Kalman recovery",
+    "DADSC + GPI recovery",
+    "pole placement",
+)
 
 
 @pytest.mark.slow(reason="every law on every bundled machine, searched twice by independent optimizers")

@@ -142,8 +142,9 @@ def test_the_reference_model_leaves_the_velocity_loop_as_it_is() -> None:
     """L of the velocity loop is the same; with the position loop closed Ms is 1.52 in place of 1.56."""
     free = Rigid(mass=40.0, viscous=R.viscous)
     law = optimum(3.0)
-    inner, both = ([judged(loop(replace(law, Kv=Kv, model_mass=m), on=free)).peak for m in (None, 40.0)]
-                   for Kv in (1e-9, law.Kv))  # fmt: skip
+    inner, both = (
+        [judged(loop(replace(law, Kv=Kv, model_mass=m), on=free)).peak for m in (None, 40.0)] for Kv in (1e-9, law.Kv)
+    )
     assert inner[1] == pytest.approx(inner[0], rel=1e-9)
     assert both == pytest.approx([1.556, 1.523], abs=2e-3)
     with pytest.raises(StructureError, match="reference model in the integral, and there is none without Tn"):

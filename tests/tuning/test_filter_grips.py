@@ -69,8 +69,9 @@ def test_the_open_loop_goes_through_the_place_where_a_filter_is_dragged(
     after = margins(by_hand, moved)
     assert moved[name] == x
     assert level(after, x) == pytest.approx(y, abs=0.02)  # four digits of a ratio, and the lines
-    (grip,) = (each for each in filter_grips(tree.vary(loop.control, moved), after, loop.sample_time)
-               if each.name == name)  # fmt: skip
+    (grip,) = (
+        each for each in filter_grips(tree.vary(loop.control, moved), after, loop.sample_time) if each.name == name
+    )
     assert (grip.x, grip.y) == (x, pytest.approx(y, abs=0.02))
 
 

@@ -130,8 +130,10 @@ def test_the_fewest_changes_are_found(control: Control) -> None:
 def test_a_filter_that_is_added_and_removed_leaves_the_loop_as_it_was(control: Control) -> None:
     point = modelled_point(fd.read_machine("ball_screw").loop(None))
     more = with_filters(control, (), (Notch(frequency=222.0),))
-    before, beside, after = (ByHand(each, [point]).at({}).figures[0].loop_gain.response
-                             for each in (control, more, with_filters(more, (2,), ())))  # fmt: skip
+    before, beside, after = (
+        ByHand(each, [point]).at({}).figures[0].loop_gain.response
+        for each in (control, more, with_filters(more, (2,), ()))
+    )
     assert np.array_equal(before, after)
     assert not np.allclose(before, beside)
     with pytest.raises(ParameterError, match=r"no filters\.2 to remove; the filters are: filters\.0 \(notch\)"):

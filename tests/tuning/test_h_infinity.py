@@ -47,10 +47,14 @@ def test_the_best_of_a_double_integrator() -> None:
     assert coprime(s, 1.0, r, r) == pytest.approx(BEST, abs=1e-12)
     rng = np.random.default_rng(15)
     ends = [
-        minimize(lambda x: -coprime(s, *np.exp(x)), rng.normal(0.0, 0.3, 3) + np.log([1.0, 0.5, 0.5]),
-                 method="Nelder-Mead", options={"xatol": 1e-12, "fatol": 1e-14, "maxiter": 1500}).fun
+        minimize(
+            lambda x: -coprime(s, *np.exp(x)),
+            rng.normal(0.0, 0.3, 3) + np.log([1.0, 0.5, 0.5]),
+            method="Nelder-Mead",
+            options={"xatol": 1e-12, "fatol": 1e-14, "maxiter": 1500},
+        ).fun
         for _ in range(2)
-    ]  # fmt: skip
+    ]
     assert all(-end <= BEST + 1e-12 for end in ends)
     assert max(-end for end in ends) == pytest.approx(BEST, abs=1e-6)
 

@@ -33,9 +33,13 @@ def slack_of_the_search(lead: float, limit: float) -> float:
     L = loop_gain(lead)
     flat = np.zeros(L.frequency.size)
     each = SimpleNamespace(
-        frequency=L.frequency, sample_time=T, gain=L.response, gain_variance=flat,
-        gain_slope=np.zeros((L.frequency.size, 1)), logarithms=logarithms(L.frequency, L.response),
-    )  # fmt: skip
+        frequency=L.frequency,
+        sample_time=T,
+        gain=L.response,
+        gain_variance=flat,
+        gain_slope=np.zeros((L.frequency.size, 1)),
+        logarithms=logarithms(L.frequency, L.response),
+    )
     found = bounds_of(0, each, Limits(sensitivity_peak=None, phase_margin_deg=limit))  # type: ignore[arg-type]
     return found[0].slack
 

@@ -93,9 +93,14 @@ def test_the_response_is_that_of_the_control_itself(screw: fd.Loop, index: int) 
 def test_slopes_are_those_of_differences(placement: fd.Loop, goal: str) -> None:
     names = (*(f"law.{n}" for n in placement.control.law.tunables), "filters.0.frequency", "filters.1.damping")
     limits = Limits(
-        sensitivity_peak=2.0, gain_margin_dB=6.0, phase_margin_deg=30.0, delay_margin_samples=5.0,
-        compliance_peak_m_per_N=0.2e-6, force_noise_N=5.0, reading_noise=(1e-8, 1e-8),
-    )  # fmt: skip
+        sensitivity_peak=2.0,
+        gain_margin_dB=6.0,
+        phase_margin_deg=30.0,
+        delay_margin_samples=5.0,
+        compliance_peak_m_per_N=0.2e-6,
+        force_noise_N=5.0,
+        reading_noise=(1e-8, 1e-8),
+    )
     point = modelled_point(placement)
     response = ControlResponse(placement.control, float(placement.sample_time), names)
     criteria = Criteria((point.chosen(point.sparse()),), response, goals()[goal], limits, (3.0, 30.0))
@@ -255,10 +260,20 @@ def test_the_optimum_of_a_model_is_that_of_another_search() -> None:
         return robustness(tree.vary(motor, dict(zip(names, np.exp(x).tolist(), strict=True))))
 
     begin = np.log([float(tree.get(motor, name)) for name in names])
-    bounds = {"type": "ineq", "fun": lambda x: np.log([2.0, judged(x).delay_margin_samples / 2.0])
-              - np.log([judged(x).sensitivity_peak, 1.0])}  # fmt: skip
-    end = minimize(lambda x: np.log(judged(x).rope_snap), begin, method="SLSQP", constraints=bounds,
-                   bounds=[(e - 1.5, e + 1.5) for e in begin], options={"eps": 1e-3, "maxiter": 60})  # fmt: skip
+    bounds = {
+        "type": "ineq",
+        "fun": lambda x: (
+            np.log([2.0, judged(x).delay_margin_samples / 2.0]) - np.log([judged(x).sensitivity_peak, 1.0])
+        ),
+    }
+    end = minimize(
+        lambda x: np.log(judged(x).rope_snap),
+        begin,
+        method="SLSQP",
+        constraints=bounds,
+        bounds=[(e - 1.5, e + 1.5) for e in begin],
+        options={"eps": 1e-3, "maxiter": 60},
+    )
     assert found.after[0].rope_snap == pytest.approx(float(np.exp(end.fun)), rel=3e-3)
     assert found.held[0].what == "Ms"
 
@@ -305,9 +320,17 @@ def test_notches_come_where_they_pay(screw: fd.Loop) -> None:
 def test_each_goal_is_best_at_what_it_wants(screw: fd.Loop) -> None:
     limits = Limits(sensitivity_peak=2.0)
     band = (2.0, 8.0)
-    ends = {goal: tune_control(screw.control, screw, goal=goal, limits=limits, filters="kept",
-                        band=(0.0, np.inf) if goal in ("rope-snap", "least-stiffness") else band)
-            for goal in goals()}  # fmt: skip
+    ends = {
+        goal: tune_control(
+            screw.control,
+            screw,
+            goal=goal,
+            limits=limits,
+            filters="kept",
+            band=(0.0, np.inf) if goal in ("rope-snap", "least-stiffness") else band,
+        )
+        for goal in goals()
+    }
     assert all(end.holds for end in ends.values())
     figures = {goal: end.after[0] for goal, end in ends.items()}
     assert figures["rope-snap"].rope_snap == min(each.rope_snap for each in figures.values())
@@ -554,9 +577,13 @@ def test_a_recommendation_leads_with_what_gets_worse_in_two_digits(screw: fd.Loo
     (before,) = as_it_is.after
     Kv = float(screw.control.law.Kv)  # type: ignore[attr-defined]
     found = replace(
-        as_it_is, recipe="", before=(before,), after=(replace(before, rope_snap=0.5 * before.rope_snap),),
-        tunables={"law.Kv": 0.05 * Kv}, started={"law.Kv": Kv},
-    )  # fmt: skip
+        as_it_is,
+        recipe="",
+        before=(before,),
+        after=(replace(before, rope_snap=0.5 * before.rope_snap),),
+        tunables={"law.Kv": 0.05 * Kv},
+        started={"law.Kv": Kv},
+    )
     said = found.recommendation()
     assert said.startswith(f"Worse than today: Kv {two_digits(Kv)} -> {two_digits(0.05 * Kv)} 1/s")
     assert "Take the new values: they give 50 % less rope-snap error" in said

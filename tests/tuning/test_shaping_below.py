@@ -34,9 +34,13 @@ def test_the_error_far_below_the_lines_is_counted(Kv: float) -> None:
         for source in deep.inputs
     }
     true = fd.tuning.OperatingPoint(
-        "true", lines, found["cut"], found["load_force"], np.array([found["cut"][1], found["load_force"][1]]),
+        "true",
+        lines,
+        found["cut"],
+        found["load_force"],
+        np.array([found["cut"][1], found["load_force"][1]]),
         whole.sample_time,
-    )  # fmt: skip
+    )
     cut = true.chosen(np.flatnonzero(lines >= 2.0))
     assert snap(cut, control) == pytest.approx(snap(true, control), rel=0.02)
 

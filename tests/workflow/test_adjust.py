@@ -21,9 +21,12 @@ def test_filters_are_removed_and_added_and_numbers_set(tmp_path: Path) -> None:
     """The file that is written is read back to the same control; what stays keeps its unit and its comments."""
     before = fd.read_machine("ball_screw")
     found = fd.workflow.adjust(
-        "ball_screw", remove=("filters.0",), add=("notch:frequency=222,damping_pole=0.3",),
-        set=("filters.0.frequency=2000", "filters.1.damping_zero=0.1", "law.Kv=90"), out=tmp_path / "m.toml",
-    )  # fmt: skip
+        "ball_screw",
+        remove=("filters.0",),
+        add=("notch:frequency=222,damping_pole=0.3",),
+        set=("filters.0.frequency=2000", "filters.1.damping_zero=0.1", "law.Kv=90"),
+        out=tmp_path / "m.toml",
+    )
     wanted = [
         ("low_pass2", {"frequency": 2000.0, "damping": 0.7}),
         ("notch", {"frequency": 222.0, "damping_zero": 0.1, "damping_pole": 0.3}),

@@ -20,16 +20,20 @@ def log() -> MotionLog:
     blocks = fd.blocks
     loop = fd.Loop(
         axis=fd.Axis(
-            plant=blocks.Rigid(mass=_MASS), friction_load=blocks.Coulomb(coulomb=60.0, viscous=300.0),
-            actuator=blocks.Actuator(dead_time=2.0 * _T), encoder_load=blocks.Encoder(resolution=1e-7, noise=5e-8),
+            plant=blocks.Rigid(mass=_MASS),
+            friction_load=blocks.Coulomb(coulomb=60.0, viscous=300.0),
+            actuator=blocks.Actuator(dead_time=2.0 * _T),
+            encoder_load=blocks.Encoder(resolution=1e-7, noise=5e-8),
         ),
-        control=fd.Control(law=blocks.CascadePPI(Kv=40.0, Kp=2.5e4, Tn=0.02)), sample_time=_T,
-    )  # fmt: skip
+        control=fd.Control(law=blocks.CascadePPI(Kv=40.0, Kp=2.5e4, Tn=0.02)),
+        sample_time=_T,
+    )
     moves = [
-        blocks.SnapLimitedMove(distance=d, velocity=v, acceleration=a, jerk=40.0, snap=2000.0, back=True,
-                               dwell_before=0.1, dwell_after=0.1)
+        blocks.SnapLimitedMove(
+            distance=d, velocity=v, acceleration=a, jerk=40.0, snap=2000.0, back=True, dwell_before=0.1, dwell_after=0.1
+        )
         for d, v, a in ((0.2, 0.5, 3.0), (0.05, 0.1, 1.5))
-    ]  # fmt: skip
+    ]
     reference = np.concatenate([each.at(np.arange(round(each.duration / _T)) * _T).position for each in moves])
     run = fd.simulate(loop, blocks.Recorded(position=reference, sample_time=_T), seed=3)
     rows = slice(0, reference.size)

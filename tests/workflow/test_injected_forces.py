@@ -98,8 +98,9 @@ def test_before_or_behind_the_limit_is_told_where_the_limit_cuts(place: str, tmp
     (tmp_path / "job.toml").write_text(
         'machine = "small.toml"\n[log]\nfile = "run.csv"\nskip_samples = 300\n[log.channels]\n'
         'setpoint_position = "r_m"\nposition_load = "x_m"\nforce = "f_N"\n'
-        'excitation = { column = "a_N", unit = "N" }\n', encoding="utf-8",
-    )  # fmt: skip
+        'excitation = { column = "a_N", unit = "N" }\n',
+        encoding="utf-8",
+    )
     found = run_laws(read_job(tmp_path / "job.toml"))
     said = next(each for each in found.remarks if "acts at the drive" in each)
     assert f"at the drive, {place} the limit of the force" in said

@@ -105,39 +105,72 @@ def jumped(position: np.ndarray) -> np.ndarray:
 NAMED = "t,set_pos_m,pos_m,force_N"
 # what is wrong, heads, columns made of the right ones, and what must be said
 WRONG: dict[str, tuple[str, Callable[[Signals], tuple[np.ndarray, ...]], tuple[str, ...]]] = {
-    "mm as m": ("t,x_set,x,force", lambda s: (s.t, 1e3 * s.r, 1e3 * s.x, s.f),
-                ("the speed is 126 m/s", "x in mm, force in N (travel 200 mm", "mass 9", "--unit mm or --unit in")),
+    "mm as m": (
+        "t,x_set,x,force",
+        lambda s: (s.t, 1e3 * s.r, 1e3 * s.x, s.f),
+        ("the speed is 126 m/s", "x in mm, force in N (travel 200 mm", "mass 9", "--unit mm or --unit in"),
+    ),
     "um as m": ("t,x_set,x,force", lambda s: (s.t, 1e6 * s.r, 1e6 * s.x, s.f), ("x in um", "--unit um")),
-    "kN as N": ("t,x_set,x,force", lambda s: (s.t, s.r, s.x, s.f / 1e3),
-                ("the mass is 0.09", "force in kN", "--unit kN")),
-    "mm, and the head says m": (NAMED, lambda s: (s.t, 1e3 * s.r, 1e3 * s.x, s.f),
-                                ("'pos_m' is in m, as the file says", "--position 'pos_m:mm'")),
-    "percent as N m": ("t,theta,torque", lambda s: (s.t, 628.0 * s.x, s.f / 6.28),
-                       ("in N m or in percent of the rated one", "--unit 'N m'", "--torque 'torque*FACTOR'")),
-    "a log of HAL": ("t,joint.0.motor-pos-cmd,joint.0.motor-pos-fb,force", lambda s: (s.t, 1e3 * s.r, 1e3 * s.x, s.f),
-                     ("HAL knows no units", "in mm, force in N (travel 200 mm", "--unit mm or --unit in")),
+    "kN as N": (
+        "t,x_set,x,force",
+        lambda s: (s.t, s.r, s.x, s.f / 1e3),
+        ("the mass is 0.09", "force in kN", "--unit kN"),
+    ),
+    "mm, and the head says m": (
+        NAMED,
+        lambda s: (s.t, 1e3 * s.r, 1e3 * s.x, s.f),
+        ("'pos_m' is in m, as the file says", "--position 'pos_m:mm'"),
+    ),
+    "percent as N m": (
+        "t,theta,torque",
+        lambda s: (s.t, 628.0 * s.x, s.f / 6.28),
+        ("in N m or in percent of the rated one", "--unit 'N m'", "--torque 'torque*FACTOR'"),
+    ),
+    "a log of HAL": (
+        "t,joint.0.motor-pos-cmd,joint.0.motor-pos-fb,force",
+        lambda s: (s.t, 1e3 * s.r, 1e3 * s.x, s.f),
+        ("HAL knows no units", "in mm, force in N (travel 200 mm", "--unit mm or --unit in"),
+    ),
     "inverted force": (NAMED, lambda s: (s.t, s.r, s.x, -s.f), ("sign of force or position is inverted", "'f*-1'")),
     "inverted position": (NAMED, lambda s: (s.t, s.r, -s.x, s.f), ("sign of force or position is inverted",)),
     "swapped": (NAMED, lambda s: (s.t, s.r, s.f, s.x), ("position and force are swapped", "--position 'force_N")),
     "a spike": (NAMED, lambda s: (s.t, s.r, s.x, spiked(s.f)), ("1 spike", "row 3001", "repair these rows")),
-    "jumps of the position": (NAMED, lambda s: (s.t, s.r, jumped(s.x), s.f),
-                              ("position has 2 jumps there and back", "at row 3001", "repair these rows")),
-    "milliseconds in the head, seconds below": ("t [ms],pos_m,force_N", lambda s: (s.t, s.x, s.f),
-                                                ("long as its time was read", "--time 't:s'")),
+    "jumps of the position": (
+        NAMED,
+        lambda s: (s.t, s.r, jumped(s.x), s.f),
+        ("position has 2 jumps there and back", "at row 3001", "repair these rows"),
+    ),
+    "milliseconds in the head, seconds below": (
+        "t [ms],pos_m,force_N",
+        lambda s: (s.t, s.x, s.f),
+        ("long as its time was read", "--time 't:s'"),
+    ),
     "microseconds": ("t,pos_m,force_N", lambda s: (1e6 * s.t, s.x, s.f), ("--time t:us", "unit = 'us'")),
-    "percent": ("t,pos_m,torque [%]", lambda s: (s.t, s.x, s.f / 9.0),
-                ("no column can be taken for the force: 'torque' needs a factor", "--force 'column*FACTOR'")),
+    "percent": (
+        "t,pos_m,torque [%]",
+        lambda s: (s.t, s.x, s.f / 9.0),
+        ("no column can be taken for the force: 'torque' needs a factor", "--force 'column*FACTOR'"),
+    ),
     "amperes": ("t,pos_m,current [A]", lambda s: (s.t, s.x, s.f / 60.0), ("'current' is a current in A",)),
-    "counts": ("t,x [inc],force_N", lambda s: (s.t, s.x / 1e-6, s.f),
-               ("taken for the position: 'x' needs a factor, m per inc", "--position 'column*FACTOR'")),
+    "counts": (
+        "t,x [inc],force_N",
+        lambda s: (s.t, s.x / 1e-6, s.f),
+        ("taken for the position: 'x' needs a factor, m per inc", "--position 'column*FACTOR'"),
+    ),
     "35 Hz": ("t,pos_m,force_N", lambda s: (s.t, *sine(s.t, 35.0)), ("rows are left where the axis moves",)),
     "20 Hz": ("t,pos_m,force_N", lambda s: (s.t, *sine(s.t, 20.0)), ("one frequency",)),
-    "rest": ("t,pos_m,force_N", lambda s: (s.t, 5e-8 * np.round(0.4 * noise(s.t)), noise(s.t)),
-             ("rows are left where the axis moves",)),
+    "rest": (
+        "t,pos_m,force_N",
+        lambda s: (s.t, 5e-8 * np.round(0.4 * noise(s.t)), noise(s.t)),
+        ("rows are left where the axis moves",),
+    ),
     "noise": ("t,pos_m,force_N", lambda s: (s.t, noise(s.t), noise(s.t)[::-1]), ("rows are left",)),
-    "whole milliseconds": ("t,pos_m,force_N", lambda s: (1e3 * s.t, s.x, s.f),
-                           ("sample time of 1 s", "ms (1 ms) and us (0.001 ms)", "--time t:ms")),
-}  # fmt: skip
+    "whole milliseconds": (
+        "t,pos_m,force_N",
+        lambda s: (1e3 * s.t, s.x, s.f),
+        ("sample time of 1 s", "ms (1 ms) and us (0.001 ms)", "--time t:ms"),
+    ),
+}
 
 
 @pytest.mark.parametrize("what", WRONG)
@@ -153,8 +186,10 @@ def test_a_log_that_is_wrong_ends_with_its_reason_and_writes_nothing(what: str, 
 def test_a_column_that_is_no_numbers_is_named_as_the_reason(cell: str, tmp_path: Path) -> None:
     """Every fourth cell is filled, as of a slower recorder, or a comma stands in quotes."""
     s = signals()
-    shown = [("" if k % 4 else f"{x:.9g}") if cell == "empty" else f'"{1e3 * x:.6f}"'.replace(".", ",")
-             for k, x in enumerate(s.x[:2000])]  # fmt: skip
+    shown = [
+        ("" if k % 4 else f"{x:.9g}") if cell == "empty" else f'"{1e3 * x:.6f}"'.replace(".", ",")
+        for k, x in enumerate(s.x[:2000])
+    ]
     rows = [f"{t:.9g},{x},{f:.9g}" for t, x, f in zip(s.t, shown, s.f, strict=False)]
     path = tmp_path / "log.csv"
     path.write_text("\n".join(["t,x_mm,force_N", *rows]) + "\n", encoding="utf-8")
@@ -352,30 +387,42 @@ def test_a_frequency_response_without_heads_is_named_as_one(tmp_path: Path) -> N
     assert "its columns are headed f_Hz,re,im" in refused(path, tmp_path, **told)
 
 
-@pytest.mark.parametrize(("signal", "given", "role", "size"), [
-    ("percent", {"rated": "3.2:Nm"}, "torque", 0.032),
-    ("percent", {"rated": "3.2:Nm", "lead": 0.01, "gear": 2.0}, "force", 0.032 * 2.0 * np.pi * 2.0 / 0.01),
-    ("per-mille", {"rated": "850:N"}, "force", 0.85),
-    ("percent", {"rated": "5.6:A", "torque_constant": 0.5}, "torque", 0.028),
-    ("A", {"motor_constant": 35.15}, "force", 35.15),
-    ("A", {"torque_constant": 0.5, "amplitude": True}, "torque", 0.5 / np.sqrt(2.0)),
-    ("V", {"at_full": "300:percent", "rated": "320:N cm"}, "torque", 3.0 * 3.2 / 10.0),
-    ("pid.output", {"full": 2000.0, "at_full": "12:A", "torque_constant": 0.5}, "torque", 0.003),
-    ("N m", {"lead": 0.01, "inverted": True}, "force", -2.0 * np.pi / 0.01),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("signal", "given", "role", "size"),
+    [
+        ("percent", {"rated": "3.2:Nm"}, "torque", 0.032),
+        ("percent", {"rated": "3.2:Nm", "lead": 0.01, "gear": 2.0}, "force", 0.032 * 2.0 * np.pi * 2.0 / 0.01),
+        ("per-mille", {"rated": "850:N"}, "force", 0.85),
+        ("percent", {"rated": "5.6:A", "torque_constant": 0.5}, "torque", 0.028),
+        ("A", {"motor_constant": 35.15}, "force", 35.15),
+        ("A", {"torque_constant": 0.5, "amplitude": True}, "torque", 0.5 / np.sqrt(2.0)),
+        ("V", {"at_full": "300:percent", "rated": "320:N cm"}, "torque", 3.0 * 3.2 / 10.0),
+        ("pid.output", {"full": 2000.0, "at_full": "12:A", "torque_constant": 0.5}, "torque", 0.003),
+        ("N m", {"lead": 0.01, "inverted": True}, "force", -2.0 * np.pi / 0.01),
+    ],
+)
 def test_from_data_sheets_to_newtons(signal: str, given: dict[str, Any], role: str, size: float) -> None:
     """By hand: torque = signal x rated / 100, force = torque 2 pi gear / lead."""
     found = force(signal, column="trq", **given)
     assert (found.role, found.factor) == (role, pytest.approx(size, rel=1e-12))
 
 
-@pytest.mark.parametrize(("signal", "given", "said"), [
-    ("percent", {}, "--rated is missing"), ("A", {}, "--torque-constant"), ("V", {}, "--at-full is missing"),
-    ("V", {"at_full": "300:percent"}, "--rated is missing"), ("percent", {"rated": "3.2"}, "unit must be one of"),
-    ("percent", {"rated": "x:Nm"}, "must be a number and a unit"), ("percent", {"rated": "-1:Nm"}, "must be > 0"),
-    ("kg", {}, "must be one of"), ("A", {"torque_constant": 1.0, "motor_constant": 1.0}, "give one"),
-    ("N", {"lead": 0.01}, "a force already"), ("A", {"motor_constant": 35.0, "lead": 0.01}, "a force already"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("signal", "given", "said"),
+    [
+        ("percent", {}, "--rated is missing"),
+        ("A", {}, "--torque-constant"),
+        ("V", {}, "--at-full is missing"),
+        ("V", {"at_full": "300:percent"}, "--rated is missing"),
+        ("percent", {"rated": "3.2"}, "unit must be one of"),
+        ("percent", {"rated": "x:Nm"}, "must be a number and a unit"),
+        ("percent", {"rated": "-1:Nm"}, "must be > 0"),
+        ("kg", {}, "must be one of"),
+        ("A", {"torque_constant": 1.0, "motor_constant": 1.0}, "give one"),
+        ("N", {"lead": 0.01}, "a force already"),
+        ("A", {"motor_constant": 35.0, "lead": 0.01}, "a force already"),
+    ],
+)
 def test_a_datum_that_is_missing_is_named(signal: str, given: dict[str, Any], said: str) -> None:
     with pytest.raises(ParameterError, match=said):
         force(signal, **given)

@@ -40,9 +40,16 @@ def columns() -> np.ndarray:
     """Time in s, set angle and angle in deg, torque in N m, of moves of a radian to and fro."""
     loop = read_machine("rotary_table").loop("c")
     move = SnapLimitedMove(
-        distance=1.0, velocity=2.0, acceleration=20.0, jerk=400.0, snap=20e3, back=True, dwell_before=0.1,
-        dwell_between=0.1, dwell_after=0.1,
-    )  # fmt: skip
+        distance=1.0,
+        velocity=2.0,
+        acceleration=20.0,
+        jerk=400.0,
+        snap=20e3,
+        back=True,
+        dwell_before=0.1,
+        dwell_between=0.1,
+        dwell_after=0.1,
+    )
     run = simulate(loop, move, record=("set_position", "reading_load", "force"))
     degrees = 180.0 / np.pi
     return np.column_stack([run.time, degrees * run["set_position"], degrees * run["reading_load"], run["force"]])

@@ -69,9 +69,12 @@ def commanded(
     with np.errstate(all="ignore"):
         prepared = system.control.prepare(T)
         begun = system.control.start(
-            prepared, Setpoint(*map(np.float64, rows[0, : len(SETPOINT)])), np.float64(motor[0] - velocity * T),
-            np.float64(reading[0] - velocity * T), np.float64(velocity),
-        )  # fmt: skip
+            prepared,
+            Setpoint(*map(np.float64, rows[0, : len(SETPOINT)])),
+            np.float64(motor[0] - velocity * T),
+            np.float64(reading[0] - velocity * T),
+            np.float64(velocity),
+        )
     key = tuple(tree.structure(each) for each in (system, prepared, begun))
     return _ran(
         _compiled.get(key, lambda: native(plan(trace(system, prepared, begun, _INPUTS)))), system, prepared, begun, rows
@@ -91,7 +94,12 @@ def _ran(compiled: Native, system: OnLog, made: Any, begun: Any, rows: np.ndarra
     out = np.empty((len(rows), len(steps.outputs), 1))
     inputs = np.ascontiguousarray(rows[:, [_INPUTS.index(name) for name, _ in steps.inputs]])
     compiled.run(
-        len(rows), 0, constants, inputs, np.array(states, dtype=np.float64).reshape(-1, 1), out,
+        len(rows),
+        0,
+        constants,
+        inputs,
+        np.array(states, dtype=np.float64).reshape(-1, 1),
+        out,
         [tables[name] for name, _ in steps.tables],
-    )  # fmt: skip
+    )
     return out[:, 0, 0].copy()

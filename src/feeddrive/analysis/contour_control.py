@@ -73,9 +73,12 @@ class MatchedDynamics(Result):
         ]
         title = Text(f"Matched dynamics at {Quantity(self.feed, 'm/s'):6}, circle of {Quantity(self.radius, 'm'):6 mm}")
         columns = [
-            "axes", Column("lag of first", "s"), Column("lag of second", "s"), Column("45 deg line", "m", "3"),
+            "axes",
+            Column("lag of first", "s"),
+            Column("lag of second", "s"),
+            Column("45 deg line", "m", "3"),
             Column("circle", "m", "3"),
-        ]  # fmt: skip
+        ]
         return Table(title, columns, rows)
 
 

@@ -82,9 +82,15 @@ def close(model: StateSpace, gain: float = 1.0) -> StateSpace:
     b, c, d = gain * model.B[:, [place]], model.C[[row]], model.D[[row]][:, kept]
     through = gain * model.D[:, [place]]
     return StateSpace(
-        model.A + b @ c, model.B[:, kept] + b @ d, model.C + through @ c, model.D[:, kept] + through @ d,
-        model.sample_time, model.states, tuple(model.inputs[i] for i in kept), model.outputs,
-    )  # fmt: skip
+        model.A + b @ c,
+        model.B[:, kept] + b @ d,
+        model.C + through @ c,
+        model.D[:, kept] + through @ d,
+        model.sample_time,
+        model.states,
+        tuple(model.inputs[i] for i in kept),
+        model.outputs,
+    )
 
 
 _HIGHEST, _STEPS = 1e3, 120  # up to which gain the first edge is looked for, and in how many steps

@@ -49,9 +49,11 @@ class Spectrum(Result):
             rows.append([frequency, amplitude, gathered, share])
         title = Text(f"{self.name.replace('_', ' ')}: RMS {Quantity(self.rms, self.unit, form=unit)}")
         columns = [
-            Column("frequency", "Hz"), Column("amplitude", self.unit, unit), Column("RMS up to there", self.unit, unit),
+            Column("frequency", "Hz"),
+            Column("amplitude", self.unit, unit),
+            Column("RMS up to there", self.unit, unit),
             "of RMS",
-        ]  # fmt: skip
+        ]
         return Table(title, columns, rows)
 
 

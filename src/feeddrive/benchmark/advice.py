@@ -25,9 +25,8 @@ def advice(found: Benchmark, *, asked: bool = False) -> Advice:
         return Advice(Judgment.NONE_PLACED, f"{Judgment.NONE_PLACED.says}.")
     best = whole[0]
     beaten = [
-        plant for plant in found.plants
-        if any(found.ratios(law, snap).get(plant, 0.0) > _MANY for law in found.laws)
-    ]  # fmt: skip
+        plant for plant in found.plants if any(found.ratios(law, snap).get(plant, 0.0) > _MANY for law in found.laws)
+    ]
     said = (
         "no law that has a place on all plants beats P-PI by 2 % in rope-snap error"
         if best == PLAIN or (found.score(best, snap).value or 0.0) < _MANY

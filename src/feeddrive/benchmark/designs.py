@@ -132,11 +132,16 @@ class Designs:
             return
         self.write(
             replace(
-                one, tunables=dict(outcome.tunables), figures=_figures(outcome.loops[0], case.rule),
-                unsettled=outcome.unsettled, spread=outcome.spread, repeats=case.rule.repeats,
-                evaluations=outcome.evaluations, held=tuple(each.sentence() for each in outcome.held),
+                one,
+                tunables=dict(outcome.tunables),
+                figures=_figures(outcome.loops[0], case.rule),
+                unsettled=outcome.unsettled,
+                spread=outcome.spread,
+                repeats=case.rule.repeats,
+                evaluations=outcome.evaluations,
+                held=tuple(each.sentence() for each in outcome.held),
             )
-        )  # fmt: skip
+        )
 
     def _path(self, law: str, place: Path) -> Path:
         return place / self.plant / (re.sub(r"[^a-z0-9]+", "_", law.lower()).strip("_") + ".json")

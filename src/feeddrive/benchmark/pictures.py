@@ -28,9 +28,17 @@ def scores_chart(laws: Sequence[str], panels: Mapping[str, Sequence[tuple[Sequen
         names = tuple(Tick(tick.value, tick.name if not shown else "") for tick in listed(laws))
         one = Level(1.0, upright=True)
         shown.append(
-            Panel("", curves, levels=(one,), ticks=names, low=0.4 - len(laws), high=0.6, said=head,
-                  abscissa=Abscissa("", LOG))
-        )  # fmt: skip
+            Panel(
+                "",
+                curves,
+                levels=(one,),
+                ticks=names,
+                low=0.4 - len(laws),
+                high=0.6,
+                said=head,
+                abscissa=Abscissa("", LOG),
+            )
+        )
     return Chart("", tuple(shown), across=len(shown), height=1.0 + 0.2 * len(laws))
 
 

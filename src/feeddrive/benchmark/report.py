@@ -81,11 +81,13 @@ def benchmark_report(found: Benchmark) -> Report:
             Section("scores", "Scores", (found.table(), *([found.recipe_table()] if found.recipes else []))),
             Section("winners", "Who wins where", (found.winners(),)),
             Section(
-                "unplaced", "No place",
+                "unplaced",
+                "No place",
                 (Facts((f"{law}, {where}", why) for law, where, why in reasons(found).marked().rows),),
             ),
             Section(
-                "plants", "Plants",
+                "plants",
+                "Plants",
                 (
                     Facts((name, f"{plant.title}. {plant.source}. {plant.remark}") for name, plant in plants),
                     *(_of_plant(found, name) for name in found.plants),
@@ -95,7 +97,7 @@ def benchmark_report(found: Benchmark) -> Report:
             facts("Rules", stated),
         ),
         drawn,
-    )  # fmt: skip
+    )
 
 
 def _plants(found: Benchmark) -> str:
@@ -148,15 +150,22 @@ def summary(found: Benchmark) -> dict[str, Any]:
         },
         "rows": [
             {
-                "plant": each.plant, "law": each.law, "recipe": each.recipe, "unplaced": each.unplaced or None,
-                "remark": each.remark or None, "spread": each.spread, "held": list(each.held),
+                "plant": each.plant,
+                "law": each.law,
+                "recipe": each.recipe,
+                "unplaced": each.unplaced or None,
+                "remark": each.remark or None,
+                "spread": each.spread,
+                "held": list(each.held),
                 "tunables": dict(each.tunables),
-                "figures": {key: "infinite" if value is not None and math.isinf(value) else value
-                            for key, value in each.figures.items()},
+                "figures": {
+                    key: "infinite" if value is not None and math.isinf(value) else value
+                    for key, value in each.figures.items()
+                },
             }
             for each in found.rows
         ],
-    }  # fmt: skip
+    }
 
 
 def figures_csv(found: Benchmark) -> str:

@@ -88,10 +88,15 @@ class Rules:
     def rule(self, plant: Plant, noise: float | None = None) -> Rule:
         """What all laws on a plant are tuned to; `noise` in N/m once that of P-PI is known."""
         return Rule(
-            self.sensitivity_peak, self.delay_margin_samples, self.noise_ratio, plant.duty.sliding(plant.loop),
-            self.starts, None if noise is None else self.noise_ratio * noise, self.repeats,
+            self.sensitivity_peak,
+            self.delay_margin_samples,
+            self.noise_ratio,
+            plant.duty.sliding(plant.loop),
+            self.starts,
+            None if noise is None else self.noise_ratio * noise,
+            self.repeats,
             tuple(place.model for place in plant.places[1:]),
-        )  # fmt: skip
+        )
 
     def seed(self, plant: Plant, use: str, own: int = 0) -> int:
         """A seed that follows from rules, plant and use by a hash: no search and no trial of a learner sees another's.
@@ -157,9 +162,16 @@ def _plant(section: TomlTable, jobs: Path, noise: float) -> Plant:
     changed = [("nominal", loop.axis), *((each["name"], tree.vary(loop.axis, each["set"])) for each in others)]
     places = tuple(Place(name, axis, _without(axis, without)) for name, axis in changed)
     return Plant(
-        values["job"], job.title, loop, duty, places, without, job.machine.source, job.machine.remark,
+        values["job"],
+        job.title,
+        loop,
+        duty,
+        places,
+        without,
+        job.machine.source,
+        job.machine.remark,
         (job.file, job.machine.file),
-    )  # fmt: skip
+    )
 
 
 def _without(axis: Axis, kinds: tuple[str, ...]) -> Axis:

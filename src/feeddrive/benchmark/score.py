@@ -210,9 +210,10 @@ def score(
     chosen = tuple(rules.plants.values()) if plants is None else tuple(plants)
     first, *also = (*designs, folder(rules.version) / "designs")
     tried = [
-        each for plant in chosen
+        each
+        for plant in chosen
         for each in trials(rules, plant, Designs(first, plant.name, rules.version, tuple(also)), laws=laws, own=own)
-    ]  # fmt: skip
+    ]
     there = {each.law for each in tried}
     for law in laws:
         if law not in there:

@@ -18,9 +18,16 @@ B = TypeVar("B", bound=Block)
 
 # unit -> powers of mass and of rate by which a gain of a rigid axis with this unit scales: N s/m is kg times 1/s
 POWERS: Mapping[str, tuple[int, int]] = {
-    "kg": (1, 0), "N s/m": (1, 1), "N/m": (1, 2), "N/(m s)": (1, 3),
-    "1/s": (0, 1), "rad/s": (0, 1), "Hz": (0, 1), "1/s2": (0, 2), "s": (0, -1),
-}  # fmt: skip
+    "kg": (1, 0),
+    "N s/m": (1, 1),
+    "N/m": (1, 2),
+    "N/(m s)": (1, 3),
+    "1/s": (0, 1),
+    "rad/s": (0, 1),
+    "Hz": (0, 1),
+    "1/s2": (0, 2),
+    "s": (0, -1),
+}
 _SLOW = 0.1  # share of 1/(time from a reading to its force): a loop with this rate is slow enough as a start value
 
 
@@ -124,9 +131,11 @@ def begun(block: type[B], axis: AxisModel, **given: Any) -> B:
     Raises StructureError for any other field: the block must give its start value in a method `begin`.
     """
     known = {
-        "mass": axis.mass, "viscous": axis.viscous, "delay_samples": axis.delay_samples,
+        "mass": axis.mass,
+        "viscous": axis.viscous,
+        "delay_samples": axis.delay_samples,
         "velocity_encoder": axis.velocity_encoder,
-    }  # fmt: skip
+    }
     values: dict[str, Any] = dict(given)
     declared = declarations(block)
     for spec in dataclasses.fields(block):  # type: ignore[arg-type]

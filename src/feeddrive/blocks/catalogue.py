@@ -168,9 +168,8 @@ def _own_blocks(module: ModuleType) -> list[type[Block]]:
     """The concrete blocks that a module shows and it or a module below it defines."""
     below = f"{module.__name__}."
     return [
-        member for member in vars(module).values()
-        if _is_concrete(member) and f"{member.__module__}.".startswith(below)
-    ]  # fmt: skip
+        member for member in vars(module).values() if _is_concrete(member) and f"{member.__module__}.".startswith(below)
+    ]
 
 
 @contextmanager

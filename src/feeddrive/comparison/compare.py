@@ -41,9 +41,16 @@ from feeddrive.tuning.tunables import own_tunables
 TODAY = "today's gains"
 FIXED = "it has nothing to tune and is judged as it is"
 _SHOWN = (
-    SENSITIVITY_PEAK, DELAY_MARGIN, NOISE_GAIN, ROPE_SNAP, *STIFFNESS_AT, TRACKING_RMS, SNAP_SETTLING, FORCE_NOISE,
+    SENSITIVITY_PEAK,
+    DELAY_MARGIN,
+    NOISE_GAIN,
+    ROPE_SNAP,
+    *STIFFNESS_AT,
+    TRACKING_RMS,
+    SNAP_SETTLING,
+    FORCE_NOISE,
     EFFORT,
-)  # fmt: skip
+)
 """The figures of the short table."""
 _NOISY = 0.02  # share of the force limit beyond which noise in the force is remarked
 

@@ -117,9 +117,15 @@ def alike(candidate: Candidate, law: Law, duty: Duty, seed: int) -> Loop:
 
 
 def judged(
-    name: str, loop: Loop, tuned: Tuned | None, remark: str, duty: Duty, rule: Rule, seed: int,
+    name: str,
+    loop: Loop,
+    tuned: Tuned | None,
+    remark: str,
+    duty: Duty,
+    rule: Rule,
+    seed: int,
     model: Loop | None = None,
-) -> Competitor:  # fmt: skip
+) -> Competitor:
     """All figures of a law; one that is not stable, by its eigenvalues, or leaves its bounds keeps its row without.
 
     `model` is the loop of the linear figures, if it is another one: an axis with play has none of its own.

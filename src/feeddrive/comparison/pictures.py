@@ -32,14 +32,17 @@ def tradeoff_chart(rows: Sequence[tuple[str, Mapping[str, float | None], str]]) 
     for of_y in HEIGHTS:
         marks = tuple(
             Mark(
-                X.scale * x, of_y.scale * y, bases[_base(name)], bool(why), name,
-                Text(
-                    f"{X.shown(x)}, {of_y.shown(y)}{f'; not ranked: {why}' if why else ''}"
-                ), name,
+                X.scale * x,
+                of_y.scale * y,
+                bases[_base(name)],
+                bool(why),
+                name,
+                Text(f"{X.shown(x)}, {of_y.shown(y)}{f'; not ranked: {why}' if why else ''}"),
+                name,
             )
             for name, figures, why in rows
             if (x := figures.get(X.key)) and (y := figures.get(of_y.key)) and np.isfinite([x, y]).all()
-        )  # fmt: skip
+        )
         low, high = _around([mark.y for mark in marks], 0.14)
         label = Text(f"{of_y.title}\n({unit_name(of_y.unit)})")
         panels.append(Panel(label, marks=marks, scale=LOG, low=low, high=high))
@@ -76,13 +79,9 @@ def ratios_chart(rows: Sequence[tuple[str, Mapping[str, float | None]]], base: s
         for k, criterion in enumerate(CRITERIA):
             text, level = _cell(figures.get(criterion.key), reference.get(criterion.key), criterion.higher)
             cells.append(Box(k - 0.47, k + 0.47, -row - 0.45, -row + 0.45, text=text, level=level))
-    panel = Panel(
-        "", boxes=tuple(cells), ticks=listed([name for name, _ in rows]), low=0.5 - len(rows), high=0.5
-    )  # fmt: skip
+    panel = Panel("", boxes=tuple(cells), ticks=listed([name for name, _ in rows]), low=0.5 - len(rows), high=0.5)
     heads = tuple(Tick(float(k), said=criterion.title) for k, criterion in enumerate(CRITERIA))
-    return Chart(
-        "", (panel,), low=-0.5, high=len(CRITERIA) - 0.5, ticks=heads, height=1.9 + 0.34 * len(rows)
-    )  # fmt: skip
+    return Chart("", (panel,), low=-0.5, high=len(CRITERIA) - 0.5, ticks=heads, height=1.9 + 0.34 * len(rows))
 
 
 ratios = figure_of(ratios_chart)

@@ -140,11 +140,15 @@ class Tuning(Case["Tuned | Refusal"]):
         if isinstance(outcome, Refusal):
             return {"refused": outcome.reason}
         return {
-            "refused": None, "tunables": {name: float(value).hex() for name, value in outcome.tunables.items()},
-            "started": dict(outcome.started), "held": [list(vars(bound).values()) for bound in outcome.held],
-            "advice": list(outcome.advice), "evaluations": outcome.evaluations, "spread": outcome.spread,
+            "refused": None,
+            "tunables": {name: float(value).hex() for name, value in outcome.tunables.items()},
+            "started": dict(outcome.started),
+            "held": [list(vars(bound).values()) for bound in outcome.held],
+            "advice": list(outcome.advice),
+            "evaluations": outcome.evaluations,
+            "spread": outcome.spread,
             "unsettled": outcome.unsettled,
-        }  # fmt: skip
+        }
 
     def restored(self, record: Any, progress: Progress) -> Tuned | Refusal:
         """The tuning of a record; figures and proof are computed again."""
@@ -153,10 +157,14 @@ class Tuning(Case["Tuned | Refusal"]):
         tunables = {str(name): float.fromhex(value) for name, value in record["tunables"].items()}
         held = tuple(HeldBack(*bound) for bound in record["held"])
         return replace(
-            self.assessed(tunables, progress), started=dict(record["started"]), held=held,
-            advice=tuple(record["advice"]), evaluations=int(record["evaluations"]), spread=float(record["spread"]),
+            self.assessed(tunables, progress),
+            started=dict(record["started"]),
+            held=held,
+            advice=tuple(record["advice"]),
+            evaluations=int(record["evaluations"]),
+            spread=float(record["spread"]),
             unsettled=str(record["unsettled"]),
-        )  # fmt: skip
+        )
 
     def assessed(self, tunables: Mapping[str, float], progress: Progress) -> Tuned:
         """The law with known tunables: figures and proof without a search."""
@@ -174,10 +182,16 @@ class Tuning(Case["Tuned | Refusal"]):
             try:
                 tried.append(
                     tune_control(
-                        self.candidate.loop, self.points, limits=self.limits, filters="kept", starts=rule.starts,
-                        seed=seed, velocity=rule.velocity, progress=progress,
+                        self.candidate.loop,
+                        self.points,
+                        limits=self.limits,
+                        filters="kept",
+                        starts=rule.starts,
+                        seed=seed,
+                        velocity=rule.velocity,
+                        progress=progress,
                     )
-                )  # fmt: skip
+                )
             except UnstableError as error:
                 failed.append(error)
         if not tried:
@@ -191,9 +205,11 @@ class Tuning(Case["Tuned | Refusal"]):
         if failed:
             said = f"{len(failed)} of {rule.repeats} whole tunings found no setting that keeps the rule"
         return replace(
-            tried[int(np.argmin(goals))], spread=spread, evaluations=sum(each.evaluations for each in tried),
+            tried[int(np.argmin(goals))],
+            spread=spread,
+            evaluations=sum(each.evaluations for each in tried),
             unsettled=said,
-        )  # fmt: skip
+        )
 
 
 def tuned_all(

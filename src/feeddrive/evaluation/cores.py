@@ -89,9 +89,13 @@ def by_processes(
 
 
 def _window(
-    cases: Iterator[C], submit: Callable[[C, int], Future[Any]], workers: int, progress: Progress,
-    handed: dict[int, C], hear: Callable[[], None] = lambda: None,
-) -> Generator[tuple[C, Any]]:  # fmt: skip
+    cases: Iterator[C],
+    submit: Callable[[C, int], Future[Any]],
+    workers: int,
+    progress: Progress,
+    handed: dict[int, C],
+    hear: Callable[[], None] = lambda: None,
+) -> Generator[tuple[C, Any]]:
     """Cases as they are done; as many are handed out at a time as keep all workers busy, and stand in `handed`."""
     waiting: dict[Future[Any], int] = {}
     numbers = itertools.count()

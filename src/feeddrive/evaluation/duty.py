@@ -81,11 +81,17 @@ class Duty:
         move = self.counted(simulate(loop, self.move, seed=seed, name=name))
         at_rest = {
             what: simulate(
-                loop, self.still(), load=load, duration=self.begin + self.rest, seed=seed,
-                record=["tracking_error", "force", "trip"], name=name,
+                loop,
+                self.still(),
+                load=load,
+                duration=self.begin + self.rest,
+                seed=seed,
+                record=["tracking_error", "force", "trip"],
+                name=name,
             )
-            for what, load in {"snap": self.snap, "step": self.step, "cut": self.cut}.items() if load is not None
-        }  # fmt: skip
+            for what, load in {"snap": self.snap, "step": self.step, "cut": self.cut}.items()
+            if load is not None
+        }
         return DutyRuns(self, move, at_rest["snap"], at_rest["step"], at_rest.get("cut"))
 
     def counted(self, run: Run) -> Run:
@@ -171,9 +177,16 @@ def duty_of(loop: Loop, reference: Reference | None = None, force: float | None 
         a = _FORCE_ALONE if limit is None else min(_FORCE_SHARE * limit / mass, _ACCELERATION)
         v, a = _rounded(v), _rounded(a)
         reference = SnapLimitedMove(
-            distance=_rounded(3.0 * v * v / a), velocity=v, acceleration=a, jerk=_JERK * a, snap=_SNAP * _JERK * a,
-            back=True, dwell_before=_DWELL, dwell_between=_REST, dwell_after=_REST,
-        )  # fmt: skip
+            distance=_rounded(3.0 * v * v / a),
+            velocity=v,
+            acceleration=a,
+            jerk=_JERK * a,
+            snap=_SNAP * _JERK * a,
+            back=True,
+            dwell_before=_DWELL,
+            dwell_between=_REST,
+            dwell_after=_REST,
+        )
     encoders = (loop.axis.encoder_motor, loop.axis.encoder_load)
     counts = [getattr(each, "resolution", None) or 0.0 for each in encoders]
     return Duty(reference, _rounded(force), max(_NEAR, 10.0 * max(counts)))

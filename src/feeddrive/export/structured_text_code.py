@@ -591,11 +591,27 @@ ELSE
 END_IF;""",
 }
 _RANGE = {  # of a real: digits of its fraction, its exponents, its largest number
-    "LREAL": {"whole": 2.0**52, "lowest": -1022.0, "highest": 1023.0, "zero": -1023.0, "infinite": 1024.0,
-              "largest": 1.7976931348623157e308, "least": 2.0**-1022, "jump": 512.0},
-    "REAL": {"whole": 2.0**23, "lowest": -126.0, "highest": 127.0, "zero": -127.0, "infinite": 128.0,
-             "largest": 3.4028234663852886e38, "least": 2.0**-126, "jump": 64.0},
-}  # fmt: skip
+    "LREAL": {
+        "whole": 2.0**52,
+        "lowest": -1022.0,
+        "highest": 1023.0,
+        "zero": -1023.0,
+        "infinite": 1024.0,
+        "largest": 1.7976931348623157e308,
+        "least": 2.0**-1022,
+        "jump": 512.0,
+    },
+    "REAL": {
+        "whole": 2.0**23,
+        "lowest": -126.0,
+        "highest": 127.0,
+        "zero": -127.0,
+        "infinite": 128.0,
+        "largest": 3.4028234663852886e38,
+        "least": 2.0**-126,
+        "jump": 64.0,
+    },
+}
 
 
 def functions(used: Iterable[str], prefix: str, real: str = "LREAL") -> list[Unit]:

@@ -68,36 +68,55 @@ class Target:
 _BOTH = ("double", "float")
 TARGETS: dict[str, Target] = {
     "c": Target(
-        "c_bundle", "write_c", ("single_header",), _BOTH, plants=True, together=True, in_c=True,
+        "c_bundle",
+        "write_c",
+        ("single_header",),
+        _BOTH,
+        plants=True,
+        together=True,
+        in_c=True,
         proof=Proof("c_bundle", 1_000_000, own_build=False),
     ),
     "linuxcnc": Target(
-        "linuxcnc", "write_linuxcnc", ("joint",), linear=True, in_c=True,
+        "linuxcnc",
+        "write_linuxcnc",
+        ("joint",),
+        linear=True,
+        in_c=True,
         proof=Proof("linuxcnc_session", 50_000, changes=0),
     ),
     "linuxcnc-pid": Target(
-        "linuxcnc_pid", "write_linuxcnc_pid", ("joint", "route", "units"), linear=True,
+        "linuxcnc_pid",
+        "write_linuxcnc_pid",
+        ("joint", "route", "units"),
+        linear=True,
         unproven="is numbers for LinuxCNC's own pid, which computes something else; see its README",
     ),
-    "fmu2": Target(
-        "fmu", "write_fmu", plants=True, fixed={"version": 2}, in_c=True, proof=Proof("fmu", 50_000)
-    ),
-    "fmu3": Target(
-        "fmu", "write_fmu", plants=True, fixed={"version": 3}, in_c=True, proof=Proof("fmu", 50_000)
-    ),
+    "fmu2": Target("fmu", "write_fmu", plants=True, fixed={"version": 2}, in_c=True, proof=Proof("fmu", 50_000)),
+    "fmu3": Target("fmu", "write_fmu", plants=True, fixed={"version": 3}, in_c=True, proof=Proof("fmu", 50_000)),
     "cortex-m": Target(
-        "cortex_m", "write_cortex_m", ("core",), ("float", "double"), together=True, in_c=True,
+        "cortex_m",
+        "write_cortex_m",
+        ("core",),
+        ("float", "double"),
+        together=True,
+        in_c=True,
         proof=Proof("cortex_m", 2_000, changes=8),
     ),
     "st": Target(
-        "structured_text", "write_structured_text", precisions=_BOTH,
+        "structured_text",
+        "write_structured_text",
+        precisions=_BOTH,
         unproven="runs on a PLC: {name}_check.st, in the same directory, makes the same comparison there",
     ),
     "parameters": Target(
-        "parameters", "write_parameters", ("makers", "lead", "gear"), linear=True,
+        "parameters",
+        "write_parameters",
+        ("makers", "lead", "gear"),
+        linear=True,
         unproven="is numbers for a person to check; there is nothing to run",
     ),
-}  # fmt: skip
+}
 
 
 def write_export(
@@ -151,8 +170,19 @@ def write_all(
     axes = list(machine.loops)
     together = together or (axis is None and not plant and any(each.controls for each in machine.couplings))
     if axis is not None or plant or together or len(axes) == 1:
-        return [write_export(source, target, out, axis=axis, name=name, precision=precision, plant=plant,
-                             together=together, **options)]  # fmt: skip
+        return [
+            write_export(
+                source,
+                target,
+                out,
+                axis=axis,
+                name=name,
+                precision=precision,
+                plant=plant,
+                together=together,
+                **options,
+            )
+        ]
     if options.get("joint") is not None:
         raise ParameterError("--joint belongs to one axis: name the axis by --axis, or leave both out")
     planned = []
@@ -176,9 +206,16 @@ def write_again(design: Design, target: str, out: Path, options: Mapping[str, An
 
 
 def _planned(
-    source: MachineLike, target: str, out: str | Path | None, axis: str | None, name: str | None, precision: str | None,
-    plant: bool, together: bool, options: Mapping[str, Any],
-) -> tuple[Design, Path, Callable[[Design, Path], Path]]:  # fmt: skip
+    source: MachineLike,
+    target: str,
+    out: str | Path | None,
+    axis: str | None,
+    name: str | None,
+    precision: str | None,
+    plant: bool,
+    together: bool,
+    options: Mapping[str, Any],
+) -> tuple[Design, Path, Callable[[Design, Path], Path]]:
     """A checked design, where it goes, and the function that writes it."""
     chosen = _chosen(target)
     given = {key: value for key, value in options.items() if value not in (None, False, ())}
@@ -204,8 +241,9 @@ def _planned(
     if precision is not None and precision not in chosen.precisions:
         raise ParameterError(f"--precision = '{precision}': the target {target} has {', '.join(chosen.precisions)}")
     what = PLANT if plant else CONTROL
-    design = read_design(source, axis, name=name, what=what, precision=precision or chosen.precisions[0],
-                         together=together)  # fmt: skip
+    design = read_design(
+        source, axis, name=name, what=what, precision=precision or chosen.precisions[0], together=together
+    )
     if chosen.linear and any(loop.axis.rotary for loop in design.system.loops().values()):
         fits = ", ".join(each for each, found in TARGETS.items() if not found.linear)
         raise ParameterError(

@@ -126,125 +126,260 @@ def stiffness_at(frequency: float) -> Figure:
     """Return the figure of the dynamic stiffness at a frequency in Hz."""
     where = f"{Quantity(frequency, 'Hz'):6}"
     return Figure(
-        f"stiffness_{frequency:g}_Hz_N_per_m", Text(f"stiffness at {where}"), "N/m", MODEL, StiffnessAt(frequency),
-        HIGHER, Text(f"dynamic stiffness at {where}"), short=Text(where),
-        tuned=frequency == AT[0], compared=frequency == AT[0],
-    )  # fmt: skip
+        f"stiffness_{frequency:g}_Hz_N_per_m",
+        Text(f"stiffness at {where}"),
+        "N/m",
+        MODEL,
+        StiffnessAt(frequency),
+        HIGHER,
+        Text(f"dynamic stiffness at {where}"),
+        short=Text(where),
+        tuned=frequency == AT[0],
+        compared=frequency == AT[0],
+    )
 
 
 def _over(low: float, high: float) -> Figure:
     ends = f"{Quantity(low, 'Hz', bare=True):6} to {Quantity(high, 'Hz'):6}"
     title = f"stiffness {Quantity(low, 'Hz', bare=True):6}-{Quantity(high, 'Hz'):6}"
     return Figure(
-        f"stiffness_{low:g}_{high:g}_Hz_N_per_m", Text(title), "N/m", MODEL, StiffnessOver(low, high), HIGHER,
+        f"stiffness_{low:g}_{high:g}_Hz_N_per_m",
+        Text(title),
+        "N/m",
+        MODEL,
+        StiffnessOver(low, high),
+        HIGHER,
         Text(f"mean dynamic stiffness from {ends}"),
-    )  # fmt: skip
+    )
 
 
 SENSITIVITY_PEAK = Figure(
-    "sensitivity_peak", "Ms", "", MODEL, attrgetter("margins.sensitivity_peak"),
-    meaning="largest sensitivity Ms", tuned=True,
+    "sensitivity_peak",
+    "Ms",
+    "",
+    MODEL,
+    attrgetter("margins.sensitivity_peak"),
+    meaning="largest sensitivity Ms",
+    tuned=True,
     limit=Limitable(
-        "max_ms", "largest sensitivity peak Ms", slopes.sensitivity_places, attrgetter("margins.modulus_frequency"),
-        order=0, usual=2.0, above=1.0, origin=1.0,
+        "max_ms",
+        "largest sensitivity peak Ms",
+        slopes.sensitivity_places,
+        attrgetter("margins.modulus_frequency"),
+        order=0,
+        usual=2.0,
+        above=1.0,
+        origin=1.0,
     ),
-)  # fmt: skip
+)
 CROSSOVER = Figure(
-    "crossover_Hz", "crossover", "Hz", MODEL, attrgetter("margins.crossover"), HIGHER,
-    "first frequency at which the loop gain is 1", tuned=True,
-)  # fmt: skip
+    "crossover_Hz",
+    "crossover",
+    "Hz",
+    MODEL,
+    attrgetter("margins.crossover"),
+    HIGHER,
+    "first frequency at which the loop gain is 1",
+    tuned=True,
+)
 BANDWIDTH = Figure(
-    "bandwidth_Hz", "bandwidth", "Hz", MODEL, attrgetter("bandwidth"), HIGHER,
-    "frequency up to which disturbances are rejected, the sensitivity at -3 dB", label="bandwidth (|S| at -3 dB)",
-    tuned=True, compared=True,
+    "bandwidth_Hz",
+    "bandwidth",
+    "Hz",
+    MODEL,
+    attrgetter("bandwidth"),
+    HIGHER,
+    "frequency up to which disturbances are rejected, the sensitivity at -3 dB",
+    label="bandwidth (|S| at -3 dB)",
+    tuned=True,
+    compared=True,
     goal=Goal(
-        "bandwidth", "bandwidth", _inverse_bandwidth,
-        slopes.bandwidth_slope, on_table=False,
+        "bandwidth",
+        "bandwidth",
+        _inverse_bandwidth,
+        slopes.bandwidth_slope,
+        on_table=False,
     ),
-)  # fmt: skip
+)
 PHASE_MARGIN = Figure(
-    "phase_margin_deg", "phase margin", "deg", MODEL, attrgetter("margins.phase_margin_deg"), HIGHER,
-    absent=math.inf, tuned=True, compared=True,
+    "phase_margin_deg",
+    "phase margin",
+    "deg",
+    MODEL,
+    attrgetter("margins.phase_margin_deg"),
+    HIGHER,
+    absent=math.inf,
+    tuned=True,
+    compared=True,
     limit=Limitable(
         "phase_margin", "least phase margin", slopes.phase_margin_places, _nearest_phase, order=3, below=180.0
     ),
-)  # fmt: skip
+)
 GAIN_MARGIN = Figure(
-    "gain_margin_dB", "gain margin", "dB", MODEL, attrgetter("margins.gain_increase_dB"), HIGHER,
-    "by how much the gain may rise", label="gain may rise by", absent=math.inf, tuned=True, compared=True,
+    "gain_margin_dB",
+    "gain margin",
+    "dB",
+    MODEL,
+    attrgetter("margins.gain_increase_dB"),
+    HIGHER,
+    "by how much the gain may rise",
+    label="gain may rise by",
+    absent=math.inf,
+    tuned=True,
+    compared=True,
     limit=Limitable("gain_margin", "least gain margin", slopes.gain_margin_places, _nearest_gain, order=4),
-)  # fmt: skip
+)
 DELAY_MARGIN = Figure(
-    "delay_margin_samples", "delay margin", "samples", MODEL, attrgetter("margins.delay_margin_samples"),
-    HIGHER, "dead time that may be added, in samples", absent=math.inf, tuned=True, compared=True,
-    limit=Limitable(
-        "delay_margin", "least delay margin", slopes.delay_margin_places, _nearest_delay, order=3
-    ),
-)  # fmt: skip
+    "delay_margin_samples",
+    "delay margin",
+    "samples",
+    MODEL,
+    attrgetter("margins.delay_margin_samples"),
+    HIGHER,
+    "dead time that may be added, in samples",
+    absent=math.inf,
+    tuned=True,
+    compared=True,
+    limit=Limitable("delay_margin", "least delay margin", slopes.delay_margin_places, _nearest_delay, order=3),
+)
 SMALL_GAIN = Figure(
-    "small_gain_samples", "small-gain delay", "samples", MODEL, _small_gain, HIGHER,
-    "extra dead time in samples that the small-gain theorem admits", absent=math.inf,
+    "small_gain_samples",
+    "small-gain delay",
+    "samples",
+    MODEL,
+    _small_gain,
+    HIGHER,
+    "extra dead time in samples that the small-gain theorem admits",
+    absent=math.inf,
     limit=Limitable(
-        "small_gain_delay", "least dead time that the small-gain theorem admits", slopes.small_gain_places,
-        _nowhere, order=1,
+        "small_gain_delay",
+        "least dead time that the small-gain theorem admits",
+        slopes.small_gain_places,
+        _nowhere,
+        order=1,
     ),
-)  # fmt: skip
+)
 STIFFNESS_LEAST = Figure(
-    "stiffness_least_N_per_m", "least stiffness", "N/m", MODEL, attrgetter("stiffness.minimum"), HIGHER,
-    "least dynamic stiffness from 1 Hz on", tuned=True, compared=True,
+    "stiffness_least_N_per_m",
+    "least stiffness",
+    "N/m",
+    MODEL,
+    attrgetter("stiffness.minimum"),
+    HIGHER,
+    "least dynamic stiffness from 1 Hz on",
+    tuned=True,
+    compared=True,
     goal=Goal("least-stiffness", "least stiffness", _largest_compliance, slopes.compliance_peak_slope, banded=True),
-)  # fmt: skip
+)
 STIFFNESS_MEAN = Figure(
-    "stiffness_mean_N_per_m", "dynamic stiffness", "N/m", MODEL,
-    _mean_stiffness, HIGHER,
+    "stiffness_mean_N_per_m",
+    "dynamic stiffness",
+    "N/m",
+    MODEL,
+    _mean_stiffness,
+    HIGHER,
     "inverse of the compliance, its root mean square over all frequencies",
     goal=Goal("stiffness", "dynamic stiffness", _mean_compliance, slopes.mean_compliance_slope, banded=True),
-)  # fmt: skip
+)
 INTEGRAL_GAIN = Figure(
-    "integral_gain_N_per_m_s", "integral gain", "N/(m s)", MODEL,
-    _integral_gain, HIGHER,
+    "integral_gain_N_per_m_s",
+    "integral gain",
+    "N/(m s)",
+    MODEL,
+    _integral_gain,
+    HIGHER,
     "least dynamic stiffness times the angular frequency",
     goal=Goal("integral-gain", "integral gain", _largest_integral, slopes.integral_slope, banded=True),
-)  # fmt: skip
+)
 COMPLIANCE_PEAK = Figure(
-    "compliance_peak_m_per_N", "peak compliance", "m/N", MODEL, _compliance_peak,
-    meaning="largest compliance", tuned=True,
+    "compliance_peak_m_per_N",
+    "peak compliance",
+    "m/N",
+    MODEL,
+    _compliance_peak,
+    meaning="largest compliance",
+    tuned=True,
     limit=Limitable(
-        "max_compliance", "largest compliance", slopes.compliance_places, attrgetter("stiffness.minimum_frequency"),
-        order=2, entered="um/N",
+        "max_compliance",
+        "largest compliance",
+        slopes.compliance_places,
+        attrgetter("stiffness.minimum_frequency"),
+        order=2,
+        entered="um/N",
     ),
-)  # fmt: skip
+)
 ROPE_SNAP = Figure(
-    "rope_snap_ISE_root_m_per_N", "rope snap ISE^½", "m √s/N", MODEL, attrgetter("rope_snap"), LOWER,
-    "root of the integral of the squared error after a force of 1 N ends", "snap ISE^½", "rope-snap error",
-    tuned=True, compared=True,
-    goal=Goal(
-        "rope-snap", "rope-snap error", _rope_snap, slopes.rope_snap_slope, returns=True
-    ),
-)  # fmt: skip
+    "rope_snap_ISE_root_m_per_N",
+    "rope snap ISE^½",
+    "m √s/N",
+    MODEL,
+    attrgetter("rope_snap"),
+    LOWER,
+    "root of the integral of the squared error after a force of 1 N ends",
+    "snap ISE^½",
+    "rope-snap error",
+    tuned=True,
+    compared=True,
+    goal=Goal("rope-snap", "rope-snap error", _rope_snap, slopes.rope_snap_slope, returns=True),
+)
 FORCE_NOISE = Figure(
-    "force_noise_N", "force noise", "N", MODEL, attrgetter("force_noise"), LOWER,
-    "RMS of the force from the errors of the readings", "noise", tuned=True, compared=True,
+    "force_noise_N",
+    "force noise",
+    "N",
+    MODEL,
+    attrgetter("force_noise"),
+    LOWER,
+    "RMS of the force from the errors of the readings",
+    "noise",
+    tuned=True,
+    compared=True,
     limit=Limitable(
         "max_noise", "largest noise in the force, RMS", slopes.force_noise_places, _nowhere, order=5, noise=True
     ),
-)  # fmt: skip
+)
 NOISE_GAIN = Figure(
-    "noise_gain_N_per_m", "noise gain", "N/m", MODEL, attrgetter("noise_gain"), LOWER,
-    "RMS of the force for white noise of 1 m RMS in readings", "noise", form="3 N/nm",
-)  # fmt: skip
+    "noise_gain_N_per_m",
+    "noise gain",
+    "N/m",
+    MODEL,
+    attrgetter("noise_gain"),
+    LOWER,
+    "RMS of the force for white noise of 1 m RMS in readings",
+    "noise",
+    form="3 N/nm",
+)
 EFFORT = Figure(
-    "operations", "operations a sample", "", MODEL, _operations, LOWER, "operations of the law in a sample",
     "operations",
-)  # fmt: skip
+    "operations a sample",
+    "",
+    MODEL,
+    _operations,
+    LOWER,
+    "operations of the law in a sample",
+    "operations",
+)
 
 STIFFNESS_AT = tuple(map(stiffness_at, AT))
 STIFFNESS_OVER = tuple(_over(*band) for band in BANDS)
 OF_LOOPS = (
-    SENSITIVITY_PEAK, CROSSOVER, GAIN_MARGIN, PHASE_MARGIN, DELAY_MARGIN, SMALL_GAIN, ROPE_SNAP, STIFFNESS_MEAN,
-    STIFFNESS_LEAST, *STIFFNESS_AT, *STIFFNESS_OVER, INTEGRAL_GAIN, BANDWIDTH, COMPLIANCE_PEAK, FORCE_NOISE, NOISE_GAIN,
+    SENSITIVITY_PEAK,
+    CROSSOVER,
+    GAIN_MARGIN,
+    PHASE_MARGIN,
+    DELAY_MARGIN,
+    SMALL_GAIN,
+    ROPE_SNAP,
+    STIFFNESS_MEAN,
+    STIFFNESS_LEAST,
+    *STIFFNESS_AT,
+    *STIFFNESS_OVER,
+    INTEGRAL_GAIN,
+    BANDWIDTH,
+    COMPLIANCE_PEAK,
+    FORCE_NOISE,
+    NOISE_GAIN,
     EFFORT,
-)  # fmt: skip
+)
 
 
 def at_frequency(key: str) -> Figure | None:

@@ -26,9 +26,16 @@ class Of:
 def _of_signal(signal: str, unit: str, title: str, meaning: str, better: str = LOWER) -> Iterator[Figure]:
     for what, name, statistic in (("rms", "RMS", "root mean square"), ("peak", "peak", "largest absolute value")):
         yield Figure(
-            f"{signal}_{what}_{unit.replace('/', '_per_')}", f"{title} {name}", unit, STATISTICS, Of(signal, what),
-            better, f"{statistic} of the {meaning}", title if what == "rms" else "", signals=(signal,),
-        )  # fmt: skip
+            f"{signal}_{what}_{unit.replace('/', '_per_')}",
+            f"{title} {name}",
+            unit,
+            STATISTICS,
+            Of(signal, what),
+            better,
+            f"{statistic} of the {meaning}",
+            title if what == "rms" else "",
+            signals=(signal,),
+        )
 
 
 def _error_at_end(run: Run) -> float:
@@ -68,5 +75,9 @@ OF_RUNS = (
     Figure("limited_share", "share of the samples in which the force is at its limit", "", RUN, _saturated),
     Figure("tripped", "1 if the guard tripped, else 0", "", RUN, _tripped),
     Figure("force_step_rms_N", "root mean square of the change of the force from sample to sample", "N", RUN, _jerk),
-    SNAP_PEAK, SNAP_SETTLING, STEP_PEAK, STEP_SETTLING, CUTTING_RMS,
-)  # fmt: skip
+    SNAP_PEAK,
+    SNAP_SETTLING,
+    STEP_PEAK,
+    STEP_SETTLING,
+    CUTTING_RMS,
+)

@@ -120,10 +120,25 @@ _TIME = re.compile(r"(t|time|zeit|timestamp|time[_ ]?stamp)(_(s|ms|us|ns|min))?"
 
 # units in the spelling of makers, where it differs from that of `language.units`
 _SPELLINGS = {
-    "%": "percent", "°": "deg", "Nm": "N m", "mNm": "mN m", "sec": "s", "msec": "ms", "usec": "us", "U/min": "rpm",
-    "r/min": "rpm", "1/min": "rpm", "min-1": "rpm", "grad": "deg", "Grad": "deg", "Newton": "N", "Nmm": "N mm",
-    "kNm": "kN m", "uNm": "uN m", "-": "",
-}  # fmt: skip
+    "%": "percent",
+    "°": "deg",
+    "Nm": "N m",
+    "mNm": "mN m",
+    "sec": "s",
+    "msec": "ms",
+    "usec": "us",
+    "U/min": "rpm",
+    "r/min": "rpm",
+    "1/min": "rpm",
+    "min-1": "rpm",
+    "grad": "deg",
+    "Grad": "deg",
+    "Newton": "N",
+    "Nmm": "N mm",
+    "kNm": "kN m",
+    "uNm": "uN m",
+    "-": "",
+}
 # spellings for encoder counts: not a unit, since a length or an angle needs a factor
 COUNTS = frozenset({"inc", "incs", "count", "counts", "cnt", "qc", "pulse", "pulses", "ticks"})
 

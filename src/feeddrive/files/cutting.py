@@ -81,9 +81,11 @@ class ProcessSection(Section):
     """What the part program cuts."""
 
     tool: Mapping[str, Cutter] = named(
-        "tools by their numbers in the program: [process.tool.1]", least=1, pattern="0*[1-9][0-9]{0,5}",
+        "tools by their numbers in the program: [process.tool.1]",
+        least=1,
+        pattern="0*[1-9][0-9]{0,5}",
         example="a tool has a number of the program, as [process.tool.1]",
-    )  # fmt: skip
+    )
     section: tuple[CutSection, ...] = part("what lines cut, over what comments say: (ap=4 ae=0.3 down)", default=())
 
     def check(self) -> None:
@@ -93,8 +95,9 @@ class ProcessSection(Section):
             if other.first_line <= one.last_line:
                 raise self.error(
                     f"two of [[process.section]] hold line {other.first_line}: lines {one.first_line} to "
-                    f"{one.last_line} and {other.first_line} to {other.last_line}", "section"
-                )  # fmt: skip
+                    f"{one.last_line} and {other.first_line} to {other.last_line}",
+                    "section",
+                )
 
 
 class Cut(NamedTuple):
@@ -148,9 +151,10 @@ class Process:
             return Cut(begin, line, tool or next(iter(self.tools)), *_AIR, abs(speed or 0.0))
         if speed is None or tool is None:
             raise self._error(
-                line, "it is run more than once, with different tools or spindle speeds, while it cuts: the line of a "
-                "sample does not tell them apart. Write it out, or give the speed in a [[process.section]]"
-            )  # fmt: skip
+                line,
+                "it is run more than once, with different tools or spindle speeds, while it cuts: the line of a "
+                "sample does not tell them apart. Write it out, or give the speed in a [[process.section]]",
+            )
         if speed == 0.0:
             raise self._error(line, "the tool cuts while the spindle stands: S and M3 come before it")
         if speed < 0.0:
@@ -169,14 +173,20 @@ class Process:
         flute, diameter = edge.flute_length, float(edge.diameter)
         if flute is not None and depth > flute:
             raise self._error(
-                line, Text(f"a depth of cut of {Quantity(depth, 'm'):6 mm} is more than the tool's flute_length of "
-                f"{Quantity(flute, 'm'):6 mm}: cut in two passes, or take a longer tool")
-            )  # fmt: skip
+                line,
+                Text(
+                    f"a depth of cut of {Quantity(depth, 'm'):6 mm} is more than the tool's flute_length of "
+                    f"{Quantity(flute, 'm'):6 mm}: cut in two passes, or take a longer tool"
+                ),
+            )
         if width is not None and width > diameter:
             raise self._error(
-                line, Text(f"a width of cut of {Quantity(width, 'm'):6 mm} is more than the tool's diameter of "
-                f"{Quantity(diameter, 'm'):6 mm}: at most the diameter, or no ae for a slot")
-            )  # fmt: skip
+                line,
+                Text(
+                    f"a width of cut of {Quantity(width, 'm'):6 mm} is more than the tool's diameter of "
+                    f"{Quantity(diameter, 'm'):6 mm}: at most the diameter, or no ae for a slot"
+                ),
+            )
 
     def couplings(self, cuts: Sequence[Cut], axes: Sequence[str], substep: float) -> tuple[MillingCut, ...]:
         """A cut on the axes for each tool that cuts, with what it does over time as its sections; substeps in s.
@@ -209,10 +219,13 @@ class Process:
         start, depth, entries, exits, speeds = columns
         longest = 60.0 / (cutter.teeth * float(np.min(speeds)))
         return MillingCut(
-            cutter=cutter, spindle_speed=float(speeds[0]), along_z=along_z,
+            cutter=cutter,
+            spindle_speed=float(speeds[0]),
+            along_z=along_z,
             sections=CutSections(start=start, axial_depth=depth, entry=entries, exit=exits, spindle_speed=speeds),
-            remembered=int((max(_SURFACES, cutter.teeth) + 1) * longest / substep) + 8, surfaces=_SURFACES,
-        )  # fmt: skip
+            remembered=int((max(_SURFACES, cutter.teeth) + 1) * longest / substep) + 8,
+            surfaces=_SURFACES,
+        )
 
     def _said(self, line: int) -> tuple[float, float | None, str]:
         """By the last comment before a line."""

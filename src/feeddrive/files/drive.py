@@ -97,9 +97,15 @@ class Drive:
 
 
 def drive_with(
-    given: MachineFile | None, loop: Loop | None, axis: str | None, force_constant: float | None = None,
-    lead: float | None = None, gear: float | None = None, *, turns: bool = False,
-) -> Drive:  # fmt: skip
+    given: MachineFile | None,
+    loop: Loop | None,
+    axis: str | None,
+    force_constant: float | None = None,
+    lead: float | None = None,
+    gear: float | None = None,
+    *,
+    turns: bool = False,
+) -> Drive:
     """The drive of a loop of a machine file, with what was typed; lead and gear are completed by its motor."""
     motor = None if loop is None else loop.axis.actuator.motor
     if isinstance(motor, Screw) and lead is None:

@@ -90,9 +90,13 @@ class OpenedFile:
             # begins with bytes that no text file has
             self.content = b"\0" + b"".join(each.tobytes() for each in (path.time, *path.channels.values()))
             self.columns = Columns(
-                format="a log in memory", values={"time": path.time, **path.channels}, constants=path.constants,
-                units={"time": "s", **path.units}, left_out=path.left_out, metadata={"sample_time": path.sample_time},
-            )  # fmt: skip
+                format="a log in memory",
+                values={"time": path.time, **path.channels},
+                constants=path.constants,
+                units={"time": "s", **path.units},
+                left_out=path.left_out,
+                metadata={"sample_time": path.sample_time},
+            )
         else:
             self.path = Path(path)
 

@@ -318,13 +318,21 @@ def write_frf(path: str | Path, *frfs: FRF) -> None:
     columns = {"f_Hz": lines}
     for frf in frfs:
         kept = np.isin(frf.frequency, lines)
-        values = {"re": np.real(frf.response), "im": np.imag(frf.response), "coherence": frf.coherence,
-                  "variance": frf.variance}  # fmt: skip
+        values = {
+            "re": np.real(frf.response),
+            "im": np.imag(frf.response),
+            "coherence": frf.coherence,
+            "variance": frf.variance,
+        }
         end = "" if one else f"_{frf.output}"
         columns |= {f"{name}{end}": each[kept] for name, each in values.items() if each is not None}
     first, units = frfs[0], {frf.unit for frf in frfs}
-    stated = {"input": first.input, "output": first.output if one else None,
-              "unit": units.pop() if len(units) == 1 else None, "sample_time": first.sample_time}  # fmt: skip
+    stated = {
+        "input": first.input,
+        "output": first.output if one else None,
+        "unit": units.pop() if len(units) == 1 else None,
+        "sample_time": first.sample_time,
+    }
     text = [f"# {key}: {plain(str(value))}" for key, value in stated.items() if value not in (None, "")]
     text.append(",".join(columns))
     text += [",".join(map(repr, row)) for row in zip(*(each.tolist() for each in columns.values()), strict=True)]

@@ -25,13 +25,43 @@ from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Result, Table
 
-_SET = {"cmd", "command", "commanded", "set", "setpoint", "ref", "reference", "demand", "target", "soll", "sollwert",
-        "desired", "des", "setpos", "setvelo", "refx", "refy"}  # fmt: skip
+_SET = {
+    "cmd",
+    "command",
+    "commanded",
+    "set",
+    "setpoint",
+    "ref",
+    "reference",
+    "demand",
+    "target",
+    "soll",
+    "sollwert",
+    "desired",
+    "des",
+    "setpos",
+    "setvelo",
+    "refx",
+    "refy",
+}
 _MOTOR = {"motor", "mot", "mtr", "rotor", "enc1", "encoder1", "rotary", "mx"}
 _LOAD = {"load", "table", "linear", "scale", "slide", "arm", "enc2", "encoder2", "tool", "last", "tisch"}
 _OUTER = {"load", "cutting", "process", "external", "outer", "disturbance", "kistler", "dynamometer"}
-_ERROR = {"error", "err", "ferror", "diff", "difference", "deviation", "posdiff", "lag", "schleppabstand",
-          "schleppfehler", "regelabweichung", "abweichung", "fehler"}  # fmt: skip
+_ERROR = {
+    "error",
+    "err",
+    "ferror",
+    "diff",
+    "difference",
+    "deviation",
+    "posdiff",
+    "lag",
+    "schleppabstand",
+    "schleppfehler",
+    "regelabweichung",
+    "abweichung",
+    "fehler",
+}
 _MEASURED = {"fb", "feedback", "act", "actual", "ist", "measured", "meas"}
 _WORDS = {
     "excitation": {"excitation", "exc", "dither", "prbs", "chirp", "multisine", "injection", "perturbation"},
@@ -47,12 +77,26 @@ _WORDS = {
 }
 # names that are known as they stand
 _EXACT = {
-    "qg": "setpoint_position", "reference": "setpoint_position", "xr": "setpoint_position",
-    "qm": "position_load", "vir": "command", "set_position": "setpoint_position",
-    "reading_load": "position_load", "reading_motor": "position_motor",
-}  # fmt: skip
-_QUANTITY_OF_UNIT = {"m": "position", "m/s": "velocity", "m/s2": "acceleration", "N": "force", "N m": "torque",
-                     "A": "current", "V": "command", "rad": "angle", "rad/s": "speed"}  # fmt: skip
+    "qg": "setpoint_position",
+    "reference": "setpoint_position",
+    "xr": "setpoint_position",
+    "qm": "position_load",
+    "vir": "command",
+    "set_position": "setpoint_position",
+    "reading_load": "position_load",
+    "reading_motor": "position_motor",
+}
+_QUANTITY_OF_UNIT = {
+    "m": "position",
+    "m/s": "velocity",
+    "m/s2": "acceleration",
+    "N": "force",
+    "N m": "torque",
+    "A": "current",
+    "V": "command",
+    "rad": "angle",
+    "rad/s": "speed",
+}
 # German compounds with set or actual before or behind: Sollposition, Lageistwert
 _BEHIND = re.compile(r"(soll|ist)wert")
 _BEFORE = re.compile(
@@ -203,8 +247,12 @@ _ROLES: abc.Mapping[str, tuple[str, str, str, str]] = {
     "excitation": ("excitation", "excitation", "excitation", "excitation"),
 }
 # the other encoder, for a second channel of the same kind without a side
-_OTHER = {"position_load": "position_motor", "velocity_load": "velocity_motor", "angle_motor": "angle_load",
-          "speed_motor": "speed_load"}  # fmt: skip
+_OTHER = {
+    "position_load": "position_motor",
+    "velocity_load": "velocity_motor",
+    "angle_motor": "angle_load",
+    "speed_motor": "speed_load",
+}
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -78,8 +78,12 @@ def _variables(source: Any) -> dict[str, Any]:
     if isinstance(source, FRF):
         known = {"coherence": source.coherence, "variance": source.variance, "sample_time_s": source.sample_time}
         named = {"input": source.input, "output": source.output, "unit": source.unit}
-        return {"frequency_Hz": source.frequency, "response": source.response, **named,
-                **{name: value for name, value in known.items() if value is not None}}  # fmt: skip
+        return {
+            "frequency_Hz": source.frequency,
+            "response": source.response,
+            **named,
+            **{name: value for name, value in known.items() if value is not None},
+        }
     if isinstance(source, StateSpace):
         names = {name: np.array(getattr(source, name), dtype=object) for name in ("states", "inputs", "outputs")}
         return {**{name: getattr(source, name) for name in "ABCD"}, "sample_time_s": source.sample_time, **names}

@@ -77,9 +77,10 @@ class LawSection(Section):
         "controls of axes by name: [law.axis.y.control]", least=1, absent=True
     )
     set: Mapping[str, float] | None = numbers(
-        'changes of today\'s control by path: { "axis.x.control.law.Kv" = 80 }', default=None,
+        'changes of today\'s control by path: { "axis.x.control.law.Kv" = 80 }',
+        default=None,
         example="choices need a whole [law.control]",
-    )  # fmt: skip
+    )
 
 
 class JobSection(Section):

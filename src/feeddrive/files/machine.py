@@ -116,13 +116,19 @@ class MachineFile(Result):
     def table(self) -> Table:
         """One row for each axis: its plant and its control."""
         rows = [
-            [name, loop.axis.plant.kind, getattr(loop.axis.friction_load or loop.axis.friction_motor, "kind", "-"),
-             loop.control.law.kind, ", ".join(each.kind for each in loop.control.filters) or "-",
-             None if loop.control.force_limit is None
-             else Quantity(loop.control.force_limit, "N m" if loop.axis.rotary else "N", form="6"),
-             float(loop.sample_time)]
+            [
+                name,
+                loop.axis.plant.kind,
+                getattr(loop.axis.friction_load or loop.axis.friction_motor, "kind", "-"),
+                loop.control.law.kind,
+                ", ".join(each.kind for each in loop.control.filters) or "-",
+                None
+                if loop.control.force_limit is None
+                else Quantity(loop.control.force_limit, "N m" if loop.axis.rotary else "N", form="6"),
+                float(loop.sample_time),
+            ]
             for name, loop in self.loops.items()
-        ]  # fmt: skip
+        ]
         between = f"; coupled by {', '.join(each.kind for each in self.couplings)}" if self.couplings else ""
         heads = ["axis", "plant", "friction", "law", "filters", "force limit", Column("sample", "s", "6 ms")]
         return Table(f"{plain(self.name)}, {self.file.name}{between}", heads, rows)

@@ -25,8 +25,12 @@ from feeddrive.path.setpoints import REASONS, Samples, Standstill
 from feeddrive.version import __version__
 
 SETPOINTS, STREAMER, HAL, PLAN, STOPS = (
-    "setpoints.parquet", "streamer.txt", "streamer.hal", "plan.json", "stops.parquet"
-)  # fmt: skip
+    "setpoints.parquet",
+    "streamer.txt",
+    "streamer.hal",
+    "plan.json",
+    "stops.parquet",
+)
 _ROWS = 32768  # of a row group
 _SIGNALS = ("set_position", "set_velocity", "set_acceleration", "set_jerk", "set_snap")
 _PER = ("", "/s", "/s2", "/s3", "/s4")

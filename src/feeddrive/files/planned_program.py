@@ -138,9 +138,13 @@ def planned_program(
     kept: list[np.ndarray] = []
     lines: list[np.ndarray] = []
     moves = read_program(
-        program, axes=limits.travel, tools=tools, offsets=offsets, tables_inch=section.tables_inch,
+        program,
+        axes=limits.travel,
+        tools=tools,
+        offsets=offsets,
+        tables_inch=section.tables_inch,
         skip_deleted=section.skip_deleted,
-    )  # fmt: skip
+    )
     with closing(moves):
         said = None if process is None else process_of(process, program)
         setpoints = Setpoints(moves if said is None else said.spindle.noted(moves), limits, T)
@@ -171,10 +175,17 @@ def planned_program(
     cuts = () if said is None else said.cuts(times, np.abs(line), line < 0)
     return PlannedProgram(
         references,
-        Text(f"part program {program.name}, {planned.blocks:,} blocks in {Quantity(planned.cycle_time, 's'):6 SI}, "
-        f"planned and proven"),
-        program, planned, np.abs(line), line > 0 if said is None else _cutting(cuts, times), cuts, said,
-    )  # fmt: skip
+        Text(
+            f"part program {program.name}, {planned.blocks:,} blocks in {Quantity(planned.cycle_time, 's'):6 SI}, "
+            f"planned and proven"
+        ),
+        program,
+        planned,
+        np.abs(line),
+        line > 0 if said is None else _cutting(cuts, times),
+        cuts,
+        said,
+    )
 
 
 def _cutting(cuts: Sequence[Cut], times: np.ndarray) -> np.ndarray:

@@ -180,9 +180,11 @@ class _Definitions:
         least = {"minProperties": declared.shortest} if declared.shortest else {}
         if declared.options:
             return {
-                "type": "object", "properties": dict.fromkeys(declared.options, inner), "additionalProperties": False,
+                "type": "object",
+                "properties": dict.fromkeys(declared.options, inner),
+                "additionalProperties": False,
                 **least,
-            }  # fmt: skip
+            }
         if declared.pattern:
             patterns = {f"^(?:{declared.pattern})$": inner}
             return {"type": "object", "patternProperties": patterns, "additionalProperties": False, **least}

@@ -46,9 +46,14 @@ def file_name(meaning: str, *, default: Any = MISSING, example: str = "") -> Any
 
 
 def named(
-    meaning: str, *, least: int = 0, names: tuple[str, ...] = (), pattern: str = "", example: str = "",
+    meaning: str,
+    *,
+    least: int = 0,
+    names: tuple[str, ...] = (),
+    pattern: str = "",
+    example: str = "",
     absent: bool = False,
-) -> Any:  # fmt: skip
+) -> Any:
     """Declare sections or values by a name: a dict.
 
     least     so many must be there, and the field is required

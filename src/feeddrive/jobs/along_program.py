@@ -50,9 +50,16 @@ def along_program(job: Job, machine: Machine, run: Run, observers: Listening) ->
         return None
     speeds = [each.spindle_speed for each in program.cuts if each.axial_depth > 0.0]
     return part_run(
-        run, machine, program.references, program.line, counted=on_the_part(program), cuts=bool(speeds),
-        turn=60.0 / min(speeds) if speeds else None, spindle=_spindle(job, machine, run), observers=observers,
-    )  # fmt: skip
+        run,
+        machine,
+        program.references,
+        program.line,
+        counted=on_the_part(program),
+        cuts=bool(speeds),
+        turn=60.0 / min(speeds) if speeds else None,
+        spindle=_spindle(job, machine, run),
+        observers=observers,
+    )
 
 
 @lru_cache(maxsize=1)  # the laws of a job run the same program
@@ -171,12 +178,14 @@ def chatter_remarks(found: Sequence[Chatter]) -> list[str]:
             f"vibration grows {number(each.growth)} times from tooth to tooth; `feeddrive lobes` shows depths and "
             "speeds at which it does not."
         )
-        for each in found if each.frequency is not None
-    ]  # fmt: skip
+        for each in found
+        if each.frequency is not None
+    ]
     said += [
         Text(f"'{each.law}': whether the cut from line {each.cut.line} chatters is not known: {each.why}.")
-        for each in found if each.growth is None
-    ]  # fmt: skip
+        for each in found
+        if each.growth is None
+    ]
     known = [each for each in found if each.growth is not None]
     if known and not any(each.frequency for each in known):
         most = max(known, key=lambda each: each.growth or 0.0)
@@ -204,10 +213,17 @@ def cut_table(job: Job, row: Entry, verdicts: Sequence[Chatter]) -> list[Table]:
             forces = [float(np.sqrt(np.mean(here**2))), float(np.max(here))]
             rows.append([*_cells(cut), *forces, *(growth.get((law, cut[2:])) for law in laws)])
     columns = [
-        Column("from line"), Column("at", "s", "SI"), Column("tool"), Column("depth ap", "m", "6 mm"),
-        Column("width ae", "m", "6 mm"), Column("milling"), Column("", "rpm", "6"), Column("force RMS", "N", "3"),
-        Column("peak", "N", "3"), *(Column(f"|µ| '{law}'", form="3") for law in laws),
-    ]  # fmt: skip
+        Column("from line"),
+        Column("at", "s", "SI"),
+        Column("tool"),
+        Column("depth ap", "m", "6 mm"),
+        Column("width ae", "m", "6 mm"),
+        Column("milling"),
+        Column("", "rpm", "6"),
+        Column("force RMS", "N", "3"),
+        Column("peak", "N", "3"),
+        *(Column(f"|µ| '{law}'", form="3") for law in laws),
+    ]
     title = (
         f"What the program cuts, the resultant force on the tool with '{row.name}', and |µ|, the factor of a vibration "
         "from tooth to tooth with the feed along x: from 1 on the cut chatters."
@@ -224,6 +240,11 @@ def cut_sentence(cut: MillingCut) -> str:
 def _cells(cut: Cut) -> list[Cell]:
     slot = cut.radial_depth is None
     return [
-        cut.line, cut.begin, cut.tool, cut.axial_depth, "slot" if slot else cut.radial_depth,
-        None if slot else cut.milling, cut.spindle_speed,
-    ]  # fmt: skip
+        cut.line,
+        cut.begin,
+        cut.tool,
+        cut.axial_depth,
+        "slot" if slot else cut.radial_depth,
+        None if slot else cut.milling,
+        cut.spindle_speed,
+    ]

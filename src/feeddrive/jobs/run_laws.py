@@ -50,9 +50,13 @@ from feeddrive.report.sentences import block_sentence, described
 
 # figures of the table of laws, in the order of its columns
 _FIGURES = (
-    "following_error_rms_m", "following_error_peak_m", "force_peak_N", "phase_margin_deg", "sensitivity_peak",
+    "following_error_rms_m",
+    "following_error_peak_m",
+    "force_peak_N",
+    "phase_margin_deg",
+    "sensitivity_peak",
     "stiffness_least_N_per_m",
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -85,9 +89,14 @@ class JobResult(Result):
         if self.parts:
             return laws_table(self.job.title, self.parts)
         columns = [
-            Column("law"), Column("RMS", "m"), Column("peak", "m"), Column("force", "N"), Column("PM", "deg", ".1f"),
-            Column("Ms", form=".2f"), Column("stiffness", "N/m", "3"),
-        ]  # fmt: skip
+            Column("law"),
+            Column("RMS", "m"),
+            Column("peak", "m"),
+            Column("force", "N"),
+            Column("PM", "deg", ".1f"),
+            Column("Ms", form=".2f"),
+            Column("stiffness", "N/m", "3"),
+        ]
         lines: list[list[Cell]] = []
         for row in self.rows:
             figures = numbers(row)
@@ -143,9 +152,13 @@ class JobResult(Result):
                 figures = float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error))), float(np.max(np.abs(force)))
                 rows.append([row.name, axis, *figures, float(tripped[0]) if tripped.size else None])
         columns = [
-            Column("law"), Column("axis"), Column("RMS", "m"), Column("peak", "m"), Column("force", "N"),
+            Column("law"),
+            Column("axis"),
+            Column("RMS", "m"),
+            Column("peak", "m"),
+            Column("force", "N"),
             Column("trips at", "s", "SI"),
-        ]  # fmt: skip
+        ]
         title = "The other axes in the same runs: following error and force"
         return Table(title, columns, rows) if rows else None
 
@@ -243,9 +256,14 @@ def _matched(job: Job) -> list[str]:
 
 
 def _row(
-    job: Job, name: str, loop: Loop, measured: Mapping[str, np.ndarray] | None, velocity: float, observers: Listening,
+    job: Job,
+    name: str,
+    loop: Loop,
+    measured: Mapping[str, np.ndarray] | None,
+    velocity: float,
+    observers: Listening,
     progress: Progress,
-) -> Entry:  # fmt: skip
+) -> Entry:
     """One law, analyzed and simulated; errors name the job and the law."""
     where = f"{job.file.name}: law '{name}'"
     progress.step(f"{name}: its linear model")

@@ -71,9 +71,15 @@ def parameter(
     infinite   it may be infinite, as a bound that holds nothing back
     """
     declaration = Declaration(
-        role="parameter", unit=unit, meaning=meaning, above=above, least=least, below=below, most=most,
+        role="parameter",
+        unit=unit,
+        meaning=meaning,
+        above=above,
+        least=least,
+        below=below,
+        most=most,
         infinite=infinite,
-    )  # fmt: skip
+    )
     return field(default=default, metadata={"declaration": declaration})  # type: ignore[call-overload]
 
 
@@ -91,9 +97,16 @@ def choice(
 
 
 def table(
-    unit: str, meaning: str, *, default: Any = MISSING, above: float | None = None, least: float | None = None,
-    below: float | None = None, most: float | None = None, shortest: int = 2,
-) -> Any:  # fmt: skip
+    unit: str,
+    meaning: str,
+    *,
+    default: Any = MISSING,
+    above: float | None = None,
+    least: float | None = None,
+    below: float | None = None,
+    most: float | None = None,
+    shortest: int = 2,
+) -> Any:
     """Declare a row of `shortest` numbers or more, held as a float64 array of one dimension; each keeps the bounds."""
     declaration = Declaration(
         role="table", unit=unit, meaning=meaning, above=above, least=least, below=below, most=most, shortest=shortest
@@ -207,11 +220,15 @@ def _lines(block: Block, place: str) -> list[list[Cell]]:
 
 def _parameters(block: Block, place: str) -> list[list[Cell]]:
     own = [
-        [f"{place}.{name}" if place else name, *_cells(getattr(block, name), declared.unit),
-         declared.bounds() or ", ".join(map(str, declared.options)), declared.meaning]
+        [
+            f"{place}.{name}" if place else name,
+            *_cells(getattr(block, name), declared.unit),
+            declared.bounds() or ", ".join(map(str, declared.options)),
+            declared.meaning,
+        ]
         for name, declared in declarations(type(block)).items()
         if declared.role != "part" and getattr(block, name) is not None
-    ]  # fmt: skip
+    ]
     for name, part in _parts(block):
         own += _parameters(part, f"{place}.{name}" if place else name)
     return own

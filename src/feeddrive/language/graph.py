@@ -44,15 +44,28 @@ ELEMENTARY = frozenset({"exp", "expm1", "log", "sin", "cos", "tanh", "atan"})
 STEEP = frozenset({"sqrt", "log", "select"})
 # What other libraries have, and what stands for it in a law; functions of `ops` with the same name are not listed.
 SPELLED = {
-    "abs": "ops.absolute(x)", "absolute": "ops.absolute(x)", "fabs": "ops.absolute(x)", "arctan": "ops.atan(x)",
-    "arctan2": "ops.atan2(y, x)", "ceil": "-ops.floor(-x)", "copysign": "ops.where(y < 0.0, -abs(x), abs(x))",
-    "floor_divide": "ops.floor(x / y)", "fmax": "ops.maximum(x, y)", "fmin": "ops.minimum(x, y)",
-    "hypot": "ops.sqrt(x*x + y*y)", "isfinite": "nothing: the guard of the loop replaces broken readings",
-    "isnan": "nothing: the guard of the loop replaces broken readings", "log10": "ops.log(x) / 2.302585092994046",
-    "log2": "ops.log(x) / 0.6931471805599453", "max": "ops.maximum(x, y)", "min": "ops.minimum(x, y)",
-    "pow": "ops.power(x, y) for x > 0, or x*x", "round": "ops.floor(x + 0.5)", "square": "x*x",
+    "abs": "ops.absolute(x)",
+    "absolute": "ops.absolute(x)",
+    "fabs": "ops.absolute(x)",
+    "arctan": "ops.atan(x)",
+    "arctan2": "ops.atan2(y, x)",
+    "ceil": "-ops.floor(-x)",
+    "copysign": "ops.where(y < 0.0, -abs(x), abs(x))",
+    "floor_divide": "ops.floor(x / y)",
+    "fmax": "ops.maximum(x, y)",
+    "fmin": "ops.minimum(x, y)",
+    "hypot": "ops.sqrt(x*x + y*y)",
+    "isfinite": "nothing: the guard of the loop replaces broken readings",
+    "isnan": "nothing: the guard of the loop replaces broken readings",
+    "log10": "ops.log(x) / 2.302585092994046",
+    "log2": "ops.log(x) / 0.6931471805599453",
+    "max": "ops.maximum(x, y)",
+    "min": "ops.minimum(x, y)",
+    "pow": "ops.power(x, y) for x > 0, or x*x",
+    "round": "ops.floor(x + 0.5)",
+    "square": "x*x",
     "trunc": "ops.where(x < 0.0, -ops.floor(-x), ops.floor(x))",
-}  # fmt: skip
+}
 _NAMED = ("atan2", "clip", "power", "minimum", "maximum", "sign", "tan", "where")  # operations of `ops` made of others
 
 Node: TypeAlias = tuple[Any, ...]
@@ -275,9 +288,15 @@ class Symbol:
 
 # names of numpy's functions for the operators that a symbol has
 _OF_NUMPY = {
-    "add": "add", "subtract": "sub", "multiply": "mul", "divide": "div", "less": "lt", "less_equal": "le",
-    "greater": "lt", "greater_equal": "le",
-}  # fmt: skip
+    "add": "add",
+    "subtract": "sub",
+    "multiply": "mul",
+    "divide": "div",
+    "less": "lt",
+    "less_equal": "le",
+    "greater": "lt",
+    "greater_equal": "le",
+}
 
 
 def _refused(why: str) -> LanguageError:

@@ -39,8 +39,10 @@ class Judgment(Enum):
     LEAVE_CONTROL = "tune", "Leave the control as it is", 0
     DO_NOT_USE_TUNING = "tune", "the tuning violates a limit or its proof failed; no machine file was written", 1
     FEWER_ARE_GOOD = (
-        "tune --study", "fewer fresh machines are good than under today's control; no machine file was written", 1
-    )  # fmt: skip
+        "tune --study",
+        "fewer fresh machines are good than under today's control; no machine file was written",
+        1,
+    )
     RANKED = "compare", "has the least rope-snap error of all that are ranked", 0
     KEEP_GAINS = "compare", "Today's gains have the least rope-snap error of all that are ranked: keep them", 0
     NONE_RANKED = "compare", "No law that was tuned is ranked: nothing is recommended", 1

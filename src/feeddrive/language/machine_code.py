@@ -70,9 +70,16 @@ def machine_code(source: str, entries: Sequence[str], *, effort: int, passes: Se
 
 
 def linked_code(
-    content: str, source: Callable[[], str], names: Sequence[str], symbols: Mapping[str, int],
-    below: Sequence[MachineCode], *, effort: int, passes: Sequence[str] = (), stored: bool = False,
-) -> MachineCode | None:  # fmt: skip
+    content: str,
+    source: Callable[[], str],
+    names: Sequence[str],
+    symbols: Mapping[str, int],
+    below: Sequence[MachineCode],
+    *,
+    effort: int,
+    passes: Sequence[str] = (),
+    stored: bool = False,
+) -> MachineCode | None:
     """The functions `names` of an LLVM module that calls those of others, whose addresses are the `symbols`.
 
     content  names all that its text depends on, so that it is written only if the code is not on the disk

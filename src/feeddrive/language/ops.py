@@ -35,10 +35,40 @@ from feeddrive.language.primitives import (
 )
 
 __all__ = [
-    "absolute", "atan", "atan2", "both", "clip", "cos", "either", "equal", "exp", "expm1", "exponent", "floor",
-    "gather", "interpolate", "length", "log", "maximum", "minimum", "most", "no", "normal", "pi", "power",
-    "power_of_two", "quantise", "sign", "sin", "sqrt", "tan", "tanh", "uniform", "where", "zero",
-]  # fmt: skip
+    "absolute",
+    "atan",
+    "atan2",
+    "both",
+    "clip",
+    "cos",
+    "either",
+    "equal",
+    "exp",
+    "expm1",
+    "exponent",
+    "floor",
+    "gather",
+    "interpolate",
+    "length",
+    "log",
+    "maximum",
+    "minimum",
+    "most",
+    "no",
+    "normal",
+    "pi",
+    "power",
+    "power_of_two",
+    "quantise",
+    "sign",
+    "sin",
+    "sqrt",
+    "tan",
+    "tanh",
+    "uniform",
+    "where",
+    "zero",
+]
 
 pi = 3.141592653589793
 

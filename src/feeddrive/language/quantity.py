@@ -26,8 +26,14 @@ from feeddrive.language.units import factor, turning
 
 # the unit in which people of the field read a quantity, by its SI unit
 _USUAL = {
-    "m": "um", "m/s": "mm/s", "s": "ms", "N/m": "N/um", "m/N": "um/N", "m √s/N": "nm √s/N", "share": "%",
-}  # fmt: skip
+    "m": "um",
+    "m/s": "mm/s",
+    "s": "ms",
+    "N/m": "N/um",
+    "m/N": "um/N",
+    "m √s/N": "nm √s/N",
+    "share": "%",
+}
 # a recorded angle or torque of an axis that turns is read as the length or force of one that does not
 _OF_SIGNALS = _USUAL | {turning(unit): turning(name) for unit, name in _USUAL.items()}
 _SHARES = {"%": 100.0, "ppm": 1e6, "": 1.0}
@@ -37,8 +43,11 @@ _READABLE = 7  # digits before the point up to which a number is written without
 DECIBEL, ABSOLUTE = "dB", "absolute"
 _LENGTHS = {"nm": "nm", "um": "um", "mm": "mm", "inch": "in"}
 CHOICES: Mapping[str, tuple[str, ...]] = {
-    "length": tuple(_LENGTHS), "force": ("N", "kN"), "frequency": ("Hz", "rad/s"), "gain": (DECIBEL, ABSOLUTE),
-}  # fmt: skip
+    "length": tuple(_LENGTHS),
+    "force": ("N", "kN"),
+    "frequency": ("Hz", "rad/s"),
+    "gain": (DECIBEL, ABSOLUTE),
+}
 _LENGTH_WORD = re.compile(r"(?<!\w)[num]?m(?!\w)")
 
 

@@ -144,8 +144,12 @@ class History(NamedTuple):
 
     def settled(self) -> History:
         """The same after a long time: every cell holds the initial value."""
-        return History(Ring(self.ring.length, np.full(self.ring.length, float(self.initial))), self.head,
-                       zero(self.initial) + float(self.ring.length), self.initial)  # fmt: skip
+        return History(
+            Ring(self.ring.length, np.full(self.ring.length, float(self.initial))),
+            self.head,
+            zero(self.initial) + float(self.ring.length),
+            self.initial,
+        )
 
     def push(self, value: Any) -> History:
         """With a newest value."""
@@ -200,8 +204,10 @@ class Track(NamedTuple):
         return Track(
             tuple(ring.put(self.head, x) for ring, x in zip(self.values, values, strict=True)),
             tuple(ring.put(self.head, x) for ring, x in zip(self.rates, rates, strict=True)),
-            head, minimum(self.filled + 1.0, last + 1.0), self.initial,
-        )  # fmt: skip
+            head,
+            minimum(self.filled + 1.0, last + 1.0),
+            self.initial,
+        )
 
     def ago(self, count: Any, h: Any, ahead: float = 0.0) -> tuple[Any, ...]:
         """The values `count` values before the newest ones, a real number, and `ahead` of a step from there.

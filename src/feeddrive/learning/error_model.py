@@ -195,8 +195,14 @@ LEAST_OWN = 0.02  # of a column's size: least part not explained by other column
 FRICTION = ("coulomb_positive", "coulomb_negative", "stribeck")
 # of two similar columns the later one in this order is frozen
 _ORDER = (
-    "mass", "coulomb_positive", "coulomb_negative", "viscous", "stribeck", "jerk_feedforward", "snap_feedforward",
-)  # fmt: skip
+    "mass",
+    "coulomb_positive",
+    "coulomb_negative",
+    "viscous",
+    "stribeck",
+    "jerk_feedforward",
+    "snap_feedforward",
+)
 
 
 def not_excited(

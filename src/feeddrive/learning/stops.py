@@ -31,13 +31,19 @@ def learn_stops(loop: Loop, *, seed: int = 0) -> tuple[Loop, LearnedStops]:
     bare = replace(loop, control=replace(control, feedforward=others))
     run = simulate(bare, _swings(_center(loop), T), seed=seed, record=["reading_load", "force"], name="swings")
     log = MotionLog(
-        name=loop.name, position=run["reading_load"], force=run["force"], sample_time=T, rotary=loop.axis.rotary,
+        name=loop.name,
+        position=run["reading_load"],
+        force=run["force"],
+        sample_time=T,
+        rotary=loop.axis.rotary,
         turning=loop.axis.rotary,
-    )  # fmt: skip
+    )
     how = Preparation(
-        cutoff=200.0, decimation=max(1, round(1e-3 / T)), delay=HOLD + float(loop.axis.actuator.delay()) / T,
+        cutoff=200.0,
+        decimation=max(1, round(1e-3 / T)),
+        delay=HOLD + float(loop.axis.actuator.delay()) / T,
         reversals=True,
-    )  # fmt: skip
+    )
     found = learned_stops(log, mass=float(loop.axis.plant.rigid_mass()), how=how)
     return replace(bare, control=replace(bare.control, feedforward=(*others, found.stops))), found
 

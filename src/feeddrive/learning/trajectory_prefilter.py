@@ -108,9 +108,14 @@ class PrefilterFit(Result):
             f"{Quantity(self.rms(self.predicted), 'm')} predicted; condition {Quantity(self.condition):3}"
         )
         columns = [
-            "regressor", "unit", Column("theta", form="SI"), Column("std. error", form="2 SI"),
-            Column("next theta", form="SI"), Column("corr.", "", ".2f"), Column("left", "", ".2f"),
-        ]  # fmt: skip
+            "regressor",
+            "unit",
+            Column("theta", form="SI"),
+            Column("std. error", form="2 SI"),
+            Column("next theta", form="SI"),
+            Column("corr.", "", ".2f"),
+            Column("left", "", ".2f"),
+        ]
         return Table(title, columns, rows)
 
 

@@ -122,9 +122,14 @@ class Trial(Result):
         x, v, a = (np.asarray(each) for each in self.setpoint[:3])
         largest = [float(np.ptp(x)), *(float(np.max(np.abs(values))) for values in (v, a))]
         columns = [
-            "trial", "samples", Column("travel", "m", "mm"), Column("velocity", "m/s"), Column("acceleration", "m/s2"),
-            Column("error RMS", "m"), Column("peak", "m"),
-        ]  # fmt: skip
+            "trial",
+            "samples",
+            Column("travel", "m", "mm"),
+            Column("velocity", "m/s"),
+            Column("acceleration", "m/s2"),
+            Column("error RMS", "m"),
+            Column("peak", "m"),
+        ]
         row = [self.name, self.following_error.size, *largest, self.rms, self.peak]
         return Table(f"a trial of {Quantity(self.following_error.size * self.sample_time, 's'):SI}", columns, [row])
 

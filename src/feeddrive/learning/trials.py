@@ -93,11 +93,12 @@ class Trials(Result):
         for name, values in self.parameters().items():
             curves.append((name, tree.declaration(declared, name).unit, "5 SI", values[: len(self.trials)].tolist()))
         rows = [
-            [f"{name} {unit_name(unit, form_unit(form))}", *(
-                None if value is None else Quantity(value, unit, form=form, bare=True) for value in values
-            )]
+            [
+                f"{name} {unit_name(unit, form_unit(form))}",
+                *(None if value is None else Quantity(value, unit, form=form, bare=True) for value in values),
+            ]
             for name, unit, form, values in curves
-        ]  # fmt: skip
+        ]
         heads = ["trial", *(str(j + 1) for j in range(len(self.trials)))]
         form = self.iterations[0].form
         return Table(f"{len(self.trials)} trials, {form}; predicted: as if the reference stayed", heads, rows)
@@ -145,9 +146,16 @@ def iterate_trials(
             break
         tuner = loop if believed is None else compensated(believed, compensator(loop))
         found = next_iteration(
-            tuner, shown[-1], form=form, gamma=gamma, mu=mu, columns=columns, plant=plant, least_mass=least_mass,
+            tuner,
+            shown[-1],
+            form=form,
+            gamma=gamma,
+            mu=mu,
+            columns=columns,
+            plant=plant,
+            least_mass=least_mass,
             saturation=saturation,
-        )  # fmt: skip
+        )
         learned.append(found)
         loop = compensated(loop, found.after)
         loops.append(loop)
@@ -322,10 +330,17 @@ class MachineTrials(Result):
 
 
 def iterate_machine(
-    machine: Machine, references: Mapping[str, Reference], runs: int = 4, *, form: str = "model_free",
-    gamma: float = 1.0, columns: Sequence[str] | None = None, least_mass: float = 0.0, seed: int = 0,
+    machine: Machine,
+    references: Mapping[str, Reference],
+    runs: int = 4,
+    *,
+    form: str = "model_free",
+    gamma: float = 1.0,
+    columns: Sequence[str] | None = None,
+    least_mass: float = 0.0,
+    seed: int = 0,
     progress: Progress | None = None,
-) -> MachineTrials:  # fmt: skip
+) -> MachineTrials:
     """Feedforward parameters of all axes that move, from run to run (`next_iteration` has the law and its arguments).
 
     Each axis learns from its own error; what couples it with others is seen as a disturbance that repeats.  An axis
@@ -345,9 +360,14 @@ def iterate_machine(
 
 
 def tune_prefilters(
-    machine: Machine, references: Mapping[str, Reference], runs: int = 3, *,
-    regressors: Sequence[str] = REGRESSORS, seed: int = 0, progress: Progress | None = None,
-) -> MachineTrials:  # fmt: skip
+    machine: Machine,
+    references: Mapping[str, Reference],
+    runs: int = 3,
+    *,
+    regressors: Sequence[str] = REGRESSORS,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> MachineTrials:
     """Trajectory prefilters of all axes that move, from run to run (`fit_prefilter` has the law).
 
     Raises ParameterError for fewer than two runs and for a prefilter of another kind, and as `simulate`.
@@ -373,10 +393,15 @@ def tune_prefilters(
 
 
 def _repeated(
-    machine: Machine, references: Mapping[str, Reference], runs: int, begun: Callable[[Loop], Loop],
-    learned: Callable[[Loop, Run, Reference], tuple[Loop, Block]], held: Callable[[Loop], Block | None], seed: int,
+    machine: Machine,
+    references: Mapping[str, Reference],
+    runs: int,
+    begun: Callable[[Loop], Loop],
+    learned: Callable[[Loop, Run, Reference], tuple[Loop, Block]],
+    held: Callable[[Loop], Block | None],
+    seed: int,
     progress: Progress | None,
-) -> MachineTrials:  # fmt: skip
+) -> MachineTrials:
     """Run after run, with what each axis learned from the one before."""
     if runs < 2:
         raise ParameterError(f"runs = {runs} must be >= 2: the first shows the error, the second what was learned")

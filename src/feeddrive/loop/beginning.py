@@ -41,9 +41,14 @@ class Beginning:
     """Delay structure, numbers and first states by name, tables and structure of a system at the start of a run."""
 
     def __init__(
-        self, timing: Any, numbers: dict[str, Any], first: dict[str, Any], tables: dict[str, Any],
-        structure: Hashable, trees: Callable[[], Trees],
-    ) -> None:  # fmt: skip
+        self,
+        timing: Any,
+        numbers: dict[str, Any],
+        first: dict[str, Any],
+        tables: dict[str, Any],
+        structure: Hashable,
+        trees: Callable[[], Trees],
+    ) -> None:
         self.timing, self.numbers, self.first = timing, numbers, first
         self.tables, self.structure, self._trees = tables, structure, trees
 
@@ -183,8 +188,10 @@ def traced_beginning(system: System, timing: Any, counted: Callable[[Symbol], fl
     leaves = (graph.input(name) for name, _ in tree.leaves(system))
     symbolic: Any = tree.with_tables(tree.rebuild(system, leaves), rows)
     prepared = symbolic.prepare(timing)
-    at = {axis: [cast(Number, graph.input(f"{port}{name}")) for name in STARTS]
-          for axis, port in zip(system.loops(), system.ports(), strict=True)}  # fmt: skip
+    at = {
+        axis: [cast(Number, graph.input(f"{port}{name}")) for name in STARTS]
+        for axis, port in zip(system.loops(), system.ports(), strict=True)
+    }
     position, velocity, setpoint = (
         {axis: take(row) for axis, row in at.items()}
         for take in (lambda row: row[0], lambda row: row[1], lambda row: Setpoint(*row[2:]))

@@ -232,13 +232,23 @@ class Control(Block):
         held = state.memory
         memory = self.Memory(
             held.prefilter if self.prefilter is None else self.prefilter.retune(held.prefilter, old.prefilter),
-            tuple(map(_retuned, self.compensation, held.compensation, old.compensation, old_prepared.compensation,
-                      prepared.compensation)),
+            tuple(
+                map(
+                    _retuned,
+                    self.compensation,
+                    held.compensation,
+                    old.compensation,
+                    old_prepared.compensation,
+                    prepared.compensation,
+                )
+            ),
             self.law.retune(held.law, old.law, old_prepared.law, prepared.law),
             tuple(map(_retuned, self.filters, held.filters, old.filters, old_prepared.filters, prepared.filters)),
-            tuple(block.retune(state, before) for block, state, before
-                  in zip(self.feedforward, held.feedforward, old.feedforward, strict=True)),
-        )  # fmt: skip
+            tuple(
+                block.retune(state, before)
+                for block, state, before in zip(self.feedforward, held.feedforward, old.feedforward, strict=True)
+            ),
+        )
         return state._replace(memory=memory)
 
     def _reading(self, state: State, motor: Number, load: Number) -> Reading:

@@ -39,9 +39,13 @@ class Controls:
         return tuple(coupling.listen(_of(coupling, setpoints)) for coupling in self.couplings)
 
     def step(
-        self, prepared: Sequence[Any], states: Mapping[str, Any], between: tuple[Any, ...],
-        given: Mapping[str, Given], T: Number,
-    ) -> tuple[dict[str, Any], tuple[Any, ...], dict[str, Control.Command]]:  # fmt: skip
+        self,
+        prepared: Sequence[Any],
+        states: Mapping[str, Any],
+        between: tuple[Any, ...],
+        given: Mapping[str, Given],
+        T: Number,
+    ) -> tuple[dict[str, Any], tuple[Any, ...], dict[str, Control.Command]]:
         """One sample: the states of the controls and of what runs between them, and the commands by axis."""
         judged = {
             name: each.judge(made, states[name], *given[name])
@@ -189,9 +193,11 @@ class Controllers(Block):
     def retune(self, state: State, old: Controllers, old_prepared: Any, prepared: Any) -> State:
         """The states after a live change; what runs between the controls keeps its own."""
         rows = zip(self.axis, state.axis, old.axis, old_prepared, prepared, strict=True)
-        return state._replace(axis=type(self.axis)(*(
-            new.control.retune(held, before.control, was, made) for new, held, before, was, made in rows
-        )))  # fmt: skip
+        return state._replace(
+            axis=type(self.axis)(
+                *(new.control.retune(held, before.control, was, made) for new, held, before, was, made in rows)
+            )
+        )
 
     def check_live(self, old: Controllers) -> None:
         """Raise StructureError if more than numbers differ."""

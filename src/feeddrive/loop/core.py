@@ -149,9 +149,16 @@ class Core:
         return (*position, *shared.position), (*velocity, *shared.velocity)
 
     def substep(
-        self, prepared: JointHold, states: Mapping[str, Axis.State], shared: Shared, acting: Mapping[str, Acting],
-        pushes: Mapping[str, Push], index: int, time: Number, h: Number,
-    ) -> tuple[dict[str, Axis.State], Shared, dict[str, Axis.Step]]:  # fmt: skip
+        self,
+        prepared: JointHold,
+        states: Mapping[str, Axis.State],
+        shared: Shared,
+        acting: Mapping[str, Acting],
+        pushes: Mapping[str, Push],
+        index: int,
+        time: Number,
+        h: Number,
+    ) -> tuple[dict[str, Axis.State], Shared, dict[str, Axis.Step]]:
         """One substep of h seconds from `time` on: linear core exact, forces at its middle, friction at its end.
 
         pushes  forces from outside the axes, such as those of couplings, constant over the substep
@@ -178,9 +185,15 @@ class Core:
         return self._settled(held, states, shared, free, columns, drives, h)
 
     def _free(
-        self, prepared: JointHold, states: Mapping[str, Axis.State], shared: Shared, acting: Mapping[str, Acting],
-        pushes: Mapping[str, Push], columns: Mapping[str, Columns], index: int,
-    ) -> Row:  # fmt: skip
+        self,
+        prepared: JointHold,
+        states: Mapping[str, Axis.State],
+        shared: Shared,
+        acting: Mapping[str, Acting],
+        pushes: Mapping[str, Push],
+        columns: Mapping[str, Columns],
+        index: int,
+    ) -> Row:
         """The end of the substep without friction."""
         position, velocity = self._joined(states, shared)
         before = (*position, *velocity, *(x for name in self.axes for x in states[name].drive))
@@ -197,9 +210,15 @@ class Core:
         return tuple(free)
 
     def _settled(
-        self, held: dict[str, Axis.State], states: Mapping[str, Axis.State], shared: Shared, free: Row,
-        columns: Mapping[str, Columns], drives: Mapping[str, Number], h: Number,
-    ) -> tuple[dict[str, Axis.State], Shared, dict[str, Axis.Step]]:  # fmt: skip
+        self,
+        held: dict[str, Axis.State],
+        states: Mapping[str, Axis.State],
+        shared: Shared,
+        free: Row,
+        columns: Mapping[str, Columns],
+        drives: Mapping[str, Number],
+        h: Number,
+    ) -> tuple[dict[str, Axis.State], Shared, dict[str, Axis.Step]]:
         """The end of the substep with the friction forces that fit its velocities."""
         contacts: list[Contact] = []
         owners: list[tuple[str, str]] = []

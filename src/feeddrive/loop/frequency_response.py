@@ -175,9 +175,14 @@ class FRF(Result):
         unit = "/".join(reversed(parts)) if len(parts) == 2 else ""
         variance = None if self.variance is None else self.variance / self.magnitude**4
         return replace(
-            self, response=1.0 / self.response, unit=unit, input=self.output, output=self.input, coherence=None,
+            self,
+            response=1.0 / self.response,
+            unit=unit,
+            input=self.output,
+            output=self.input,
+            coherence=None,
             variance=variance,
-        )  # fmt: skip
+        )
 
     def delayed(self, time: float) -> FRF:
         """The response with an exact dead time τ in s added, G e^(-j2πfτ); any τ, independent of the sample time."""
@@ -193,9 +198,12 @@ class FRF(Result):
         except ImportError as error:
             raise MissingExtraError("control", "control", "handing an FRF to python-control") from error
         return control.frd(
-            self.response, 2.0 * np.pi * self.frequency, self.sample_time or 0, inputs=[self.input],
+            self.response,
+            2.0 * np.pi * self.frequency,
+            self.sample_time or 0,
+            inputs=[self.input],
             outputs=[self.output],
-        )  # fmt: skip
+        )
 
     def table(self) -> Table:
         """Magnitude and phase at up to twelve frequencies."""
@@ -207,7 +215,9 @@ class FRF(Result):
         unit = unit_name(self.unit, "SI") if self.unit else "1"
         title = Text(f"{self.output} / {self.input} in {unit}, {self.frequency.size} lines")
         columns = [
-            Column("frequency", "Hz", "5"), Column("magnitude", self.unit, "4 SI"), Column("level", "dB", ".2f"),
+            Column("frequency", "Hz", "5"),
+            Column("magnitude", self.unit, "4 SI"),
+            Column("level", "dB", ".2f"),
             Column("phase", "deg", ".1f"),
-        ]  # fmt: skip
+        ]
         return Table(title, columns, rows)

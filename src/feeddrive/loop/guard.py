@@ -16,9 +16,13 @@ Memory = TypeVar("Memory")
 
 # codes of `Signals.trip`
 TRIP_NONE, TRIP_READING, TRIP_FOLLOWING_ERROR, TRIP_VELOCITY, TRIP_TRAVEL, TRIP_COMMAND = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
-TRIPS = {TRIP_READING: "a broken reading or setpoint", TRIP_FOLLOWING_ERROR: "the following error",
-         TRIP_VELOCITY: "the velocity", TRIP_TRAVEL: "the travel",
-         TRIP_COMMAND: "a command that is no number"}  # in words  # fmt: skip
+TRIPS = {
+    TRIP_READING: "a broken reading or setpoint",
+    TRIP_FOLLOWING_ERROR: "the following error",
+    TRIP_VELOCITY: "the velocity",
+    TRIP_TRAVEL: "the travel",
+    TRIP_COMMAND: "a command that is no number",
+}  # in words
 
 LEFT_OUT = {
     "checks_setpoint": "a NaN or infinite number in a setpoint trips only when it makes the law's command one",

@@ -116,9 +116,15 @@ def hold(mechanics: Mechanics, ports: Sequence[Port], T: Number, substeps: int) 
 
 
 def _of_port(
-    mechanics: Mechanics, ports: Sequence[Port], place: int, full: Matrix, drive: int, h: Number, T: Number,
+    mechanics: Mechanics,
+    ports: Sequence[Port],
+    place: int,
+    full: Matrix,
+    drive: int,
+    h: Number,
+    T: Number,
     substeps: int,
-) -> Columns:  # fmt: skip
+) -> Columns:
     """The columns of one axis, of which that of the drive is `drive` in the matrix of all states and inputs."""
     count, timing = len(full) - 3 * len(ports), ports[place].timing
     states = range(count)

@@ -130,9 +130,14 @@ class Joint:
         return self.State(named(moved), tuple(shared), tuple(remembered)), done, mean
 
     def _coupled(
-        self, prepared: Prepared, states: Mapping[str, Axis.State], shared: list[Shared], remembered: list[Any],
-        middle: Number, h: Number,
-    ) -> dict[str, Push]:  # fmt: skip
+        self,
+        prepared: Prepared,
+        states: Mapping[str, Axis.State],
+        shared: list[Shared],
+        remembered: list[Any],
+        middle: Number,
+        h: Number,
+    ) -> dict[str, Push]:
         """The forces of all couplings by axis over a substep, whose middle is given; their states move on."""
         motions: dict[str, Motion] = {}
         found: dict[str, Push] = {}

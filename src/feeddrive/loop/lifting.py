@@ -147,12 +147,18 @@ def lifted(
     return Lifted(
         tuple(
             StateSpace(
-                each[np.ix_(keep, keep)], each[keep, n:], each[n:, keep], each[n:, n:], samples.sample_time, names,
-                tuple(inputs), tuple(outputs),
+                each[np.ix_(keep, keep)],
+                each[keep, n:],
+                each[n:, keep],
+                each[n:, n:],
+                samples.sample_time,
+                names,
+                tuple(inputs),
+                tuple(outputs),
             )
             for each in samples.jacobians
         )
-    )  # fmt: skip
+    )
 
 
 def gain_of(model: Lifted, frequency: np.ndarray, output: str = "force", input: str = "cut") -> tuple[FRF, np.ndarray]:  # noqa: A002

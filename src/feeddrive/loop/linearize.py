@@ -101,9 +101,15 @@ class StateSpace(Result):
         except ImportError as error:
             raise MissingExtraError("control", "control", "handing a model to python-control") from error
         return control.ss(
-            self.A, self.B, self.C, self.D, self.sample_time,
-            inputs=list(self.inputs), outputs=list(self.outputs), states=[s.replace(".", "_") for s in self.states],
-        )  # fmt: skip
+            self.A,
+            self.B,
+            self.C,
+            self.D,
+            self.sample_time,
+            inputs=list(self.inputs),
+            outputs=list(self.outputs),
+            states=[s.replace(".", "_") for s in self.states],
+        )
 
     def to_scipy(self) -> Any:
         """The same as a `scipy.signal.StateSpace` with `dt`; it has no names."""
@@ -125,8 +131,11 @@ class StateSpace(Result):
         ]
         title = f"{len(self.states)} states, inputs {', '.join(self.inputs)}, outputs {', '.join(self.outputs)}"
         columns = [
-            "pole z", Column("|z|", "1", ".6f"), Column("natural frequency", "Hz"), Column("damping", "1", ".3f"),
-        ]  # fmt: skip
+            "pole z",
+            Column("|z|", "1", ".6f"),
+            Column("natural frequency", "Hz"),
+            Column("damping", "1", ".3f"),
+        ]
         return Table(title, columns, rows)
 
 

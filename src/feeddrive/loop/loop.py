@@ -217,9 +217,14 @@ def inputs_of(inputs: Mapping[str, Number], port: str) -> tuple[Setpoint, Number
 
 
 def reported(
-    setpoint: Setpoint, motion: Motion, motor: Number, reading: Number, command: Control.Command, done: Axis.Step,
+    setpoint: Setpoint,
+    motion: Motion,
+    motor: Number,
+    reading: Number,
+    command: Control.Command,
+    done: Axis.Step,
     load: Number | None,
-) -> Signals:  # fmt: skip
+) -> Signals:
     """The signals of an axis in a sample."""
     return Signals(
         set_position=setpoint.position,

@@ -54,10 +54,11 @@ def on_target(system: System) -> Controller | Controllers:
     if isinstance(system, Loop):
         return controller_of(system)
     axes = {
-        name: Controlled(control=each.control, actuator=Drive(motor=each.axis.actuator.motor),
-                         encoders=each.axis.encoders())
+        name: Controlled(
+            control=each.control, actuator=Drive(motor=each.axis.actuator.motor), encoders=each.axis.encoders()
+        )
         for name, each in system.axes().items()
-    }  # fmt: skip
+    }
     return Controllers(axis=named(axes), couplings=tuple(each if each.controls else None for each in system.couplings))
 
 
@@ -79,10 +80,11 @@ def controller_routine(system: System, name: str) -> Routine:
         after, found = both.step(made, before, inputs, T)
     units = {f"{port}command": motor.unit for port, motor in motors(block) if motor is not None}
     outputs = {
-        each: (units[each], "the same in the unit of the drive", value) if each in units
+        each: (units[each], "the same in the unit of the drive", value)
+        if each in units
         else (*MEANINGS[quantity(each)], value)
         for each, value in found.items()
-    }  # fmt: skip
+    }
     return traced.routine(name, system, made, inputs, names, begun, after, outputs, _retune(block, made, begun))
 
 
@@ -144,8 +146,9 @@ def machine_routine(machine: Machine, name: str, seed: int = 0) -> Routine:
 
     Inputs and outputs are those of `plant_routine` with the axis before them; noise is that of a run with `seed`.
     """
-    traced = _Traced(Physics(axis=named({n: each.axis for n, each in machine.axes().items()}),
-                             couplings=machine.couplings), machine)  # fmt: skip
+    traced = _Traced(
+        Physics(axis=named({n: each.axis for n, each in machine.axes().items()}), couplings=machine.couplings), machine
+    )
     given = [f"{port}{each}" for port in machine.ports() for each in ("force", "load_force", "start_position")]
     inputs = {each: traced.given(each) for each in given}
     T, joint = traced.T, traced.symbolic.joint()
@@ -183,9 +186,18 @@ def machine_routine(machine: Machine, name: str, seed: int = 0) -> Routine:
         for axis, each in joint.axes.items()
     ]
     return traced.routine(
-        name, machine, made, inputs, [*names, "sample"], (begun, zero), (after, sample + 1.0), outputs, None, at_start,
+        name,
+        machine,
+        made,
+        inputs,
+        [*names, "sample"],
+        (begun, zero),
+        (after, sample + 1.0),
+        outputs,
+        None,
+        at_start,
         same,
-    )  # fmt: skip
+    )
 
 
 _SEEN = ("reading_motor", "reading_load", "position_motor", "position_load", "velocity_motor", "velocity_load")
@@ -216,10 +228,19 @@ class _Traced:
         return self.graph.input(name)
 
     def routine(
-        self, name: str, loop: System, made: Any, inputs: Mapping[str, Any], states: list[str], begun: Any, after: Any,
-        outputs: Mapping[str, tuple[str, str, Any]], retune: Retune | None, first: Mapping[str, Any] | None = None,
+        self,
+        name: str,
+        loop: System,
+        made: Any,
+        inputs: Mapping[str, Any],
+        states: list[str],
+        begun: Any,
+        after: Any,
+        outputs: Mapping[str, tuple[str, str, Any]],
+        retune: Retune | None,
+        first: Mapping[str, Any] | None = None,
         conditions: Sequence[tuple[Any, str]] = (),
-    ) -> Routine:  # fmt: skip
+    ) -> Routine:
         """All of it with names, units and meanings."""
         values = dict(tree.leaves(self.block))
         node = self.graph.symbol

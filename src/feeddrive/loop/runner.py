@@ -68,8 +68,11 @@ class Prepared:
         names = [f"{port}{name}" for port in self.system.ports() for name in SETPOINT]
         for kind, wanted in (("load_force", load), ("enable", enable)):
             there = [axis for axis in self.system.loops() if wanted is True or (wanted and axis in wanted)]
-            names += [f"{port}{kind}" for axis, port in zip(self.system.loops(), self.system.ports(), strict=True)
-                      if axis in there]  # fmt: skip
+            names += [
+                f"{port}{kind}"
+                for axis, port in zip(self.system.loops(), self.system.ports(), strict=True)
+                if axis in there
+            ]
         names += probes
         key = (self._begun.structure, self.timing, tuple(names))
 
@@ -146,8 +149,9 @@ class Prepared:
         if isinstance(plain, Loop):
             return [_Running("control", plain.control, all_made.control, begun.control)]
         rows = zip(plain.axes().items(), all_made.control, begun.axis, strict=True)
-        return [_Running(f"axis.{name}.control", each.control, made, begun.control)
-                for (name, each), made, begun in rows]  # fmt: skip
+        return [
+            _Running(f"axis.{name}.control", each.control, made, begun.control) for (name, each), made, begun in rows
+        ]
 
     def rows(self, made: Native) -> list[np.ndarray]:
         """Tables in the order of the machine code."""

@@ -169,10 +169,22 @@ def simulate(
     change of the structure.
     """
     pieces = stream(
-        loop, reference, load=load, added_force=added_force, enable=enable, changes=changes, duration=duration,
-        start=start, seed=seed, record=record, arithmetic=arithmetic, bound=bound,
-        chunk=None if progress is None else CHUNK, name=name, progress=progress,
-    )  # fmt: skip
+        loop,
+        reference,
+        load=load,
+        added_force=added_force,
+        enable=enable,
+        changes=changes,
+        duration=duration,
+        start=start,
+        seed=seed,
+        record=record,
+        arithmetic=arithmetic,
+        bound=bound,
+        chunk=None if progress is None else CHUNK,
+        name=name,
+        progress=progress,
+    )
     parts = list(pieces)
     first = parts[0]
     if len(parts) == 1:

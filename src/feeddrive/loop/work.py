@@ -63,8 +63,15 @@ class Work:
         self.T = float(system.sample_time)
         self._single = isinstance(system, Loop)
         self._ports = dict(zip(system.loops(), system.ports(), strict=True))
-        by_axis = [self._by_axis(each, what) for each, what in (
-            (reference, "reference"), (load, "load"), (enable, "enable"), (added_force, "added_force"))]  # fmt: skip
+        by_axis = [
+            self._by_axis(each, what)
+            for each, what in (
+                (reference, "reference"),
+                (load, "load"),
+                (enable, "enable"),
+                (added_force, "added_force"),
+            )
+        ]
         self.reference, self.load, self.enable, self.added_force = by_axis
         missing = [axis for axis in self._ports if axis not in self.reference]
         if missing:
@@ -114,10 +121,12 @@ class Work:
         if start < 0 or start + count > self._count:
             t = cache(lambda: (first + np.arange(count)) * self.T)
             self._paths = {axis: self._along(self.reference[axis], t, first, count) for axis in self._ports}
-            self._forces = {f"{port}{name}": np.broadcast_to(forces[axis].at(t()), count)
-                            for axis, port in self._ports.items()
-                            for name, forces in (("load_force", self.load), ("added_force", self.added_force))
-                            if axis in forces}  # fmt: skip
+            self._forces = {
+                f"{port}{name}": np.broadcast_to(forces[axis].at(t()), count)
+                for axis, port in self._ports.items()
+                for name, forces in (("load_force", self.load), ("added_force", self.added_force))
+                if axis in forces
+            }
             self._first, self._count, start = first, count, 0
         return slice(start, start + count)
 

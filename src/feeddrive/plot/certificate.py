@@ -57,9 +57,15 @@ def _room(found: Certificate, plant: Any, low: float, *, named: bool, first: boo
             f"discs could be {Quantity(plant['reserve']):3} times as wide, at {Quantity(plant['reserve_at_Hz'], 'Hz')}"
         )
     return Panel(
-        "relative size", tuple(curves), tuple(marks), bands=(Band(f, np.full(f.size, floor), radius, 1),), scale=LOG,
-        low=floor, high=30.0 * max(1.0, least), said=Text(f"{plant['name']}: {said}") if named else said,
-    )  # fmt: skip
+        "relative size",
+        tuple(curves),
+        tuple(marks),
+        bands=(Band(f, np.full(f.size, floor), radius, 1),),
+        scale=LOG,
+        low=floor,
+        high=30.0 * max(1.0, least),
+        said=Text(f"{plant['name']}: {said}") if named else said,
+    )
 
 
 def _measured(plant: Any) -> list[tuple[float, float]]:

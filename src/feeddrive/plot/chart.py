@@ -294,9 +294,14 @@ class Chart:
         label, side, beside, said = (resolve(text, units) for text in (self.label, self.side, self.beside, self.said))
         panels = tuple(_shown(panel, units) for panel in self.panels)
         return replace(
-            self, label=label, side=side, beside=beside, said=said, ticks=_shown_ticks(self.ticks, units),
+            self,
+            label=label,
+            side=side,
+            beside=beside,
+            said=said,
+            ticks=_shown_ticks(self.ticks, units),
             panels=panels,
-        )  # fmt: skip
+        )
 
 
 Thing = TypeVar("Thing", Curve, Band, Mark, Level, Note, Box)

@@ -90,9 +90,7 @@ def circle_chart(test: CircleTest, before: CircleTest | None = None, division: f
         k = len(r) // 8 + (0 if circle.direction > 0 else 3)
         curves.append(_arrow(float(ring + r[k]), float(np.radians(angle[k])), circle.direction, each, i))
     marks += [_peak(each, ring) for each in quadrant_peaks(test)]
-    rings = tuple(
-        Disc(0.0, 0.0, ring + k * each, faint=k != 0) for k in range(-_DIVISIONS, _DIVISIONS + 1)
-    )  # fmt: skip
+    rings = tuple(Disc(0.0, 0.0, ring + k * each, faint=k != 0) for k in range(-_DIVISIONS, _DIVISIONS + 1))
     at = [np.radians(angle) for angle, _ in _QUADRANTS]
     axes = [text.format(test.circles[0].axes[k % 2].upper()) for k, (_, text) in enumerate(_QUADRANTS)]
     notes = [
@@ -243,9 +241,14 @@ def circle_causes_chart(found: CircleCauses, most: int = 12) -> Chart:
     said = Text(f"not explained: {Quantity(found.residual, 'm'):3} RMS; bars: standard error; {_runs(found)}")
     rows = max(len(shown), 1)
     panel = Panel(
-        "", tuple(errors), boxes=tuple(bars), ticks=listed([cause.name for cause in shown]), low=0.5 - rows, high=0.6,
+        "",
+        tuple(errors),
+        boxes=tuple(bars),
+        ticks=listed([cause.name for cause in shown]),
+        low=0.5 - rows,
+        high=0.6,
         said=said,
-    )  # fmt: skip
+    )
     label = f"largest radial deviation ({unit_name('um')})"
     return Chart(label, (panel,), low=0.0, high=1.75 * widest, height=1.0 + 0.34 * rows)
 
@@ -273,17 +276,21 @@ def _reversal(found: Reversals, reversal: Reversal) -> Panel:
     length = reversal.rows.stop - reversal.rows.start
     rows = slice(max(0, reversal.rows.start - length // 5), reversal.rows.start + max(2, (3 * length) // 4))
     time = 1e3 * (found.time[rows] - reversal.time)
-    stands = Box(1e3 * reversal.stick_begin, 1e3 * (reversal.stick_begin + reversal.stick_time), number=NEUTRAL,
-                 pale=True)  # fmt: skip
+    stands = Box(
+        1e3 * reversal.stick_begin, 1e3 * (reversal.stick_begin + reversal.stick_time), number=NEUTRAL, pale=True
+    )
     said = Text(
         f"{reversal.axis} at {reversal.side}: {Quantity(reversal.height, 'm'):3} at "
         f"{Quantity(reversal.peak_time, 's'):3}, stands {Quantity(reversal.stick_time, 's'):3}"
     )
     return Panel(
-        f"outward ({unit_name('um')})", (Curve(time, 1e6 * found.outward[rows]),), boxes=(stands,), said=said,
+        f"outward ({unit_name('um')})",
+        (Curve(time, 1e6 * found.outward[rows]),),
+        boxes=(stands,),
+        said=said,
         levels=(Level(1e6 * reversal.base, dashed=True),),
         abscissa=Abscissa("since the reversal (ms)", low=float(time[0]), high=float(time[-1])),
-    )  # fmt: skip
+    )
 
 
 def axis_load_chart(load: AxisLoad) -> Chart:

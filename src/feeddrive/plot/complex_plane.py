@@ -63,14 +63,27 @@ def nyquist_chart(loops: Margins | Mapping[str, Margins]) -> Chart:
     axes = Level(0.0, faint=True), Level(0.0, upright=True, faint=True)
     low, high, bottom, top = REACH
     panel = Panel(
-        "imaginary part of L", (*curves, critical), marks=tuple(marks), levels=axes, discs=tuple(discs), notes=notes,
-        low=bottom, high=top,
-    )  # fmt: skip
+        "imaginary part of L",
+        (*curves, critical),
+        marks=tuple(marks),
+        levels=axes,
+        discs=tuple(discs),
+        notes=notes,
+        low=bottom,
+        high=top,
+    )
     alone = len(chosen) == 1
     return Chart(
-        "real part of L", (panel,), low=low, high=high, square=True, height=max(4.8, 0.45 * len(chosen)), columns=1,
-        width=5.4 if alone else WIDTH, legend=ABOVE if alone else RIGHT,
-    )  # fmt: skip
+        "real part of L",
+        (panel,),
+        low=low,
+        high=high,
+        square=True,
+        height=max(4.8, 0.45 * len(chosen)),
+        columns=1,
+        width=5.4 if alone else WIDTH,
+        legend=ABOVE if alone else RIGHT,
+    )
 
 
 nyquist = figure_of(nyquist_chart)

@@ -59,15 +59,20 @@ def contour_chart(found: ContourError) -> Chart:
             Curve(*envelope(along, error), size=0.65),
             Curve(worst[:, 0], worst[:, 1], "worst places", ALERT, RING),
         ),
-        levels=(Level(0.0, faint=True),), low=low, high=high, share=1.5,
+        levels=(Level(0.0, faint=True),),
+        low=low,
+        high=high,
+        share=1.5,
         said=Text(f"largest {largest}, RMS {rms}, 95 % within {within}"),
         abscissa=Abscissa(f"length of the path ({unit_name('mm')})"),
-    )  # fmt: skip
+    )
     counts, edges = np.histogram(error, bins=60, weights=100.0 * found.weights)
     share = Panel(
-        "part of the path\n(%)", (Curve(*filled_stairs(edges, counts), look=SOLID),), low=0.0,
+        "part of the path\n(%)",
+        (Curve(*filled_stairs(edges, counts), look=SOLID),),
+        low=0.0,
         abscissa=Abscissa(f"contour error ({unit_name('um')})"),
-    )  # fmt: skip
+    )
     return Chart("", (over, share), height=4.6, legend=PANELS)
 
 
@@ -75,8 +80,11 @@ contour = figure_of(contour_chart)
 
 
 def contour_on_path_chart(
-    found: ContourError, axes: tuple[int, int] = (0, 1), enlarged: float | None = None, places: Sequence[Worst] = (),
-) -> Chart:  # fmt: skip
+    found: ContourError,
+    axes: tuple[int, int] = (0, 1),
+    enlarged: float | None = None,
+    places: Sequence[Worst] = (),
+) -> Chart:
     """The path that counts with the size of the error as color, and the deviation from it, enlarged by a round factor.
 
     Places in mm, the size of the error in µm.
@@ -102,10 +110,16 @@ def contour_on_path_chart(
     said = Text(f"largest {Quantity(found.largest, 'm')}, RMS {Quantity(found.rms, 'm')}")
     heat = Heat(f"contour error ({unit_name('um')})", 0.0, max(1e6 * found.largest, 1e-9))
     marks = tuple(
-        Mark(1e3 * float(each.position[i]), 1e3 * float(each.position[j]), ALERT, True,
-             said=Text(f"{Quantity(abs(each.error), 'm'):3}"), key=str(k))
+        Mark(
+            1e3 * float(each.position[i]),
+            1e3 * float(each.position[j]),
+            ALERT,
+            True,
+            said=Text(f"{Quantity(abs(each.error), 'm'):3}"),
+            key=str(k),
+        )
         for k, each in enumerate(places)
-    )  # fmt: skip
+    )
     panel = Panel(f"{found.axes[j]} ({unit_name('mm')})", curves, marks, low=low, high=high, said=said, heat=heat)
     return Chart(
         f"{found.axes[i]} ({unit_name('mm')})",

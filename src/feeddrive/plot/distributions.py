@@ -74,9 +74,12 @@ def gradient_chart(found: Gradient) -> Chart:
     reach = max(map(abs, share.values()), default=0.0) or 1.0
     low, high = (1.3 * end for end in (min(0.0, *share.values()), max(0.0, *share.values())))
     return Chart(
-        "change of the cost for +1 % of the parameter (%)", (replace(panel, levels=(Level(0.0, upright=True),)),),
-        low=min(low, -0.18 * reach), high=max(high, 0.18 * reach), height=1.0 + 0.3 * len(names),
-    )  # fmt: skip
+        "change of the cost for +1 % of the parameter (%)",
+        (replace(panel, levels=(Level(0.0, upright=True),)),),
+        low=min(low, -0.18 * reach),
+        high=max(high, 0.18 * reach),
+        height=1.0 + 0.3 * len(names),
+    )
 
 
 gradient = figure_of(gradient_chart)
@@ -95,13 +98,23 @@ effort = figure_of(effort_chart)
 
 
 def bars(
-    names: Sequence[str], sizes: Sequence[float], texts: Sequence[str], numbers: Sequence[int] | None = None,
+    names: Sequence[str],
+    sizes: Sequence[float],
+    texts: Sequence[str],
+    numbers: Sequence[int] | None = None,
     base: float = 0.0,
-) -> Panel:  # fmt: skip
+) -> Panel:
     """A row for each name, from the top: a bar from `base` to its size, with a text beside."""
     boxes = tuple(
-        Box(min(base, size), max(base, size), -row - 0.32, -row + 0.32, 0 if numbers is None else numbers[row],
-            text=texts[row], beside=True)
+        Box(
+            min(base, size),
+            max(base, size),
+            -row - 0.32,
+            -row + 0.32,
+            0 if numbers is None else numbers[row],
+            text=texts[row],
+            beside=True,
+        )
         for row, size in enumerate(sizes)
-    )  # fmt: skip
+    )
     return Panel("", boxes=boxes, ticks=listed(names), low=0.4 - max(len(names), 1), high=0.6)

@@ -196,9 +196,15 @@ def _legends(figure: Picture, axes: Sequence[Axes], chart: Chart) -> None:
     entries = curves | levels
     if chart.legend == looks.RIGHT and entries:
         figure.legend(
-            list(entries.values()), list(entries), loc="outside right upper", fontsize=style.SMALL, frameon=False,
-            labelcolor=style.INK, handlelength=2.6, labelspacing=1.0,
-        )  # fmt: skip
+            list(entries.values()),
+            list(entries),
+            loc="outside right upper",
+            fontsize=style.SMALL,
+            frameon=False,
+            labelcolor=style.INK,
+            handlelength=2.6,
+            labelspacing=1.0,
+        )
     else:
         style.figure_legend(figure, entries, chart.columns)
     if chart.side:
@@ -208,9 +214,15 @@ def _legends(figure: Picture, axes: Sequence[Axes], chart: Chart) -> None:
     if chart.beside:
         axes[0].set_anchor("W")
         axes[0].annotate(
-            style.escaped(chart.beside), (1.02, 0.5), xycoords="axes fraction", ha="left", va="center",
-            fontsize=style.SMALL, color=style.INK, linespacing=1.5,
-        )  # fmt: skip
+            style.escaped(chart.beside),
+            (1.02, 0.5),
+            xycoords="axes fraction",
+            ha="left",
+            va="center",
+            fontsize=style.SMALL,
+            color=style.INK,
+            linespacing=1.5,
+        )
 
 
 def _panel(ax: Axes, panel: Panel, chart: Chart, crowded: bool) -> None:
@@ -232,8 +244,14 @@ def _panel(ax: Axes, panel: Panel, chart: Chart, crowded: bool) -> None:
             _heat(ax, curve, curve.heat, panel.heat)
     for mark in panel.marks:
         face: dict[str, Any] = {"markerfacecolor": style.PAPER} if mark.hollow else {}
-        ax.plot([mark.x], [mark.y], style.marker(mark.number), color=_color(mark.number),
-                markersize=6.0 if mark.name else 4.5, **face)  # fmt: skip
+        ax.plot(
+            [mark.x],
+            [mark.y],
+            style.marker(mark.number),
+            color=_color(mark.number),
+            markersize=6.0 if mark.name else 4.5,
+            **face,
+        )
     for note in panel.notes:
         _note(ax, note)
     if panel.scale == looks.LOG:
@@ -260,14 +278,30 @@ def _panel(ax: Axes, panel: Panel, chart: Chart, crowded: bool) -> None:
 def _level(ax: Axes, level: Level, kind: int) -> None:
     draw = ax.axvline if level.upright else ax.axhline
     tint = _color(level.number, style.MUTED if level.dashed or level.faint else style.INK)
-    draw(level.value, color=tint, linewidth=0.8 if level.faint else 1.0, label=style.caption("", level.said),
-         linestyle=_LIMITS[kind % len(_LIMITS)] if level.dashed else "-")  # fmt: skip
+    draw(
+        level.value,
+        color=tint,
+        linewidth=0.8 if level.faint else 1.0,
+        label=style.caption("", level.said),
+        linestyle=_LIMITS[kind % len(_LIMITS)] if level.dashed else "-",
+    )
     if not level.text:
         return
-    where, of = ((level.value, 1.0), ("data", "axes fraction")) if level.upright else (
-        (0.0, level.value), ("axes fraction", "data"))  # fmt: skip
-    ax.annotate(style.escaped(level.text), where, xycoords=of, xytext=(4, -2), textcoords="offset points", va="top",
-                fontsize=style.SMALL, color=style.MUTED)  # fmt: skip
+    where, of = (
+        ((level.value, 1.0), ("data", "axes fraction"))
+        if level.upright
+        else ((0.0, level.value), ("axes fraction", "data"))
+    )
+    ax.annotate(
+        style.escaped(level.text),
+        where,
+        xycoords=of,
+        xytext=(4, -2),
+        textcoords="offset points",
+        va="top",
+        fontsize=style.SMALL,
+        color=style.MUTED,
+    )
 
 
 def _box(ax: Axes, box: Box) -> None:
@@ -292,18 +326,24 @@ def _box(ax: Axes, box: Box) -> None:
     away = 0 if not box.beside else 5 if box.right + box.left >= 0.0 else -5
     x = 0.5 * (box.left + box.right) if not away else box.right if away > 0 else box.left
     ax.annotate(
-        style.escaped(box.text), (x, 0.5 * (box.low + box.high)), xytext=(away, 0), textcoords="offset points",
-        ha="left" if away > 0 else "right" if away else "center", va="center", color=style.INK,
+        style.escaped(box.text),
+        (x, 0.5 * (box.low + box.high)),
+        xytext=(away, 0),
+        textcoords="offset points",
+        ha="left" if away > 0 else "right" if away else "center",
+        va="center",
+        color=style.INK,
         fontsize=style.SMALL if away else style.SMALL - 1,
-    )  # fmt: skip
+    )
 
 
 def _field(ax: Axes, field: Field, scale: Heat) -> None:
     from matplotlib.colors import LinearSegmentedColormap
 
     colors = LinearSegmentedColormap.from_list("heat", style.HEAT)
-    ax.pcolormesh(field.x, field.y, field.values, cmap=colors, vmin=scale.low, vmax=scale.high, shading="nearest",
-                  rasterized=True)  # fmt: skip
+    ax.pcolormesh(
+        field.x, field.y, field.values, cmap=colors, vmin=scale.low, vmax=scale.high, shading="nearest", rasterized=True
+    )
     ax.grid(visible=False)
     _scale(ax, scale, colors)
 
@@ -324,10 +364,16 @@ def _note(ax: Axes, note: Note) -> None:
         off, across, along = 0, "center", "center"
     back = {"facecolor": style.PAPER, "edgecolor": "none", "alpha": 0.8, "pad": 0.8}
     ax.annotate(
-        style.escaped(note.text), (note.x, note.y), xytext=(off, off), textcoords="offset points", ha=across, va=along,
-        fontsize=style.SMALL, color=_color(note.number, style.MUTED),
+        style.escaped(note.text),
+        (note.x, note.y),
+        xytext=(off, off),
+        textcoords="offset points",
+        ha=across,
+        va=along,
+        fontsize=style.SMALL,
+        color=_color(note.number, style.MUTED),
         bbox=None if note.number == looks.NEUTRAL else back,
-    )  # fmt: skip
+    )
 
 
 def _heat(ax: Axes, curve: Curve, heat: np.ndarray, scale: Heat) -> None:
@@ -371,9 +417,14 @@ def _stretches(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 def _band(ax: Axes, band: Band) -> None:
     ax.fill_between(
-        band.x, band.low, band.high, color=_color(band.number, style.MUTED), alpha=0.18, linewidth=0.0,
+        band.x,
+        band.low,
+        band.high,
+        color=_color(band.number, style.MUTED),
+        alpha=0.18,
+        linewidth=0.0,
         label=style.caption(band.name),
-    )  # fmt: skip
+    )
 
 
 def _curve(ax: Axes, curve: Curve) -> None:
@@ -385,8 +436,15 @@ def _curve(ax: Axes, curve: Curve) -> None:
     if curve.look == looks.SOLID:
         ax.fill(*_shapes(curve), color=tint, linewidth=0.0, label=name)
     elif curve.look == looks.BAR:
-        ax.plot(curve.x, curve.y, color=tint, linewidth=2.4 * curve.size, alpha=0.55, solid_capstyle="butt",
-                label=style.caption(curve.name))  # fmt: skip
+        ax.plot(
+            curve.x,
+            curve.y,
+            color=tint,
+            linewidth=2.4 * curve.size,
+            alpha=0.55,
+            solid_capstyle="butt",
+            label=style.caption(curve.name),
+        )
         if curve.said:
             _beside(ax, float(curve.x[0]), float(np.mean(curve.y)), curve.said)
     else:
@@ -453,7 +511,13 @@ def _beside(ax: Axes, x: float, y: float, text: str) -> None:
     low, high = ax.get_xlim()
     right = np.log(x / low) < 0.85 * np.log(high / low)
     ax.annotate(
-        style.escaped(text), (x, y), xytext=(5 if right else -5, 0), textcoords="offset points",
-        ha="left" if right else "right", va="center", fontsize=style.SMALL, color=style.INK,
+        style.escaped(text),
+        (x, y),
+        xytext=(5 if right else -5, 0),
+        textcoords="offset points",
+        ha="left" if right else "right",
+        va="center",
+        fontsize=style.SMALL,
+        color=style.INK,
         bbox={"facecolor": style.PAPER, "edgecolor": "none", "alpha": 0.8, "pad": 0.8},
-    )  # fmt: skip
+    )

@@ -27,9 +27,11 @@ _ZERO = Level(0.0, faint=True), Level(0.0, upright=True, faint=True)
 
 
 def friction_chart(
-    loops: Loop | Mapping[str, Loop], run: Run | None = None, measured: FrictionMap | None = None,
+    loops: Loop | Mapping[str, Loop],
+    run: Run | None = None,
+    measured: FrictionMap | None = None,
     units: Units = DRAWN,
-) -> Chart:  # fmt: skip
+) -> Chart:
     """Force against the motion over velocity, both directions; what was measured, and what the model leaves of it.
 
     Of loops with the same friction one curve is drawn.  `run` adds the friction in a run of the first loop.
@@ -180,13 +182,17 @@ def identified_friction_chart(curve: FrictionCurve) -> Chart:
     above = Panel(
         f"force ({unit_name(force_unit, 'SI')})",
         (*_points(runs, newton), Curve(factor * v, newton * force, curve.model.name)),
-        levels=_ZERO, bands=(Band(factor * v, low, high, 0, name),), share=2.0,
-    )  # fmt: skip
+        levels=_ZERO,
+        bands=(Band(factor * v, low, high, 0, name),),
+        share=2.0,
+    )
     left = Curve(factor * runs.velocity, newton * curve.residual, number=1, look=DOTS)
     below = Panel(
-        f"residual ({unit_name(force_unit, 'SI')})", (left,), levels=_ZERO,
+        f"residual ({unit_name(force_unit, 'SI')})",
+        (left,),
+        levels=_ZERO,
         bands=(Band(factor * v, -newton * half, newton * half, 0),),
-    )  # fmt: skip
+    )
     return Chart(f"velocity ({unit_name(unit, 'SI')})", (above, below), height=4.2)
 
 

@@ -95,11 +95,13 @@ def residuals_chart(found: Residuals) -> Chart:
     panels = (
         Panel(f"residual ({unit_name(found.unit, 'SI')})", (off,), abscissa=Abscissa("row")),
         Panel(
-            "autocorrelation", boxes=boxes, levels=(Level(-bound, dashed=True), Level(bound, dashed=True)),
+            "autocorrelation",
+            boxes=boxes,
+            levels=(Level(-bound, dashed=True), Level(bound, dashed=True)),
             said="dashed: 95 % of white residuals",
             abscissa=Abscissa("lag (rows)", low=0.0, high=float(lags[-1]) + 1.0 if lags.size else 1.0),
         ),
-    )  # fmt: skip
+    )
     return Chart("", panels, height=3.8)
 
 
@@ -111,8 +113,14 @@ def validation_chart(found: Validation) -> Chart:
     numbers = range(1, found.errors.size + 1)
     boxes = tuple(Box(n - 0.25, n + 0.25, 0.0, 100.0 * float(e)) for n, e in zip(numbers, found.errors, strict=True))
     panel = Panel("error (%)", boxes=boxes, low=0.0)
-    return Chart("stretch that was left out", (panel,), low=0.4, high=found.errors.size + 0.6,
-                 ticks=numbered(numbers), height=2.6)  # fmt: skip
+    return Chart(
+        "stretch that was left out",
+        (panel,),
+        low=0.4,
+        high=found.errors.size + 0.6,
+        ticks=numbered(numbers),
+        height=2.6,
+    )
 
 
 validation = figure_of(validation_chart)
@@ -123,10 +131,11 @@ def delay_fit_chart(found: DelayFit) -> Chart:
     near = np.abs(found.delays - found.nearest) <= 6
     delays = found.delays[near]
     panel = Panel(
-        "residual (%)", (Curve(delays, 100.0 * found.residual[near], look=MARKED, size=0.9),),
+        "residual (%)",
+        (Curve(delays, 100.0 * found.residual[near], look=MARKED, size=0.9),),
         levels=(Level(found.dead_time, upright=True, number=1),),
         said=Text(f"{Quantity(found.dead_time):.2f} ± {Quantity(found.error):.2f} samples"),
-    )  # fmt: skip
+    )
     low, high = style.padded(float(np.min(delays)), float(np.max(delays)), 0.03)
     return Chart("dead time (samples, besides the hold)", (panel,), low=low, high=high, height=2.8)
 
@@ -158,8 +167,14 @@ def cogging_chart(fit: CoggingFit) -> Chart:
         shown = [(order.order, getattr(order, field)) for order in fit.significant]
         x = np.array([order for order, _ in shown], float) + 0.4 * (i - 0.5 * (len(kinds) - 1))
         value, error = (np.array([getattr(estimate, part) for _, estimate in shown]) for part in ("value", "error"))
-        bars.append(Curve(*rods(x, np.maximum(value - 2.0 * error, _CUT * value), value + 2.0 * error),
-                          number=NEUTRAL, look=THIN, size=1.5))  # fmt: skip
+        bars.append(
+            Curve(
+                *rods(x, np.maximum(value - 2.0 * error, _CUT * value), value + 2.0 * error),
+                number=NEUTRAL,
+                look=THIN,
+                size=1.5,
+            )
+        )
         points.append(Curve(x, value, label, i, MARKERS, size=0.9))
     x = np.concatenate([curve.x for curve in points])
     low, high = style.padded(float(np.min(x)), float(np.max(x)), 0.03) if x.size else (0.0, 1.0)

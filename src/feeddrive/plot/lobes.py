@@ -66,14 +66,25 @@ def lobes_chart(found: Lobes) -> Chart:
     low, high = style.padded(low, high, 0.12)
     panels = (
         Panel(
-            "axial depth (mm)", tuple(borders), marks, levels=passing, notes=notes, bands=(stable,), low=0.0,
-            high=float(top), share=2.0,
+            "axial depth (mm)",
+            tuple(borders),
+            marks,
+            levels=passing,
+            notes=notes,
+            bands=(stable,),
+            low=0.0,
+            high=float(top),
+            share=2.0,
         ),
         Panel(
-            "chatter (Hz)", tuple(frequencies), levels=tuple(Level(float(f), dashed=True) for f in found.natural),
-            low=low, high=high, said="dashed: own frequencies" if found.natural.size else "",
+            "chatter (Hz)",
+            tuple(frequencies),
+            levels=tuple(Level(float(f), dashed=True) for f in found.natural),
+            low=low,
+            high=high,
+            said="dashed: own frequencies" if found.natural.size else "",
         ),
-    )  # fmt: skip
+    )
     ends = float(speed[0]), float(speed[-1])
     return Chart("spindle speed (rpm)", panels, low=ends[0], high=ends[1], height=5.4, columns=3)
 
@@ -146,20 +157,27 @@ def chatter_signs_chart(found: ChatterSigns) -> Chart:
         peak = factor * float(lines.amplitude[np.searchsorted(lines.frequency, found.chatter)])
         notes = (Note(found.chatter, peak, Text(f"{Quantity(found.chatter, 'Hz')}"), 1, right=True),)
     spectrum = Panel(
-        f"{lines.name.replace('_', ' ')} ({name})", stems, notes=notes, low=0.0, width=1.7,
+        f"{lines.name.replace('_', ' ')} ({name})",
+        stems,
+        notes=notes,
+        low=0.0,
+        width=1.7,
         high=1.12 * factor * float(np.max(lines.amplitude[chosen])),
         abscissa=Abscissa("frequency (Hz)", low=0.0, high=top),
-    )  # fmt: skip
+    )
     values = factor * found.samples
     middle, spread = float(np.mean(values)), 1.3 * float(np.ptp(values))
     room = max(0.5 * spread, 0.5 * factor * found.swing if found.dots == 1 else 0.0) or 1.0
     low, high = middle - room, middle + room
     once = Curve(values[:-1], values[1:], number=0 if found.dots == 1 else 1, look=DOTS, size=2.0)
     sections = Panel(
-        f"a tooth later ({name})", (once,), low=low, high=high,
+        f"a tooth later ({name})",
+        (once,),
+        low=low,
+        high=high,
         said={1: "one dot: stable", 2: "two dots: flip", 0: "a ring: Hopf chatter"}[found.dots],
         abscissa=Abscissa(f"once per tooth ({name})", low=low, high=high, square=True),
-    )  # fmt: skip
+    )
     return Chart("", (spectrum, sections), across=2, height=3.6)
 
 

@@ -40,15 +40,24 @@ def name_marks(ax: Any, marks: Sequence[Mark], color: Callable[[int], str]) -> N
         middle = (0.5 * (box[0] + box[2]), 0.5 * (box[1] + box[3]))
         data, tint = (there[0].x, there[0].y), color(there[0].number)
         ax.annotate(
-            text, data, (middle[0] - px, middle[1] - py), textcoords="offset points", ha="center",
-            va="center", fontsize=style.SMALL - 1, color=tint,
-        )  # fmt: skip
+            text,
+            data,
+            (middle[0] - px, middle[1] - py),
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            fontsize=style.SMALL - 1,
+            color=tint,
+        )
         end = (min(max(px, box[0]), box[2]), min(max(py, box[1]), box[3]))
         if np.hypot(end[0] - px, end[1] - py) > 0.8 * _STEP:
             ax.annotate(
-                "", data, (end[0] - px, end[1] - py), textcoords="offset points",
+                "",
+                data,
+                (end[0] - px, end[1] - py),
+                textcoords="offset points",
                 arrowprops={"arrowstyle": "-", "color": tint, "linewidth": 0.7},
-            )  # fmt: skip
+            )
 
 
 def _free(px: float, py: float, wide: float, taken: Sequence[Box], edge: np.ndarray) -> Box:

@@ -93,10 +93,15 @@ def sensitivity_chart(loops: Margins | Mapping[str, Margins], units: Units = DRA
         rows.append((Curve(hertz * L.frequency, S, name, i, said=said), Curve(hertz * L.frequency, T, number=i)))
         marks.append(Mark(hertz * at, float(units.from_decibel(_decibel(margins.sensitivity_peak))), i))
     panels = tuple(
-        Panel(_ratio(what, units), tuple(row[k] for row in rows), marks=(tuple(marks), ())[k], scale=_scale(units),
-              low=_floor(least[k], units))
+        Panel(
+            _ratio(what, units),
+            tuple(row[k] for row in rows),
+            marks=(tuple(marks), ())[k],
+            scale=_scale(units),
+            low=_floor(least[k], units),
+        )
         for k, what in enumerate(("|S|", "|T|"))
-    )  # fmt: skip
+    )
     span = _span((margins.loop_gain.frequency for margins in chosen.values()), units)
     return Chart(_hertz(), panels, FREQUENCY, *span, height=4.4, columns=style.narrow(chosen), factor=hertz)
 
@@ -141,9 +146,13 @@ def stiffness_chart(stiffnesses: Stiffness | Mapping[str, Stiffness], units: Uni
         tops.append(factor * float(np.max(found.magnitude[found.frequency <= 0.8 * found.frequency[-1]], initial=0.0)))
     lows = [each.y for each in marks]
     panel = Panel(
-        f"dynamic stiffness ({unit_name('N/m')})", tuple(curves), marks=tuple(marks), scale=LOG, low=0.5 * min(lows),
+        f"dynamic stiffness ({unit_name('N/m')})",
+        tuple(curves),
+        marks=tuple(marks),
+        scale=LOG,
+        low=0.5 * min(lows),
         high=3.0 * max(*tops, *lows),
-    )  # fmt: skip
+    )
     span = _span((found.frequency for found in chosen.values()), units)
     return Chart(_hertz(), (panel,), FREQUENCY, *span, height=3.4, columns=style.narrow(chosen), factor=hertz)
 
@@ -242,15 +251,29 @@ def open_loop_chart(loops: Margins | Mapping[str, Margins], units: Units = DRAWN
     ends = [float(units.from_decibel(each)) for each in (max(bottom, -FAR) - 5.0, min(top, 80.0) + 5.0)]
     panels = (
         Panel(
-            _ratio("open loop |L|", units), (*levels, *bars[0]), marks=tuple(marks[0]), bands=tuple(shaded[0]),
-            levels=(Level(float(units.from_decibel(0.0))),), scale=_scale(units), low=ends[0], high=ends[1], share=3.0,
+            _ratio("open loop |L|", units),
+            (*levels, *bars[0]),
+            marks=tuple(marks[0]),
+            bands=tuple(shaded[0]),
+            levels=(Level(float(units.from_decibel(0.0))),),
+            scale=_scale(units),
+            low=ends[0],
+            high=ends[1],
+            share=3.0,
         ),
         Panel(
-            "phase (deg)", (*phases, *bars[1]), marks=tuple(marks[1]), scale=DEGREES, low=low, high=high, share=2.0,
-            levels=tuple(Level(360.0 * turn - 180.0) for turn in turns), bands=tuple(shaded[1]),
+            "phase (deg)",
+            (*phases, *bars[1]),
+            marks=tuple(marks[1]),
+            scale=DEGREES,
+            low=low,
+            high=high,
+            share=2.0,
+            levels=tuple(Level(360.0 * turn - 180.0) for turn in turns),
+            bands=tuple(shaded[1]),
         ),
         *coherence_panels(list(enumerate(gains))[-1:], units),
-    )  # fmt: skip
+    )
     span = _span((each.frequency for each in gains), units)
     return Chart(_hertz(), panels, FREQUENCY, *span, height=3.0 + len(panels), columns=1, factor=hertz)
 
@@ -277,9 +300,14 @@ def _phase(margins: Margins) -> np.ndarray:
 
 
 def _margins(
-    margins: Margins, phase: np.ndarray, i: int, alone: bool, bars: tuple[list[Curve], list[Curve]],
-    marks: tuple[list[Mark], list[Mark]], units: Units,
-) -> None:  # fmt: skip
+    margins: Margins,
+    phase: np.ndarray,
+    i: int,
+    alone: bool,
+    bars: tuple[list[Curve], list[Curve]],
+    marks: tuple[list[Mark], list[Mark]],
+    units: Units,
+) -> None:
     """Points at the crossovers, and bars from the curve to 0 dB or to the nearest -180°, for both panels."""
     x, hertz = np.log(margins.loop_gain.frequency), units.of("Hz")[1]
     one = float(units.from_decibel(0.0))

@@ -35,12 +35,13 @@ def run_chart(run: Run) -> Chart:
         velocities.insert(0, Curve(*envelope(run.time, 1e3 * run["velocity_load"]), "actual", 2, PLAIN))
     panels = (
         Panel(
-            f"following error\n({unit_name('m')})", (Curve(*envelope(run.time, 1e6 * run["following_error"])),),
+            f"following error\n({unit_name('m')})",
+            (Curve(*envelope(run.time, 1e6 * run["following_error"])),),
             said=Text(f"RMS {Quantity(_rms(run['following_error']), 'm')}"),
         ),
         Panel(f"force\n({unit_name('N')})", (Curve(*envelope(run.time, run["force"]), number=1, look=PLAIN),)),
         Panel(f"velocity\n({unit_name('m/s')})", tuple(velocities)),
-    )  # fmt: skip
+    )
     return Chart("time (s)", panels, height=5.4, legend=PANELS)
 
 
@@ -161,9 +162,12 @@ def _rows(
         panels = [replace(panel, low=low, high=high) for panel in panels]
     rows = len(panels)
     return Chart(
-        "time (s)", tuple(panels), height=2.7 if rows == 1 else 0.7 + 1.45 * rows,
-        side=quantity if rows > 1 else "", legend=PANELS,
-    )  # fmt: skip
+        "time (s)",
+        tuple(panels),
+        height=2.7 if rows == 1 else 0.7 + 1.45 * rows,
+        side=quantity if rows > 1 else "",
+        legend=PANELS,
+    )
 
 
 def alike(curves: Iterable[np.ndarray]) -> bool:

@@ -47,9 +47,13 @@ def part_laws_chart(parts: Mapping[str, PartRun]) -> Chart:
     dots = tuple(Curve(shown[:, k], rows, name, k, MARKERS, size=1.4) for k, name in enumerate(_SIZES))
     panel = Panel("", (*spans, *dots), ticks=listed(list(parts)), low=float(rows[-1]) - 0.6, high=0.6)
     return Chart(
-        f"contour error ({unit_name('um')})", (panel,), LOG, 0.7 * float(shown.min()), 1.5 * float(shown.max()),
+        f"contour error ({unit_name('um')})",
+        (panel,),
+        LOG,
+        0.7 * float(shown.min()),
+        1.5 * float(shown.max()),
         height=1.1 + 0.36 * len(parts),
-    )  # fmt: skip
+    )
 
 
 part_laws = figure_of(part_laws_chart)

@@ -24,7 +24,7 @@ from feeddrive.plot.chart import (
     Note,
     Panel,
     side_by_side,
-)  # fmt: skip
+)
 from feeddrive.plot.drawing import figure_of
 
 if TYPE_CHECKING:
@@ -80,9 +80,14 @@ def plane_chart(models: StateSpace | Mapping[str, StateSpace], units: Units = DR
     axes = Level(0.0), Level(0.0, upright=True)
     discs = tuple(Disc(0.0, 0.0, radius) for radius in circles)
     panel = Panel(
-        f"imaginary part of s ({unit_name('Hz')})", tuple(curves), levels=axes, discs=discs, notes=tuple(notes),
-        low=-_BELOW * reach, high=reach,
-    )  # fmt: skip
+        f"imaginary part of s ({unit_name('Hz')})",
+        tuple(curves),
+        levels=axes,
+        discs=discs,
+        notes=tuple(notes),
+        low=-_BELOW * reach,
+        high=reach,
+    )
     return Chart(
         f"real part of s ({unit_name('Hz')})",
         (panel,),

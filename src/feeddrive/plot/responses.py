@@ -172,18 +172,25 @@ def overlay_chart(rows: Sequence[Overlay], units: Units = DRAWN, more: Sequence[
     scale = LOG if log else LINEAR
     panels = [
         _gains(label, [*levels, *more], bands[0], scale, 3.0),
-        Panel("phase (deg)", tuple(phases), bands=tuple(bands[1]), scale=DEGREES, low=min(ends), high=max(ends),
-              share=2.0),
-    ]  # fmt: skip
+        Panel(
+            "phase (deg)", tuple(phases), bands=tuple(bands[1]), scale=DEGREES, low=min(ends), high=max(ends), share=2.0
+        ),
+    ]
     if apart:
         label = "error (part of it)" if log else "error (dB)"
         panels.append(_gains(label, apart, shaded, scale, 1.4))
     panels += coherence_panels(coherent, units)
     x = [hertz * float(each.frequency[k]) for each in known for k in (0, -1)]
     return Chart(
-        f"frequency ({unit_name('Hz')})", tuple(panels), FREQUENCY, min(x), max(x), height=2.6 + 1.05 * len(panels),
-        columns=2, factor=hertz,
-    )  # fmt: skip
+        f"frequency ({unit_name('Hz')})",
+        tuple(panels),
+        FREQUENCY,
+        min(x),
+        max(x),
+        height=2.6 + 1.05 * len(panels),
+        columns=2,
+        factor=hertz,
+    )
 
 
 _ROOM = 1.3  # a factor above and below the gains of a panel
@@ -232,15 +239,20 @@ def response_residuals_chart(found: Agreement) -> Chart:
     bound = 1.96 / np.sqrt(2.0 * sum(residual.size for residual in found.residuals))
     panels = (
         Panel(
-            "residual (deviations)", tuple(curves), low=-reach, high=reach, share=2.0,
+            "residual (deviations)",
+            tuple(curves),
+            low=-reach,
+            high=reach,
+            share=2.0,
             abscissa=Abscissa("frequency (Hz)", FREQUENCY, min(ends), max(ends)),
         ),
         Panel(
-            "autocorrelation", (Curve(*rods(lags.astype(float), 0.0, across)),),
+            "autocorrelation",
+            (Curve(*rods(lags.astype(float), 0.0, across)),),
             levels=(Level(-bound, dashed=True), Level(bound, dashed=True)),
             abscissa=Abscissa("lines apart", low=0.0, high=float(lags[-1]) + 1.0),
         ),
-    )  # fmt: skip
+    )
     return Chart("", panels, height=4.4)
 
 

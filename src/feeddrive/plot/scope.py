@@ -41,9 +41,14 @@ class Channel:
 
 
 def scope_chart(
-    shown: Shown, channels: Sequence[Channel], clock: str = "s", *, level: tuple[str, float] | None = None,
-    cursors: Readout | None = None, before: Mapping[str, tuple[float, float]] | None = None,
-) -> tuple[Chart, Ranges]:  # fmt: skip
+    shown: Shown,
+    channels: Sequence[Channel],
+    clock: str = "s",
+    *,
+    level: tuple[str, float] | None = None,
+    cursors: Readout | None = None,
+    before: Mapping[str, tuple[float, float]] | None = None,
+) -> tuple[Chart, Ranges]:
     """The chart of a window, and the ranges of its panels, which the next one may be given as `before`.
 
     level  channel of the trigger, and its level in the unit of the source
@@ -72,9 +77,14 @@ def scope_chart(
 
 
 def _panel(
-    label: str, shown: Shown, group: Sequence[Channel], all_: Sequence[Channel], level: tuple[str, float] | None,
-    cursors: Readout | None, before: Mapping[str, tuple[float, float]],
-) -> Panel:  # fmt: skip
+    label: str,
+    shown: Shown,
+    group: Sequence[Channel],
+    all_: Sequence[Channel],
+    level: tuple[str, float] | None,
+    cursors: Readout | None,
+    before: Mapping[str, tuple[float, float]],
+) -> Panel:
     curves, levels = list[Curve](), list[Level]()
     width = 2.0 * (shown.end - shown.start) / POINTS
     for each in group:

@@ -129,9 +129,17 @@ def figure_legend(figure: Picture, lines: Mapping[str, Any], columns: int = 4) -
     rows = -(-len(lines) // columns)
     figure.set_figheight(figure.get_figheight() + 0.17 * (rows - 1))
     drawn = figure.legend(
-        list(lines.values()), list(lines), loc="outside upper left", ncols=min(columns, len(lines)),
-        fontsize=SMALL, frameon=False, handlelength=2.6, columnspacing=1.6, borderaxespad=0.2, labelcolor=INK,
-    )  # fmt: skip
+        list(lines.values()),
+        list(lines),
+        loc="outside upper left",
+        ncols=min(columns, len(lines)),
+        fontsize=SMALL,
+        frameon=False,
+        handlelength=2.6,
+        columnspacing=1.6,
+        borderaxespad=0.2,
+        labelcolor=INK,
+    )
     for handle in drawn.legend_handles:
         if handle is not None and not hasattr(handle, "get_facecolor"):  # an area stays pale
             handle.set_alpha(1.0)
@@ -141,15 +149,33 @@ def row_legend(ax: Axes, entries: Mapping[str, Any]) -> None:
     """The curves of one row above it, at the left."""
     if entries:
         ax.legend(
-            list(entries.values()), list(entries), loc="lower left", bbox_to_anchor=(0.0, 0.98), ncols=4,
-            fontsize=SMALL, frameon=False, borderaxespad=0.0, borderpad=0.2, handlelength=2.0, labelcolor=INK,
-        )  # fmt: skip
+            list(entries.values()),
+            list(entries),
+            loc="lower left",
+            bbox_to_anchor=(0.0, 0.98),
+            ncols=4,
+            fontsize=SMALL,
+            frameon=False,
+            borderaxespad=0.0,
+            borderpad=0.2,
+            handlelength=2.0,
+            labelcolor=INK,
+        )
 
 
 def note(ax: Axes, text: str) -> None:
     """A short text above the right end of axes."""
-    ax.annotate(text, (1.0, 1.0), xycoords="axes fraction", xytext=(0, 3), textcoords="offset points", ha="right",
-                va="bottom", fontsize=SMALL, color=MUTED)  # fmt: skip
+    ax.annotate(
+        text,
+        (1.0, 1.0),
+        xycoords="axes fraction",
+        xytext=(0, 3),
+        textcoords="offset points",
+        ha="right",
+        va="bottom",
+        fontsize=SMALL,
+        color=MUTED,
+    )
 
 
 def frequency_axis(ax: Axes, low: float, high: float) -> None:

@@ -22,9 +22,12 @@ def surface_chart(found: Surface) -> Chart:
     mark = Level(float(np.min(off[0])) + 1e6 * found.mark, dashed=True, number=ALERT, said="feed mark alone")
     ra, rz = found.roughness
     profile = Panel(
-        f"left of\nmaterial ({unit_name('um')})", (Curve(along, off[0], "profile at the tip"),), levels=(mark,),
-        share=2.0, said=Text(f"Ra {Quantity(ra, 'm'):3}, Rz {Quantity(rz, 'm'):3} of the patch"),
-    )  # fmt: skip
+        f"left of\nmaterial ({unit_name('um')})",
+        (Curve(along, off[0], "profile at the tip"),),
+        levels=(mark,),
+        share=2.0,
+        said=Text(f"Ra {Quantity(ra, 'm'):3}, Rz {Quantity(rz, 'm'):3} of the patch"),
+    )
     panels = [profile]
     if len(found.heights) > 1:
         heat = Heat(f"left of material ({unit_name('um')})", float(np.min(off)), float(np.max(off)))

@@ -43,9 +43,14 @@ if TYPE_CHECKING:
     from feeddrive.tuning.delay_map import DelayMap
 
 _WORDS = {
-    "mass": "mass", "viscous": "viscous", "coulomb_positive": "Coulomb +", "coulomb_negative": "Coulomb -",
-    "stribeck": "Stribeck", "jerk_feedforward": "jerk", "snap_feedforward": "snap",
-}  # fmt: skip
+    "mass": "mass",
+    "viscous": "viscous",
+    "coulomb_positive": "Coulomb +",
+    "coulomb_negative": "Coulomb -",
+    "stribeck": "Stribeck",
+    "jerk_feedforward": "jerk",
+    "snap_feedforward": "snap",
+}
 
 
 def trial_chart(trial: Trial) -> Chart:
@@ -132,13 +137,18 @@ def prefilter_fit_chart(fit: PrefilterFit, points: int = POINTS) -> Chart:
     panels = (
         Panel(
             f"tracking error\n({unit_name('um')})",
-            (Curve(*error, "error", NEUTRAL, WIDE), Curve(*explained, "explained")), low=-size, high=size,
+            (Curve(*error, "error", NEUTRAL, WIDE), Curve(*explained, "explained")),
+            low=-size,
+            high=size,
         ),
         Panel(
-            f"predicted with\nthe prefilter ({unit_name('um')})", (Curve(*left, number=1, look=PLAIN),), low=-size,
-            high=size, said=said,
+            f"predicted with\nthe prefilter ({unit_name('um')})",
+            (Curve(*left, number=1, look=PLAIN),),
+            low=-size,
+            high=size,
+            said=said,
         ),
-    )  # fmt: skip
+    )
     return Chart("time (s)", panels, height=4.2)
 
 

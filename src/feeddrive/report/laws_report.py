@@ -80,18 +80,26 @@ def laws_report(contents: LawsContents) -> Report:
 def errors(contents: LawsContents) -> Marked:
     """RMS and peak errors and force of each law."""
     figures = [
-        (entry.rms("following_error"), entry.peak("following_error"), entry.rms("tracking_error"),
-         entry.peak("tracking_error"))
+        (
+            entry.rms("following_error"),
+            entry.peak("following_error"),
+            entry.rms("tracking_error"),
+            entry.peak("tracking_error"),
+        )
         for entry in contents.entries
-    ]  # fmt: skip
+    ]
     rows = [
         [entry.name, *errors, _against(entry, "force", "peak"), _against(entry, "force", "rms")]
         for entry, errors in zip(contents.entries, figures, strict=True)
     ]
     best = [*map(_least, zip(*figures, strict=True)), None, None]
     heads = ("following error RMS", "peak", "tracking error RMS", "peak")
-    columns = [Column("law"), *(Column(head, "m", "3") for head in heads),
-               Column("force peak", "N"), Column("force RMS", "N")]  # fmt: skip
+    columns = [
+        Column("law"),
+        *(Column(head, "m", "3") for head in heads),
+        Column("force peak", "N"),
+        Column("force RMS", "N"),
+    ]
     title = (
         "Errors and force. Following error: setpoint minus the controller's reading. "
         "Tracking error: setpoint minus true position."
@@ -135,22 +143,29 @@ def frequency(contents: LawsContents) -> list[Table]:
             delay = None if m.delay_margin is None else Quantity(m.delay_margin, "s", form="3", bare=True)
             samples = "" if m.delay_margin_samples is None else f" ({number(m.delay_margin_samples, 3)})"
             row += [
-                m.crossover, m.phase_margin_deg, m.gain_increase_dB, m.gain_reduction_dB,
+                m.crossover,
+                m.phase_margin_deg,
+                m.gain_increase_dB,
+                m.gain_reduction_dB,
                 None if delay is None else Text(f"{delay}{samples}"),
                 Text(f"{number(m.sensitivity_peak, 3)} ({Quantity(m.modulus_frequency, 'Hz', bare=True):3})"),
-            ]  # fmt: skip
+            ]
         at = "" if k is None else f"{Quantity(k.minimum_frequency, 'Hz', bare=True):3}"
         row.append(None if k is None else Text(f"{Quantity(k.minimum, 'N/m', bare=True):3} ({at})"))
         row.append(None if k is None or not k.frequency[0] <= 1.0 <= k.frequency[-1] else k.at(1.0))
         rows.append(row)
     hertz, stiff = unit_name("Hz"), unit_name("N/m")
     columns = [
-        Column("law"), Column("crossover", "Hz", "3"), Column("phase margin", "deg", ".1f"),
-        Column("gain may rise", "dB", ".1f"), Column("gain may fall", "dB", ".1f"),
+        Column("law"),
+        Column("crossover", "Hz", "3"),
+        Column("phase margin", "deg", ".1f"),
+        Column("gain may rise", "dB", ".1f"),
+        Column("gain may fall", "dB", ".1f"),
         Column(f"delay margin {unit_name('s')}{' (samples)' if _sampled(contents) else ''}"),
-        Column(f"Ms (at {hertz})"), Column(f"least stiffness {stiff} (at {hertz})"),
+        Column(f"Ms (at {hertz})"),
+        Column(f"least stiffness {stiff} (at {hertz})"),
         Column("stiffness at 1 Hz", "N/m", "3"),
-    ]  # fmt: skip
+    ]
     title = "Robustness and stiffness, of the loop in motion, opened at the drive."
     return [Table(title, columns, rows)]
 

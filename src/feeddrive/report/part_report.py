@@ -93,9 +93,13 @@ def details(contents: LawsContents) -> list[Part]:
             for entry, spindle in spindles
         ]
         columns = [
-            Column("law"), Column("power mean", "W", "3"), Column("peak", "W", "3"), Column("energy", "J", "3"),
-            Column("chips", "m3", "3 mm3"), Column("energy of chips", "J/m3", "3 J/mm3"),
-        ]  # fmt: skip
+            Column("law"),
+            Column("power mean", "W", "3"),
+            Column("peak", "W", "3"),
+            Column("energy", "J", "3"),
+            Column("chips", "m3", "3 mm3"),
+            Column("energy of chips", "J/m3", "3 J/mm3"),
+        ]
         shown.append(Table("Spindle: what the cut takes from it over the whole program.", columns, rows))
     if any(part.estimates for _, part in found):
         shown.append(_observers(found))
@@ -105,26 +109,45 @@ def details(contents: LawsContents) -> list[Part]:
 def laws_table(title: str, parts: Mapping[str, PartRun]) -> Table:
     """The laws over a program, short, for a terminal."""
     columns = [
-        Column("law"), Column("contour RMS", "m"), Column("95 %", "m"), Column("largest", "m"), Column("in line"),
-        Column("of continuous", "share", "3"), Column("cut", "N"), Column("energy", "J"),
-    ]  # fmt: skip
+        Column("law"),
+        Column("contour RMS", "m"),
+        Column("95 %", "m"),
+        Column("largest", "m"),
+        Column("in line"),
+        Column("of continuous", "share", "3"),
+        Column("cut", "N"),
+        Column("energy", "J"),
+    ]
     rows: list[list[Cell]] = []
     for name, part in parts.items():
         worst = next(iter(part.worst(1)), None)
         contour, line = part.contour, None if worst is None else worst.line
         rows.append(
-            [name, contour.rms, contour.within(), contour.largest, line, part.duty, part.cutting_rms,
-             part.load.energy()]
-        )  # fmt: skip
+            [
+                name,
+                contour.rms,
+                contour.within(),
+                contour.largest,
+                line,
+                part.duty,
+                part.cutting_rms,
+                part.load.energy(),
+            ]
+        )
     return Table(title, columns, rows)
 
 
 def _laws(found: Sequence[tuple[Entry, PartRun]]) -> Marked:
     columns = [
-        Column("law"), Column("contour error RMS", "m", "3"), Column("95 %", "m", "3"), Column("largest", "m", "3"),
-        Column("in line"), Column("largest at a reversal", "m", "3"),
-        Column("effort: RMS of continuous force", "share", "3"), Column("energy", "J", "3"),
-    ]  # fmt: skip
+        Column("law"),
+        Column("contour error RMS", "m", "3"),
+        Column("95 %", "m", "3"),
+        Column("largest", "m", "3"),
+        Column("in line"),
+        Column("largest at a reversal", "m", "3"),
+        Column("effort: RMS of continuous force", "share", "3"),
+        Column("energy", "J", "3"),
+    ]
     errors = [(part.contour.rms, part.contour.within(), part.contour.largest) for _, part in found]
     cuts = any(part.cutting is not None for _, part in found)
     columns += [Column("cutting force RMS", "N", "3")] if cuts else []
@@ -164,9 +187,11 @@ def _places(found: Sequence[tuple[Entry, PartRun]]) -> Table:
     """The worst places of the first law, and what the others do there."""
     first = found[0][1]
     columns = [
-        Column(f"place {unit_name('m', 'mm', stays=True)}"), Column("line"), Column("time", "s", "SI"),
+        Column(f"place {unit_name('m', 'mm', stays=True)}"),
+        Column("line"),
+        Column("time", "s", "SI"),
         *(Column(entry.name, "m", "3") for entry, _ in found),
-    ]  # fmt: skip
+    ]
     rows: list[list[Cell]] = []
     for place in first.worst(_WORST):
         cells = [_near(part, place.time) for _, part in found]
@@ -185,15 +210,31 @@ def _near(part: PartRun, time: float) -> float:
 
 def _motors(found: Sequence[tuple[Entry, PartRun]]) -> Table:
     columns = [
-        Column("law"), Column("axis"), Column("force RMS", "N", "3"), Column("of continuous", "share", "3"),
-        Column("peak", "N", "3"), Column("of peak", "share", "3"), Column("work", "J", "3"),
-        Column("drawn without recovery", "J", "3"), Column(""),
-    ]  # fmt: skip
+        Column("law"),
+        Column("axis"),
+        Column("force RMS", "N", "3"),
+        Column("of continuous", "share", "3"),
+        Column("peak", "N", "3"),
+        Column("of peak", "share", "3"),
+        Column("work", "J", "3"),
+        Column("drawn without recovery", "J", "3"),
+        Column(""),
+    ]
     rows = [
-        [entry.name if i == 0 else "", axis, load.rms, load.of_continuous, load.peak, load.of_peak, load.work,
-         load.drawn, load.verdict]
-        for entry, part in found for i, (axis, load) in enumerate(part.load.axes.items())
-    ]  # fmt: skip
+        [
+            entry.name if i == 0 else "",
+            axis,
+            load.rms,
+            load.of_continuous,
+            load.peak,
+            load.of_peak,
+            load.work,
+            load.drawn,
+            load.verdict,
+        ]
+        for entry, part in found
+        for i, (axis, load) in enumerate(part.load.axes.items())
+    ]
     title = "Motors over the whole program: what they give, and whether they can for ever."
     return Table(title, columns, rows)
 
@@ -219,10 +260,7 @@ def _observers(found: Sequence[tuple[Entry, PartRun]]) -> Table:
 
 def _causes(planned: Planned) -> Table:
     most = sorted(planned.seconds.items(), key=lambda each: -each[1])[:_CAUSES]
-    rows = [
-        [name, seconds, Quantity(seconds / planned.cycle_time, "share", form="3")]
-        for name, seconds in most
-    ]  # fmt: skip
+    rows = [[name, seconds, Quantity(seconds / planned.cycle_time, "share", form="3")] for name, seconds in most]
     columns = [Column("limit"), Column("", "s", "SI"), Column("of the time")]
     title = "Cycle time by what limits it: the limit used most, the feed, a standstill."
     return Table(title, columns, rows)

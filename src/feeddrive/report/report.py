@@ -116,8 +116,12 @@ class Section:
     @property
     def is_empty(self) -> bool:
         """True if it has nothing to show."""
-        return all(part == "" or (isinstance(part, Facts) and not part.pairs)
-                   or (isinstance(part, Remarks) and not part.sentences) for part in self.parts)  # fmt: skip
+        return all(
+            part == ""
+            or (isinstance(part, Facts) and not part.pairs)
+            or (isinstance(part, Remarks) and not part.sentences)
+            for part in self.parts
+        )
 
 
 @dataclass(frozen=True)
@@ -160,8 +164,10 @@ class Report:
         object.__setattr__(self, "sections", tuple(sorted(shown, key=lambda section: section.folded)))
         first = next((picture for section in self.sections for picture in section.pictures), None)
         if first is not None and self.picture is None:
-            raise ParameterError(f"report '{self.title}': the picture '{first.key}' stands in a section, and none shows"
-                                 " the verdict: name one as `picture`")  # fmt: skip
+            raise ParameterError(
+                f"report '{self.title}': the picture '{first.key}' stands in a section, and none shows"
+                " the verdict: name one as `picture`"
+            )
         keys = [section.key for section in self.sections]
         pictures = [picture.key for picture in self.pictures]
         for key in (*keys, *pictures):

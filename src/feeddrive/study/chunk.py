@@ -194,9 +194,15 @@ def _gather(
     signals = dict.fromkeys(f"{group.port}{signal}" for each in wanted for signal in each.signals)
     try:
         batch = simulate_batch(
-            system, group.references, load=group.loads, duration=group.duration, seed=group.seed,
-            gather=list(signals), threads=threads, progress=progress,
-        )  # fmt: skip
+            system,
+            group.references,
+            load=group.loads,
+            duration=group.duration,
+            seed=group.seed,
+            gather=list(signals),
+            threads=threads,
+            progress=progress,
+        )
     except CancelledError:
         raise
     except FeeddriveError as error:

@@ -64,15 +64,25 @@ class Measured:
 
 
 def measured(
-    study: Study, control: Control, bounds: Sequence[Bound], also: Sequence[Figure], count: int,
-    workers: int | None, progress: Progress,
-) -> Measured:  # fmt: skip
+    study: Study,
+    control: Control,
+    bounds: Sequence[Bound],
+    also: Sequence[Figure],
+    count: int,
+    workers: int | None,
+    progress: Progress,
+) -> Measured:
     """The figures of `count` fresh machines of a study under a control."""
     wanted = {each.key: each for each in (*(bound.figure for bound in bounds), *also)}
     fresh = replace(
-        with_control(study, control), stream=STREAM, sampler="monte_carlo", points=count, count=count,
-        chunk=max(16, min(256, -(-count // 8))), measure=tuple(wanted.values()),
-    )  # fmt: skip
+        with_control(study, control),
+        stream=STREAM,
+        sampler="monte_carlo",
+        points=count,
+        count=count,
+        chunk=max(16, min(256, -(-count // 8))),
+        measure=tuple(wanted.values()),
+    )
     chunks = [Chunk(fresh, number) for number in range(fresh.chunks)]
     rows = dict(Engine(workers or cores()).finished(chunks, progress))
     columns = {

@@ -165,9 +165,19 @@ def tune_robust(
     kept, with their numbers; ParameterError for a study that varies the control or a coupled axis.
     """
     tuner = RobustTuner(
-        study, goal=goal, limits=limits, filters=filters, band=band, share=share, samples=samples, fresh=fresh,
-        starts=starts, seed=seed, workers=workers, progress=progress,
-    )  # fmt: skip
+        study,
+        goal=goal,
+        limits=limits,
+        filters=filters,
+        band=band,
+        share=share,
+        samples=samples,
+        fresh=fresh,
+        starts=starts,
+        seed=seed,
+        workers=workers,
+        progress=progress,
+    )
     return tuner.tuned(tuner.loop.control if control is None else control)
 
 
@@ -175,11 +185,21 @@ class RobustTuner:
     """The machines of a study, drawn once, for the tuning of one control after another; arguments as `tune_robust`."""
 
     def __init__(
-        self, study: StudyLike, *, goal: str = "rope-snap", limits: Limits | None = None, filters: str = "free",
-        band: tuple[float, float] = (0.0, math.inf), share: float = 1.0, samples: int | None = None,
-        fresh: int | None = None, starts: int = 2, seed: int = 0, workers: int | None = None,
+        self,
+        study: StudyLike,
+        *,
+        goal: str = "rope-snap",
+        limits: Limits | None = None,
+        filters: str = "free",
+        band: tuple[float, float] = (0.0, math.inf),
+        share: float = 1.0,
+        samples: int | None = None,
+        fresh: int | None = None,
+        starts: int = 2,
+        seed: int = 0,
+        workers: int | None = None,
         progress: Progress | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         if not 0.5 <= share <= 1.0:
             raise ParameterError(
                 f"share = {number(share, 6)} must be >= 0.5 and <= 1: the part of the machines that count"
@@ -199,9 +219,16 @@ class RobustTuner:
         search = _Search(self)
         tuned, unsettled = search.run(control)
         return Robust(
-            tuned, self.share, tuple(search.rounds), self.seen_today, self.judged(tuned.control), self.before,
-            self._measured(tuned.control), self.sample.bad, unsettled,
-        )  # fmt: skip
+            tuned,
+            self.share,
+            tuple(search.rounds),
+            self.seen_today,
+            self.judged(tuned.control),
+            self.before,
+            self._measured(tuned.control),
+            self.sample.bad,
+            unsettled,
+        )
 
     @property
     def kept_bounds(self) -> tuple[Bound, ...]:
@@ -274,9 +301,18 @@ class _Search:
         points = [of.sample.points[i] for i in active]
         try:
             return tune_control(
-                control, points, goal=of.goal, limits=of.limits, filters=filters, band=of.band, starts=starts,
-                seed=of.seed, velocity=of.sample.velocity, today=of.loop.control, progress=of.progress,
-            )  # fmt: skip
+                control,
+                points,
+                goal=of.goal,
+                limits=of.limits,
+                filters=filters,
+                band=of.band,
+                starts=starts,
+                seed=of.seed,
+                velocity=of.sample.velocity,
+                today=of.loop.control,
+                progress=of.progress,
+            )
         except UnstableError as error:
             named = ", ".join(point.name for point in points)
             raise UnstableError(

@@ -39,9 +39,13 @@ def _share(figure: Figure, before: Measured, after: Measured, bound: Bound | Non
         outside.append(Box(min(high, factor * bound.most), high, number=ALERT, pale=True))
     label = f"{_said(figure)}{f' ({unit_name(figure.unit)})' if figure.unit else ''}"
     return Panel(
-        "machines below (%)", tuple(curves), boxes=tuple(outside), low=0.0, high=100.0,
+        "machines below (%)",
+        tuple(curves),
+        boxes=tuple(outside),
+        low=0.0,
+        high=100.0,
         abscissa=Abscissa(label, low=low, high=high),
-    )  # fmt: skip
+    )
 
 
 def _sorted(values: np.ndarray) -> np.ndarray:

@@ -64,9 +64,10 @@ class StudySection(Section):
     chunk: int | None = choice("variants that are computed together", least=1, most=1_000_000, default=None)
     seed: int = choice("of the sampler", least=0, most=2**53 - 1, default=0)
     noise: str = choice(
-        '"same": all variants have the noise of one seed; "each": every one its own', options=("same", "each"),
+        '"same": all variants have the noise of one seed; "each": every one its own',
+        options=("same", "each"),
         default="same",
-    )  # fmt: skip
+    )
     measure: tuple[str, ...] = choice("figures to measure", default=())
     specification: Mapping[str, BoundSection] = named("what a good machine keeps, by figure")
     vary: tuple[VarySection, ...] = part("what differs from variant to variant", default=())
@@ -152,8 +153,11 @@ class Study(Result):
 
     def table(self) -> Table:
         """What varies, one row each."""
-        rows = [[each.name, unit or "1", type(each).__name__.lower()] for each in self.vary
-                for unit in each.columns.values()]  # fmt: skip
+        rows = [
+            [each.name, unit or "1", type(each).__name__.lower()]
+            for each in self.vary
+            for unit in each.columns.values()
+        ]
         said = f"{plain(self.title)}, {self.file.name}: {self.count:,} variants, {self.sampler}, seed {self.seed}"
         return Table(said, ["varies", "unit", "as"], rows)
 

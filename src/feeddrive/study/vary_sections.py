@@ -102,9 +102,10 @@ class VaryNumber(VarySection):
         "of the column of results; of a parameter its path", shortest=1, default=None, example='"wear"'
     )
     parameter: str | None = text(
-        "path of the number, as a machine file has it", default=None,
+        "path of the number, as a machine file has it",
+        default=None,
         example='"axis.x.plant.mass"; several that vary together are  scale = [...]  or  add = [...]',
-    )  # fmt: skip
+    )
     scale: str | tuple[str, ...] | None = block.choice("paths of numbers that are multiplied by it", default=None)
     add: str | tuple[str, ...] | None = block.choice("paths of numbers that it is added to", default=None)
     nominal: Number | None = block.parameter(

@@ -63,7 +63,9 @@ def speed_range(control: Control, sample_time: float) -> tuple[float, float]:
             most = min(most, HIGHEST / sample_time)
         if not value > 0.0:
             continue
-        ends = sorted((end / value) ** (1.0 / power) if end > 0.0 else (0.0 if power > 0.0 else math.inf)
-                      for end in (least, most * (1.0 - _INSIDE)))  # fmt: skip
+        ends = sorted(
+            (end / value) ** (1.0 / power) if end > 0.0 else (0.0 if power > 0.0 else math.inf)
+            for end in (least, most * (1.0 - _INSIDE))
+        )
         low, high = max(low, ends[0]), min(high, ends[1])
     return low, high

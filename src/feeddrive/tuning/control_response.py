@@ -149,12 +149,15 @@ class ControlResponse:
     def _leaves(self, values: Sequence[Any]) -> dict[str, Any]:
         """All inputs of the trace, with the tunables at numbers or at arrays of one length."""
         return {
-            **dict(tree.leaves(self.control)), **dict(zip(self.tunables, values, strict=True)),
-            **dict(tree.tables(self.control)), "T": np.float64(self.T),
+            **dict(tree.leaves(self.control)),
+            **dict(zip(self.tunables, values, strict=True)),
+            **dict(tree.tables(self.control)),
+            "T": np.float64(self.T),
             **{f"state.{name}": value for name, value in tree.leaves(self._begun)},
-            **{f"set.{name}": np.float64(0.0) for name in Setpoint._fields}, "set.velocity": np.float64(self.velocity),
+            **{f"set.{name}": np.float64(0.0) for name in Setpoint._fields},
+            "set.velocity": np.float64(self.velocity),
             **dict.fromkeys(READINGS, np.float64(0.0)),
-        }  # fmt: skip
+        }
 
     def _kept(self) -> tuple[list[int], list[int]]:
         """Rows and columns of a model without the states that do not count."""

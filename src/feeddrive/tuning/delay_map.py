@@ -85,9 +85,13 @@ def delay_map(
         robusts.append(_largest(lambda factor: judged(factor).sensitivity_peak <= sensitivity_bound, dead_time))
         edges.append(edge)
     return DelayMap(
-        np.asarray(dead_times, dtype=np.float64), np.array(edges), np.array(robusts), values,
-        sensitivity_bound, float(loop.sample_time),
-    )  # fmt: skip
+        np.asarray(dead_times, dtype=np.float64),
+        np.array(edges),
+        np.array(robusts),
+        values,
+        sensitivity_bound,
+        float(loop.sample_time),
+    )
 
 
 def _largest(admits: Callable[[float], bool], dead_time: float) -> float:

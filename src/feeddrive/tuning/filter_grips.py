@@ -143,16 +143,22 @@ def filter_stepped(
 
 
 def _found(control: Control, name: str) -> tuple[int, str, Filter]:
-    known = {f"filters.{i}.{part}": (i, part, block) for i, block in enumerate(control.filters)
-             for part in (*_frequencies(block), *((WIDTH,) if isinstance(block, Notch) else ()))}  # fmt: skip
+    known = {
+        f"filters.{i}.{part}": (i, part, block)
+        for i, block in enumerate(control.filters)
+        for part in (*_frequencies(block), *((WIDTH,) if isinstance(block, Notch) else ()))
+    }
     if name not in known:
         raise ParameterError(f"there is no place '{name:.60}' to hold a filter{nearest(name, list(known))}")
     return known[name]
 
 
 def _frequencies(block: Filter) -> list[str]:
-    return [name for name, each in declarations(type(block)).items()
-            if each.role == "parameter" and each.unit == "Hz" and getattr(block, name) is not None]  # fmt: skip
+    return [
+        name
+        for name, each in declarations(type(block)).items()
+        if each.role == "parameter" and each.unit == "Hz" and getattr(block, name) is not None
+    ]
 
 
 def _edge(block: Notch, sample_time: float) -> float:

@@ -65,8 +65,11 @@ def read_block(family: type[B], text: str) -> B:
             given[name] = float(value)
         except ValueError:
             raise ParameterError(f"{made.kind}.{name} = '{value}' is no number") from None
-    missing = [each.name for each in dataclasses.fields(made)  # type: ignore[arg-type]
-               if each.name in known and each.name not in given and each.default is dataclasses.MISSING]  # fmt: skip
+    missing = [
+        each.name
+        for each in dataclasses.fields(made)  # type: ignore[arg-type]
+        if each.name in known and each.name not in given and each.default is dataclasses.MISSING
+    ]
     if missing:
         units = ", ".join(f"{name} in {declarations(made)[name].unit or '1'}" for name in missing)
         raise ParameterError(f"'{text}' needs {units}: write {kind}:{missing[0]}=VALUE")
@@ -115,8 +118,11 @@ def begun_filter(kind: str, loop: Margins, sample_time: float, at: float | None 
                 )
             names.append(each.name)
 
-    ratios = {each.name: each.default for each in dataclasses.fields(made)  # type: ignore[arg-type]
-              if each.name.startswith("damping") and isinstance(each.default, (int, float))}  # fmt: skip
+    ratios = {
+        each.name: each.default
+        for each in dataclasses.fields(made)  # type: ignore[arg-type]
+        if each.name.startswith("damping") and isinstance(each.default, (int, float))
+    }
     crossover = loop.crossover or float(loop.loop_gain.frequency[0])
 
     def placed(frequency: float, narrow: float = 1.0) -> Filter:
@@ -224,8 +230,9 @@ def _kept(before: Sequence[Block], after: Sequence[Block]) -> tuple[int, ...] | 
     for i, old in enumerate(before):
         for done in sorted(best, reverse=True):
             if done < len(after) and tree.structure(old) == tree.structure(after[done]):
-                cost = best[done][0] + sum(a != b for (_, a), (_, b) in zip(tree.leaves(old), tree.leaves(after[done]),
-                                                                            strict=True))  # fmt: skip
+                cost = best[done][0] + sum(
+                    a != b for (_, a), (_, b) in zip(tree.leaves(old), tree.leaves(after[done]), strict=True)
+                )
                 if done + 1 not in best or cost < best[done + 1][0]:
                     best[done + 1] = cost, (*best[done][1], i)
     return best[len(after)][1] if len(after) in best else None

@@ -90,9 +90,12 @@ def _placed(control: Control) -> Iterator[PlacedPole]:
             ratio = min(float(getattr(block, each.damping)), 1.0) if each.damping else each.ratio
             name = f"{where}.{each.frequency}"
             yield PlacedPole(
-                name, each.label, size * complex(-ratio, np.sqrt(1.0 - ratio * ratio)), "" if given is None else name,
+                name,
+                each.label,
+                size * complex(-ratio, np.sqrt(1.0 - ratio * ratio)),
+                "" if given is None else name,
                 f"{where}.{each.damping}" if each.damping else "",
-            )  # fmt: skip
+            )
 
 
 def _rate(block: Block, field: str) -> float:

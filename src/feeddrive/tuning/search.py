@@ -96,8 +96,10 @@ class Search:
     def look(self, points: np.ndarray) -> np.ndarray:
         """The merit at many points (points, tunables), infinite where the loop is unstable or has no figures."""
         inside = np.clip(points, self.low, self.high)
-        fine = (each if each is not None and each.stable and np.isfinite(each.goal).all() else None
-                for each in self.criteria.looked(inside))  # fmt: skip
+        fine = (
+            each if each is not None and each.stable and np.isfinite(each.goal).all() else None
+            for each in self.criteria.looked(inside)
+        )
         return np.array([self.merit(each) for each in fine])
 
     def evolve(

@@ -116,10 +116,17 @@ def assess(
 
 
 def _tuner(
-    control: Control, points: OperatingPoint | Loop | Sequence[OperatingPoint | Loop], goal: str,
-    limits: Limits | Iterable[Limit] | None, band: tuple[float, float], confidence: float, starts: int, seed: int,
-    velocity: float, progress: Progress | None,
-) -> Tuner:  # fmt: skip
+    control: Control,
+    points: OperatingPoint | Loop | Sequence[OperatingPoint | Loop],
+    goal: str,
+    limits: Limits | Iterable[Limit] | None,
+    band: tuple[float, float],
+    confidence: float,
+    starts: int,
+    seed: int,
+    velocity: float,
+    progress: Progress | None,
+) -> Tuner:
     """The tuner for checked arguments."""
     figure = goals().get(goal)
     if figure is None or figure.goal is None:

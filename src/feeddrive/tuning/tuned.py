@@ -42,8 +42,12 @@ class CascadeLoops(Result):
         for name, m in (("velocity loop", self.velocity), (f"position loop{ran}", self.position)):
             rows.append([name, m.crossover, m.phase_margin_deg, m.gain_increase_dB, m.sensitivity_peak])
         columns = [
-            "loop", Column("crossover", "Hz"), Column("phase margin", "deg"), Column("gain may rise", "dB"), "Ms",
-        ]  # fmt: skip
+            "loop",
+            Column("crossover", "Hz"),
+            Column("phase margin", "deg"),
+            Column("gain may rise", "dB"),
+            "Ms",
+        ]
         return Table("the cascade, loop by loop", columns, rows)
 
 

@@ -56,9 +56,17 @@ class Tuner:
     """One tuning: the same points, goal and limits for every set of tunables that is tried."""
 
     def __init__(
-        self, points: tuple[OperatingPoint, ...], goal: Figure, limits: Limits, band: tuple[float, float],
-        confidence: float, starts: int, seed: int, velocity: float, progress: Progress,
-    ) -> None:  # fmt: skip
+        self,
+        points: tuple[OperatingPoint, ...],
+        goal: Figure,
+        limits: Limits,
+        band: tuple[float, float],
+        confidence: float,
+        starts: int,
+        seed: int,
+        velocity: float,
+        progress: Progress,
+    ) -> None:
         self.points, self.goal, self.limits, self.band = points, goal, limits, band
         self.confidence, self.starts, self.velocity = confidence, starts, velocity
         self.random = np.random.default_rng(seed)

@@ -54,9 +54,14 @@ def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmar
         keep = request.keep or Path(forgotten)
         if request.retune or own:
             search(
-                rules, plants, keep, laws=request.law if request.retune else own, engine=engine,
-                stored=not request.retune, progress=progress,
-            )  # fmt: skip
+                rules,
+                plants,
+                keep,
+                laws=request.law if request.retune else own,
+                engine=engine,
+                stored=not request.retune,
+                progress=progress,
+            )
         found = score(
             rules, plants, laws=request.law, designs=[keep], own=request.seed, engine=engine, progress=progress
         )

@@ -87,10 +87,15 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]
     plants = _plants(request, loop)
     progress.step("certificate")
     found = certify_loop(
-        loop, plants, radius=request.radius, beyond=request.beyond,
-        arithmetic="float32" if request.float32 else request.arithmetic, confidence=request.confidence,
-        velocity=request.velocity, machine=None if machine is None else source(machine),
-    )  # fmt: skip
+        loop,
+        plants,
+        radius=request.radius,
+        beyond=request.beyond,
+        arithmetic="float32" if request.float32 else request.arithmetic,
+        confidence=request.confidence,
+        velocity=request.velocity,
+        machine=None if machine is None else source(machine),
+    )
     files: dict[str, Path] = {}
     known = {
         "Machine": request.name if machine is None else f"{machine.name}, {request.name}",
@@ -105,9 +110,14 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]
     topics = "; ".join(text.partition(":")[0] for text in found.outside)
     details = [found.document["claim"], *(f"outside: {text}" for text in found.outside)]
     return Outcome(
-        found, [found.table()], [f"Not covered: {topics}."], details=[*map(sentence, details)], files=files,
-        rotary=loop.axis.rotary, page=partial(certificate_report, found, known, rotary=loop.axis.rotary),
-    )  # fmt: skip
+        found,
+        [found.table()],
+        [f"Not covered: {topics}."],
+        details=[*map(sentence, details)],
+        files=files,
+        rotary=loop.axis.rotary,
+        page=partial(certificate_report, found, known, rotary=loop.axis.rotary),
+    )
 
 
 def certified(
@@ -204,7 +214,8 @@ def certificate_report(found: Certificate, known: Mapping[str, str] | None = Non
             Section("result", "Result", (found.table(), plants_table(found, rotary=rotary))),
             further(drawn[1:]),
             Section(
-                "outside", "What is outside",
+                "outside",
+                "What is outside",
                 (Remarks(outside, "", warns=False), Remarks(assumed, "What is assumed", warns=False)),
             ),
             Section("control", "The control", (control_table(found),), folded=True),
@@ -212,7 +223,7 @@ def certificate_report(found: Certificate, known: Mapping[str, str] | None = Non
         ),
         drawn[0],
         rotary,
-    )  # fmt: skip
+    )
 
 
 def _words(document: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -238,12 +249,13 @@ def plants_table(found: Certificate, *, rotary: bool = False) -> Table:
 
     rows = [
         [
-            plant["name"], float(plant["dead_time_s"]),
+            plant["name"],
+            float(plant["dead_time_s"]),
             sum(abs(pole) > 1.0 - 1e-12 for pole in found.loops[plant["name"]].plant.poles()),
             source(plant["source"]),
         ]
         for plant in found.document["plants"]
-    ]  # fmt: skip
+    ]
     return Table("plants", ["plant", Column("dead time", "s"), "poles at or outside |z| = 1", "model"], rows)
 
 
@@ -253,7 +265,7 @@ def control_table(found: Certificate) -> Table:
     rows = [
         [name, Quantity(value, control["units"][name], form="6 SI"), UNIT]
         for name, value in control["parameters"].items()
-    ]  # fmt: skip
+    ]
     every = Quantity(1e-3 * found.document["sample_time_ms"], "s", form="6")
     title = f"control {control['law']}, {found.arithmetic} coefficients, every {every}"
     return Table(title, ["parameter", "value", "unit"], rows)

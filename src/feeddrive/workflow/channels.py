@@ -221,9 +221,15 @@ def _responses(file: OpenedFile) -> Outcome[Any]:
         for name, frf in found.items()
     ]
     columns = (
-        "response", "output", "input", "unit", "lines", TableColumn("from", "Hz"), TableColumn("to", "Hz"),
+        "response",
+        "output",
+        "input",
+        "unit",
+        "lines",
+        TableColumn("from", "Hz"),
+        TableColumn("to", "Hz"),
         TableColumn("coherence, median", form=".3f"),
-    )  # fmt: skip
+    )
     tables = [Table(f"frequency responses in {file}: {len(found)}", columns, rows)]
     if is_ast(file.unpacked):
         for title, values in read_controllers(file).items():

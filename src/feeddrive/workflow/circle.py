@@ -61,14 +61,18 @@ class CircleRequest(Request):
     sample_time: float | None = option("of logs without a clock", unit="s", default=None, above=0.0)
     encoders: bool = option("the columns are readings of encoders, which do not see the tool", default=False)
     radius: float | None = option(
-        "nominal; of a log that of the fit to 0.1 mm if left out, of a machine 20 mm", unit="m", entered="mm",
-        default=None, above=0.0,
-    )  # fmt: skip
+        "nominal; of a log that of the fit to 0.1 mm if left out, of a machine 20 mm",
+        unit="m",
+        entered="mm",
+        default=None,
+        above=0.0,
+    )
     feed: tuple[float, ...] = option(
         "of the circles of a machine; may be repeated", unit="m/s", entered="mm/min", default=(), above=0.0
     )
-    pitch_x: float | None = option("pitch of the screw of x, to look for its error", unit="m", entered="mm",
-                                   default=None, above=0.0)  # fmt: skip
+    pitch_x: float | None = option(
+        "pitch of the screw of x, to look for its error", unit="m", entered="mm", default=None, above=0.0
+    )
     pitch_y: float | None = option("pitch of the screw of y", unit="m", entered="mm", default=None, above=0.0)
     said: str = option("a line for the circle plot: date, place, compensation on or off", default="")
     out: Path | None = option(OUT, short="-o", default=None)
@@ -108,8 +112,11 @@ def circle(request: CircleRequest, progress: Progress) -> Outcome[MeasuredCircle
     else:
         circles = _simulated(machine, request, progress)
     test = circle_test(circles)
-    pitch = {axis: value for axis, value in zip(circles[0].axes, (request.pitch_x, request.pitch_y), strict=True)
-             if value is not None}  # fmt: skip
+    pitch = {
+        axis: value
+        for axis, value in zip(circles[0].axes, (request.pitch_x, request.pitch_y), strict=True)
+        if value is not None
+    }
     progress.step("causes")
     found = MeasuredCircle(test, circle_causes(circles, pitch=pitch))
     files: dict[str, Path] = {}
@@ -153,9 +160,14 @@ def _measured(path: Path, request: CircleRequest) -> CirclePath:
     ]
     names = tuple(Column.of(text).name for text in (request.x, request.y))
     return circle_path(
-        logs[0]["position_load"], logs[1]["position_load"], time=logs[0].time, radius=request.radius,
-        axes=(names[0], names[1]), source="encoder" if request.encoders else "tool", name=path.name,
-    )  # fmt: skip
+        logs[0]["position_load"],
+        logs[1]["position_load"],
+        time=logs[0].time,
+        radius=request.radius,
+        axes=(names[0], names[1]),
+        source="encoder" if request.encoders else "tool",
+        name=path.name,
+    )
 
 
 def _simulated(file: MachineFile, request: CircleRequest, progress: Progress) -> list[CirclePath]:
@@ -176,12 +188,22 @@ def _simulated(file: MachineFile, request: CircleRequest, progress: Progress) ->
         for direction in ("counterclockwise", "clockwise"):
             progress.step(Text(f"{direction} at {Quantity(feed, 'm/s'):mm/min}"))
             motion = {
-                name: Circle(radius=radius, feed=feed, turns=_TURNS, phase=phase, direction=direction, center=at,
-                             run_up_time=min(0.3, np.pi * radius / feed))
+                name: Circle(
+                    radius=radius,
+                    feed=feed,
+                    turns=_TURNS,
+                    phase=phase,
+                    direction=direction,
+                    center=at,
+                    run_up_time=min(0.3, np.pi * radius / feed),
+                )
                 for name, phase, at in zip(axes, (0, 90), center, strict=True)
-            }  # fmt: skip
-            still = {name: Recorded(position=np.zeros(2), sample_time=float(loop.sample_time))
-                     for name, loop in machine.loops().items() if name not in axes}  # fmt: skip
+            }
+            still = {
+                name: Recorded(position=np.zeros(2), sample_time=float(loop.sample_time))
+                for name, loop in machine.loops().items()
+                if name not in axes
+            }
             ends = next(iter(motion.values())).duration
             run = simulate(machine, {**motion, **still}, duration=ends, name=file.name)
             found.append(circle_of_run(run, axes, radius=radius, center=(center[0], center[1]), signal=signal))
@@ -221,22 +243,41 @@ def _summary(found: MeasuredCircle) -> dict[str, Any]:
         "source": first.source,
         "center_of_F": found.test.about,
         "figures": [
-            {"name": each.name, "both_directions": each.both, "G_m": each.G, "F_max_m": each.F_max,
-             "F_min_m": each.F_min, "D_m": each.D, "center_m": each.center.tolist()}
+            {
+                "name": each.name,
+                "both_directions": each.both,
+                "G_m": each.G,
+                "F_max_m": each.F_max,
+                "F_min_m": each.F_min,
+                "D_m": each.D,
+                "center_m": each.center.tolist(),
+            }
             for each in found.test.figures
         ],
         "quadrant_peaks": [
-            {"circle": found.test.circles[each.circle].name, "axis": each.axis, "side": each.side,
-             "angle_rad": each.angle, "deviation_m": each.deviation, "height_m": each.height}
+            {
+                "circle": found.test.circles[each.circle].name,
+                "axis": each.axis,
+                "side": each.side,
+                "angle_rad": each.angle,
+                "deviation_m": each.deviation,
+                "height_m": each.height,
+            }
             for each in quadrant_peaks(found.test)
         ],
         "causes": [
-            {"name": each.name, "value": _known(each.value, each), "standard_error": _known(each.error, each),
-             "unit": each.unit, "draws_m": each.effect, "note": each.note}
+            {
+                "name": each.name,
+                "value": _known(each.value, each),
+                "standard_error": _known(each.error, each),
+                "unit": each.unit,
+                "draws_m": each.effect,
+                "note": each.note,
+            }
             for each in found.causes.causes
         ],
         "not_explained_rms_m": found.causes.residual,
-    }  # fmt: skip
+    }
 
 
 def _known(value: float, cause: Cause) -> float | None:

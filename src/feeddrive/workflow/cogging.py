@@ -257,9 +257,11 @@ class AtTable:
 
 
 def cogging_report(
-    fit: CoggingFit, runs: Sequence[CoggingRun] = (), known: Mapping[str, str] | None = None,
+    fit: CoggingFit,
+    runs: Sequence[CoggingRun] = (),
+    known: Mapping[str, str] | None = None,
     verdict: Advice | None = None,
-) -> Report:  # fmt: skip
+) -> Report:
     """Return the report of a fit of cogging; `known`: facts on the logs."""
     first, *others = _pictures(fit, runs)
     judgment, told = verdict or advice(fit)

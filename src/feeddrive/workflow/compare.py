@@ -34,13 +34,15 @@ class CompareRequest(EvaluationRequest):
     axis: str | None = option("The axis, if the machine has several", default=None)
     law: tuple[str, ...] = option(
         "A law that is wanted: by name, or PACKAGE.MODULE:CLASS of your own, whose code is then run; may be repeated; "
-        "default: all", default=(),
-    )  # fmt: skip
+        "default: all",
+        default=(),
+    )
     starts: int = option("Searches for each law; the best counts", default=2, least=1, most=20)
     keep: Path | None = option(
         "Directory in which finished laws are kept, and taken if they are there; default: beside --out until it is "
-        "written", default=None,
-    )  # fmt: skip
+        "written",
+        default=None,
+    )
     take: str | None = option("A law with whose control the machine file is written too, as taken.toml", default=None)
     out: Path | None = option(OUT, short="-o", default=None)
 
@@ -75,9 +77,15 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
     refused = [f"'{each.name}' cannot control this axis: {each.reason}" for each in found.refusals]
     judgment, verdict = advice(found)
     return Outcome(
-        found, [screen(found)], [f"rule: {found.rule}", *in_short(found)], verdict, files=files,
-        details=[*found.remarks, *refused], judgment=judgment, page=partial(comparison_report, found),
-    )  # fmt: skip
+        found,
+        [screen(found)],
+        [f"rule: {found.rule}", *in_short(found)],
+        verdict,
+        files=files,
+        details=[*found.remarks, *refused],
+        judgment=judgment,
+        page=partial(comparison_report, found),
+    )
 
 
 def _check_take(request: CompareRequest, loop: Loop, own: list[type[Law]]) -> None:
@@ -101,23 +109,24 @@ def taken(machine: MachineFile, axis: str, control: Control) -> str:
 
 # columns of the screen, and the keys of their figures
 _COLUMNS = (
-    (Column("Ms", form="2"), "sensitivity_peak"), (Column("delay samples", form="2"), "delay_margin_samples"),
+    (Column("Ms", form="2"), "sensitivity_peak"),
+    (Column("delay samples", form="2"), "delay_margin_samples"),
     (Column("snap", "m √s/N", "2"), "rope_snap_ISE_root_m_per_N"),
     (Column("at 10 Hz", "N/m", "2"), "stiffness_10_Hz_N_per_m"),
     (Column("at 100 Hz", "N/m", "2"), "stiffness_100_Hz_N_per_m"),
-    (Column("track RMS", "m", "2"), "tracking_error_rms_m"), (Column("settled", "s", "2"), "snap_settling_s"),
+    (Column("track RMS", "m", "2"), "tracking_error_rms_m"),
+    (Column("settled", "s", "2"), "snap_settling_s"),
     (Column("noise", "N", "2"), "force_noise_N"),
-)  # fmt: skip
+)
 _SENTENCES = re.compile(r"\. (?=[A-Z])")  # between two: not the point of a number in a line of code
 
 
 def screen(found: Comparison) -> Table:
     """Robustness and the figures that decide, two digits each; the laws without a place have a mark."""
     rows = [
-        [f"{each.name}{' *' if each.unplaced or each.unfit else ''}",
-         *(each.figures.get(key) for _, key in _COLUMNS)]
+        [f"{each.name}{' *' if each.unplaced or each.unfit else ''}", *(each.figures.get(key) for _, key in _COLUMNS)]
         for each in found.competitors
-    ]  # fmt: skip
+    ]
     return Table(f"{found.title}; * not ranked", [Column("law"), *(column for column, _ in _COLUMNS)], rows)
 
 

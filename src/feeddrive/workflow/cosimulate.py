@@ -38,9 +38,13 @@ def cosimulate(request: CosimulateRequest, progress: Progress) -> Outcome[Cosimu
     job = read_job(request.job)
     values = {name: _number(name, text) for name, text in _pairs("--set", request.set).items()}
     found = run_against(
-        job, request.fmu, names=_pairs("--variable", request.variable), parameters=values,
-        dead_time=request.dead_time, progress=progress.counted(len(job.loops)),
-    )  # fmt: skip
+        job,
+        request.fmu,
+        names=_pairs("--variable", request.variable),
+        parameters=values,
+        dead_time=request.dead_time,
+        progress=progress.counted(len(job.loops)),
+    )
     files: dict[str, Path] = {}
     if request.out is not None:
         files["Signals"] = write_cosimulation(found, request.out).parent / "runs"

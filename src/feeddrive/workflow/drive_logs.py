@@ -54,9 +54,12 @@ class DriveLogsRequest(Request):
     def forces(self) -> dict[str, str | None]:
         """The columns that were named, by their roles."""
         return {
-            "force": self.force, "torque": self.torque, "current": self.current, "command": self.command,
+            "force": self.force,
+            "torque": self.torque,
+            "current": self.current,
+            "command": self.command,
             "time": self.time,
-        }  # fmt: skip
+        }
 
 
 def drive_of(request: DriveLogsRequest) -> Drive:
@@ -67,9 +70,14 @@ def drive_of(request: DriveLogsRequest) -> Drive:
 
 
 def read_logs(
-    paths: Sequence[Path | OpenedFile], named: Mapping[str, str | None], channels: MappingLike | None,
-    wanted: Collection[str], sample_time: float | None, progress: Progress, unit: Sequence[str] = (),
-) -> tuple[list[Log], dict[str, Column], list[str]]:  # fmt: skip
+    paths: Sequence[Path | OpenedFile],
+    named: Mapping[str, str | None],
+    channels: MappingLike | None,
+    wanted: Collection[str],
+    sample_time: float | None,
+    progress: Progress,
+    unit: Sequence[str] = (),
+) -> tuple[list[Log], dict[str, Column], list[str]]:
     """All logs with the roles of the first one, whose guess is shown; and doubts about their sizes.
 
     Raises LogError as `read_log`, and for a log that is none of a feed drive.

@@ -17,9 +17,12 @@ class EvaluationRequest(Request):
     """Base of the requests of such commands; their own fields come first."""
 
     workers: int | None = option(
-        "How many cases are computed side by side; default: as many as there are cores", default=None, least=1,
-        most=MOST_WORKERS, last=True,
-    )  # fmt: skip
+        "How many cases are computed side by side; default: as many as there are cores",
+        default=None,
+        least=1,
+        most=MOST_WORKERS,
+        last=True,
+    )
     scheduler: str | None = option(
         "Address of a Dask cluster that computes in place of this machine, as tcp://10.0.0.5:8786",
         default=None,

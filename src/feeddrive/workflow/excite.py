@@ -76,11 +76,21 @@ def excite(request: ExciteRequest, progress: Progress) -> Outcome[Excitation]:
     loop = machine.loop(request.axis)
     progress.step("designing and simulating")
     found = design_excitation(
-        loop, band=frequencies(request.band), name=request.name, amplitude=request.amplitude, where=request.where,
-        resolution=request.resolution, periods=request.periods, grid=request.grid, realisations=request.realisations,
-        offset_velocity=request.offset_velocity, travel=request.travel, speed=request.speed, force=request.force,
+        loop,
+        band=frequencies(request.band),
+        name=request.name,
+        amplitude=request.amplitude,
+        where=request.where,
+        resolution=request.resolution,
+        periods=request.periods,
+        grid=request.grid,
+        realisations=request.realisations,
+        offset_velocity=request.offset_velocity,
+        travel=request.travel,
+        speed=request.speed,
+        force=request.force,
         seed=request.seed,
-    )  # fmt: skip
+    )
     files: dict[str, str] = {}
     page = partial(
         excitation_report,
@@ -157,16 +167,20 @@ def excitation_report(found: Excitation, loop: Loop, known: Mapping[str, str] | 
     ]
     first, expected = (
         Picture(
-            "excitation", "What is sent, and what the axis does",
+            "excitation",
+            "What is sent, and what the axis does",
             "First realisation. Between the dashed lines the speed must keep its sign.",
-            "Excitation, speed and force over time.", found.chart,
+            "Excitation, speed and force over time.",
+            found.chart,
         ),
         Picture(
-            "expected", "What the measurement will show",
+            "expected",
+            "What the measurement will show",
             "The response estimated from the simulated log, and the response of the model.",
-            "Estimated and modelled response over frequency.", lambda: frequency_estimate_chart(estimate, model),
+            "Estimated and modelled response over frequency.",
+            lambda: frequency_estimate_chart(estimate, model),
         ),
-    )  # fmt: skip
+    )
     stated = {
         **(known or {}),
         "Grid": Text(f"{found.grid}, lines at multiples of {Quantity(1.0 / (found.period * found.sample_time), 'Hz')}"),

@@ -46,12 +46,23 @@ def export(request: ExportRequest, progress: Progress) -> Outcome[tuple[Design, 
     """
     progress.step(f"export for {request.target}")
     written = write_all(
-        request.source, request.target, request.out, axis=request.axis, name=request.name,
-        precision=request.precision, plant=request.plant, together=request.together, single_header=request.header_only,
+        request.source,
+        request.target,
+        request.out,
+        axis=request.axis,
+        name=request.name,
+        precision=request.precision,
+        plant=request.plant,
+        together=request.together,
+        single_header=request.header_only,
         joint=request.joint,
-        route=request.route, units=request.units, core=request.core, makers=request.maker, lead=request.lead,
+        route=request.route,
+        units=request.units,
+        core=request.core,
+        makers=request.maker,
+        lead=request.lead,
         gear=request.gear,
-    )  # fmt: skip
+    )
     designs = tuple(design for design, _ in written)
     said = [f"{design.title}; for the target {request.target}, every {design.period}" for design in designs]
     remarks = [

@@ -113,9 +113,13 @@ def follow(request: FollowRequest, progress: Progress) -> Outcome[Log]:
 
 
 def opened(
-    source: Path, pipe: Pipe | None = None, *, sample_time: float | None = None, time_unit: str | None = None,
+    source: Path,
+    pipe: Pipe | None = None,
+    *,
+    sample_time: float | None = None,
+    time_unit: str | None = None,
     inside: Path | None = None,
-) -> LiveSource:  # fmt: skip
+) -> LiveSource:
     """A source by what it is called: - for the pipe, a drive file for its drive, else a table that grows.
 
     inside  a folder that a file must not leave
@@ -178,10 +182,14 @@ def window_log(
     time = shown.time - shown.zero
     found = checked_clock(name, time, lambda row: Text(f"{Quantity(time[row], 's'):6 SI}"))
     return Log(
-        name=name, time=time, channels=values, units={each: units[each] for each in names},
-        sample_time=found.sample_time, jitter=found.jitter,
+        name=name,
+        time=time,
+        channels=values,
+        units={each: units[each] for each in names},
+        sample_time=found.sample_time,
+        jitter=found.jitter,
         provenance={"written_by": "feeddrive follow", "zero": shown.zero, "triggered": shown.triggered},
-    )  # fmt: skip
+    )
 
 
 def between(shown: Shown, a: float, b: float) -> Shown:

@@ -41,12 +41,15 @@ from feeddrive.workflow.request import CHANNELS, OUT, UNIT, Request, argument, c
 _INPUT = ("force", "torque", "current", "command", "iq")
 _REFERENCE = ("excitation", "added_force", "reference")
 # of both encoders, the first kind that is there
-_OUTPUTS = (("position_load", "reading_load", "position_motor", "reading_motor"), ("angle_load", "angle_motor"),
-            ("velocity_load", "velocity_motor"), ("speed_load", "speed_motor"))  # fmt: skip
+_OUTPUTS = (
+    ("position_load", "reading_load", "position_motor", "reading_motor"),
+    ("angle_load", "angle_motor"),
+    ("velocity_load", "velocity_motor"),
+    ("speed_load", "speed_motor"),
+)
 _ONE_OUTPUT = ("position", "y", "x")
 _SI = ("m", "m/s", "m/s2", "N", "rad", "rad/s", "N m", "A", "V")
-_FLAGS = {**dict.fromkeys((name for kind in _OUTPUTS for name in kind), "--output"),
-          **dict.fromkeys(_INPUT, "--input")}  # fmt: skip
+_FLAGS = {**dict.fromkeys((name for kind in _OUTPUTS for name in kind), "--output"), **dict.fromkeys(_INPUT, "--input")}
 
 
 class FrfRequest(Request):
@@ -90,9 +93,13 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
         progress.step(f"response of {output}", k, len(outputs))
         records = [_record(log, of_input, output, references) for log in read]
         estimate = estimate_frf(
-            records, method=request.method.replace("-", "_"), band=inside, period=request.period, skip=request.skip,
+            records,
+            method=request.method.replace("-", "_"),
+            band=inside,
+            period=request.period,
+            skip=request.skip,
             segment=request.segment,
-        )  # fmt: skip
+        )
         if request.channels is None and "blows" not in estimate.counts:  # a hammer finds modes, no mass
             doubted += _check_mass(read[0].name, estimate, of_input, output, progress)
         found.append(estimate)
@@ -104,11 +111,14 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
     ]
     doubts = _doubts(read[0], {"input": [of_input], "output": outputs}, references)
     files: dict[str, Path] = {}
-    known = {"Logs": ", ".join(str(log) for log in logs), "Input": found[0].frf.input,
-             "Output": ", ".join(each.frf.output for each in found),
-             "Reference": ", ".join(map(_plain, _references(read[0], references))) or "none",
-             "Sample time": Text(f"{Quantity(read[0].sample_time, 's'):6}"),
-             **({"In doubt": " ".join((*doubted, *doubts))} if doubted or doubts else {})}  # fmt: skip
+    known = {
+        "Logs": ", ".join(str(log) for log in logs),
+        "Input": found[0].frf.input,
+        "Output": ", ".join(each.frf.output for each in found),
+        "Reference": ", ".join(map(_plain, _references(read[0], references))) or "none",
+        "Sample time": Text(f"{Quantity(read[0].sample_time, 's'):6}"),
+        **({"In doubt": " ".join((*doubted, *doubts))} if doubted or doubts else {}),
+    }
     judged_by = units_first(doubted) or _advice(found)
     page = partial(estimates_report, found, known, judged_by)
     if request.out is not None:
@@ -188,9 +198,13 @@ def _check_mass(where: str, found: FrequencyEstimate, of_input: str, of_output: 
 
 
 def _by_roles(
-    request: LogRequest, time: str | None, sample_time: float | None, unit: Sequence[str], progress: Progress,
+    request: LogRequest,
+    time: str | None,
+    sample_time: float | None,
+    unit: Sequence[str],
+    progress: Progress,
     doubted: list[str],
-) -> Log:  # fmt: skip
+) -> Log:
     """A log with the roles of a TOML file; what was named on the command line goes before it."""
     file = OpenedFile(request.path)
     told = {} if time is None else {"time": Column.of(time)}
@@ -207,10 +221,15 @@ def _record(log: Log, of_input: str, of_output: str, references: Sequence[str]) 
     force, unit_in = _values(log, of_input)
     position, unit_out = _values(log, of_output)
     return Record(
-        input=force, output=position, references=tuple(_values(log, name)[0] for name in _references(log, references)),
-        sample_time=log.sample_time, input_name=_plain(of_input), output_name=_plain(of_output),
-        unit=f"{unit_out}/{unit_in}" if unit_in and unit_out else "", name=log.name,
-    )  # fmt: skip
+        input=force,
+        output=position,
+        references=tuple(_values(log, name)[0] for name in _references(log, references)),
+        sample_time=log.sample_time,
+        input_name=_plain(of_input),
+        output_name=_plain(of_output),
+        unit=f"{unit_out}/{unit_in}" if unit_in and unit_out else "",
+        name=log.name,
+    )
 
 
 def _input(log: Log) -> str:

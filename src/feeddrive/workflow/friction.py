@@ -75,9 +75,12 @@ class FrictionRequest(DriveLogsRequest):
     def named(self) -> dict[str, str | None]:
         """The columns that were named, by their roles."""
         return {
-            "velocity_load": self.velocity, "position_load": self.position, "speed_motor": self.speed,
-            "angle_motor": self.angle, **self.forces(),
-        }  # fmt: skip
+            "velocity_load": self.velocity,
+            "position_load": self.position,
+            "speed_motor": self.speed,
+            "angle_motor": self.angle,
+            **self.forces(),
+        }
 
 
 @command(FrictionRequest)
@@ -114,10 +117,15 @@ def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCu
         progress.step("report")
         files = written(drive_logs.write_report(page(), text, request.out), text)
     return Outcome(
-        curve, [replace(compared, sentences=0), narrow(parameters)], [sentence(each) for each in said],
-        verdict, [f"No machine file was written: {why}."] if why else [], files=files, judgment=judgment,
+        curve,
+        [replace(compared, sentences=0), narrow(parameters)],
+        [sentence(each) for each in said],
+        verdict,
+        [f"No machine file was written: {why}."] if why else [],
+        files=files,
+        judgment=judgment,
         page=page,
-    )  # fmt: skip
+    )
 
 
 def _runs(
@@ -146,9 +154,11 @@ def _runs(
 
 
 def friction_report(
-    curve: FrictionCurve, said: Sequence[str] | None = None, known: Mapping[str, str] | None = None,
+    curve: FrictionCurve,
+    said: Sequence[str] | None = None,
+    known: Mapping[str, str] | None = None,
     verdict: Advice | None = None,
-) -> Report:  # fmt: skip
+) -> Report:
     """Return the report of a friction curve; `said`: remarks, `known`: facts on the logs."""
     first, *others = _pictures(curve)
     judgment, told = verdict or advice(curve)

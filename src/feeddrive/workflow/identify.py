@@ -111,9 +111,16 @@ def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, p
     shown = [narrow(each) for each in tables(found)]
     first = _estimates(found)
     return Outcome(
-        found, shown[:first], [sentence(each) for each in found.remarks],
-        found.recommendation, notes, files=files, details=shown[first:], judgment=found.advice.judgment, page=page,
-    )  # fmt: skip
+        found,
+        shown[:first],
+        [sentence(each) for each in found.remarks],
+        found.recommendation,
+        notes,
+        files=files,
+        details=shown[first:],
+        judgment=found.advice.judgment,
+        page=page,
+    )
 
 
 def _turning(request: IdentifyRequest, loop: Loop | None, channels: Mapping[str, Any]) -> bool:
@@ -156,9 +163,7 @@ def _identified(
             doubt.stop(progress)
         motion = MotionLog(**channels)
         law = None if request.law is None else read_block(Law, request.law)  # type: ignore[type-abstract]
-        found = identify_motion(
-            motion, loop, law=law, friction=request.friction, lead=request.lead, gear=request.gear
-        )  # fmt: skip
+        found = identify_motion(motion, loop, law=law, friction=request.friction, lead=request.lead, gear=request.gear)
         doubt.stop(progress)
     except LogError:
         if swapped(channels):
@@ -190,10 +195,14 @@ def _channels(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) 
             position, set_position = r * position, None if set_position is None else r * set_position
         force, rotary = force / r if is_torque else force, False
     return {
-        "name": str(file), "position": position, "force": force, "set_position": set_position,
-        "sample_time": log.sample_time, "force_limit": None if limit is None or rotary else float(limit),
+        "name": str(file),
+        "position": position,
+        "force": force,
+        "set_position": set_position,
+        "sample_time": log.sample_time,
+        "force_limit": None if limit is None or rotary else float(limit),
         "rotary": rotary,
-    }  # fmt: skip
+    }
 
 
 def _chosen(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) -> tuple[str, str]:

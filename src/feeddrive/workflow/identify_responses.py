@@ -86,9 +86,16 @@ def identify_responses(request: IdentifyRequest, found: Mapping[str, FRF], progr
     notes = [f"No machine file was written: {reason}."] if reason else []
     details = [*compared, agreement, *unknown]
     return Outcome(
-        result, [own], [sentence(each) for each in remarks], verdict, notes, files=files, details=details,
-        judgment=judgment, page=page,
-    )  # fmt: skip
+        result,
+        [own],
+        [sentence(each) for each in remarks],
+        verdict,
+        notes,
+        files=files,
+        details=details,
+        judgment=judgment,
+        page=page,
+    )
 
 
 def _facts(path: Path, chosen: Mapping[str, FRF], request: IdentifyRequest) -> dict[str, str]:
@@ -198,9 +205,11 @@ def _fixed(texts: Sequence[str], plant: Plant | None) -> dict[str, float]:
 
 
 def fit_report(
-    found: AxisFits | ModalFit, remarks: Sequence[str] | None = None, known: Mapping[str, str] | None = None,
+    found: AxisFits | ModalFit,
+    remarks: Sequence[str] | None = None,
+    known: Mapping[str, str] | None = None,
     verdict: Advice | None = None,
-) -> Report:  # fmt: skip
+) -> Report:
     """Return the report of a model of frequency responses; `known`: facts on the measurement."""
     fit = found if isinstance(found, ModalFit) else found.fit
     first, *others = _pictures(fit)
@@ -398,7 +407,12 @@ class IdentifyRequest(Request):
     def named(self) -> dict[str, str | None]:
         """The columns that were named, by their roles."""
         return {
-            "setpoint_position": self.set_position, "position_load": self.position, "force": self.force,
-            "command": self.command, "angle_motor": self.angle, "torque": self.torque, "time": self.time,
+            "setpoint_position": self.set_position,
+            "position_load": self.position,
+            "force": self.force,
+            "command": self.command,
+            "angle_motor": self.angle,
+            "torque": self.torque,
+            "time": self.time,
             "setpoint_angle": self.set_angle,
-        }  # fmt: skip
+        }

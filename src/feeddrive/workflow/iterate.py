@@ -34,9 +34,16 @@ from feeddrive.workflow.request import CHANNELS, UNIT, Request, argument, called
 _WANTED = ("time", "setpoint_position", "position_load", "position_motor", "force", "command")
 # the motion of simulated trials if no job names another
 MOVE = SnapLimitedMove(
-    distance=0.1, velocity=0.25, acceleration=3.0, jerk=60.0, snap=15e3, back=True, dwell_before=0.02,
-    dwell_between=0.2, dwell_after=0.2,
-)  # fmt: skip
+    distance=0.1,
+    velocity=0.25,
+    acceleration=3.0,
+    jerk=60.0,
+    snap=15e3,
+    back=True,
+    dwell_before=0.02,
+    dwell_between=0.2,
+    dwell_after=0.2,
+)
 
 
 class IterateRequest(Request):
@@ -71,9 +78,12 @@ class IterateRequest(Request):
     def named(self) -> dict[str, str | None]:
         """The columns that were named, by their roles."""
         return {
-            "setpoint_position": self.set_position, "position_load": self.position, "force": self.force,
-            "command": self.command, "time": self.time,
-        }  # fmt: skip
+            "setpoint_position": self.set_position,
+            "position_load": self.position,
+            "force": self.force,
+            "command": self.command,
+            "time": self.time,
+        }
 
     @property
     def machine(self) -> MachineLike:
@@ -121,9 +131,14 @@ def _measured(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[
     progress.step(f"reading {called(request.source)}")
     trial = _trial(request, loop, progress)
     found = next_iteration(
-        loop, trial, form=request.form.replace("-", "_"), gamma=request.gamma, columns=request.wanted,
-        least_mass=request.least_mass, skip=request.skip,
-    )  # fmt: skip
+        loop,
+        trial,
+        form=request.form.replace("-", "_"),
+        gamma=request.gamma,
+        columns=request.wanted,
+        least_mass=request.least_mass,
+        skip=request.skip,
+    )
     moving = trial.starts_moving and request.skip == 0
     text = "The log starts in motion; its first samples are taken as steady: --skip leaves some out."
     return found, [found.table()], [text] if moving else []
@@ -134,9 +149,15 @@ def _simulated(request: IterateRequest, loop: Loop, progress: Progress) -> tuple
     references = [_reference(job) for job in request.job] or [MOVE]
     progress.step(f"{request.trials} trials")
     found = iterate_trials(
-        loop, references, request.trials, form=request.form.replace("-", "_"), gamma=request.gamma,
-        columns=request.wanted, least_mass=request.least_mass, seed=request.seed,
-    )  # fmt: skip
+        loop,
+        references,
+        request.trials,
+        form=request.form.replace("-", "_"),
+        gamma=request.gamma,
+        columns=request.wanted,
+        least_mass=request.least_mass,
+        seed=request.seed,
+    )
     text = Text(
         f"Each trial: {Quantity(MOVE.distance, 'm'):6 mm} out and back, at most {Quantity(MOVE.velocity, 'm/s'):6 SI}, "
         f"{Quantity(MOVE.acceleration, 'm/s2')}, {Quantity(MOVE.jerk, 'm/s3'):6}; --job names another motion."
@@ -165,9 +186,16 @@ def _all_axes(request: IterateRequest, job: Job, progress: Progress) -> Outcome[
         found = tune_prefilters(machine, references, request.trials, seed=request.seed, progress=progress)
     else:
         found = iterate_machine(
-            machine, references, request.trials, form=request.form.replace("-", "_"), gamma=request.gamma,
-            columns=request.wanted, least_mass=request.least_mass, seed=request.seed, progress=progress,
-        )  # fmt: skip
+            machine,
+            references,
+            request.trials,
+            form=request.form.replace("-", "_"),
+            gamma=request.gamma,
+            columns=request.wanted,
+            least_mass=request.least_mass,
+            seed=request.seed,
+            progress=progress,
+        )
     texts: list[str] = []
     for axis, block in found.learned.items():
         key = f"axis.{axis}.control.{'prefilter' if request.prefilter else 'feedforward'}"
@@ -242,6 +270,11 @@ def _trial(request: IterateRequest, loop: Loop, progress: Progress) -> Trial:
         scale = drive_with(None, loop, request.axis).force_per_unit(measured.units["command"])
         force = None if scale is None else scale * measured["command"]
     return measured_trial(
-        loop, measured[set_position], measured[position], sample_time=measured.sample_time, force=force,
-        smoothing=request.smoothing, name=str(file),
-    )  # fmt: skip
+        loop,
+        measured[set_position],
+        measured[position],
+        sample_time=measured.sample_time,
+        force=force,
+        smoothing=request.smoothing,
+        name=str(file),
+    )

@@ -53,12 +53,15 @@ class LobesRequest(Request):
     depth: float | None = option(
         "axial depth of the cut; that of the cutter if left out", unit="m", entered="mm", above=0, default=None
     )
-    deepest: float | None = option("axial depth up to which limits are looked for", unit="m", entered="mm", above=0,
-                                   default=None)  # fmt: skip
+    deepest: float | None = option(
+        "axial depth up to which limits are looked for", unit="m", entered="mm", above=0, default=None
+    )
     process_damping: float | None = option(
         "force per depth and per vibration velocity over cutting speed; it depends on the wear of the edge",
-        unit="N/m", least=0, default=None,
-    )  # fmt: skip
+        unit="N/m",
+        least=0,
+        default=None,
+    )
     islands: bool = option("look for stable depths above the limit as well", default=False)
     out: Path | None = option(OUT, short="-o", default=None)
 
@@ -95,9 +98,15 @@ def lobes(request: LobesRequest, progress: Progress) -> Outcome[Lobes]:
     turn = request.direction if request.direction is not None else float(cut.direction or 0.0)
     tool = tool.turned(turn) if turn else tool
     result = stability_lobes(
-        tool, teeth, speeds, deepest=request.deepest, islands=request.islands, speed=own, depth=depth,
+        tool,
+        teeth,
+        speeds,
+        deepest=request.deepest,
+        islands=request.islands,
+        speed=own,
+        depth=depth,
         progress=progress,
-    )  # fmt: skip
+    )
     simple = zero_order(tool, teeth, speeds)
     files: dict[str, str | Path] = {}
     known = {
@@ -116,9 +125,14 @@ def lobes(request: LobesRequest, progress: Progress) -> Outcome[Lobes]:
     assert result.own is not None
     judgment = Judgment.STABLE_CUT if result.own.stable else Judgment.CHATTERS
     return Outcome(
-        result, [result.table()], _remarks(result), Text(f"{result.own.sentence()}."), files=files, judgment=judgment,
+        result,
+        [result.table()],
+        _remarks(result),
+        Text(f"{result.own.sentence()}."),
+        files=files,
+        judgment=judgment,
         page=partial(lobes_report, result, known),
-    )  # fmt: skip
+    )
 
 
 def _machine(source: MachineLike | JobLike) -> Machine:
@@ -229,11 +243,13 @@ def lobes_report(result: Lobes, known: Mapping[str, str] | None = None) -> Repor
     assert result.own is not None
     own, shown = result.own.table(), result.table()
     drawn = Picture(
-        "lobes", "Depth without chatter over the spindle speed",
+        "lobes",
+        "Depth without chatter over the spindle speed",
         "Shaded: stable. Dotted: speeds at which a tooth passes every k swings of a mode. Below: what is heard at the "
         "limit; dashed are the own frequencies of what gives way.",
-        "Limits of the axial depth and chatter frequency over the spindle speed.", result.chart,
-    )  # fmt: skip
+        "Limits of the axial depth and chatter frequency over the spindle speed.",
+        result.chart,
+    )
     return Report(
         "Will the cut chatter?",
         "feeddrive lobes",

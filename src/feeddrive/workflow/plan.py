@@ -54,16 +54,23 @@ class PlanRequest(Request):
     front_end: str = option("what reads the program", default="auto", options=("auto", "own", "rs274"))
     tolerance: float | None = option(
         "of corners where the program states none (G64 without P); it stops there if this is left out",
-        default=None, unit="m", entered="mm", above=0.0,
-    )  # fmt: skip
+        default=None,
+        unit="m",
+        entered="mm",
+        above=0.0,
+    )
     override: str | None = option(
         "steps of the feed in % from these times on, in s: 1:50, 2:0, 3.5:120; 0 holds; 100 before the first",
         default=None,
-    )  # fmt: skip
+    )
     sample_time: float | None = option(
         "from setpoint to setpoint; that of the machine's loops if it is left out",
-        default=None, unit="s", entered="ms", least=1e-3, most=1e3,
-    )  # fmt: skip
+        default=None,
+        unit="s",
+        entered="ms",
+        least=1e-3,
+        most=1e3,
+    )
     watch: bool = option("print a line of progress every 5 s", default=False)
     out: Path | None = option(OUT, short="-o", default=None)
 
@@ -132,9 +139,14 @@ def _moves(request: PlanRequest, limits: MachineLimits, progress: Progress) -> G
     """The moves of the program; as they are read the progress is reported."""
     front_end: FrontEnd = request.front_end  # type: ignore[assignment]
     moves = read_program(
-        request.program, axes=limits.travel, tools=request.tools, offsets=request.offsets,
-        tables_inch=request.tables_inch, skip_deleted=request.skip_deleted, front_end=front_end,
-    )  # fmt: skip
+        request.program,
+        axes=limits.travel,
+        tools=request.tools,
+        offsets=request.offsets,
+        tables_inch=request.tables_inch,
+        skip_deleted=request.skip_deleted,
+        front_end=front_end,
+    )
     of = _lines_of(request.program)
     stated = moves if request.tolerance is None else _with_tolerance(moves, request.tolerance)
     farthest, shown, watched = 0, monotonic(), monotonic()
@@ -192,6 +204,11 @@ def _outcome(found: Planned, out: Path | None, machine: MachineFile | None) -> O
     judgment, failure = (Judgment.PLANNED, "") if proven else (Judgment.NOT_PLANNED, FAULT)
     faults = [] if proven else [found.limits.named(str(found.proof.faults[0]))]
     return Outcome(
-        found, [found.table()], [*said, *faults, *differ], files=files, judgment=judgment, failure=failure,
+        found,
+        [found.table()],
+        [*said, *faults, *differ],
+        files=files,
+        judgment=judgment,
+        failure=failure,
         page=partial(plan_report, found),
-    )  # fmt: skip
+    )

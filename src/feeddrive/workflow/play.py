@@ -147,9 +147,11 @@ def _play_plan(request: PlayRequest, setpoints: Path, progress: Progress) -> Out
     _ask(request, name, progress)
     segment = Segment(files[0].interface) if files[0].drive.bus == "ethercat" else None
     clients = [
-        DriveClient(transport_of(file.drive, file.interface, file.bitrate, segment), file.drive,
-                    paced=not request.unpaced) for file in files
-    ]  # fmt: skip
+        DriveClient(
+            transport_of(file.drive, file.interface, file.bitrate, segment), file.drive, paced=not request.unpaced
+        )
+        for file in files
+    ]
     done: list[Played] = []
     trouble: FeeddriveError | None = None
     try:

@@ -47,9 +47,11 @@ class PrefilterRequest(Request):
     def named(self) -> dict[str, str | None]:
         """The columns that were named, by their roles."""
         return {
-            "setpoint_position": self.set_position, "position_load": self.position, "force": self.force,
+            "setpoint_position": self.set_position,
+            "position_load": self.position,
+            "force": self.force,
             "time": self.time,
-        }  # fmt: skip
+        }
 
 
 @command(PrefilterRequest)

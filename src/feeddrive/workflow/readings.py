@@ -26,8 +26,18 @@ from feeddrive.language.table import Table
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.frequency_response import FRF
 
-_MOTIONS = ("position_load", "position_motor", "angle_motor", "angle_load", "velocity_load", "velocity_motor",
-            "speed_motor", "speed_load", "setpoint_position", "setpoint_angle")  # fmt: skip
+_MOTIONS = (
+    "position_load",
+    "position_motor",
+    "angle_motor",
+    "angle_load",
+    "velocity_load",
+    "velocity_motor",
+    "speed_motor",
+    "speed_load",
+    "setpoint_position",
+    "setpoint_angle",
+)
 _FORCES = ("force", "torque")
 # in which units each quantity is logged; the first is SI
 _UNITS = {
@@ -45,9 +55,15 @@ _HAL_PINS = ("joint.", "axis.", "pid.")
 
 
 FLAGS = {
-    "position_load": "--position", "position_motor": "--position", "angle_motor": "--angle", "torque": "--torque",
-    "velocity_load": "--velocity", "speed_motor": "--speed", "force": "--force", "setpoint_position": "--set-position",
-}  # fmt: skip
+    "position_load": "--position",
+    "position_motor": "--position",
+    "angle_motor": "--angle",
+    "torque": "--torque",
+    "velocity_load": "--velocity",
+    "speed_motor": "--speed",
+    "force": "--force",
+    "setpoint_position": "--set-position",
+}
 
 
 @dataclass(frozen=True)
@@ -130,9 +146,13 @@ def stated(file: OpenedFile, column: str, role: str) -> str:
 
 
 def doubt(
-    file: OpenedFile, log: Log, mapping: Mapping[str, Column], told: Collection[str],
-    flags: Mapping[str, str] = FLAGS, steady: bool = False,
-) -> Doubt:  # fmt: skip
+    file: OpenedFile,
+    log: Log,
+    mapping: Mapping[str, Column],
+    told: Collection[str],
+    flags: Mapping[str, str] = FLAGS,
+    steady: bool = False,
+) -> Doubt:
     """Whether the log, as it was read, is one of a feed drive.
 
     told   roles whose unit or factor was given by the person
@@ -178,11 +198,13 @@ def doubt(
     return Doubt(
         Text(
             f"{file}: {who}: {asked}. Likeliest: {joined(' or ', (each.sentence(frame) for each in best))}. Say which "
-            f"with {' or '.join(each.options(flags) for each in best)}, or unit = \"...\" in a file for --channels; "
+            f'with {" or ".join(each.options(flags) for each in best)}, or unit = "..." in a file for --channels; '
             "nothing was written"
         ),
-        told=False, readings=_table(str(file), frame, best), moves=RANGES[frame][4].quantity in found,
-    )  # fmt: skip
+        told=False,
+        readings=_table(str(file), frame, best),
+        moves=RANGES[frame][4].quantity in found,
+    )
 
 
 @dataclass(frozen=True)
@@ -239,8 +261,9 @@ def _readings(
             choices.append([(each, unit) for unit in dict.fromkeys((each.unit, *_UNITS[each.si]))])
     made: list[_Reading] = []
     for given in product(*choices):
-        factors = {group.role: units.factor(unit, group.si) / units.factor(group.unit, group.si)
-                   for group, unit in given}  # fmt: skip
+        factors = {
+            group.role: units.factor(unit, group.si) / units.factor(group.unit, group.si) for group, unit in given
+        }
         by = [1.0 if group is None else factors[group.role] for group in (motion, force)]
         made.append(_Reading(given, scaled(frame, found, by[0], by[1])))
 
@@ -303,12 +326,17 @@ def _silent_torque(file: OpenedFile, force: _Group, log: Log, found: Mapping[str
 
 def _table(name: str, frame: Frame, readings: Sequence[_Reading]) -> Table:
     rows = [
-        [each.quantity, each.bounds(),
-         *(Text(f"{spoken(r.sizes[each.quantity], each.unit)}{' !' if each.apart(r.sizes[each.quantity]) else ''}")
-           for r in readings)]
+        [
+            each.quantity,
+            each.bounds(),
+            *(
+                Text(f"{spoken(r.sizes[each.quantity], each.unit)}{' !' if each.apart(r.sizes[each.quantity]) else ''}")
+                for r in readings
+            ),
+        ]
         for each in RANGES[frame]
         if each.quantity in readings[0].sizes
-    ]  # fmt: skip
+    ]
     heads = ["", "feed drives", *(each.name for each in readings)]
     return Table(f"{name}: the two likeliest readings", heads, rows, sentences=2)
 

@@ -139,8 +139,16 @@ def option(
     kw_only: Literal[True] = True,
 ) -> Any:
     """Declare an option; without a default it must be given. `last`: it is shown after those of the subclasses."""
-    declared = Declaration(role="option", unit=entered or unit, meaning=meaning, above=above, least=least, below=below,
-                           most=most, options=options)  # fmt: skip
+    declared = Declaration(
+        role="option",
+        unit=entered or unit,
+        meaning=meaning,
+        above=above,
+        least=least,
+        below=below,
+        most=most,
+        options=options,
+    )
     metadata = {"declaration": declared, "unit": unit, "short": short, "flag": flag, "last": last}
     return dataclasses.field(default=default, kw_only=kw_only, metadata=metadata)
 

@@ -82,9 +82,14 @@ def run(request: RunRequest, progress: Progress) -> Outcome[JobResult]:
     judgment = Judgment.TRIPPED if any(_tripped(job, row) for row in found.rows) else Judgment.RAN
     remarks = [each for each in (job.rule, *found.remarks) if each]
     return Outcome(
-        found, tables, remarks, files=files, judgment=judgment, failure=judgment.says if judgment.bad else "",
+        found,
+        tables,
+        remarks,
+        files=files,
+        judgment=judgment,
+        failure=judgment.says if judgment.bad else "",
         page=partial(job_report, found),
-    )  # fmt: skip
+    )
 
 
 def _tripped(job: Job, row: Entry) -> bool:
@@ -165,11 +170,14 @@ def summary(result: JobResult) -> dict[str, Any]:
     if job.program is not None and job.program.planned is not None:
         planned = job.program.planned
         found["program"] = {
-            "file": planned.program, "cycle_time_s": planned.cycle_time, "blocks": planned.blocks,
-            "stops": planned.stop_count, "seconds_by_limit": dict(planned.seconds),
+            "file": planned.program,
+            "cycle_time_s": planned.cycle_time,
+            "blocks": planned.blocks,
+            "stops": planned.stop_count,
+            "seconds_by_limit": dict(planned.seconds),
             "cuts": [each._asdict() for each in job.program.cuts],
             "chatter": [{**each._asdict(), "cut": each.cut.line} for each in result.chatter],
-        }  # fmt: skip
+        }
     if result.log is not None:
         found["log"] = {key: result.log.provenance[key] for key in ("sha256", "format")}
         found["log"]["rows"] = len(result.log)

@@ -51,9 +51,14 @@ def sweep(request: SweepRequest, progress: Progress) -> Outcome[Sweep]:
     if request.out is None:
         raise ParameterError("out: a sweep needs a place for its rows: a directory, or an address of fsspec")
     found = run_sweep(
-        request.study, request.out, workers=request.workers, resume=request.resume,
-        scheduler=request.scheduler, allow=request.allow, progress=progress,
-    )  # fmt: skip
+        request.study,
+        request.out,
+        workers=request.workers,
+        resume=request.resume,
+        scheduler=request.scheduler,
+        allow=request.allow,
+        progress=progress,
+    )
     try:
         told = answers_of(found.store, found.study, progress)
         progress.step("report")
@@ -63,9 +68,14 @@ def sweep(request: SweepRequest, progress: Progress) -> Outcome[Sweep]:
     bad = found.bad
     judgment = Judgment.NO_FIGURES if bad[0] == found.study.count else Judgment.SWEPT
     return Outcome(
-        found, [found.table(), told.table()], [*told.sentences, *_bad(*bad)], files=files, judgment=judgment,
-        failure=judgment.says if judgment.bad else "", page=partial(study_report, told),
-    )  # fmt: skip
+        found,
+        [found.table(), told.table()],
+        [*told.sentences, *_bad(*bad)],
+        files=files,
+        judgment=judgment,
+        failure=judgment.says if judgment.bad else "",
+        page=partial(study_report, told),
+    )
 
 
 def _bad(count: int, first: Sequence[tuple[int, str]]) -> Iterator[str]:

@@ -58,19 +58,26 @@ def tour(request: TourRequest, progress: Progress) -> Outcome[Run]:
     if request.out is not None:
         progress.step("writing the log")
         rows = slice(0, reference.size)
-        millimetres = {"set_position": reference, "position_load": moved["reading_load"][rows],
-                       "position_motor": moved["reading_motor"][rows]}  # fmt: skip
+        millimetres = {
+            "set_position": reference,
+            "position_load": moved["reading_load"][rows],
+            "position_motor": moved["reading_motor"][rows],
+        }
         columns: dict[str, np.ndarray] = {name: np.round(1e3 * each, 6) for name, each in millimetres.items()}
         columns["force"] = np.round(moved["force"][rows], 3)
         with new_directory(request.out) as folder:
-            write_run_csv(folder / "tour.csv", np.round(moved.time[rows], 9), columns,
-                          {**dict.fromkeys(millimetres, "mm"), "force": "N"})  # fmt: skip
+            write_run_csv(
+                folder / "tour.csv",
+                np.round(moved.time[rows], 9),
+                columns,
+                {**dict.fromkeys(millimetres, "mm"), "force": "N"},
+            )
         files["Log"] = request.out / "tour.csv"
     rows_of_table = [
         ("workpiece", Quantity(WORKPIECE, "kg", form="6"), UNIT),
         ("dry friction", Quantity(DRIER, "N", form="6"), UNIT),
         ("noise of both encoders", Quantity(NOISE, "m", form="6 nm"), UNIT),
-    ]  # fmt: skip
+    ]
     shown = Table(f"the axis of the log: {MACHINE}, and more of", ("what", "more", "unit"), rows_of_table)
     log = files.get("Log", "the log")
     notes = [f"Next: feeddrive identify {log} --machine {MACHINE}; or all of it on a page: feeddrive studio --tour."]
@@ -94,10 +101,16 @@ def strokes(sample_time: float) -> np.ndarray:
     """Set positions of three strokes, there and back, each slower than the one before (m)."""
     moves = [
         SnapLimitedMove(
-            distance=distance, velocity=velocity, acceleration=acceleration, jerk=_JERK, snap=_SNAP, back=True,
-            dwell_before=_PAUSE, dwell_after=_PAUSE,
+            distance=distance,
+            velocity=velocity,
+            acceleration=acceleration,
+            jerk=_JERK,
+            snap=_SNAP,
+            back=True,
+            dwell_before=_PAUSE,
+            dwell_after=_PAUSE,
         )
         for distance, velocity, acceleration in _STROKES
-    ]  # fmt: skip
+    ]
     times = [np.arange(round(each.duration / sample_time)) * sample_time for each in moves]
     return np.concatenate([each.at(time).position for each, time in zip(moves, times, strict=True)])

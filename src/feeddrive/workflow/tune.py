@@ -34,9 +34,18 @@ from feeddrive.workflow.tune_sources import Sources, first_control, machine_of, 
 
 # what a study does not have: its machines are models, and its job says which axis
 _ALONE = {
-    "recipe": None, "baseline": None, "axis": None, "at": (), "motor": (), "disturbance": None,
-    "disturbance_motor": None, "unit": None, "sample_time": None, "delay": 0.0, "confidence": 0.95,
-}  # fmt: skip
+    "recipe": None,
+    "baseline": None,
+    "axis": None,
+    "at": (),
+    "motor": (),
+    "disturbance": None,
+    "disturbance_motor": None,
+    "unit": None,
+    "sample_time": None,
+    "delay": 0.0,
+    "confidence": 0.95,
+}
 
 
 def _limit_options() -> dict[str, tuple[str, Any]]:
@@ -48,10 +57,14 @@ def _limit_options() -> dict[str, tuple[str, Any]]:
         found[limit.option] = (
             "float" if limit.usual is not None else "float | None",
             option(
-                limit.meaning, unit=figure.unit, entered=limit.entered, above=limit.above, below=limit.below,
+                limit.meaning,
+                unit=figure.unit,
+                entered=limit.entered,
+                above=limit.above,
+                below=limit.below,
                 default=limit.usual,
             ),
-        )  # fmt: skip
+        )
     return found
 
 
@@ -140,9 +153,16 @@ class TuneRequest(Request, more=_limit_options(), after="recipe"):
     def sources(self) -> Sources:
         """The axis at every position and load that was given."""
         return Sources(
-            self.source, self.at, self.axis, self.motor, self.disturbance, self.disturbance_motor, self.unit,
-            self.sample_time, self.delay,
-        )  # fmt: skip
+            self.source,
+            self.at,
+            self.axis,
+            self.motor,
+            self.disturbance,
+            self.disturbance_motor,
+            self.unit,
+            self.sample_time,
+            self.delay,
+        )
 
     def usual_out(self) -> Path:
         """By the name of what it is about."""
@@ -185,10 +205,17 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
     taken = Judgment.LEAVE_CONTROL if found.verdict is Verdict.LEAVE else Judgment.TAKE_TUNING
     judgment = taken if found.holds else Judgment.DO_NOT_USE_TUNING
     return Outcome(
-        found, shown[:first], remarks, found.recommendation(), files=files, details=details,
-        judgment=judgment, failure=judgment.says if judgment.bad else "", rotary=story.rotary,
+        found,
+        shown[:first],
+        remarks,
+        found.recommendation(),
+        files=files,
+        details=details,
+        judgment=judgment,
+        failure=judgment.says if judgment.bad else "",
+        rotary=story.rotary,
         page=partial(tuned_report, found, story),
-    )  # fmt: skip
+    )
 
 
 def _of_study(request: TuneRequest, progress: Progress) -> Outcome[Any]:
@@ -198,10 +225,18 @@ def _of_study(request: TuneRequest, progress: Progress) -> Outcome[Any]:
 
     assert request.study is not None
     tuner = RobustTuner(
-        read_study(request.study, request.allow), goal=request.goal, limits=request.limits(), filters=request.filters,
-        band=_band(request), share=request.share, samples=request.samples, fresh=request.fresh, starts=request.starts,
-        seed=request.seed, progress=progress,
-    )  # fmt: skip
+        read_study(request.study, request.allow),
+        goal=request.goal,
+        limits=request.limits(),
+        filters=request.filters,
+        band=_band(request),
+        share=request.share,
+        samples=request.samples,
+        fresh=request.fresh,
+        starts=request.starts,
+        seed=request.seed,
+        progress=progress,
+    )
     again = {"Study": called(request.study), "Again": request.command_line("tune"), "In Python": request.python("tune")}
     return tuned_study(tuner, request.law, request.out, again)
 
@@ -230,14 +265,30 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
         made = RECIPES[request.recipe](points[0], control)
         rule = Text(f"{made.name}: {made.reason} ({made.source})")
         found = assess(
-            replace(control, law=made.law, compensation=()), points, rule=rule,
-            goal=request.goal, limits=limits, band=band, confidence=request.confidence, today=today, progress=progress,
-        )  # fmt: skip
+            replace(control, law=made.law, compensation=()),
+            points,
+            rule=rule,
+            goal=request.goal,
+            limits=limits,
+            band=band,
+            confidence=request.confidence,
+            today=today,
+            progress=progress,
+        )
     else:
         found = tune_control(
-            control, points, goal=request.goal, limits=limits, filters=request.filters, confidence=request.confidence,
-            starts=request.starts, seed=request.seed, today=today, band=band, progress=progress,
-        )  # fmt: skip
+            control,
+            points,
+            goal=request.goal,
+            limits=limits,
+            filters=request.filters,
+            confidence=request.confidence,
+            starts=request.starts,
+            seed=request.seed,
+            today=today,
+            band=band,
+            progress=progress,
+        )
     rules: tuple[JudgedRecipe, ...] = ()
     if found.control.law.kind == "cascade_ppi":
         rules = judged_recipes(points, control, limits, progress)

@@ -95,9 +95,7 @@ def tuned_report(found: Tuned, story: Story | None = None) -> Report:
     return Report(
         Text(f"{story.what}: {marked(found.rule).split(' subject to ')[0].split(';')[0]}"),
         "feeddrive tune",
-        Verdict(
-            (found.recommendation(), Text(f"Rule: {found.rule}."), *map(sentence, story.said)), good=found.holds
-        ),
+        Verdict((found.recommendation(), Text(f"Rule: {found.rule}."), *map(sentence, story.said)), good=found.holds),
         (
             Section("result", "Result", (*shown[:first], _said(found))),
             further(others),
@@ -106,7 +104,7 @@ def tuned_report(found: Tuned, story: Story | None = None) -> Report:
         ),
         picture,
         story.rotary,
-    )  # fmt: skip
+    )
 
 
 def _said(found: Tuned) -> Remarks:
@@ -133,8 +131,10 @@ def tables(found: Tuned, story: Story) -> list[Table]:
     for name, each in zip((story.today, "new"), found.cascade, strict=False):
         shown = each.table()
         made.append(replace(shown, title=f"{shown.title}, {name}"))
-    proof = [[line.what, {None: "not proven", True: "holds", False: "does not hold"}[line.holds], line.said]
-             for line in found.proof]  # fmt: skip
+    proof = [
+        [line.what, {None: "not proven", True: "holds", False: "does not hold"}[line.holds], line.said]
+        for line in found.proof
+    ]
     made.append(Table("proof: computed anew in other ways", ["what", "", "figures"], proof))
     return made
 
@@ -162,8 +162,12 @@ def _compared(found: Tuned, story: Story) -> Table:
 
 
 _COMPARED = (
-    Column("Ms"), Column("phase", "deg", "3"), Column("stiffness", "N/m"), Column("snap", "m √s/N"), Column("limits"),
-)  # fmt: skip
+    Column("Ms"),
+    Column("phase", "deg", "3"),
+    Column("stiffness", "N/m"),
+    Column("snap", "m √s/N"),
+    Column("limits"),
+)
 
 
 def _cells(row: Sequence[Figures], limits: Limits) -> list[Cell]:

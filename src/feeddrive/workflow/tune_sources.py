@@ -158,15 +158,23 @@ def loop_or_response(source: MachineLike | Loop | FrfLike, axis: str | None) -> 
 
 
 def point_of(
-    given: Measurement, name: str, loop: Loop | None, sample_time: float | None, delay: float, unit: str | None,
+    given: Measurement,
+    name: str,
+    loop: Loop | None,
+    sample_time: float | None,
+    delay: float,
+    unit: str | None,
     progress: Progress,
-) -> tuple[OperatingPoint, list[str]]:  # fmt: skip
+) -> tuple[OperatingPoint, list[str]]:
     """The measured point, and what must be said of it. Raises ParameterError for what does not fit, with what to do."""
     turns = loop is not None and loop.axis.rotary
     found = {key: in_metres(given.name, frf, unit, turns) for key, frf in read_frfs(given.load).items()}
     load, motor = _roles(given, found, unit, turns)
-    remarks = [words for each in (load, motor) if each is not None and loop is None
-               and (words := check_response(given.name, each, unit is not None, progress))]  # fmt: skip
+    remarks = [
+        words
+        for each in (load, motor)
+        if each is not None and loop is None and (words := check_response(given.name, each, unit is not None, progress))
+    ]
     step = sample_time or load.sample_time or (None if loop is None else float(loop.sample_time))
     if step is None:
         raise ParameterError(
@@ -219,8 +227,9 @@ def _roles(given: Measurement, found: dict[str, FRF], unit: str | None, turns: b
             raise ParameterError(f"{given.name}: beside '{given.motor}' there must be one response, not {len(others)}")
         return found[others[0]], found[names[given.motor]]
     if len(found) > 1:
-        raise ParameterError(f"{given.name}: holds {len(found)} responses, {', '.join(found)}: a file for one encoder "
-                             f"must hold one")  # fmt: skip
+        raise ParameterError(
+            f"{given.name}: holds {len(found)} responses, {', '.join(found)}: a file for one encoder must hold one"
+        )
     load = next(iter(found.values()))
     return load, None if given.motor in (None, _NONE) else _only(given.motor, unit, turns)
 

@@ -55,9 +55,12 @@ class Laws:
         """A row a law, today's control last."""
         rows = [[name, *_cells(each.after), "no" if each.unsettled else "yes"] for name, each in self.found.items()]
         columns = [
-            Column("law"), Column("yield and its 95 % interval"), Column("median snap", "m √s/N"),
-            Column("95 % quantile", "m √s/N"), Column("settled"),
-        ]  # fmt: skip
+            Column("law"),
+            Column("yield and its 95 % interval"),
+            Column("median snap", "m √s/N"),
+            Column("95 % quantile", "m √s/N"),
+            Column("settled"),
+        ]
         title = f"{self.best.after.count} fresh machines under each law"
         return Table(title, columns, [*rows, ["today", *_cells(self.best.before), None]])
 
@@ -120,10 +123,17 @@ def tuned_study(tuner: RobustTuner, law: str | None, out: Path | None, again: Ma
     judgment = judgment if best.tuned.holds else Judgment.DO_NOT_USE_TUNING
     proof = [Text(f"proof, {line.what}: {line.said}") for line in best.tuned.proof]
     return Outcome(
-        best, shown, _remarks(tuner, laws), best.sentence(), files=files, details=proof, judgment=judgment,
-        failure=judgment.says if judgment.bad else "", rotary=best.rotary,
+        best,
+        shown,
+        _remarks(tuner, laws),
+        best.sentence(),
+        files=files,
+        details=proof,
+        judgment=judgment,
+        failure=judgment.says if judgment.bad else "",
+        rotary=best.rotary,
         page=partial(study_tuning_report, tuner, laws, _story(tuner, again)),
-    )  # fmt: skip
+    )
 
 
 def _machine(tuner: RobustTuner, best: Robust) -> str | None:
@@ -224,25 +234,31 @@ def study_tuning_report(tuner: RobustTuner, laws: Laws, story: Story) -> Report:
         (
             Section("result", "Result", made),
             further((second,)),
-            Section(
-                "proof", "Proof on the machines that decide", (_deciding(best), tables(best.tuned, story)[-1])
-            ),
+            Section("proof", "Proof on the machines that decide", (_deciding(best), tables(best.tuned, story)[-1])),
             facts("How", known),
         ),
         first,
         best.rotary,
-    )  # fmt: skip
+    )
 
 
 def _deciding(best: Robust) -> Table:
     """The machines that decide, under the new control."""
     rows = [
-        [each.point, each.margins.sensitivity_peak, each.margins.phase_margin_deg, each.stiffness.minimum,
-         each.rope_snap]
+        [
+            each.point,
+            each.margins.sensitivity_peak,
+            each.margins.phase_margin_deg,
+            each.stiffness.minimum,
+            each.rope_snap,
+        ]
         for each in best.tuned.after
-    ]  # fmt: skip
+    ]
     columns = [
-        Column("machine"), Column("Ms", form=".3f"), Column("phase margin", "deg", ".1f"),
-        Column("least stiffness", "N/m"), Column("rope-snap error", "m √s/N"),
-    ]  # fmt: skip
+        Column("machine"),
+        Column("Ms", form=".3f"),
+        Column("phase margin", "deg", ".1f"),
+        Column("least stiffness", "N/m"),
+        Column("rope-snap error", "m √s/N"),
+    ]
     return Table("the machines that decide, under the new control", columns, rows)

@@ -39,8 +39,9 @@ class RepetitiveControl(Compensation):
     lead_samples: int = choice("l: samples by which the errors are taken earlier", default=0, least=0, most=1000)
     passes: int = choice("n: how often the kernel of q is convolved with itself", default=32, least=1, most=64)
     weight: Number = parameter("", "of either neighbor in the kernel of q", least=0, most=0.25, default=0.25)
-    learning_gain: Number = parameter("", "share of an error that is learned from period to period", least=0, most=1,
-                                      default=1)  # fmt: skip
+    learning_gain: Number = parameter(
+        "", "share of an error that is learned from period to period", least=0, most=1, default=1
+    )
     most_shift: Number = parameter("m", "largest shift of the set position", above=0, default=1e-3)
     waits: bool = choice("learning starts after two periods; else at once", default=True)
 

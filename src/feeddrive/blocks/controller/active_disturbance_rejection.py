@@ -60,9 +60,13 @@ class ActiveDisturbanceRejection(Law):
         starts = []
         for states, slower, damping in ((5, 1.0, 3.0), (3, 1.0, 3.0), (1, 0.5, 1.5)):
             observer = begun(
-                GpiObserver, axis, taylor_states=states, omega_o=3.0 * slower * axis.rate, zeta_o=damping,
+                GpiObserver,
+                axis,
+                taylor_states=states,
+                omega_o=3.0 * slower * axis.rate,
+                zeta_o=damping,
                 encoder=axis.velocity_encoder,
-            )  # fmt: skip
+            )
             law = begun(cls, axis, omega_c=slower * axis.rate, zeta_c=0.5, observer=observer)
             starts.append(Start(f"{cls.title}, {states} Taylor state{'s' * (states > 1)}", law, axis.sentence()))
         return tuple(starts)

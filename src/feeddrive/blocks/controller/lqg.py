@@ -78,9 +78,13 @@ class LQG(Law):
             except StructureError:
                 said = "one mass, since its plant has no spring between two masses, "
         law = cls(
-            model=model, omega_c=axis.rate, omega_o=4.0 * axis.rate, delay_samples=axis.delay_samples,
-            encoder=axis.velocity_encoder, offset_rate=_GIVE * axis.rate if len(model.mechanics().mass) > 1 else None,
-        )  # fmt: skip
+            model=model,
+            omega_c=axis.rate,
+            omega_o=4.0 * axis.rate,
+            delay_samples=axis.delay_samples,
+            encoder=axis.velocity_encoder,
+            offset_rate=_GIVE * axis.rate if len(model.mechanics().mass) > 1 else None,
+        )
         return (Start(cls.title, law, said + axis.sentence()),)
 
     class Prepared(NamedTuple):

@@ -206,9 +206,12 @@ class MillingCut(Coupling):
             speed = ops.pi * now.edge.diameter * ops.maximum(rate, 1e-9)
             rubbing = Rubbing(x * along + y * across, y * along - x * across, self.process_damping / speed)
         found = cut(
-            now.edge, angle, 2.0 * ops.pi * rate * h,
-            [(x * along + y * across, y * along - x * across) for x, y in steps], rubbing,
-        )  # fmt: skip
+            now.edge,
+            angle,
+            2.0 * ops.pi * rate * h,
+            [(x * along + y * across, y * along - x * across) for x, y in steps],
+            rubbing,
+        )
         after = None if state.turns is None else state.turns + rate * h
         return self.State(path, section, after), (along, across), found
 

@@ -67,9 +67,14 @@ class HelicalCutter(Cutter):
     def beltran2013(cls) -> HelicalCutter:
         """The paper's tool in a slot, with u_s = 3 GJ/m³: what steel needs at a chip load of 0.05 mm."""
         return cls(
-            teeth=2, diameter=0.010, axial_depth=0.005, helix_angle=0.25 * ops.pi, specific_energy=3e9,
-            radial_ratio=0.3, axial_ratio=0.2,
-        )  # fmt: skip
+            teeth=2,
+            diameter=0.010,
+            axial_depth=0.005,
+            helix_angle=0.25 * ops.pi,
+            specific_energy=3e9,
+            radial_ratio=0.3,
+            axial_ratio=0.2,
+        )
 
     @classmethod
     def beltran2013_as_printed(cls) -> HelicalCutter:
@@ -84,16 +89,23 @@ class HelicalCutter(Cutter):
             stacklevel=2,
         )
         return cls(
-            teeth=2, diameter=0.010, axial_depth=0.005, helix_angle=0.25 * ops.pi, specific_energy=3e10,
-            radial_ratio=0.3, axial_ratio=0.2,
-        )  # fmt: skip
+            teeth=2,
+            diameter=0.010,
+            axial_depth=0.005,
+            helix_angle=0.25 * ops.pi,
+            specific_energy=3e10,
+            radial_ratio=0.3,
+            axial_ratio=0.2,
+        )
 
     def edge(self) -> Edge:
         """Ktc = specific_energy, Krc and Kac by the ratios; the edge itself has no force."""
         entry, leave = arc(self.milling, self.radial_depth, self.diameter)
         cutting = (
-            self.specific_energy, self.radial_ratio * self.specific_energy, self.axial_ratio * self.specific_energy,
-        )  # fmt: skip
+            self.specific_energy,
+            self.radial_ratio * self.specific_energy,
+            self.axial_ratio * self.specific_energy,
+        )
         return Edge(self.teeth, self.slices, self.diameter, self.axial_depth, self.helix_angle, entry, leave, cutting)
 
     def forces(self, angle: Number, chip_load: Number) -> tuple[Number, Number, Number]:

@@ -51,8 +51,9 @@ class MechanisticCutter(Cutter):
     )
     milling: str = choice(
         "whether the chip starts thin (up), ends thin (down), or the tool stands in the middle of the width",
-        options=("up", "down", "symmetric"), default="up",
-    )  # fmt: skip
+        options=("up", "down", "symmetric"),
+        default="up",
+    )
     entry: Number | None = parameter(
         "rad", "angle at which the chip begins; absent: by the width", least=0, below=3.15, default=None
     )
@@ -129,10 +130,18 @@ class MechanisticCutter(Cutter):
         if entry is None or leave is None:
             entry, leave = arc(self.milling, self.radial_depth, self.diameter)
         return Edge(
-            self.teeth, self.slices, self.diameter, self.axial_depth, self.helix_angle, entry, leave,
-            (self.Ktc, self.Krc, self.Kac), (self.Kte, self.Kre, self.Kae),
-            None if self.runout_offset is None else (self.runout_offset, self.runout_angle), self.flute_length,
-        )  # fmt: skip
+            self.teeth,
+            self.slices,
+            self.diameter,
+            self.axial_depth,
+            self.helix_angle,
+            entry,
+            leave,
+            (self.Ktc, self.Krc, self.Kac),
+            (self.Kte, self.Kre, self.Kae),
+            None if self.runout_offset is None else (self.runout_offset, self.runout_angle),
+            self.flute_length,
+        )
 
     def forces(self, angle: Number, chip_load: Number) -> tuple[Number, Number, Number]:
         """The equations above; `angle` of the spindle in rad, any number of turns."""

@@ -69,9 +69,13 @@ class DisturbanceCompensator(Feedforward):
                 best, fitted = left, (under, share, place)
         (up, down), share, place = fitted
         return begun(
-            cls, axis, coulomb_positive=ops.maximum(up, 0.0), coulomb_negative=ops.maximum(down, 0.0), stribeck=share,
+            cls,
+            axis,
+            coulomb_positive=ops.maximum(up, 0.0),
+            coulomb_negative=ops.maximum(down, 0.0),
+            stribeck=share,
             stribeck_velocity=place,
-        )  # fmt: skip
+        )
 
     mass: Number | None = parameter("kg", "mass that is fed forward; absent for none", least=0, default=None)
     viscous: Number | None = parameter(

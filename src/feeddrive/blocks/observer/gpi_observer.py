@@ -52,9 +52,10 @@ class GpiObserver(Observer):
     zeta_o: Number = parameter("", "their damping ratio", above=0, default=0.7071)
     p0: Number | None = parameter("rad/s", "the real pole of an odd order; absent: as omega_o", above=0, default=None)
     hold: str = choice(
-        "the reading between two samples: a straight line, or kept", options=("first_order", "zero_order"),
+        "the reading between two samples: a straight line, or kept",
+        options=("first_order", "zero_order"),
         default="first_order",
-    )  # fmt: skip
+    )
     encoder: str = choice("encoder whose reading is observed", options=("load", "motor"), default="load")
     delay_samples: int = choice("samples of dead time until a command acts", default=0, least=0, most=64)
     start_disturbance: Number | None = parameter(

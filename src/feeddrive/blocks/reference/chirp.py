@@ -33,9 +33,11 @@ class Chirp(Reference):
     sweep: str = choice("how the frequency changes in time", options=("linear", "logarithmic"), default="logarithmic")
     center: Number = parameter("m", "position at start and end", default=0)
     blend_time: Number | None = parameter(
-        "s", "how long the amplitude rises, and falls; 0 s for not at all, absent: a tenth of the sweep",
-        least=0, default=None,
-    )  # fmt: skip
+        "s",
+        "how long the amplitude rises, and falls; 0 s for not at all, absent: a tenth of the sweep",
+        least=0,
+        default=None,
+    )
 
     def check(self) -> None:
         """The blends fit into the sweep."""

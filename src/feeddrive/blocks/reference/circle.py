@@ -33,9 +33,11 @@ class Circle(Reference):
     direction: str = choice("sense of rotation", options=("counterclockwise", "clockwise"), default="counterclockwise")
     center: Number = parameter("m", "coordinate of the center", default=0)
     run_up_time: Number | None = parameter(
-        "s", "how long the speed rises, and falls; absent: a quarter turn each, at most half of all turns",
-        above=0, default=None,
-    )  # fmt: skip
+        "s",
+        "how long the speed rises, and falls; absent: a quarter turn each, at most half of all turns",
+        above=0,
+        default=None,
+    )
 
     def check(self) -> None:
         """Run-up and run-down fit into the turns."""

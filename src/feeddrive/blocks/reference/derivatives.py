@@ -40,8 +40,13 @@ def sine_of(angle: Derivatives) -> Derivatives:
 def stretched(f: Derivatives, height: float, time: float) -> Derivatives:
     """height · f(t / time): f is given over t / time, the result holds derivatives in t."""
     rate = 1.0 / time
-    return (height * f[0], height * rate * f[1], height * rate**2 * f[2], height * rate**3 * f[3],
-            height * rate**4 * f[4])  # fmt: skip
+    return (
+        height * f[0],
+        height * rate * f[1],
+        height * rate**2 * f[2],
+        height * rate**3 * f[3],
+        height * rate**4 * f[4],
+    )
 
 
 def resting(t: np.ndarray, duration: float, motion: Derivatives, first: float, last: float) -> Setpoint:

@@ -233,10 +233,23 @@ _TRIPPED = {
 _NO_WINDOW = 0xFFFFFFFF  # of 0x6065: it disables the following error window (CiA 402)
 _STANDSTILL = 0.2  # s that a quick stop holds the axis after its ramp
 _WRITABLE = {
-    "controlword", "connection_option", "quick_stop_option", "mode", "following_error_window", "target_torque",
-    "max_torque", "target_position", "position_least", "position_most", "quick_stop_deceleration", "velocity_offset",
-    "torque_offset", "cycle_value", "cycle_exponent", "target_velocity",
-}  # fmt: skip
+    "controlword",
+    "connection_option",
+    "quick_stop_option",
+    "mode",
+    "following_error_window",
+    "target_torque",
+    "max_torque",
+    "target_position",
+    "position_least",
+    "position_most",
+    "quick_stop_deceleration",
+    "velocity_offset",
+    "torque_offset",
+    "cycle_value",
+    "cycle_exponent",
+    "target_velocity",
+}
 
 # abort codes of SDO
 READ_ONLY, NO_OBJECT, NO_SUBINDEX, WRONG_LENGTH, TOO_LARGE, WRONG_STATE = (

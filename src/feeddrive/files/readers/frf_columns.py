@@ -20,11 +20,13 @@ from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError, nearest
 
 _KINDS = {
-    "re": ("real", "re", "r"), "im": ("imaginary", "imaginär", "imag", "im", "i"), "magnitude": (
-        "magnitude", "mag", "amplitude", "amp", "gain", "abs", "betrag"), "phase": (
-        "phase", "phi", "angle", "arg", "pha", "phasenwinkel", "winkel"),
-    "coherence": ("coherence", "coh", "gamma2", "kohärenz", "kohaerenz"), "variance": ("variance", "var", "varianz"),
-}  # fmt: skip
+    "re": ("real", "re", "r"),
+    "im": ("imaginary", "imaginär", "imag", "im", "i"),
+    "magnitude": ("magnitude", "mag", "amplitude", "amp", "gain", "abs", "betrag"),
+    "phase": ("phase", "phi", "angle", "arg", "pha", "phasenwinkel", "winkel"),
+    "coherence": ("coherence", "coh", "gamma2", "kohärenz", "kohaerenz"),
+    "variance": ("variance", "var", "varianz"),
+}
 _FREQUENCY = re.compile(r"(f|fr|freq|frequency|frequenz|omega|w)", re.IGNORECASE)
 _PLAIN = ("", "1", "-")
 # words of a unit that are not SI, and their meaning

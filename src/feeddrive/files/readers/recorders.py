@@ -102,8 +102,10 @@ def _without_remarks(content: bytes) -> tuple[bytes, int]:
     counts = Counter(row[1].count(b";") for row in rows)
     width = counts.most_common(1)[0][0]
     head, body = content[: rows[0].start()], content[rows[0].start() :]
-    lines = [_to_width(line, width) if line.startswith((b";", b"ms;")) else line.rstrip(b",;\r \t")
-             for line in head.split(b"\n")]  # fmt: skip
+    lines = [
+        _to_width(line, width) if line.startswith((b";", b"ms;")) else line.rstrip(b",;\r \t")
+        for line in head.split(b"\n")
+    ]
     cut = _EPOS_ROW.sub(lambda row: row[1] if row[1].count(b";") == width else row[0], body)
     return b"\n".join(lines) + cut, sum(bool(row[3].strip(b",; \t")) for row in rows)
 

@@ -93,8 +93,11 @@ def uff_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, s
         output, entrance = _end(each, "rsp"), _end(each, "ref")
         label = free_name(f"{output}_{entrance}", names)
         data = np.asarray(each["data"])
-        values = {"f": np.asarray(each["x"], dtype=np.float64), f"re_{label}": np.real(data).astype(np.float64),
-                  f"im_{label}": np.imag(data).astype(np.float64)}  # fmt: skip
+        values = {
+            "f": np.asarray(each["x"], dtype=np.float64),
+            f"re_{label}": np.real(data).astype(np.float64),
+            f"im_{label}": np.imag(data).astype(np.float64),
+        }
         coherence = coherences.get((output, entrance))
         if coherence is not None and np.array_equal(coherence["x"], each["x"]):
             values[f"coherence_{label}"] = np.real(coherence["data"]).astype(np.float64)

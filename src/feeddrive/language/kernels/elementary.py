@@ -15,9 +15,16 @@ from feeddrive.language.graph import Graph, arguments
 from feeddrive.language.machine_code import number
 
 _BINARY = {
-    "add": "fadd double", "sub": "fsub double", "mul": "fmul double", "div": "fdiv double",
-    "lt": "fcmp olt double", "le": "fcmp ole double", "eq": "fcmp oeq double", "and": "and i1", "or": "or i1",
-}  # fmt: skip
+    "add": "fadd double",
+    "sub": "fsub double",
+    "mul": "fmul double",
+    "div": "fdiv double",
+    "lt": "fcmp olt double",
+    "le": "fcmp ole double",
+    "eq": "fcmp oeq double",
+    "and": "and i1",
+    "or": "or i1",
+}
 _INTRINSIC = {"abs": "fabs", "sqrt": "sqrt", "floor": "floor"}
 
 

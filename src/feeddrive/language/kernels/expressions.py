@@ -326,10 +326,16 @@ def _as_number(kind: Type) -> str:
 
 
 _CALLS: list[tuple[Callable[..., object], Callable[[Expressions, ast.Call], Value]]] = [
-    (math.sqrt, Expressions.sqrt), (min, Expressions.extreme), (max, Expressions.extreme),
-    (abs, Expressions.absolute), (math.floor, Expressions.to_whole), (math.ceil, Expressions.to_whole),
-    (int, Expressions.to_whole), (float, Expressions.to_float), (len, Expressions.length),
-]  # fmt: skip
+    (math.sqrt, Expressions.sqrt),
+    (min, Expressions.extreme),
+    (max, Expressions.extreme),
+    (abs, Expressions.absolute),
+    (math.floor, Expressions.to_whole),
+    (math.ceil, Expressions.to_whole),
+    (int, Expressions.to_whole),
+    (float, Expressions.to_float),
+    (len, Expressions.length),
+]
 _PRINTERS: dict[type[ast.AST], Callable[..., Value]] = {
     ast.Constant: lambda self, node: self.constant(node.value, node),
     ast.Name: Expressions.name,

@@ -26,8 +26,10 @@ _FORMATS = {"float": "d", "int": "q", "bool": "q"}
 _ADDRESS, _COUNT = "P", "q"
 _WORD = 8  # bytes
 _CELLS: dict[str, np.dtype[Any]] = {
-    "float": np.dtype(np.float64), "int": np.dtype(np.int64), "record": np.dtype(np.float64),
-}  # fmt: skip
+    "float": np.dtype(np.float64),
+    "int": np.dtype(np.int64),
+    "record": np.dtype(np.float64),
+}
 _DATA = object.__basicsize__  # in numpy's PyArrayObject the address of the first cell stands behind the object's head
 
 _P = ParamSpec("_P")
@@ -95,9 +97,11 @@ class Kernel(Generic[_P, _R]):
                 words.append(value if plain else self._checked(place, value))
                 continue
             if not (
-                type(value) is np.ndarray and value.dtype is cell and value.flags.carray
+                type(value) is np.ndarray
+                and value.dtype is cell
+                and value.flags.carray
                 and (value.ndim == dimensions if not width else value.shape[dimensions:] == (width,))
-            ):  # fmt: skip
+            ):
                 self._checked(place, value)
             words.append(_address(value))
             words += value.shape[:dimensions] if width else value.shape
@@ -125,8 +129,10 @@ class Kernel(Generic[_P, _R]):
     def _bound(self) -> _Compiled:
         """Its function as the file has it now."""
         code, address = self.unit.entry(self.source)
-        words = [_FORMATS[kind.element] if not kind.dimensions else _ADDRESS + _COUNT * kind.dimensions
-                 for _, kind in self._leaves]  # fmt: skip
+        words = [
+            _FORMATS[kind.element] if not kind.dimensions else _ADDRESS + _COUNT * kind.dimensions
+            for _, kind in self._leaves
+        ]
         results = [_FORMATS[kind.element] for result in self.source.signature.results for _, kind in result.leaves("")]
         call = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(address)
         given, returned = struct.Struct(f"@{''.join(words)}"), struct.Struct(f"@{''.join(results)}")

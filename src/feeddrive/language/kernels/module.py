@@ -45,10 +45,18 @@ class Effort(NamedTuple):
 
 
 QUICK = Effort(0, ("sroa",))
-THOROUGH = Effort(2, (
-    "always_inliner", "global_dead_code_eliminate",
-    "sroa", "simplify_cfg", "instruction_combine", "new_gvn", "simplify_cfg",
-))  # fmt: skip
+THOROUGH = Effort(
+    2,
+    (
+        "always_inliner",
+        "global_dead_code_eliminate",
+        "sroa",
+        "simplify_cfg",
+        "instruction_combine",
+        "new_gvn",
+        "simplify_cfg",
+    ),
+)
 _LONG = 0.25  # s in quick code, after which a process makes thorough code
 _KERNEL, _FAILURE = 10, 13  # bits of a status for the place of a kernel in its file, and of a failure in its kernel
 _ENTRY = "entry{}"
@@ -230,9 +238,15 @@ class Unit:
         below = [each.code for each in self.units[:-1]]
         symbols = {name: place for each in below for name, place in each.addresses.items() if name.startswith("k")}
         return linked_code(
-            self.key, lambda: self.text(effort), own, symbols, below,
-            effort=effort.selection, passes=effort.passes, stored=stored,
-        )  # fmt: skip
+            self.key,
+            lambda: self.text(effort),
+            own,
+            symbols,
+            below,
+            effort=effort.selection,
+            passes=effort.passes,
+            stored=stored,
+        )
 
 
 _open: list[Source] = []  # printing begun, not yet ended: the chain of calls

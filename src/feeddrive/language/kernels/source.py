@@ -24,7 +24,7 @@ from typing import (
     get_origin,
     get_type_hints,
     overload,
-)  # fmt: skip
+)
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,9 +129,14 @@ class Layout:
 
 FLOAT, INT, BOOL = Type("float"), Type("int"), Type("bool")
 _TYPES: dict[object, Type] = {
-    float: FLOAT, int: INT, bool: BOOL,
-    Floats: Type("float", 1), Floats2: Type("float", 2), Floats3: Type("float", 3), Ints: Type("int", 1),
-}  # fmt: skip
+    float: FLOAT,
+    int: INT,
+    bool: BOOL,
+    Floats: Type("float", 1),
+    Floats2: Type("float", 2),
+    Floats3: Type("float", 3),
+    Ints: Type("int", 1),
+}
 _INDICES: dict[object, int] = {Records: 1, Records2: 2}
 _STARS = inspect.CO_VARARGS | inspect.CO_VARKEYWORDS
 _KNOWN = "float, int, bool, Floats, Floats2, Floats3, Ints, a NamedTuple of these, or Records[of one]"

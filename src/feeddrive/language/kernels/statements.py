@@ -34,11 +34,17 @@ class Statements(Assignments):
         self.names = frozenset([*stored, *signature.names])
         self.counters = frozenset(upward.difference(signature.names))
         parameters: list[str] = []
-        arguments = iter([
-            Value(kind, f"%a{place}", tuple(f"%a{place}.{level}" for level in range(kind.dimensions)),
-                  leaf if kind.dimensions else "")
-            for place, (leaf, kind) in enumerate(signature.leaves)
-        ])  # fmt: skip
+        arguments = iter(
+            [
+                Value(
+                    kind,
+                    f"%a{place}",
+                    tuple(f"%a{place}.{level}" for level in range(kind.dimensions)),
+                    leaf if kind.dimensions else "",
+                )
+                for place, (leaf, kind) in enumerate(signature.leaves)
+            ]
+        )
         for parameter, kind in zip(signature.names, signature.parameters, strict=True):
             value = assembled(kind, arguments)
             parameters += [f"{word} {operand}" for word, operand in value.operands]

@@ -206,9 +206,11 @@ def _cut_claims(cutter: HelicalCutter, turned: mill.Turn) -> list[Claim]:
 
 
 def _table_claims(
-    run_errors: Errors, opposite: Mapping[str, tuple[float, float]], runs: Mapping[str, Mapping[str, Run]],
+    run_errors: Errors,
+    opposite: Mapping[str, tuple[float, float]],
+    runs: Mapping[str, Mapping[str, Run]],
     long: tuple[float, float],
-) -> list[Claim]:  # fmt: skip
+) -> list[Claim]:
     hanging = mill.run(WITHOUT, cut=False, dry=False)["z"]
     static = mill.CARRIAGE["z"] * mill.GRAVITY / (mill.mass("z") * mill.OMEGA_C**2)
     linear = runs[CUT.name]

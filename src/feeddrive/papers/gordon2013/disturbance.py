@@ -118,9 +118,13 @@ def friction() -> Part:
         f"{PLACED}, with it": runs[smooth, PLACED, True],
         f"{CASCADE}, with it": runs[smooth, CASCADE, True],
     }
-    drawing = Picture("friction", "Friction", "Stribeck friction on the screw; pole placement with its prefilter. Each "
-                    "row has its own scale.", "Tracking error with friction, with and without its feedforward.",
-                    lambda: plot.following_error_chart(shown))  # fmt: skip
+    drawing = Picture(
+        "friction",
+        "Friction",
+        "Stribeck friction on the screw; pole placement with its prefilter. Each row has its own scale.",
+        "Tracking error with friction, with and without its feedforward.",
+        lambda: plot.following_error_chart(shown),
+    )
     return Part(claims, [Table("Friction of the screw, 110 N falling to 70 N", heads, rows)], [drawing])
 
 
@@ -176,8 +180,13 @@ def machining() -> Part:
         words = Text(f"{Quantity(speed, 'rpm'):6}, steady, {Quantity(speed / 30.0, 'Hz'):6}")
         rows.append([words, *(stated(error, "µm") for error in errors)])
     columns = ["RMS of the position", *(Column(head, "m", "3") for head in (PLACED, "with softer gains", CASCADE))]
-    drawing = Picture("cut", "Entry into a cut", "Two edges at 6000 rpm, 23 N in the mean, from 0.1 s on.",
-                    "Position of the table under both laws as the cut begins.", lambda: _drawn(runs))  # fmt: skip
+    drawing = Picture(
+        "cut",
+        "Entry into a cut",
+        "Two edges at 6000 rpm, 23 N in the mean, from 0.1 s on.",
+        "Position of the table under both laws as the cut begins.",
+        lambda: _drawn(runs),
+    )
     return Part(claims, [Table("Milling, mean force 23 N", columns, rows)], [drawing])
 
 

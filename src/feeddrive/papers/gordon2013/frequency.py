@@ -201,15 +201,28 @@ def _pictures(linear: Mapping[str, Linear]) -> list[Picture]:
     gains = {name: each.margins for name, each in linear.items()}
     stiff = {name: stiffness(compliance(each.loop, SHOWN)) for name, each in linear.items()}
     return [
-        Picture("axis", "The axis before it is controlled", "From the force to both encoders, with delay and hold.",
-              "Bode plot of screw and table over the force, with the axial mode at 132 Hz.",
-              lambda: plot.bode_chart(opened)),
-        Picture("sensitivity", "Sensitivity of the closed loops", "Both loops opened at the drive.",
-              "Sensitivity and its complement of both laws, with equal peaks.", lambda: plot.sensitivity_chart(gains)),
-        Picture("stiffness", "Dynamic stiffness of the closed loops",
-              "Pole placement gains below 20 Hz and loses around 60 Hz.",
-              "Dynamic stiffness of both laws over frequency.", lambda: plot.stiffness_chart(stiff)),
-    ]  # fmt: skip
+        Picture(
+            "axis",
+            "The axis before it is controlled",
+            "From the force to both encoders, with delay and hold.",
+            "Bode plot of screw and table over the force, with the axial mode at 132 Hz.",
+            lambda: plot.bode_chart(opened),
+        ),
+        Picture(
+            "sensitivity",
+            "Sensitivity of the closed loops",
+            "Both loops opened at the drive.",
+            "Sensitivity and its complement of both laws, with equal peaks.",
+            lambda: plot.sensitivity_chart(gains),
+        ),
+        Picture(
+            "stiffness",
+            "Dynamic stiffness of the closed loops",
+            "Pole placement gains below 20 Hz and loses around 60 Hz.",
+            "Dynamic stiffness of both laws over frequency.",
+            lambda: plot.stiffness_chart(stiff),
+        ),
+    ]
 
 
 def robustness() -> Part:
@@ -396,13 +409,22 @@ def frequency_view() -> Part:
         Column("RMS on the move", "m", "3"),
     ]
     pictures = [
-        Picture("contributions", "Frequency view of the contributions", "Table over setpoint with the softer gains. "
-                "The full inverse and compatible commands keep it at 1.", "Magnitude and phase of tracking for four "
-              "combinations of contributions.", lambda: _drawn(contributions)),
-        Picture("prefilter", "Frequency view of the prefilter", "Table over setpoint. Acceleration and "
-              "snap alone turn no phase; beyond its band the prefilter makes it worse.",
-              "Magnitude and phase of tracking without and with prefilter, both laws.", lambda: _drawn(filtered)),
-    ]  # fmt: skip
+        Picture(
+            "contributions",
+            "Frequency view of the contributions",
+            "Table over setpoint with the softer gains. The full inverse and compatible commands keep it at 1.",
+            "Magnitude and phase of tracking for four combinations of contributions.",
+            lambda: _drawn(contributions),
+        ),
+        Picture(
+            "prefilter",
+            "Frequency view of the prefilter",
+            "Table over setpoint. Acceleration and "
+            "snap alone turn no phase; beyond its band the prefilter makes it worse.",
+            "Magnitude and phase of tracking without and with prefilter, both laws.",
+            lambda: _drawn(filtered),
+        ),
+    ]
     return Part(claims, [Table("Tracking over frequency", columns, rows)], pictures)
 
 

@@ -219,8 +219,13 @@ def tracking_error() -> Part:
     ]
     heads = [f"tracking error, peak / RMS in {unit_name('m')}", PLACED, CASCADE]
     alt = "Tracking error of both laws over time without and with prefilter; each row has its own scale."
-    picture = Picture("tracking", "High-speed tracking", "300 mm at 1 m/s and 10 m/s². Each row has its own scale.",
-                      alt, lambda: plot.following_error_chart(shown))  # fmt: skip
+    picture = Picture(
+        "tracking",
+        "High-speed tracking",
+        "300 mm at 1 m/s and 10 m/s². Each row has its own scale.",
+        alt,
+        lambda: plot.following_error_chart(shown),
+    )
     return Part(claims, [Table("High-speed tracking without friction", heads, rows)], [picture])
 
 
@@ -300,8 +305,9 @@ def ablation() -> Part:
     rows = [[name, stated(float(kinds[name][1]), "µm"), stated(value, "µm", "3")] for name, value in peaks.items()]
     title = "Ablation: largest tracking error"
     alt = joined(", ", (f"{name} {stated(value, 'µm', '3')}" for name, value in peaks.items()))
-    drawing = Picture("ablation", "What each contribution is worth", "Largest tracking error, logarithmic.", alt,
-                    lambda: _bars(peaks))  # fmt: skip
+    drawing = Picture(
+        "ablation", "What each contribution is worth", "Largest tracking error, logarithmic.", alt, lambda: _bars(peaks)
+    )
     columns = ["contributions", Column("expected", "m"), Column("got", "m")]
     return Part(claims, [Table(title, columns, rows)], [drawing])
 

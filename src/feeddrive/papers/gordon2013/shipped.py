@@ -285,8 +285,9 @@ def filter_pack() -> Part:
     push = np.zeros(200)
     push[0] = 1.0
     claims = []
-    for title, block, numbers in zip(("notch of 460 Hz", "low-pass of 2.5 kHz"), placed().control.filters,
-                                    (NOTCH, LOW_PASS), strict=True):  # fmt: skip
+    for title, block, numbers in zip(
+        ("notch of 460 Hz", "low-pass of 2.5 kHz"), placed().control.filters, (NOTCH, LOW_PASS), strict=True
+    ):
         prepared = block.prepare(T)
         state, outputs = block.start(prepared, 0.0), []
         for sample in push.tolist():

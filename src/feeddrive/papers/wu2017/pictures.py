@@ -23,16 +23,22 @@ def errors(same: Mapping[str, Trials]) -> Picture:
     """RMS over the trials."""
     last = joined(", ", (f"{name} {Quantity(trials.rms[-1], 'm'):.2f}" for name, trials in same.items()))
     caption = "The same 100 mm move six times; each trial uses the parameters of the last one. tanh friction."
-    return Picture("errors", "Error over the trials", caption, Text(f"RMS falls within two trials; last: {last}."),
-                 lambda: errors_chart({name: 1e6 * trials.rms for name, trials in same.items()}))  # fmt: skip
+    return Picture(
+        "errors",
+        "Error over the trials",
+        caption,
+        Text(f"RMS falls within two trials; last: {last}."),
+        lambda: errors_chart({name: 1e6 * trials.rms for name, trials in same.items()}),
+    )
 
 
 def parameters(trials: Trials) -> Picture:
     """Parameters with their standard errors."""
     caption = "Bars are two standard errors, estimated from the residual of each single trial, with its color."
     alt = "The mass is found at once, the friction levels within five trials."
-    return Picture("parameters", "Parameters over the trials", caption, alt,
-                 lambda: errors_and_parameters_chart({"": trials}))  # fmt: skip
+    return Picture(
+        "parameters", "Parameters over the trials", caption, alt, lambda: errors_and_parameters_chart({"": trials})
+    )
 
 
 def over_time(same: Mapping[str, Trials]) -> Picture:
@@ -54,8 +60,7 @@ def rates(masses: np.ndarray, found: Mapping[str, list[float]], free: float) -> 
     """The rate of convergence over the assumed mass."""
     caption = "ρ: factor of the parameters' error from trial to trial. The right mass gives 0, drawn at 1e-3."
     alt = "A mass wrong by a factor of two leaves 5 %; where the curves end the model loop is unstable and refused."
-    return Picture("convergence", "Rate of convergence", caption, alt,
-                 lambda: rates_chart(masses, found, free))  # fmt: skip
+    return Picture("convergence", "Rate of convergence", caption, alt, lambda: rates_chart(masses, found, free))
 
 
 def contour(paths: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Picture:

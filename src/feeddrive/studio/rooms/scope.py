@@ -36,8 +36,38 @@ _SAMPLES = 500.0  # of a window of a source without a clock, unless somebody cho
 _FEW = 4  # channels that are shown at first
 _MOST = 8  # at once
 _FINE = {"error", "err", "ferror", "lag", "deviation"}  # words of lengths that are shown in um, and not in mm
-_UNITS = ("nm", "um", "mm", "m", "um/s", "mm/s", "m/s", "m/min", "mm/s2", "m/s2", "mN", "N", "kN", "mN m", "N m", "mA",
-          "A", "mV", "V", "mdeg", "deg", "rad", "deg/s", "rad/s", "rpm", "percent", "1", "s", "ms", "us")  # fmt: skip
+_UNITS = (
+    "nm",
+    "um",
+    "mm",
+    "m",
+    "um/s",
+    "mm/s",
+    "m/s",
+    "m/min",
+    "mm/s2",
+    "m/s2",
+    "mN",
+    "N",
+    "kN",
+    "mN m",
+    "N m",
+    "mA",
+    "A",
+    "mV",
+    "V",
+    "mdeg",
+    "deg",
+    "rad",
+    "deg/s",
+    "rad/s",
+    "rpm",
+    "percent",
+    "1",
+    "s",
+    "ms",
+    "us",
+)
 
 
 class Scope(Room):

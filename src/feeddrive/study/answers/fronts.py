@@ -25,10 +25,15 @@ from feeddrive.study.study import Study
 SUBJECTS = {
     "tracking": (TRACKING_RMS, TRACKING_PEAK, FOLLOWING_RMS, FOLLOWING_PEAK, TRACKING_END),
     "stiffness": (
-        STIFFNESS_LEAST, STIFFNESS_OVER[1], *STIFFNESS_AT, STIFFNESS_OVER[0], STIFFNESS_OVER[2], ROPE_SNAP,
+        STIFFNESS_LEAST,
+        STIFFNESS_OVER[1],
+        *STIFFNESS_AT,
+        STIFFNESS_OVER[0],
+        STIFFNESS_OVER[2],
+        ROPE_SNAP,
     ),
     "robustness": (SENSITIVITY_PEAK, DELAY_MARGIN, PHASE_MARGIN, GAIN_MARGIN),
-}  # fmt: skip
+}
 
 
 def subjects(study: Study) -> dict[str, Figure]:

@@ -42,8 +42,9 @@ class Judged:
     @cached_property
     def kept(self) -> dict[str, np.ndarray]:
         """By figure of the specification, which variants keep its bound; a bad one keeps none."""
-        return {each.figure.key: each.kept(self.figures[each.figure.key]) & ~self.bad
-                for each in self.study.specification}  # fmt: skip
+        return {
+            each.figure.key: each.kept(self.figures[each.figure.key]) & ~self.bad for each in self.study.specification
+        }
 
     @cached_property
     def inside(self) -> np.ndarray:

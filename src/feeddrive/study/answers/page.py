@@ -117,11 +117,15 @@ def _choices(found: Answers) -> Iterator[Table]:
 def _worst(found: Answers) -> Table:
     columns = found.study.columns
     rows = [
-        [name_of(each.figure), case.variant, value_cell(each.figure, case.value),
-         *(_cell(case.varied[name]) for name in columns)]
+        [
+            name_of(each.figure),
+            case.variant,
+            value_cell(each.figure, case.value),
+            *(_cell(case.varied[name]) for name in columns),
+        ]
         for each in found.worst
         for case in each.cases[:1]
-    ]  # fmt: skip
+    ]
     heads = ["figure", "variant", "value", *_columns(columns)]
     return Table("The worst machine by each figure, with what varies in it", heads, rows)
 
@@ -161,12 +165,17 @@ def _decides(found: Answers) -> Iterator[Table]:
         names = [short(factors)[each] for each in factors]
         for what, said in (("first", "alone"), ("total", "together with what it does with others")):
             rows = [
-                [figures[each.output], *(
-                    share_text(value, interval)
-                    for value, interval in zip(getattr(each, what), getattr(each, f"{what}_interval").T, strict=True)
-                )]
+                [
+                    figures[each.output],
+                    *(
+                        share_text(value, interval)
+                        for value, interval in zip(
+                            getattr(each, what), getattr(each, f"{what}_interval").T, strict=True
+                        )
+                    ),
+                ]
                 for each in found.sobol
-            ]  # fmt: skip
+            ]
             yield Table(
                 f"Share of the variance that each decides {said}, with its 95 % interval", ["figure", *names], rows
             )
@@ -236,10 +245,14 @@ def _front(found: Answers) -> Table | None:
     rows, figures = found.front.rows, list(found.front.figures.values())
     columns = found.study.columns
     body = [
-        [int(rows.variant[i]), *(value_cell(each, float(rows.figures[each.key][i])) for each in figures),
-         "inside" if rows.inside[i] else "outside", *(_cell(rows.varied[name][i]) for name in columns)]
+        [
+            int(rows.variant[i]),
+            *(value_cell(each, float(rows.figures[each.key][i])) for each in figures),
+            "inside" if rows.inside[i] else "outside",
+            *(_cell(rows.varied[name][i]) for name in columns),
+        ]
         for i in range(min(_FRONT, rows.variant.size))
-    ]  # fmt: skip
+    ]
     beyond = f", the first {_FRONT}" if rows.variant.size > _FRONT else ""
     said = f"{rows.variant.size:,} machines of which no other one is better in all{beyond}"
     return Table(said, ["variant", *map(name_of, figures), "specification", *_columns(columns)], body)
@@ -298,34 +311,44 @@ def summary(found: Answers) -> dict[str, Any]:
         "rank_correlations": _ranked(found),
         "bands": {
             name: {
-                over: band.x.tolist(), "machines": band.machines,
+                over: band.x.tolist(),
+                "machines": band.machines,
                 **{f"quantile_{each:g}": [_plain(v) for v in band.at(each).tolist()] for each in QUANTILES},
             }
             for name, band, over in (
-                ("stiffness_N_per_m", found.stiffness, "frequency_Hz"), ("following_error_m", found.error, "time_s"),
+                ("stiffness_N_per_m", found.stiffness, "frequency_Hz"),
+                ("following_error_m", found.error, "time_s"),
             )
             if band is not None
         },
-        "front": None if found.front is None else {
+        "front": None
+        if found.front is None
+        else {
             "figures": {subject: each.key for subject, each in found.front.figures.items()},
             "variants": found.front.rows.variant.tolist(),
         },
-    }  # fmt: skip
+    }
 
 
 def _share(share: Share) -> dict[str, Any]:
-    return {"machines": share.of, "inside": share.kept, "share": share.value,
-            "interval_95_percent": None if share.interval is None else list(share.interval)}  # fmt: skip
+    return {
+        "machines": share.of,
+        "inside": share.kept,
+        "share": share.value,
+        "interval_95_percent": None if share.interval is None else list(share.interval),
+    }
 
 
 def _factors(found: Any) -> Mapping[str, Any]:
     return {
         name: {
-            "alone": float(found.first[i]), "alone_interval_95_percent": found.first_interval[:, i].tolist(),
-            "together": float(found.total[i]), "together_interval_95_percent": found.total_interval[:, i].tolist(),
+            "alone": float(found.first[i]),
+            "alone_interval_95_percent": found.first_interval[:, i].tolist(),
+            "together": float(found.total[i]),
+            "together_interval_95_percent": found.total_interval[:, i].tolist(),
         }
         for i, name in enumerate(found.factors)
-    }  # fmt: skip
+    }
 
 
 def _ranked(found: Answers) -> dict[str, dict[str, Any]]:

@@ -139,9 +139,12 @@ def decides_chart(study: Study, indices: Sequence[SobolIndices], correlations: S
     said = "share of the variance" if indices else "rank correlation, -1 to 1"
     low, high = (None, None) if indices else (-1.0, 1.0)
     return Chart(
-        f"{said}; lines: 95 % interval", tuple(panels) or (Panel("", said="no output varies"),), low=low, high=high,
+        f"{said}; lines: 95 % interval",
+        tuple(panels) or (Panel("", said="no output varies"),),
+        low=low,
+        high=high,
         height=0.7 + max(len(panels), 1) * (0.45 + 0.27 * count),
-    )  # fmt: skip
+    )
 
 
 decides = figure_of(decides_chart)

@@ -105,9 +105,14 @@ def sobol(output: str, values: np.ndarray, factors: tuple[str, ...], seed: int =
 
     resamples = int(min(_RESAMPLES, max(99, _WORK / rows.size)))
     drawn = stats.bootstrap(
-        (np.arange(points),), indices, method="percentile", confidence_level=LEVEL, n_resamples=resamples,
-        vectorized=False, rng=np.random.default_rng([seed, points]),
-    )  # fmt: skip
+        (np.arange(points),),
+        indices,
+        method="percentile",
+        confidence_level=LEVEL,
+        n_resamples=resamples,
+        vectorized=False,
+        rng=np.random.default_rng([seed, points]),
+    )
     found = indices(np.arange(points))
     interval = np.stack([drawn.confidence_interval.low, drawn.confidence_interval.high])
     return SobolIndices(

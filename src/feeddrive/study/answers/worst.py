@@ -58,6 +58,7 @@ class WorstKept:
 
 
 def _case(rows: Judged, place: int, figure: str) -> WorstVariant:
-    varied = {name: values[place] if values.dtype == object else float(values[place])
-              for name, values in rows.varied.items()}  # fmt: skip
+    varied = {
+        name: values[place] if values.dtype == object else float(values[place]) for name, values in rows.varied.items()
+    }
     return WorstVariant(int(rows.variant[place]), float(rows.figures[figure][place]), varied)
