@@ -326,7 +326,7 @@ def pictures(contents: LawsContents) -> Iterator[Picture]:
             "limits",
             "What limits the speed, and when",
             "A row for each limit; it is filled where this limit is used most, and its share of the cycle time stands "
-            "at its right.",
+            "behind its name.",
             "Which limit is used most, over time.",
             lambda: plot.plan_causes_chart(planned),
         )

@@ -80,7 +80,7 @@ def _pictures(plan: Planned) -> Sequence[Picture]:
             "causes",
             "What limits the speed, and when",
             "A row for each limit; it is filled where this limit is used most, and its share of the cycle time stands "
-            "at its right. Feed: the program asks for no more. None above half: ends of ramps, and "
+            "behind its name. Feed: the program asks for no more. None above half: ends of ramps, and "
             "what a bend ahead or behind holds at its speed.",
             "Which limit is used most, over time.",
             lambda: plot.plan_causes_chart(plan),
