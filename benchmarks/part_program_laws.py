@@ -16,6 +16,7 @@ from pathlib import Path
 
 from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
 from feeddrive.comparison.compare import compare_laws
+from feeddrive.evaluation import Engine, Folder
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import read_machine
 from feeddrive.files.to_toml import to_toml
@@ -68,7 +69,7 @@ def main() -> None:
     machine = read_machine("machining_center")
     rows: dict[str, dict[str, Control]] = {}
     for axis in machine.loops:
-        found = compare_laws(machine, axis, laws=LAWS, keep=given.keep / axis)
+        found = compare_laws(machine, axis, laws=LAWS, engine=Engine.of(None, store=Folder(given.keep / axis)))
         print(found.table())
         for each in found.competitors[1:]:
             rows.setdefault(each.name, {})[axis] = each.loop.control

@@ -12,9 +12,10 @@ from feeddrive.comparison import pictures
 from feeddrive.comparison.compare import Comparison, compare_laws
 from feeddrive.comparison.figures import CRITERIA
 from feeddrive.comparison.report import figure
+from feeddrive.evaluation import Engine, Folder
 from feeddrive.files.machine import read_machine
 from feeddrive.language.text import Text
-from feeddrive.loop.runner import cores
+from feeddrive.plot.drawing import drawn
 from feeddrive.tuning.candidates import PLAIN
 
 IMAGES = Path(__file__).parent / "images"
@@ -48,11 +49,11 @@ def main() -> None:
     """All axes."""
     keep = Path(sys.argv[1]) if len(sys.argv) > 1 else None
     for machine, axis in AXES:
-        place = None if keep is None else keep / machine
-        found = compare_laws(read_machine(machine), axis, workers=cores(), keep=place)
+        store = None if keep is None else Folder(keep / machine)
+        found = compare_laws(read_machine(machine), axis, engine=Engine.of(None, store=store))
         found.plot().savefig(IMAGES / f"tradeoff_{machine}.svg", metadata={"Date": None})
-        drawn = pictures.ratios([(each.name, each.figures) for each in found.competitors], PLAIN)
-        drawn.savefig(IMAGES / f"comparison_{machine}.svg", metadata={"Date": None})
+        ratios = pictures.ratios_chart([(each.name, each.figures) for each in found.competitors], PLAIN)
+        drawn(ratios).savefig(IMAGES / f"comparison_{machine}.svg", metadata={"Date": None})
         print(f"\n## {found.title}\n\n{found.rule}\n\n{markdown(found)}\n")
         for each in found.competitors:
             if each.tuned is not None:

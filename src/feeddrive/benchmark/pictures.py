@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from feeddrive.plot.chart import DOTS, LOG, MARKERS, NEUTRAL, Abscissa, Chart, Curve, Level, Panel, Tick, listed
-from feeddrive.plot.drawing import figure_of
 
 
 def scores_chart(laws: Sequence[str], panels: Mapping[str, Sequence[tuple[Sequence[float], float | None]]]) -> Chart:
@@ -40,6 +39,3 @@ def scores_chart(laws: Sequence[str], panels: Mapping[str, Sequence[tuple[Sequen
             )
         )
     return Chart("", tuple(shown), across=len(shown), height=1.0 + 0.2 * len(laws))
-
-
-scores = figure_of(scores_chart)

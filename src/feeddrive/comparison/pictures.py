@@ -14,7 +14,6 @@ from feeddrive.language.text import Text
 from feeddrive.loop.simulate import Run
 from feeddrive.plot import style
 from feeddrive.plot.chart import LOG, Box, Chart, Curve, Level, Mark, Panel, Tick, listed
-from feeddrive.plot.drawing import figure_of
 
 X, HEIGHTS = TRACKING_RMS, STIFFNESS_AT
 _MOST = 8.0  # a ratio beyond which the color is full
@@ -51,9 +50,6 @@ def tradeoff_chart(rows: Sequence[tuple[str, Mapping[str, float | None], str]]) 
     return Chart(label, tuple(panels), LOG, left, right, height=8.4)
 
 
-tradeoff = figure_of(tradeoff_chart)
-
-
 def _around(values: Sequence[float], part: float) -> tuple[float, float]:
     """A range around positive values on a logarithmic scale, with room on both sides; a decade if there is none."""
     ends = np.log10([min(values), max(values)]) if values else np.zeros(2)
@@ -82,9 +78,6 @@ def ratios_chart(rows: Sequence[tuple[str, Mapping[str, float | None]]], base: s
     panel = Panel("", boxes=tuple(cells), ticks=listed([name for name, _ in rows]), low=0.5 - len(rows), high=0.5)
     heads = tuple(Tick(float(k), said=criterion.title) for k, criterion in enumerate(CRITERIA))
     return Chart("", (panel,), low=-0.5, high=len(CRITERIA) - 0.5, ticks=heads, height=1.9 + 0.34 * len(rows))
-
-
-ratios = figure_of(ratios_chart)
 
 
 def _cell(value: float | None, base: float | None, higher: bool) -> tuple[str, float]:
@@ -116,6 +109,3 @@ def recovery_chart(rows: Sequence[tuple[str, Run, Run]], *, begin: float, near: 
         panels.append(Panel(f"{text}\n({unit_name('m')})", tuple(curves), levels=limits))
     label = f"time after the force changed ({unit_name('s')})"
     return Chart(label, tuple(panels), height=5.0, columns=3)
-
-
-recovery = figure_of(recovery_chart)

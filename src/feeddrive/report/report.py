@@ -20,6 +20,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import USUAL, Units
 from feeddrive.language.table import Grid, Table
 from feeddrive.language.text import resolve
+from feeddrive.plot.chart import Chart
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +37,7 @@ class Picture:
     title: str
     caption: str
     alt: str
-    chart: Callable[[], Any]
+    chart: Callable[[], Chart]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,6 @@ from feeddrive.figures.figure import Figure
 from feeddrive.language.quantity import USUAL, unit_name
 from feeddrive.plot import style
 from feeddrive.plot.chart import ALERT, Abscissa, Box, Chart, Curve, Panel, stairs
-from feeddrive.plot.drawing import figure_of
 from feeddrive.study.fresh import Measured
 from feeddrive.study.specification import Bound
 
@@ -19,9 +18,6 @@ def shares_chart(before: Measured, after: Measured) -> Chart:
     across = 2 if len(after.figures) > 1 else 1
     panels = tuple(_share(figure, before, after, bounds.get(figure.key)) for figure in after.figures)
     return Chart("", panels, across=across, height=0.7 + 2.3 * -(-len(panels) // across))
-
-
-shares = figure_of(shares_chart)
 
 
 def _share(figure: Figure, before: Measured, after: Measured, bound: Bound | None) -> Panel:

@@ -28,6 +28,7 @@ from feeddrive.language.text import Text
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.papers.altintas2009.testbed import MASS, PLANT, REST, VISCOUS, T, dadsc, loop, milling
 from feeddrive.papers.claims import Claim, stated
+from feeddrive.plot.chart import Chart
 from feeddrive.plot.curves import Row, curves_chart
 from feeddrive.report.report import Picture
 
@@ -262,7 +263,7 @@ def machine_modes() -> tuple[list[Claim], list[Table], list[Picture]]:
     return [*claims, *sweep], [table], [picture]
 
 
-def _draw(named: dict[str, np.ndarray]) -> object:
+def _draw(named: dict[str, np.ndarray]) -> Chart:
     window = slice(0, round(0.5 / T))
     time = 1e3 * T * np.arange(round(0.5 / T))
     rows = [Row(f"{name} (µm)", {name: 1e6 * error[window]}) for name, error in named.items()]

@@ -31,7 +31,6 @@ from feeddrive.plot.chart import (
 )
 from feeddrive.plot.chart import Band as Area
 from feeddrive.plot.distributions import histogram
-from feeddrive.plot.drawing import figure_of
 from feeddrive.study.answers.bands import Band
 from feeddrive.study.answers.judged import Judged
 from feeddrive.study.answers.sensitivity import INSIDE, RankCorrelation, SobolIndices
@@ -82,9 +81,6 @@ def yields_chart(found: Yield) -> Chart:
     return Chart(label, (panel,), low=left, high=right, height=0.9 + 0.36 * len(rows))
 
 
-yields = figure_of(yields_chart)
-
-
 def histograms_chart(sample: Judged, banded: bool = False) -> Chart:
     """The distribution of each figure over the machines, with its bound.
 
@@ -95,9 +91,6 @@ def histograms_chart(sample: Judged, banded: bool = False) -> Chart:
     panels = tuple(_histogram(figure, sample.figures[figure.key], bounds.get(figure)) for figure in figures)
     across = min(2, len(panels))
     return Chart("", panels, across=across, height=0.5 + 1.9 * -(-len(panels) // across))
-
-
-histograms = figure_of(histograms_chart)
 
 
 def _figures(study: Study, banded: bool) -> list[Figure]:
@@ -145,9 +138,6 @@ def decides_chart(study: Study, indices: Sequence[SobolIndices], correlations: S
         high=high,
         height=0.7 + max(len(panels), 1) * (0.45 + 0.27 * count),
     )
-
-
-decides = figure_of(decides_chart)
 
 
 def _outputs(study: Study) -> list[str]:
@@ -198,15 +188,9 @@ def stiffness_band_chart(band: Band) -> Chart:
     return Chart(f"frequency ({unit_name('Hz')})", (panel,), FREQUENCY, *ends, height=3.2)
 
 
-stiffness_band = figure_of(stiffness_band_chart)
-
-
 def error_band_chart(band: Band) -> Chart:
     """Quantiles of the following error over time."""
     return Chart("time (s)", (replace(_quantiles(band, "largest following error"), low=0.0),), height=3.0)
-
-
-error_band = figure_of(error_band_chart)
 
 
 def _quantiles(band: Band, what: str) -> Panel:
@@ -235,9 +219,6 @@ def front_chart(found: Front, sample: Judged) -> Chart:
         panels.append(Panel(labelled(other), tuple(curves), low=low, high=high))
     left, right = _ends([curve for panel in panels for curve in panel.curves], "x", 0.04)
     return Chart(labelled(first), tuple(panels), low=left, high=right, height=0.6 + 3.0 * len(others))
-
-
-front = figure_of(front_chart)
 
 
 def _ends(curves: Sequence[Curve], axis: Literal["x", "y"], part: float) -> tuple[float, float]:
