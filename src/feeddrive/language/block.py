@@ -325,11 +325,6 @@ def _plain(block: Block, variant: int | None = None) -> Block | None:
     return plain
 
 
-def may_be_absent(block: type[Block], name: str) -> bool:
-    """True if the field's default is None."""
-    return next(spec.default is None for spec in dataclasses.fields(block) if spec.name == name)  # type: ignore[arg-type]
-
-
 def checked(kind: str, name: str, declaration: Declaration, value: Any) -> Any:
     """The value as a block keeps it. Raises ParameterError that names block, parameter, value, bound and unit."""
     where = f"{kind}.{name}" if kind else name

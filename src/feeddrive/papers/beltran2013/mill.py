@@ -352,8 +352,3 @@ def sample_time_limit(hold: str) -> float:
         return True
 
     return _edge(admitted, 1e-4, 4e-3 if hold == "first_order" else 4e-4)
-
-
-def stable_at(hold: str, sample_time: float) -> bool:
-    """True if all poles of the loop on x, with friction and viscous damping, are inside the unit circle."""
-    return stability(loop("x", dataclasses.replace(RIGID, hold=hold), sample_time=sample_time)).stable
