@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,12 +10,15 @@ import pytest
 
 from feeddrive import Axis, Control, Loop, simulate
 from feeddrive.blocks import CascadePPI, LinearMove, Rigid, StepForce
+from feeddrive.blocks.compensation.disturbance_rejection import DisturbanceRejection
 from feeddrive.blocks.families import Filter, Law
 from feeddrive.blocks.filter.biquad import below_nyquist, prewarped
+from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
 from feeddrive.language.block import Number, parameter
 from feeddrive.language.errors import StructureError
 from feeddrive.loop.routine_trace import controller_routine
 from feeddrive.testing import battery
+from feeddrive.testing.steady import bump, place
 
 T = 1e-4
 
@@ -139,6 +143,22 @@ def test_the_row_finds_a_state_that_should_have_been_converted(block: Any) -> No
 
 def test_the_row_passes_a_state_that_was_converted() -> None:
     getattr(ROWS[RetunedLeadLag](), ROW)(goes_on=RetunedLeadLag)
+
+
+@pytest.mark.parametrize("blend_time", [1e-4, 0.1])
+@pytest.mark.parametrize(("share", "then"), [(0.01, 1.0), (1.0, 0.01), (0.5, 0.8)])
+def test_the_row_passes_a_share_on_its_way_to_another(share: float, then: float, blend_time: float) -> None:
+    """A larger share rises from the one reached so far, while one that starts rises from 0."""
+    old = DisturbanceRejection(observer=DisturbanceRecovery(mass=40.0, frequency=2000.0), share=share, blend_time=1e-4)
+    assert not bump(old, replace(old, share=then, blend_time=blend_time), place(0.1, False, 1e-5, 1000.0))
+
+
+def test_the_row_finds_a_share_beyond_the_one_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    old = DisturbanceRejection(observer=DisturbanceRecovery(mass=40.0, frequency=2000.0), share=0.5, blend_time=1e-4)
+    doubled = "retune", lambda _, state, *rest: state._replace(reached=(2.0 * state.reached[0],))
+    monkeypatch.setattr(DisturbanceRejection, *doubled)
+    with pytest.raises(AssertionError, match="output 5 of disturbance_rejection was 500 in a steady state"):
+        assert not bump(old, replace(old, share=0.8), place(0.1, False, 1e-5, 1000.0))
 
 
 def test_without_an_answer_the_battery_says_what_to_write() -> None:

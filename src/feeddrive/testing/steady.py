@@ -2,7 +2,8 @@
 
 The axis follows exactly, at rest or evenly, and the force that a law commands acts with the next sample.  So whatever
 comes out of a block is constant, and a live change has to leave it so, unless it asks for another value: a larger share
-of a disturbance is another force.  What it asks for is what the new block gives if it is started there.
+of a disturbance is another force.  What it asks for is what the new block gives if it is started there, a compensation
+with its blended parts fully active.
 """
 
 from __future__ import annotations
@@ -176,7 +177,8 @@ def _changed(
     held = Steady(old, at)
     states = [held.after(SETTLING, errors), held.after(SETTLING), held.after(SETTLING)]
     before = held.outputs(SAMPLES)
-    asked = Steady(new, at._replace(force=held.force), held.sample).outputs(SAMPLES)
+    whole = new.settled() if isinstance(new, families.Compensation) else new
+    asked = Steady(whole, at._replace(force=held.force), held.sample).outputs(SAMPLES)
     if wrong:
         held.at = at._replace(position=(1.0 + _DIGITS) * at.position)
         values = [value for _, value in tree.leaves(held.state)]
