@@ -155,8 +155,11 @@ def test_the_row_passes_a_share_on_its_way_to_another(share: float, then: float,
 
 def test_the_row_finds_a_share_beyond_the_one_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     old = DisturbanceRejection(observer=DisturbanceRecovery(mass=40.0, frequency=2000.0), share=0.5, blend_time=1e-4)
-    doubled = "retune", lambda _, state, *rest: state._replace(reached=(2.0 * state.reached[0],))
-    monkeypatch.setattr(DisturbanceRejection, *doubled)
+
+    def doubled(_: Any, state: Any, *_before: Any) -> Any:
+        return state._replace(reached=(2.0 * state.reached[0],))
+
+    monkeypatch.setattr(DisturbanceRejection, "retune", doubled)
     with pytest.raises(AssertionError, match="output 5 of disturbance_rejection was 500 in a steady state"):
         assert not bump(old, replace(old, share=0.8), place(0.1, False, 1e-5, 1000.0))
 
