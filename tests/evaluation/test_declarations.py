@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from dask_cluster import DaskCluster, dask_cluster
+from feeddrive.benchmark.benchmark import score
 from feeddrive.benchmark.report import summary
 from feeddrive.benchmark.rules import read_rules
-from feeddrive.benchmark.score import score
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.comparison.compare import Comparison, compare_laws
 from feeddrive.comparison.report import summary as compared
