@@ -1,4 +1,4 @@
-"""Comparison and benchmark on the engine: equal results on cores and on a cluster, and resumed after a stop."""
+"""Comparison, benchmark and run on the engine: equal results on cores and on a cluster, and resumed after a stop."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from dask_cluster import DaskCluster, dask_cluster
@@ -17,11 +18,14 @@ from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.comparison.compare import Comparison, compare_laws
 from feeddrive.comparison.report import summary as compared
 from feeddrive.evaluation.engine import Engine
+from feeddrive.files.job import read_job
 from feeddrive.files.machine import read_machine
+from feeddrive.jobs.run_laws import numbers, run_laws
 from feeddrive.language.errors import CancelledError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.workflow.benchmark import BenchmarkRequest, benchmark
 from feeddrive.workflow.compare import CompareRequest, compare
+from feeddrive.workflow.run_job import RunRequest, run
 
 SHORT = SnapLimitedMove(
     distance=0.02, velocity=0.2, acceleration=5.0, jerk=400.0, snap=4e4, back=True, dwell_before=0.5, dwell_after=0.2
@@ -65,6 +69,35 @@ def test_processes_and_a_cluster_score_to_the_same_bits(cluster: DaskCluster) ->
     alone = json.dumps(summary(score(rules, **asked)))
     for engine in (Engine(2), Engine(scheduler=cluster.address)):
         assert json.dumps(summary(score(rules, **asked, engine=engine))) == alone
+
+
+@pytest.mark.parametrize("name", ["ball_screw", "circle"])
+def test_processes_and_a_cluster_run_a_job_to_the_same_bits(name: str, cluster: DaskCluster) -> None:
+    """One axis, and two that run together; what comes back from a process is the whole row."""
+    job = read_job(name)
+    alone = run_laws(job)
+    for engine in (Engine(2), Engine(scheduler=cluster.address)):
+        beside = run_laws(job, engine=engine)
+        assert beside.remarks == alone.remarks
+        assert [row.name for row in beside.rows] == list(job.loops)
+        for row, other in zip(beside.rows, alone.rows, strict=True):
+            assert numbers(row) == numbers(other)
+            assert row.description == other.description
+            assert (row.together is None) == (other.together is None)
+            for here, there in ((row.run, other.run), (row.together, other.together)):
+                if here is not None and there is not None:
+                    assert all(np.array_equal(here[name], there[name], equal_nan=True) for name in there.signals)
+
+
+def test_the_command_run_takes_workers_and_counts_its_stages() -> None:
+    told = Stopping()
+    outcome = run.run(RunRequest("ball_screw", workers=2), told)
+    laws = [row.name for row in outcome.result.rows]
+    assert {what for what in told.steps if what in laws} == {*laws}
+    for law in laws:
+        assert f"{law}: the run" in told.steps
+    with pytest.raises(ParameterError, match="the scheduler has its own"):
+        run.run(RunRequest("ball_screw", workers=2, scheduler="tcp://127.0.0.1:1"), Progress())
 
 
 class Stopping(Progress):
