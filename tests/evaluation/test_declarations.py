@@ -20,7 +20,7 @@ from feeddrive.comparison.report import summary as compared
 from feeddrive.evaluation.engine import Engine
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import read_machine
-from feeddrive.jobs.run_laws import numbers, run_laws
+from feeddrive.jobs.run_laws import JobResult, numbers, run_laws
 from feeddrive.language.errors import CancelledError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.workflow.benchmark import BenchmarkRequest, benchmark
@@ -71,22 +71,27 @@ def test_processes_and_a_cluster_score_to_the_same_bits(cluster: DaskCluster) ->
         assert json.dumps(summary(score(rules, **asked, engine=engine))) == alone
 
 
-@pytest.mark.parametrize("name", ["ball_screw", "circle"])
-def test_processes_and_a_cluster_run_a_job_to_the_same_bits(name: str, cluster: DaskCluster) -> None:
-    """One axis, and two that run together; what comes back from a process is the whole row."""
-    job = read_job(name)
+def equal_rows(beside: JobResult, alone: JobResult) -> None:
+    """To the last bit, with the signals of all axes."""
+    assert beside.remarks == alone.remarks
+    for row, other in zip(beside.rows, alone.rows, strict=True):
+        assert (row.name, row.description, numbers(row)) == (other.name, other.description, numbers(other))
+        assert (row.together is None) == (other.together is None)
+        for here, there in ((row.run, other.run), (row.together, other.together)):
+            if here is not None and there is not None:
+                assert all(np.array_equal(here[name], there[name], equal_nan=True) for name in there.signals)
+
+
+def test_processes_run_a_job_to_the_same_bits() -> None:
+    job = read_job("ball_screw")
+    equal_rows(run_laws(job, engine=Engine(2)), run_laws(job))
+
+
+def test_a_cluster_runs_a_job_of_two_axes_to_the_same_bits(cluster: DaskCluster) -> None:
+    """The job has run before: what its machines keep of that does not travel."""
+    job = read_job("circle")
     alone = run_laws(job)
-    for engine in (Engine(2), Engine(scheduler=cluster.address)):
-        beside = run_laws(job, engine=engine)
-        assert beside.remarks == alone.remarks
-        assert [row.name for row in beside.rows] == list(job.loops)
-        for row, other in zip(beside.rows, alone.rows, strict=True):
-            assert numbers(row) == numbers(other)
-            assert row.description == other.description
-            assert (row.together is None) == (other.together is None)
-            for here, there in ((row.run, other.run), (row.together, other.together)):
-                if here is not None and there is not None:
-                    assert all(np.array_equal(here[name], there[name], equal_nan=True) for name in there.signals)
+    equal_rows(run_laws(job, engine=Engine(scheduler=cluster.address)), alone)
 
 
 def test_the_command_run_takes_workers_and_counts_its_stages() -> None:
