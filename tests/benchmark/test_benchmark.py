@@ -14,14 +14,13 @@ from feeddrive import cli
 from feeddrive.analysis.loop_model import loop_model
 from feeddrive.analysis.margins import margins
 from feeddrive.analysis.stability import stability
-from feeddrive.benchmark.designs import Design, Designs
+from feeddrive.benchmark.benchmark import FIGURES, ROBUST, Benchmark, Row, robust_peak, score
+from feeddrive.benchmark.designs import Design, Designs, search, searched
 from feeddrive.benchmark.report import latex, markdown, summary, write_benchmark
-from feeddrive.benchmark.retune import search, searched
 from feeddrive.benchmark.rules import folder, read_rules
-from feeddrive.benchmark.score import FIGURES, Benchmark, score
-from feeddrive.benchmark.work import ROBUST, Row, robust_peak, worst
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.comparison import tune_all
+from feeddrive.comparison.figures import worst
 from feeddrive.evaluation.engine import Engine
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.progress import Progress

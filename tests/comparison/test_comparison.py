@@ -23,8 +23,7 @@ from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceComp
 from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.cli.terminal import show
-from feeddrive.comparison.advice import advice
-from feeddrive.comparison.compare import FIXED, PLAIN, TODAY, Comparison, compare_laws
+from feeddrive.comparison.compare import FIXED, PLAIN, TODAY, Comparison, advice, compare_laws
 from feeddrive.comparison.figures import CRITERIA, ranks
 from feeddrive.comparison.report import figures_csv, write_comparison
 from feeddrive.evaluation.duty import duty_of

@@ -1,4 +1,4 @@
-"""Comparison and benchmark on the engine: equal results on cores and on a cluster, and resumed after a stop."""
+"""Comparison, benchmark and run on the engine: equal results on cores and on a cluster, and resumed after a stop."""
 
 from __future__ import annotations
 
@@ -7,21 +7,25 @@ from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from dask_cluster import DaskCluster, dask_cluster
+from feeddrive.benchmark.benchmark import score
 from feeddrive.benchmark.report import summary
 from feeddrive.benchmark.rules import read_rules
-from feeddrive.benchmark.score import score
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.comparison.compare import Comparison, compare_laws
 from feeddrive.comparison.report import summary as compared
 from feeddrive.evaluation.engine import Engine
+from feeddrive.files.job import read_job
 from feeddrive.files.machine import read_machine
+from feeddrive.jobs.run_laws import JobResult, numbers, run_laws
 from feeddrive.language.errors import CancelledError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.workflow.benchmark import BenchmarkRequest, benchmark
 from feeddrive.workflow.compare import CompareRequest, compare
+from feeddrive.workflow.run_job import RunRequest, run
 
 SHORT = SnapLimitedMove(
     distance=0.02, velocity=0.2, acceleration=5.0, jerk=400.0, snap=4e4, back=True, dwell_before=0.5, dwell_after=0.2
@@ -65,6 +69,40 @@ def test_processes_and_a_cluster_score_to_the_same_bits(cluster: DaskCluster) ->
     alone = json.dumps(summary(score(rules, **asked)))
     for engine in (Engine(2), Engine(scheduler=cluster.address)):
         assert json.dumps(summary(score(rules, **asked, engine=engine))) == alone
+
+
+def equal_rows(beside: JobResult, alone: JobResult) -> None:
+    """To the last bit, with the signals of all axes."""
+    assert beside.remarks == alone.remarks
+    for row, other in zip(beside.rows, alone.rows, strict=True):
+        assert (row.name, row.description, numbers(row)) == (other.name, other.description, numbers(other))
+        assert (row.together is None) == (other.together is None)
+        for here, there in ((row.run, other.run), (row.together, other.together)):
+            if here is not None and there is not None:
+                assert all(np.array_equal(here[name], there[name], equal_nan=True) for name in there.signals)
+
+
+def test_processes_run_a_job_to_the_same_bits() -> None:
+    job = read_job("ball_screw")
+    equal_rows(run_laws(job, engine=Engine(2)), run_laws(job))
+
+
+def test_a_cluster_runs_a_job_of_two_axes_to_the_same_bits(cluster: DaskCluster) -> None:
+    """The job has run before: what its machines keep of that does not travel."""
+    job = read_job("circle")
+    alone = run_laws(job)
+    equal_rows(run_laws(job, engine=Engine(scheduler=cluster.address)), alone)
+
+
+def test_the_command_run_takes_workers_and_counts_its_stages() -> None:
+    told = Stopping()
+    outcome = run.run(RunRequest("ball_screw", workers=2), told)
+    laws = [row.name for row in outcome.result.rows]
+    assert {what for what in told.steps if what in laws} == {*laws}
+    for law in laws:
+        assert f"{law}: the run" in told.steps
+    with pytest.raises(ParameterError, match="the scheduler has its own"):
+        run.run(RunRequest("ball_screw", workers=2, scheduler="tcp://127.0.0.1:1"), Progress())
 
 
 class Stopping(Progress):

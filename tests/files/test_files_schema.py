@@ -17,17 +17,19 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 
+from feeddrive.benchmark.rules import Rules, folder
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.bus.drive_file import read_drive
 from feeddrive.files import machine
-from feeddrive.files.from_toml import Hint, hints, members
+from feeddrive.files.from_toml import Hint, hints, members, read_section
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import planned_limits, read_machine
 from feeddrive.files.read_log import read_request
 from feeddrive.files.schema import _SUFFIX
 from feeddrive.files.section import Section
 from feeddrive.files.to_toml import to_toml
+from feeddrive.files.toml_file import read_toml
 from feeddrive.language.declaration import declarations
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.units import _BASE, _OTHER, _PREFIX
@@ -46,7 +48,9 @@ READERS: Mapping[str, Callable[[Path], Any]] = {
     "channels": read_request,
     "drive": read_drive,
     "limits": lambda path: planned_limits(None, path),
+    "rules": lambda path: read_section(Rules, read_toml(path).root()),
 }
+RULES = folder() / "rules.toml"
 MACHINES = sorted((machine.BUNDLED / "machines").glob("*.toml"))
 JOBS = sorted((machine.BUNDLED / "jobs").glob("*.toml"))
 STUDIES = sorted((machine.BUNDLED / "studies").glob("*.toml"))
@@ -199,6 +203,7 @@ SAMPLES = [
     Sample("channels", "channels", CHANNELS),
     Sample("drive", "drive", DRIVE),
     Sample("limits", "limits", LIMITS),
+    sample("rules", RULES),
 ]
 
 
@@ -375,6 +380,14 @@ OTHERS = [
     ("limits", "travel_least", "travel_lest"),
     ("limits", "[axis.c.limits]", "[axis.c.limit]"),
     ("limits", "acceleration = 5", "acceleration = 0"),
+    ("rules", "repeats = 5", "repeats = 0"),
+    ("rules", "seeds = 2", "seeds = 2.5"),
+    ("rules", "noise_ratio = 1.05", "noise_ration = 1.05"),
+    ("rules", "varied = 0.2", "varied = 1"),
+    ("rules", 'job = "vertical"\n', ""),
+    ("rules", "force = 150", "force = 0"),
+    ("rules", 'without = ["backlash"]', 'without = "backlash"'),
+    ("rules", '"plant.stiffness" = 2.23e8', '"plant.stiffness" = "soft"'),
 ]
 
 
@@ -382,7 +395,13 @@ OTHERS = [
 def test_what_the_readers_of_other_files_refuse_their_schemas_refuse(
     tmp_path: Path, kind: str, old: str, new: str
 ) -> None:
-    text = {"study": FORMS, "channels": CHANNELS, "drive": DRIVE, "limits": LIMITS}[kind]
+    text = {
+        "study": FORMS,
+        "channels": CHANNELS,
+        "drive": DRIVE,
+        "limits": LIMITS,
+        "rules": RULES.read_text(encoding="utf-8"),
+    }[kind]
     assert old in text
     text = text.replace(old, new, 1)
     (tmp_path / "file.toml").write_text(text, encoding="utf-8")

@@ -18,7 +18,6 @@ import pytest
 
 import feeddrive as fd
 from feeddrive import plot
-from feeddrive.benchmark import pictures as of_benchmark
 from feeddrive.comparison import pictures as of_comparison
 from feeddrive.comparison.figures import CRITERIA
 from feeddrive.language.lazy_package import public_names
@@ -292,7 +291,7 @@ OF_ROOMS: dict[str, Callable[[], Chart]] = {
     "recovery": lambda: of_comparison.recovery_chart(
         [(f"law {i}", recorded(), recorded()) for i in range(8)], begin=0.5, near=5e-7, span=0.3
     ),
-    "benchmark": lambda: of_benchmark.scores_chart(["a", "b"], {"tracking": [([0.8, 1.2], 0.9), ([2.0], None)]}),
+    "benchmark": lambda: of_comparison.scores_chart(["a", "b"], {"tracking": [([0.8, 1.2], 0.9), ([2.0], None)]}),
     "robust": lambda: of_robust.shares_chart(machines(), machines()),
     "yields": lambda: of_study.yields_chart(yields()),
     "histograms": lambda: of_study.histograms_chart(judged()),
@@ -367,7 +366,7 @@ def test_every_function_of_a_chart_says_so_and_every_picture_has_one() -> None:
 
 def test_results_of_later_rooms_give_charts_too() -> None:
     for place in (
-        "benchmark.score:Benchmark",
+        "benchmark.benchmark:Benchmark",
         "comparison.compare:Comparison",
         "jobs.run_laws:JobResult",
         "study.answers.answers:Answers",

@@ -5,10 +5,8 @@ from feeddrive.language.lazy_package import make_lazy
 make_lazy(
     __name__,
     {
-        "designs": "Design Designs",
-        "retune": "search",
+        "benchmark": "Benchmark Row score",
+        "designs": "Design Designs search",
         "rules": "Plant Rules read_rules",
-        "score": "Benchmark score",
-        "work": "Row",
     },
 )

@@ -2,12 +2,12 @@
 
 # written by `make stubs`
 
+from feeddrive.benchmark.benchmark import Benchmark as Benchmark
+from feeddrive.benchmark.benchmark import Row as Row
+from feeddrive.benchmark.benchmark import score as score
 from feeddrive.benchmark.designs import Design as Design
 from feeddrive.benchmark.designs import Designs as Designs
-from feeddrive.benchmark.retune import search as search
+from feeddrive.benchmark.designs import search as search
 from feeddrive.benchmark.rules import Plant as Plant
 from feeddrive.benchmark.rules import Rules as Rules
 from feeddrive.benchmark.rules import read_rules as read_rules
-from feeddrive.benchmark.score import Benchmark as Benchmark
-from feeddrive.benchmark.score import score as score
-from feeddrive.benchmark.work import Row as Row

@@ -1,17 +1,21 @@
-"""Stored designs: the tunables of a law on a plant to the last bit, how they were found, and what they gave."""
+"""Stored designs: the tunables of a law on a plant to the last bit, with their figures; and the searches for them."""
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from feeddrive.analysis.loop_model import loop_model
-from feeddrive.comparison.figures import linear
-from feeddrive.comparison.tune_all import Rule, Tuning
+from feeddrive.benchmark.rules import Plant, Rules, folder
+from feeddrive.blocks.catalogue import members, shipped
+from feeddrive.blocks.families import Law
+from feeddrive.comparison.figures import Values, linear
+from feeddrive.comparison.tune_all import Rule, Tuning, tuned_all
+from feeddrive.evaluation.engine import Bar, Engine
 from feeddrive.figures.of_loops import NOISE_GAIN, ROPE_SNAP, SENSITIVITY_PEAK
 from feeddrive.files.atomic_io import read_whole, write_whole
 from feeddrive.files.run_files import versions
@@ -22,7 +26,8 @@ from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning.candidates import Candidate, Refusal
+from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
+from feeddrive.tuning.tunables import own_tunables
 from feeddrive.tuning.tuned import Tuned
 
 STALE = 1e-4  # of a figure: a design whose figures have moved by more belongs to another law, plant or rule
@@ -58,21 +63,24 @@ class Design:
         """The control of a candidate with these tunables. Raises ParameterError if it has others."""
         return tree.vary(candidate.loop.control, dict(self.tunables))
 
-    def stale(self, loop: Loop, rule: Rule) -> str:
-        """Why it does not belong to the present code: what its figures have become; empty if it does."""
-        there = _figures(loop, rule)
-        for key, value in self.figures.items():
-            now = there.get(key)
-            if now is None or abs(now - value) > STALE * abs(value):
-                return (
-                    f"{key} was {number(value, 6)} when it was stored and is {now if now is None else number(now, 6)}"
-                )
-        if self.noise is not None and rule.noise is not None and abs(self.noise / rule.noise - 1.0) > STALE:
-            return Text(
-                f"it was tuned to a noise bound of {Quantity(self.noise, 'N/m'):6 SI}, which is "
-                f"{Quantity(rule.noise, 'N/m'):6 SI} now"
-            )
+    def moved(self, figures: Values) -> str:
+        """Which stored figure has another value now; empty if none has."""
+        for key, stored in self.figures.items():
+            now = figures.get(key)
+            if now is None or abs(now - stored) > STALE * abs(stored):
+                present = None if now is None else number(now, 6)
+                return f"{key} was {number(stored, 6)} when its design was stored and is {present}"
         return ""
+
+    def stale(self, loop: Loop, rule: Rule) -> str:
+        """Why it does not belong to the present code: a figure or the bound that has moved; empty if it does."""
+        moved = self.moved(_figures(loop, rule))
+        if moved or self.noise is None or rule.noise is None or abs(self.noise / rule.noise - 1.0) <= STALE:
+            return moved
+        return Text(
+            f"it was tuned to a noise bound of {Quantity(self.noise, 'N/m'):6 SI}, which is "
+            f"{Quantity(rule.noise, 'N/m'):6 SI} now"
+        )
 
 
 @dataclass(frozen=True)
@@ -86,28 +94,28 @@ class Designs:
 
     def design(self, law: str) -> Design | None:
         """The design of a law; None if there is none. Raises FileError for a file that is not one."""
-        there = (path for place in (self.folder, *self.also) if (path := self._path(law, place)).is_file())
-        path = next(there, None)
+        paths = (self._path(law, place) for place in (self.folder, *self.also))
+        path = next((path for path in paths if path.is_file()), None)
         if path is None:
             return None
         try:
-            said: dict[str, Any] = json.loads(read_whole(path, _LARGEST))
-            said["tunables"] = {name: float.fromhex(value) for name, value in said["tunables"].items()}
-            said.pop("values")
-            said["held"] = tuple(said["held"])
-            found = Design(**said)
+            content: dict[str, Any] = json.loads(read_whole(path, _LARGEST))
+            content["tunables"] = {name: float.fromhex(value) for name, value in content["tunables"].items()}
+            content["held"] = tuple(content["held"])
+            del content["values"]
+            design = Design(**content)
         except (ValueError, KeyError, TypeError, AttributeError):
             raise FileError(f"{path}: is no design of the benchmark: remove it, and it is searched anew") from None
-        return found if (found.plant, found.rules) == (self.plant, self.rules) else None
+        return design if (design.plant, design.rules) == (self.plant, self.rules) else None
 
     def write(self, design: Design) -> None:
         """Write a design, whole or not at all. Raises FileError if the directory cannot be written."""
-        said = asdict(design)
-        said["tunables"] = {name: float(value).hex() for name, value in design.tunables.items()}
-        said["values"] = {name: float(f"{value:.6g}") for name, value in design.tunables.items()}
+        content = asdict(design)
+        content["tunables"] = {name: float(value).hex() for name, value in design.tunables.items()}
+        content["values"] = {name: float(f"{value:.6g}") for name, value in design.tunables.items()}
         path = self._path(design.law, self.folder)
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, json.dumps(said, indent=2, ensure_ascii=False) + "\n")
+        write_whole(path, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
 
     def known(self, case: Tuning, progress: Progress) -> Tuned | Refusal | None:
         """What a law came to, if its design is not stale; for the engine, whose store of searches this is."""
@@ -117,8 +125,7 @@ class Designs:
         if design.refused:
             return Refusal(case.name, design.refused)
         try:
-            loop = replace(case.candidate.loop, control=design.control(case.candidate))
-            if design.stale(loop, case.rule):
+            if design.stale(replace(case.candidate.loop, control=design.control(case.candidate)), case.rule):
                 return None
         except FeeddriveError:
             return None
@@ -126,20 +133,20 @@ class Designs:
 
     def keep(self, case: Tuning, outcome: Tuned | Refusal) -> None:
         """Keep what a law came to; for the engine."""
-        one = Design(case.name, self.plant, self.rules, noise=case.rule.noise, versions=versions())
+        design = Design(case.name, self.plant, self.rules, noise=case.rule.noise, versions=versions())
         if isinstance(outcome, Refusal):
-            self.write(replace(one, refused=outcome.reason))
+            self.write(replace(design, refused=outcome.reason))
             return
         self.write(
             replace(
-                one,
+                design,
                 tunables=dict(outcome.tunables),
                 figures=_figures(outcome.loops[0], case.rule),
                 unsettled=outcome.unsettled,
                 spread=outcome.spread,
                 repeats=case.rule.repeats,
                 evaluations=outcome.evaluations,
-                held=tuple(each.sentence() for each in outcome.held),
+                held=tuple(bound.sentence() for bound in outcome.held),
             )
         )
 
@@ -148,5 +155,50 @@ class Designs:
 
 
 def _figures(loop: Loop, rule: Rule) -> dict[str, float]:
-    found = linear(loop, loop_model(loop, velocity=rule.velocity))
-    return {figure.key: float(value) for figure in _KEPT if (value := found.get(figure.key)) is not None}
+    figures = linear(loop, loop_model(loop, velocity=rule.velocity))
+    return {figure.key: float(value) for figure in _KEPT if (value := figures.get(figure.key)) is not None}
+
+
+def searched(plant: Plant, laws: Sequence[str] = ()) -> list[Candidate]:
+    """The laws that are searched on a plant, P-PI among them; `laws` are those that are wanted; default: all."""
+    possible, _ = candidates(plant.model)
+    wanted = {PLAIN, *laws, *(law.like for law in possible if law.name in laws)} if laws else None
+    return [
+        law
+        for law in possible
+        if not law.like and own_tunables(law.loop.control) and (wanted is None or law.name in wanted)
+    ]
+
+
+def own_laws(plant: Plant, laws: Sequence[str] = ()) -> tuple[str, ...]:
+    """The names of laws that are not shipped with feeddrive, of those that are wanted."""
+    own = set(members(Law).values()) - set(shipped()[Law].values())
+    names = (law.name for law in candidates(plant.model)[0] if type(law.loop.control.law) in own)
+    return tuple(name for name in names if not laws or name in laws)
+
+
+def search(
+    rules: Rules,
+    plants: Sequence[Plant],
+    keep: Path,
+    *,
+    laws: Sequence[str] = (),
+    engine: Engine | None = None,
+    stored: bool = False,
+    progress: Progress | None = None,
+) -> None:
+    """Search laws on plants and keep each design in `keep` as it is found.
+
+    stored  take the designs of the package as known
+
+    A design that is known and not stale is not searched again, so that a search that was stopped goes on; `engine` is
+    where laws are searched, whatever its store is.
+    Raises FileError if the folder cannot be written, CancelledError at a cancel.
+    """
+    engine, progress = engine or Engine(), progress or Progress()
+    for plant in plants:
+        laws_here = searched(plant, laws)
+        also = (folder(rules.version) / "designs",) if stored else ()
+        designs = Designs(keep, plant.name, rules.version, also)
+        bar = Bar(progress, Tuning.stages * len(laws_here))
+        tuned_all(laws_here, rules.rule(plant), replace(engine, store=designs), bar)

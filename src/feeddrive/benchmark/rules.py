@@ -5,24 +5,26 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
 from feeddrive.blocks.families import Reference
 from feeddrive.comparison.tune_all import Rule
 from feeddrive.evaluation.duty import Duty
+from feeddrive.files.from_toml import read_section
 from feeddrive.files.job import read_job
-from feeddrive.files.toml_file import TomlFile, TomlTable, read_toml
+from feeddrive.files.section import Section, numbers, text
+from feeddrive.files.toml_file import TomlFile, read_toml
 from feeddrive.language import tree
+from feeddrive.language.block import Number, choice, parameter, part
+from feeddrive.language.declaration import declarations
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 
 VERSION = 1  # of the present rules
-_NUMBERS = ("sensitivity_peak", "delay_margin_samples", "noise_ratio", "starts", "repeats", "seeds", "noise", "varied")
-_PLANT = ("job", "force", "near", "without", "position")
 
 
 @dataclass(frozen=True)
@@ -59,31 +61,71 @@ class Plant:
 
     def loops(self, control: Control) -> list[tuple[Loop, Loop]]:
         """The loop that runs and its model under a control, at each position."""
-        made = replace(self.loop, control=control)
-        return [(replace(made, axis=place.axis), replace(made, axis=place.model)) for place in self.places]
+        loop = replace(self.loop, control=control)
+        return [(replace(loop, axis=place.axis), replace(loop, axis=place.model)) for place in self.places]
 
 
-@dataclass(frozen=True, eq=False)
-class Rules:
-    """A version of the rules.
+class PositionSection(Section):
+    """A further position, or another load, of the axis of a plant."""
 
-    sensitivity_peak, delay_margin_samples, noise_ratio   the bounds at every position of a plant, as those of `compare`
-    starts, repeats  of a search: rounds of each whole tuning, and how many whole tunings must agree
-    seeds            runs of each law, the worse one counts
-    noise            standard deviation of the noise in every reading, in counts of its encoder
-    varied           share by which masses and stiffnesses are wrong where the robust Ms is taken
-    """
+    name: str = text("of the position", shortest=1)
+    set: Mapping[str, float] = numbers('parameters of the axis there, by path: { "plant.stiffness" = 2e8 }')
 
-    version: int
-    sensitivity_peak: float
-    delay_margin_samples: float
-    noise_ratio: float
-    starts: int
-    repeats: int
-    seeds: int
-    noise: float
-    varied: float
-    plants: Mapping[str, Plant]
+
+class PlantSection(Section):
+    """A plant of the benchmark: one axis with its work."""
+
+    job: str = text("name of its job in plants/: the machine, the move and what cuts", shortest=1)
+    force: Number = parameter("N", "of rope snap and force step", above=0)
+    near: Number = parameter("m", "error within which the axis counts as settled", above=0)
+    without: tuple[str, ...] = choice(
+        "kinds of forces that act in the runs and not in the model of margins and tuning", default=()
+    )
+    position: tuple[PositionSection, ...] = part("further positions, at which all bounds hold too", default=())
+
+    def plant(self, folder: Path, noise: float) -> Plant:
+        """Return the plant of a job in a folder, with noise in the readings in counts."""
+        job = read_job(folder / f"{self.job}.toml")
+        if job.axis is None or not isinstance(job.reference, Reference):
+            raise self.error("a plant of the benchmark is one axis with a reference")
+        loop = _noisy(job.machine.loop(job.axis), noise)
+        axes = {"nominal": loop.axis}
+        axes |= {position.name: tree.vary(loop.axis, dict(position.set)) for position in self.position}
+        return Plant(
+            self.job,
+            job.title,
+            loop,
+            Duty(job.reference, float(self.force), float(self.near), cut=job.load),
+            tuple(Place(name, axis, self._model(axis)) for name, axis in axes.items()),
+            self.without,
+            job.machine.source,
+            job.machine.remark,
+            (job.file, job.machine.file),
+        )
+
+    def _model(self, axis: Axis) -> Axis:
+        return replace(axis, forces=tuple(force for force in axis.forces if force.kind not in self.without))
+
+
+class Rules(Section):
+    """A version of the rules of the benchmark: how laws are tuned and judged, and on which plants."""
+
+    version: int = choice("of the rules", least=1)
+    sensitivity_peak: Number = parameter("", "largest Ms of the loop cut at the actuator, at every position", above=1)
+    delay_margin_samples: Number = parameter("", "least delay margin in samples, at every position", above=0)
+    noise_ratio: Number = parameter("", "noise in the force over that of P-PI, at most", least=1)
+    starts: int = choice("rounds of each whole tuning", least=1)
+    repeats: int = choice("whole tunings of a law on a plant; settled if all end within 5 % of the best", least=1)
+    seeds: int = choice("runs with different noise, whose worse figure counts", least=1)
+    noise: Number = parameter("", "standard deviation of the white noise in every reading, in counts", least=0)
+    varied: Number = parameter("", "error of masses and stiffnesses for the robust Ms, as a share", least=0, below=1)
+    plant: tuple[PlantSection, ...] = part("the plants", default=())
+
+    @cached_property
+    def plants(self) -> Mapping[str, Plant]:
+        """The plants by name."""
+        plants = (section.plant(folder(self.version) / "plants", self.noise) for section in self.plant)
+        return {plant.name: plant for plant in plants}
 
     def rule(self, plant: Plant, noise: float | None = None) -> Rule:
         """What all laws on a plant are tuned to; `noise` in N/m once that of P-PI is known."""
@@ -103,8 +145,8 @@ class Rules:
 
         `own` is a person's number, which gives other seeds throughout.
         """
-        said = f"feeddrive benchmark, rules {self.version}, {plant.name}, {use}, {own}"
-        return int.from_bytes(hashlib.sha256(said.encode()).digest()[:4], "big") >> 1
+        content = f"feeddrive benchmark, rules {self.version}, {plant.name}, {use}, {own}"
+        return int.from_bytes(hashlib.sha256(content.encode()).digest()[:4], "big") >> 1
 
     def digest(self) -> str:
         """SHA-256 of all files of the rules and machines: two tables with the same digest may be compared."""
@@ -113,12 +155,11 @@ class Rules:
 
     def numbers(self) -> dict[str, Any]:
         """The numbers of the rules, and by plant its force (N) and its band (m)."""
-        found: dict[str, Any] = {"version": self.version, **{name: getattr(self, name) for name in _NUMBERS}}
-        found["plants"] = {
-            each.name: {"force": each.duty.force, "near": each.duty.near, "places": [p.name for p in each.places]}
-            for each in self.plants.values()
+        plants = {
+            name: {"force": plant.duty.force, "near": plant.duty.near, "places": [place.name for place in plant.places]}
+            for name, plant in self.plants.items()
         }
-        return found
+        return {name: getattr(self, name) for name in declarations(Rules) if name != "plant"} | {"plants": plants}
 
     def chosen(self, names: tuple[str, ...]) -> tuple[Plant, ...]:
         """Plants by name, all of them if none is named. Raises ParameterError for one that is not there."""
@@ -128,7 +169,7 @@ class Rules:
                     f"plant '{name}' is not in the benchmark{nearest(name, self.plants)}; there are "
                     f"{', '.join(self.plants)}"
                 )
-        return tuple(each for name, each in self.plants.items() if not names or name in names)
+        return tuple(plant for name, plant in self.plants.items() if not names or name in names)
 
 
 def folder(version: int = VERSION) -> Path:
@@ -139,47 +180,18 @@ def folder(version: int = VERSION) -> Path:
 @cache
 def read_rules(version: int = VERSION) -> Rules:
     """The rules of a version. Raises ParameterError for one that there is not."""
-    place = folder(version) / "rules.toml"
-    if not place.is_file():
+    path = folder(version) / "rules.toml"
+    if not path.is_file():
         raise ParameterError(f"there are no rules {version} of the benchmark; the present ones are rules {VERSION}")
-    root = read_toml(place).root()
-    root.refuse_unknown(["version", *_NUMBERS, "plant"])
-    numbers = {name: root.values[name] for name in _NUMBERS}
-    plants = [_plant(section, place.parent / "plants", numbers["noise"]) for section in root.listed("plant")]
-    return Rules(version=root.values["version"], **numbers, plants={each.name: each for each in plants})
-
-
-def _plant(section: TomlTable, jobs: Path, noise: float) -> Plant:
-    """A plant from its entry in the rules and its job: the move, and what cuts."""
-    section.refuse_unknown(_PLANT)
-    values = section.values
-    job = read_job(jobs / f"{values['job']}.toml")
-    if job.axis is None or not isinstance(job.reference, Reference):
-        raise section.error("a plant of the benchmark is one axis with a reference")
-    loop, without = _noisy(job.machine.loop(job.axis), noise), tuple(values.get("without", ()))
-    duty = Duty(job.reference, float(values["force"]), float(values["near"]), cut=job.load)
-    others = [each.values for each in section.listed("position")]
-    changed = [("nominal", loop.axis), *((each["name"], tree.vary(loop.axis, each["set"])) for each in others)]
-    places = tuple(Place(name, axis, _without(axis, without)) for name, axis in changed)
-    return Plant(
-        values["job"],
-        job.title,
-        loop,
-        duty,
-        places,
-        without,
-        job.machine.source,
-        job.machine.remark,
-        (job.file, job.machine.file),
-    )
-
-
-def _without(axis: Axis, kinds: tuple[str, ...]) -> Axis:
-    return replace(axis, forces=tuple(each for each in axis.forces if each.kind not in kinds)) if kinds else axis
+    return read_section(Rules, read_toml(path).root())
 
 
 def _noisy(loop: Loop, noise: float) -> Loop:
     """A loop whose encoders have noise, in counts."""
     encoders = {name: getattr(loop.axis, name) for name in ("encoder_motor", "encoder_load")}
-    noisy = {name: replace(each, noise=noise * each.resolution) for name, each in encoders.items() if each is not None}
+    noisy = {
+        name: replace(encoder, noise=noise * encoder.resolution)
+        for name, encoder in encoders.items()
+        if encoder is not None
+    }
     return replace(loop, axis=replace(loop.axis, **noisy))

@@ -2,33 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from feeddrive.blocks.families import Law, Reference
-from feeddrive.comparison.figures import CRITERIA, beats, ranks
+from feeddrive.comparison.figures import CRITERIA, beats, frame_of_figures, keys_of, ranks
 from feeddrive.comparison.judge import AtWork, Competitor
 from feeddrive.comparison.tune_all import Rule, Tuning, tuned_all
 from feeddrive.evaluation.duty import Duty, duty_of
 from feeddrive.evaluation.engine import Bar, Engine
+from feeddrive.figures import of_loops, of_runs
 from feeddrive.figures.figure import Figure
-from feeddrive.figures.of_loops import (
-    DELAY_MARGIN,
-    EFFORT,
-    FORCE_NOISE,
-    NOISE_GAIN,
-    ROPE_SNAP,
-    SENSITIVITY_PEAK,
-    STIFFNESS_AT,
-)
-from feeddrive.figures.of_runs import SNAP_SETTLING, TRACKING_RMS
 from feeddrive.files.job import Job
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.run_files import versions
 from feeddrive.language.errors import ParameterError, UnstableError
+from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Result, Table, chart_of, frame_of
@@ -37,22 +28,24 @@ from feeddrive.loop.loop import Loop
 from feeddrive.plot.chart import Chart
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
 from feeddrive.tuning.tunables import own_tunables
+from feeddrive.tuning.tuned import two_digits
 
 TODAY = "today's gains"
 FIXED = "it has nothing to tune and is judged as it is"
 _SHOWN = (
-    SENSITIVITY_PEAK,
-    DELAY_MARGIN,
-    NOISE_GAIN,
-    ROPE_SNAP,
-    *STIFFNESS_AT,
-    TRACKING_RMS,
-    SNAP_SETTLING,
-    FORCE_NOISE,
-    EFFORT,
+    of_loops.SENSITIVITY_PEAK,
+    of_loops.DELAY_MARGIN,
+    of_loops.NOISE_GAIN,
+    of_loops.ROPE_SNAP,
+    *of_loops.STIFFNESS_AT,
+    of_runs.TRACKING_RMS,
+    of_runs.SNAP_SETTLING,
+    of_loops.FORCE_NOISE,
+    of_loops.EFFORT,
 )
 """The figures of the short table."""
 _NOISY = 0.02  # share of the force limit beyond which noise in the force is remarked
+_NAMED = 4  # criteria in which a law is worse that are named in the advice, the worst first
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -74,14 +67,24 @@ class Comparison(Result):
     versions: Mapping[str, str]
 
     def __getitem__(self, name: str) -> Competitor:
-        found = next((each for each in self.competitors if each.name == name), None)
-        if found is None:
-            raise ParameterError(f"there is no '{name}' here; there are {', '.join(c.name for c in self.competitors)}")
-        return found
+        competitor = next((law for law in self.competitors if law.name == name), None)
+        if competitor is None:
+            raise ParameterError(f"there is no '{name}' here; there are {', '.join(self.names)}")
+        return competitor
+
+    @property
+    def names(self) -> list[str]:
+        """The names of all competitors."""
+        return [competitor.name for competitor in self.competitors]
+
+    @property
+    def figures(self) -> list[Mapping[str, float | None]]:
+        """The figures of all competitors."""
+        return [competitor.figures for competitor in self.competitors]
 
     @property
     def rotary(self) -> bool:
-        """Whether the axis turns."""
+        """True if the axis turns."""
         return self.machine.loops[self.axis].axis.rotary
 
     @property
@@ -97,38 +100,37 @@ class Comparison(Result):
     def table(self) -> Table:
         """Robustness, and the most important figures."""
         rows = [
-            [row.name, *(row.figures.get(figure.key) for figure in _SHOWN), row.unplaced.partition(":")[0]]
-            for row in self.competitors
+            [law.name, *(law.figures.get(figure.key) for figure in _SHOWN), law.unplaced.partition(":")[0]]
+            for law in self.competitors
         ]
         return Table(self.title, ["law", *(figure.column(figure.short) for figure in _SHOWN), ""], rows)
 
     def ranking(self) -> Table:
         """The place of each law by each criterion."""
-        by = [self.places(criterion) for criterion in CRITERIA]
-        rows = [[each.name, *(each.unplaced or places[i] for places in by)] for i, each in enumerate(self.competitors)]
+        places = zip(*map(self.places, CRITERIA), strict=True)
+        rows = [
+            [law.name, *(law.unplaced or place for place in row)]
+            for law, row in zip(self.competitors, places, strict=True)
+        ]
         return Table("Places by criterion, 1 is best", ["law", *(criterion.title for criterion in CRITERIA)], rows)
 
     def places(self, criterion: Figure) -> list[int | None]:
         """The place of each law by a criterion; none for one that has not settled or breaks the rule."""
-        return ranks(criterion, [{} if each.unplaced else each.figures for each in self.competitors])
+        return ranks(criterion, [{} if law.unplaced else law.figures for law in self.competitors])
 
 
 @chart_of.register
-def _chart(found: Comparison) -> Chart:
+def _chart(comparison: Comparison) -> Chart:
     """Stiffness against tracking, a dot for each law."""
     from feeddrive.comparison import pictures
 
-    return pictures.tradeoff_chart([(each.name, each.figures, each.unplaced) for each in found.competitors])
+    return pictures.tradeoff_chart([(law.name, law.figures, law.unplaced) for law in comparison.competitors])
 
 
 @frame_of.register
-def _frame(found: Comparison) -> Any:
+def _frame(comparison: Comparison) -> Any:
     """One row a law, in SI."""
-    from feeddrive.plot.frames import frame
-
-    keys = list(dict.fromkeys(key for each in found.competitors for key in each.figures))
-    columns = {key: np.array([each.figures.get(key) for each in found.competitors], float) for key in keys}
-    return frame([each.name for each in found.competitors], columns, "law")
+    return frame_of_figures("law", comparison.names, comparison.figures, keys_of(comparison.figures))
 
 
 def compare_laws(
@@ -148,7 +150,7 @@ def compare_laws(
 ) -> Comparison:
     """Put all laws on an axis of a machine.
 
-    laws               names of those that are wanted, P-PI always among them, or classes of one's own; default: all
+    laws               names of those that are wanted, P-PI always among them, or user-defined classes; default: all
     reference, force   the move, and the force in N of rope snap and step; default: from the machine's limits (`Duty`)
     sensitivity_peak, delay_margin_samples, noise_ratio   the rule of equal robustness; the last one bounds the noise in
                        the force per noise of the readings, by that of the tuned P-PI
@@ -171,39 +173,30 @@ def compare_laws(
     if not noise_ratio >= 1.0:
         raise ParameterError(f"noise_ratio = {number(noise_ratio, 6)} must be >= 1: P-PI itself has 1")
     rule = Rule(sensitivity_peak, delay_margin_samples, noise_ratio, duty.sliding(loop), starts)
-    searched = [each for each in possible if not each.like and own_tunables(each.loop.control)]
+    searched = [candidate for candidate in possible if not candidate.like and own_tunables(candidate.loop.control)]
     bar = Bar(progress or Progress(), Tuning.stages * len(searched) + len(possible) + 1)
-    tuned, rule = tuned_all(searched, rule, engine, bar)
-    refusals = [*refused, *(found for found in tuned.values() if isinstance(found, Refusal))]
+    tunings, rule = tuned_all(searched, rule, engine, bar)
+    refusals = [*refused, *(tuned for tuned in tunings.values() if isinstance(tuned, Refusal))]
     work: list[AtWork | Refusal] = [AtWork(Candidate(TODAY, loop), None, "as in the machine file", duty, rule, seed)]
     for candidate in possible:
-        made = tuned.get(candidate.like or candidate.name)  # None: the law has nothing to tune
-        if isinstance(made, Refusal):
+        tuned = tunings.get(candidate.like or candidate.name)  # None: the law has nothing to tune
+        if isinstance(tuned, Refusal):
             bar.step(candidate.name)
             if candidate.like:
-                work.append(Refusal(candidate.name, f"'{made.name}', whose gains it takes, cannot control it"))
+                work.append(Refusal(candidate.name, f"'{tuned.name}', whose gains it takes, cannot control it"))
             continue
-        remark = candidate.remark if made else joined("; ", filter(None, (candidate.remark, FIXED)))
-        work.append(AtWork(candidate, made, remark, duty, rule, seed))
+        remark = candidate.remark if tuned else joined("; ", filter(None, (candidate.remark, FIXED)))
+        work.append(AtWork(candidate, tuned, remark, duty, rule, seed))
     judged = iter(engine.evaluate([case for case in work if isinstance(case, AtWork)], bar))
-    rows = [next(judged) if isinstance(each, AtWork) else each for each in work]
+    rows = [next(judged) if isinstance(case, AtWork) else case for case in work]
     refusals += [row for row in rows if isinstance(row, Refusal)]
     competitors = tuple(row for row in rows if isinstance(row, Competitor))
-    if all(each.move is None for each in competitors):
-        reasons = joined("; ", [f"{row.name}: {row.unfit}" for row in competitors])
+    if all(competitor.move is None for competitor in competitors):
+        reasons = joined("; ", [f"{competitor.name}: {competitor.unfit}" for competitor in competitors])
         raise UnstableError(f"{machine.file.name}: axis '{name}': no law can be run on it: {reasons}")
-    remarks = (*_outside(competitors), *_against(competitors), *_noisy(competitors), *_unproven(competitors))
+    remarks = tuple(remark for part in _REMARKS for remark in part(competitors))
     return Comparison(
-        machine,
-        name,
-        duty,
-        rule.velocity,
-        seed,
-        rule.sentence,
-        competitors,
-        tuple(refusals),
-        remarks,
-        versions(),
+        machine, name, duty, rule.velocity, seed, rule.sentence, competitors, tuple(refusals), remarks, versions()
     )
 
 
@@ -213,32 +206,32 @@ def _wanted(loop: Loop, laws: Sequence[str | type[Law]] | None) -> tuple[tuple[C
     possible, refused = candidates(loop, own)
     if laws is None:
         return possible, refused
-    names = [each.name for each in (*possible, *refused)]
-    mine = {each.name for each in possible if type(each.loop.control.law) in own and "+" not in each.name}
+    names = [law.name for law in (*possible, *refused)]
+    mine = {law.name for law in possible if type(law.loop.control.law) in own and "+" not in law.name}
     mine |= {law.title or law.kind.replace("_", " ") for law in own}
-    laws = [*(law for law in laws if isinstance(law, str)), *(name for name in names if name in mine)]
+    wanted = {*(law for law in laws if isinstance(law, str)), *mine.intersection(names)}
     for law in laws:
-        if law not in names:
+        if isinstance(law, str) and law not in names:
             raise ParameterError(f"law '{law}' is not known here; there are: {', '.join(names)}")
-    needed = {PLAIN, *laws, *(each.like for each in possible if each.name in laws)}
+    wanted |= {PLAIN, *(candidate.like for candidate in possible if candidate.name in wanted)}
     return (
-        tuple(each for each in possible if each.name in needed),
-        tuple(each for each in refused if each.name in needed),
+        tuple(candidate for candidate in possible if candidate.name in wanted),
+        tuple(refusal for refusal in refused if refusal.name in wanted),
     )
 
 
 def _outside(rows: tuple[Competitor, ...]) -> list[str]:
     """Rows that are not at equal robustness, today's gains first."""
     today = rows[0]
-    said: list[str] = []
+    remarks: list[str] = []
     if today.unfit:
-        said.append(Text(f"'{today.name}': {today.unfit}; the row stays without figures."))
-    elif today.figures.get(SENSITIVITY_PEAK.key) is None:
+        remarks.append(Text(f"'{today.name}': {today.unfit}; the row stays without figures."))
+    elif today.figures.get(of_loops.SENSITIVITY_PEAK.key) is None:
         period = today.loop.control.law.period()
-        said.append(f"'{today.name}' repeats itself every {period} samples: it has no margins.")
+        remarks.append(f"'{today.name}' repeats itself every {period} samples: it has no margins.")
     elif not today.outside:
-        said.append(f"'{today.name}' keep the rule.")
-    return said + [
+        remarks.append(f"'{today.name}' keep the rule.")
+    return remarks + [
         Text(
             f"'{row.name}': outside of the rule ({row.outside}): the figures are not at equal robustness, and not "
             "ranked."
@@ -251,63 +244,98 @@ def _outside(rows: tuple[Competitor, ...]) -> list[str]:
 def _against(rows: tuple[Competitor, ...]) -> list[str]:
     """Where each law loses to plain P-PI under the same rule, and where it wins."""
     plain = next((row for row in rows if row.name == PLAIN and not row.unfit), None)
-    if plain is None:
-        return []
-    said: list[str] = []
+    remarks: list[str] = []
     for row in rows[1:]:
-        if row is plain or row.unfit:
+        if plain is None or row is plain or row.unfit:
             continue
-        wins, losses = [], []
-        for criterion in CRITERIA:
-            ours, theirs = row.figures.get(criterion.key), plain.figures.get(criterion.key)
-            if ours is None or theirs is None:
-                continue
-            text = f"{criterion.title} ({_ratio(ours, theirs)})"
-            if beats(criterion, theirs, ours):
-                losses.append(text)
-            elif beats(criterion, ours, theirs):
-                wins.append(text)
-        lost, won = joined(", ", losses) or "nothing", joined(", ", wins) or "nothing"
-        said.append(Text(f"'{row.name}' loses to P-PI in {lost}; wins in {won}."))
-    return said
+        lost, won = (
+            joined(", ", [f"{criterion.title} ({_ratio(ours, theirs)})" for criterion, ours, theirs in some])
+            for some in (losses(row, plain), losses(plain, row, swapped=True))
+        )
+        remarks.append(Text(f"'{row.name}' loses to P-PI in {lost or 'nothing'}; wins in {won or 'nothing'}."))
+    return remarks
+
+
+def losses(ours: Competitor, other: Competitor, *, swapped: bool = False) -> list[tuple[Figure, float, float]]:
+    """Return the criteria by which a law is worse than another one, with the values of both, or of both swapped."""
+    worse: list[tuple[Figure, float, float]] = []
+    for criterion in CRITERIA:
+        a, b = ours.figures.get(criterion.key), other.figures.get(criterion.key)
+        if a is not None and b is not None and beats(criterion, b, a):
+            worse.append((criterion, b, a) if swapped else (criterion, a, b))
+    return worse
 
 
 def _ratio(a: float, b: float) -> str:
-    if np.isinf(a) or np.isinf(b):
-        return "never" if np.isinf(a) else "P-PI never"
+    if math.isinf(a) or math.isinf(b):
+        return "never" if math.isinf(a) else "P-PI never"
     return f"× {number(a / b, 3)}" if b else f"{number(a, 3)} against 0"
 
 
 def _noisy(rows: tuple[Competitor, ...]) -> list[str]:
     """Competitors whose force noise is too large for practical use, independent of their margins."""
-    said: list[str] = []
+    remarks: list[str] = []
     for row in rows:
-        limit, noise = row.loop.control.force_limit, row.figures.get(FORCE_NOISE.key)
+        limit, noise = row.loop.control.force_limit, row.figures.get(of_loops.FORCE_NOISE.key)
         if limit is not None and noise is not None and noise > _NOISY * limit:
-            said.append(
+            remarks.append(
                 Text(
                     f"'{row.name}': counts and noise of the encoders alone make {Quantity(noise, 'N'):3} RMS of force, "
                     f"{Quantity(noise / limit, 'share'):3} of the limit: a finer encoder, a low-pass or lower gains "
                     "come first."
                 )
             )
-    return said
+    return remarks
 
 
 def _unproven(rows: tuple[Competitor, ...]) -> list[str]:
     """What of a tuning is not proven."""
-    said: list[str] = []
+    remarks: list[str] = []
     for row in rows:
         if row.tuned is None:
             continue
         open_lines = [f"{line.what} ({line.said})" for line in row.tuned.proof if line.holds is not True]
         if open_lines:
-            said.append(Text(f"'{row.name}': not proven: {joined('; ', open_lines)}."))
+            remarks.append(Text(f"'{row.name}': not proven: {joined('; ', open_lines)}."))
         if not row.settled:
-            said.append(
+            remarks.append(
                 Text(
                     f"'{row.name}' is not settled, and not ranked: {row.tuned.unsettled}; more starts (--starts) may "
                     "find a better setting."
                 )
             )
-    return said
+    return remarks
+
+
+_REMARKS: tuple[Callable[[tuple[Competitor, ...]], list[str]], ...] = (_outside, _against, _noisy, _unproven)
+
+
+def advice(comparison: Comparison) -> Advice:
+    """The law with the least rope-snap error, and first in what it is worse than P-PI, or P-PI than today's gains."""
+    snaps = {law.name: snap for law in comparison.competitors if (snap := law.figures.get(of_loops.ROPE_SNAP.key))}
+    ranked = [name for name in snaps if not comparison[name].unplaced]
+    if set(ranked) <= {TODAY}:
+        return Advice(Judgment.NONE_RANKED, f"{Judgment.NONE_RANKED.says}.")
+    best = min(ranked, key=lambda name: snaps[name])
+    if best == TODAY:
+        return Advice(Judgment.KEEP_GAINS, f"{Judgment.KEEP_GAINS.says}.")
+    least = f"'{best}' {Judgment.RANKED.says}"
+    other = PLAIN if best != PLAIN else TODAY
+    if other not in snaps:
+        return Advice(Judgment.RANKED, f"{least}.")
+    worse = list[tuple[float, str]]()
+    for criterion, ours, theirs in losses(comparison[best], comparison[other]):
+        ratio = ours / theirs if theirs else math.inf
+        text = f"{criterion.title} {_times(ratio)} times" if math.isfinite(ratio) else f"{criterion.title} never"
+        worse.append((abs(math.log(ratio)) if 0.0 < ratio < math.inf else math.inf, text))
+    worst = [text for _, text in sorted(worse, key=lambda loss: -loss[0])]
+    more = f", and {len(worst) - _NAMED} more" if len(worst) > _NAMED else ""
+    lost = f"Worse than with {other}: {', '.join(worst[:_NAMED])}{more}." if worst else ""
+    ratio = _times(snaps[best] / snaps[other])
+    won = f"{least}, {ratio} times that of {other}{'' if lost else ', and is worse in nothing'}."
+    return Advice(Judgment.RANKED, f"{lost} {won}".strip())
+
+
+def _times(ratio: float) -> str:
+    """Two digits, or three near 1: 0.83, 1.05."""
+    return number(ratio, 3) if 0.9 < ratio < 1.1 else two_digits(ratio)

@@ -1,89 +1,70 @@
-"""The figures by which laws are ranked, and those of a law that come from its linear model."""
+"""The figures by which laws are ranked, those of a law that come from its linear model, and both as text and frame."""
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeAlias
+
+import numpy as np
 
 from feeddrive.analysis.loop_model import LoopModel
+from feeddrive.figures import of_loops, of_runs
+from feeddrive.figures.catalogue import figures as catalogue
 from feeddrive.figures.figure import Figure
 from feeddrive.figures.linear_loop import LinearLoop
-from feeddrive.figures.of_loops import (
-    CROSSOVER,
-    DELAY_MARGIN,
-    EFFORT,
-    FORCE_NOISE,
-    NOISE_GAIN,
-    PHASE_MARGIN,
-    ROPE_SNAP,
-    SENSITIVITY_PEAK,
-    STIFFNESS_AT,
-    STIFFNESS_LEAST,
-    STIFFNESS_OVER,
-    StiffnessAt,
-    StiffnessOver,
-)
-from feeddrive.figures.of_runs import (
-    SNAP_PEAK,
-    SNAP_SETTLING,
-    STEP_PEAK,
-    STEP_SETTLING,
-    TRACKING_PEAK,
-    TRACKING_RMS,
-)
+from feeddrive.files.run_files import figure_key
+from feeddrive.language.quantity import Units
 from feeddrive.loop.loop import Loop
 
+Values: TypeAlias = Mapping[str, float | None]
+"""Figures of a law in SI by key; None where the law has no such figure."""
 TIE = 0.005  # share by which figures must differ to be ranked apart
 
-
 CRITERIA = (
-    ROPE_SNAP,
-    *STIFFNESS_AT,
-    TRACKING_RMS,
-    TRACKING_PEAK,
-    SNAP_PEAK,
-    SNAP_SETTLING,
-    STEP_PEAK,
-    STEP_SETTLING,
-    STIFFNESS_OVER[2],
-    STIFFNESS_LEAST,
-    FORCE_NOISE,
-    EFFORT,
+    of_loops.ROPE_SNAP,
+    *of_loops.STIFFNESS_AT,
+    of_runs.TRACKING_RMS,
+    of_runs.TRACKING_PEAK,
+    of_runs.SNAP_PEAK,
+    of_runs.SNAP_SETTLING,
+    of_runs.STEP_PEAK,
+    of_runs.STEP_SETTLING,
+    of_loops.STIFFNESS_OVER[2],
+    of_loops.STIFFNESS_LEAST,
+    of_loops.FORCE_NOISE,
+    of_loops.EFFORT,
 )
 """The figures by which laws are ranked."""
 LINEAR = (
-    SENSITIVITY_PEAK,
-    DELAY_MARGIN,
-    PHASE_MARGIN,
-    CROSSOVER,
-    ROPE_SNAP,
-    FORCE_NOISE,
-    NOISE_GAIN,
-    *STIFFNESS_OVER,
-    *STIFFNESS_AT,
-    STIFFNESS_LEAST,
+    of_loops.SENSITIVITY_PEAK,
+    of_loops.DELAY_MARGIN,
+    of_loops.PHASE_MARGIN,
+    of_loops.CROSSOVER,
+    of_loops.ROPE_SNAP,
+    of_loops.FORCE_NOISE,
+    of_loops.NOISE_GAIN,
+    *of_loops.STIFFNESS_OVER,
+    *of_loops.STIFFNESS_AT,
+    of_loops.STIFFNESS_LEAST,
 )
 """The figures of a law that come from its linear model."""
 
 
-def ranks(criterion: Figure, figures: Sequence[Mapping[str, float | None]]) -> list[int | None]:
-    """The place of each law, 1 for the best; those within half a percent share one, and what has no figure has none.
+def ranks(criterion: Figure, figures: Sequence[Values]) -> list[int | None]:
+    """Return the place of each law, 1 for the best; ties share a place, and a law without the figure has none.
 
-    What is infinite (a law that never settles, a force that is never held) has a figure: the last place.
+    An infinite figure (a law that never settles, a force that is never held) counts: it has the last place.
     """
     values = [row.get(criterion.key) for row in figures]
-    found: list[int | None] = []
-    for value in values:
-        better = sum(
-            1 for other in values if value is not None and other is not None and beats(criterion, other, value)
-        )
-        found.append(None if value is None else 1 + better)
-    return found
+    known = [value for value in values if value is not None]
+    return [None if value is None else 1 + sum(beats(criterion, other, value) for other in known) for value in values]
 
 
 def beats(criterion: Figure, a: float, b: float) -> bool:
-    """Whether a is better than b by more than a tie; two infinite values are equal."""
+    """Return True if a is better than b by more than a tie; two infinite values are equal."""
     better, worse = (b, a) if criterion.higher else (a, b)
     if math.isinf(better) or math.isinf(worse):
         return better < worse
@@ -91,7 +72,7 @@ def beats(criterion: Figure, a: float, b: float) -> bool:
 
 
 def linear(loop: Loop, both: LoopModel) -> dict[str, float | None]:
-    """Margins, rope-snap error, stiffness by band, noise in the force, effort; of a stable loop."""
+    """Return margins, rope-snap error, stiffness by band, noise in the force and effort of a stable loop."""
     model = LinearLoop(loop, known=both)
     return effort_of(loop) | {figure.key: figure.value(model) for figure in LINEAR if _below(figure, model.nyquist)}
 
@@ -99,11 +80,49 @@ def linear(loop: Loop, both: LoopModel) -> dict[str, float | None]:
 def _below(figure: Figure, nyquist: float) -> bool:
     """Return True for a figure whose frequencies lie below half the sample rate."""
     of: Any = figure.of
-    if isinstance(of, StiffnessAt):
+    if isinstance(of, of_loops.StiffnessAt):
         return of.frequency < nyquist
-    return of.high <= nyquist if isinstance(of, StiffnessOver) else True
+    return of.high <= nyquist if isinstance(of, of_loops.StiffnessOver) else True
 
 
 def effort_of(loop: Loop) -> dict[str, float | None]:
     """Return the operations of one sample."""
-    return {EFFORT.key: EFFORT.read(LinearLoop(loop))}
+    return {of_loops.EFFORT.key: of_loops.EFFORT.read(LinearLoop(loop))}
+
+
+def worst(figures: Sequence[Values]) -> dict[str, float | None]:
+    """Return by key the worst value; None if one of them has none."""
+    known, worst_values = catalogue(), dict[str, float | None]()
+    for key in figures[0]:
+        values = [value for row in figures if (value := row.get(key)) is not None]
+        higher = key in known and known[key].higher
+        worst_values[key] = None if len(values) < len(figures) else (min if higher else max)(values)
+    return worst_values
+
+
+def plain(value: float | None) -> float | str | None:
+    """Return a figure as JSON has it: an infinite one is the text "infinite"."""
+    return "infinite" if value is not None and math.isinf(value) else value
+
+
+def keys_of(figures: Sequence[Values]) -> list[str]:
+    """Return the keys of all figures, in the order in which they first occur."""
+    return list(dict.fromkeys(key for row in figures for key in row))
+
+
+def csv_of(labels: Mapping[str, Sequence[str]], figures: Sequence[Values], units: Units) -> str:
+    """Return columns of labels and all figures as CSV; what does not occur is empty."""
+    keys, text = keys_of(figures), io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*labels, *(figure_key(key, units) for key in keys)])
+    for names, row in zip(zip(*labels.values(), strict=True), figures, strict=True):
+        cells = (row.get(key) for key in keys)
+        writer.writerow([*names, *("" if cell is None else repr(float(cell)) for cell in cells)])
+    return text.getvalue()
+
+
+def frame_of_figures(index: str, names: list[str], figures: Sequence[Values], keys: Sequence[str]) -> Any:
+    """Return a pandas frame of figures in SI."""
+    from feeddrive.plot.frames import frame
+
+    return frame(names, {key: np.array([row.get(key) for row in figures], float) for key in keys}, index)

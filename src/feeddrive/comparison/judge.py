@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import ClassVar
 
 from feeddrive.analysis.loop_model import LoopModel, loop_model
 from feeddrive.analysis.stability import stability
 from feeddrive.blocks.families import Law
-from feeddrive.comparison.figures import effort_of, linear
+from feeddrive.comparison.figures import Values, effort_of, linear, worst
 from feeddrive.comparison.tune_all import Rule
 from feeddrive.evaluation.case import Case
 from feeddrive.evaluation.duty import Duty
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.progress import Progress
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, joined, marked
 from feeddrive.learning.stops import learn_stops
 from feeddrive.learning.trajectory_prefilter import tune_prefilter
 from feeddrive.learning.trials import iterate_trials
@@ -32,15 +33,15 @@ _TRIALS = 6  # in which a compensator learns
 class Competitor:
     """One law: its loop, how it was tuned (None: as it is today), its figures in SI, and its runs.
 
-    `unfit` says why there are no figures: the loop is not stable, or left its bounds; `outside` which bound of the rule
-    it breaks, as today's gains may, and a compensation that was not tuned.
+    unfit    why there are no figures: the loop is not stable, or left its bounds
+    outside  the bounds of the rule that it exceeds, as today's gains may, and a compensation that was not tuned
     """
 
     name: str
     loop: Loop
     tuned: Tuned | None
     remark: str
-    figures: Mapping[str, float | None]
+    figures: Values
     move: Run | None = None
     snap: Run | None = None
     step: Run | None = None
@@ -53,19 +54,19 @@ class Competitor:
         """The bounds that held its tuning back."""
         if self.tuned is None:
             return "not tuned"
-        return ", ".join(dict.fromkeys(each.what for each in self.tuned.held)) or "none"
+        return ", ".join(dict.fromkeys(bound.what for bound in self.tuned.held)) or "none"
 
     @property
     def settled(self) -> bool:
-        """Whether it can be ranked: it was not tuned, or independent searches ended within 5 % of its best."""
+        """True if it can be ranked: it was not tuned, or independent searches ended within 5 % of its best."""
         return self.tuned is None or self.tuned.settled
 
     @property
     def unplaced(self) -> str:
         """Why it has no place by any criterion; empty if it has."""
-        return (
-            "not settled" if not self.settled else Text(f"outside of the rule: {self.outside}") if self.outside else ""
-        )
+        if not self.settled:
+            return "not settled"
+        return Text(f"outside of the rule: {self.outside}") if self.outside else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +101,8 @@ class AtWork(Case["Competitor | Refusal"]):
             except FeeddriveError as error:
                 return Refusal(candidate.name, Text(f"{error}"))
             tuned = None if tuned is None else replace(tuned, control=loop.control, loops=(loop,))
-        return judged(candidate.name, loop, tuned, self.remark, self.duty, self.rule, self.seed)
+        blank = Competitor(candidate.name, loop, tuned, self.remark, {})
+        return judged(blank, [(loop, loop)], self.duty, self.rule, [self.seed])
 
 
 def alike(candidate: Candidate, law: Law, duty: Duty, seed: int) -> Loop:
@@ -117,33 +119,45 @@ def alike(candidate: Candidate, law: Law, duty: Duty, seed: int) -> Loop:
 
 
 def judged(
-    name: str,
-    loop: Loop,
-    tuned: Tuned | None,
-    remark: str,
-    duty: Duty,
-    rule: Rule,
-    seed: int,
-    model: Loop | None = None,
+    law: Competitor, places: Sequence[tuple[Loop, Loop]], duty: Duty, rule: Rule, seeds: Iterable[int]
 ) -> Competitor:
-    """All figures of a law; one that is not stable, by its eigenvalues, or leaves its bounds keeps its row without.
+    """Return a law with its figures, the worst over places and seeds, and the runs of the first of them.
 
-    `model` is the loop of the linear figures, if it is another one: an axis with play has none of its own.
+    places  the loop that runs and that of the linear figures, which differ for an axis with play
+
+    A loop that is not stable by its eigenvalues, or leaves its bounds, at one of them is `unfit`.
     """
-    velocity, model = rule.velocity, model or loop
-    verdict = stability(model, velocity=velocity)
+    competitors: list[Competitor] = []
+    for (loop, model), seed in product(places, seeds):
+        competitors.append(_judged(law, loop, model, duty, rule, seed))
+        if competitors[-1].unfit:
+            return competitors[-1]
+    figures = worst([competitor.figures for competitor in competitors])
+    remarks = dict.fromkeys(marked(competitor.remark) for competitor in competitors if competitor.remark)
+    remark = Text(joined("; ", remarks))
+    return replace(competitors[0], figures=figures, remark=remark, outside=rule.broken(figures))
+
+
+def _judged(law: Competitor, loop: Loop, model: Loop, duty: Duty, rule: Rule, seed: int) -> Competitor:
+    """The figures of a law at one place, with the noise of one seed."""
+    figures, both = effort_of(loop), None
+    verdict = stability(model, velocity=rule.velocity)
     if not verdict.stable:
-        return Competitor(name, loop, tuned, remark, effort_of(loop), unfit=verdict.sentence())
-    both, figures = None, effort_of(loop)
+        return replace(law, figures=figures, unfit=verdict.sentence())
     if loop.control.law.period() <= MOST:
-        both = loop_model(model, velocity=velocity)
+        both = loop_model(model, velocity=rule.velocity)
         figures = linear(model, both)
     try:
-        runs = duty.runs(loop, seed, name)
+        runs = duty.runs(loop, seed, law.name)
     except FeeddriveError as error:
-        return Competitor(name, loop, tuned, remark, figures, model=both, unfit=Text(f"{error}"))
-    figures |= runs.figures
-    said = Text(f"{remark}; the guard tripped") if runs.tripped else remark
-    return Competitor(
-        name, loop, tuned, said, figures, runs.move, runs.snap, runs.step, both, outside=rule.broken(figures)
+        return replace(law, figures=figures, model=both, unfit=Text(f"{error}"))
+    remark = joined("; ", filter(None, (law.remark, "the guard tripped"))) if runs.tripped else law.remark
+    return replace(
+        law,
+        figures={**figures, **runs.figures},
+        remark=remark,
+        move=runs.move,
+        snap=runs.snap,
+        step=runs.step,
+        model=both,
     )

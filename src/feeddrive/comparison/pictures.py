@@ -1,4 +1,4 @@
-"""Plots of a comparison: what stiffness costs in tracking, every figure against P-PI, and the recovery of the laws."""
+"""Plots of laws: what stiffness costs in tracking, every figure against P-PI on one axis and on many, the recovery."""
 
 from __future__ import annotations
 
@@ -13,7 +13,21 @@ from feeddrive.language.quantity import Quantity, number, unit_name
 from feeddrive.language.text import Text
 from feeddrive.loop.simulate import Run
 from feeddrive.plot import style
-from feeddrive.plot.chart import LOG, Box, Chart, Curve, Level, Mark, Panel, Tick, listed
+from feeddrive.plot.chart import (
+    DOTS,
+    LOG,
+    MARKERS,
+    NEUTRAL,
+    Abscissa,
+    Box,
+    Chart,
+    Curve,
+    Level,
+    Mark,
+    Panel,
+    Tick,
+    listed,
+)
 
 X, HEIGHTS = TRACKING_RMS, STIFFNESS_AT
 _MOST = 8.0  # a ratio beyond which the color is full
@@ -109,3 +123,29 @@ def recovery_chart(rows: Sequence[tuple[str, Run, Run]], *, begin: float, near: 
         panels.append(Panel(f"{text}\n({unit_name('m')})", tuple(curves), levels=limits))
     label = f"time after the force changed ({unit_name('s')})"
     return Chart(label, tuple(panels), height=5.0, columns=3)
+
+
+def scores_chart(laws: Sequence[str], panels: Mapping[str, Sequence[tuple[Sequence[float], float | None]]]) -> Chart:
+    """A panel a figure and a row a law: a small dot for each plant, a large one for the geometric mean.
+
+    panels  by headline, for each law its ratios to P-PI and their mean
+    """
+    shown = list[Panel]()
+    for head, rows in panels.items():
+        plants = [(ratio, -row) for row, (ratios, _) in enumerate(rows) for ratio in ratios]
+        means = [(mean, -row) for row, (_, mean) in enumerate(rows) if mean]
+        (x, y), (mean_x, mean_y) = (np.array(dots, float).reshape(-1, 2).T for dots in (plants, means))
+        names = tuple(Tick(tick.value, tick.name if not shown else "") for tick in listed(laws))
+        shown.append(
+            Panel(
+                "",
+                (Curve(x, y, number=NEUTRAL, look=DOTS), Curve(mean_x, mean_y, look=MARKERS)),
+                levels=(Level(1.0, upright=True),),
+                ticks=names,
+                low=0.4 - len(laws),
+                high=0.6,
+                said=head,
+                abscissa=Abscissa("", LOG),
+            )
+        )
+    return Chart("", tuple(shown), across=len(shown), height=1.0 + 0.2 * len(laws))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -56,41 +56,39 @@ class Rule:
     @property
     def sentence(self) -> str:
         """The rule in words."""
-        said = (
-            "every law but today's is tuned for the least rope-snap error subject to Ms <= "
-            f"{number(self.sensitivity_peak, 6)}, a delay margin of at least {number(self.delay_margin_samples, 6)} "
-            "samples, "
-        )
+        noise = ""
         if self.noise is not None:
-            said += Text(
+            noise = Text(
                 f"at most {Quantity(NANO * self.noise, 'N'):3} RMS of force per nm RMS of white noise in the readings "
                 f"({Quantity(self.noise_ratio):6} times that of P-PI, which is tuned to the other bounds alone), "
             )
-        return said + (
-            "and all eigenvalues inside the unit circle, the loop cut at the actuator; all laws are told the same "
-            "mass, viscous friction and delay"
+        return Text(
+            "every law but today's is tuned for the least rope-snap error subject to Ms <= "
+            f"{number(self.sensitivity_peak, 6)}, a delay margin of at least {number(self.delay_margin_samples, 6)} "
+            f"samples, {noise}and all eigenvalues inside the unit circle, the loop cut at the actuator; all laws are "
+            "told the same mass, viscous friction and delay"
         )
 
     def limits(self) -> Limits:
-        """The bounds of one tuning."""
+        """The bounds of one tuning; the noise in the force is measured where it is not bounded."""
         bounds = [Limit(SENSITIVITY_PEAK, self.sensitivity_peak), Limit(DELAY_MARGIN, self.delay_margin_samples)]
-        if self.noise is None:
-            return Limits(bounds)
-        return Limits([*bounds, Limit(FORCE_NOISE, NANO * self.noise)], reading_noise=(NANO, NANO))
+        if self.noise is not None:
+            bounds.append(Limit(FORCE_NOISE, NANO * self.noise))
+        return Limits(bounds, reading_noise=(NANO, NANO))
 
     def broken(self, figures: Mapping[str, float | None]) -> str:
-        """The bounds that a loop does not keep, in words; empty if it keeps all."""
+        """The bounds that a loop exceeds, in words; empty if it keeps all."""
         peak, delay, noise = (figures.get(figure.key) for figure in (SENSITIVITY_PEAK, DELAY_MARGIN, NOISE_GAIN))
-        said: list[str] = []
         if peak is None or delay is None or noise is None:
             return "it has no margins"
+        exceeded: list[str] = []
         if peak > self.sensitivity_peak * (1.0 + _ROOM):
-            said.append(f"Ms {Quantity(peak):3}")
+            exceeded.append(f"Ms {Quantity(peak):3}")
         if delay < self.delay_margin_samples * (1.0 - _ROOM):
-            said.append(f"a delay margin of {Quantity(delay):3} samples")
+            exceeded.append(f"a delay margin of {Quantity(delay):3} samples")
         if self.noise is not None and noise > self.noise * (1.0 + _ROOM):
-            said.append(f"{Quantity(NANO * noise, 'N'):3} per nm of noise")
-        return joined(", ", said)
+            exceeded.append(f"{Quantity(NANO * noise, 'N'):3} per nm of noise")
+        return joined(", ", exceeded)
 
     def with_noise_of(self, plain: Tuned | Refusal) -> Rule:
         """The rule for all others, once P-PI is tuned."""
@@ -114,12 +112,6 @@ class Tuning(Case["Tuned | Refusal"]):
     def name(self) -> str:
         """The law."""
         return self.candidate.name
-
-    @property
-    def limits(self) -> Limits:
-        """The bounds of the tuning; the noise in the force is measured where it is not bounded."""
-        limits = self.rule.limits()
-        return limits.having(reading_noise=(NANO, NANO)) if limits.limit(FORCE_NOISE) is None else limits
 
     @property
     def points(self) -> list[Loop]:
@@ -170,21 +162,21 @@ class Tuning(Case["Tuned | Refusal"]):
         """The law with known tunables: figures and proof without a search."""
         control = tree.vary(self.candidate.loop.control, dict(tunables))
         progress.step("as it was kept")
-        known = assess(control, self.points, rule="kept", limits=self.limits, velocity=self.rule.velocity)
+        known = assess(control, self.points, rule="kept", limits=self.rule.limits(), velocity=self.rule.velocity)
         return replace(known, tunables=dict(tunables), recipe="")
 
     def repeated(self, progress: Progress) -> Tuned:
         """The best of whole tunings, settled if all of them agree. Raises UnstableError if none keeps the rule."""
         rule = self.rule
-        tried: list[Tuned] = []
-        failed: list[FeeddriveError] = []
+        tunings: list[Tuned] = []
+        errors: list[FeeddriveError] = []
         for seed in range(rule.repeats):
             try:
-                tried.append(
+                tunings.append(
                     tune_control(
                         self.candidate.loop,
                         self.points,
-                        limits=self.limits,
+                        limits=rule.limits(),
                         filters="kept",
                         starts=rule.starts,
                         seed=seed,
@@ -193,40 +185,42 @@ class Tuning(Case["Tuned | Refusal"]):
                     )
                 )
             except UnstableError as error:
-                failed.append(error)
-        if not tried:
-            raise failed[0]
+                errors.append(error)
+        if not tunings:
+            raise errors[0]
         if rule.repeats == 1:
-            return tried[0]
-        goals = np.log([goal_of(each, each.after) for each in tried])
-        spread = float(np.ptp(goals))
-        apart = Text(f"{rule.repeats} whole tunings end up to {Quantity(np.expm1(spread), 'share'):2} apart")
-        said = apart if spread > np.log1p(AGREE) else ""
-        if failed:
-            said = f"{len(failed)} of {rule.repeats} whole tunings found no setting that keeps the rule"
+            return tunings[0]
+        goals = np.log([goal_of(tuned, tuned.after) for tuned in tunings])
+        spread, unsettled = float(np.ptp(goals)), ""
+        if errors:
+            unsettled = f"{len(errors)} of {rule.repeats} whole tunings found no setting that keeps the rule"
+        elif spread > np.log1p(AGREE):
+            apart = Quantity(np.expm1(spread), "share")
+            unsettled = Text(f"{rule.repeats} whole tunings end up to {apart:2} apart")
         return replace(
-            tried[int(np.argmin(goals))],
+            tunings[int(np.argmin(goals))],
             spread=spread,
-            evaluations=sum(each.evaluations for each in tried),
-            unsettled=said,
+            evaluations=sum(tuned.evaluations for tuned in tunings),
+            unsettled=unsettled,
         )
 
 
 def tuned_all(
     candidates: Sequence[Candidate], rule: Rule, engine: Engine, bar: Bar
 ) -> tuple[dict[str, Tuned | Refusal], Rule]:
-    """Every candidate by name: tuned, or refused with the reason; and the rule with the noise that P-PI makes.
+    """Tune every candidate, and return by name what it came to, with the rule that has the noise of P-PI.
 
-    P-PI is first, since its noise bounds that of the others.  `bar` counts the stages of each.
+    P-PI is first, since its noise bounds that of the others.  `bar` counts the stages of all of them.
     """
-    plain = [Tuning(candidate, rule) for candidate in candidates if candidate.name == PLAIN]
-    found = dict(zip((case.name for case in plain), engine.evaluate(plain, bar), strict=True))
-    if plain:
-        rule = rule.with_noise_of(found[PLAIN])
+
+    def tuned(some: Iterable[Candidate]) -> dict[str, Tuned | Refusal]:
+        cases = [Tuning(candidate, rule) for candidate in some]
+        return dict(zip((case.name for case in cases), engine.evaluate(cases, bar), strict=True))
+
+    outcomes = tuned(candidate for candidate in candidates if candidate.name == PLAIN)
+    if PLAIN in outcomes:
+        rule = rule.with_noise_of(outcomes[PLAIN])
     # those with the most tunables take longest: they go first
-    others = sorted(
-        (each for each in candidates if each.name != PLAIN), key=lambda each: -len(law_tunables(each.loop.control))
-    )
-    rest = [Tuning(candidate, rule) for candidate in others]
-    found |= zip((case.name for case in rest), engine.evaluate(rest, bar), strict=True)
-    return {candidate.name: found[candidate.name] for candidate in candidates}, rule
+    longest = sorted(candidates, key=lambda candidate: -len(law_tunables(candidate.loop.control)))
+    outcomes |= tuned(candidate for candidate in longest if candidate.name != PLAIN)
+    return {candidate.name: outcomes[candidate.name] for candidate in candidates}, rule

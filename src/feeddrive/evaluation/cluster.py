@@ -225,12 +225,12 @@ def _refuse_other_versions(client: Any, address: str) -> None:
     """
     asked = pkgutil.resolve_name, "feeddrive.version:__version__"  # Python's own: what is of feeddrive may not be there
     try:
-        found = {f"the scheduler at {address}": client.run_on_scheduler(*asked)}
+        versions = {f"the scheduler at {address}": client.run_on_scheduler(*asked)}
     except ImportError as error:
-        found = {f"the scheduler at {address}": error}
+        versions = {f"the scheduler at {address}": error}
     workers = client.run(*asked, on_error="return")
-    found |= {f"worker {name} of the cluster at {address}": version for name, version in sorted(workers.items())}
-    for who, version in found.items():
+    versions |= {f"worker {name} of the cluster at {address}": version for name, version in sorted(workers.items())}
+    for who, version in versions.items():
         if version != __version__:
             has = f"has feeddrive {version}" if isinstance(version, str) else f"cannot import feeddrive ({version})"
             raise ParameterError(

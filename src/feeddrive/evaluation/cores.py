@@ -155,7 +155,8 @@ class _Told(Progress):
         self._number = number
 
     def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
-        _news.put((self._number, what))
+        if of is None:  # not a part of the stage before
+            _news.put((self._number, what))
 
 
 def _here(case: Case[Any], number: int, detached: bool) -> Any:

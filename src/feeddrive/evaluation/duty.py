@@ -122,12 +122,12 @@ class DutyRuns(NamedTuple):
         """By key the figures of these runs, in SI."""
         moved = _Statistics(self.move)
         along = (TRACKING_RMS, TRACKING_PEAK, FORCE_RMS, FORCE_PEAK)
-        found: dict[str, float | None] = {figure.key: figure.read(moved) for figure in along}
-        found |= self.duty.recovered(self.snap, SNAP_PEAK, SNAP_SETTLING)
-        found |= self.duty.recovered(self.step, STEP_PEAK, STEP_SETTLING)
+        figures: dict[str, float | None] = {figure.key: figure.read(moved) for figure in along}
+        figures |= self.duty.recovered(self.snap, SNAP_PEAK, SNAP_SETTLING)
+        figures |= self.duty.recovered(self.step, STEP_PEAK, STEP_SETTLING)
         if self.cut is not None:
-            found[CUTTING_RMS.key] = _Statistics(self.duty.counted(self.cut)).rms("tracking_error")
-        return found
+            figures[CUTTING_RMS.key] = _Statistics(self.duty.counted(self.cut)).rms("tracking_error")
+        return figures
 
     @property
     def tripped(self) -> bool:
@@ -159,12 +159,15 @@ def duty_of(loop: Loop, reference: Reference | None = None, force: float | None 
     mass = float(loop.axis.plant.rigid_mass())
     motor = loop.axis.actuator.motor
     guard = loop.control.guard
-    peaks = [each for each in (loop.control.force_limit, None if motor is None else motor.limits()[0]) if each]
+    peaks = [peak for peak in (loop.control.force_limit, None if motor is None else motor.limits()[0]) if peak]
     limit = min(peaks, default=None)
     speeds = [
-        each
-        for each in (None if guard is None else guard.velocity_limit, None if motor is None else motor.velocity_limit())
-        if each
+        speed
+        for speed in (
+            None if guard is None else guard.velocity_limit,
+            None if motor is None else motor.velocity_limit(),
+        )
+        if speed
     ]
     friction = _dry_friction(loop)
     if force is None:
@@ -188,15 +191,15 @@ def duty_of(loop: Loop, reference: Reference | None = None, force: float | None 
             dwell_after=_REST,
         )
     encoders = (loop.axis.encoder_motor, loop.axis.encoder_load)
-    counts = [getattr(each, "resolution", None) or 0.0 for each in encoders]
+    counts = [getattr(encoder, "resolution", None) or 0.0 for encoder in encoders]
     return Duty(reference, _rounded(force), max(_NEAR, 10.0 * max(counts)))
 
 
 def _dry_friction(loop: Loop) -> float:
     """The dry friction of the axis in N, creeping."""
-    there = [each for each in (loop.axis.friction_motor, loop.axis.friction_load) if each is not None]
+    frictions = [friction for friction in (loop.axis.friction_motor, loop.axis.friction_load) if friction is not None]
     creep = 1e-4
-    return sum(abs(float(each.steady(creep))) for each in there)
+    return sum(abs(float(friction.steady(creep))) for friction in frictions)
 
 
 def _rounded(value: float) -> float:

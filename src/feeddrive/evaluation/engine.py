@@ -73,7 +73,9 @@ class _Stages(Progress):
         return self._bar.progress.cancelled
 
     def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
-        if self._case.stages > 1:
+        if of is not None:  # a part of the stage before
+            self._bar.progress.show_step(what, done, of, part)
+        elif self._case.stages > 1:
             self._bar.stage(self._case, what)
 
 

@@ -48,7 +48,7 @@ def along_program(job: Job, machine: Machine, run: Run, observers: Listening) ->
     program = job.program
     if program is None or program.line is None:
         return None
-    speeds = [each.spindle_speed for each in program.cuts if each.axial_depth > 0.0]
+    speeds = [cut.spindle_speed for cut in program.cuts if cut.axial_depth > 0.0]
     return part_run(
         run,
         machine,
@@ -77,27 +77,26 @@ def on_the_part(program: PlannedProgram) -> np.ndarray | None:
     assert y.velocity is not None
     velocity = np.column_stack([x.velocity, y.velocity])
     begins = np.round(np.array([cut.begin for cut in program.cuts]) / x.sample_time).astype(np.int64)
-    found = counted.copy()
+    counts = counted.copy()
     for cut, first, last in zip(program.cuts, begins, [*begins[1:], len(counted)], strict=True):
         if cut.axial_depth > 0.0 and cut.radial_depth is not None:
             radius = 0.5 * float(process.tools[cut.tool].edge().diameter)
             here = slice(int(first), int(last))
             leaves = on_part(position[here], velocity[here], radius, cut.milling)
-            found[here] &= leaves | ~np.any(leaves)
-    return found
+            counts[here] &= leaves | ~np.any(leaves)
+    return counts
 
 
 def _spindle(job: Job, machine: Machine, run: Run) -> SpindleLoad | None:
     """Power of the spindle over a run, of all tools that cut in it, and the chips that they take off."""
     program = job.program
-    cuts = [each for each in machine.couplings if isinstance(each, MillingCut) and each not in job.machine.couplings]
+    cuts = [cut for cut in machine.couplings if isinstance(cut, MillingCut) and cut not in job.machine.couplings]
     if program is None or program.process is None or not cuts:
         return None
-    found = [cutting_forces(run, each) for each in cuts]
-    power = sum((each.power for each in found), np.zeros(run.samples))
+    power = sum((cutting_forces(run, cut).power for cut in cuts), np.zeros(run.samples))
     speed = np.sqrt(sum((run[f"{axis}.set_velocity"] ** 2 for axis in ("x", "y")), np.zeros(run.samples)))
-    begins = np.searchsorted([each.begin for each in program.cuts], run.time + 1e-9, side="right") - 1
-    areas = np.array([_area(each, program.process.tools) for each in program.cuts])
+    begins = np.searchsorted([cut.begin for cut in program.cuts], run.time + 1e-9, side="right") - 1
+    areas = np.array([_area(cut, program.process.tools) for cut in program.cuts])
     volume = float(np.sum(areas[begins] * speed)) * run.sample_time
     # as a torque at 30/π rpm, 1 rad/s: the power itself
     return spindle_load(power, 30.0 / np.pi, run.sample_time, volume if volume > 0.0 else None)
@@ -113,16 +112,16 @@ def listening(job: Job) -> Listening:
     """The observers of the catalogue that recover a disturbance, by kind and axis, at the start values of a tuning;
     none for a job that does not cut.
     """
-    found: dict[str, dict[str, Observer]] = {}
+    observers: dict[str, dict[str, Observer]] = {}
     if job.program is None or not job.program.cuts:
-        return found
+        return observers
     for axis, loop in job.machine.loops.items():
         for candidate in candidates(loop)[0]:
             for block in candidate.loop.control.compensation if candidate.name.startswith(PLAIN) else ():
                 observer = getattr(block, "observer", None)
                 if isinstance(observer, Observer):
-                    found.setdefault(observer.kind, {}).setdefault(axis, observer)
-    return found
+                    observers.setdefault(observer.kind, {}).setdefault(axis, observer)
+    return observers
 
 
 class Chatter(NamedTuple):
@@ -146,19 +145,19 @@ def chatter(job: Job, rows: Sequence[Entry]) -> tuple[Chatter, ...]:
     ran = [row for row in rows if row.part is not None]
     if program is None or program.process is None or not ran:
         return ()
-    kinds = {each[2:]: each for each in reversed(program.cuts) if each.axial_depth > 0.0}
+    kinds = {cut[2:]: cut for cut in reversed(program.cuts) if cut.axial_depth > 0.0}
     best = min(ran, key=lambda row: row.part.contour.rms if row.part is not None else np.inf)
-    found: list[Chatter] = []
+    verdicts: list[Chatter] = []
     for row in dict.fromkeys((ran[0].name, best.name)):
         idle = out_of_the_work(job, job.machines[row])
         if not isinstance(idle, Machine):
             continue
         for cut in sorted(kinds.values()):
             try:
-                found.append(_chatters(row, idle, cut, program.process.tools[cut.tool]))
+                verdicts.append(_chatters(row, idle, cut, program.process.tools[cut.tool]))
             except FeeddriveError as error:
-                found.append(Chatter(row, cut, None, why=str(error)))
-    return tuple(found)
+                verdicts.append(Chatter(row, cut, None, why=str(error)))
+    return tuple(verdicts)
 
 
 def _chatters(law: str, idle: Machine, cut: Cut, cutter: Cutter) -> Chatter:
@@ -170,30 +169,30 @@ def _chatters(law: str, idle: Machine, cut: Cut, cutter: Cutter) -> Chatter:
     return Chatter(law, cut, growth, passage.frequency(cut.axial_depth, point) if growth >= 1.0 else None)
 
 
-def chatter_remarks(found: Sequence[Chatter]) -> list[str]:
+def chatter_remarks(verdicts: Sequence[Chatter]) -> list[str]:
     """The verdict in sentences."""
-    said: list[str] = [
+    remarks: list[str] = [
         Text(
-            f"'{each.law}': the cut from line {each.cut.line} chatters at {Quantity(each.frequency, 'Hz'):3}: a "
-            f"vibration grows {number(each.growth)} times from tooth to tooth; `feeddrive lobes` shows depths and "
+            f"'{verdict.law}': the cut from line {verdict.cut.line} chatters at {Quantity(verdict.frequency, 'Hz'):3}: "
+            f"a vibration grows {number(verdict.growth)} times from tooth to tooth; `feeddrive lobes` shows depths and "
             "speeds at which it does not."
         )
-        for each in found
-        if each.frequency is not None
+        for verdict in verdicts
+        if verdict.frequency is not None
     ]
-    said += [
-        Text(f"'{each.law}': whether the cut from line {each.cut.line} chatters is not known: {each.why}.")
-        for each in found
-        if each.growth is None
+    remarks += [
+        Text(f"'{verdict.law}': whether the cut from line {verdict.cut.line} chatters is not known: {verdict.why}.")
+        for verdict in verdicts
+        if verdict.growth is None
     ]
-    known = [each for each in found if each.growth is not None]
-    if known and not any(each.frequency for each in known):
-        most = max(known, key=lambda each: each.growth or 0.0)
-        said.append(
+    known = [verdict for verdict in verdicts if verdict.growth is not None]
+    if known and not any(verdict.frequency for verdict in known):
+        most = max(known, key=lambda verdict: verdict.growth or 0.0)
+        remarks.append(
             f"No cut chatters: a vibration is at most multiplied by {number(most.growth)} from tooth to tooth "
             f"('{most.law}', from line {most.cut.line}), by the modes of the axes; tool and holder are taken as rigid."
         )
-    return said
+    return remarks
 
 
 def cut_table(job: Job, row: Entry, verdicts: Sequence[Chatter]) -> list[Table]:
@@ -201,11 +200,11 @@ def cut_table(job: Job, row: Entry, verdicts: Sequence[Chatter]) -> list[Table]:
     program = job.program
     if program is None or row.part is None or row.part.cutting is None:
         return []
-    ends: Mapping[int, float] = {i: each.begin for i, each in enumerate(program.cuts[1:])}
+    ends: Mapping[int, float] = {i: cut.begin for i, cut in enumerate(program.cuts[1:])}
     time = row.part.contour.time
     force = np.linalg.norm(row.part.cutting, axis=1)
-    laws = list(dict.fromkeys(each.law for each in verdicts))
-    growth = {(each.law, each.cut[2:]): each.growth for each in verdicts}
+    laws = list(dict.fromkeys(verdict.law for verdict in verdicts))
+    growth = {(verdict.law, verdict.cut[2:]): verdict.growth for verdict in verdicts}
     rows: list[list[Cell]] = []
     for i, cut in enumerate(program.cuts):
         if cut.axial_depth > 0.0:

@@ -27,16 +27,16 @@ _NEAR = 0.1  # of the motor's force per unit of the command
 def measured_signals(job: Job, log: Log) -> dict[str, np.ndarray]:
     """The log's channels under the names of the loop's signals, in SI."""
     channels = log.channels
-    found = {"set_position": _setpoint(job, log), "position_load": channels["position_load"]}
+    signals = {"set_position": _setpoint(job, log), "position_load": channels["position_load"]}
     if "force" in channels:
-        found["force"] = channels["force"]
+        signals["force"] = channels["force"]
     elif "command" in channels:
-        found["force"] = _per_unit(job, log, "command") * channels["command"]
+        signals["force"] = _per_unit(job, log, "command") * channels["command"]
     if "load_force" in channels:
-        found["load_force"] = channels["load_force"]
+        signals["load_force"] = channels["load_force"]
     if "excitation" in channels:
-        found["added_force"] = _per_unit(job, log, "excitation") * channels["excitation"]
-    return found
+        signals["added_force"] = _per_unit(job, log, "excitation") * channels["excitation"]
+    return signals
 
 
 def _setpoint(job: Job, log: Log) -> np.ndarray:
@@ -75,13 +75,15 @@ def of_channels(job: Job, log: Log) -> list[str]:
     """Which named columns are not used, and why."""
     assert job.log is not None
     used = set(_USED) - ({"command"} if "force" in log.channels else set())
-    said: list[str] = []
+    remarks: list[str] = []
     if "position_load" not in log.channels:
         used &= {"setpoint_position", "load_force"}
-        said.append(f"{log.name} has no measured position: its set positions are the reference, nothing is compared.")
+        remarks.append(
+            f"{log.name} has no measured position: its set positions are the reference, nothing is compared."
+        )
     names = [(role, job.log.named(role)) for role in log.channels if role not in used]
     listed = ", ".join(role if named is None else f"{role} ('{named.name}')" for role, named in names)
-    return [*said, *([f"Named and not used: {listed}."] if listed else [])]
+    return [*remarks, *([f"Named and not used: {listed}."] if listed else [])]
 
 
 def placed(loop: Loop, measured: dict[str, np.ndarray], skip: int) -> tuple[dict[str, np.ndarray], list[str]]:
@@ -98,42 +100,44 @@ def placed(loop: Loop, measured: dict[str, np.ndarray], skip: int) -> tuple[dict
             "The excitation acts at the drive; the limit of the force does not tell where, as it cuts nothing."
         ]
     left, before = other
-    far, near = (found.rms("position_load") for found in (behind, before))
-    said = Text(f"position residual {Quantity(near, 'm'):3} RMS before it, {Quantity(far, 'm'):3} behind it")
+    far, near = (replayed.rms("position_load") for replayed in (behind, before))
+    residuals = Text(f"position residual {Quantity(near, 'm'):3} RMS before it, {Quantity(far, 'm'):3} behind it")
     if near < _SCALED * far:
         kept = {**measured, "added_force": left}
-        return kept, [Text(f"The excitation acts at the drive, before the limit of the force, which cuts it: {said}.")]
+        return kept, [
+            Text(f"The excitation acts at the drive, before the limit of the force, which cuts it: {residuals}.")
+        ]
     if far < _SCALED * near:
-        return measured, [Text(f"The excitation acts at the drive, behind the limit of the force: {said}.")]
+        return measured, [Text(f"The excitation acts at the drive, behind the limit of the force: {residuals}.")]
     return measured, [
         Text(
             "The excitation acts at the drive, behind the limit of the force as is taken here: the log does not tell "
-            f"it from before it ({said}); the manual of the drive does."
+            f"it from before it ({residuals}); the manual of the drive does."
         )
     ]
 
 
-def of_injected(loop: Loop, measured: Mapping[str, np.ndarray], found: Replay) -> list[str]:
+def of_injected(loop: Loop, measured: Mapping[str, np.ndarray], replayed: Replay) -> list[str]:
     """Whether the logged command holds it, and whether its scale is right."""
     names = [name for name in INJECTED if name in measured]
     if not names:
         return []
-    said: list[str] = []
-    if found.contained:
-        said.append("The logged force holds the injected one, which is taken off before it is compared.")
-    scale, better = injected_scale(loop, measured, found)
-    off, least = (replayed.rms("position_load") for replayed in (found, better))
+    remarks: list[str] = []
+    if replayed.contained:
+        remarks.append("The logged force holds the injected one, which is taken off before it is compared.")
+    scale, better = injected_scale(loop, measured, replayed)
+    off, least = replayed.rms("position_load"), better.rms("position_load")
     if least < _SCALED * off:
         motor = loop.axis.actuator.motor
         near = motor is not None and abs(scale / float(motor.force_per_unit()) - 1.0) < _NEAR
         why = " (the motor's force per unit of the command: it is logged in that unit)" if near else ""
-        said.append(
+        remarks.append(
             Text(
                 f"The injected force is met best {number(scale, 3)} times as large{why}: position residual "
                 f"{Quantity(least, 'm'):3} RMS in place of {Quantity(off, 'm'):3}. Check its unit and sign."
             )
         )
-    return said
+    return remarks
 
 
 def load_said(job: Job, log: Log | None) -> str:

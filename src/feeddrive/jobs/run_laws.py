@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from feeddrive.analysis.stability import require_stable
 from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.families import Reference
 from feeddrive.blocks.reference.linear_move import LinearMove
+from feeddrive.evaluation.case import Case
+from feeddrive.evaluation.engine import Bar, Engine
 from feeddrive.files.job import Job, Other
 from feeddrive.files.log import Log
 from feeddrive.files.run_files import versions
@@ -145,7 +147,9 @@ class JobResult(Result):
         for row in self.rows:
             if row.together is None or row.part is not None:
                 continue
-            for axis in (each for each in self.job.machines[row.name].axes() if each != row.loop.name):
+            for axis in self.job.machines[row.name].axes():
+                if axis == row.loop.name:
+                    continue
                 run = row.together.axis(axis)
                 error, force = run["following_error"], run["force"]
                 tripped = run.time[run["trip"] > 0.0]
@@ -182,13 +186,13 @@ def _frame(result: JobResult) -> Any:
     from feeddrive.plot.frames import frame
 
     figures = [numbers(row) for row in result.rows]
-    columns = {key: np.array([each[key] for each in figures], float) for key in figures[0]}
+    columns = {key: np.array([row[key] for row in figures], float) for key in figures[0]}
     return frame([row.name for row in result.rows], columns, "law")
 
 
 def numbers(row: Entry) -> dict[str, float | None]:
     """The figures of a row by name, in SI, for a file."""
-    found: dict[str, float | None] = {
+    figures: dict[str, float | None] = {
         "following_error_rms_m": row.rms("following_error"),
         "following_error_peak_m": row.peak("following_error"),
         "tracking_error_rms_m": row.rms("tracking_error"),
@@ -196,52 +200,129 @@ def numbers(row: Entry) -> dict[str, float | None]:
         "force_peak_N": row.peak("force"),
     }
     if row.margins is not None:
-        found |= {**row.margins.numbers(), "sensitivity_peak": row.margins.sensitivity_peak}
+        figures |= {**row.margins.numbers(), "sensitivity_peak": row.margins.sensitivity_peak}
     if row.stiffness is not None:
-        found["stiffness_least_N_per_m"] = row.stiffness.minimum
-        found["stiffness_least_frequency_Hz"] = row.stiffness.minimum_frequency
+        figures["stiffness_least_N_per_m"] = row.stiffness.minimum
+        figures["stiffness_least_frequency_Hz"] = row.stiffness.minimum_frequency
     if row.part is not None:
-        found |= row.part.numbers()
+        figures |= row.part.numbers()
     if row.replay is not None:
-        found["position_residual_rms_m"] = row.replay.rms("position_load")
-        found["position_residual_peak_m"] = float(np.max(np.abs(row.replay.residual("position_load"))))
+        figures["position_residual_rms_m"] = row.replay.rms("position_load")
+        figures["position_residual_peak_m"] = float(np.max(np.abs(row.replay.residual("position_load"))))
         if np.any(row.replay.measured.get("force", 0.0)):  # of a force that is 0 throughout nothing is a share
-            found["force_residual_share"] = row.replay.share("force")
-    return found
+            figures["force_residual_share"] = row.replay.share("force")
+    return figures
 
 
-STEPS = 2
-"""Steps of each law; along a part program there is one more."""
+@dataclass(frozen=True, eq=False)
+class LawRun(Case[Entry]):
+    """The case of a law of a job: analyzed, and run over the job's motion or along its log.
+
+    law        its row in the job
+    measured   the signals of the log, if there is one with measured positions
+    velocity   m/s: the speed of the linear model
+    observers  that listen, of a job that cuts
+    """
+
+    kind: ClassVar[str] = "law_of_job"
+    common: ClassVar[tuple[str, ...]] = ("job", "measured", "velocity", "observers")
+    stages: ClassVar[int] = 3
+
+    job: Job
+    law: str
+    measured: Mapping[str, np.ndarray] | None
+    velocity: float
+    observers: Listening
+
+    @property
+    def name(self) -> str:
+        """The law."""
+        return self.law
+
+    def outcome(self, progress: Progress) -> Entry:
+        """The law as a row of the report; errors name the job and the law.
+
+        Raises UnstableError for a loop that is not stable, DivergedError for a run that leaves its bounds.
+        """
+        job, velocity, name = self.job, self.velocity, self.law
+        loop = job.loops[name]
+        where = f"{job.file.name}: law '{name}'"
+        progress.step("its linear model")
+        whole: System = job.machines.get(name, loop)
+        idle = out_of_the_work(job, whole)
+        no_model = ""
+        try:
+            require_stable(idle, velocity=velocity, where=where)
+        except NoSlopeError as error:
+            no_model = str(error)
+        try:
+            replayed, together = None, None
+            progress.step("the run")
+            if self.measured is not None:
+                replayed = replay(loop, self.measured, skip=_skipped(job), name=name)
+                run = replayed.run
+            elif isinstance(whole, Machine):
+                together = _together(job, whole, loop.name, name, progress)
+                run = dataclasses.replace(together.axis(loop.name), name=name)
+            else:
+                run = _simulated(job, loop, name, progress)
+            nyquist = 0.5 / loop.sample_time
+            frequency = np.geomspace(min(1.0, 0.01 * nyquist), nyquist, RESPONSE_LINES)
+            with_gain = not no_model and period_of(idle) <= MOST
+            gain = loop_gain(idle, frequency, velocity=velocity, axis=loop.name) if with_gain else None
+            if job.program is not None:
+                progress.step("its path")
+            return Entry(
+                name=name,
+                description=described(loop.control),
+                run=run,
+                loop=loop,
+                loop_gain=gain,
+                compliance=None if no_model else compliance(idle, frequency, velocity=velocity, axis=loop.name),
+                tracking=None if no_model else tracking(idle, frequency, velocity=velocity, axis=loop.name),
+                no_model=no_model,
+                replay=replayed,
+                together=together,
+                part=None
+                if together is None or not isinstance(whole, Machine)
+                else along_program(job, whole, together, self.observers),
+            )
+        except FeeddriveError as error:
+            raise type(error)(f"{where}: {error}") from None
 
 
-def run_laws(job: Job, progress: Progress | None = None) -> JobResult:
-    """Run all laws of a job. `progress` reports what is done with each law, in `STEPS` steps or one more.
+def run_laws(job: Job, progress: Progress | None = None, engine: Engine | None = None) -> JobResult:
+    """Run all laws of a job, on an engine; default: in this process. `progress` reports the stages of each law.
 
     Raises UnstableError for a law whose loop is not stable, DivergedError for one whose run leaves its bounds, and
     LogError for a log that does not fit the job.
     """
-    log = _log(job)
-    said: list[str] = [] if log is None else of_channels(job, log)
+    log = None if job.log is None else job.log.read()
+    remarks: list[str] = [] if log is None else of_channels(job, log)
     measured = None
     if log is not None and "position_load" in log.channels:
-        skip = job.log.skip_samples if job.log else 0
-        measured, words = placed(next(iter(job.loops.values())), measured_signals(job, log), skip)
-        said += words
+        measured, words = placed(next(iter(job.loops.values())), measured_signals(job, log), _skipped(job))
+        remarks += words
     elif log is not None:
         job = without_answer(job, log)
     velocity = _velocity(job.reference, measured, next(iter(job.loops.values())).sample_time)
-    rows: list[Entry] = []
     observers = listening(job)
-    progress = progress or Progress()
-    for name, loop in job.loops.items():
-        rows.append(_row(job, name, loop, measured, velocity, observers, progress))
+    cases = [LawRun(job, name, measured, velocity, observers) for name in job.loops]
+    bar = Bar(progress or Progress(), LawRun.stages * len(cases) + int(bool(observers)))
+    rows = (engine or Engine()).evaluate(cases, bar)
+    # a row that comes back from another process has loops of its own: those of the job are equal, and shared
+    rows = [dataclasses.replace(row, loop=job.loops[row.name]) for row in rows]
     if measured is not None and rows[0].replay is not None:
-        said += of_injected(rows[0].loop, measured, rows[0].replay)
+        remarks += of_injected(rows[0].loop, measured, rows[0].replay)
     if observers:
-        progress.step("chatter")
+        bar.step("chatter")
     verdicts = chatter(job, rows)
-    remarks = (*said, *chatter_remarks(verdicts), *_matched(job), *_remarks(rows))
-    return JobResult(job, tuple(rows), log, velocity, remarks, versions(), verdicts)
+    remarks += [*chatter_remarks(verdicts), *_matched(job), *_remarks(rows)]
+    return JobResult(job, tuple(rows), log, velocity, tuple(remarks), versions(), verdicts)
+
+
+def _skipped(job: Job) -> int:
+    return job.log.skip_samples if job.log else 0
 
 
 def _matched(job: Job) -> list[str]:
@@ -255,59 +336,6 @@ def _matched(job: Job) -> list[str]:
         return []  # its linear model is not known, which is remarked of the law
 
 
-def _row(
-    job: Job,
-    name: str,
-    loop: Loop,
-    measured: Mapping[str, np.ndarray] | None,
-    velocity: float,
-    observers: Listening,
-    progress: Progress,
-) -> Entry:
-    """One law, analyzed and simulated; errors name the job and the law."""
-    where = f"{job.file.name}: law '{name}'"
-    progress.step(f"{name}: its linear model")
-    whole: System = job.machines.get(name, loop)
-    idle = out_of_the_work(job, whole)
-    why = ""
-    try:
-        require_stable(idle, velocity=velocity, where=where)
-    except NoSlopeError as error:
-        why = str(error)
-    try:
-        again, together = None, None
-        progress.step(f"{name}: the run")
-        if measured is not None:
-            again = replay(loop, measured, skip=job.log.skip_samples if job.log else 0, name=name)
-            run = again.run
-        elif isinstance(whole, Machine):
-            together = _together(job, whole, loop.name, name, progress)
-            run = dataclasses.replace(together.axis(loop.name), name=name)
-        else:
-            run = _simulated(job, loop, name, progress)
-        nyquist = 0.5 / loop.sample_time
-        frequency = np.geomspace(min(1.0, 0.01 * nyquist), nyquist, RESPONSE_LINES)
-        known = not why and period_of(idle) <= MOST
-        gain = loop_gain(idle, frequency, velocity=velocity, axis=loop.name) if known else None
-        if job.program is not None:
-            progress.step(f"{name}: its path")
-        return Entry(
-            name=name,
-            description=described(loop.control),
-            run=run,
-            loop=loop,
-            loop_gain=gain,
-            compliance=compliance(idle, frequency, velocity=velocity, axis=loop.name) if not why else None,
-            tracking=tracking(idle, frequency, velocity=velocity, axis=loop.name) if not why else None,
-            no_model=why,
-            replay=again,
-            together=together,
-            part=along_program(job, whole, together, observers) if isinstance(whole, Machine) and together else None,
-        )
-    except FeeddriveError as error:
-        raise type(error)(f"{where}: {error}") from None
-
-
 def _simulated(job: Job, loop: Loop, name: str, progress: Progress) -> Run:
     assert job.reference is not None
     return simulate(
@@ -318,18 +346,14 @@ def _simulated(job: Job, loop: Loop, name: str, progress: Progress) -> Run:
 def _together(job: Job, machine: Machine, axis: str, name: str, progress: Progress) -> Run:
     """All axes in one run: the one of the rows along the job's reference, the others along theirs or at rest."""
     assert job.reference is not None
-    given = {axis: Other(reference=job.reference, load=job.load), **job.others}
+    moving = {axis: Other(reference=job.reference, load=job.load), **job.others}
     still = LinearMove(distance=0.0, travel_time=max(job.reference.duration, machine.sample_time))
-    references = {each: given[each].reference or still if each in given else still for each in machine.axes()}
-    loads = {each: load for each, what in given.items() if (load := what.load) is not None}
+    references = dict.fromkeys(machine.axes(), still)
+    references |= {other: motion for other, of in moving.items() if (motion := of.reference) and other in references}
+    loads = {other: load for other, of in moving.items() if (load := of.load) is not None}
     return simulate(
         machine, references, load=loads or None, duration=job.duration, seed=job.seed, name=name, progress=progress
     )
-
-
-def _log(job: Job) -> Log | None:
-    """The job's log, with those optional channels that it really has."""
-    return None if job.log is None else job.log.read()
 
 
 def _velocity(reference: Reference | None, measured: Mapping[str, np.ndarray] | None, T: float) -> float:
@@ -409,15 +433,19 @@ def _couplings(job: Job) -> dict[str, str]:
     if not job.machines:
         return {}
     moving = {axis: "stands" for axis in job.machine.loops if axis != job.axis}
-    said = "as the program says" if job.program else ""
-    moving |= {axis: said or block_sentence(each.reference) for axis, each in job.others.items() if each.reference}
-    cuts = [each for each in next(iter(job.machines.values())).couplings if each not in job.machine.couplings]
+    for axis, other in job.others.items():
+        if other.reference:
+            moving[axis] = "as the program says" if job.program else block_sentence(other.reference)
+    couplings = next(iter(job.machines.values())).couplings
+    cuts = [coupling for coupling in couplings if coupling not in job.machine.couplings]
     listed = [
         *map(block_sentence, job.machine.couplings),
-        *(cut_sentence(c) for c in cuts if isinstance(c, MillingCut)),
+        *(cut_sentence(cut) for cut in cuts if isinstance(cut, MillingCut)),
     ]
-    couplings = joined("; ", listed or ["none"])
-    return {"Couplings": couplings, "Other axes": joined("; ", (f"{axis}: {text}" for axis, text in moving.items()))}
+    return {
+        "Couplings": joined("; ", listed or ["none"]),
+        "Other axes": joined("; ", (f"{axis}: {text}" for axis, text in moving.items())),
+    }
 
 
 def _work(job: Job, log: Log | None) -> str:

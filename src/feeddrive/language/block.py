@@ -133,6 +133,10 @@ def snake_case(name: str) -> str:
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
 
 
+STRUCTURE = "_structure_and_values"
+"""The attribute in which a block keeps its structure, see `tree.structure_and_values`."""
+
+
 @dataclass_transform(
     frozen_default=True,
     kw_only_default=True,
@@ -153,6 +157,10 @@ class Block(Declared):
                 raise StructureError(
                     f"{cls.__name__}.{spec.name} must be declared by parameter, choice, table, part or label"
                 )
+
+    def __getstate__(self) -> dict[str, Any]:
+        # the structure holds classes that are made at run time, and a hash that is that of this process
+        return {name: value for name, value in vars(self).items() if name != STRUCTURE}
 
     def _checked(self, name: str, declaration: Declaration, value: Any) -> Any:
         return checked(self.kind, name, declaration, value)

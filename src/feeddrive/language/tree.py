@@ -16,7 +16,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from feeddrive.language import ops
-from feeddrive.language.block import Block, Number, Rule, check_tree, checked, enforce
+from feeddrive.language.block import STRUCTURE, Block, Number, Rule, check_tree, checked, enforce
 from feeddrive.language.declaration import Declaration, declarations
 from feeddrive.language.errors import ParameterError, StructureError, nearest
 from feeddrive.language.recent import Recent
@@ -318,17 +318,14 @@ def structure_and_values(tree: Any) -> tuple[Any, list[Any]]:
 
     A block, which never changes, keeps them.
     """
-    kept = vars(tree).get(_KEPT) if isinstance(tree, Block) else None
+    kept = vars(tree).get(STRUCTURE) if isinstance(tree, Block) else None
     if kept is None:
         values: list[Any] = []
         shape = Shape((_shape(tree, values),))
         kept = _shapes.get(shape, lambda: shape), values
         if isinstance(tree, Block):
-            vars(tree)[_KEPT] = kept
+            vars(tree)[STRUCTURE] = kept
     return kept
-
-
-_KEPT = "_structure_and_values"
 
 
 class Shape(tuple[Any, ...]):

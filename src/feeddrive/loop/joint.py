@@ -164,7 +164,9 @@ def _type(names: tuple[str, ...]) -> Any:
         if not name.isidentifier() or keyword.iskeyword(name) or name.startswith("_"):
             raise ParameterError(f"'{name}' cannot be the name of an axis: letters, digits and _ , first a letter")
     make: Any = NamedTuple  # names are known at run time only
-    return make("Axes", [(name, Any) for name in names])
+    kind = make("Axes", [(name, Any) for name in names])
+    kind.__reduce__ = lambda axes: (named, (axes._asdict(),))  # pickle cannot find a class that is made at run time
+    return kind
 
 
 def _mean(held: Any, coupled: list[Any]) -> Any:

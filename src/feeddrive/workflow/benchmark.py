@@ -6,11 +6,10 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from feeddrive.benchmark.advice import advice
+from feeddrive.benchmark.benchmark import Benchmark, advice, score
+from feeddrive.benchmark.designs import own_laws, search
 from feeddrive.benchmark.report import benchmark_report, citation, reasons, write_benchmark
-from feeddrive.benchmark.retune import own_laws, search
 from feeddrive.benchmark.rules import VERSION, read_rules
-from feeddrive.benchmark.score import Benchmark, score
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.workflow.command import Outcome, command
@@ -73,7 +72,7 @@ def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmar
     named = missing if request.law else []  # who asks for a law is told why it has no place
     return Outcome(
         found,
-        [found.table(), *([found.recipe_table()] if found.recipes else []), *named],
+        [*found.tables(), *named],
         [
             "each figure: times better than P-PI, the geometric mean over the plants on which both have a place",
             f"to be cited as: {citation(found)}",

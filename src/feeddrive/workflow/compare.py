@@ -9,8 +9,7 @@ from pathlib import Path
 
 from feeddrive.blocks.catalogue import imported
 from feeddrive.blocks.families import Law
-from feeddrive.comparison.advice import advice
-from feeddrive.comparison.compare import TODAY, Comparison, compare_laws
+from feeddrive.comparison.compare import TODAY, Comparison, advice, compare_laws
 from feeddrive.comparison.report import comparison_report, write_comparison
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.errors import ParameterError

@@ -13,8 +13,8 @@ from feeddrive.language.text import Text
 from feeddrive.workflow.request import Request, option
 
 
-class EvaluationRequest(Request):
-    """Base of the requests of such commands; their own fields come first."""
+class EngineRequest(Request):
+    """Base of the requests of commands that evaluate cases; their own fields come first."""
 
     workers: int | None = option(
         "How many cases are computed side by side; default: as many as there are cores",
@@ -28,6 +28,11 @@ class EvaluationRequest(Request):
         default=None,
         last=True,
     )
+
+
+class EvaluationRequest(EngineRequest):
+    """Base of those whose finished cases are kept."""
+
     resume: bool = option(
         "Go on with an earlier call that was stopped: finished cases are not computed again", default=False, last=True
     )

@@ -11,7 +11,7 @@ from feeddrive.language.table import report_of
 
 # module and class of a result -> the function that makes its report
 REPORTS = {
-    "benchmark.score:Benchmark": "benchmark.report:benchmark_report",
+    "benchmark.benchmark:Benchmark": "benchmark.report:benchmark_report",
     "certificate.certificate:Certificate": "workflow.certify:certificate_report",
     "comparison.compare:Comparison": "comparison.report:comparison_report",
     "identification.cogging:CoggingFit": "workflow.cogging:cogging_report",

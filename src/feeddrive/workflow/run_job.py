@@ -16,30 +16,39 @@ from typing import Any
 
 import numpy as np
 
+from feeddrive.evaluation.engine import MOST_WORKERS, Engine
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.job import Job, JobLike, read_job
 from feeddrive.files.log import write_log
 from feeddrive.files.planned_program import FILES
 from feeddrive.files.run_files import file_names, summary_text, write_run_csv, write_run_parquet
 from feeddrive.files.toml_edit import TomlEdit
-from feeddrive.jobs.run_laws import STEPS, JobResult, job_report, numbers, run_laws
+from feeddrive.jobs.run_laws import JobResult, job_report, numbers, run_laws
 from feeddrive.language import tree
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.report.laws import Entry
 from feeddrive.report.page import html
 from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.evaluated import EngineRequest
 from feeddrive.workflow.request import OUT, Request, argument, option, stem
 
 _TEXT = 100_000  # rows: a longer run is not written as text
 
 
-class RunRequest(Request):
-    """Which job is run, on which log."""
+class RunRequest(EngineRequest):
+    """Which job is run, on which log, and how many of its laws at once."""
 
     job: JobLike = argument("A job file (TOML), or the name of a bundled job")
     log: Path | None = option("A measured log (MAT, CSV, Parquet) in place of the one that the job names", default=None)
     out: Path | None = option(OUT, short="-o", default=None)
+    workers: int | None = option(
+        "How many laws are run side by side, in processes of their own; default: one after the other",
+        default=None,
+        least=1,
+        most=MOST_WORKERS,
+        last=True,
+    )
 
     def usual_out(self) -> Path:
         """By the name of what it is about."""
@@ -70,10 +79,9 @@ def run(request: RunRequest, progress: Progress) -> Outcome[JobResult]:
     """
     progress.step("reading the job")
     job = read_job(request.job, request.log)
-    program, out = job.program, int(request.out is not None)
-    laws = len(job.loops) * (STEPS if program is None else STEPS + 1)
-    progress = progress.counted(laws + out + int(program is not None and bool(program.cuts)))
-    found = run_laws(job, progress)
+    # processes take a second to begin, longer than most jobs
+    workers = 1 if request.workers is None and request.scheduler is None else request.workers
+    found = run_laws(job, progress, Engine.of(workers, request.scheduler))
     files: dict[str, Path] = {}
     if request.out is not None:
         progress.step("report")

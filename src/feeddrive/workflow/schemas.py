@@ -10,6 +10,7 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
+from feeddrive.benchmark.rules import Rules
 from feeddrive.bus.drive_file import DriveFile
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.job import JobSection
@@ -26,6 +27,7 @@ FILES: Mapping[str, type[Section]] = {
     "channels": ChannelsSection,
     "drive": DriveFile,
     "limits": LimitsSection,
+    "rules": Rules,
 }
 """The section that is the content of a file, by what people call the file."""
 
