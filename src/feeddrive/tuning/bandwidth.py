@@ -23,8 +23,8 @@ def speed_powers(control: Control) -> Mapping[str, float]:
     the axis and feedforward belong to the axis and stay.
     """
     names = own_tunables(control)
-    found = zip(names, speeds(control, names), strict=True)
-    return {name: float(power) for name, power in found if power != 0.0}
+    powers = zip(names, speeds(control, names), strict=True)
+    return {name: float(power) for name, power in powers if power != 0.0}
 
 
 def quickened(control: Control, factor: float) -> Mapping[str, float]:
@@ -58,7 +58,7 @@ def speed_range(control: Control, sample_time: float) -> tuple[float, float]:
     for name, power in speed_powers(control).items():
         declared, value = tree.declaration(control, name), float(tree.get(control, name))
         least = max(filter(None, (declared.least, declared.above)), default=0.0) * (1.0 + _INSIDE)
-        most = min((each for each in (declared.most, declared.below) if each is not None), default=math.inf)
+        most = min((bound for bound in (declared.most, declared.below) if bound is not None), default=math.inf)
         if declared.unit == "Hz":
             most = min(most, HIGHEST / sample_time)
         if not value > 0.0:

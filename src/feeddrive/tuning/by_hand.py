@@ -76,11 +76,11 @@ def _knobs(control: Control, sample_time: float) -> Iterator[Knob]:
 
 def _kind(control: Control, name: str) -> str:
     """The kind of the block in which a number stands."""
-    found, held = control.kind, cast("Any", control)
+    kind, held = control.kind, cast("Any", control)
     for part in name.split(".")[:-1]:
         held = held[int(part)] if isinstance(held, tuple) else getattr(held, part)
-        found = held.kind if isinstance(held, Block) else found
-    return found
+        kind = held.kind if isinstance(held, Block) else kind
+    return kind
 
 
 @dataclass(frozen=True)
@@ -124,13 +124,13 @@ class Look:
     @cached_property
     def stable(self) -> bool:
         """At every point."""
-        return all(each.stable for each in self.figures)
+        return all(loop.stable for loop in self.figures)
 
     @cached_property
     def leading(self) -> Figures:
         """The point that decides: one that is not stable, else that which uses most of a limit, else the largest Ms."""
         worst = self.judged[0].point if self.judged and self.stable else ""
-        return max(self.figures, key=lambda each: (not each.stable, each.point == worst, each.margins.sensitivity_peak))
+        return max(self.figures, key=lambda loop: (not loop.stable, loop.point == worst, loop.margins.sensitivity_peak))
 
 
 class ByHand:
@@ -144,29 +144,31 @@ class ByHand:
     ) -> None:
         if not points:
             raise ParameterError("tuning by hand needs an operating point: a machine, or a measured response")
-        called = [each.name for each in points]
+        called = [point.name for point in points]
         if len({*called}) < len(called):
             raise ParameterError(f"operating points need names of their own, not {', '.join(called)}: rename one")
         self.start, self.points = control, tuple(points)
         self.limits = limits or Limits()
         self.knobs = knobs(control, points[0].sample_time)
-        names = [each.name for each in self.knobs]
-        self._made = {T: ControlResponse(control, T, names, velocity) for T in {each.sample_time for each in points}}
+        names = [knob.name for knob in self.knobs]
+        self._responses = {
+            T: ControlResponse(control, T, names, velocity) for T in {point.sample_time for point in points}
+        }
 
     @property
     def values(self) -> dict[str, float]:
         """The numbers to begin with, by name."""
-        return {each.name: each.value for each in self.knobs}
+        return {knob.name: knob.value for knob in self.knobs}
 
     def control(self, values: Mapping[str, float]) -> Control:
         """The control at other numbers.
 
         Raises ParameterError for one that is unknown, outside of its bounds, or not to be had at a sample time.
         """
-        found = tree.vary(self.start, dict(values))
-        for sample_time in self._made:
-            tree.check_sampled(found, sample_time)
-        return found
+        varied = tree.vary(self.start, dict(values))
+        for sample_time in self._responses:
+            tree.check_sampled(varied, sample_time)
+        return varied
 
     def at(self, values: Mapping[str, float], limits: Limits | None = None) -> Look:
         """The loop at all points, judged by its own limits or by others.
@@ -175,41 +177,41 @@ class ByHand:
         """
         self.control(values)
         limits = limits or self.limits
-        row = np.array([values.get(each.name, each.value) for each in self.knobs])
-        found = tuple(figures(answer(each, self._response(each, row)), limits.reading_noise) for each in self.points)
-        if not all(_drawable(each.loop_gain) and _drawable(each.compliance) for each in found):
+        row = np.array([values.get(knob.name, knob.value) for knob in self.knobs])
+        loops = tuple(figures(answer(point, self._response(point, row)), limits.reading_noise) for point in self.points)
+        if not all(_drawable(loop.loop_gain) and _drawable(loop.compliance) for loop in loops):
             raise ParameterError(
                 "the loop has no finite response with these numbers: take some nearer to those of before"
             )
-        verdicts = [_verdicts(limits, each) for each in found]
-        worst = (max(kinds, key=lambda each: each.used) for kinds in zip(*verdicts, strict=True))
-        return Look(found, tuple(sorted(worst, key=lambda each: -each.used)))
+        verdicts = [_verdicts(limits, loop) for loop in loops]
+        worst = (max(kinds, key=lambda verdict: verdict.used) for kinds in zip(*verdicts, strict=True))
+        return Look(loops, tuple(sorted(worst, key=lambda verdict: -verdict.used)))
 
     def model(self, values: Mapping[str, float], names: Sequence[str]) -> tuple[np.ndarray, np.ndarray] | None:
         """[A B; c d] of the control at some values, and its slopes to named numbers; None for one with two rates.
 
         At the sample time of the first point.
         """
-        made = self._made[self.points[0].sample_time]
-        if made.period > 1:
+        response = self._responses[self.points[0].sample_time]
+        if response.period > 1:
             return None
-        known = [each.name for each in self.knobs]
-        matrix, slopes = made.model([values.get(each.name, each.value) for each in self.knobs])
+        known = [knob.name for knob in self.knobs]
+        matrix, slopes = response.model([values.get(knob.name, knob.value) for knob in self.knobs])
         return matrix, slopes[:, :, [known.index(name) for name in names]]
 
     def _response(self, point: OperatingPoint, row: np.ndarray) -> Response:
-        made = self._made[point.sample_time]
-        if made.period > 1:
-            return made.at(row, point.frequency, made.images(point.by_force_at, point.frequency), slopes=False)
-        return made.of_model(made.models(row[None])[0], point.frequency)
+        response = self._responses[point.sample_time]
+        if response.period > 1:
+            return response.at(row, point.frequency, response.images(point.by_force_at, point.frequency), slopes=False)
+        return response.of_model(response.models(row[None])[0], point.frequency)
 
 
-def _drawable(found: FRF) -> bool:
-    size = np.abs(found.response)
+def _drawable(frf: FRF) -> bool:
+    size = np.abs(frf.response)
     return bool(np.all(np.isfinite(size)) and np.max(size) < _LARGEST)
 
 
-def _verdicts(limits: Limits, each: Figures) -> list[Verdict]:
+def _verdicts(limits: Limits, loop: Figures) -> list[Verdict]:
     """Each limit at one point."""
-    found = judged(limits, each, ROOM)
-    return [Verdict(one, each.point, one.limit.declared.where(each), one.used) for one in found]
+    judgments = judged(limits, loop, ROOM)
+    return [Verdict(one, loop.point, one.limit.declared.where(loop), one.used) for one in judgments]

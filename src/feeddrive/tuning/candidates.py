@@ -72,7 +72,7 @@ def axis_model(loop: Loop) -> AxisModel:
         encoders=axis.encoders(),
         velocity_encoder=str(getattr(loop.control.law, "velocity_encoder", "motor")),
         plant=axis.plant,
-        frictions=tuple(each for each in (axis.friction_motor, axis.friction_load) if each is not None),
+        frictions=tuple(friction for friction in (axis.friction_motor, axis.friction_load) if friction is not None),
         reading_noise=_reading_noise(loop),
         machine_modes=tuple(
             mode for block in loop.control.compensation if isinstance(block, ModeCompensation) for mode in block.modes
@@ -96,26 +96,26 @@ def candidates(loop: Loop, own: Sequence[type[Law]] = ()) -> tuple[tuple[Candida
     mass and viscous friction, which every law also gets as its model.
     """
     axis = axis_model(loop)
-    found: list[Candidate] = []
+    offered: list[Candidate] = []
     refused: list[Refusal] = []
-    found_there = sorted(members(Law).values(), key=lambda each: each is not CascadePPI)
-    for law in (*found_there, *(each for each in own if each not in found_there)):
+    shipped = sorted(members(Law).values(), key=lambda law: law is not CascadePPI)
+    for law in (*shipped, *(law for law in own if law not in shipped)):
         try:
             starts = law.begin(axis, loop.control.law)
-            made = [Candidate(each.name, _with_law(loop, axis, each), each.remark) for each in starts]
+            bases = [Candidate(start.name, _with_law(loop, axis, start), start.remark) for start in starts]
         except FeeddriveError as error:
             name = law.title or law.kind.replace("_", " ")
             refused += [
-                Refusal(each, str(error)) for each in (name, *(f"{name} + {b.title}" for b in _companions(law)))
+                Refusal(title, str(error)) for title in (name, *(f"{name} + {b.title}" for b in _companions(law)))
             ]
             continue
-        found += [base for base, start in zip(made, starts, strict=True) if not start.only_with]
-        for base, start in zip(made, starts, strict=True):
+        offered += [base for base, start in zip(bases, starts, strict=True) if not start.only_with]
+        for base, start in zip(bases, starts, strict=True):
             wanted = {f"{base.name} + {form}" for form in start.only_with}
-            for each in (each for block in _companions(law) for each in _beside(base, block, axis)):
-                if not wanted or each.name in wanted:
-                    (found if isinstance(each, Candidate) else refused).append(each)  # type: ignore[arg-type]
-    return tuple(found), tuple(refused)
+            for combined in (combined for block in _companions(law) for combined in _beside(base, block, axis)):
+                if not wanted or combined.name in wanted:
+                    (offered if isinstance(combined, Candidate) else refused).append(combined)  # type: ignore[arg-type]
+    return tuple(offered), tuple(refused)
 
 
 def control_with(loop: Loop, kind: str) -> Control:
@@ -146,7 +146,7 @@ def _with_law(loop: Loop, axis: AxisModel, start: Start) -> Loop:
     law, own = start.law, start.feedforward
     taken = {*law.feeds} if own is None else {*law.feeds, *_MOTION}
     blocks = [kept for block in loop.control.feedforward if (kept := _without(block, taken)) is not None]
-    if own is None and not {*law.feeds, *(each for block in blocks for each in block.fed())} & {*_MOTION}:
+    if own is None and not {*law.feeds, *(term for block in blocks for term in block.fed())} & {*_MOTION}:
         own = Inertia(mass=axis.mass, viscous=axis.viscous)
     if own is not None:
         blocks.append(own)
@@ -164,24 +164,36 @@ def _beside(
             loop = replace(base.loop, control=replace(control, prefilter=block()))
             yield replace(base, name=name, loop=loop, like=base.name, then="prefilter")
         elif issubclass(block, Feedforward):
-            made = block.begin(axis)
-            kept = [each for each in (_without(old, {*made.fed()}) for old in control.feedforward) if each is not None]
-            loop = replace(base.loop, control=replace(control, feedforward=(*kept, made)))
-            if isinstance(made, FrictionStops):
-                said = "stops learned from 4 s of slow swings with its own gains"
-                yield replace(base, name=name, loop=loop, like=base.name, then="stops", remark=said)
+            feedforward = block.begin(axis)
+            kept = [
+                other
+                for other in (_without(old, {*feedforward.fed()}) for old in control.feedforward)
+                if other is not None
+            ]
+            loop = replace(base.loop, control=replace(control, feedforward=(*kept, feedforward)))
+            if isinstance(feedforward, FrictionStops):
+                remark = "stops learned from 4 s of slow swings with its own gains"
+                yield replace(base, name=name, loop=loop, like=base.name, then="stops", remark=remark)
                 return
-            leaves = [(key, Quantity(value, tree.declaration(made, key).unit)) for key, value in tree.leaves(made)]
+            leaves = [
+                (key, Quantity(value, tree.declaration(feedforward, key).unit))
+                for key, value in tree.leaves(feedforward)
+            ]
             shown = joined(", ", [f"{key.replace('_', ' ')} {quantity:SI}" for key, quantity in leaves])
-            said = Text(f"feedforward of the axis's own: {shown}")
-            yield replace(base, name=name, loop=loop, like=base.name, remark=said)
+            remark = Text(f"feedforward of the axis's own: {shown}")
+            yield replace(base, name=name, loop=loop, like=base.name, remark=remark)
             if block.learned:
-                name, said = (
+                name, remark = (
                     f"{base.name} + {block.learned}",
                     "mass and friction learned in trials",
                 )
                 yield replace(
-                    base, name=name, loop=_learning(base.loop, made), like=base.name, then="trials", remark=said
+                    base,
+                    name=name,
+                    loop=_learning(base.loop, feedforward),
+                    like=base.name,
+                    then="trials",
+                    remark=remark,
                 )
         else:
             yield from _compensated(base, block, axis)

@@ -47,7 +47,7 @@ class Below:
         down = (first / self.frequency) ** 2
         self.by_force, self.by_load = point.by_force[1, 0] * down, point.by_load[1, 0] * down
         self.apart_force, self.apart_load = (
-            (each[0, 0] / each[1, 0] - 1.0) / down for each in (point.by_force, point.by_load)
+            (response[0, 0] / response[1, 0] - 1.0) / down for response in (point.by_force, point.by_load)
         )
 
     def recovery(self, response: Response) -> Recovery:
@@ -141,27 +141,27 @@ def through(point: OperatingPoint, source: int, factors: np.ndarray) -> np.ndarr
     """
     variance = (point.variance, point.load_variance)[source]
     assert variance is not None
-    found = np.einsum("kl,kl->l", np.abs(factors) ** 2, variance)
+    independent = np.einsum("kl,kl->l", np.abs(factors) ** 2, variance)
     if point.ratio is None:
-        return found
+        return independent
     ratio = point.ratio[source]
     together = np.abs(factors[0] * ratio + factors[1]) ** 2 * variance[1] + np.abs(factors[0]) ** 2 * variance[0]
-    return np.where(np.isnan(ratio), found, together)
+    return np.where(np.isnan(ratio), independent, together)
 
 
 def _of_compliance(point: OperatingPoint, C: np.ndarray, back: np.ndarray, S: np.ndarray) -> np.ndarray:
     """∂y/∂X_u = C_k y_u back S² + back S (load), ∂y/∂X_d = y_u S C_k + 1 (load)."""
-    found = np.zeros(S.size)
+    variance = np.zeros(S.size)
     if point.variance is None:
-        return found
+        return variance
     table = np.array([[0.0], [1.0]])
     yu = point.moved[0]
     if point.at_drive:  # y = y_u S: all of it comes from one measurement
         return through(point, 0, table * S + C * (yu * S * S))
-    found = found + through(point, 0, C * (yu * back * S * S) + table * (back * S))
+    variance = variance + through(point, 0, C * (yu * back * S * S) + table * (back * S))
     if point.load_variance is not None:
-        found = found + through(point, 1, C * (yu * S) + table)
-    return found
+        variance = variance + through(point, 1, C * (yu * S) + table)
+    return variance
 
 
 _EDGE = 1.0 - 1e-9  # of |z|: a motion that decays more slowly does not count as stable
@@ -185,16 +185,16 @@ def grows(axis: StateSpace, samples: np.ndarray) -> bool:
     samples = _with_effect(samples)
     n, many = samples.shape[1] - 1, axis.A.shape[0]
     force = axis.inputs.index("cut")
-    read = [axis.outputs.index(each) for each in ("reading_motor", "reading_load")]
+    read = [axis.outputs.index(reading) for reading in ("reading_motor", "reading_load")]
     C = axis.C[read]
     steps = np.zeros((len(samples), many + n, many + n))
     steps[:, many:, :many], steps[:, many:, many:] = samples[:, :n, n:] @ C, samples[:, :n, :n]
-    given = np.concatenate([samples[:, n:, n:] @ C, samples[:, n:, :n]], axis=2)  # the force, by states of both
-    steps[:, :many] = axis.B[:, [force]] @ given
+    by_states = np.concatenate([samples[:, n:, n:] @ C, samples[:, n:, :n]], axis=2)  # the force, by states of both
+    steps[:, :many] = axis.B[:, [force]] @ by_states
     steps[:, :many, :many] += axis.A
     moved = steps[0]
-    for each in steps[1:]:
-        moved = each @ moved
+    for step in steps[1:]:
+        moved = step @ moved
     if not np.all(np.isfinite(moved)):
         return True
     return not float(np.max(np.abs(np.linalg.eigvals(moved)))) < _EDGE

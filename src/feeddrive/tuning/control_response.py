@@ -90,8 +90,8 @@ class ControlResponse:
         rate = 1.0 / self.T
         there = (frequency[:, None] + rate / self.period * np.arange(1, self.period)) % rate
         beyond = there > 0.5 * rate
-        found = axis(np.where(beyond, rate - there, there).ravel()).reshape(2, *there.shape)
-        return np.where(beyond, np.conj(found), found)
+        response = axis(np.where(beyond, rate - there, there).ravel()).reshape(2, *there.shape)
+        return np.where(beyond, np.conj(response), response)
 
     def model(self, values: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """[A B; c d] of shape (n + 1, n + 2) at values of the tunables, and slopes (n + 1, n + 2, tunables).
@@ -117,10 +117,10 @@ class ControlResponse:
         """Raise NoSlopeError, with the line of the law, if that is why a model is not finite."""
         traced, columns = self._traced, [*(f"state.{name}" for name in self._traced.states), *READINGS]
         ends, eye = [*traced.after, traced.force], np.eye(len(columns))
-        found = node_values(traced.graph, ends, self._leaves([*map(np.float64, values)]))
+        numbers = node_values(traced.graph, ends, self._leaves([*map(np.float64, values)]))
         places = (traced.graph.input(name).index for name in columns)
-        seeds = {node: eye[i] for i, node in enumerate(places) if node in found}
-        require_slopes(traced.graph, ends, found, seeds, seeds, {self.control.law.kind})
+        seeds = {node: eye[i] for i, node in enumerate(places) if node in numbers}
+        require_slopes(traced.graph, ends, numbers, seeds, seeds, {self.control.law.kind})
 
     def _samples(self, values: Sequence[float] | np.ndarray, with_slopes: bool) -> tuple[np.ndarray, np.ndarray]:
         """`model` of all samples of a period, in one walk: (N, n + 1, n + 2), and slopes if they are wanted."""
@@ -137,8 +137,10 @@ class ControlResponse:
             rows: list[list[Any]] = []
             for _ in range(self.period):
                 rows.append([leaves[f"state.{name}"] for name in traced.states])
-                found = node_values(traced.graph, traced.after, leaves)
-                leaves |= {f"state.{name}": found[node] for name, node in zip(traced.states, traced.after, strict=True)}
+                numbers = node_values(traced.graph, traced.after, leaves)
+                leaves |= {
+                    f"state.{name}": numbers[node] for name, node in zip(traced.states, traced.after, strict=True)
+                }
             self._states = {f"state.{name}": np.array([row[i] for row in rows]) for i, name in enumerate(traced.states)}
         return self._states
 

@@ -82,8 +82,8 @@ class Criteria:
         """The closed loops of a control with two rates, whose response depends on the axis as well."""
 
         def response(frequency: np.ndarray, images: np.ndarray | None) -> Response:
-            found = self.control.at(values, frequency, images, near=self.near, slopes=not look)
-            return _to_logarithms(found, np.zeros(0) if look else values)
+            over_a_period = self.control.at(values, frequency, images, near=self.near, slopes=not look)
+            return _to_logarithms(over_a_period, np.zeros(0) if look else values)
 
         return [
             answer(point, response(point.frequency, images), below.recovery(response(below.frequency, None)))
@@ -115,18 +115,18 @@ class Criteria:
 
     def _looked(self, x: np.ndarray) -> Iterator[Evaluation | None]:
         models = self.control.models(np.exp(x)) if self.control.period == 1 else [None] * len(x)
-        for each, matrix in zip(x, models, strict=True):
+        for place, matrix in zip(x, models, strict=True):
             try:
                 if matrix is None:
-                    samples = self.control.of_a_period(np.exp(each))
+                    samples = self.control.of_a_period(np.exp(place))
                     axes = (point.model for point in self.points if point.model is not None)
                     if any(grows(axis, samples) for axis in axes):  # poles first: they cost a fraction of the lines
                         yield None
                         continue
-                    answers = self._of_two_rates(np.exp(each), look=True)
+                    answers = self._of_two_rates(np.exp(place), look=True)
                 else:
                     answers = self._answers(self.control.of_model(matrix, self._lines), np.zeros(0))
-                yield self.judged(each, answers)
+                yield self.judged(place, answers)
             except (FeeddriveError, ArithmeticError, np.linalg.LinAlgError):
                 yield None
 
@@ -139,11 +139,11 @@ class Criteria:
 
     def judged(self, x: np.ndarray, answers: list[Answer]) -> Evaluation:
         """Goal and bounds of closed loops."""
-        stable = not any(unstable(each) for each in answers)
-        goals = [self._goal(each) for each in answers]
+        stable = not any(unstable(loop) for loop in answers)
+        goals = [self._goal(loop) for loop in answers]
         bounds: list[Bound] = []
-        for i, each in enumerate(answers):
-            bounds += bounds_of(i, each, self.limits)
+        for i, loop in enumerate(answers):
+            bounds += bounds_of(i, loop, self.limits)
         bounds += notches_stay_notches(self.control.control, self.control.tunables, x)
         worst = int(np.argmax([value for value, _, _ in goals]))
         return Evaluation(
@@ -154,16 +154,16 @@ class Criteria:
             tuple(bounds),
         )
 
-    def _goal(self, each: Answer) -> Slope:
+    def _goal(self, loop: Answer) -> Slope:
         """Logarithm of the quantity to minimize, its slope, and the Gauss-Newton part of its curvature.
 
         A goal that does not measure how long the axis takes to return would sacrifice the position gain for a
         negligible benefit. So a fiftieth of the rope-snap error is added to it.
         """
-        own = self._declared.slope(each, self.band)
+        own = self._declared.slope(loop, self.band)
         if self._declared.returns:
             return own
-        snap = rope_snap_slope(each, self.band)
+        snap = rope_snap_slope(loop, self.band)
         return Slope(
             own.value + _BESIDE * snap.value, own.slope + _BESIDE * snap.slope, own.curvature + _BESIDE * snap.curvature
         )
@@ -208,12 +208,12 @@ def _all_below(deviations: np.ndarray) -> float:
 
 def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
     """The number of standard deviations to keep in place of `sure`, so that all bounds hold with the confidence."""
-    found = distances(bounds)
-    if not found.size:
+    separate = distances(bounds)
+    if not separate.size:
         return sure
 
     def off(more: float) -> float:
-        return _all_below(found + more) - confidence
+        return _all_below(separate + more) - confidence
 
     low, high = -5.0, 8.0
     if off(low) > 0.0 or off(high) < 0.0:
@@ -231,8 +231,8 @@ def require_covered(answers: Sequence[Answer]) -> None:
     may not be further apart than a factor 1.6.  Above: the loop gain must have fallen to 0.3 at the last line, unless
     the lines go up to three times the highest crossover, or nearly to half the sample rate.
     """
-    for each in answers:
-        f, size, point = each.point.frequency, np.abs(each.gain), each.point
+    for loop in answers:
+        f, size, point = loop.point.frequency, np.abs(loop.gain), loop.point
         if point.loop is not None:
             continue
         above, below = np.flatnonzero(size >= 1.0), np.flatnonzero(size < 1.0)
@@ -264,17 +264,17 @@ def require_good(answers: Sequence[Answer], sure: float) -> None:
 
     Evaluation up to three times the highest crossover: k σ(L) may not exceed half of |1 + L|.
     """
-    for each in answers:
-        f, L, point = each.point.frequency, each.gain, each.point
+    for loop in answers:
+        f, L, point = loop.point.frequency, loop.gain, loop.point
         above = np.flatnonzero(np.abs(L) >= 1.0)
         crossover = float(f[above[-1]]) if above.size else float(f[0])
         if point.variance is None:
             continue
-        excess = sure * np.sqrt(0.5 * each.gain_variance) > _POOR * np.abs(1.0 + L)
+        excess = sure * np.sqrt(0.5 * loop.gain_variance) > _POOR * np.abs(1.0 + L)
         poor = np.flatnonzero(excess & (f <= _BEYOND * crossover))
         if poor.size:
             low, high = f[poor[0]], f[poor[-1]]
-            worst = poor[np.argmax(each.gain_variance[poor] / np.abs(1.0 + L[poor]) ** 2)]
+            worst = poor[np.argmax(loop.gain_variance[poor] / np.abs(1.0 + L[poor]) ** 2)]
             share = np.sqrt(point.variance[1, worst]) / np.abs(point.by_force[1, worst])
             raise NotIdentifiableError(
                 f"do not tune, measure again: '{point.name}' is too noisy from {Quantity(low, 'Hz', bare=True)} to "

@@ -70,7 +70,7 @@ def filter_grips(control: Control, loop: Margins, sample_time: float) -> tuple[G
 
     The edge lies where a notch that is deep attenuates by 3 dB, at f (ζ + √(1 + ζ²)) with ζ its damping_pole.
     """
-    found, ends = list[Grip](), (float(loop.loop_gain.frequency[0]), HIGHEST_FILTER / sample_time)
+    grips, ends = list[Grip](), (float(loop.loop_gain.frequency[0]), HIGHEST_FILTER / sample_time)
     for i, block in enumerate(control.filters):
         kind = block.kind.replace("_", " ")
         for name in _frequencies(block):
@@ -80,7 +80,7 @@ def filter_grips(control: Control, loop: Margins, sample_time: float) -> tuple[G
                 "" if height is None else " and depth" if isinstance(block, Notch) else " and damping"
             )
             own = _decibel(_gain(block, x, sample_time))
-            found.append(
+            grips.append(
                 Grip(
                     f"filters.{i}.{name}",
                     x,
@@ -94,8 +94,8 @@ def filter_grips(control: Control, loop: Margins, sample_time: float) -> tuple[G
             ratio, f = float(block.damping_pole), float(block.frequency)
             edge = _edge(block, sample_time)
             text = Text(f"{Quantity(2.0 * ratio * f, 'Hz')} wide, damping of the poles {ratio:.3g}")
-            found.append(Grip(f"filters.{i}.{WIDTH}", edge, _on(loop, f), *ends, f"filter {i}, {kind}: width", text))
-    return tuple(found)
+            grips.append(Grip(f"filters.{i}.{WIDTH}", edge, _on(loop, f), *ends, f"filter {i}, {kind}: width", text))
+    return tuple(grips)
 
 
 def filter_dragged(
@@ -107,42 +107,42 @@ def filter_dragged(
     attenuates, from 0 to 60 dB.  The width of a notch changes both of its damping ratios, and not its depth.
     Raises ParameterError for a grip that there is not.
     """
-    i, part, block = _found(control, name)
+    i, part, block = _held(control, name)
     low, high = float(loop.loop_gain.frequency[0]), HIGHEST_FILTER / sample_time
     at = min(max(x, low), high)
     if part == WIDTH:
         return _widened(block, i, at)
     moved = replace(block, **{part: _digits(at)})
-    found = {f"filters.{i}.{part}": float(getattr(moved, part))}
+    values = {f"filters.{i}.{part}": float(getattr(moved, part))}
     height = _HEIGHTS.get((type(block), part))
     if height is None or y is None:
-        return found
+        return values
     place = float(getattr(moved, part))
     now = max(float(getattr(block, height.damping)), _LEAST)
     shown = replace(moved, **{height.damping: now})
-    before, after = (_decibel(_gain(each, place, sample_time)) for each in (block, shown))
+    before, after = (_decibel(_gain(version, place, sample_time)) for version in (block, shown))
     change = 10.0 ** ((y - (_on(loop, place, cut=False) - before + after)) / 20.0)
     wanted = now * change if height.rising else now / change
     most = float(block.damping_pole) if isinstance(block, Notch) else _MOST
     least = _LEAST * most if isinstance(block, Notch) else _LEAST
-    found[f"filters.{i}.{height.damping}"] = _digits(min(max(wanted, least), most))
-    return found
+    values[f"filters.{i}.{height.damping}"] = _digits(min(max(wanted, least), most))
+    return values
 
 
 def filter_stepped(
     control: Control, name: str, across: float, up: float, loop: Margins, sample_time: float
 ) -> dict[str, float]:
     """The numbers after some steps of the keys: 2 % of the frequency or the width across, 0.5 dB upwards."""
-    _, part, block = _found(control, name)
+    _, part, block = _held(control, name)
     if part == WIDTH:
         ratio = float(block.damping_pole) * _ACROSS ** (across + up)  # type: ignore[attr-defined]
-        return _of_width(block, _found(control, name)[0], ratio)
+        return _of_width(block, _held(control, name)[0], ratio)
     x = float(getattr(block, part)) * _ACROSS**across
     y = _on(loop, float(getattr(block, part)), cut=False) + _UP * up if up else None
     return filter_dragged(control, name, x, y, loop, sample_time)
 
 
-def _found(control: Control, name: str) -> tuple[int, str, Filter]:
+def _held(control: Control, name: str) -> tuple[int, str, Filter]:
     known = {
         f"filters.{i}.{part}": (i, part, block)
         for i, block in enumerate(control.filters)
@@ -156,8 +156,8 @@ def _found(control: Control, name: str) -> tuple[int, str, Filter]:
 def _frequencies(block: Filter) -> list[str]:
     return [
         name
-        for name, each in declarations(type(block)).items()
-        if each.role == "parameter" and each.unit == "Hz" and getattr(block, name) is not None
+        for name, declared in declarations(type(block)).items()
+        if declared.role == "parameter" and declared.unit == "Hz" and getattr(block, name) is not None
     ]
 
 

@@ -52,39 +52,39 @@ def read_block(family: type[B], text: str) -> B:
     Raises ParameterError for an unknown kind or field, a missing one, no number, and a value outside of its bounds.
     """
     kind, _, rest = text.partition(":")
-    made: type[Any] = find(family, kind.strip())
-    known = [name for name, each in declarations(made).items() if each.role == "parameter"]
-    given = dict[str, float]()
-    for pair in filter(None, (each.strip() for each in rest.split(","))):
-        name, equals, value = (each.strip() for each in pair.partition("="))
+    block_type: type[Any] = find(family, kind.strip())
+    known = [name for name, declared in declarations(block_type).items() if declared.role == "parameter"]
+    values = dict[str, float]()
+    for pair in filter(None, (part.strip() for part in rest.split(","))):
+        name, equals, value = (part.strip() for part in pair.partition("="))
         if not equals:
             raise ParameterError(f"'{pair}' of '{text}': write it as NAME=VALUE, as notch:frequency=164")
         if name not in known:
-            raise ParameterError(f"{made.kind} has no number '{name}'{nearest(name, known)}")
+            raise ParameterError(f"{block_type.kind} has no number '{name}'{nearest(name, known)}")
         try:
-            given[name] = float(value)
+            values[name] = float(value)
         except ValueError:
-            raise ParameterError(f"{made.kind}.{name} = '{value}' is no number") from None
+            raise ParameterError(f"{block_type.kind}.{name} = '{value}' is no number") from None
     missing = [
-        each.name
-        for each in dataclasses.fields(made)  # type: ignore[arg-type]
-        if each.name in known and each.name not in given and each.default is dataclasses.MISSING
+        field.name
+        for field in dataclasses.fields(block_type)  # type: ignore[arg-type]
+        if field.name in known and field.name not in values and field.default is dataclasses.MISSING
     ]
     if missing:
-        units = ", ".join(f"{name} in {declarations(made)[name].unit or '1'}" for name in missing)
+        units = ", ".join(f"{name} in {declarations(block_type)[name].unit or '1'}" for name in missing)
         raise ParameterError(f"'{text}' needs {units}: write {kind}:{missing[0]}=VALUE")
-    return made(**given)
+    return block_type(**values)
 
 
 def filter_response(block: Filter, frequency: np.ndarray, sample_time: float) -> np.ndarray:
     """The gain of a filter on lines in Hz, from its own step: H = c (z - A)⁻¹ b + d, z = e^(j2πfT)."""
-    made = block.prepare(sample_time)
-    rest = block.start(made, 0.0)
+    prepared = block.prepare(sample_time)
+    rest = block.start(prepared, 0.0)
     count = sum(1 for _ in tree.leaves(rest))
 
     def stepped(state: np.ndarray, value: float) -> list[float]:
-        after, output = block.step(made, tree.rebuild(rest, iter(state)), value)
-        return [*(float(each) for _, each in tree.leaves(after)), float(output)]
+        after, output = block.step(prepared, tree.rebuild(rest, iter(state)), value)
+        return [*(float(number) for _, number in tree.leaves(after)), float(output)]
 
     rows = [stepped(row, 0.0) for row in np.eye(count)] + [stepped(np.zeros(count), 1.0)]
     whole = np.array(rows).T  # [A b; c d]
@@ -105,29 +105,29 @@ def begun_filter(kind: str, loop: Margins, sample_time: float, at: float | None 
 
     Raises ParameterError for a filter with a number that is neither a frequency nor has a default.
     """
-    made: type[Any] = find(Filter, kind)  # type: ignore[type-abstract]
+    filter_type: type[Any] = find(Filter, kind)  # type: ignore[type-abstract]
     highest = HIGHEST_FILTER / sample_time
     names = list[str]()
-    for each in dataclasses.fields(made):  # type: ignore[arg-type]
-        declared = declarations(made)[each.name]
-        if each.default is dataclasses.MISSING and declared.role == "parameter":
+    for field in dataclasses.fields(filter_type):  # type: ignore[arg-type]
+        declared = declarations(filter_type)[field.name]
+        if field.default is dataclasses.MISSING and declared.role == "parameter":
             if declared.unit != "Hz":
                 raise ParameterError(
-                    f"{made.kind}.{each.name} has no default and is no frequency: add the filter by its numbers, "
-                    f"feeddrive adjust --add {made.kind}:{each.name}=VALUE"
+                    f"{filter_type.kind}.{field.name} has no default and is no frequency: add the filter by its "
+                    f"numbers, feeddrive adjust --add {filter_type.kind}:{field.name}=VALUE"
                 )
-            names.append(each.name)
+            names.append(field.name)
 
     ratios = {
-        each.name: each.default
-        for each in dataclasses.fields(made)  # type: ignore[arg-type]
-        if each.name.startswith("damping") and isinstance(each.default, (int, float))
+        field.name: field.default
+        for field in dataclasses.fields(filter_type)  # type: ignore[arg-type]
+        if field.name.startswith("damping") and isinstance(field.default, (int, float))
     }
     crossover = loop.crossover or float(loop.loop_gain.frequency[0])
 
     def placed(frequency: float, narrow: float = 1.0) -> Filter:
         dampings = {name: float(f"{narrow * value:.4g}") for name, value in ratios.items()}
-        return made(**dict.fromkeys(names, float(f"{frequency:.4g}")), **dampings)
+        return filter_type(**dict.fromkeys(names, float(f"{frequency:.4g}")), **dampings)
 
     def mild(block: Filter) -> bool:
         return abs(np.degrees(np.angle(filter_response(block, np.array([crossover]), sample_time)[0]))) <= _COSTS
@@ -190,9 +190,9 @@ def with_filters(control: Control, removed: Sequence[int], added: Sequence[Filte
     """
     for place in removed:
         if not 0 <= place < len(control.filters):
-            there = ", ".join(f"filters.{i} ({each.kind})" for i, each in enumerate(control.filters)) or "none"
+            there = ", ".join(f"filters.{i} ({filter_.kind})" for i, filter_ in enumerate(control.filters)) or "none"
             raise ParameterError(f"there is no filters.{place} to remove; the filters are: {there}")
-    kept = [each for i, each in enumerate(control.filters) if i not in removed]
+    kept = [filter_ for i, filter_ in enumerate(control.filters) if i not in removed]
     return dataclasses.replace(control, filters=(*kept, *added))
 
 
@@ -221,7 +221,7 @@ def aligned(before: Sequence[Block], after: Sequence[Block]) -> tuple[int, ...]:
     several ways that with the fewest other numbers.
     """
     ways = (_kept(before, after[:count]) for count in range(len(after), 0, -1))
-    return next((each for each in ways if each is not None), ())
+    return next((way for way in ways if way is not None), ())
 
 
 def _kept(before: Sequence[Block], after: Sequence[Block]) -> tuple[int, ...] | None:

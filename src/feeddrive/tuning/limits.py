@@ -51,13 +51,13 @@ class Limits:
         chosen = {
             key: stated.get(key, None if figure.limit is None else figure.limit.usual) for key, figure in known.items()
         }
-        found = tuple(Limit(known[key], bound) for key, bound in chosen.items() if bound is not None)
-        for limit in found:
+        effective = tuple(Limit(known[key], bound) for key, bound in chosen.items() if bound is not None)
+        for limit in effective:
             if limit.declared.noise and not any(value > 0.0 for value in reading_noise):
                 raise ParameterError(f"{limit.figure.key} needs reading_noise: the errors of the two readings in m RMS")
         if snap_force is not None and not (np.isfinite(snap_force) and snap_force > 0.0):
             raise ParameterError(f"snap_force = {Quantity(snap_force, 'N'):6 SI} must be a finite number > 0")
-        object.__setattr__(self, "limits", found)
+        object.__setattr__(self, "limits", effective)
         object.__setattr__(self, "reading_noise", reading_noise)
         object.__setattr__(self, "snap_force", snap_force)
 
@@ -165,22 +165,22 @@ class Bound(NamedTuple):
 
 def bounds_of(i: int, loop: SlopedLoop, limits: Limits) -> list[Bound]:
     """Return all bounds of a point that are near; without slopes only the nearest along the lines."""
-    found: list[tuple[tuple[int, int], Bound]] = []
+    bounds: list[tuple[tuple[int, int], Bound]] = []
     for figure, bound in ((limit.figure, limit.bound) for limit in limits.limits):
         assert figure.limit is not None
         for place in figure.limit.places(loop, bound, limits.reading_noise):
             frequency, slack, slope, deviation, line = place
             key = (figure.key, i, line)
             order = (figure.limit.order, line)
-            found.append((order, Bound(figure, i, frequency, slack, slope, deviation, key)))
-    return [bound for _, bound in sorted(found, key=lambda pair: pair[0])]
+            bounds.append((order, Bound(figure, i, frequency, slack, slope, deviation, key)))
+    return [bound for _, bound in sorted(bounds, key=lambda pair: pair[0])]
 
 
 def notches_stay_notches(control: Control, tunables: Sequence[str], x: np.ndarray) -> list[Bound]:
     """The bound that a notch attenuates: damping_zero <= damping_pole, at the logarithms x of the tunables."""
-    found: list[Bound] = []
+    bounds: list[Bound] = []
     for i, block in enumerate(control.filters):
-        names = [f"filters.{i}.{each}" for each in ("damping_zero", "damping_pole")]
+        names = [f"filters.{i}.{field}" for field in ("damping_zero", "damping_pole")]
         if not isinstance(block, Notch) or not set(names) & set(tunables) or not block.damping_zero > 0.0:
             continue
         slope, values = np.zeros(x.size), [np.log(block.damping_zero), np.log(block.damping_pole)]
@@ -188,5 +188,5 @@ def notches_stay_notches(control: Control, tunables: Sequence[str], x: np.ndarra
             if name in tunables:
                 place = list(tunables).index(name)
                 slope[place], values[k] = sign, x[place]
-        found.append(Bound(None, 0, 0.0, float(values[1] - values[0]), slope, 0.0, (NOTCH, i, 0)))
-    return found
+        bounds.append(Bound(None, 0, 0.0, float(values[1] - values[0]), slope, 0.0, (NOTCH, i, 0)))
+    return bounds

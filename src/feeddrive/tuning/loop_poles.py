@@ -36,7 +36,7 @@ def closed(axis: StateSpace, matrix: np.ndarray, slopes: np.ndarray) -> tuple[np
     """
     n, many = matrix.shape[0] - 1, axis.A.shape[0]
     b = axis.B[:, axis.inputs.index("cut")]
-    C = axis.C[[axis.outputs.index(each) for each in READINGS]]
+    C = axis.C[[axis.outputs.index(reading) for reading in READINGS]]
     force = np.concatenate([matrix[n, n:] @ C, matrix[n, :n]])
     loop = np.zeros((many + n, many + n))
     loop[:many] = b[:, None] * force
@@ -66,7 +66,7 @@ def loop_poles(axis: StateSpace, model: Model, gains: np.ndarray) -> list[LoopPo
     changes = changes * (scale / scale[:, None])[:, :, None]
     solved: Any = eig(loop, left=True, right=True)
     z, left, right = solved
-    nyquist, found = np.pi / T, list[LoopPole]()
+    nyquist, poles = np.pi / T, list[LoopPole]()
     for k in range(z.size):
         if z[k].imag < 0.0 or (z[k].imag == 0.0 and z[k].real <= 0.0):
             continue
@@ -76,13 +76,13 @@ def loop_poles(axis: StateSpace, model: Model, gains: np.ndarray) -> list[LoopPo
         change = np.einsum("i,ijp,j->p", np.conj(left[:, k]), changes, right[:, k]) / alone
         slope = change * gains / (z[k] * T)
         if np.max(np.abs(slope), initial=0.0) > _MOVES * abs(s):
-            found.append(LoopPole(s, slope))
-    return sorted(found, key=lambda each: abs(each.s))
+            poles.append(LoopPole(s, slope))
+    return sorted(poles, key=lambda pole: abs(pole.s))
 
 
 def nearest_pole(poles: list[LoopPole], s: complex) -> LoopPole | None:
     """The pole nearest to a place; None if there is none."""
-    return min(poles, key=lambda each: abs(each.s - s), default=None)
+    return min(poles, key=lambda pole: abs(pole.s - s), default=None)
 
 
 def pole_moved(
@@ -109,9 +109,9 @@ def pole_moved(
         change *= min(1.0, _STEP / max(float(np.max(np.abs(change))), 1e-300))
         for _ in range(_HALVINGS):
             tried = gains * np.exp(change)
-            found = nearest_pole(loop_poles(axis, model, tried), pole.s + complex(pole.slope @ change))
-            if found is not None and abs(wanted - found.s) < abs(apart):
-                gains, pole = tried, found
+            candidate = nearest_pole(loop_poles(axis, model, tried), pole.s + complex(pole.slope @ change))
+            if candidate is not None and abs(wanted - candidate.s) < abs(apart):
+                gains, pole = tried, candidate
                 break
             change = 0.5 * change
         else:

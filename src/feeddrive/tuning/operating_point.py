@@ -93,8 +93,8 @@ class OperatingPoint:
 
 def response_on(point: OperatingPoint, control: Control, velocity: float = 0.05) -> Response:
     """The response of a control on all lines of a point."""
-    made = ControlResponse(control, point.sample_time, (), velocity)
-    return made.at((), point.frequency, made.images(point.by_force_at, point.frequency))
+    response = ControlResponse(control, point.sample_time, (), velocity)
+    return response.at((), point.frequency, response.images(point.by_force_at, point.frequency))
 
 
 def position_loop(point: OperatingPoint, whole: Response, inner: Response) -> FRF:
@@ -106,7 +106,7 @@ def position_loop(point: OperatingPoint, whole: Response, inner: Response) -> FR
     exactly det(1 + L)/det(1 + Lv) - 1 by the lifted determinants, up to its own Nyquist.
     """
     f, step = point.frequency, point.sample_time
-    L, Lv = (-np.einsum("kl,kl->l", each.value, point.by_force) for each in (whole, inner))
+    L, Lv = (-np.einsum("kl,kl->l", response.value, point.by_force) for response in (whole, inner))
     gain = (L - Lv) / (1.0 + Lv)
     if whole.rest is not None and inner.rest is not None:
         step = step * whole.period
@@ -129,7 +129,7 @@ def modelled_point(loop: Loop, name: str = "model", *, velocity: float = 0.05) -
     near = (s.imag[:, None] + np.abs(s.real)[:, None] * _BESIDE).ravel() / (2.0 * np.pi)
     lines = np.unique(np.concatenate([spread, near[(near > spread[0]) & (near < spread[-1])]]))
     lines = lines[np.append(True, np.diff(lines) > 2e-4 * lines[1:])]
-    found = {
+    responses = {
         (output, source): model.response(lines, output=output, input=source).response
         for output in model.outputs
         for source in model.inputs
@@ -138,14 +138,14 @@ def modelled_point(loop: Loop, name: str = "model", *, velocity: float = 0.05) -
 
     def by_force_at(frequency: np.ndarray) -> np.ndarray:
         there, places = np.unique(np.clip(frequency, 1e-6 * lines[0], nyquist), return_inverse=True)
-        return np.array([model.response(there, each, "cut").response[places] for each in readings])
+        return np.array([model.response(there, reading, "cut").response[places] for reading in readings])
 
     return OperatingPoint(
         name,
         lines,
-        np.array([found[each, "cut"] for each in readings]),
-        np.array([found[each, "load_force"] for each in readings]),
-        np.array([found["position_load", source] for source in ("cut", "load_force")]),
+        np.array([responses[reading, "cut"] for reading in readings]),
+        np.array([responses[reading, "load_force"] for reading in readings]),
+        np.array([responses["position_load", source] for source in ("cut", "load_force")]),
         T,
         ratio=np.ones((2, lines.size)) if loop.axis.one_encoder() else None,
         loop=loop,
@@ -179,18 +179,18 @@ def measured_point(
     """
     both = (load if motor is None else motor, load)
     hit: Sequence[FRF] = () if disturbance is None else (disturbance[1] or disturbance[0], disturbance[0])
-    for each in (*both, *hit):
-        if each.frequency.shape != load.frequency.shape or np.any(each.frequency != load.frequency):
+    for frf in (*both, *hit):
+        if frf.frequency.shape != load.frequency.shape or np.any(frf.frequency != load.frequency):
             raise ParameterError(
                 "the measured responses have different frequencies: measure or interpolate them on the same lines"
             )
-        if each.unit not in ("", "m/N"):
-            raise ParameterError(f"the response from {each.input} to {each.output} is in {each.unit}: it must be m/N")
-        bad = np.flatnonzero(~((np.abs(each.response) > _LEAST) & (np.abs(each.response) < _MOST)))
+        if frf.unit not in ("", "m/N"):
+            raise ParameterError(f"the response from {frf.input} to {frf.output} is in {frf.unit}: it must be m/N")
+        bad = np.flatnonzero(~((np.abs(frf.response) > _LEAST) & (np.abs(frf.response) < _MOST)))
         if bad.size:
             raise ParameterError(
-                f"the response from {each.input} to {each.output} is "
-                f"{Quantity(np.abs(each.response[bad[0]]), 'm/N'):3 SI} at {Quantity(each.frequency[bad[0]], 'Hz')} "
+                f"the response from {frf.input} to {frf.output} is "
+                f"{Quantity(np.abs(frf.response[bad[0]]), 'm/N'):3 SI} at {Quantity(frf.frequency[bad[0]], 'Hz')} "
                 f"({bad.size} such lines), which is impossible for an axis: check columns and unit, and leave out "
                 "lines on which nothing was measured"
             )
@@ -199,31 +199,31 @@ def measured_point(
         raise ParameterError(
             f"{np.count_nonzero(inside)} lines below half the sample rate are too few to shape a loop on: at least 10"
         )
-    given = load.frequency[inside]
-    sources = [[_on(each, inside, averages) for each in row] for row in (both, hit) if row]
+    measured_lines = load.frequency[inside]
+    sources = [[_on(frf, inside, averages) for frf in row] for row in (both, hit) if row]
     # lines next to each other carry no new information after smoothing, and are left out
-    marked = all(each.variance is not None for row in sources for each in row)
-    wanted = _thinned(given, _FINEST if marked else _CLOSEST)
-    lines = given[wanted]
+    marked = all(lines_.variance is not None for row in sources for lines_ in row)
+    wanted = _thinned(measured_lines, _FINEST if marked else _CLOSEST)
+    lines = measured_lines[wanted]
     late = np.exp(-2j * np.pi * lines * delay)
     ratio = np.full((2, lines.size), np.nan, dtype=complex)
-    made: list[list[_Lines]] = []
+    cleaned: list[list[_Lines]] = []
     for k, raw in enumerate(sources):
-        clean = [_cleaned(given, each, wanted) for each in raw]
+        clean = [_cleaned(measured_lines, lines_, wanted) for lines_ in raw]
         own_variance = clean[0].variance
         if motor is not None and own_variance is not None:
-            fitted, open_ = stiff_ratio(given, raw[0].response, raw[1].response, _variances(raw))
+            fitted, open_ = stiff_ratio(measured_lines, raw[0].response, raw[1].response, _variances(raw))
             ratio[k] = fitted[wanted]
             stiff = ~np.isnan(ratio[k])
             load_ = clean[1].response
             own = np.abs(load_) ** 2 * open_[wanted]  # the uncertainty of the ratio
             clean[0] = _Lines(np.where(stiff, ratio[k] * load_, clean[0].response), np.where(stiff, own, own_variance))
-        made.append(clean)
+        cleaned.append(clean)
     if motor is None:
         ratio[:] = 1.0
-        made = [[_without(row[0]), row[1]] for row in made]
-    by_force = np.array([each.response * late for each in made[0]])
-    by_load = by_force if len(made) == 1 else np.array([each.response for each in made[1]])
+        cleaned = [[_without(row[0]), row[1]] for row in cleaned]
+    by_force = np.array([lines_.response * late for lines_ in cleaned[0]])
+    by_load = by_force if len(cleaned) == 1 else np.array([lines_.response for lines_ in cleaned[1]])
     return OperatingPoint(
         name,
         lines,
@@ -231,9 +231,9 @@ def measured_point(
         by_load,
         np.array([by_force[1], by_load[1]]),
         float(sample_time),
-        variance=_variances(made[0]),
-        load_variance=_variances(made[1]) if len(made) > 1 else None,
-        at_drive=len(made) == 1,
+        variance=_variances(cleaned[0]),
+        load_variance=_variances(cleaned[1]) if len(cleaned) > 1 else None,
+        at_drive=len(cleaned) == 1,
         ratio=ratio,
         by_force_at=_between(lines, by_force),
         coherence=_coherence(both, inside, wanted),
@@ -242,7 +242,7 @@ def measured_point(
 
 def _coherence(both: Sequence[FRF], inside: np.ndarray, wanted: np.ndarray) -> np.ndarray | None:
     """The smaller of those that were measured."""
-    known = [each.coherence[inside][wanted] for each in both if each.coherence is not None]
+    known = [frf.coherence[inside][wanted] for frf in both if frf.coherence is not None]
     return np.minimum.reduce(known) if known else None
 
 
@@ -281,10 +281,10 @@ def _cleaned(frequency: np.ndarray, raw: _Lines, wanted: np.ndarray) -> _Lines:
     return _Lines(*smoothed(frequency, raw.response, raw.variance, wanted))
 
 
-def _variances(made: Sequence[_Lines]) -> np.ndarray | None:
+def _variances(readings: Sequence[_Lines]) -> np.ndarray | None:
     """Of both readings; None if one is not known."""
-    known = [each.variance for each in made if each.variance is not None]
-    return np.array(known) if len(known) == len(made) else None
+    known = [lines.variance for lines in readings if lines.variance is not None]
+    return np.array(known) if len(known) == len(readings) else None
 
 
 def _without(lines: _Lines) -> _Lines:
@@ -347,14 +347,14 @@ def with_table_force(
     if not point.at_drive:
         return point, ""
     model = linearize(loop, ["cut", "load_force"], READINGS, velocity=velocity)
-    found = {
-        source: np.array([model.response(point.frequency, each, source).response for each in READINGS])
+    responses = {
+        source: np.array([model.response(point.frequency, reading, source).response for reading in READINGS])
         for source in model.inputs
     }
-    by_load = found["load_force"]
+    by_load = responses["load_force"]
     # y = S y_d (1 - C_m y_u (r_u - r_d)), r = motor/load: the stiffness depends on the difference of the ratios, so the
     # plant gives this difference; a second ratio would have an error as large as the difference itself
-    apart = found["cut"][0] / found["cut"][1] - by_load[0] / by_load[1]
+    apart = responses["cut"][0] / responses["cut"][1] - by_load[0] / by_load[1]
     if one_encoder(point):
         apart = 0.0 * apart
     by_load = np.array([by_load[1] * (point.by_force[0] / point.by_force[1] - apart), by_load[1]])

@@ -79,22 +79,22 @@ def placed_poles(control: Control) -> tuple[PlacedPole, ...]:
 
 def _placed(control: Control) -> Iterator[PlacedPole]:
     blocks: list[tuple[str, Any]] = [("law", control.law)]
-    blocks += [(f"compensation.{i}", each) for i, each in enumerate(control.compensation)]
-    blocks += [(f"{where}.observer", each.observer) for where, each in blocks if getattr(each, "observer", None)]
+    blocks += [(f"compensation.{i}", block) for i, block in enumerate(control.compensation)]
+    blocks += [(f"{where}.observer", block.observer) for where, block in blocks if getattr(block, "observer", None)]
     for where, block in blocks:
-        for each in _PLACED.get(type(block), ()):
-            given = getattr(block, each.frequency)
-            size = _by_rule(block, each.frequency) if given is None else _rate(block, each.frequency)
+        for pole in _PLACED.get(type(block), ()):
+            stated = getattr(block, pole.frequency)
+            size = _by_rule(block, pole.frequency) if stated is None else _rate(block, pole.frequency)
             if size is None:
                 continue
-            ratio = min(float(getattr(block, each.damping)), 1.0) if each.damping else each.ratio
-            name = f"{where}.{each.frequency}"
+            ratio = min(float(getattr(block, pole.damping)), 1.0) if pole.damping else pole.ratio
+            name = f"{where}.{pole.frequency}"
             yield PlacedPole(
                 name,
-                each.label,
+                pole.label,
                 size * complex(-ratio, np.sqrt(1.0 - ratio * ratio)),
-                "" if given is None else name,
-                f"{where}.{each.damping}" if each.damping else "",
+                "" if stated is None else name,
+                f"{where}.{pole.damping}" if pole.damping else "",
             )
 
 
@@ -121,17 +121,17 @@ def placed_dragged(control: Control, name: str, s: complex) -> dict[str, float]:
 
     Raises ParameterError for a pole that there is not.
     """
-    known = {each.name: each for each in placed_poles(control)}
+    known = {pole.name: pole for pole in placed_poles(control)}
     if name not in known:
         raise ParameterError(f"the law places no pole '{name:.60}'{nearest(name, known)}")
-    found, pole, size = dict[str, float](), known[name], abs(s)
+    values, pole, size = dict[str, float](), known[name], abs(s)
     if pole.frequency:
         along = size if pole.damping else max((s * np.conj(pole.s)).real / abs(pole.s), 0.0)  # on its own ray
         scale = 2.0 * np.pi if tree.declaration(control, pole.frequency).unit == "Hz" else 1.0
-        found[pole.frequency] = _digits(max(along, 1e-3 * abs(pole.s)) / scale)
+        values[pole.frequency] = _digits(max(along, 1e-3 * abs(pole.s)) / scale)
     if pole.damping and size > 0.0:
-        found[pole.damping] = _digits(min(max(-s.real / size, _LEAST), _MOST))
-    return found
+        values[pole.damping] = _digits(min(max(-s.real / size, _LEAST), _MOST))
+    return values
 
 
 def _digits(value: float) -> float:

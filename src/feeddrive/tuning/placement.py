@@ -64,19 +64,19 @@ def placement(loop: Loop, *, velocity: float = 0.05) -> Placement:
     law = loop.control.law
     if not isinstance(law, PolePlacement):
         raise ParameterError(f"control.law is '{law.kind}', which is not a pole placement: take pole_placement")
-    found = stability(loop, velocity=velocity)
-    if not found.stable:
+    sampled = stability(loop, velocity=velocity)
+    if not sampled.stable:
         near = list(_stable_tunables(loop, velocity))
         remedy = joined("; or ", near) or "none by lowering a single tunable"
         raise UnstableError(
-            f"control.law: the poles cannot be reached on this axis: {found.sentence()} (|z| = "
-            f"{Quantity(found.growth):.6f}, must be < 1); the nearest stable values: {remedy}. If the axis has a mode "
-            f"there that the model leaves out, put a notch at {Quantity(found.frequency, 'Hz')}"
+            f"control.law: the poles cannot be reached on this axis: {sampled.sentence()} (|z| = "
+            f"{Quantity(sampled.growth):.6f}, must be < 1); the nearest stable values: {remedy}. If the axis has a "
+            f"mode there that the model leaves out, put a notch at {Quantity(sampled.frequency, 'Hz')}"
         )
     poles = np.roots([float(a) for a in reversed(law.polynomial())])
-    z = found.model.poles()
-    reached = np.log(z[np.abs(z) > 1e-12].astype(complex)) / found.model.sample_time
-    return Placement(law.gains(), poles[np.argsort(np.abs(poles))], reached[np.argsort(np.abs(reached))], found)
+    z = sampled.model.poles()
+    reached = np.log(z[np.abs(z) > 1e-12].astype(complex)) / sampled.model.sample_time
+    return Placement(law.gains(), poles[np.argsort(np.abs(poles))], reached[np.argsort(np.abs(reached))], sampled)
 
 
 def _stable_tunables(loop: Loop, velocity: float) -> Iterator[str]:

@@ -47,15 +47,17 @@ class Checked(NamedTuple):
     said: str
 
 
-def of_measurement(found: Sequence[Figures], limits: Limits) -> tuple[Checked, ...]:
+def of_measurement(loops: Sequence[Figures], limits: Limits) -> tuple[Checked, ...]:
     """Encirclement and bounds on all lines that were measured."""
     checks: list[Checked] = []
-    for each in found:
-        said = "-1 is not encircled" if each.stable else "-1 is encircled"
-        checks.append(Checked(f"{each.point}: Nyquist", each.stable, f"{said}, {each.loop_gain.frequency.size} lines"))
-        if each.stable:
-            what = f"{each.point}: limits on all lines"
-            checks.append(_within(what, limits, each))
+    for loop in loops:
+        verdict = "-1 is not encircled" if loop.stable else "-1 is encircled"
+        checks.append(
+            Checked(f"{loop.point}: Nyquist", loop.stable, f"{verdict}, {loop.loop_gain.frequency.size} lines")
+        )
+        if loop.stable:
+            what = f"{loop.point}: limits on all lines"
+            checks.append(_within(what, limits, loop))
     return tuple(checks)
 
 
@@ -65,10 +67,10 @@ def of_known(point: OperatingPoint, control: Control, limits: Limits, velocity: 
     The limits hold for the measurement.  The model agrees with it to some percent only, so they are not checked here.
     """
     if point.known_as is None:
-        said = (
+        reason = (
             "no loop is known that agrees with the response: give the machine file that identify writes as --baseline"
         )
-        return (Checked(f"{point.name}: {_RUN}", None, said),)
+        return (Checked(f"{point.name}: {_RUN}", None, reason),)
     loop, name = replace(point.known_as, control=control), f"{point.name}, on the baseline's axis"
     poles = stability(loop, velocity=velocity)
     checks = [Checked(f"{name}: poles", poles.stable, f"largest |z| {Quantity(poles.growth):.6f}")]
@@ -79,10 +81,10 @@ def of_known(point: OperatingPoint, control: Control, limits: Limits, velocity: 
 
 def _within(what: str, limits: Limits, loop: JudgedLoop) -> Checked:
     """The line of a proof that all limits are kept; Ms is stated in any case."""
-    found = judged(limits, loop, ROOM)
-    texts = [verdict.text for verdict in found if verdict.figure != SENSITIVITY_PEAK]
+    judgments = judged(limits, loop, ROOM)
+    texts = [verdict.text for verdict in judgments if verdict.figure != SENSITIVITY_PEAK]
     peak = f"{SENSITIVITY_PEAK.title} {SENSITIVITY_PEAK.quantity(SENSITIVITY_PEAK.read(loop))}"
-    return Checked(what, all(verdict.keeps for verdict in found), joined(", ", [peak, *texts]))
+    return Checked(what, all(verdict.keeps for verdict in judgments), joined(", ", [peak, *texts]))
 
 
 def of_model(name: str, loop: Loop, limits: Limits, velocity: float) -> tuple[Checked, ...]:
@@ -144,20 +146,20 @@ def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float
     step = StepForce(force=force, start=settle * T)
     try:
         runs = [
-            simulate(each, slide, load=load, start=(0.0, velocity), record=["position_load", "requested", "trip"])
-            for each, load in ((free, step), (smooth, step), (smooth, StepForce(force=0.0)))
+            simulate(version, slide, load=load, start=(0.0, velocity), record=["position_load", "requested", "trip"])
+            for version, load in ((free, step), (smooth, step), (smooth, StepForce(force=0.0)))
         ]
     except FeeddriveError as error:
         return Checked(what, False, Text(f"{error}"))
     tripped = np.flatnonzero(runs[0]["trip"])
     if tripped.size:
         late = float(tripped[0] - settle) * T
-        said = (
+        when = (
             f"{Quantity(late, 's')} after the force"
             if late >= 0.0
             else "already before the force, as the axis moves off"
         )
-        return Checked(what, False, f"the guard trips {said}")
+        return Checked(what, False, f"the guard trips {when}")
     largest = float(np.max(np.abs(runs[0]["requested"][settle:])))
     if limit is not None and largest > limit:
         return Checked(
@@ -172,11 +174,11 @@ def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float
     got = rope_snap_of_run(moved, force, T)
     off = got / expected - 1.0
     noise = float(np.std(runs[0]["requested"][settle // 2 : settle]))
-    said = Text(
+    summary = Text(
         f"{Quantity(force, 'N'):6}: rope snap {Quantity(got, 'm √s/N')}, {Quantity(abs(off), 'share'):.1f} off; the "
         f"command swings by {Quantity(noise, 'N'):3} RMS, at most {Quantity(largest, 'N')}"
     )
-    return Checked(what, abs(off) <= _APART, said)
+    return Checked(what, abs(off) <= _APART, summary)
 
 
 def _smooth(encoder: Sensor | None) -> Sensor | None:

@@ -128,7 +128,7 @@ class _Axis:
                     return float(self.frequency[k])
         return math.inf
 
-    def made(self, name: str, Kp: float, Tn: float | None, Kv: float, reason: str, source: str) -> Recipe:
+    def recipe(self, name: str, Kp: float, Tn: float | None, Kv: float, reason: str, source: str) -> Recipe:
         """The recipe with these gains."""
         return Recipe(name, replace(self.law, Kp=Kp, Tn=Tn, Kv=Kv), reason, source, self.mass, self.lag)
 
@@ -149,7 +149,7 @@ def symmetric_optimum(point: OperatingPoint | Loop, control: Control | None = No
     axis = _Axis(point, control)
     tau = axis.lag
     reason = Text(f"mass {Quantity(axis.mass, 'kg')}, lag {Quantity(tau, 's'):3}, a = {number(a, 6)}")
-    return axis.made(
+    return axis.recipe(
         "symmetric optimum", axis.mass / (a * tau), a * a * tau, 1.0 / (_CRITICAL * a * tau), reason, "Kessler 1958"
     )
 
@@ -181,8 +181,8 @@ def makers_rule(point: OperatingPoint | Loop, control: Control | None = None) ->
     reason = Text(
         f"mass {Quantity(axis.mass, 'kg')}, velocity loop at {Quantity(rate / (2.0 * math.pi), 'Hz')}{lowered}"
     )
-    made = law(rate)
-    return axis.made("maker's rule", made.Kp, made.Tn, made.Kv, reason, "manuals of drives")
+    gains = law(rate)
+    return axis.recipe("maker's rule", gains.Kp, gains.Tn, gains.Kv, reason, "manuals of drives")
 
 
 def kv_rule(point: OperatingPoint | Loop, control: Control | None = None, *, damping: float = 1.0) -> Recipe:
@@ -201,7 +201,7 @@ def kv_rule(point: OperatingPoint | Loop, control: Control | None = None, *, dam
         )
     Kv = 2.0 * math.pi * crossover / (4.0 * damping * damping)
     reason = Text(f"the velocity loop crosses over at {Quantity(crossover, 'Hz')}, damping ratio {damping:g}")
-    return axis.made("Kv rule", law.Kp, law.Tn, Kv, reason, "Weck & Brecher")
+    return axis.recipe("Kv rule", law.Kp, law.Tn, Kv, reason, "Weck & Brecher")
 
 
 def half_antiresonance(point: OperatingPoint | Loop, control: Control | None = None) -> Recipe:
@@ -222,7 +222,7 @@ def half_antiresonance(point: OperatingPoint | Loop, control: Control | None = N
     rate = min(math.pi * first, 0.5 / axis.lag)
     reason = Text(f"first antiresonance {Quantity(first, 'Hz')}, crossover {Quantity(rate / (2.0 * math.pi), 'Hz')}")
     Kp = _by_crossover(axis, rate)
-    return axis.made("half the first antiresonance", Kp, _SLOW / rate, rate / _CRITICAL, reason, "rule of the trade")
+    return axis.recipe("half the first antiresonance", Kp, _SLOW / rate, rate / _CRITICAL, reason, "rule of the trade")
 
 
 def margin_goals(point: OperatingPoint | Loop, control: Control | None = None, *, goal: str = "robust") -> Recipe:
@@ -241,8 +241,8 @@ def margin_goals(point: OperatingPoint | Loop, control: Control | None = None, *
     axis = _Axis(point, control)
 
     def keeps(L: FRF) -> bool:
-        found = margins(L)
-        gain, phase = found.gain_increase_dB, found.phase_margin_deg
+        loop_margins = margins(L)
+        gain, phase = loop_margins.gain_increase_dB, loop_margins.phase_margin_deg
         return (gain is None or gain >= least_gain) and (phase is None or phase >= least_phase)
 
     def integral(Kp: float) -> float:
@@ -269,7 +269,7 @@ def margin_goals(point: OperatingPoint | Loop, control: Control | None = None, *
     reason = Text(
         f"gain margin >= {Quantity(least_gain, 'dB'):6} and phase margin >= {least_phase:g} deg, velocity loop first"
     )
-    return axis.made(f"margins, {goal}", Kp, Tn, Kv, reason, "own numbers")
+    return axis.recipe(f"margins, {goal}", Kp, Tn, Kv, reason, "own numbers")
 
 
 def _by_crossover(axis: _Axis, rate: float) -> float:
@@ -325,25 +325,27 @@ def judged_recipes(
     velocity: float = 0.05,
 ) -> tuple[JudgedRecipe, ...]:
     """Every rule, applied at the first point with the filters of a control, and evaluated at all points."""
-    made = tuple(
-        modelled_point(each, f"axis {i + 1}" if len(points) > 1 else "model", velocity=velocity)
-        if isinstance(each, Loop)
-        else each
-        for i, each in enumerate(points)
+    operating_points = tuple(
+        modelled_point(source, f"axis {i + 1}" if len(points) > 1 else "model", velocity=velocity)
+        if isinstance(source, Loop)
+        else source
+        for i, source in enumerate(points)
     )
-    found: list[JudgedRecipe] = []
+    recipes: list[JudgedRecipe] = []
     for name, rule in RECIPES.items():
         if progress is not None:
             progress.step(f"rule {name}")
         try:
-            recipe = rule(made[0], control)
+            recipe = rule(operating_points[0], control)
         except FeeddriveError as error:
-            found.append(JudgedRecipe(name, None, (), str(error)))
+            recipes.append(JudgedRecipe(name, None, (), str(error)))
             continue
         whole = replace(control, law=recipe.law, compensation=())
-        response = ControlResponse(whole, made[0].sample_time, (), velocity)
-        answers = Criteria(made, response, STIFFNESS_MEAN, limits, EVERYWHERE).answers(np.zeros(0))
-        found.append(
-            JudgedRecipe(name, recipe, tuple(figures(each, limits.reading_noise) for each in answers), recipe.reason)
+        response = ControlResponse(whole, operating_points[0].sample_time, (), velocity)
+        answers = Criteria(operating_points, response, STIFFNESS_MEAN, limits, EVERYWHERE).answers(np.zeros(0))
+        recipes.append(
+            JudgedRecipe(
+                name, recipe, tuple(figures(answer, limits.reading_noise) for answer in answers), recipe.reason
+            )
         )
-    return tuple(found)
+    return tuple(recipes)

@@ -119,6 +119,6 @@ def _real_polynomial(f: np.ndarray, r: np.ndarray, spread: np.ndarray) -> tuple[
     right = (r - 1.0) / np.sqrt(0.5 * spread)
     both = np.vstack([columns.real, columns.imag])
     inverse = np.linalg.pinv(both)
-    found = inverse @ np.concatenate([right.real, right.imag])
+    coefficients = inverse @ np.concatenate([right.real, right.imag])
     spanned = powers @ inverse
-    return 1.0 + powers @ found, np.sum(np.abs(spanned) ** 2, axis=1)
+    return 1.0 + powers @ coefficients, np.sum(np.abs(spanned) ** 2, axis=1)

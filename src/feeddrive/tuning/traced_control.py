@@ -55,17 +55,17 @@ def _trace(control: Control, begun: Any) -> TracedControl:
     """One sample of the control on symbols, and its forward slopes to states and readings, on symbols as well."""
     graph = Graph()
 
-    def given(name: str) -> Number:
+    def symbol(name: str) -> Number:
         return cast(Number, graph.input(name))
 
     rows = {name: graph.table(name, len(row)) for name, row in tree.tables(control)}
     names = [name for name, _ in tree.leaves(control)]
-    symbolic = tree.with_tables(tree.rebuild(control, (given(name) for name in names)), rows)
-    T = given("T")
+    symbolic = tree.with_tables(tree.rebuild(control, (symbol(name) for name in names)), rows)
+    T = symbol("T")
     states = tuple(name for name, _ in tree.leaves(begun))
-    state = tree.rebuild(begun, (given(f"state.{name}") for name in states))
-    setpoint = Setpoint(*(given(f"set.{name}") for name in Setpoint._fields))
-    motor, load = (given(name) for name in READINGS)
+    state = tree.rebuild(begun, (symbol(f"state.{name}") for name in states))
+    setpoint = Setpoint(*(symbol(f"set.{name}") for name in Setpoint._fields))
+    motor, load = (symbol(name) for name in READINGS)
     after, command = symbolic.step(symbolic.prepare(T), state, setpoint, motor, load, 1.0, T)
     ends = [graph.symbol(value).index for _, value in tree.leaves(after)] + [graph.symbol(command.applied).index]
     columns = [graph.input(f"state.{name}").index for name in states] + [graph.input(name).index for name in READINGS]
@@ -103,25 +103,25 @@ class Walk:
         self._seen += points
         if not self._possible or self._seen <= PAYS_AFTER:
             return self._in_python(leaves, points, with_slopes=with_slopes)
-        made, names = self._native = self._native or self._compiled()
+        code, names = self._native = self._native or self._compiled()
         rows = np.array([np.broadcast_to(leaves[name], points) for name in names], dtype=np.float64).T.copy()
-        nothing, found = np.empty((1, 0)), np.empty((points, 1 + len(self.tunables), len(self._nodes)))
-        for row, answer in zip(rows, found, strict=True):
-            made.run(1, 0, row, nothing, nothing[0], answer, ())
-        slopes = found[:, 1:].transpose(0, 2, 1)
-        return found[:, 0], slopes if with_slopes else slopes[:, :, :0]
+        nothing, answers = np.empty((1, 0)), np.empty((points, 1 + len(self.tunables), len(self._nodes)))
+        for row, answer in zip(rows, answers, strict=True):
+            code.run(1, 0, row, nothing, nothing[0], answer, ())
+        slopes = answers[:, 1:].transpose(0, 2, 1)
+        return answers[:, 0], slopes if with_slopes else slopes[:, :, :0]
 
     def _in_python(self, leaves: Mapping[str, Any], points: int, *, with_slopes: bool) -> tuple[np.ndarray, np.ndarray]:
         traced, count = self.traced, len(self.tunables) if with_slopes else 0
-        found = node_values(traced.graph, self._nodes, leaves)
+        numbers = node_values(traced.graph, self._nodes, leaves)
         values, slopes = np.zeros((points, len(self._nodes))), np.zeros((points, len(self._nodes), count))
         for i, node in enumerate(self._nodes):
-            values[:, i] = found[node]
+            values[:, i] = numbers[node]
         if count:
             eye, places = np.eye(count)[:, :, None], [traced.inputs[name] for name in self.tunables]
-            seeds = {place: one for place, one in zip(places, eye, strict=True) if place in found}
+            seeds = {place: one for place, one in zip(places, eye, strict=True) if place in numbers}
             with np.errstate(all="ignore"):
-                tangents = push(traced.graph, self._nodes, found, seeds)
+                tangents = push(traced.graph, self._nodes, numbers, seeds)
             for i, tangent in enumerate(tangents):
                 if tangent is not None:
                     slopes[:, i] = np.broadcast_to(tangent, (count, points)).T
@@ -134,7 +134,7 @@ class Walk:
         ends = [*self._nodes]
         for name in self.tunables:
             tangents = push(graph, self._nodes, values, {self.traced.inputs[name]: 1.0})
-            ends += [graph.symbol(0.0 if each is None else each).index for each in tangents]
+            ends += [graph.symbol(0.0 if tangent is None else tangent).index for tangent in tangents]
         names = [node[1] for node in (graph.nodes[i] for i in reachable(graph, ends)) if node[0] == "input"]
         program = Program(
             graph=graph,

@@ -23,12 +23,12 @@ HIGHEST = 0.49  # of the sample rate: of any frequency that is moved
 
 def law_tunables(control: Control) -> tuple[str, ...]:
     """Those that a law has to be tuned by. Raises ParameterError for a law that has none."""
-    found = own_tunables(control)
-    if not found:
+    names = own_tunables(control)
+    if not names:
         raise ParameterError(
             f"the law '{control.law.kind}' names no tunables: state which parameters are to be tuned (tunables=...)"
         )
-    return found
+    return names
 
 
 def own_tunables(control: Control) -> tuple[str, ...]:
@@ -38,7 +38,7 @@ def own_tunables(control: Control) -> tuple[str, ...]:
     """
     law, there = control.law, dict(tree.leaves(control))
     names = [f"law.{name}" for name in law.to_tune()]
-    blocks = [("law", law), *((f"compensation.{i}", each) for i, each in enumerate(control.compensation))]
+    blocks = [("law", law), *((f"compensation.{i}", block) for i, block in enumerate(control.compensation))]
     for where, block in blocks:
         observer = getattr(block, "observer", None)
         if isinstance(observer, Observer):
@@ -54,13 +54,13 @@ def filter_tunables(control: Control) -> tuple[str, ...]:
 
 def logarithms(control: Control, names: Sequence[str]) -> np.ndarray:
     """Logarithms of the tunables. Raises ParameterError for one that is not a number above zero."""
-    found: list[float] = []
+    values: list[float] = []
     for name in names:
         value = tree.get(control, name)
         if not isinstance(value, (int, float)) or not value > 0.0:
             raise ParameterError(f"{name} = {value!r} is not a tunable: its start value must be a number > 0")
-        found.append(math.log(value))
-    return np.array(found)
+        values.append(math.log(value))
+    return np.array(values)
 
 
 def box(control: Control, names: Sequence[str], x: np.ndarray, sample_time: float) -> tuple[np.ndarray, np.ndarray]:

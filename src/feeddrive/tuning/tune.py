@@ -138,22 +138,22 @@ def _tuner(
             f"the band from {Quantity(band[0], 'Hz', bare=True):6} to {Quantity(band[1], 'Hz'):6} is empty: the lower "
             "frequency comes first"
         )
-    given = (points,) if isinstance(points, (OperatingPoint, Loop)) else tuple(points)
-    made = tuple(
-        modelled_point(each, f"axis {i + 1}" if len(given) > 1 else "model", velocity=velocity)
-        if isinstance(each, Loop)
-        else each
-        for i, each in enumerate(given)
+    sources = (points,) if isinstance(points, (OperatingPoint, Loop)) else tuple(points)
+    operating_points = tuple(
+        modelled_point(source, f"axis {i + 1}" if len(sources) > 1 else "model", velocity=velocity)
+        if isinstance(source, Loop)
+        else source
+        for i, source in enumerate(sources)
     )
-    if not made:
+    if not operating_points:
         raise ParameterError("shaping needs at least one point")
-    if len({each.sample_time for each in made}) > 1:
-        said = joined(", ", [f"'{each.name}' {Quantity(each.sample_time, 's'):6}" for each in made])
-        raise ParameterError(f"one control has one sample time, but the points have {said}")
-    _check_band(made, band)
+    if len({point.sample_time for point in operating_points}) > 1:
+        times = joined(", ", [f"'{point.name}' {Quantity(point.sample_time, 's'):6}" for point in operating_points])
+        raise ParameterError(f"one control has one sample time, but the points have {times}")
+    _check_band(operating_points, band)
     kept = limits if isinstance(limits, Limits) else Limits(limits or ())
-    tuner = Tuner(made, figure, kept, band, confidence, starts, seed, velocity, progress or Progress())
-    integrates = ControlResponse(control, made[0].sample_time, (), velocity).integrates
+    tuner = Tuner(operating_points, figure, kept, band, confidence, starts, seed, velocity, progress or Progress())
+    integrates = ControlResponse(control, operating_points[0].sample_time, (), velocity).integrates
     if figure.goal.returns and not integrates(()):
         raise ParameterError(
             f"goal = '{goal}' needs a control with integral action: without it ('{control.law.kind}' as it is) a force "
@@ -164,13 +164,13 @@ def _tuner(
 
 
 def _check_band(points: Sequence[OperatingPoint], band: tuple[float, float]) -> None:
-    for each in points:
-        inside = np.count_nonzero((each.frequency >= band[0]) & (each.frequency <= band[1]))
+    for point in points:
+        inside = np.count_nonzero((point.frequency >= band[0]) & (point.frequency <= band[1]))
         if inside < 3:
             raise ParameterError(
                 f"the band from {Quantity(band[0], 'Hz', bare=True):6} to {Quantity(band[1], 'Hz'):6} holds {inside} "
-                f"lines of '{each.name}', which has {Quantity(each.frequency[0], 'Hz', bare=True)} to "
-                f"{Quantity(each.frequency[-1], 'Hz')}: at least 3"
+                f"lines of '{point.name}', which has {Quantity(point.frequency[0], 'Hz', bare=True)} to "
+                f"{Quantity(point.frequency[-1], 'Hz')}: at least 3"
             )
 
 
@@ -185,7 +185,7 @@ def result(tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], rec
     after = _figures(tuner, control)
     loops = tuple(replace(point.loop, control=control) for point in tuner.points if point.loop is not None)
     proof = of_measurement(
-        [each for each, point in zip(after, tuner.points, strict=True) if point.loop is None], tuner.limits
+        [loop for loop, point in zip(after, tuner.points, strict=True) if point.loop is None], tuner.limits
     )
     for point in tuner.points:
         if point.loop is None:
@@ -193,7 +193,7 @@ def result(tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], rec
         else:
             loop = replace(point.loop, control=control)
             proof += of_model(point.name, loop, tuner.limits, tuner.velocity)
-    cascades = [cascade_loops(each, tuner.points[0]) for each in (today, control)] if before else []
+    cascades = [cascade_loops(version, tuner.points[0]) for version in (today, control)] if before else []
     whole = tuner.criteria(best.control, best.names, whole=True)
     return Tuned(
         control=control,
@@ -215,7 +215,7 @@ def result(tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], rec
         spread=best.spread,
         unsettled=best.unsettled,
         proof=proof,
-        cascade=tuple(each for each in cascades if each is not None),
+        cascade=tuple(gains for gains in cascades if gains is not None),
         recipe=recipe,
     )
 
@@ -223,10 +223,10 @@ def result(tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], rec
 def _figures(tuner: Tuner, control: Control) -> tuple[Figures, ...]:
     """At every point, on all lines; empty for a control that has no response."""
     try:
-        found = tuner.criteria(control, (), whole=True).answers(np.zeros(0))
+        answers = tuner.criteria(control, (), whole=True).answers(np.zeros(0))
     except ParameterError:
         return ()
-    return tuple(figures(each, tuner.limits.reading_noise) for each in found)
+    return tuple(figures(answer, tuner.limits.reading_noise) for answer in answers)
 
 
 def _held(tuner: Tuner, best: Best) -> tuple[HeldBack, ...]:
@@ -236,24 +236,24 @@ def _held(tuner: Tuner, best: Best) -> tuple[HeldBack, ...]:
         force = best.end.force.get(bound.key, 0.0)
         if force > 1e-4 and bound.figure is not None:
             summed.setdefault((bound.kind, bound.point), []).append((force, bound.frequency))
-    found: list[HeldBack] = []
+    held: list[HeldBack] = []
     for (kind, point), parts in summed.items():
         groups: list[list[tuple[float, float]]] = []
-        for part in sorted(parts, key=lambda each: each[1]):
+        for part in sorted(parts, key=lambda pair: pair[1]):
             if groups and part[1] < 1.3 * groups[-1][-1][1]:
                 groups[-1].append(part)
             else:
                 groups.append([part])
         for group in groups:
-            force = sum(each[0] for each in group)
-            where = sum(each[0] * each[1] for each in group) / force
-            found.append(HeldBack(kind, tuner.points[point].name, where, 100.0 * force * math.log(1.1)))
-    return tuple(sorted(found, key=lambda each: -each.gain))
+            force = sum(part[0] for part in group)
+            where = sum(part[0] * part[1] for part in group) / force
+            held.append(HeldBack(kind, tuner.points[point].name, where, 100.0 * force * math.log(1.1)))
+    return tuple(sorted(held, key=lambda limit: -limit.gain))
 
 
 def _advice(tuner: Tuner, best: Best) -> tuple[str, ...]:
     """Gain by less dead time, from the multipliers of the optimum, and loss by the noise."""
-    found: list[str] = []
+    advice: list[str] = []
     step = 0.1 * tuner.points[0].sample_time
 
     def sooner(point: OperatingPoint) -> OperatingPoint:
@@ -272,26 +272,26 @@ def _advice(tuner: Tuner, best: Best) -> tuple[str, ...]:
         how = Text(
             f"{'one sample' if small else 'a tenth of a sample'} ({Quantity(10.0 * step if small else step, 's'):6 us})"
         )
-        found.append(
+        advice.append(
             Text(
                 f"{how} less dead time, from computation, filters or bus, would gain about "
                 f"{Quantity(gained * (10.0 if small else 1.0), 'share'):2}"
             )
         )
     if tuner.noisy and best.cost > 5e-3:
-        found.append(Text(f"a measurement without noise would gain {Quantity(best.cost, 'share'):2}"))
-    found += _edges(tuner, best)
+        advice.append(Text(f"a measurement without noise would gain {Quantity(best.cost, 'share'):2}"))
+    advice += _edges(tuner, best)
     if any(point.at_drive for point in tuner.points):
-        found.append(
+        advice.append(
             "all compliances are against a force at the drive, not on the table: strike the table (--disturbance), or "
             "give a machine whose plant agrees with the response (--baseline)"
         )
-    return tuple(found)
+    return tuple(advice)
 
 
 def _edges(tuner: Tuner, best: Best) -> list[str]:
     """The tunables that ended at the edge of their range, in words."""
-    found: list[str] = []
+    texts: list[str] = []
     nyquist = 0.5 / tuner.points[0].sample_time
     for name, value, low, high in zip(best.names, best.end.x, *best.box, strict=True):
         if min(value - low, high - value) > 1e-6:
@@ -305,13 +305,13 @@ def _edges(tuner: Tuner, best: Best) -> list[str]:
             if tuner.limits.limit(FORCE_NOISE) is None:
                 reason += f", since no limit on the {FORCE_NOISE.title} prevents it"
         there = Quantity(size, unit, form="SI")
-        found.append(Text(f"{shown} = {there} is the {end} end of the range of the search{reason}"))
-    found += [
+        texts.append(Text(f"{shown} = {there} is the {end} end of the range of the search{reason}"))
+    texts += [
         f"filters.{bound.key[1]} (notch) would amplify instead of attenuate, so it is flat"
         for bound in best.end.judged.bounds
         if bound.figure is None and best.end.force.get(bound.key, 0.0) > 1e-3 and bound.slack < 0.02
     ]
-    return found
+    return texts
 
 
 def _gain(here: Evaluation, there: Evaluation, end: End) -> float:
@@ -329,10 +329,10 @@ def _of_today(today: Control, control: Control, name: str) -> float:
     blocks: list[object] = [today, control]
     for step in place.split("."):
         blocks = [
-            (each[int(step)] if int(step) < len(each) else None)
-            if isinstance(each, tuple)
-            else getattr(each, step, None)
-            for each in blocks
+            (block[int(step)] if int(step) < len(block) else None)
+            if isinstance(block, tuple)
+            else getattr(block, step, None)
+            for block in blocks
         ]
     value = getattr(blocks[0], last, None) if type(blocks[0]) is type(blocks[1]) else None
     return float(value) if value is not None else math.nan

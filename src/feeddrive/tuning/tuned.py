@@ -37,7 +37,7 @@ class CascadeLoops(Result):
     def table(self) -> Table:
         """Crossover and margins of both."""
         rows: list[Sequence[Cell]] = []
-        fast, slow = (each.loop_gain.sample_time for each in (self.velocity, self.position))
+        fast, slow = (loop.loop_gain.sample_time for loop in (self.velocity, self.position))
         ran = "" if fast is None or slow is None or fast == slow else Text(f", every {Quantity(slow, 's'):6}")
         for name, m in (("velocity loop", self.velocity), (f"position loop{ran}", self.position)):
             rows.append([name, m.crossover, m.phase_margin_deg, m.gain_increase_dB, m.sensitivity_peak])
@@ -160,11 +160,11 @@ class Tuned(Result):
     @property
     def at_drive(self) -> bool:
         """Whether the compliance is that against a force at the drive, since none on the table is known."""
-        return any(each.at_drive for each in self.after)
+        return any(loop.at_drive for loop in self.after)
 
     def gained(self) -> float | None:
         """By which factor the goal of the worst point is better than before; None without a stable before."""
-        if not self.before or not all(each.stable for each in self.before):
+        if not self.before or not all(loop.stable for loop in self.before):
             return None
         return goal_of(self, self.before) / goal_of(self, self.after)
 
@@ -221,44 +221,44 @@ TIMES = 3.0  # from which a figure is said as so many times, not as percent more
 _LEAST_PHASE, _MOST_PEAK = 15.0, 5.0  # deg and Ms of a velocity loop alone that are a headline
 
 
-def declared_goal(found: Tuned) -> Goal:
+def declared_goal(tuned: Tuned) -> Goal:
     """Return how the figure of the goal is made best."""
-    assert found.goal.goal is not None
-    return found.goal.goal
+    assert tuned.goal.goal is not None
+    return tuned.goal.goal
 
 
-def aim(found: Tuned) -> str:
+def aim(tuned: Tuned) -> str:
     """Return the goal in words."""
-    goal = declared_goal(found)
+    goal = declared_goal(tuned)
     band = (
         ""
-        if found.band == (0.0, np.inf)
-        else Text(f" from {Quantity(found.band[0], 'Hz', bare=True):6} to {Quantity(found.band[1], 'Hz'):6}")
+        if tuned.band == (0.0, np.inf)
+        else Text(f" from {Quantity(tuned.band[0], 'Hz', bare=True):6} to {Quantity(tuned.band[1], 'Hz'):6}")
     )
-    best = "greatest" if found.goal.higher else "least"
-    return Text(f"{best} {goal.what}{_against(found)}{band if goal.banded else ''}")
+    best = "greatest" if tuned.goal.higher else "least"
+    return Text(f"{best} {goal.what}{_against(tuned)}{band if goal.banded else ''}")
 
 
-def _against(found: Tuned) -> str:
-    return " against a force at the drive" if found.at_drive and declared_goal(found).on_table else ""
+def _against(tuned: Tuned) -> str:
+    return " against a force at the drive" if tuned.at_drive and declared_goal(tuned).on_table else ""
 
 
-def recommendation(found: Tuned) -> str:
+def recommendation(tuned: Tuned) -> str:
     """The recommendation with its reason, the limiting bounds, and the figures that are worse than today."""
-    if found.verdict is Verdict.REFUSE:
-        failed = [line for line in found.proof if line.holds is False]
+    if tuned.verdict is Verdict.REFUSE:
+        failed = [line for line in tuned.proof if line.holds is False]
         return Text(f"Do not use this tuning: {failed[0].what} does not hold ({failed[0].said}).")
-    worse = _worse(found)
+    worse = _worse(tuned)
     price = Text(f"Worse than today: {worse}.") if worse else ""
-    first, then = (_advised(found), price) if found.verdict is Verdict.LEAVE else (price, _advised(found))
-    return joined(" ", filter(None, (_of_the_velocity_loop(found), first, then))) + _of_the_table(found)
+    first, then = (_advised(tuned), price) if tuned.verdict is Verdict.LEAVE else (price, _advised(tuned))
+    return joined(" ", filter(None, (_of_the_velocity_loop(tuned), first, then))) + _of_the_table(tuned)
 
 
-def _of_the_velocity_loop(found: Tuned) -> str:
+def _of_the_velocity_loop(tuned: Tuned) -> str:
     """A headline if the new velocity loop alone is next to unstable, which the margins of the whole may hide."""
-    if not found.cascade or found.verdict is Verdict.LEAVE:
+    if not tuned.cascade or tuned.verdict is Verdict.LEAVE:
         return ""
-    alone = found.cascade[-1].velocity
+    alone = tuned.cascade[-1].velocity
     phase, peak = alone.phase_margin_deg, alone.sensitivity_peak
     if (phase is None or abs(phase) >= _LEAST_PHASE) and peak <= _MOST_PEAK:
         return ""
@@ -279,8 +279,8 @@ def two_digits(value: float) -> str:
     return number(float(f"{value:.2g}"), 6)
 
 
-def _of_the_table(found: Tuned) -> str:
-    if not found.at_drive:
+def _of_the_table(tuned: Tuned) -> str:
+    if not tuned.at_drive:
         return ""
     return (
         " The response to a force on the table is not known, and the table may become softer: strike the table or "
@@ -289,83 +289,83 @@ def _of_the_table(found: Tuned) -> str:
     )
 
 
-def _advised(found: Tuned) -> str:
-    limit = f"; {found.held[0].what} is the limit" if found.held else ""
-    gained = found.gained()
-    limits, new = found.limits.sentence(), _new_values(found)
+def _advised(tuned: Tuned) -> str:
+    limit = f"; {tuned.held[0].what} is the limit" if tuned.held else ""
+    gained = tuned.gained()
+    limits, new = tuned.limits.sentence(), _new_values(tuned)
     if gained is None:
-        state = "there is no control to compare with" if not found.before else "today's loop is unstable"
+        state = "there is no control to compare with" if not tuned.before else "today's loop is unstable"
         return Text(f"{new} keep {limits}, and {state}{limit}.")
-    change, said = _change(found, gained), _gain_said(found, gained)
-    broken = broken_limits(found.before, found.limits)
+    change, gain_text = _change(tuned, gained), _gain_text(tuned, gained)
+    broken = broken_limits(tuned.before, tuned.limits)
     if broken:
-        return Text(f"{new} keep {limits} with {said}, and today's {broken}{limit}.")
-    drive = _against(found)
-    if found.recipe and change < 0.0:
-        return Text(f"Leave the control as it is: this rule gives {said}{drive}{limit}.")
-    if found.verdict is Verdict.LEAVE:
-        best = "this rule" if found.recipe else "the best that was found"
-        return Text(f"Leave the control as it is: {best} has only {said}{drive}{limit}.")
-    return Text(f"{new} give {said} within {limits}{limit}.")
+        return Text(f"{new} keep {limits} with {gain_text}, and today's {broken}{limit}.")
+    drive = _against(tuned)
+    if tuned.recipe and change < 0.0:
+        return Text(f"Leave the control as it is: this rule gives {gain_text}{drive}{limit}.")
+    if tuned.verdict is Verdict.LEAVE:
+        best = "this rule" if tuned.recipe else "the best that was found"
+        return Text(f"Leave the control as it is: {best} has only {gain_text}{drive}{limit}.")
+    return Text(f"{new} give {gain_text} within {limits}{limit}.")
 
 
-def _gain_said(found: Tuned, gained: float) -> str:
+def _gain_text(tuned: Tuned, gained: float) -> str:
     """`50 % more dynamic stiffness`, `570 times the dynamic stiffness`."""
-    ratio = gained if found.goal.higher else 1.0 / gained
+    ratio = gained if tuned.goal.higher else 1.0 / gained
     if ratio >= TIMES:
-        return Text(f"{_rough(ratio)} times the {declared_goal(found).what}")
+        return Text(f"{_rough(ratio)} times the {declared_goal(tuned).what}")
     direction = "more" if ratio >= 1.0 else "less"
-    return Text(f"{_rough(abs(ratio - 1.0), 'share')} {direction} {declared_goal(found).what}")
+    return Text(f"{_rough(abs(ratio - 1.0), 'share')} {direction} {declared_goal(tuned).what}")
 
 
-def _change(found: Tuned, gained: float) -> float:
+def _change(tuned: Tuned, gained: float) -> float:
     """By how many percent the goal is better than before."""
-    return 100.0 * (gained - 1.0 if found.goal.higher else 1.0 - 1.0 / gained)
+    return 100.0 * (gained - 1.0 if tuned.goal.higher else 1.0 - 1.0 / gained)
 
 
-def _new_values(found: Tuned) -> str:
+def _new_values(tuned: Tuned) -> str:
     """Recommended without reservation only if the response to a force on the table is known."""
-    if not found.at_drive:
+    if not tuned.at_drive:
         return "Take the new values: they"
-    return "Against a force at the drive the new values" if declared_goal(found).on_table else "The new values"
+    return "Against a force at the drive the new values" if declared_goal(tuned).on_table else "The new values"
 
 
-def _worse(found: Tuned) -> str:
+def _worse(tuned: Tuned) -> str:
     """Figures that are worse than today at the point where they fell most, as a clause."""
-    if not found.before or not all(each.stable for each in found.before):
+    if not tuned.before or not all(loop.stable for loop in tuned.before):
         return ""
-    said: list[str] = []
-    for name, now in found.tunables.items():
-        if name.rpartition(".")[2] == "Kv" and found.started[name] > (1.0 + _WORSE) * now:
-            said.append(_fall("Kv", found.started[name], now, "1/s"))
+    clauses: list[str] = []
+    for name, now in tuned.tunables.items():
+        if name.rpartition(".")[2] == "Kv" and tuned.started[name] > (1.0 + _WORSE) * now:
+            clauses.append(_fall("Kv", tuned.started[name], now, "1/s"))
     for figure in reported():
         if not figure.compared:
             continue
-        pairs = [(figure.read(a), figure.read(b)) for a, b in zip(found.before, found.after, strict=True)]
+        pairs = [(figure.read(a), figure.read(b)) for a, b in zip(tuned.before, tuned.after, strict=True)]
         fell = [
             ((a / b if figure.higher else b / a), a, b)
             for a, b in pairs
             if a is not None and b is not None and a * b > 0
         ]
         if fell and max(fell)[0] > 1.0 + _WORSE:
-            said.append(_fall(figure.label or figure.title, *max(fell)[1:], figure.unit))
-    return joined(", ", said)
+            clauses.append(_fall(figure.label or figure.title, *max(fell)[1:], figure.unit))
+    return joined(", ", clauses)
 
 
 def _fall(title: str, before: float, after: float, unit: str) -> str:
     return f"{title} {replace(_rough(before, unit), bare=True)} -> {_rough(after, unit)}"
 
 
-def goal_of(found: Tuned, row: Sequence[Figures]) -> float:
+def goal_of(tuned: Tuned, row: Sequence[Figures]) -> float:
     """The value of the goal, which is minimized, at the worst point."""
-    of = declared_goal(found).of
-    return max(of(loop, found.band) for loop in row)
+    of = declared_goal(tuned).of
+    return max(of(loop, tuned.band) for loop in row)
 
 
 def broken_limits(before: Sequence[Figures], limits: Limits, room: float = 0.02) -> str:
     """Which limit a control does not keep, as a clause; empty if it keeps all."""
-    for each in before:
-        for found in judged(limits, each, room):
-            if not found.keeps:
-                return Text(f"have {found.text}, not {limits.text(found.limit)}")
+    for loop in before:
+        for verdict in judged(limits, loop, room):
+            if not verdict.keeps:
+                return Text(f"have {verdict.text}, not {limits.text(verdict.limit)}")
     return ""

@@ -79,7 +79,7 @@ class Tuner:
     ) -> Criteria:
         """Of a set of tunables, on the lines of the search or on all; with two rates also on half of them, `rough`."""
         response = ControlResponse(control, self.points[0].sample_time, names, self.velocity)
-        kept = [some(each, 2) for each in self.kept] if rough else self.kept
+        kept = [some(lines, 2) for lines in self.kept] if rough else self.kept
         points = self.points if whole else tuple(s.chosen(k) for s, k in zip(self.points, kept, strict=True))
         return Criteria(points, response, self.goal, self.limits, self.band, near=rough)
 
@@ -95,11 +95,11 @@ class Tuner:
         self.progress.step(f"{len(names)} tunables, first search")
         wanted = self.starts if starts is None else starts
         ends, unsettled = self._searched(search, control, names, x, first, wanted)
-        end = min(ends, key=lambda each: search.merit(each.judged))
+        end = min(ends, key=lambda other: search.merit(other.judged))
         if rough:
             end = self._exactly(search, control, names, end)
         end = self._from_below(search, end, x, speeds(control, names))
-        costs = [float(np.max(each.judged.goal)) for each in ends]
+        costs = [float(np.max(other.judged.goal)) for other in ends]
         end = self._on_all_lines(control, names, search, end)
         free, sure = float(np.max(end.judged.goal)), 0.0
         if self.noisy:
@@ -185,7 +185,7 @@ class Tuner:
         self, search: Search, ends: list[End], soft: np.ndarray, names: tuple[str, ...]
     ) -> tuple[list[End], str]:
         """The ends in ranges so wide that the best gains less than 5 % further out; and what still gains more."""
-        said = ""
+        reason = ""
         for _ in range(_WIDENED):
             place = min(range(len(ends)), key=lambda i: search.merit(ends[i].judged))
             end = ends[place]
@@ -199,18 +199,18 @@ class Tuner:
             if gained < AGREE:
                 search.low, search.high = before
                 return ends, ""
-            ends = [wider if each is end else search.descend(each.x) for each in ends]
+            ends = [wider if other is end else search.descend(other.x) for other in ends]
             at = [name for name, outside in zip(names, low | high, strict=True) if outside]
-            said = f"{', '.join(at)} at the end of the range of the search, and further out is better"
-        return ends, said
+            reason = f"{', '.join(at)} at the end of the range of the search, and further out is better"
+        return ends, reason
 
     def as_it_is(self, control: Control, names: tuple[str, ...]) -> Best:
         """A control without a further search, with the tunables it names."""
         x = logarithms(control, names)
         criteria = self.criteria(control, names, whole=True)
         search = Search(criteria, x, x)
-        found = search.judge(x)
-        if found is None:
+        evaluation = search.judge(x)
+        if evaluation is None:
             raise UnstableError("the loop is unstable with these gains: take another rule, or search with a goal")
         answers = criteria.answers(x)
         require_covered(answers)
@@ -218,7 +218,15 @@ class Tuner:
             require_good(answers, 1.0)
         self.evaluations += 1
         return Best(
-            control, names, End(x, found, {}, search.broken(found)), criteria, 0.0, 0.0, 0.0, "", (x - 1.0, x + 1.0)
+            control,
+            names,
+            End(x, evaluation, {}, search.broken(evaluation)),
+            criteria,
+            0.0,
+            0.0,
+            0.0,
+            "",
+            (x - 1.0, x + 1.0),
         )
 
     def _begin(self, search: Search, x: np.ndarray, powers: np.ndarray) -> np.ndarray:
@@ -228,7 +236,7 @@ class Tuner:
             return x
         rungs = [np.clip(x + step * powers, search.low, search.high) for step in _LADDER]
         judged = [(search.judge(rung), rung) for rung in rungs]
-        stable = [(found, rung) for found, rung in judged if found is not None]
+        stable = [(evaluation, rung) for evaluation, rung in judged if evaluation is not None]
         if not stable:
             raise UnstableError(
                 "no setting was found in which the loop is stable, as it is and with all its gains lower down to a "
@@ -242,8 +250,8 @@ class Tuner:
             return end
         for step in _LADDER[_LADDER <= 0.0]:
             rung = np.clip(x + step * powers, search.low, search.high)
-            found = search.judge(rung)
-            if found is not None and search.broken(found) <= 0.0:
+            evaluation = search.judge(rung)
+            if evaluation is not None and search.broken(evaluation) <= 0.0:
                 other = search.descend(rung)
                 return other if search.broken(other.judged) < search.broken(end.judged) else end
         return end
@@ -267,9 +275,9 @@ class Tuner:
         """The end, searched on with the lines on which a bound is broken, until none is."""
         for _ in range(_CUTS):
             whole = self.criteria(control, names, whole=True)
-            found = whole(end.x)
+            evaluation = whole(end.x)
             added = False
-            for bound in found.bounds:
+            for bound in evaluation.bounds:
                 point = self.points[bound.point]
                 if search.sure * bound.deviation - bound.slack > 1e-3 and bound.frequency > 0.0:
                     k = min(int(np.searchsorted(point.frequency, bound.frequency)), point.frequency.size - 1)
@@ -298,8 +306,8 @@ class Tuner:
         others = {bound.kind: bound.figure for bound in sorted(near, key=lambda bound: bound.kind)}
         others.pop(worst.kind, None)
         against = f", in conflict with {', '.join(others)}" if others else ""
-        found = [self._reachable(search, end, figure) for figure in (worst.figure, *others.values())]
-        reached = [each for each in found if each]
+        texts = [self._reachable(search, end, figure) for figure in (worst.figure, *others.values())]
+        reached = [text for text in texts if text]
         best = f"; reachable, each with the other limits kept: {joined(' or ', reached)}" if reached else ""
         raise UnstableError(
             f"no setting was found that keeps {self.limits.sentence()}: {worst.kind}{where} "
@@ -353,7 +361,7 @@ class Tuner:
             here = dict(zip(best.names, np.exp(best.end.x), strict=True))
             control = tree.rebuild(control, (float(here.get(n, v)) for n, v in tree.leaves(control)))
             i = len(control.filters) - 1
-            names = (*best.names, *(f"filters.{i}.{each}" for each in ("frequency", "damping_zero", "damping_pole")))
+            names = (*best.names, *(f"filters.{i}.{field}" for field in ("frequency", "damping_zero", "damping_pole")))
             try:
                 other = self.tuned(control, names, starts=1)
             except (UnstableError, NotIdentifiableError):
@@ -380,20 +388,20 @@ class Tuner:
         """Frequencies of the largest resonances of the loop gain above the crossover."""
         names = dict(zip(best.names, np.exp(best.end.x), strict=True))
         taken = [
-            names.get(f"filters.{i}.frequency", each.frequency)
-            for i, each in enumerate(best.control.filters)
-            if isinstance(each, Notch)
+            names.get(f"filters.{i}.frequency", filter_.frequency)
+            for i, filter_ in enumerate(best.control.filters)
+            if isinstance(filter_, Notch)
         ]
-        found: dict[float, float] = {}
-        for each in self.criteria(best.control, best.names, whole=True).answers(best.end.x):
-            f, size = each.point.frequency, np.abs(each.gain)
+        peaks: dict[float, float] = {}
+        for answer in self.criteria(best.control, best.names, whole=True).answers(best.end.x):
+            f, size = answer.point.frequency, np.abs(answer.gain)
             above = np.flatnonzero(size >= 1.0)
             crossover = f[above[0]] if above.size else f[0]
             for k in range(2, f.size - 2):
                 peak = size[k] == np.max(size[k - 2 : k + 3]) and size[k] > _LOUD and f[k] > 1.2 * crossover
-                if peak and all(abs(np.log(f[k] / other)) > _APART for other in (*taken, *found)):
-                    found[float(f[k])] = float(size[k])
-        return sorted(found, key=lambda each: -found[each])
+                if peak and all(abs(np.log(f[k] / other)) > _APART for other in (*taken, *peaks)):
+                    peaks[float(f[k])] = float(size[k])
+        return sorted(peaks, key=lambda frequency: -peaks[frequency])
 
 
 def _soft(control: Control, name: str) -> bool:
